@@ -1,0 +1,75 @@
+#!/bin/sh
+# Sets up coulomb: Debian's packages that are missing, a virtual environment .venv that sees them, and coulomb in it.
+# Run it as often as you like: with nothing to do it returns at once.  PYTHON=... chooses another Python with DOLFINx.
+set -eu
+cd "$(dirname "$0")"
+
+say() { printf 'install.sh: %s\n' "$*"; }
+die() { printf 'install.sh: %s\n' "$*" >&2; exit 1; }
+installed() { dpkg-query -W -f '${Status}\n' "$@" 2>/dev/null | grep -c '^install ok installed$' || true; }
+
+# --- 1. the platform ---------------------------------------------------------------------------------------------
+# DOLFINx with real numbers, what it needs to compile its forms, MPI, OpenBLAS (with the reference BLAS, sparse
+# factorisations are 2 to 8 times slower), and a way to draw without a display (OSMesa, or EGL where OSMesa is gone).
+needed="python3-dolfinx-real python3-petsc4py-real python3-mpi4py python3-numpy python3-scipy python3-h5py
+        python3-venv python3-dev gcc libc6-dev mpi-default-bin libopenblas0-pthread"
+
+drawing() { [ "$(installed libosmesa6)" = 1 ] || [ "$(installed libegl1 libgl1-mesa-dri)" = 2 ]; }
+
+debian_packages() {
+    # shellcheck disable=SC2086  # the list is meant to be split
+    set -- $needed
+    if [ "$(installed "$@")" = $# ] && drawing; then return; fi
+    as_root=
+    if [ "$(id -u)" != 0 ]; then
+        command -v sudo >/dev/null || die "not root and no sudo: ask for these packages to be installed: $* libosmesa6"
+        as_root=sudo
+    fi
+    say "installing what is missing of: $*"
+    $as_root apt-get update -q
+    if ! drawing; then
+        if apt-cache show libosmesa6 >/dev/null 2>&1; then set -- "$@" libosmesa6
+        else set -- "$@" libegl1 libgl1-mesa-dri; fi
+    fi
+    $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends "$@"
+}
+
+if [ -n "${PYTHON:-}" ]; then
+    python=$PYTHON
+elif grep -qs '^ID=debian$' /etc/os-release; then
+    major=$(sed -n 's/^VERSION_ID="\{0,1\}\([0-9]*\).*/\1/p' /etc/os-release)
+    [ "${major:-99}" -ge 12 ] || die "Debian $major is too old: its DOLFINx is older than 0.5; Debian 12 or newer is needed"
+    debian_packages
+    python=/usr/bin/python3          # Debian's own: another python3 on the PATH does not see Debian's DOLFINx
+else
+    python=$(command -v python3) || die "no python3 found"
+fi
+if ! why=$("$python" -c 'import numpy, scipy, h5py, mpi4py.MPI, petsc4py.PETSc, dolfinx' 2>&1); then
+    printf '%s\n' "$why" >&2
+    [ -z "${PETSC_DIR:-}" ] || say "PETSC_DIR is set ($PETSC_DIR): Debian's DOLFINx then looks for PETSc there; unset it" >&2
+    die "$python cannot import what coulomb needs: DOLFINx 0.5 to 0.11 with real numbers, petsc4py, mpi4py, numpy, scipy
+and h5py. Debian 12 and 13 have them as packages; elsewhere install DOLFINx first (for example from conda-forge),
+activate its environment or name its Python in PYTHON=..., and call this script again."
+fi
+
+# --- 2. the virtual environment ----------------------------------------------------------------------------------
+stamp=$(cat install.sh pyproject.toml | cksum)" $python $("$python" --version)"
+if [ -x .venv/bin/coulomb ] && [ "$(cat .venv/installed 2>/dev/null)" = "$stamp" ]; then
+    say "nothing to do"
+    exit 0
+fi
+say "making .venv"
+rm -f .venv/installed
+"$python" -m venv --clear --system-site-packages .venv || die "python3 -m venv failed: is python3-venv installed?"
+# What the platform brings stays as it is: a newer numpy in the environment would break petsc4py.
+.venv/bin/python - > .venv/platform.txt <<'PY'
+import importlib.metadata as metadata
+for name in ("numpy", "scipy", "h5py", "mpi4py", "petsc4py"):
+    try:
+        print(f"{name}=={metadata.version(name)}")
+    except metadata.PackageNotFoundError:
+        pass
+PY
+.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint .venv/platform.txt --editable '.[test]'
+printf '%s' "$stamp" > .venv/installed
+say "done: .venv/bin/coulomb"
