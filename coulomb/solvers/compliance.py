@@ -1,0 +1,169 @@
+"""The contact compliance A = B K^-1 B^T: what the contact nodes give way under the contact forces."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from .reductions import Reductions
+from .results import FloatArray
+from .stiffness import DirectSolver, StiffnessSolver
+
+_COLUMNS_AT_ONCE = 512  # right-hand sides of one MatMatSolve: bounds the memory to this many displacement fields
+
+
+class Compliance(Protocol):
+    """A, in metres per newton, symmetric positive definite; rows node by node (n, t1, t2), on the node's rank.
+
+    Attributes:
+        comm: The ranks that share it.
+        nodes: Contact nodes m of this rank, perhaps none.
+        products: Products made so far.
+        name: What the summary calls it.
+    """
+
+    @property
+    def comm(self) -> MPI.Comm: ...
+
+    @property
+    def nodes(self) -> int: ...
+
+    @property
+    def products(self) -> int: ...
+
+    @property
+    def name(self) -> str: ...
+
+    def mult(self, x: FloatArray, y: FloatArray) -> None:
+        """y <- A x, both of shape (3 m,); counted, collective."""
+        ...
+
+    def diagonal(self) -> FloatArray:
+        """diag(A), or an estimate of it, shape (3 m,); collective."""
+        ...
+
+
+class ExplicitCompliance:
+    """A as a dense matrix, rows distributed over the ranks.
+
+    Args:
+        matrix: Dense, square, symmetric, 3 rows a contact node.
+    """
+
+    name = "explicit"
+
+    def __init__(self, matrix: PETSc.Mat):
+        self.matrix = matrix
+        self.comm: MPI.Comm = matrix.getComm().tompi4py()
+        self.nodes = matrix.getLocalSize()[0] // 3
+        self.products = 0
+        self._y, self._x = matrix.createVecs("left"), matrix.createVecs("right")
+        d = matrix.getDiagonal()
+        self._diagonal: FloatArray = d.array.copy()
+        d.destroy()
+
+    @classmethod
+    def from_stiffness(cls, B: PETSc.Mat, solver: DirectSolver) -> ExplicitCompliance:
+        """A = B K^-1 B^T column by column, many right-hand sides at once.
+
+        Args:
+            B: Contact matrix, 3 rows a contact node; its columns are the rows of K.
+            solver: The factorised K.
+        """
+        comm = B.getComm()
+        (rows, columns), (local_rows, local_columns) = B.getSize(), B.getLocalSize()
+        first, last = B.getOwnershipRange()
+        A = PETSc.Mat().createDense(((local_rows, rows), (local_rows, rows)), comm=comm)
+        A.setUp()
+        block = A.getDenseArray()
+        every_column = PETSc.IS().createStride(local_columns, B.getOwnershipRangeColumn()[0], comm=comm)
+        for start in range(0, rows, _COLUMNS_AT_ONCE):
+            stop = min(start + _COLUMNS_AT_ONCE, rows)
+            mine = (max(start, first), min(stop, last))
+            chosen = PETSc.IS().createStride(max(0, mine[1] - mine[0]), mine[0], comm=comm)
+            part = B.createSubMatrix(chosen, every_column)
+            if comm.getSize() == 1:  # MUMPS takes sparse right-hand sides: 1.5 times faster than dense ones
+                rhs = PETSc.Mat().createTranspose(part)
+            else:
+                sparse = part.transpose(PETSc.Mat())
+                rhs = sparse.convert("dense", PETSc.Mat())
+                sparse.destroy()
+            u = PETSc.Mat().createDense(((local_columns, columns), (part.getLocalSize()[0], stop - start)), comm=comm)
+            u.setUp()
+            u.assemble()
+            solver.factor.matSolve(rhs, u)
+            product = B.matMult(u)
+            block[:, start:stop] = product.getDenseArray()
+            for done in (product, u, rhs, part, chosen):
+                done.destroy()
+        every_column.destroy()
+        A.assemble()
+        return cls(A)
+
+    def mult(self, x: FloatArray, y: FloatArray) -> None:
+        self._x.array[:] = x
+        self.matrix.mult(self._x, self._y)
+        y[:] = self._y.array_r
+        self.products += 1
+
+    def diagonal(self) -> FloatArray:
+        return self._diagonal
+
+
+class MatrixFreeCompliance:
+    """A as a solve with K between B^T and B.
+
+    Its diagonal is estimated: diag(A) is close to a multiple of diag(B diag(K)^-1 B^T), one multiple for each of n, t1
+    and t2, found from a few products with random signs v, since the mean of v_i (A v)_i is A_ii (Hutchinson 1989).
+
+    Args:
+        B: Contact matrix, 3 rows a contact node.
+        K: The stiffness matrix, of which only the diagonal is read.
+        solver: K^-1.
+        probes: Products spent on the diagonal.
+    """
+
+    name = "matrix-free"
+
+    def __init__(self, B: PETSc.Mat, K: PETSc.Mat, solver: StiffnessSolver, probes: int = 8):
+        self._B, self._solver = B, solver
+        self.comm: MPI.Comm = B.getComm().tompi4py()
+        self.nodes = B.getLocalSize()[0] // 3
+        self.products = 0
+        self._u, self._x = B.createVecs()
+        self._rhs = self._u.duplicate()
+        self._diagonal = self._estimate_diagonal(K, probes)
+
+    def mult(self, x: FloatArray, y: FloatArray) -> None:
+        self._x.array[:] = x
+        self._B.multTranspose(self._x, self._rhs)
+        self._solver.solve(self._rhs, self._u)
+        self._B.mult(self._u, self._x)
+        y[:] = self._x.array_r
+        self.products += 1
+
+    def diagonal(self) -> FloatArray:
+        return self._diagonal
+
+    def _estimate_diagonal(self, K: PETSc.Mat, probes: int) -> FloatArray:
+        over = Reductions(self.comm)
+        squares = self._B.duplicate(copy=True)
+        indptr, indices, values = squares.getValuesCSR()
+        squares.setValuesCSR(indptr, indices, values**2)
+        squares.assemble()
+        K.getDiagonal(self._u)
+        self._u.reciprocal()
+        squares.mult(self._u, self._x)
+        squares.destroy()
+        local = self._x.array_r.reshape(-1, 3).copy()
+        random = np.random.default_rng([2718, self.comm.rank])
+        traces, y = np.zeros(3), np.empty(3 * self.nodes)
+        for _ in range(probes):
+            v = random.choice([-1.0, 1.0], size=3 * self.nodes)
+            self.mult(v, y)
+            traces += [over.sum((v * y)[k::3]) / probes for k in range(3)]
+        local_traces = np.array([over.sum(local[:, k]) for k in range(3)])
+        return (local * (traces / local_traces)).ravel()

@@ -1,0 +1,269 @@
+"""Algorithm PF: the path-following interior-point method for Tresca problems.
+
+R. Kucera, J. Machalova, H. Netuka, P. Zencak: An interior-point algorithm for the minimization arising from 3D contact
+problems with friction, Optim. Methods Softw. 28 (2013), and Interior point method for 3D contact problems with friction.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .newton_systems import AugmentedSystem, NewtonStep, NewtonSystem
+from .results import (
+    FloatArray,
+    NotConverged,
+    PathFollowingStep,
+    Progress,
+    ProgressCallback,
+    QPResult,
+    Status,
+    verdict,
+)
+from .scaling import ScaledQP
+from .tresca import TrescaQP
+
+_TO_BOUNDARY = 0.9995  # fraction of the way to the boundary a step may go
+_BACKTRACK = 0.9  # the grid on which the largest step length is sought
+_BLOCKED = 0.1  # a step this short, three times in a row, ends a warm start
+_PATIENCE = 20  # steps without a better residual before the run is called stagnated
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """v = (x, nu, z) with A x, in scaled variables; z = -c(x) always, so that the iterates stay strictly inside.
+
+    Attributes:
+        x: Forces, shape (m, 3).
+        nu: Multipliers of the bound and of the disc, shape (m, 2); 0 where there is no disc.
+        z: Slacks -c(x), shape (m, 2); 0 where there is no disc.
+        A_x: A x, shape (m, 3).
+    """
+
+    x: FloatArray
+    nu: FloatArray
+    z: FloatArray
+    A_x: FloatArray
+
+
+@dataclass(frozen=True)
+class PathFollowing:
+    """Algorithm PF(r_tol, c_fact) as a value: its fields are the paper's constants.
+
+    Every constant has a default that serves all problems (the solver scales forces, compliance and discs itself);
+    none needs tuning.
+
+    Attributes:
+        tolerance: Natural residual of the QP at which to stop (`TrescaQP.residual`).
+        r_tol: Inner precision: CG stops at |residual| <= tol_k |right-hand side| with
+            tol_k = min(r_tol err_(k-1), c_fact tol_(k-1)), err the relative change of v in the last step.
+        c_fact: The factor by which tol_k decreases at least.
+        gamma: Centrality, nu_i z_i >= gamma theta, in (0, 1).
+        beta: Dual feasibility, rms(grad_x L) <= beta theta, > 0.  Widened where the start lies outside.
+        omega: Sufficient decrease, theta_new <= (1 - alpha omega (1 - sigma)) theta, in (0, 1).
+        sigma_min: Centring after an ordinary step, 0 < sigma_min <= sigma_max.
+        sigma_max: Centring after a blocked step, at most 1/2.
+        max_iterations: Steps before the solver gives up.
+        newton: The linear system of a step: AugmentedSystem (J_AM, P_AM) or SchurComplementSystem (J_SC, P_SC).
+
+    Raises:
+        ValueError: If a constant is outside its bounds.
+    """
+
+    tolerance: float = 1e-8
+    r_tol: float = 0.1
+    c_fact: float = 0.9
+    gamma: float = 1e-3
+    beta: float = 1e3
+    omega: float = 1e-2
+    sigma_min: float = 0.1
+    sigma_max: float = 0.5
+    max_iterations: int = 100
+    newton: type[NewtonSystem] = AugmentedSystem
+
+    def __post_init__(self) -> None:
+        bounds = (
+            ("tolerance", self.tolerance > 0.0, "> 0"),
+            ("r_tol", 0.0 < self.r_tol < 1.0, "in (0, 1)"),
+            ("c_fact", 0.0 < self.c_fact < 1.0, "in (0, 1)"),
+            ("gamma", 0.0 < self.gamma < 1.0, "in (0, 1)"),
+            ("beta", self.beta > 0.0, "> 0"),
+            ("omega", 0.0 < self.omega < 1.0, "in (0, 1)"),
+            ("sigma_min", 0.0 < self.sigma_min <= self.sigma_max, "in (0, sigma_max]"),
+            ("sigma_max", self.sigma_max <= 0.5, "at most 1/2"),
+            ("max_iterations", self.max_iterations >= 1, "at least 1"),
+        )
+        for name, holds, must in bounds:
+            if not holds:
+                raise ValueError(f"PathFollowing: {name} must be {must}, but is {getattr(self, name)}")
+
+    def solve(
+        self,
+        qp: TrescaQP,
+        start: QPResult | None = None,
+        *,
+        tolerance: float | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> QPResult:
+        """Solve a Tresca problem.
+
+        Args:
+            qp: The problem.
+            start: Answer of a nearby problem to start from; given up for a cold start if the steps get blocked.
+            tolerance: In place of the field.
+            progress: Called after every step.
+
+        Returns:
+            The answer, its residual at most the tolerance.
+
+        Raises:
+            NotConverged: With the best answer so far, if the residual stays above the tolerance.
+        """
+        tolerance = self.tolerance if tolerance is None else tolerance
+        products = qp.A.products
+        result = self._trivial(qp, tolerance)
+        if result is None and start is not None:
+            result = self._follow(qp, start, tolerance, progress)
+            if result.status is not Status.CONVERGED:
+                cold = self._follow(qp, None, tolerance, progress)
+                history = result.history + tuple(
+                    replace(step, iteration=step.iteration + result.iterations) for step in cold.history
+                )
+                result = replace(cold, history=history, iterations=len(history))
+        elif result is None:
+            result = self._follow(qp, None, tolerance, progress)
+        result = replace(result, products=qp.A.products - products)
+        if result.status is not Status.CONVERGED:
+            raise NotConverged(
+                f"PF ended with a residual of {result.residual:.1e} after {result.iterations} steps "
+                f"({result.status.value}), above the tolerance {tolerance:.1e}",
+                result,
+            )
+        return result
+
+    def _trivial(self, qp: TrescaQP, tolerance: float) -> QPResult | None:
+        """The answer, if it is the smallest force the bounds allow: an open contact has nothing to follow a path to."""
+        x = qp.project(np.zeros_like(qp.b))
+        gradient = qp.gradient(x) if qp.reductions.max(np.abs(x)) > 0.0 else -qp.b
+        residual = qp.residual(x, gradient)
+        status = verdict(residual, tolerance, Status.MAX_ITERATIONS)
+        if status is not Status.CONVERGED:
+            return None
+        return QPResult(x, gradient, np.zeros((qp.A.nodes, 2)), status, 0, 0, residual, ())
+
+    def _follow(
+        self, qp: TrescaQP, start: QPResult | None, tolerance: float, progress: ProgressCallback | None
+    ) -> QPResult:
+        problem = ScaledQP(qp)
+        newton = self.newton(qp.A.comm, problem.apply_A, problem.diagonal)
+        try:
+            return self._steps(problem, newton, start, tolerance, progress)
+        finally:
+            newton.destroy()
+
+    def _steps(
+        self,
+        problem: ScaledQP,
+        newton: NewtonSystem,
+        start: QPResult | None,
+        tolerance: float,
+        progress: ProgressCallback | None,
+    ) -> QPResult:
+        v = self._cold_start(problem) if start is None else self._warm_start(problem, start)
+        theta = problem.theta(v.nu, v.z)
+        gradient = problem.rms(problem.gradient(v.x, v.nu, v.A_x))
+        beta = max(self.beta, 10.0 * gradient / theta)
+        err, krylov_tolerance, alpha = 1.0, self.r_tol / self.c_fact, 1.0
+        best, best_at, blocked, residual = math.inf, 0, 0, math.inf
+        history: list[PathFollowingStep] = []
+        status = Status.MAX_ITERATIONS
+        for iteration in range(1, self.max_iterations + 1):
+            # (1) the centring
+            sigma = self.sigma_min if alpha > _BLOCKED else self.sigma_max
+            # (2) J dv = -F + (0, 0, sigma theta e), solved as precisely as the last step asks
+            krylov_tolerance = min(self.r_tol * err, self.c_fact * krylov_tolerance)
+            at = problem.linearize(v.x, v.nu, v.z)
+            r1 = -problem.gradient(v.x, v.nu, v.A_x)
+            r2 = problem.on_constraints(v.z - sigma * theta / problem.safe(v.nu))
+            step = newton.solve(at, r1, r2, krylov_tolerance, problem.from_rms(beta * sigma * theta))
+            # (3) the largest step that stays in N(gamma, beta) and decreases theta
+            alpha, new = self._step_length(problem, v, step, beta, theta, sigma)
+            if new is None:
+                status = Status.STAGNATED
+                break
+            err = problem.relative_change(v, new)
+            v, theta = new, problem.theta(new.nu, new.z)
+            gradient = problem.rms(problem.gradient(v.x, v.nu, v.A_x))
+            # (4) stop by the problem's own residual: err is proportional to alpha, a blocked step looks like the end
+            residual = problem.residual(v.x, v.A_x)
+            if residual <= tolerance:
+                v = replace(v, A_x=problem.apply_A(v.x))  # A x was accumulated: judge by a fresh product
+                residual = problem.residual(v.x, v.A_x)
+            history.append(
+                PathFollowingStep(iteration, theta, sigma, alpha, gradient, residual, step.iterations, krylov_tolerance)
+            )
+            if progress is not None:
+                progress(Progress(0, iteration, residual))
+            if residual <= tolerance:
+                break
+            if residual < 0.9 * best:
+                best, best_at = residual, iteration
+            blocked = blocked + 1 if alpha < _BLOCKED else 0
+            if iteration - best_at >= _PATIENCE or (start is not None and blocked == 3):
+                status = Status.STAGNATED
+                break
+        if residual > tolerance:
+            v = replace(v, A_x=problem.apply_A(v.x))
+            residual = problem.residual(v.x, v.A_x)
+        x, force_gradient, multipliers = problem.unscaled(v.x, v.nu, v.A_x)
+        return QPResult(
+            x,
+            force_gradient,
+            multipliers,
+            verdict(residual, tolerance, status),
+            len(history),
+            0,
+            residual,
+            tuple(history),
+        )
+
+    def _step_length(
+        self, problem: ScaledQP, v: Iterate, step: NewtonStep, beta: float, theta: float, sigma: float
+    ) -> tuple[float, Iterate | None]:
+        """Step (3); None if no step longer than 1e-10 will do.  Costs no product: A dx came with the step."""
+        alpha = min(1.0, _TO_BOUNDARY * problem.distance_to_boundary(v.x, step.dx, v.nu, step.dnu))
+        while alpha > 1e-10:
+            x, nu = v.x + alpha * step.dx, v.nu + alpha * step.dnu
+            z, A_x = problem.slack(x), v.A_x + alpha * step.A_dx
+            theta_new = problem.theta(nu, z)
+            in_neighbourhood = (
+                problem.smallest_product(nu, z) >= self.gamma * theta_new
+                and problem.rms(problem.gradient(x, nu, A_x)) <= beta * theta_new
+            )
+            if in_neighbourhood and theta_new <= (1.0 - alpha * self.omega * (1.0 - sigma)) * theta:
+                return alpha, Iterate(x, nu, z, A_x)
+            alpha *= _BACKTRACK
+        return alpha, None
+
+    def _cold_start(self, problem: ScaledQP) -> Iterate:
+        """Equal pressure everywhere, no friction, and multipliers on the central path of a theta fit for that force."""
+        x = np.zeros((problem.nodes, 3))
+        x[:, 0] = problem.lower + 1.0
+        A_x = problem.apply_A(x)
+        zero = np.zeros((problem.nodes, 2))
+        theta = 0.1 * max(problem.rms(problem.gradient(x, zero, A_x)), 1e-3)
+        z = problem.slack(x)
+        return Iterate(x, problem.on_constraints(theta / problem.safe(z)), z, A_x)
+
+    def _warm_start(self, problem: ScaledQP, start: QPResult) -> Iterate:
+        """The last answer, pushed back inside: its projection step x - w/d, projected smoothly with nu_i z_i = theta.
+
+        theta follows how far that answer is from solving the present problem.
+        """
+        x, w = problem.scaled(start.x, start.gradient)
+        q = problem.projection_step(x, w)
+        distance = problem.distance_from_solution(x, q)
+        x, nu = problem.smoothed_projection(q, max(distance**1.5, 1e-14))
+        return Iterate(x, nu, problem.slack(x), problem.apply_A(x))

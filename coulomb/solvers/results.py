@@ -1,0 +1,159 @@
+"""What a solver gives back: a status that was earned, the answer, and how it went."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Status(Enum):
+    """How a solver ended."""
+
+    CONVERGED = "converged"
+    STAGNATED = "stagnated"
+    MAX_ITERATIONS = "max_iterations"
+
+
+def verdict(residual: float, tolerance: float, otherwise: Status) -> Status:
+    """The one place where CONVERGED is assigned.
+
+    Args:
+        residual: The problem's own residual at the answer, computed afresh by the problem.
+        tolerance: What was asked for.
+        otherwise: Why the solver stopped, if the residual does not agree.
+    """
+    return Status.CONVERGED if residual <= tolerance else otherwise
+
+
+@dataclass(frozen=True)
+class PathFollowingStep:
+    """One step of Algorithm PF, in the scaled variables of the solver.
+
+    Attributes:
+        iteration: Step number, from 1.
+        theta: Duality measure nu^T z / (number of constraints) after the step.
+        sigma: Centring.
+        alpha: Step length.
+        gradient: Root mean square of grad_x L after the step.
+        residual: Natural residual of the QP after the step.
+        krylov: CG iterations, each one product by A.
+        krylov_tolerance: Relative tolerance asked of CG.
+    """
+
+    iteration: int
+    theta: float
+    sigma: float
+    alpha: float
+    gradient: float
+    residual: float
+    krylov: int
+    krylov_tolerance: float
+
+
+@dataclass(frozen=True)
+class QPResult:
+    """Answer of a Tresca problem.
+
+    Attributes:
+        x: Contact forces in newtons, this rank's part, shape (3 m,), node by node (n, t1, t2).
+        gradient: A x - b in metres, shape (3 m,): remaining normal gap, and minus the slip.
+        multipliers: Lagrange multipliers of the bounds and of the discs in metres, shape (m, 2).
+        status: How the solver ended.
+        iterations: Steps taken.
+        products: Products by A, all of them.
+        residual: Natural residual, recomputed at the end with a fresh product.
+        history: One record a step.
+    """
+
+    x: FloatArray
+    gradient: FloatArray
+    multipliers: FloatArray
+    status: Status
+    iterations: int
+    products: int
+    residual: float
+    history: tuple[PathFollowingStep, ...]
+
+
+@dataclass(frozen=True)
+class OuterStep:
+    """One Tresca problem of the fixed point.
+
+    Attributes:
+        iteration: Number of the Tresca problem, from 1.
+        residual: Coulomb residual of its answer.
+        change: |F x_n - g| / |F x_n|, how far the slip bound still moves.
+        contraction: This change over the one before it; nan for the first two.
+        inner_tolerance: Residual asked of the Tresca problem.
+        path_following: PF steps.
+        products: Products by A.
+        krylov: CG iterations.
+        warm: Whether the Tresca problem was solved from the last answer.
+        seconds: Wall time.
+    """
+
+    iteration: int
+    residual: float
+    change: float
+    contraction: float
+    inner_tolerance: float
+    path_following: int
+    products: int
+    krylov: int
+    warm: bool
+    seconds: float
+
+
+@dataclass(frozen=True)
+class CoulombResult:
+    """Answer of a Coulomb problem.
+
+    Attributes:
+        x: Contact forces in newtons, this rank's part, shape (3 m,), node by node (n, t1, t2).
+        gradient: A x - b in metres, shape (3 m,): remaining normal gap, and minus the slip.
+        slip_bound: g of the last Tresca problem in newtons, shape (m,).
+        status: How the solver ended.
+        contraction: Measured contraction rate of the map g -> F x_n(g); nan if there were too few steps to tell.
+        iterations: Tresca problems solved.
+        path_following: PF steps of all of them.
+        products: Products by A, all of them.
+        residual: Coulomb residual, recomputed at the end with a fresh product.
+        history: One record a Tresca problem.
+    """
+
+    x: FloatArray
+    gradient: FloatArray
+    slip_bound: FloatArray
+    status: Status
+    contraction: float
+    iterations: int
+    path_following: int
+    products: int
+    residual: float
+    history: tuple[OuterStep, ...]
+
+
+class NotConverged(RuntimeError):  # noqa: N818  (named in the house plan)
+    """The solver ended without an answer it can vouch for; `result` has what there is."""
+
+    def __init__(self, message: str, result: QPResult | CoulombResult):
+        super().__init__(message)
+        self.result = result
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a solve stands, for a progress display: outer step, PF step, and the residual reached."""
+
+    outer: int
+    path_following: int
+    residual: float
+
+
+ProgressCallback = Callable[[Progress], None]
