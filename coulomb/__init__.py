@@ -1,3 +1,50 @@
-"""coulomb: 3D contact with Coulomb friction, solved by path following."""
+"""coulomb: 3D contact with Coulomb friction, solved by path following.
 
-__version__ = "0.1.0.dev0"
+    u = K^-1 (f - B^T x),   A = B K^-1 B^T,   b = B K^-1 f - c
+    min 1/2 x^T A x - b^T x   subject to   x_n >= 0,  |x_t| <= g,   with g = F x_n at the solution
+"""
+
+from .certificate import Certificate, Check, certify
+from .fem.elasticity import Clamp, Elasticity, Material, Traction
+from .fem.meshes import NamedMesh, box
+from .fem.obstacles import Plane
+from .fem.surface import ContactSurface
+from .problem import Contact, ContactProblem, Solution
+from .solvers.fixed_point import CoulombProblem, SuccessiveTresca
+from .solvers.newton_systems import AugmentedSystem, SchurComplementSystem
+from .solvers.path_following import PathFollowing
+from .solvers.results import CoulombResult, NotConverged, Progress, QPResult, Status
+from .solvers.stiffness import DirectSolver, IterativeSolver
+from .solvers.tresca import TrescaQP
+from .version import __version__
+
+__all__ = [
+    "AugmentedSystem",
+    "Certificate",
+    "Check",
+    "Clamp",
+    "Contact",
+    "ContactProblem",
+    "ContactSurface",
+    "CoulombProblem",
+    "CoulombResult",
+    "DirectSolver",
+    "Elasticity",
+    "IterativeSolver",
+    "Material",
+    "NamedMesh",
+    "NotConverged",
+    "PathFollowing",
+    "Plane",
+    "Progress",
+    "QPResult",
+    "SchurComplementSystem",
+    "Solution",
+    "Status",
+    "SuccessiveTresca",
+    "Traction",
+    "TrescaQP",
+    "__version__",
+    "box",
+    "certify",
+]

@@ -79,11 +79,11 @@ class ExplicitCompliance:
         A = PETSc.Mat().createDense(((local_rows, rows), (local_rows, rows)), comm=comm)
         A.setUp()
         block = A.getDenseArray()
-        every_column = PETSc.IS().createStride(local_columns, B.getOwnershipRangeColumn()[0], comm=comm)
+        every_column = PETSc.IS().createStride(local_columns, B.getOwnershipRangeColumn()[0], 1, comm=comm)
         for start in range(0, rows, _COLUMNS_AT_ONCE):
             stop = min(start + _COLUMNS_AT_ONCE, rows)
             mine = (max(start, first), min(stop, last))
-            chosen = PETSc.IS().createStride(max(0, mine[1] - mine[0]), mine[0], comm=comm)
+            chosen = PETSc.IS().createStride(max(0, mine[1] - mine[0]), mine[0], 1, comm=comm)
             part = B.createSubMatrix(chosen, every_column)
             if comm.getSize() == 1:  # MUMPS takes sparse right-hand sides: 1.5 times faster than dense ones
                 rhs = PETSc.Mat().createTranspose(part)

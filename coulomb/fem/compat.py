@@ -1,0 +1,102 @@
+"""The only place that asks which DOLFINx this is: 0.5 (Debian 12) to 0.9 (Debian 13), and 0.11.
+
+Everything else takes DOLFINx's `mesh`, `fem`, `io` and `cpp` from here, so that this module is imported first.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+# Debian 12's DOLFINx opens itself with RTLD_GLOBAL and leaves that on; VTK's wheels, imported later, then abort.
+_setdlopenflags = sys.setdlopenflags
+sys.setdlopenflags = lambda flags: None
+try:
+    import dolfinx
+    import dolfinx.fem.petsc
+    import dolfinx.jit
+    from petsc4py import PETSc
+except ImportError as error:
+    hint = f" PETSC_DIR is set ({os.environ['PETSC_DIR']}): try without." if "PETSC_DIR" in os.environ else ""
+    raise ImportError(
+        f"coulomb needs DOLFINx 0.5 or newer with petsc4py and mpi4py, which pip does not bring ({error}). "
+        f"On Debian: ./install.sh, or apt-get install python3-dolfinx-real.{hint}"
+    ) from error
+finally:
+    sys.setdlopenflags = _setdlopenflags
+import ufl
+from dolfinx import cpp, fem, io, mesh
+
+__all__ = ["cpp", "fem", "io", "mesh", "ufl"]
+
+VERSION: str = dolfinx.__version__
+if tuple(int(part) for part in VERSION.split(".")[:2]) < (0, 5):
+    raise ImportError(f"coulomb needs DOLFINx 0.5 or newer, but this is {VERSION}")
+if np.dtype(PETSc.ScalarType).kind != "f":
+    raise ImportError("coulomb needs a PETSc with real numbers, but this one is complex: python3-dolfinx-real on Debian")
+
+logging.getLogger().addFilter(lambda record: record.levelno > logging.INFO)  # 0.5's JIT logs the compiler's lines
+for _name in ("JIT_OPTIONS", "JIT_PARAMETERS"):  # wait a minute for another process that compiles the same form
+    getattr(dolfinx.jit, f"DOLFINX_DEFAULT_{_name}", {})["timeout"] = (60, "")
+
+
+def functionspace(domain: Any, degree: int, shape: tuple[int, ...] = (), family: str = "Lagrange") -> Any:
+    """Lagrange (or DG) space of scalars, vectors or tensors."""
+    if hasattr(fem, "functionspace"):  # 0.7 and newer
+        return fem.functionspace(domain, (family, degree, shape) if shape else (family, degree))
+    if not shape:
+        return fem.FunctionSpace(domain, (family, degree))
+    return fem.VectorFunctionSpace(domain, (family, degree), dim=shape[0])
+
+
+def assemble_matrix(form: Any) -> PETSc.Mat:
+    """Assembled matrix of a bilinear form without boundary conditions."""
+    A = dolfinx.fem.petsc.assemble_matrix(form)
+    A.assemble()
+    return A
+
+
+def _rows(table: Any) -> npt.NDArray[np.int32]:
+    """A dofmap with as many entries in every row, as an array; an AdjacencyList before 0.7."""
+    return table if isinstance(table, np.ndarray) else table.array.reshape(table.num_nodes, -1)
+
+
+def cell_dofs(V: Any) -> npt.NDArray[np.int32]:
+    """Block dofs of every local cell, ghosts included, shape (cells, dofs a cell)."""
+    return _rows(V.dofmap.list)
+
+
+def cell_geometry(domain: Any) -> npt.NDArray[np.int32]:
+    """Geometry nodes of every local cell, ghosts included, shape (cells, nodes a cell)."""
+    return _rows(domain.geometry.dofmap)
+
+
+def interpolation_points(V: Any) -> Any:
+    points = V.element.interpolation_points  # a method until 0.9
+    return points() if callable(points) else points
+
+
+def submesh(domain: Any, dim: int, entities: npt.NDArray[np.int32]) -> tuple[Any, npt.NDArray[np.int32]]:
+    """Mesh of these entities, and the geometry node of `domain` for each of its own."""
+    sub = mesh.create_submesh(domain, dim, entities)
+    return sub[0], np.asarray(sub[3])
+
+
+def meshtags(domain: Any, dim: int, entities: npt.NDArray[np.int32], values: npt.NDArray[np.int32]) -> Any:
+    """MeshTags of entities in any order; an entity named twice keeps the first value."""
+    unique, first = np.unique(entities, return_index=True)
+    return mesh.meshtags(domain, dim, unique.astype(np.int32), values[first].astype(np.int32))
+
+
+def write_mesh_and_functions(comm: Any, path: str, domain: Any, functions: Sequence[Any]) -> None:
+    """One XDMF file (with its HDF5) of a mesh and functions on it."""
+    with io.XDMFFile(comm, path, "w") as file:
+        file.write_mesh(domain)
+        for function in functions:
+            file.write_function(function)

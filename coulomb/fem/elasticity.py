@@ -1,0 +1,284 @@
+"""Linear elasticity of one body: stiffness K, load f, near-nullspace, internal forces, stress."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from . import compat
+from .compat import fem, ufl
+from .meshes import NamedMesh
+
+FloatArray = npt.NDArray[np.float64]
+Field = Sequence[float] | Callable[[FloatArray], FloatArray]
+"""A vector, or a function of the points x, shape (3, k), with vectors of shape (3, k)."""
+
+_MODES = ("translation along x", "translation along y", "translation along z")
+_MODES += ("rotation about x", "rotation about y", "rotation about z")
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic, linear elastic.
+
+    Attributes:
+        young: Young's modulus in pascals, > 0.
+        poisson: Poisson's ratio, in (-1, 0.5).
+
+    Raises:
+        ValueError: If a constant is outside its bounds.
+    """
+
+    young: float
+    poisson: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.young) and self.young > 0.0):
+            raise ValueError(f"material: young must be a positive number of pascals, but is {self.young}")
+        if not -1.0 < self.poisson < 0.5:
+            raise ValueError(f"material: poisson must be in (-1, 0.5), but is {self.poisson}")
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """Prescribed displacement on a face.
+
+    Attributes:
+        face: Name of the face.
+        components: Which components are held, letters of "xyz".
+        value: Displacement in metres, a vector or a function of x; components not held are ignored.
+
+    Raises:
+        ValueError: If components is not made of different letters of "xyz".
+    """
+
+    face: str
+    components: str = "xyz"
+    value: Field = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not self.components or len(set(self.components)) != len(self.components) or set(self.components) - set("xyz"):
+            raise ValueError(f"clamp on {self.face!r}: components must be letters of 'xyz', but are {self.components!r}")
+
+
+@dataclass(frozen=True)
+class Traction:
+    """Surface load on a face.
+
+    Attributes:
+        face: Name of the face.
+        value: Traction in pascals, a vector or a function of x.
+    """
+
+    face: str
+    value: Field
+
+
+class Elasticity:
+    """K u = f on trilinear hexahedra or linear tetrahedra, with clamps built in.
+
+    Constrained rows and columns of K are zero but for the diagonal, which is the mean diagonal of the free ones (a 1
+    there would spoil the multigrid and every scale); f has the prescribed values, so that K u = f holds them exactly.
+
+    Attributes:
+        mesh: The body.
+        V: Its space of displacements.
+        K: Stiffness, N/m; block size 3, symmetric positive definite, with the rigid body modes as its near-nullspace.
+        f: Load in newtons, with the prescribed displacements built in.
+        load: The load alone, this rank's part, shape (k, 3), newtons.
+        fixed: Which components are prescribed, this rank's nodes, shape (k, 3).
+        prescribed: Their values in metres, 0 elsewhere, shape (k, 3).
+
+    Raises:
+        ValueError: If a face is unknown, a value not finite, or the clamps leave the body a rigid motion.
+    """
+
+    def __init__(
+        self,
+        mesh: NamedMesh,
+        material: Material,
+        clamps: Sequence[Clamp],
+        tractions: Sequence[Traction] = (),
+        body_force: Field = (0.0, 0.0, 0.0),
+    ):
+        self.mesh, self.material = mesh, material
+        self.V = compat.functionspace(mesh.domain, 1, (3,))
+        self._test = ufl.TestFunction(self.V)
+        self._owned = self.V.dofmap.index_map.size_local
+        self.x: FloatArray = self.V.tabulate_dof_coordinates()[: self._owned]
+
+        self._prescribe(clamps)
+        self._refuse_floating_body()
+        self.load = self._assemble_loads(tractions, body_force)
+
+        trial = ufl.TrialFunction(self.V)
+        self.K = compat.assemble_matrix(
+            fem.form(ufl.inner(self._stress(trial), _strain(self._test)) * ufl.dx)
+        )
+        self.f = self.K.createVecRight()
+        self.f.array[:] = self.load.ravel()
+        self._eliminate_fixed()
+        self._attach_rigid_body_modes()
+        self._u = fem.Function(self.V, name="displacement")
+        self._internal_form = fem.form(ufl.inner(self._stress(self._u), _strain(self._test)) * ufl.dx)
+
+    # --- constraints and loads ----------------------------------------------------------------------------------
+
+    def _prescribe(self, clamps: Sequence[Clamp]) -> None:
+        self.fixed = np.zeros((self._owned, 3), dtype=bool)
+        self.prescribed = np.zeros((self._owned, 3))
+        for clamp in clamps:
+            nodes = self.nodes(clamp.face, "clamp")
+            values = _evaluate(clamp.value, self.x[nodes], f"clamp on {clamp.face!r}", self.mesh.comm)
+            for component in map("xyz".index, clamp.components):
+                self.fixed[nodes, component] = True
+                self.prescribed[nodes, component] = values[:, component]
+
+    def _refuse_floating_body(self) -> None:
+        comm, x = self.mesh.comm, self.x
+        count = comm.allreduce(len(x), op=MPI.SUM)
+        centre = comm.allreduce(x.sum(axis=0), op=MPI.SUM) / count
+        r = x - centre
+        size = math.sqrt(comm.allreduce(float(np.sum(r**2)), op=MPI.SUM) / count)
+        modes = np.zeros((*x.shape, 6))
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            modes[:, k, k] = 1.0
+            modes[:, i, 3 + k], modes[:, j, 3 + k] = -r[:, j] / size, r[:, i] / size
+        held = modes[self.fixed]
+        gram = comm.allreduce(held.T @ held, op=MPI.SUM)
+        eigenvalues, vectors = np.linalg.eigh(gram)
+        free = vectors[:, eigenvalues <= 1e-10 * max(float(eigenvalues[-1]), 1e-300)]
+        if free.shape[1]:
+            names = [name for name, row in zip(_MODES, free, strict=True) if np.linalg.norm(row) > 0.3]
+            raise ValueError(
+                f"the body floats: its clamps leave it {', '.join(names)}; hold these by a clamp, "
+                "contact alone does not make the stiffness invertible"
+            )
+
+    def _assemble_loads(self, tractions: Sequence[Traction], body_force: Field) -> FloatArray:
+        load = self._integrate(body_force, "body_force", ufl.dx)
+        for traction in tractions:
+            facets = self.mesh.facets(traction.face, "traction")
+            load += self._integrate(traction.value, f"traction on {traction.face!r}", self._ds(facets))
+        return load
+
+    def _integrate(self, field: Field, what: str, measure: Any) -> FloatArray:
+        """Integral of field . v for every hat function, this rank's part, shape (k, 3)."""
+        density = fem.Function(self.V)
+        density.x.array[: 3 * self._owned] = _evaluate(field, self.x, what, self.mesh.comm).ravel()
+        density.x.scatter_forward()
+        return self._assemble(fem.form(ufl.inner(density, self._test) * measure))
+
+    def _assemble(self, form: Any) -> FloatArray:
+        vector = fem.petsc.assemble_vector(form)
+        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        values: FloatArray = vector.array.reshape(-1, 3).copy()
+        vector.destroy()
+        return values
+
+    def _ds(self, facets: npt.NDArray[np.int32]) -> Any:
+        tags = compat.meshtags(self.mesh.domain, 2, facets, np.ones(len(facets), dtype=np.int32))
+        return ufl.Measure("ds", domain=self.mesh.domain, subdomain_data=tags, subdomain_id=1)
+
+    def _eliminate_fixed(self) -> None:
+        comm = self.mesh.comm
+        diagonal = self.K.getDiagonal()
+        free = diagonal.array[~self.fixed.ravel()]
+        mean = comm.allreduce(float(free.sum()), op=MPI.SUM) / comm.allreduce(len(free), op=MPI.SUM)
+        diagonal.destroy()
+        first = self.K.getOwnershipRange()[0]
+        rows = (first + np.flatnonzero(self.fixed)).astype(PETSc.IntType)
+        values = self.K.createVecRight()
+        values.array[:] = self.prescribed.ravel()
+        self.K.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        self.K.zeroRowsColumns(rows, diag=mean, x=values, b=self.f)
+        values.destroy()
+        self.K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self.K.setOption(PETSc.Mat.Option.SPD, True)
+
+    def _attach_rigid_body_modes(self) -> None:
+        coordinates = self.K.createVecRight()
+        coordinates.setBlockSize(3)
+        coordinates.array[:] = self.x.ravel()
+        modes = PETSc.NullSpace().createRigidBody(coordinates)
+        self.K.setNearNullSpace(modes)
+        modes.destroy()
+        coordinates.destroy()
+
+    # --- what others ask ----------------------------------------------------------------------------------------
+
+    def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
+        """This rank's nodes on a face, sorted; ValueError if there is no such face."""
+        facets = self.mesh.facets(face, what)
+        dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
+        return dofs[dofs < self._owned].astype(np.int32)
+
+    def nodal_area(self, face: str) -> FloatArray:
+        """Integral of every hat function over a face in m^2, this rank's nodes, shape (k,)."""
+        ones = (1.0, 1.0, 1.0)
+        return self._integrate(ones, "area", self._ds(self.mesh.facets(face, "contact")))[:, 0]
+
+    def nodal_normal(self, face: str) -> FloatArray:
+        """Integral of the body's outward normal against every hat function over a face, m^2, shape (k, 3)."""
+        n = ufl.FacetNormal(self.mesh.domain)
+        return self._assemble(fem.form(ufl.inner(n, self._test) * self._ds(self.mesh.facets(face, "contact"))))
+
+    def function(self, u: FloatArray, name: str = "displacement") -> Any:
+        """DOLFINx Function of nodal vectors (k, 3) of this rank."""
+        function = fem.Function(self.V, name=name)
+        function.x.array[: 3 * self._owned] = u.ravel()
+        function.x.scatter_forward()
+        return function
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        """Nodal forces in newtons of the stress of u, assembled anew and without K; shapes (k, 3)."""
+        self._u.x.array[: 3 * self._owned] = u.ravel()
+        self._u.x.scatter_forward()
+        return self._assemble(self._internal_form)
+
+    def von_mises(self, u: Any) -> Any:
+        """Von Mises stress in pascals at the cells' midpoints, a DG0 Function; u is a Function of V."""
+        s = self._stress(u)
+        deviator = s - ufl.tr(s) / 3.0 * ufl.Identity(3)
+        W = compat.functionspace(self.mesh.domain, 0, family="DG")
+        stress = fem.Function(W, name="von_mises_stress")
+        equivalent = ufl.sqrt(1.5 * ufl.inner(deviator, deviator))
+        stress.interpolate(fem.Expression(equivalent, compat.interpolation_points(W)))
+        return stress
+
+    def _stress(self, u: Any) -> Any:
+        E, nu = self.material.young, self.material.poisson
+        mu = fem.Constant(self.mesh.domain, PETSc.ScalarType(E / (2.0 * (1.0 + nu))))
+        lame = fem.Constant(self.mesh.domain, PETSc.ScalarType(E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))))
+        return 2.0 * mu * _strain(u) + lame * ufl.tr(_strain(u)) * ufl.Identity(3)
+
+
+def _strain(u: Any) -> Any:
+    return ufl.sym(ufl.grad(u))
+
+
+def _evaluate(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
+    """Vectors (k, 3) of a field at the points x (k, 3); ValueError on every rank if one is not finite anywhere."""
+    if callable(field):
+        values = np.asarray(field(x.T), dtype=np.float64)
+        fits = values.shape == (3, len(x))
+        problem = "" if fits else f"the function must return shape (3, {len(x)}), but returned {values.shape}"
+        values = values.T
+    else:
+        values = np.asarray(field, dtype=np.float64)
+        problem = "" if values.shape == (3,) else f"the value must have three components, but is {field!r}"
+        values = np.broadcast_to(values, (len(x), 3)) if not problem else values
+    if not problem and not np.all(np.isfinite(values)):
+        problem = "the value has entries that are not finite"
+    found = [text for text in comm.allgather(problem) if text]
+    if found:
+        raise ValueError(f"{what}: {found[0]}")
+    return values

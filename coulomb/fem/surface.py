@@ -1,0 +1,153 @@
+"""The contact surface: its nodes, their frames, gaps and areas, and the matrix B from displacements to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from .elasticity import Elasticity
+from .obstacles import Plane, RigidFoundation
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ContactSurface:
+    """Contact nodes of this rank (perhaps none), in the order of their rows in B.
+
+    Attributes:
+        face: Name of the contact face.
+        nodes: Their numbers among this rank's nodes, shape (m,).
+        x: Coordinates in metres, shape (m, 3).
+        frames: Orthonormal rows n, t1, t2 of every node, shape (m, 3, 3); n points out of the body, into the foundation.
+        gap: Distance to the foundation along n before deformation in metres, shape (m,).
+        area: Integral of the hat function over the face in m^2, shape (m,).
+        B: Rows n, t1, t2 of every contact node; columns the displacements.  Shape (3 m, n), distributed.
+    """
+
+    face: str
+    nodes: npt.NDArray[np.int32]
+    x: FloatArray
+    frames: FloatArray
+    gap: FloatArray
+    area: FloatArray
+    B: PETSc.Mat
+
+    def components(self, vectors: FloatArray) -> FloatArray:
+        """Space vectors (m, 3) in the frames: n, t1, t2."""
+        return np.einsum("kij,kj->ki", self.frames, vectors)
+
+    def vectors(self, components: FloatArray) -> FloatArray:
+        """The space vectors (m, 3) of components n, t1, t2 (m, 3)."""
+        return np.einsum("kij,ki->kj", self.frames, components)
+
+
+def tangent_frames(n: FloatArray) -> FloatArray:
+    """Frames (n, t1, t2) of unit normals n (k, 3), shape (k, 3, 3).
+
+    Of the coordinate axes, the one nearest to n is dropped; t1 and t2 are the other two, in their order, made
+    orthogonal to n and then to each other.  So t1, t2 are x, y on a horizontal face, and an axis perpendicular to n
+    always is a tangent: a node held in that direction keeps clean rows.
+    """
+    k = len(n)
+    others = np.array([[1, 2], [0, 2], [0, 1]])[np.argmax(np.abs(n), axis=1)]
+    t1, t2 = np.eye(3)[others[:, 0]], np.eye(3)[others[:, 1]]
+    square = np.abs(np.einsum("ki,ki->k", t2, n)) < 1e-12  # such an axis must stay: make it the first
+    first, second = np.where(square[:, None], t2, t1), np.where(square[:, None], t1, t2)
+    first = first - np.einsum("ki,ki->k", first, n)[:, None] * n
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    second = second - np.einsum("ki,ki->k", second, n)[:, None] * n
+    second -= np.einsum("ki,ki->k", second, first)[:, None] * first
+    second /= np.linalg.norm(second, axis=1)[:, None]
+    return np.stack([n, np.where(square[:, None], second, first), np.where(square[:, None], first, second)], axis=1)[:k]
+
+
+def contact_surface(
+    elasticity: Elasticity, face: str, foundation: RigidFoundation | None = None
+) -> ContactSurface:
+    """The contact nodes of a face against a rigid foundation.
+
+    Nodes that cannot approach the foundation, clamped in full or along the normal, are left out.  A node held along
+    a tangent stays, and has no friction in that direction.
+
+    Args:
+        elasticity: The body with its clamps.
+        face: Name of the face.
+        foundation: The obstacle; by default the plane of the face, which must then be plane.
+
+    Raises:
+        ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from the
+            foundation, held obliquely to it, dragged along it by a clamp, or has no free node.
+    """
+    comm = elasticity.mesh.comm
+    candidates = elasticity.nodes(face, "contact")
+    x, fixed = elasticity.x[candidates], elasticity.fixed[candidates]
+    area, outward = elasticity.nodal_area(face)[candidates], elasticity.nodal_normal(face)[candidates]
+    if comm.allreduce(len(candidates), op=MPI.SUM) == 0:
+        raise ValueError(f"contact: face {face!r} has no facets")
+    if foundation is None:
+        foundation = _plane_of_face(face, x, area, outward, comm)
+
+    n = -foundation.normal(x)
+    refuse = _Refusal(comm, f"contact face {face!r}")
+    refuse.where(area <= 0.0, x, "has a node without area")
+    refuse.where(np.einsum("ki,ki->k", n, outward) <= 0.0, x, "is turned away from the foundation; turn its normal round")
+
+    held = np.where(fixed, n, 0.0)  # the part of n along held components
+    touching_held = np.linalg.norm(held, axis=1)
+    left_out = touching_held > 1.0 - 1e-10
+    oblique = ~left_out & (touching_held > 1e-10)
+    refuse.where(oblique, x, "is held by a clamp obliquely to the normal of the foundation; hold it in full or not at all")
+    keep = ~left_out
+    dragged = keep & np.any(fixed & (elasticity.prescribed[candidates] != 0.0), axis=1)
+    refuse.where(dragged, x, "is dragged along the foundation by a clamp of non-zero value; clamp it in full")
+    if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
+        raise ValueError(f"contact face {face!r} is fully clamped: none of its nodes can move against the foundation")
+
+    nodes, x, area = candidates[keep], x[keep], area[keep]
+    frames = tangent_frames(n[keep])
+    gap = foundation.signed_distance(x)
+    return ContactSurface(face, nodes, x, frames, gap, area, _contact_matrix(elasticity, nodes, frames))
+
+
+def _plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArray, comm: MPI.Comm) -> Plane:
+    total = comm.allreduce(float(area.sum()), op=MPI.SUM)
+    point = comm.allreduce(area @ x, op=MPI.SUM) / total
+    normal = comm.allreduce(outward.sum(axis=0), op=MPI.SUM) / total
+    if not np.linalg.norm(normal) > 1.0 - 1e-8:
+        raise ValueError(f"contact face {face!r} is not plane: say which foundation it may touch")
+    normal[np.abs(normal) < 1e-12] = 0.0
+    return Plane(tuple(point), tuple(-normal))
+
+
+def _contact_matrix(elasticity: Elasticity, nodes: npt.NDArray[np.int32], frames: FloatArray) -> PETSc.Mat:
+    first, rows = elasticity.K.getOwnershipRange()[0], 3 * len(nodes)
+    columns = np.repeat(first + 3 * nodes[:, None] + np.arange(3), 3, axis=0)
+    entries = frames.reshape(rows, 3)
+    present = entries != 0.0
+    indptr = np.concatenate([[0], np.cumsum(present.sum(axis=1))])
+    B = PETSc.Mat().createAIJ(
+        ((rows, PETSc.DETERMINE), elasticity.K.getSizes()[1]),
+        csr=(indptr.astype(PETSc.IntType), columns[present].astype(PETSc.IntType), entries[present]),
+        comm=elasticity.mesh.comm,
+    )
+    B.assemble()
+    return B
+
+
+class _Refusal:
+    """Raises ValueError on every rank where a condition holds at a node of any rank, and names the first such node."""
+
+    def __init__(self, comm: MPI.Comm, what: str):
+        self._comm, self._what = comm, what
+
+    def where(self, condition: npt.NDArray[np.bool_], x: FloatArray, fault: str) -> None:
+        mine: Any = x[np.argmax(condition)].tolist() if np.any(condition) else None
+        found = [point for point in self._comm.allgather(mine) if point is not None]
+        if found:
+            raise ValueError(f"{self._what} {fault} (first seen at x = {', '.join(f'{c:.6g}' for c in found[0])})")
