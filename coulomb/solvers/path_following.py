@@ -28,6 +28,7 @@ from .tresca import TrescaQP
 _TO_BOUNDARY = 0.9995  # fraction of the way to the boundary a step may go
 _BACKTRACK = 0.9  # the grid on which the largest step length is sought
 _BLOCKED = 0.1  # a step this short, three times in a row, ends a warm start
+_FAR = 0.1  # from this distance, in nominal nodal forces, a warm start is no better than a cold one
 _PATIENCE = 20  # steps without a better residual before the run is called stagnated
 
 
@@ -171,7 +172,9 @@ class PathFollowing:
         tolerance: float,
         progress: ProgressCallback | None,
     ) -> QPResult:
-        v = self._cold_start(problem) if start is None else self._warm_start(problem, start)
+        v = None if start is None else self._warm_start(problem, start, tolerance)
+        warm = v is not None
+        v = self._cold_start(problem) if v is None else v
         theta = problem.theta(v.nu, v.z)
         gradient = problem.rms(problem.gradient(v.x, v.nu, v.A_x))
         beta = max(self.beta, 10.0 * gradient / theta)
@@ -211,7 +214,7 @@ class PathFollowing:
             if residual < 0.9 * best:
                 best, best_at = residual, iteration
             blocked = blocked + 1 if alpha < _BLOCKED else 0
-            if iteration - best_at >= _PATIENCE or (start is not None and blocked == 3):
+            if iteration - best_at >= _PATIENCE or (warm and blocked == 3):
                 status = Status.STAGNATED
                 break
         if residual > tolerance:
@@ -257,13 +260,16 @@ class PathFollowing:
         z = problem.slack(x)
         return Iterate(x, problem.on_constraints(theta / problem.safe(z)), z, A_x)
 
-    def _warm_start(self, problem: ScaledQP, start: QPResult) -> Iterate:
+    def _warm_start(self, problem: ScaledQP, start: QPResult, tolerance: float) -> Iterate | None:
         """The last answer, pushed back inside: its projection step x - w/d, projected smoothly with nu_i z_i = theta.
 
-        theta follows how far that answer is from solving the present problem.
+        theta follows how far that answer is from solving the present problem, and is not smaller than the tolerance
+        makes sense of.  None if it is so far that a cold start is as good.
         """
         x, w = problem.scaled(start.x, start.gradient)
         q = problem.projection_step(x, w)
         distance = problem.distance_from_solution(x, q)
-        x, nu = problem.smoothed_projection(q, max(distance**1.5, 1e-14))
+        if distance > _FAR:
+            return None
+        x, nu = problem.smoothed_projection(q, max(distance**1.5, 0.1 * tolerance))
         return Iterate(x, nu, problem.slack(x), problem.apply_A(x))

@@ -1,0 +1,201 @@
+"""The command line: `coulomb run CASE.toml`, `coulomb info`.  Only rank 0 speaks.
+
+Exit codes: 0 the certificate passed; 1 it did not, or the solver did not converge (results are written all the same,
+marked so); 2 the input is wrong.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from mpi4py import MPI
+from petsc4py import PETSc
+from rich.console import Console
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from . import output
+from .case import Case, read_case
+from .fem import compat
+from .problem import ContactProblem, Solution
+from .solvers.results import NotConverged, Progress
+from .version import __version__
+
+PASSED, FAILED, BAD_INPUT = 0, 1, 2
+
+app = typer.Typer(help=__doc__, add_completion=False, no_args_is_help=True, rich_markup_mode=None)
+_comm = MPI.COMM_WORLD
+_console = Console(quiet=_comm.rank != 0, highlight=False)
+_errors = Console(quiet=_comm.rank != 0, highlight=False, stderr=True, soft_wrap=True)
+
+
+@app.command()
+def run(
+    case: Annotated[Path, typer.Argument(help="Case file, TOML.", metavar="CASE.toml")],
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Replace a setting, for example mesh.cells=[18,6,6]; may be repeated."),
+    ] = None,
+    directory: Annotated[
+        Path | None, typer.Option("--output", help="Where the results go, in place of the case's output.directory.")
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")] = False,
+) -> None:
+    """Solve a case, certify the answer, write the results."""
+    began = time.perf_counter()
+    console = Console(quiet=True) if quiet else _console
+    with threadpool_limits(limits=1 if _comm.size > 1 else None):
+        try:
+            settings = read_case(case, changes or (), _comm)
+            target = directory or Path(settings.output.directory)
+            problem = settings.problem(_comm)
+        except ValueError as error:
+            _errors.print(f"error: {error}", markup=False)
+            raise typer.Exit(BAD_INPUT) from None
+        _introduce(console, case, problem)
+        solution, trouble = _solve(console, settings, problem)
+        problem.seconds["total"] = time.perf_counter() - began
+        try:
+            contents = output.write(solution, target, settings.output.picture)
+        except OSError as error:
+            _errors.print(f"error: {target}: cannot be written: {error.strerror or error}", markup=False)
+            contents = output.summary(solution)
+            trouble = trouble or "the results could not be written"
+    _report(console, solution, contents, target, time.perf_counter() - began)
+    if trouble:
+        _errors.print(f"error: {trouble}", markup=False)
+    if trouble or not solution.certificate.passed:
+        raise typer.Exit(FAILED)
+
+
+@app.command()
+def info() -> None:
+    """Versions and PETSc's packages, for a bug report."""
+    known = ("mumps", "hypre", "superlu_dist", "suitesparse", "scotch", "metis", "ptscotch", "parmetis", "ml", "scalapack")
+    petsc = ".".join(map(str, PETSc.Sys.getVersion()))
+    rows = {
+        "coulomb": __version__,
+        "Python": f"{platform.python_version()} ({sys.executable})",
+        "platform": platform.platform(),
+        "DOLFINx": compat.VERSION,
+        "PETSc": f"{petsc}, {np.dtype(PETSc.ScalarType).name}, {8 * np.dtype(PETSc.IntType).itemsize} bit integers",
+        "PETSc's packages": ", ".join(name for name in known if PETSc.Sys.hasExternalPackage(name)),
+        "MPI": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0"),
+        "BLAS": ", ".join(sorted({str(e.get("filepath")) for e in threadpool_info() if e["user_api"] == "blas"})),
+        **{name: _version(name) for name in ("numpy", "scipy", "mpi4py", "petsc4py", "h5py", "pyvista", "vtk")},
+    }
+    for name, value in rows.items():
+        _console.print(f"{name:<18}{value}", markup=False, soft_wrap=True)
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        try:
+            return str(__import__(name).__version__)
+        except ImportError:
+            return "not installed"
+
+
+def _introduce(console: Console, case: Path, problem: ContactProblem) -> None:
+    unknowns = problem.unknowns
+    law = f"Coulomb friction {problem.contact.friction:g}"
+    if problem.contact.friction is None:
+        law = f"Tresca friction {problem.contact.slip_stress:g} Pa"
+    console.print(
+        f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
+        f"{_comm.size} {'rank' if _comm.size == 1 else 'ranks'}",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def _solve(console: Console, settings: Case, problem: ContactProblem) -> tuple[Solution, str]:
+    """The solution, converged or not, and what went wrong."""
+    display = _Display(console)
+    try:
+        with display:
+            return problem.solve(solver=settings.contact_solver(), progress=display), ""
+    except NotConverged as failure:
+        return problem.solution(failure.result), str(failure)
+
+
+class _Display:
+    """Progress: one line that changes on a terminal, a line for each Tresca problem (or PF step) elsewhere."""
+
+    def __init__(self, console: Console):
+        self._console = console
+        self._status = console.status("K^-1 and A") if console.is_terminal and not console.quiet else None
+        self._last: Progress | None = None
+
+    def __enter__(self) -> _Display:
+        if self._status is not None:
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._status is not None:
+            self._status.stop()
+        self._line()
+
+    def __call__(self, progress: Progress) -> None:
+        if self._status is not None:
+            self._status.update(_describe(progress))
+        if self._last is not None and (progress.outer != self._last.outer or progress.outer == 0):
+            self._line()
+        self._last = progress
+
+    def _line(self) -> None:
+        if self._last is not None and self._status is None:
+            self._console.print(_describe(self._last))
+
+
+def _describe(progress: Progress) -> str:
+    outer = f"outer {progress.outer:3d}  " if progress.outer else ""
+    return f"{outer}path following {progress.path_following:3d}  residual {progress.residual:.1e}"
+
+
+def _report(console: Console, solution: Solution, contents: dict[str, Any], target: Path, total: float) -> None:
+    iterations, nodes = contents["iterations"], contents["nodes"]
+    force = contents["force_on_body"]
+    outer = f"{iterations['outer']} Tresca problems, " if iterations["outer"] else ""
+    rate = contents["contraction"]
+    contraction = f", contraction {rate:.2g}" if rate is not None and np.isfinite(rate) else ""
+    seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
+    lines = (
+        f"{contents['status']}: residual {contents['residual']:.1e}, {outer}{iterations['path_following']} path-following "
+        f"steps, {iterations['products']} products{contraction}",
+        f"force on the body: normal {force['normal']:.9g} N, tangential "
+        f"({', '.join(f'{value:.9g}' for value in force['tangential'])}) N",
+        f"contact nodes {nodes['contact']}: open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}; "
+        f"greatest pressure {contents['maximum']['contact_pressure']:.6g} Pa",
+        str(solution.certificate),
+        f"seconds: {seconds}; {total:.2f} in all",
+    )
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
+    picture = contents.get("picture", "")
+    if "could not" in picture:
+        _errors.print(f"warning: picture.png {picture}", markup=False)
+    console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
+
+
+def main() -> None:
+    """Entry point; what no rank foresaw ends all of them."""
+    try:
+        app()
+    except Exception:
+        if _comm.size == 1:
+            raise
+        traceback.print_exc()
+        sys.stderr.flush()
+        _comm.Abort(3)

@@ -1,0 +1,184 @@
+"""Pictures from the files of a run.  Knows neither DOLFINx nor the solvers, so that it also runs as a script of its own:
+
+    python plotting.py DIRECTORY
+"""
+
+from __future__ import annotations
+
+import ctypes.util
+import json
+import os
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+ZONES = {0: ("open", "#bdbdbd"), 1: ("stick", "#2166ac"), 2: ("slip", "#f4a582"), 3: ("held", "#4d4d4d")}
+"""Name and colour of every status in contact.xdmf; told apart by the colour-blind too."""
+
+_VTK_TYPES = {"Hexahedron": 12, "Tetrahedron": 10, "Quadrilateral": 9, "Triangle": 5}
+
+
+class Grid(NamedTuple):
+    """What an XDMF file holds: cells (k, nodes a cell), points (n, 3), fields on points or cells by name."""
+
+    cell: str
+    cells: npt.NDArray[np.int64]
+    points: FloatArray
+    fields: dict[str, FloatArray]
+
+
+def read_grid(path: str | Path) -> Grid:
+    """Read an XDMF file of a run with its HDF5 file."""
+    path = Path(path)
+    grid = ElementTree.parse(path).getroot().find("Domain/Grid")
+    if grid is None:
+        raise ValueError(f"{path}: there is no grid in this file")
+
+    def data(element: Any) -> Any:
+        file, _, dataset = element.find("DataItem").text.strip().partition(":")
+        with h5py.File(path.with_name(file), "r") as h5:
+            return h5[dataset][()]
+
+    topology, geometry = grid.find("Topology"), grid.find("Geometry")
+    assert topology is not None and geometry is not None
+    fields = {str(attribute.get("Name")): np.squeeze(data(attribute)) for attribute in grid.findall("Attribute")}
+    return Grid(str(topology.get("TopologyType")), data(topology), data(geometry), fields)
+
+
+def picture(directory: str | Path) -> Path:
+    """Draw picture.png: the deformed body from below, its contact pressure, and the stick, slip and open zones.
+
+    Args:
+        directory: Of a run, with solution.xdmf, contact.xdmf and summary.json (where it is there already).
+
+    Returns:
+        The picture's path.
+    """
+    pyvista = _pyvista()
+    directory = Path(directory)
+    body, contact = read_grid(directory / "solution.xdmf"), read_grid(directory / "contact.xdmf")
+    displacement = body.fields["displacement"]
+    size = float(np.linalg.norm(np.ptp(body.points, axis=0)))
+    greatest = float(np.linalg.norm(displacement, axis=1).max())
+    scale = _nice(0.05 * size / greatest) if greatest > 0.0 else 1.0
+
+    in_contact = _match(contact.points, body.points)
+    lower = contact.points + scale * displacement[in_contact]
+    face = pyvista.PolyData(lower, _polygons(contact.cells))
+    face.point_data["pressure"] = contact.fields["pressure"] / 1e6
+    skin = _without(_skin(pyvista, body, body.points + scale * displacement), in_contact)
+    normal = np.mean(face.compute_normals(auto_orient_normals=False)["Normals"], axis=0)
+    normal *= np.sign(normal @ (face.center_of_mass() - np.mean(skin.points, axis=0)))
+
+    plotter = pyvista.Plotter(off_screen=True, window_size=(1400, 1300), shape=(2, 1), border=False)
+    plotter.set_background("white")
+    for row in range(2):
+        plotter.subplot(row, 0)
+        plotter.add_mesh(skin, color="#f2f0eb", show_edges=True, edge_color="#c8c5be", ambient=0.45, diffuse=0.6)
+        plotter.add_axes(color="black")
+
+    plotter.subplot(0, 0)
+    bar = {"title": "pressure, MPa", "vertical": True, "title_font_size": 20, "label_font_size": 18}
+    bar |= {"position_x": 0.9, "position_y": 0.15, "height": 0.7, "width": 0.05, "color": "black", "fmt": "%.3g"}
+    shown = {"cmap": "viridis", "clim": (0.0, max(float(face["pressure"].max()), 1e-12)), "scalar_bar_args": bar}
+    plotter.add_mesh(face, scalars="pressure", lighting=False, show_edges=True, edge_color="#8a8a8a", **shown)
+    plotter.add_text(f"{_caption(directory)}; displacement x {scale:g}", font_size=12, color="black")
+    _look_at(plotter, normal)
+
+    plotter.subplot(1, 0)
+    legend = []
+    status = np.rint(contact.fields["status"]).astype(int)
+    for code, (name, colour) in ZONES.items():
+        chosen = status == code
+        if chosen.any():
+            plotter.add_mesh(_patches(pyvista, contact.cells, lower, chosen), color=colour, lighting=False)
+            legend.append([f"{name}: {np.count_nonzero(chosen)} nodes", colour])
+    plotter.add_mesh(face, style="wireframe", color="#8a8a8a", line_width=1)
+    plotter.add_legend(legend, bcolor="white", face="rectangle", size=(0.17, 0.2), loc="upper right")
+    _look_at(plotter, normal)
+
+    path = directory / "picture.png"
+    plotter.screenshot(str(path))
+    plotter.close()
+    return path
+
+
+def _pyvista() -> Any:
+    """pyvista, set to draw without a display where there is none."""
+    if not os.environ.get("DISPLAY"):
+        window = "vtkOSOpenGLRenderWindow" if ctypes.util.find_library("OSMesa") else "vtkEGLRenderWindow"
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", window)
+    import pyvista
+
+    return pyvista
+
+
+def _polygons(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Cells (k, corners) in VTK's way: the number of corners, then the corners."""
+    return np.column_stack([np.full(len(cells), cells.shape[1]), cells]).ravel()
+
+
+def _skin(pyvista: Any, body: Grid, points: FloatArray) -> Any:
+    """Boundary of the body."""
+    types = np.full(len(body.cells), _VTK_TYPES[body.cell], dtype=np.uint8)
+    solid = pyvista.UnstructuredGrid(_polygons(body.cells), types, points)
+    solid.point_data["node"] = np.arange(len(points))
+    return solid.extract_surface(algorithm=None)
+
+
+def _match(points: FloatArray, nodes: FloatArray) -> npt.NDArray[np.int64]:
+    """The node of the body at every point of the contact face."""
+    from scipy.spatial import cKDTree
+
+    found: npt.NDArray[np.int64] = cKDTree(nodes).query(points)[1]
+    return found
+
+
+def _without(skin: Any, nodes: npt.NDArray[np.int64]) -> Any:
+    """The skin but for the faces whose corners are all among these nodes."""
+    corners = skin.regular_faces
+    inside = np.isin(skin.point_data["node"], nodes)[corners].all(axis=1)
+    return type(skin)(skin.points, _polygons(corners[~inside]))
+
+
+def _patches(pyvista: Any, cells: npt.NDArray[np.int64], points: FloatArray, chosen: npt.NDArray[np.bool_]) -> Any:
+    """The part of the surface nearest to the chosen nodes: every facet is cut into one piece for each of its corners."""
+    corners = points[cells]
+    middle = 0.5 * (corners + np.roll(corners, -1, axis=1))
+    centre = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
+    pieces = np.stack([corners, middle, centre, np.roll(middle, 1, axis=1)], axis=2)[chosen[cells]]
+    return pyvista.PolyData(pieces.reshape(-1, 3), _polygons(np.arange(4 * len(pieces)).reshape(-1, 4)))
+
+
+def _look_at(plotter: Any, normal: FloatArray) -> None:
+    """At the contact face from outside the body, along its normal and a little from two sides."""
+    along = np.eye(3)[np.argmin(np.abs(normal))]
+    across = np.cross(normal, along)
+    plotter.view_vector(normal + 0.25 * along + 0.6 * across, viewup=-across)
+    plotter.camera.zoom(1.5)
+
+
+def _caption(directory: Path) -> str:
+    path = directory / "summary.json"
+    if not path.exists():
+        return "contact"
+    contents = json.loads(path.read_text(encoding="utf-8"))
+    law = f"Coulomb friction {contents['friction']:g}" if contents["law"] == "coulomb" else "Tresca friction"
+    return law if contents["certificate"]["passed"] else f"{law}: NOT CERTIFIED"
+
+
+def _nice(value: float) -> float:
+    """The nearest of 1, 2, 5 times a power of ten below."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= value * (1.0 + 1e-12)))
+
+
+if __name__ == "__main__":
+    picture(sys.argv[1])
