@@ -142,8 +142,10 @@ class Case(_Table):
 
     def contact_solver(self) -> SuccessiveTresca | QPSolver:
         """The solver the case asks for."""
-        newton = {"augmented": AugmentedSystem, "schur": SchurComplementSystem}[self.solver.newton]
-        path_following = PathFollowing(tolerance=self.solver.tolerance, newton=newton)
+        path_following = PathFollowing(
+            tolerance=self.solver.tolerance,
+            newton=AugmentedSystem if self.solver.newton == "augmented" else SchurComplementSystem,
+        )
         if self.contact.friction is None:
             return path_following
         return SuccessiveTresca(self.solver.tolerance, path_following, max_iterations=self.solver.max_outer)

@@ -102,7 +102,9 @@ def certify(problem: ContactProblem, x: FloatArray, u: FloatArray, slip_bound: F
     across = np.abs(force[:, 1] * slip[:, 1] - force[:, 2] * slip[:, 0])[compared]
     along = (force[:, 1] * slip[:, 0] + force[:, 2] * slip[:, 1])[compared]
     angle = over.max(np.degrees(np.arctan2(across, along)))
-    answer = np.column_stack([gap, -slip]).ravel()  # what A x - b must be
+    remaining = np.column_stack([gap, -slip]).ravel()  # what A x - b must be
+    finite = over.all(bool(np.all(np.isfinite(g))))
+    residual = problem.tresca(g).residual(x, remaining) if finite else math.nan
 
     def relative(name: str, value: float, meaning: str) -> Check:
         return Check(name, _worst(value, 0.0), LIMIT, "", meaning)
@@ -113,12 +115,16 @@ def certify(problem: ContactProblem, x: FloatArray, u: FloatArray, slip_bound: F
         relative("force balance", total / turnover, "loads, reactions and contact forces add to zero"),
         relative("penetration", penetration / u_scale, f"{penetration:.1e} m, over the greatest displacement"),
         relative("adhesion", over.max(-pressing) / force_scale, "no node is pulled"),
-        relative("complementarity", over.max(np.abs(pressing * gap)) / (force_scale * u_scale), "no force across a gap"),
-        relative("friction cone", over.max(friction - g) / _worst(g_scale, 1e-3 * force_scale), "friction within its bound"),
+        relative(
+            "complementarity", over.max(np.abs(pressing * gap)) / (force_scale * u_scale), "no force across a gap"
+        ),
+        relative(
+            "friction cone", over.max(friction - g) / _worst(g_scale, 1e-3 * force_scale), "friction within its bound"
+        ),
         relative("slip inside the cone", early_slip / (g_scale * u_scale), "no slip before friction is at its bound"),
         Check("slip angle", _worst(angle, 0.0), ANGLE_LIMIT, "deg", "friction opposes slip"),
         relative("slip bound", over.norm(slip_bound - g) / _or_one(over.norm(g)), "the solver's g is the law's"),
-        relative("natural residual", problem.tresca(g).residual(x, answer), "of the whole problem"),
+        relative("natural residual", residual, "of the whole problem"),
     )
     return Certificate(checks, penetration)
 

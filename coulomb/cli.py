@@ -31,7 +31,7 @@ from .version import __version__
 
 PASSED, FAILED, BAD_INPUT = 0, 1, 2
 
-app = typer.Typer(help=__doc__, add_completion=False, no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(help=__doc__, add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 _comm = MPI.COMM_WORLD
 _console = Console(quiet=_comm.rank != 0, highlight=False)
 _errors = Console(quiet=_comm.rank != 0, highlight=False, stderr=True, soft_wrap=True)
@@ -79,7 +79,18 @@ def run(
 @app.command()
 def info() -> None:
     """Versions and PETSc's packages, for a bug report."""
-    known = ("mumps", "hypre", "superlu_dist", "suitesparse", "scotch", "metis", "ptscotch", "parmetis", "ml", "scalapack")
+    known = (
+        "mumps",
+        "scalapack",
+        "hypre",
+        "superlu_dist",
+        "suitesparse",
+        "metis",
+        "parmetis",
+        "scotch",
+        "ptscotch",
+        "ml",
+    )
     petsc = ".".join(map(str, PETSc.Sys.getVersion()))
     rows = {
         "coulomb": __version__,
@@ -108,9 +119,9 @@ def _version(name: str) -> str:
 
 def _introduce(console: Console, case: Path, problem: ContactProblem) -> None:
     unknowns = problem.unknowns
-    law = f"Coulomb friction {problem.contact.friction:g}"
-    if problem.contact.friction is None:
-        law = f"Tresca friction {problem.contact.slip_stress:g} Pa"
+    contact = problem.contact
+    coulomb = contact.friction is not None
+    law = f"Coulomb friction {contact.friction:g}" if coulomb else f"Tresca friction {contact.slip_stress:g} Pa"
     console.print(
         f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
         f"{_comm.size} {'rank' if _comm.size == 1 else 'ranks'}",
@@ -172,8 +183,8 @@ def _report(console: Console, solution: Solution, contents: dict[str, Any], targ
     contraction = f", contraction {rate:.2g}" if rate is not None and np.isfinite(rate) else ""
     seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
     lines = (
-        f"{contents['status']}: residual {contents['residual']:.1e}, {outer}{iterations['path_following']} path-following "
-        f"steps, {iterations['products']} products{contraction}",
+        f"{contents['status']}: residual {contents['residual']:.1e}, {outer}"
+        f"{iterations['path_following']} path-following steps, {iterations['products']} products{contraction}",
         f"force on the body: normal {force['normal']:.9g} N, tangential "
         f"({', '.join(f'{value:.9g}' for value in force['tangential'])}) N",
         f"contact nodes {nodes['contact']}: open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}; "

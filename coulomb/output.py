@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -155,7 +156,7 @@ def write(solution: Solution, directory: str | Path, picture: bool = True) -> di
                 os.replace(file, target / file.name)
             return json.dumps(contents)
 
-        contents = json.loads(_on_rank_0(comm, finish))
+        contents = dict(json.loads(_on_rank_0(comm, finish)))
     finally:
         comm.barrier()
         if comm.rank == 0:
@@ -164,12 +165,13 @@ def write(solution: Solution, directory: str | Path, picture: bool = True) -> di
     return contents
 
 
-def _on_rank_0(comm: MPI.Comm, action: Any) -> str:
+def _on_rank_0(comm: MPI.Comm, action: Callable[[], str]) -> str:
     """Result of an action of rank 0 on every rank; its OSError is raised on every rank."""
-    result, fault = "", None
+    result: str = ""
+    fault: OSError | None = None
     if comm.rank == 0:
         try:
-            result = str(action())
+            result = action()
         except OSError as error:
             fault = error
     result, fault = comm.bcast((result, fault))
@@ -237,6 +239,7 @@ def _one_grid(path: Path) -> None:
     domain = tree.getroot().find("Domain")
     assert domain is not None
     body, *others = domain.findall("Grid")
+    body.extend(list(domain.iter("Time"))[:1])
     for grid in others:
         body.extend(grid.iter("Attribute"))
         domain.remove(grid)

@@ -1,6 +1,6 @@
-"""Pictures from the files of a run.  Knows neither DOLFINx nor the solvers, so that it also runs as a script of its own:
+"""Pictures from the files of a run.  Knows neither DOLFINx nor the solvers, so that it also runs as a script:
 
-    python plotting.py DIRECTORY
+python plotting.py DIRECTORY
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def _without(skin: Any, nodes: npt.NDArray[np.int64]) -> Any:
 
 
 def _patches(pyvista: Any, cells: npt.NDArray[np.int64], points: FloatArray, chosen: npt.NDArray[np.bool_]) -> Any:
-    """The part of the surface nearest to the chosen nodes: every facet is cut into one piece for each of its corners."""
+    """The part of the surface nearest to the chosen nodes: every facet is cut into a piece for each corner."""
     corners = points[cells]
     middle = 0.5 * (corners + np.roll(corners, -1, axis=1))
     centre = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)

@@ -104,10 +104,12 @@ class ContactProblem:
             self.elasticity = Elasticity(mesh, material, clamps, tractions, body_force)
             self.surface: ContactSurface = contact_surface(self.elasticity, contact.face, contact.foundation)
         if linear_solver is None:
-            linear_solver = DirectSolver if explicit or self.unknowns["displacement"] <= DIRECT_UP_TO else IterativeSolver
+            small = self.unknowns["displacement"] <= DIRECT_UP_TO
+            linear_solver = DirectSolver if explicit or small else IterativeSolver
         self._linear_solver = linear_solver
-        small = self.unknowns["contact"] <= EXPLICIT_UP_TO
-        self._explicit = (linear_solver is DirectSolver and small) if explicit is None else explicit
+        if explicit is None:
+            explicit = linear_solver is DirectSolver and self.unknowns["contact"] <= EXPLICIT_UP_TO
+        self._explicit = explicit
 
     @property
     def comm(self) -> MPI.Comm:

@@ -39,7 +39,7 @@ VERSION: str = dolfinx.__version__
 if tuple(int(part) for part in VERSION.split(".")[:2]) < (0, 5):
     raise ImportError(f"coulomb needs DOLFINx 0.5 or newer, but this is {VERSION}")
 if np.dtype(PETSc.ScalarType).kind != "f":
-    raise ImportError("coulomb needs a PETSc with real numbers, but this one is complex: python3-dolfinx-real on Debian")
+    raise ImportError("coulomb needs a PETSc with real numbers, this one is complex: python3-dolfinx-real on Debian")
 
 logging.getLogger().addFilter(lambda record: record.levelno > logging.INFO)  # 0.5's JIT logs the compiler's lines
 for _name in ("JIT_OPTIONS", "JIT_PARAMETERS"):  # wait a minute for another process that compiles the same form

@@ -20,8 +20,10 @@ FloatArray = npt.NDArray[np.float64]
 Field = Sequence[float] | Callable[[FloatArray], FloatArray]
 """A vector, or a function of the points x, shape (3, k), with vectors of shape (3, k)."""
 
-_MODES = ("translation along x", "translation along y", "translation along z")
-_MODES += ("rotation about x", "rotation about y", "rotation about z")
+_MODES = (
+    *("translation along x", "translation along y", "translation along z"),
+    *("rotation about x", "rotation about y", "rotation about z"),
+)
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,11 @@ class Clamp:
     value: Field = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not self.components or len(set(self.components)) != len(self.components) or set(self.components) - set("xyz"):
-            raise ValueError(f"clamp on {self.face!r}: components must be letters of 'xyz', but are {self.components!r}")
+        letters = set(self.components)
+        if not letters or len(letters) != len(self.components) or letters - set("xyz"):
+            raise ValueError(
+                f"clamp on {self.face!r}: components must be letters of 'xyz', but are {self.components!r}"
+            )
 
 
 @dataclass(frozen=True)
@@ -119,9 +124,7 @@ class Elasticity:
         self.load = self._assemble_loads(tractions, body_force)
 
         trial = ufl.TrialFunction(self.V)
-        self.K = compat.assemble_matrix(
-            fem.form(ufl.inner(self._stress(trial), _strain(self._test)) * ufl.dx)
-        )
+        self.K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), _strain(self._test)) * ufl.dx))
         self.f = self.K.createVecRight()
         self.f.array[:] = self.load.ravel()
         self._eliminate_fixed()
@@ -219,7 +222,8 @@ class Elasticity:
         """This rank's nodes on a face, sorted; ValueError if there is no such face."""
         facets = self.mesh.facets(face, what)
         dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
-        return dofs[dofs < self._owned].astype(np.int32)
+        owned: npt.NDArray[np.int32] = dofs[dofs < self._owned].astype(np.int32)
+        return owned
 
     def nodal_area(self, face: str) -> FloatArray:
         """Integral of every hat function over a face in m^2, this rank's nodes, shape (k,)."""

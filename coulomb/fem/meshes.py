@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from . import compat
 from .compat import mesh
 
 BOX_FACES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "bottom": (2, 0), "top": (2, 1)}

@@ -24,7 +24,7 @@ class ContactSurface:
         face: Name of the contact face.
         nodes: Their numbers among this rank's nodes, shape (m,).
         x: Coordinates in metres, shape (m, 3).
-        frames: Orthonormal rows n, t1, t2 of every node, shape (m, 3, 3); n points out of the body, into the foundation.
+        frames: Orthonormal rows n, t1, t2 of every node, shape (m, 3, 3); n points into the foundation.
         gap: Distance to the foundation along n before deformation in metres, shape (m,).
         area: Integral of the hat function over the face in m^2, shape (m,).
         B: Rows n, t1, t2 of every contact node; columns the displacements.  Shape (3 m, n), distributed.
@@ -40,11 +40,13 @@ class ContactSurface:
 
     def components(self, vectors: FloatArray) -> FloatArray:
         """Space vectors (m, 3) in the frames: n, t1, t2."""
-        return np.einsum("kij,kj->ki", self.frames, vectors)
+        components: FloatArray = np.einsum("kij,kj->ki", self.frames, vectors)
+        return components
 
     def vectors(self, components: FloatArray) -> FloatArray:
         """The space vectors (m, 3) of components n, t1, t2 (m, 3)."""
-        return np.einsum("kij,ki->kj", self.frames, components)
+        vectors: FloatArray = np.einsum("kij,ki->kj", self.frames, components)
+        return vectors
 
 
 def tangent_frames(n: FloatArray) -> FloatArray:
@@ -54,7 +56,6 @@ def tangent_frames(n: FloatArray) -> FloatArray:
     orthogonal to n and then to each other.  So t1, t2 are x, y on a horizontal face, and an axis perpendicular to n
     always is a tangent: a node held in that direction keeps clean rows.
     """
-    k = len(n)
     others = np.array([[1, 2], [0, 2], [0, 1]])[np.argmax(np.abs(n), axis=1)]
     t1, t2 = np.eye(3)[others[:, 0]], np.eye(3)[others[:, 1]]
     square = np.abs(np.einsum("ki,ki->k", t2, n)) < 1e-12  # such an axis must stay: make it the first
@@ -64,12 +65,12 @@ def tangent_frames(n: FloatArray) -> FloatArray:
     second = second - np.einsum("ki,ki->k", second, n)[:, None] * n
     second -= np.einsum("ki,ki->k", second, first)[:, None] * first
     second /= np.linalg.norm(second, axis=1)[:, None]
-    return np.stack([n, np.where(square[:, None], second, first), np.where(square[:, None], first, second)], axis=1)[:k]
+    swap = square[:, None]
+    frames: FloatArray = np.stack([n, np.where(swap, second, first), np.where(swap, first, second)], axis=1)
+    return frames
 
 
-def contact_surface(
-    elasticity: Elasticity, face: str, foundation: RigidFoundation | None = None
-) -> ContactSurface:
+def contact_surface(elasticity: Elasticity, face: str, foundation: RigidFoundation | None = None) -> ContactSurface:
     """The contact nodes of a face against a rigid foundation.
 
     Nodes that cannot approach the foundation, clamped in full or along the normal, are left out.  A node held along
@@ -96,13 +97,14 @@ def contact_surface(
     n = -foundation.normal(x)
     refuse = _Refusal(comm, f"contact face {face!r}")
     refuse.where(area <= 0.0, x, "has a node without area")
-    refuse.where(np.einsum("ki,ki->k", n, outward) <= 0.0, x, "is turned away from the foundation; turn its normal round")
+    away = np.einsum("ki,ki->k", n, outward) <= 0.0
+    refuse.where(away, x, "is turned away from the foundation: turn the normal round")
 
     held = np.where(fixed, n, 0.0)  # the part of n along held components
     touching_held = np.linalg.norm(held, axis=1)
     left_out = touching_held > 1.0 - 1e-10
     oblique = ~left_out & (touching_held > 1e-10)
-    refuse.where(oblique, x, "is held by a clamp obliquely to the normal of the foundation; hold it in full or not at all")
+    refuse.where(oblique, x, "is held by a clamp obliquely to the foundation's normal; hold it in full or not at all")
     keep = ~left_out
     dragged = keep & np.any(fixed & (elasticity.prescribed[candidates] != 0.0), axis=1)
     refuse.where(dragged, x, "is dragged along the foundation by a clamp of non-zero value; clamp it in full")

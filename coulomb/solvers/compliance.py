@@ -118,6 +118,8 @@ class MatrixFreeCompliance:
 
     Its diagonal is estimated: diag(A) is close to a multiple of diag(B diag(K)^-1 B^T), one multiple for each of n, t1
     and t2, found from a few products with random signs v, since the mean of v_i (A v)_i is A_ii (Hutchinson 1989).
+    It misses how much the whole body gives way at a node, up to a factor of 7 at the free end of the block; CG does not
+    mind: 116, 98, 140 products for the Tresca block at p = 4, 6, 8, against 123, 106, 137 with the exact diagonal.
 
     Args:
         B: Contact matrix, 3 rows a contact node.
@@ -166,4 +168,5 @@ class MatrixFreeCompliance:
             self.mult(v, y)
             traces += [over.sum((v * y)[k::3]) / probes for k in range(3)]
         local_traces = np.array([over.sum(local[:, k]) for k in range(3)])
-        return (local * (traces / local_traces)).ravel()
+        estimate: FloatArray = (local * (traces / local_traces)).ravel()
+        return estimate

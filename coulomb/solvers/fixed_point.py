@@ -150,6 +150,7 @@ class SuccessiveTresca:
             if residual <= self.tolerance or message:
                 break
             g = self._without_dust(wanted, g, over)
+        assert last is not None
         residual = problem.residual(last.x)
         result = CoulombResult(
             x=last.x,

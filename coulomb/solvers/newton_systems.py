@@ -15,10 +15,12 @@ residual is zero at the start and stays so, and on such residuals P_AM^-1 acts a
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -42,7 +44,7 @@ class Linearization(NamedTuple):
     h: FloatArray
     y: FloatArray
     D22: FloatArray
-    frictional: np.ndarray
+    frictional: npt.NDArray[np.bool_]
 
     def J21(self, dx: FloatArray) -> FloatArray:
         """Derivative of the constraints along dx (m, 3), shape (m, 2)."""
@@ -140,7 +142,7 @@ class _CarryingCG:
             thing.destroy()
 
 
-class _NodalCG:
+class _NodalCG(ABC):
     """What J_AM/P_AM and J_SC/P_SC share: the right-hand side of J_SC, by which both measure their residual."""
 
     block: int
@@ -151,11 +153,14 @@ class _NodalCG:
         self._diagonal = diagonal
         self._cg = _CarryingCG(comm, len(diagonal), self.block, apply_A, self._operator, self._preconditioner)
 
-    def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
-        raise NotImplementedError
+    @abstractmethod
+    def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep: ...
 
-    def _preconditioner(self, r: FloatArray) -> FloatArray:
-        raise NotImplementedError
+    @abstractmethod
+    def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray: ...
+
+    @abstractmethod
+    def _preconditioner(self, r: FloatArray) -> FloatArray: ...
 
     def _absolute(self, rhs: FloatArray, tolerance: float, cap: float) -> float:
         size = float(np.sqrt(self._comm.allreduce(float(np.vdot(rhs, rhs)))))

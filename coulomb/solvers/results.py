@@ -139,7 +139,7 @@ class CoulombResult:
     history: tuple[OuterStep, ...]
 
 
-class NotConverged(RuntimeError):  # noqa: N818  (named in the house plan)
+class NotConverged(RuntimeError):
     """The solver ended without an answer it can vouch for; `result` has what there is."""
 
     def __init__(self, message: str, result: QPResult | CoulombResult):

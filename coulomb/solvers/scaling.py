@@ -23,9 +23,16 @@ from .tresca import TrescaQP
 
 
 class _Triple(Protocol):
-    x: FloatArray
-    nu: FloatArray
-    z: FloatArray
+    """v = (x, nu, z)."""
+
+    @property
+    def x(self) -> FloatArray: ...
+
+    @property
+    def nu(self) -> FloatArray: ...
+
+    @property
+    def z(self) -> FloatArray: ...
 
 
 class ScaledQP:
@@ -175,7 +182,7 @@ class ScaledQP:
         return self.rms(self._W * (x - p))
 
     def smoothed_projection(self, q: FloatArray, theta: float) -> tuple[FloatArray, FloatArray]:
-        """The point of the central path of the projection of q: x strictly feasible (m, 3), nu (m, 2), nu_i z_i = theta.
+        """The point of the projection's central path: x strictly feasible (m, 3), nu (m, 2), nu_i z_i = theta.
 
         Minimises 1/2 (x - q)^T D (x - q) under the constraints with barrier theta.  A bound: x_n - l is the positive
         root of t^2 - (q_n - l) t - theta/d (the smoothing of Chen, Harker, Kanzow and Smale).  A disc:
@@ -185,7 +192,7 @@ class ScaledQP:
         x, nu = np.zeros_like(q), np.zeros((self.nodes, 2))
         above = q[:, 0] - self.lower
         root = np.sqrt(above**2 + 4.0 * theta / d)
-        with np.errstate(divide="ignore", invalid="ignore"):  # of the two forms of the root, the one without cancellation
+        with np.errstate(divide="ignore", invalid="ignore"):  # the form of the root that does not cancel
             t = np.where(above > 0.0, 0.5 * (above + root), 2.0 * theta / d / (root - above))
         x[:, 0], nu[:, 0] = self.lower + t, theta / t
 

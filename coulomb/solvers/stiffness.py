@@ -82,7 +82,7 @@ class IterativeSolver:
 
     Args:
         K: Symmetric positive definite, assembled, block size 3, with a near-nullspace.
-        tolerance: |K u - rhs| / |rhs|.  Well under the tolerances of the CG that uses A = B K^-1 B^T, or that CG stalls.
+        tolerance: |K u - rhs| / |rhs|, well under the tolerances of the CG that uses A = B K^-1 B^T.
 
     Raises:
         PETSc.Error: From solve, where 1000 iterations are not enough.

@@ -1,0 +1,111 @@
+"""What the tests share: the block of the benchmarks, and small dense problems."""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT", "1")
+os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
+
+import functools
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from petsc4py import PETSc
+
+import coulomb
+from coulomb.solvers.compliance import ExplicitCompliance
+
+DATA = Path(__file__).with_name("data")
+ROOT = Path(__file__).parents[1]
+STEEL = coulomb.Material(young=2.119e11, poisson=0.277)
+
+
+def make_block(p, friction=0.3, slip_stress=None, cells=None, **options):
+    """The block of the benchmarks with p cells a metre."""
+    return coulomb.ContactProblem(
+        coulomb.box((3.0, 1.0, 1.0), cells or (3 * p, p, p)),
+        STEEL,
+        clamps=[coulomb.Clamp("left")],
+        tractions=[coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
+        contact=coulomb.Contact("bottom", friction=None if slip_stress else friction, slip_stress=slip_stress),
+        **options,
+    )
+
+
+@functools.cache
+def solved_block(p, law="coulomb"):
+    problem = make_block(p, slip_stress=1e7 if law == "tresca" else None)
+    return problem.solve(tolerance=1e-8)
+
+
+@functools.cache
+def reference(p, law):
+    """Totals and nodal forces of the independent solver (tests/data/README.md)."""
+    results = json.loads((DATA / "block.json").read_text())["results"]
+    totals = next(entry for entry in results if entry["p"] == p and entry["law"] == law)
+    return totals, np.load(DATA / f"block_{law}_p{p}.npz") if p in (6, 10) else None
+
+
+def dense_compliance(A):
+    """A symmetric numpy matrix as a Compliance on one rank."""
+    matrix = PETSc.Mat().createDense(A.shape, array=np.asfortranarray(A), comm=PETSc.COMM_SELF)
+    matrix.assemble()
+    return ExplicitCompliance(matrix)
+
+
+def random_spd(size, condition, rng):
+    """Symmetric positive definite with a given condition number and random eigenvectors."""
+    Q, _ = np.linalg.qr(rng.standard_normal((size, size)))
+    return (Q * np.geomspace(1.0, 1.0 / condition, size)) @ Q.T
+
+
+def random_tresca(nodes, seed, condition=1e3):
+    """A Tresca problem with open and closed, sticking and slipping nodes, in awkward units."""
+    rng = np.random.default_rng(seed)
+    A = 1e-9 * random_spd(3 * nodes, condition, rng)
+    b = 1e-4 * rng.standard_normal(3 * nodes)
+    slip_bound = 1e5 * rng.uniform(0.05, 2.0, nodes)
+    return coulomb.TrescaQP(dense_compliance(A), b, slip_bound), A
+
+
+def projected_gradient(qp, A, tolerance=1e-11, steps=200_000):
+    """The Tresca problem by accelerated projected gradients with restart: slow, simple, and none of our solvers."""
+    step = 1.0 / np.linalg.eigvalsh(A)[-1]
+    x = y = qp.project(np.zeros_like(qp.b))
+    t = 1.0
+    for _ in range(steps):
+        new = qp.project(y - step * (A @ y - qp.b))
+        if (y - new) @ (new - x) > 0.0:
+            t = 1.0
+        t_new = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * t * t))
+        y = new + (t - 1.0) / t_new * (new - x)
+        done = np.linalg.norm(new - x) <= tolerance * np.linalg.norm(new)
+        x, t = new, t_new
+        if done and qp.residual(x) <= 1e-10:
+            break
+    return x
+
+
+def run_coulomb(*arguments, ranks=None, cwd=None, timeout=600):
+    """Run the command line as a user would; under mpirun where ranks are given."""
+    return run_python("-m", "coulomb", *arguments, ranks=ranks, cwd=cwd, timeout=timeout)
+
+
+def run_python(*arguments, ranks=None, cwd=None, timeout=600):
+    """Run Python in a process of its own, which must not take itself for a part of this one's MPI."""
+    launcher = ("OMPI_COMM", "OMPI_MCA", "OMPI_UNIVERSE", "PMIX", "PRTE")
+    clean = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
+    clean |= {"OMPI_MCA_rmaps_base_oversubscribe": "1", "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
+    command = [sys.executable, *map(str, arguments)]
+    if ranks is not None:
+        command = ["mpirun", "-n", str(ranks), *command]
+    return subprocess.run(command, env=clean, cwd=cwd, capture_output=True, text=True, timeout=timeout, check=False)
+
+
+@pytest.fixture(scope="session")
+def block6():
+    return solved_block(6)

@@ -1,0 +1,129 @@
+"""Case files: what is read, and what is said of a wrong one."""
+
+import pytest
+from conftest import ROOT
+
+from coulomb import PathFollowing, SchurComplementSystem, SuccessiveTresca
+from coulomb.case import read_case
+
+BLOCK = ROOT / "demos" / "block.toml"
+
+
+def test_block():
+    case = read_case(BLOCK)
+    assert case.mesh.box == (3.0, 1.0, 1.0) and case.mesh.cells == (30, 10, 10) and case.mesh.cell == "hexahedron"
+    assert case.material.young == 2.119e11 and case.material.poisson == 0.277
+    assert [table.face for table in case.clamp] == ["left"] and case.clamp[0].components == "xyz"
+    assert case.traction[0].value == (0.0, 1e7, -4e7)
+    assert case.contact.friction == 0.3 and case.contact.slip_stress is None
+    assert case.solver.tolerance == 1e-8 and case.output.directory == "results/block"
+
+
+def test_changes():
+    case = read_case(
+        BLOCK,
+        [
+            "mesh.cells=[6, 2, 2]",
+            "mesh.cell=tetrahedron",
+            "clamp.0.components=xyz",
+            "traction.1.value=[0, 0, 1]",
+            "contact={face='bottom', slip_stress=1e7}",
+            "solver.newton=schur",
+        ],
+    )
+    assert case.mesh.cells == (6, 2, 2) and case.mesh.cell == "tetrahedron"
+    assert case.traction[1].value == (0.0, 0.0, 1.0)
+    assert case.contact.friction is None
+    solver = case.contact_solver()
+    assert isinstance(solver, PathFollowing) and solver.newton is SchurComplementSystem
+
+
+def test_solver_and_problem_are_what_the_case_says():
+    case = read_case(
+        BLOCK,
+        [
+            "mesh.cells=[3,1,1]",
+            "solver={tolerance=1e-7, linear_solver='iterative', compliance='matrix-free', max_outer=5}",
+            "contact.foundation={point=[0,0,-1e-4], normal=[0,0,1]}",
+            "clamp.0.value=[0,0,-1e-4]",
+            "body_force=[0,0,-1e4]",
+        ],
+    )
+    solver = case.contact_solver()
+    assert isinstance(solver, SuccessiveTresca) and solver.tolerance == 1e-7 and solver.max_iterations == 5
+    problem = case.problem()
+    assert problem.A.name == "matrix-free" and problem.stiffness_solver.name.startswith("iterative")
+    assert problem.surface.gap == pytest.approx(1e-4)
+    assert problem.elasticity.prescribed.min() == -1e-4
+    assert problem.elasticity.load[:, 2].sum() == pytest.approx(-4e7 * 3 - 1e4 * 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            "mesh.cels=[1,1,1]",
+            r"mesh.cels = \[1, 1, 1\]: there is no such key; did you mean cells\? \(known here: box, ",
+        ),
+        ("mehs.cells=[1,1,1]", r"mehs = .*: there is no such key; did you mean mesh\?"),
+        ("clamp.0.fase='left'", r"clamp.0.fase = 'left': there is no such key; did you mean face\?"),
+        ("contact.friction=-0.3", r"contact.friction = -0.3: should be greater than or equal to 0"),
+        ("contact.friction='rough'", r"contact.friction = 'rough': should be a valid number"),
+        ("contact.friction=nan", r"contact.friction = nan"),
+        ("material.poisson=0.5", r"material.poisson = 0.5: should be less than 0.5"),
+        ("material.poisson=-1.0", r"material.poisson = -1.0: should be greater than -1"),
+        ("material.young=0", r"material.young = 0: should be greater than 0"),
+        ("material.young=nan", r"material.young = nan: should be a finite number"),
+        ("material.young=true", r"material.young = True: should be a valid number"),
+        (
+            "contact.face='botom'",
+            r"contact.face = 'botom': should be 'left', 'right', 'front', 'back', 'bottom' or 'top'",
+        ),
+        ("clamp.0.components='xw'", r"clamp.0.components = 'xw': should be 'x', 'y'"),
+        ("mesh.cells=[1,0,1]", r"mesh.cells.1 = 0: should be greater than or equal to 1"),
+        ("mesh.cells=[1,1]", r"mesh.cells.2: is missing|mesh.cells = \[1, 1\]"),
+        ("mesh.cells=[1.5,1,1]", r"mesh.cells.0 = 1.5: should be a valid integer"),
+        ("mesh.box=[3,-1,1]", r"mesh.box.1 = -1: should be greater than 0"),
+        ("traction.0.value=[0,inf,0]", r"traction.0.value.1 = inf: should be a finite number"),
+        ("contact.slip_stress=1e7", r"contact = .*: give either friction \(Coulomb\) or slip_stress \(Tresca\)"),
+        ("contact={face='bottom'}", r"contact = .*: give either friction \(Coulomb\) or slip_stress \(Tresca\)"),
+        ("contact.foundation={point=[0,0,0]}", r"contact.foundation.normal: is missing"),
+        ("solver.tolerance=1e-3", r"solver.tolerance = 0.001: should be less than or equal to 0.000001"),
+        ("solver.linear_solver='lu'", r"solver.linear_solver = 'lu': should be 'auto', 'direct' or 'iterative'"),
+        ("nonsense", r"--set nonsense: must be key.key=value"),
+        ("traction.9.face='top'", r"--set traction.9.face='top': there is no such place"),
+        ("material.young.x=1", r"--set material.young.x=1: there is no such place"),
+    ],
+)
+def test_bad_settings(change, message):
+    with pytest.raises(ValueError, match=message):
+        read_case(BLOCK, [change])
+
+
+def test_missing_tables(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text("[mesh]\nbox = [1.0, 1.0, 1.0]\ncells = [1, 1, 1]\n")
+    with pytest.raises(ValueError, match=r"case.toml: material: is missing\n.*case.toml: contact: is missing"):
+        read_case(path)
+
+
+def test_unreadable_files(tmp_path):
+    with pytest.raises(ValueError, match=r"none.toml: cannot be read: No such file"):
+        read_case(tmp_path / "none.toml")
+    path = tmp_path / "broken.toml"
+    path.write_text("[mesh\n")
+    with pytest.raises(ValueError, match=r"broken.toml: is not TOML: .*line 1"):
+        read_case(path)
+    path.write_bytes(b"\xff\xfe")
+    with pytest.raises(ValueError, match=r"broken.toml: cannot be read"):
+        read_case(path)
+
+
+def test_no_clamp_is_a_floating_body():
+    with pytest.raises(ValueError, match="the body floats"):
+        read_case(BLOCK, ["clamp=[]", "mesh.cells=[3,1,1]"]).problem()
+
+
+def test_contact_face_fully_clamped():
+    with pytest.raises(ValueError, match="contact face 'left' is fully clamped"):
+        read_case(BLOCK, ["contact.face=left", "mesh.cells=[3,1,1]"]).problem()

@@ -1,0 +1,109 @@
+"""The certificate passes a right answer, and every way of being wrong fails its own condition."""
+
+import numpy as np
+import pytest
+from conftest import solved_block
+
+from coulomb import certify
+
+
+@pytest.fixture
+def answer(block6):
+    return block6.problem, block6.contact_force.copy(), block6.displacement.copy(), block6.result.slip_bound.copy()
+
+
+def failed(certificate):
+    return {check.name for check in certificate.checks if not check.passed}
+
+
+@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+def test_right_answer_passes(law):
+    certificate = solved_block(6, law).certificate
+    assert certificate.passed and not failed(certificate)
+    assert "certificate passed" in str(certificate)
+
+
+def test_wrong_displacement_is_out_of_equilibrium(answer):
+    problem, x, u, g = answer
+    u[np.argmax(~problem.elasticity.fixed.any(axis=1))] += 1e-6
+    assert "equilibrium" in failed(certify(problem, x, u, g))
+
+
+def test_wrong_sign_of_friction(answer):
+    problem, x, _, g = answer
+    x[1::3], x[2::3] = -x[1::3], -x[2::3]
+    certificate = certify(problem, x, problem.displacement(x), g)
+    assert certificate["equilibrium"].passed  # consistent with its own forces
+    assert not certificate["slip angle"].passed and not certificate["natural residual"].passed
+
+
+def test_turned_friction(answer):
+    problem, x, _, g = answer
+    t = x.reshape(-1, 3)[:, 1:]
+    angle = np.radians(1.0)
+    x.reshape(-1, 3)[:, 1:] = t @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    assert not certify(problem, x, problem.displacement(x), g)["slip angle"].passed
+
+
+def test_no_contact_force_penetrates(answer):
+    problem, x, _, g = answer
+    x[:] = 0.0
+    certificate = certify(problem, x, problem.displacement(x), g)
+    assert {"penetration", "slip bound", "natural residual"} <= failed(certificate)
+    assert certificate.penetration > 1e-4
+
+
+def test_adhesion(answer):
+    problem, x, _, g = answer
+    x[3 * np.argmin(x[0::3])] = -1e-3 * x.max()
+    assert "adhesion" in failed(certify(problem, x, problem.displacement(x), g))
+
+
+def test_force_across_a_gap(answer):
+    problem, x, _, g = answer
+    x[0::3] += 1e-3 * x.max()
+    assert "complementarity" in failed(certify(problem, x, problem.displacement(x), g))
+
+
+def test_friction_beyond_the_cone(answer):
+    problem, x, _, g = answer
+    x[1::3] *= 1.001
+    x[2::3] *= 1.001
+    assert "friction cone" in failed(certify(problem, x, problem.displacement(x), g))
+
+
+def test_slip_inside_the_cone(answer):
+    problem, x, _, g = answer
+    x[1::3] *= 0.9
+    x[2::3] *= 0.9
+    assert "slip inside the cone" in failed(certify(problem, x, problem.displacement(x), g))
+
+
+def test_stale_slip_bound(answer):
+    problem, x, u, g = answer
+    assert failed(certify(problem, x, u, 1.00001 * g)) == {"slip bound"}
+
+
+def test_clamp_not_held(answer):
+    problem, x, u, g = answer
+    u[problem.elasticity.fixed] += 1e-8
+    assert "clamps" in failed(certify(problem, x, u, g))
+
+
+@pytest.mark.parametrize("where", ["x", "u"])
+def test_nan_never_passes(answer, where):
+    problem, x, u, g = answer
+    (x if where == "x" else u).flat[0] = np.nan
+    assert not certify(problem, x, u, g).passed
+
+
+def test_force_balance_by_hand(block6):
+    """Loads, contact and reactions: the reaction at the clamp is what is left of the two others."""
+    problem, x = block6.problem, block6.contact_force
+    internal = problem.elasticity.internal_force(block6.displacement)
+    reaction = internal[problem.elasticity.fixed].reshape(-1, 3).sum(axis=0)
+    reaction -= problem.elasticity.load[problem.elasticity.fixed].reshape(-1, 3).sum(axis=0)
+    on_body = -problem.surface.vectors(x.reshape(-1, 3)).sum(axis=0)
+    loads = np.array([2e7 * 1.0, 1e7 * 3.0, -4e7 * 3.0])
+    assert np.abs(reaction + on_body + loads).max() <= 1e-9 * np.abs(loads).max()
+    assert block6.certificate["force balance"].value <= 1e-12

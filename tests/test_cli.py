@@ -1,0 +1,109 @@
+"""The command line as a user meets it, in a process of its own."""
+
+import json
+import re
+
+import pytest
+from conftest import ROOT, reference, run_coulomb, run_python
+
+BLOCK = ROOT / "demos" / "block.toml"
+SMALL = ("--set", "mesh.cells=[12,4,4]", "--set", "output.picture=false")
+
+
+def test_run(tmp_path):
+    done = run_coulomb("run", BLOCK, "--set", "mesh.cells=[18,6,6]", "--output", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    contents = json.loads((tmp_path / "out" / "summary.json").read_text())
+    totals, _ = reference(6, "coulomb")
+    assert contents["force_on_body"]["normal"] == pytest.approx(totals["total_normal_force_N"], rel=1e-6)
+    assert contents["certificate"]["passed"]
+    assert (tmp_path / "out" / "picture.png").exists()
+    lines = done.stdout.splitlines()
+    assert "2646 displacement and 378 contact unknowns, Coulomb friction 0.3" in lines[0]
+    assert lines[1].startswith("outer   1  path following ")  # plain lines where the output is no terminal
+    assert "\x1b" not in done.stdout
+    assert "certificate passed" in done.stdout
+    assert any("open 18, stick 8, slip 100" in line for line in lines)
+
+
+def test_tresca_and_quiet(tmp_path):
+    done = run_coulomb(
+        "run", BLOCK, *SMALL, "--set", "contact={face='bottom', slip_stress=1e7}", "--output", tmp_path, "--quiet"
+    )
+    assert done.returncode == 0 and done.stdout == "" and done.stderr == ""
+    contents = json.loads((tmp_path / "summary.json").read_text())
+    assert contents["law"] == "tresca" and contents["iterations"]["outer"] == 0
+
+
+def test_directory_of_the_case(tmp_path):
+    (tmp_path / "case.toml").write_text(BLOCK.read_text())
+    done = run_coulomb("run", "case.toml", *SMALL, cwd=tmp_path)
+    assert done.returncode == 0 and (tmp_path / "results" / "block" / "summary.json").exists()
+
+
+def test_not_converged_exits_1_and_keeps_what_there_is(tmp_path):
+    done = run_coulomb("run", BLOCK, *SMALL, "--set", "solver.max_outer=2", "--output", tmp_path)
+    assert done.returncode == 1
+    assert "error: successive Tresca ended with a Coulomb residual of" in done.stderr
+    contents = json.loads((tmp_path / "summary.json").read_text())
+    assert contents["status"] == "max_iterations" and not contents["certificate"]["passed"]
+    assert (tmp_path / "solution.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("contact.friction=-1", "error: .*block.toml: contact.friction = -1: should be greater than or equal to 0"),
+        ("clamp=[]", "error: the body floats"),
+        ("contact.face='left'", "error: contact face 'left' is fully clamped"),
+    ],
+)
+def test_bad_input_exits_2_and_touches_nothing(tmp_path, change, message):
+    done = run_coulomb("run", BLOCK, *SMALL, "--set", change, "--output", tmp_path / "out")
+    assert done.returncode == 2 and re.search(message, done.stderr)
+    assert "Traceback" not in done.stderr and not (tmp_path / "out").exists()
+
+
+def test_output_that_cannot_be_written_still_reports(tmp_path):
+    (tmp_path / "file").write_text("")
+    done = run_coulomb("run", BLOCK, *SMALL, "--output", tmp_path / "file" / "out")
+    assert done.returncode == 1 and "cannot be written" in done.stderr
+    assert "certificate passed" in done.stdout  # what was computed is not lost
+
+
+def test_info():
+    done = run_coulomb("info")
+    assert done.returncode == 0
+    for name in ("coulomb", "DOLFINx", "PETSc", "mumps", "numpy", "pyvista", "BLAS"):
+        assert name in done.stdout
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_give_the_same_forces(tmp_path, ranks):
+    forces = []
+    for n in (None, ranks):
+        directory = tmp_path / str(n)
+        done = run_coulomb("run", BLOCK, *SMALL, "--output", directory, ranks=n)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.count("certificate passed") == 1  # only rank 0 speaks
+        forces.append(json.loads((directory / "summary.json").read_text())["force_on_body"]["vector"])
+    assert forces[1] == pytest.approx(forces[0], rel=1e-8)
+
+
+def test_bad_input_ends_all_ranks():
+    done = run_coulomb("run", BLOCK, "--set", "clamp=[]", ranks=3, timeout=120)
+    assert done.returncode == 2 and done.stderr.count("error: the body floats") == 1
+
+
+def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path):
+    """A rank that dies must not leave the others waiting."""
+    script = tmp_path / "die.py"
+    script.write_text(
+        "import sys\nfrom mpi4py import MPI\nfrom coulomb import cli\n"
+        "def read_case(*_):\n"
+        "    if MPI.COMM_WORLD.rank == 1:\n        raise RuntimeError('unforeseen')\n"
+        "    MPI.COMM_WORLD.barrier()\n"
+        "cli.read_case = read_case\nsys.argv = ['coulomb', 'run', 'x.toml']\ncli.main()\n"
+    )
+    done = run_python(script, ranks=2, timeout=120)
+    assert done.returncode != 0 and "unforeseen" in done.stderr

@@ -1,0 +1,153 @@
+import numpy as np
+import pytest
+from conftest import STEEL
+from petsc4py import PETSc
+
+import coulomb
+from coulomb import Clamp, Elasticity, Material, Traction
+
+
+def cube(clamps=(Clamp("left"),), **options):
+    return Elasticity(
+        coulomb.box((2.0, 1.0, 1.5), (4, 2, 3), options.pop("cell", "hexahedron")), STEEL, clamps, **options
+    )
+
+
+def solve(elasticity):
+    from coulomb import DirectSolver
+
+    u = elasticity.K.createVecRight()
+    DirectSolver(elasticity.K).solve(elasticity.f, u)
+    return u.array.reshape(-1, 3)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_uniaxial_tension_is_exact(cell):
+    """u = (s x, -nu s y, -nu s z)/E with s = 1e6 Pa on the right face, rollers on three others."""
+    s, E, nu = 1e6, STEEL.young, STEEL.poisson
+    rollers = [Clamp("left", "x"), Clamp("front", "y"), Clamp("bottom", "z")]
+    elasticity = cube(rollers, tractions=[Traction("right", (s, 0.0, 0.0))], cell=cell)
+    u = solve(elasticity)
+    exact = s / E * elasticity.x * np.array([1.0, -nu, -nu])
+    assert np.abs(u - exact).max() <= 1e-10 * np.abs(exact).max()
+    stress = elasticity.von_mises(elasticity.function(u)).x.array
+    assert np.allclose(stress, s, rtol=1e-8)
+
+
+def test_prescribed_displacement_is_held():
+    def stretch(x):
+        return np.vstack([1e-3 * x[0], 2e-3 * x[1], -1e-3 * x[2]])
+
+    elasticity = cube([Clamp(face, value=stretch) for face in ("left", "right", "front", "back", "bottom", "top")])
+    u = solve(elasticity)
+    assert np.abs(u - stretch(elasticity.x.T).T).max() <= 1e-14
+
+
+def test_loads_add_up():
+    elasticity = cube(
+        tractions=[
+            Traction("top", (1.0, 2.0, 3.0)),
+            Traction("right", lambda x: np.vstack([x[2], 0 * x[0], 0 * x[0]])),
+        ],
+        body_force=(0.0, 0.0, -10.0),
+    )
+    # top: area 2; right: integral of z over 1 x 1.5; body: volume 3
+    assert np.allclose(elasticity.load.sum(axis=0), [2.0 + 1.125, 4.0, 6.0 - 30.0])
+
+
+def test_constrained_rows_carry_the_mean_diagonal():
+    elasticity = cube()
+    d = elasticity.K.getDiagonal().array.reshape(-1, 3)
+    assert np.allclose(d[elasticity.fixed], d[~elasticity.fixed].mean())
+    assert elasticity.K.isSymmetric(1e-6 * d.max())
+    assert elasticity.K.getBlockSize() == 3
+
+
+def test_near_nullspace_is_six_rigid_motions():
+    elasticity = cube()
+    modes = elasticity.K.getNearNullSpace().getVecs()
+    assert len(modes) == 6
+    rigid = [np.tile(np.eye(3)[k], (len(elasticity.x), 1)) for k in range(3)]
+    rigid += [np.cross(np.eye(3)[k], elasticity.x) for k in range(3)]
+    span = np.array([v.array for v in modes])
+    for motion in rigid:
+        v = motion.ravel() / np.linalg.norm(motion)
+        assert np.linalg.norm(v - span.T @ (span @ v)) <= 1e-10
+
+
+def test_internal_force_is_the_stiffness_without_clamps():
+    elasticity = cube()
+    u = np.random.default_rng(51).standard_normal(elasticity.x.shape)
+    u[elasticity.fixed] = 0.0
+    product = elasticity.K.createVecLeft()
+    v = elasticity.K.createVecRight()
+    v.array[:] = u.ravel()
+    elasticity.K.mult(v, product)
+    internal = elasticity.internal_force(u)
+    free = ~elasticity.fixed
+    assert np.allclose(
+        internal[free], product.array.reshape(-1, 3)[free], rtol=1e-10, atol=1e-10 * np.abs(internal).max()
+    )
+    assert np.abs(internal.sum(axis=0)).max() <= 1e-10 * np.abs(internal).sum()
+
+
+def test_solvers_agree():
+    from coulomb import DirectSolver, IterativeSolver
+
+    elasticity = cube(tractions=[Traction("right", (1e6, 2e6, 3e6))])
+    answers = []
+    for solver in (DirectSolver, IterativeSolver):
+        u = elasticity.K.createVecRight()
+        solver(elasticity.K).solve(elasticity.f, u)
+        answers.append(u.array.copy())
+    assert np.linalg.norm(answers[0] - answers[1]) <= 1e-9 * np.linalg.norm(answers[0])
+
+
+def test_no_option_is_left_behind():
+    from coulomb import DirectSolver, IterativeSolver
+
+    before = dict(PETSc.Options().getAll())
+    elasticity = cube()
+    DirectSolver(elasticity.K)
+    IterativeSolver(elasticity.K)
+    assert PETSc.Options().getAll() == before
+
+
+@pytest.mark.parametrize(
+    ("clamps", "left"),
+    [
+        ([], "translation along x.*translation along y.*translation along z.*rotation about z"),
+        ([Clamp("bottom", "z")], "translation along x, translation along y, rotation about z"),
+        ([Clamp("left", "xy"), Clamp("right", "xy")], "translation along z"),
+        ([Clamp("left", "x"), Clamp("front", "y")], "translation along z"),
+    ],
+)
+def test_floating_body(clamps, left):
+    with pytest.raises(ValueError, match=f"the body floats: its clamps leave it {left}; hold these"):
+        cube(clamps)
+
+
+def test_rollers_on_three_faces_hold_a_body():
+    cube([Clamp("left", "x"), Clamp("front", "y"), Clamp("bottom", "z")])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Material(0.0, 0.3), "young must be a positive"),
+        (lambda: Material(float("nan"), 0.3), "young must be a positive"),
+        (lambda: Material(1.0, 0.5), r"poisson must be in \(-1, 0.5\)"),
+        (lambda: Material(1.0, -1.0), r"poisson must be in \(-1, 0.5\)"),
+        (lambda: Clamp("left", "xx"), "components must be letters of 'xyz', but are 'xx'"),
+        (lambda: cube([Clamp("lfet")]), "clamp: there is no face 'lfet' on this mesh; its faces are left, right"),
+        (lambda: cube(tractions=[Traction("top", (0.0, float("nan"), 0.0))]), "traction on 'top': .* not finite"),
+        (lambda: cube(tractions=[Traction("top", (0.0, 1.0))]), "traction on 'top': .* three components"),
+        (lambda: cube([Clamp("left", value=lambda x: x[0])]), r"clamp on 'left': .* must return shape \(3, "),
+        (lambda: coulomb.box((1.0, 0.0, 1.0), (1, 1, 1)), "lengths must be three positive"),
+        (lambda: coulomb.box((1.0, 1.0, 1.0), (1, 0, 1)), "cells must be three whole numbers"),
+        (lambda: coulomb.box((1.0, 1.0, 1.0), (1, 1, 1), "prism"), "cell must be one of hexahedron, tetrahedron"),
+    ],
+)
+def test_bad_input(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

@@ -1,0 +1,160 @@
+"""Coulomb friction by successive Tresca problems."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from conftest import dense_compliance, random_spd, solved_block
+
+from coulomb import CoulombProblem, NotConverged, PathFollowing, Status, SuccessiveTresca
+
+
+def small_coulomb(nodes, seed, friction):
+    rng = np.random.default_rng(seed)
+    A = 1e-9 * random_spd(3 * nodes, 50.0, rng)
+    return CoulombProblem(dense_compliance(A), 1e-4 * rng.standard_normal(3 * nodes), np.full(nodes, friction)), A
+
+
+def test_one_node_by_hand():
+    """A = I, b = (2, 3, 4), F = 0.5: x_n = 2, friction 1 along (3, 4)/5."""
+    problem = CoulombProblem(dense_compliance(np.eye(3)), np.array([2.0, 3.0, 4.0]), np.array([0.5]))
+    result = SuccessiveTresca(1e-9).solve(problem)
+    assert np.allclose(result.x, [2.0, 0.6, 0.8], atol=1e-7)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.1, 0.3, 0.8])
+def test_answer_satisfies_coulombs_law(friction):
+    problem, A = small_coulomb(30, 41, friction)
+    result = SuccessiveTresca(1e-9).solve(problem)
+    x, w = result.x.reshape(-1, 3), (A @ result.x - problem.b).reshape(-1, 3)
+    force, length = np.abs(x).max(), np.abs(w).max()
+    size = np.hypot(x[:, 1], x[:, 2])
+    assert np.all(x[:, 0] >= 0.0) and np.all(w[:, 0] >= -1e-7 * length)
+    assert np.max(np.abs(x[:, 0] * w[:, 0])) <= 1e-7 * force * length
+    assert np.all(size <= friction * x[:, 0] + 1e-7 * force)
+    inside = friction * x[:, 0] - size  # friction below its bound: no slip; at its bound: against the slip
+    assert np.max(inside * np.hypot(w[:, 1], w[:, 2])) <= 1e-6 * force * length
+    assert np.max(np.abs(x[:, 1] * w[:, 2] - x[:, 2] * w[:, 1])) <= 1e-6 * force * length
+    assert np.all(x[:, 1] * w[:, 1] + x[:, 2] * w[:, 2] <= 1e-6 * force * length)
+
+
+def test_residual_is_that_of_the_tresca_problem_with_its_own_bound():
+    problem, _ = small_coulomb(10, 42, 0.4)
+    x = np.abs(1e5 * np.random.default_rng(43).standard_normal(30))
+    assert problem.residual(x) == problem.tresca(0.4 * x[0::3]).residual(x)
+
+
+def test_stops_on_the_coulomb_residual(block6):
+    """The status is earned by the residual of the Coulomb problem, recomputed from its definition."""
+    result, problem = block6.result, block6.problem
+    friction = np.full(len(problem.surface.nodes), 0.3)
+    again = CoulombProblem(problem.A, problem.b, friction).residual(result.x)
+    assert result.status is Status.CONVERGED
+    assert again <= 1e-8 and result.residual == pytest.approx(again, rel=1e-6)
+
+
+def test_contraction_is_measured(block6):
+    """ALGORITHMS.md: about 0.12 a step at F = 0.3 on the block."""
+    result = block6.result
+    assert 0.05 < result.contraction < 0.2
+    changes = [step.change for step in result.history]
+    rates = [new / old for old, new in pairwise(changes)]
+    assert [step.contraction for step in result.history][2:] == pytest.approx(rates[1:])
+
+
+def test_inner_accuracy_is_tied_to_the_outer_residual(block6):
+    for before, step in pairwise(block6.result.history):
+        assert step.inner_tolerance <= 1e-2 * before.residual or step.inner_tolerance == pytest.approx(1e-9)
+
+
+def test_warm_starts_save_most_of_the_steps(block6):
+    """The whole Coulomb problem costs a few Tresca problems, not one for every outer step."""
+    result = block6.result
+    assert result.iterations <= 12
+    assert result.path_following <= 80
+    cold = PathFollowing(tolerance=1e-9).solve(block6.problem.tresca(result.slip_bound))
+    assert result.path_following <= 5 * cold.iterations
+
+
+def test_giving_up_says_so_and_carries_the_answer(block6):
+    problem = CoulombProblem(block6.problem.A, block6.problem.b, np.full(len(block6.problem.surface.nodes), 0.3))
+    with pytest.raises(NotConverged, match=r"Coulomb residual of .* after 3 Tresca problems .*max_it") as failure:
+        SuccessiveTresca(1e-8, max_iterations=3).solve(problem)
+    result = failure.value.result
+    assert result.status is Status.MAX_ITERATIONS
+    assert result.residual > 1e-8 and len(result.history) == 3
+
+
+def test_inner_failure_stops_the_outer_loop(block6):
+    problem = CoulombProblem(block6.problem.A, block6.problem.b, np.full(len(block6.problem.surface.nodes), 0.3))
+    with pytest.raises(NotConverged, match="PF ended with a residual") as failure:
+        SuccessiveTresca(1e-8, PathFollowing(max_iterations=2)).solve(problem)
+    assert failure.value.result.status is Status.STAGNATED
+
+
+def test_oscillation_is_never_called_converged():
+    """A wedge steeper than its slope is rough: the plain map has the factor -F/s, |F/s| > 1 (ALGORITHMS.md, section 3).
+
+    One node whose tangential load lifts it: A couples x_n and x_t so that x_n = b - F x_n / s at the solution.
+    """
+    s, F = 0.5, 1.0
+    A = np.eye(3)
+    A[0, 1] = A[1, 0] = 1.0 / (2.0 * s) * 0.99
+    problem = CoulombProblem(dense_compliance(A), np.array([1.0, 10.0, 0.0]), np.array([F]))
+    try:
+        result = SuccessiveTresca(1e-9, max_iterations=30).solve(problem)
+    except NotConverged as failure:
+        result = failure.result
+        assert result.status is not Status.CONVERGED
+    assert (result.status is Status.CONVERGED) == (problem.residual(result.x) <= 1e-9)
+
+
+def test_nodes_that_carry_dust_do_not_come_and_go():
+    solver = SuccessiveTresca(1e-8)
+    problem, _ = small_coulomb(3, 44, 0.3)
+    over, big = problem.reductions, 1.0
+    dust = 1e-10 * big
+    kept = solver._without_dust(np.array([big, 2 * dust, 0.5 * dust]), np.array([big, dust, dust]), over)
+    assert kept.tolist() == [big, 2 * dust, 0.0]
+    again = solver._without_dust(np.array([big, 2 * dust, 5 * dust]), kept, over)
+    assert again.tolist() == [big, 2 * dust, 0.0]  # dropped, and not yet ten times stronger
+    back = solver._without_dust(np.array([big, 2 * dust, 11 * dust]), again, over)
+    assert back.tolist() == [big, 2 * dust, 11 * dust]
+
+
+def test_open_contact():
+    problem = CoulombProblem(dense_compliance(np.eye(6)), np.array([-1.0, 2, 0, -2.0, 0, 1]), np.full(2, 0.5))
+    result = SuccessiveTresca().solve(problem)
+    assert result.status is Status.CONVERGED and not result.x.any()
+
+
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"inner_precision": 1.0}, "inner_precision"),
+        ({"max_iterations": 0}, "max_it"),
+    ],
+)
+def test_constants_outside_their_bounds(field, message):
+    with pytest.raises(ValueError, match=message):
+        SuccessiveTresca(**field)
+
+
+def test_bad_friction():
+    A = dense_compliance(np.eye(6))
+    with pytest.raises(ValueError, match=r"shape \(2,\)"):
+        CoulombProblem(A, np.zeros(6), np.ones(3))
+    with pytest.raises(ValueError, match="negative"):
+        CoulombProblem(A, np.zeros(6), np.array([0.3, -0.1]))
+
+
+def test_two_solvers_one_answer():
+    """PF with J_SC in the loop gives the same forces as with J_AM."""
+    from coulomb import SchurComplementSystem
+
+    solution = solved_block(6)
+    friction = np.full(len(solution.problem.surface.nodes), 0.3)
+    problem = CoulombProblem(solution.problem.A, solution.problem.b, friction)
+    other = SuccessiveTresca(1e-8, PathFollowing(newton=SchurComplementSystem)).solve(problem)
+    assert np.linalg.norm(other.x - solution.contact_force) <= 1e-7 * np.linalg.norm(other.x)

@@ -1,0 +1,89 @@
+"""The two rooms stay two rooms: what may import what."""
+
+import ast
+
+import pytest
+from conftest import ROOT
+
+PACKAGE = ROOT / "coulomb"
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+def imports(path):
+    """Absolute names of everything a file imports, inside functions too."""
+    package = ("coulomb", *path.relative_to(PACKAGE).parts[:-1])
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            module = ".".join(filter(None, (base, node.module)))
+            found |= {module} | {f"{module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def uses(path, *names):
+    return sorted(name for name in imports(path) if any(name == n or name.startswith(n + ".") for n in names))
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "solvers").glob("*.py")), ids=lambda p: p.name)
+def test_algebra_room_knows_no_finite_elements(path):
+    assert not uses(path, "dolfinx", "ufl", "basix", "coulomb.fem", "coulomb.problem", "coulomb.output", "coulomb.cli")
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "fem").glob("*.py")), ids=lambda p: p.name)
+def test_finite_element_room_knows_no_solver(path):
+    assert not uses(path, "coulomb.solvers", "coulomb.problem", "coulomb.output", "coulomb.cli")
+
+
+@pytest.mark.parametrize("path", [p for p in FILES if p.name != "compat.py"], ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_only_compat_imports_dolfinx(path):
+    assert not uses(path, "dolfinx", "ufl", "basix")
+
+
+@pytest.mark.parametrize("path", [p for p in FILES if p.name != "compat.py"], ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_only_compat_asks_for_the_version(path):
+    text = path.read_text()
+    assert "dolfinx.__version__" not in text
+    assert path.name == "cli.py" or "compat.VERSION" not in text  # the command line prints it
+
+
+def test_package_imports_neither_plotting_nor_command_line():
+    assert not uses(PACKAGE / "__init__.py", "coulomb.plotting", "coulomb.cli", "pyvista", "typer")
+    for path in FILES:
+        if path.name != "plotting.py":
+            assert not uses(path, "pyvista", "vtk", "vtkmodules", "matplotlib"), path
+
+
+def test_plotting_stands_alone():
+    assert not uses(PACKAGE / "plotting.py", "coulomb", "dolfinx", "petsc4py", "mpi4py")
+
+
+def test_nothing_prints_outside_the_command_line():
+    for path in FILES:
+        calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
+        printing = [n for n in calls if isinstance(n.func, ast.Name) and n.func.id == "print"]
+        assert not printing or path.name == "cli.py", path
+
+
+def test_converged_is_assigned_in_one_place():
+    """Only `verdict` may hand out CONVERGED; everybody else compares with it."""
+    places = []
+    for path in FILES:
+        tree = ast.parse(path.read_text())
+        compared = [
+            node for compare in ast.walk(tree) if isinstance(compare, ast.Compare) for node in ast.walk(compare)
+        ]
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and node.attr == "CONVERGED" and node not in compared:
+                places.append(path.name)
+    assert places == ["results.py"]
+
+
+def test_compat_is_short():
+    assert len((PACKAGE / "fem" / "compat.py").read_text().splitlines()) < 120
+
+
+def test_no_file_grows_too_long():
+    assert max(len(path.read_text().splitlines()) for path in FILES) <= 350

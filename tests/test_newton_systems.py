@@ -1,0 +1,112 @@
+"""The two Newton systems against dense algebra."""
+
+import numpy as np
+import pytest
+from conftest import random_spd
+from mpi4py import MPI
+
+from coulomb import AugmentedSystem, SchurComplementSystem
+from coulomb.solvers.newton_systems import Linearization
+
+NODES = 9
+
+
+@pytest.fixture
+def system():
+    """A random system with a node that has no disc: A, the linearisation, right-hand sides."""
+    rng = np.random.default_rng(31)
+    A = random_spd(3 * NODES, 1e3, rng)
+    angle, radius = rng.uniform(0.0, 6.28, NODES), rng.uniform(0.0, 0.999, NODES)
+    y = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    h, D22 = 10.0 ** rng.uniform(-6, 1, NODES), 10.0 ** rng.uniform(-8, 8, (NODES, 2))
+    frictional = np.ones(NODES, dtype=bool)
+    frictional[4] = False
+    y[4], h[4], D22[4, 1] = 0.0, 0.0, 1.0
+    r1, r2 = rng.standard_normal((NODES, 3)), rng.standard_normal((NODES, 2)) * np.minimum(D22, 1.0)
+    r1[4, 1:], r2[4, 1] = 0.0, 0.0
+    return A, Linearization(h, y, D22, frictional), r1, r2
+
+
+def dense_blocks(A, at):
+    """J11, J12, D22 as matrices; the tangential pair of a node without a disc replaced by the identity."""
+    J11 = A + np.diag(np.column_stack([np.zeros(NODES), at.h, at.h]).ravel())
+    for node in np.flatnonzero(~at.frictional):
+        pair = [3 * node + 1, 3 * node + 2]
+        J11[pair], J11[:, pair] = 0.0, 0.0
+        J11[pair, pair] = 1.0
+    J12 = np.zeros((3 * NODES, 2 * NODES))
+    for i in range(NODES):
+        J12[3 * i, 2 * i] = -1.0
+        J12[3 * i + 1 : 3 * i + 3, 2 * i + 1] = at.y[i]
+    return J11, J12, np.diag(at.D22.ravel())
+
+
+def make(kind, A):
+    calls = []
+
+    def apply_A(x):
+        calls.append(1)
+        return (A @ np.ascontiguousarray(x).ravel()).reshape(-1, 3)
+
+    return kind(MPI.COMM_SELF, apply_A, np.diag(A).reshape(-1, 3).copy()), calls
+
+
+@pytest.mark.parametrize("kind", [AugmentedSystem, SchurComplementSystem])
+def test_solves_the_newton_system(kind, system):
+    A, at, r1, r2 = system
+    J11, J12, D22 = dense_blocks(A, at)
+    J = np.block([[J11, J12], [J12.T, -D22]])
+    exact = np.linalg.solve(J, np.concatenate([r1.ravel(), r2.ravel()]))
+    newton, calls = make(kind, A)
+    step = newton.solve(at, r1, r2, 1e-13, np.inf)
+    newton.destroy()
+    dx, dnu = exact[: 3 * NODES].reshape(-1, 3), exact[3 * NODES :].reshape(-1, 2)
+    assert np.allclose(step.dx, dx, rtol=1e-8, atol=1e-10 * np.abs(dx).max())
+    assert np.allclose(step.dnu, dnu, rtol=1e-6, atol=1e-9 * np.abs(dnu).max())
+    assert len(calls) == step.iterations  # one product an iteration, and none for A dx
+    assert np.allclose(step.A_dx.ravel(), A @ step.dx.ravel(), rtol=1e-10, atol=1e-12)
+
+
+def test_both_systems_make_the_same_iterates(system):
+    """CG on J_AM from the projected start is CG on J_SC, step by step."""
+    A, at, r1, r2 = system
+    for tolerance in (0.3, 1e-2, 1e-4, 1e-8):
+        steps = []
+        for kind in (AugmentedSystem, SchurComplementSystem):
+            newton, _ = make(kind, A)
+            steps.append(newton.solve(at, r1, r2, tolerance, np.inf))
+            newton.destroy()
+        am, sc = steps
+        assert am.iterations == sc.iterations
+        assert np.abs(am.dx - sc.dx).max() <= 1e-6 * np.abs(sc.dx).max()
+
+
+def test_preconditioners_are_the_papers(system):
+    """P_AM = [D11 J12; J21 -D22] and P_SC = D11 + J12 D22^-1 J21, inverted exactly, node by node."""
+    A, at, r1, r2 = system
+    J11, J12, D22 = dense_blocks(np.diag(np.diag(A)), at)
+    rng = np.random.default_rng(3)
+    r1, r2 = rng.standard_normal((NODES, 3)), rng.standard_normal((NODES, 2))
+    r1[4, 1:], r2[4, 1] = 0.0, 0.0
+
+    newton, _ = make(AugmentedSystem, A)
+    newton.solve(at, r1, r2, 0.5, np.inf)
+    z = newton._preconditioner(np.hstack([r1, r2]))
+    exact = np.linalg.solve(np.block([[J11, J12], [J12.T, -D22]]), np.concatenate([r1.ravel(), r2.ravel()]))
+    assert np.allclose(z[:, :3].ravel(), exact[: 3 * NODES], rtol=1e-9, atol=1e-12)
+    assert np.allclose(z[:, 3:].ravel(), exact[3 * NODES :], rtol=1e-9, atol=1e-9 * np.abs(exact).max())
+
+    newton, _ = make(SchurComplementSystem, A)
+    newton.solve(at, r1, r2, 0.5, np.inf)
+    exact = np.linalg.solve(J11 + J12 @ np.linalg.solve(D22, J12.T), r1.ravel())
+    assert np.allclose(newton._preconditioner(r1).ravel(), exact, rtol=1e-9, atol=1e-12)
+
+
+def test_cap_bounds_the_residual(system):
+    A, at, r1, r2 = system
+    J11, J12, D22 = dense_blocks(A, at)
+    newton, _ = make(SchurComplementSystem, A)
+    cap = 1e-5 * np.linalg.norm(r1)
+    step = newton.solve(at, r1, r2, 0.9, cap)
+    rhs = r1.ravel() + J12 @ np.linalg.solve(D22, r2.ravel())
+    assert np.linalg.norm(rhs - (J11 + J12 @ np.linalg.solve(D22, J12.T)) @ step.dx.ravel()) <= 1.0001 * cap

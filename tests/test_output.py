@@ -1,0 +1,146 @@
+"""What a run leaves on disk, read back by others."""
+
+import csv
+import json
+
+import h5py
+import numpy as np
+import pytest
+import pyvista
+from conftest import solved_block
+
+from coulomb import output
+from coulomb.plotting import read_grid
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    solution = solved_block(6)
+    directory = tmp_path_factory.mktemp("run")
+    output.write(solution, directory)
+    return solution, directory
+
+
+def test_files(run):
+    _, directory = run
+    expected = {"solution.xdmf", "solution.h5", "contact.xdmf", "contact.h5"}
+    expected |= {"history.csv", "summary.json", "picture.png"}
+    assert {path.name for path in directory.iterdir()} == expected
+
+
+def test_vtk_reads_the_body(run):
+    """VTK's XDMF reader is one of ParaView's."""
+    solution, directory = run
+    grid = pyvista.XdmfReader(str(directory / "solution.xdmf")).read()
+    grid = grid if isinstance(grid, pyvista.DataSet) else grid[0]
+    assert grid.n_cells == 18 * 6 * 6 and grid.n_points == 19 * 7 * 7
+    assert set(grid.point_data.keys()) == {"displacement"} and set(grid.cell_data.keys()) == {"von_mises_stress"}
+    ours = solution.displacement[np.lexsort(solution.problem.elasticity.x.round(9).T)]
+    theirs = np.asarray(grid["displacement"])[np.lexsort(np.asarray(grid.points).round(6).T)]
+    assert np.allclose(ours, theirs, rtol=1e-6, atol=1e-9 * np.abs(ours).max())
+    assert 1e7 < grid["von_mises_stress"].max() < 1e9
+
+
+def test_vtk_reads_the_contact_surface(run):
+    solution, directory = run
+    grid = pyvista.XdmfReader(str(directory / "contact.xdmf")).read()
+    grid = grid if isinstance(grid, pyvista.DataSet) else grid[0]
+    assert grid.n_cells == 18 * 6 and grid.n_points == 19 * 7
+    names = {"pressure", "friction_traction", "slip", "gap", "status", "friction_use"}
+    assert set(grid.point_data.keys()) == names
+    surface, x = solution.problem.surface, solution.contact_force.reshape(-1, 3)
+    held = np.isclose(grid.points[:, 0], 0.0)
+    assert np.all(grid["status"][held] == output.HELD) and np.abs(grid["pressure"][held]).max() <= 1e-6
+    order = np.lexsort(np.asarray(grid.points)[~held].round(6).T)
+    mine = np.lexsort(surface.x.round(9).T)
+
+    def field(name):
+        return np.asarray(grid[name])[~held][order]
+
+    assert np.allclose(field("pressure"), (x[:, 0] / surface.area)[mine], rtol=1e-6)
+    tangential = np.column_stack([-x[:, 1:] / surface.area[:, None], np.zeros(len(x))])
+    assert np.allclose(field("friction_traction"), tangential[mine], rtol=1e-6, atol=1.0)
+    assert np.all(field("gap") >= -1e-9) and np.allclose(field("slip")[:, 2], 0.0)
+    opposing = np.einsum("ki,ki->k", field("friction_traction"), field("slip"))
+    assert np.all(opposing <= 1e-3)  # friction never pushes along the slip
+    codes = field("status")
+    counts = {name: int(np.sum(codes == code)) for name, code in (("open", 0), ("stick", 1), ("slip", 2))}
+    assert counts == {"open": 18, "stick": 8, "slip": 100}  # tests/data/block.json
+    assert np.all(field("friction_use")[codes == output.SLIP] >= 0.999)
+    assert np.all(field("friction_use")[codes == output.STICK] < 0.999)
+    assert not field("friction_use")[codes == output.OPEN].any()
+
+
+def test_summary(run):
+    solution, directory = run
+    contents = json.loads((directory / "summary.json").read_text())
+    assert contents["status"] == "converged" and contents["law"] == "coulomb" and contents["picture"] == "picture.png"
+    assert contents["unknowns"] == {"displacement": 9 * 6 * 49, "contact": 9 * 6 * 7}
+    assert contents["iterations"]["outer"] == solution.result.iterations
+    assert contents["iterations"]["products"] == solution.result.products > contents["iterations"]["krylov"]
+    force = contents["force_on_body"]
+    assert force["vector"] == pytest.approx([*force["tangential"], force["normal"]])
+    assert contents["certificate"]["passed"] is True
+    assert contents["certificate"]["penetration"]["value"] <= contents["certificate"]["penetration"]["limit"]
+    assert {"assembly", "stiffness", "compliance", "solve", "output", "picture"} <= set(contents["seconds"])
+    assert contents["maximum"]["penetration"] == solution.certificate.penetration
+
+
+def test_history(run):
+    solution, directory = run
+    with (directory / "history.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == solution.result.iterations
+    assert float(rows[-1]["residual"]) == solution.result.history[-1].residual
+    assert sum(int(row["path_following"]) for row in rows) == solution.result.path_following
+
+
+def test_picture_shows_something(run):
+    from PIL import Image
+
+    _, directory = run
+    image = np.asarray(Image.open(directory / "picture.png").convert("RGB"))
+    assert image.shape[0] > 800 and image.shape[1] > 800
+    half = image.shape[0] // 2
+    for zone in ("#2166ac", "#f4a582", "#bdbdbd"):  # stick, slip, open, in the lower half
+        colour = [int(zone[i : i + 2], 16) for i in (1, 3, 5)]
+        assert np.sum(np.abs(image[half:].astype(int) - colour).max(axis=2) <= 2) > 2000, zone
+    viridis_dark = np.sum(np.abs(image[:half].astype(int) - [68, 1, 84]).max(axis=2) <= 6)
+    assert viridis_dark > 2000
+
+
+def test_tresca_counts_slip_on_open_nodes_too():
+    """As the reference counts: Tresca friction acts without pressure."""
+    nodes = output.summary(solved_block(6, "tresca"))["nodes"]
+    assert nodes == {"contact": 126, "open": 20, "stick": 8, "slip": 118}
+
+
+def test_results_are_replaced_only_when_complete(tmp_path, monkeypatch):
+    solution = solved_block(4)
+    output.write(solution, tmp_path, picture=False)
+    (tmp_path / "notes.txt").write_text("mine")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(output, "_write_history", fail)
+    with pytest.raises(OSError, match="No space"):
+        output.write(solution, tmp_path, picture=False)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_picture_that_cannot_be_drawn_loses_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(output.sys, "executable", "/nonexistent/python")
+    contents = output.write(solved_block(4), tmp_path)
+    assert contents["picture"].startswith("could not be drawn")
+    assert json.loads((tmp_path / "summary.json").read_text())["certificate"]["passed"]
+    assert not (tmp_path / "picture.png").exists() and (tmp_path / "contact.h5").exists()
+
+
+def test_read_grid_reads_what_was_written(run):
+    _, directory = run
+    grid = read_grid(directory / "contact.xdmf")
+    assert grid.cell == "Quadrilateral" and grid.cells.shape == (108, 4) and grid.points.shape == (133, 3)
+    with h5py.File(directory / "contact.h5") as file:
+        assert np.array_equal(file["Function/pressure/0"][()].ravel(), grid.fields["pressure"])

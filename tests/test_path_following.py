@@ -1,0 +1,227 @@
+"""Algorithm PF: right answers, and each of its known traps."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from conftest import dense_compliance, make_block, projected_gradient, random_tresca, solved_block
+
+from coulomb import (
+    AugmentedSystem,
+    IterativeSolver,
+    NotConverged,
+    PathFollowing,
+    SchurComplementSystem,
+    Status,
+    TrescaQP,
+)
+from coulomb.solvers.scaling import ScaledQP
+
+
+@pytest.mark.parametrize("newton", [AugmentedSystem, SchurComplementSystem])
+@pytest.mark.parametrize(("nodes", "seed"), [(1, 11), (2, 12), (15, 13), (60, 14)])
+def test_agrees_with_projected_gradients(nodes, seed, newton):
+    qp, A = random_tresca(nodes, seed)
+    result = PathFollowing(tolerance=1e-9, newton=newton).solve(qp)
+    exact = projected_gradient(qp, A)
+    assert result.status is Status.CONVERGED
+    assert np.linalg.norm(result.x - exact) <= 1e-6 * np.linalg.norm(exact)
+    assert qp.objective(result.x) == pytest.approx(qp.objective(exact), rel=1e-9)
+    assert np.allclose(result.gradient, A @ result.x - qp.b, rtol=1e-9, atol=1e-12 * np.abs(qp.b).max())
+
+
+def test_kkt_conditions_by_hand():
+    """One node, A = I: x_n = b_n, friction on its disc along b_t; multipliers of both."""
+    b = np.array([2.0, 3.0, 4.0])
+    result = PathFollowing(tolerance=1e-10).solve(TrescaQP(dense_compliance(np.eye(3)), b, np.array([1.0])))
+    assert np.allclose(result.x, [2.0, 0.6, 0.8], atol=1e-8)
+    assert np.allclose(result.gradient, [0.0, -2.4, -3.2], atol=1e-8)
+    assert np.allclose(result.multipliers, [[0.0, 4.0]], atol=1e-7)
+
+
+def test_lower_bounds_other_than_zero():
+    qp, A = random_tresca(20, seed=15)
+    qp = replace(qp, lower=np.linspace(-1e5, 1e5, 20))
+    result = PathFollowing(tolerance=1e-9).solve(qp)
+    exact = projected_gradient(qp, A)
+    assert np.linalg.norm(result.x - exact) <= 1e-6 * np.linalg.norm(exact)
+
+
+def test_open_contact_needs_no_step():
+    qp = TrescaQP(dense_compliance(np.eye(6)), np.array([-1.0, 0, 0, -2.0, 0, 0]), np.zeros(2))
+    result = PathFollowing().solve(qp)
+    assert result.iterations == 0 and not result.x.any() and result.status is Status.CONVERGED
+
+
+@pytest.mark.parametrize("p", [10, 12])
+def test_block_takes_at_most_twenty_steps(p):
+    problem = make_block(p, slip_stress=1e7)
+    result = problem.solve(tolerance=1e-6).result
+    assert result.iterations <= 20
+
+
+# --- the neighbourhood ----------------------------------------------------------------------------------------------
+
+
+def test_iterates_stay_in_the_neighbourhood_and_theta_decreases(monkeypatch):
+    qp, _ = random_tresca(30, seed=16)
+    solver = PathFollowing(tolerance=1e-9)
+    seen = []
+    accept = PathFollowing._step_length
+
+    def watch(self, problem, v, step, beta, theta, sigma):
+        alpha, new = accept(self, problem, v, step, beta, theta, sigma)
+        seen.append((problem, new, beta, theta, sigma, alpha))
+        return alpha, new
+
+    monkeypatch.setattr(PathFollowing, "_step_length", watch)
+    result = solver.solve(qp)
+    assert len(seen) == result.iterations > 5
+    for problem, new, beta, theta, sigma, alpha in seen:
+        theta_new = np.vdot(new.nu, new.z) / (2 * problem.nodes)
+        assert np.all(new.nu > 0.0) and np.all(new.z > 0.0)
+        assert np.all(new.nu * new.z >= solver.gamma * theta_new)
+        assert problem.rms(problem.gradient(new.x, new.nu, new.A_x)) <= beta * theta_new
+        assert theta_new <= (1.0 - alpha * solver.omega * (1.0 - sigma)) * theta
+        assert 0.0 < alpha <= 1.0 and solver.sigma_min <= sigma <= solver.sigma_max
+
+
+def test_inner_precision_follows_the_papers_rule():
+    qp, _ = random_tresca(30, seed=17)
+    solver = PathFollowing(tolerance=1e-9, r_tol=0.3, c_fact=0.5)
+    tolerances = [step.krylov_tolerance for step in solver.solve(qp).history]
+    assert tolerances[0] == pytest.approx(solver.r_tol)
+    assert all(new <= solver.c_fact * old * (1 + 1e-12) for old, new in pairwise(tolerances))
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        {"tolerance": 0.0},
+        {"r_tol": 1.0},
+        {"c_fact": 0.0},
+        {"gamma": 1.0},
+        {"beta": 0.0},
+        {"omega": 1.0},
+        {"sigma_min": 0.0},
+        {"sigma_min": 0.6},
+        {"sigma_max": 0.51},
+        {"max_iterations": 0},
+    ],
+)
+def test_constants_outside_their_bounds(field):
+    with pytest.raises(ValueError, match=rf"PathFollowing: {next(iter(field))} must be .* but is"):
+        PathFollowing(**field)
+
+
+# --- traps (ALGORITHMS.md, section 1) -------------------------------------------------------------------------------
+
+
+class Blocked(AugmentedSystem):
+    """Steps that run into the boundary at once: alpha is tiny, and so is every change."""
+
+    def solve(self, at, r1, r2, tolerance, cap):
+        step = super().solve(at, r1, r2, tolerance, cap)
+        dx = step.dx.copy()
+        dx[0, 0] = -1e9 * np.abs(dx).max()
+        return step._replace(dx=dx)
+
+
+def test_trap_a_blocked_step_is_not_convergence():
+    """err = |v_new - v|/|v_new| is tiny when alpha is; only the residual may say converged."""
+    qp, _ = random_tresca(10, seed=18)
+    with pytest.raises(NotConverged) as failure:
+        PathFollowing(tolerance=1e-6, newton=Blocked).solve(qp)
+    result = failure.value.result
+    assert result.status is Status.STAGNATED
+    assert result.residual > 1e-6 and result.residual == pytest.approx(qp.residual(result.x))
+    assert all(step.alpha < 1e-6 for step in result.history)
+
+
+@pytest.mark.parametrize(("force", "length"), [(1e-3, 1e3), (1e6, 1e-6), (1.0, 1e9), (2.0**-20, 2.0**30)])
+def test_trap_units_do_not_matter(force, length):
+    """The same problem with other units of force and length: the same steps, the same answer."""
+    qp, A = random_tresca(25, seed=19)
+    base = PathFollowing().solve(qp)
+    other = TrescaQP(dense_compliance(A * length / force), qp.b * length, qp.slip_bound * force)
+    result = PathFollowing().solve(other)
+    assert result.iterations == base.iterations
+    if force == 2.0**-20:  # powers of two: not even the rounding changes
+        assert [step.krylov for step in result.history] == [step.krylov for step in base.history]
+        assert np.array_equal(result.x, force * base.x)
+    assert np.allclose(result.x, force * base.x, rtol=1e-6, atol=1e-9 * force * np.abs(base.x).max())
+
+
+@pytest.mark.parametrize("decades", [3, 5, 7])
+def test_trap_slip_bounds_over_many_orders(decades):
+    problem = make_block(6, slip_stress=1e7)
+    rng = np.random.default_rng(20)
+    spread = problem.slip_bound(problem.b) * 10.0 ** -rng.uniform(0, decades, len(problem.surface.nodes))
+    result = PathFollowing(tolerance=1e-8).solve(problem.tresca(spread))
+    assert result.iterations <= 30
+
+
+def test_small_discs_are_scaled_to_unit_discs():
+    qp, _ = random_tresca(8, seed=22)
+    scaled = ScaledQP(replace(qp, slip_bound=qp.slip_bound * np.geomspace(1e-8, 1e3, 8)))
+    assert np.all(scaled._g >= 1.0)
+
+
+def test_trap_zero_slip_bounds():
+    """Nodes without friction: no disc, no interior there; the rest as an independent solver has it."""
+    qp, A = random_tresca(30, seed=23)
+    qp = replace(qp, slip_bound=np.where(np.arange(30) % 3 == 0, 0.0, qp.slip_bound))
+    result = PathFollowing(tolerance=1e-9).solve(qp)
+    exact = projected_gradient(qp, A)
+    assert not result.x.reshape(-1, 3)[::3, 1:].any()
+    assert np.linalg.norm(result.x - exact) <= 1e-6 * np.linalg.norm(exact)
+    assert np.allclose(result.gradient, A @ result.x - qp.b, rtol=1e-9, atol=1e-12 * np.abs(qp.b).max())
+
+
+def test_trap_small_beta_is_widened_to_hold_the_start():
+    qp, _ = random_tresca(30, seed=24)
+    assert PathFollowing(beta=1e-6).solve(qp).iterations <= 40
+
+
+def test_trap_inexact_stiffness_solver():
+    """CG-GAMG tight enough gives the direct answer; too loose, the run must not claim to have converged."""
+
+    class Loose(IterativeSolver):
+        def __init__(self, K):
+            super().__init__(K, tolerance=1e-2)
+
+    exact = solved_block(4, "tresca").contact_force
+    good = make_block(4, slip_stress=1e7, linear_solver=IterativeSolver).solve(tolerance=1e-8)
+    assert np.linalg.norm(good.contact_force - exact) <= 1e-6 * np.linalg.norm(exact)
+    assert good.certificate.passed
+
+    problem = make_block(4, slip_stress=1e7, linear_solver=Loose)
+    try:
+        solution = problem.solve(tolerance=1e-8)
+    except NotConverged as failure:
+        assert failure.result.residual > 1e-8
+        solution = problem.solution(failure.result)
+    assert not solution.certificate.passed
+
+
+# --- warm start -----------------------------------------------------------------------------------------------------
+
+
+def test_warm_start_saves_steps_and_changes_nothing():
+    qp, _ = random_tresca(60, seed=25)
+    first = PathFollowing(tolerance=1e-6).solve(qp)
+    near = replace(qp, slip_bound=1.0001 * qp.slip_bound)
+    cold = PathFollowing().solve(near)
+    warm = PathFollowing().solve(near, first)
+    assert warm.iterations < 0.7 * cold.iterations
+    assert np.linalg.norm(warm.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)
+
+
+def test_useless_warm_start_falls_back_to_a_cold_one():
+    qp, _ = random_tresca(60, seed=26)
+    start = PathFollowing().solve(qp)
+    other = replace(qp, b=-np.roll(qp.b, 7))
+    cold = PathFollowing().solve(other)
+    warm = PathFollowing().solve(other, start)
+    assert np.linalg.norm(warm.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)
