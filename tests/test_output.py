@@ -63,12 +63,12 @@ def test_vtk_reads_the_contact_surface(run):
     assert np.all(field("gap") >= -1e-9) and np.allclose(field("slip")[:, 2], 0.0)
     opposing = np.einsum("ki,ki->k", field("friction_traction"), field("slip"))
     assert np.all(opposing <= 1e-3)  # friction never pushes along the slip
-    codes = field("status")
+    codes = np.rint(field("status"))
     counts = {name: int(np.sum(codes == code)) for name, code in (("open", 0), ("stick", 1), ("slip", 2))}
     assert counts == {"open": 18, "stick": 8, "slip": 100}  # tests/data/block.json
     assert np.all(field("friction_use")[codes == output.SLIP] >= 0.999)
     assert np.all(field("friction_use")[codes == output.STICK] < 0.999)
-    assert not field("friction_use")[codes == output.OPEN].any()
+    assert np.abs(field("friction_use")[codes == output.OPEN]).max() <= 1e-12
 
 
 def test_summary(run):

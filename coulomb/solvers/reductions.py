@@ -26,7 +26,9 @@ class Reductions:
     def norm(self, v: FloatArray) -> float:
         """Euclidean norm, safe from overflow and underflow of the squares."""
         largest = self.max(np.abs(v))
-        if largest == 0.0 or not math.isfinite(largest):
+        if largest <= 0.0:  # all zero, or nothing at all
+            return 0.0
+        if not math.isfinite(largest):
             return largest
         w = v / largest
         return largest * math.sqrt(self.dot(w, w))

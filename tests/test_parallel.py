@@ -1,0 +1,153 @@
+"""What must hold on any number of ranks: run it alone, or as `mpirun -n 3 python -m pytest tests/test_parallel.py`."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import STEEL, make_block, reference
+from mpi4py import MPI
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, IterativeSolver, TrescaQP, output
+from coulomb.case import read_case
+from coulomb.solvers.reductions import Reductions
+
+comm = MPI.COMM_WORLD
+
+
+def everywhere(values):
+    """Rows of all ranks, on every rank."""
+    return np.concatenate(comm.allgather(values))
+
+
+@pytest.fixture(scope="module")
+def shared_directory(tmp_path_factory):
+    """One directory for all ranks."""
+    return comm.bcast(tmp_path_factory.mktemp("shared") if comm.rank == 0 else None)
+
+
+def same_error(action):
+    """The ValueError of an action; every rank must raise the same one."""
+    with pytest.raises(ValueError) as failure:
+        action()
+    texts = comm.allgather(str(failure.value))
+    assert len(set(texts)) == 1
+    return texts[0]
+
+
+@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+def test_block_against_the_independent_solver(law):
+    totals, fields = reference(6, law)
+    solution = make_block(6, slip_stress=1e7 if law == "tresca" else None).solve()
+    surface = solution.problem.surface
+    force = everywhere(-surface.vectors(solution.contact_force.reshape(-1, 3)))
+    x = everywhere(surface.x)
+    order, mine = np.lexsort(fields["contact_coordinates"].round(9).T), np.lexsort(x.round(9).T)
+    expected = fields["force_on_body"][order]
+    assert len(x) == totals["contact_nodes"]  # every node on exactly one rank
+    assert np.linalg.norm(force[mine] - expected) <= 1e-6 * np.linalg.norm(expected)
+    assert solution.certificate.passed
+    result = output.summary(solution)
+    assert [result["nodes"][k] for k in ("open", "stick", "slip")] == [totals[k] for k in ("open", "stick", "slip")]
+    assert len(set(comm.allgather(json.dumps(result["force_on_body"])))) == 1
+
+
+def test_iterative_solver_gives_the_same_forces():
+    direct = make_block(4).solve()
+    iterative = make_block(4, linear_solver=IterativeSolver).solve()
+    difference = everywhere(direct.contact_force - iterative.contact_force)
+    assert np.linalg.norm(difference) <= 1e-6 * np.linalg.norm(everywhere(direct.contact_force))
+
+
+def test_a_rank_without_contact_nodes():
+    """A tall column touches on its small end: of several ranks, one has no contact node."""
+    problem = ContactProblem(
+        coulomb.box((1.0, 1.0, 12.0), (2, 2, 24)),
+        STEEL,
+        [Clamp("top", value=(0.0, 0.0, -1e-3))],
+        Contact("bottom", friction=0.3),
+    )
+    nodes = comm.allgather(len(problem.surface.nodes))
+    assert sum(nodes) == 9
+    assert comm.size == 1 or min(nodes) == 0
+    solution = problem.solve()
+    assert solution.certificate.passed
+    # a column between two plates, free to bulge: a force between those of free and of hindered bulging
+    force = Reductions(comm).sum(solution.contact_force[0::3])
+    E, nu = STEEL.young, STEEL.poisson
+    hindered = (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    assert E * 1e-3 / 12.0 < force < hindered * E * 1e-3 / 12.0
+
+
+def test_output_is_written_by_all_ranks(shared_directory):
+    solution = make_block(4).solve()
+    contents = output.write(solution, shared_directory / "run", picture=False)
+    assert len(set(comm.allgather(json.dumps(contents)))) == 1
+    if comm.rank == 0:
+        from coulomb.plotting import read_grid
+
+        body, contact = (read_grid(shared_directory / "run" / f"{name}.xdmf") for name in ("solution", "contact"))
+        assert len(body.points) == 13 * 5 * 5 and len(contact.points) == 13 * 5
+        area = 1.0 / 16 * np.where(np.isin(contact.points[:, 1].round(9), (0.0, 1.0)), 0.5, 1.0)
+        area *= np.where(np.isclose(contact.points[:, 0], 3.0), 0.5, 1.0)
+        normal = float(contact.fields["pressure"] @ area)
+        assert normal == pytest.approx(contents["force_on_body"]["normal"], rel=1e-6)
+        assert not list(shared_directory.glob("run/.partial*"))
+    comm.barrier()
+
+
+def test_input_that_is_wrong_on_one_rank_is_an_error_on_all():
+    last = comm.size - 1
+    problem = make_block(2)
+    bound = np.ones(len(problem.surface.nodes))
+    b = np.zeros(3 * len(bound))
+    if comm.rank == last and len(b):
+        b[0] = np.nan
+    if any(comm.allgather(bool(np.isnan(b).any()))):
+        assert "not finite" in same_error(lambda: TrescaQP(problem.A, b, bound))
+    text = same_error(
+        lambda: make_block(2, cells=(6, 2, 2), friction=0.3, explicit=True, linear_solver=IterativeSolver)
+    )
+    assert "explicit=True" in text
+
+
+def test_wrong_bodies_are_errors_on_all_ranks():
+    mesh = coulomb.box((3.0, 1.0, 1.0), (6, 2, 2))
+    contact = Contact("bottom", friction=0.3)
+    assert "floats" in same_error(lambda: ContactProblem(mesh, STEEL, [], contact))
+    assert "fully clamped" in same_error(
+        lambda: ContactProblem(mesh, STEEL, [Clamp("left")], Contact("left", friction=0.3))
+    )
+    wrong_here = Clamp("left", value=lambda x: np.full(x.shape, np.nan if comm.rank == comm.size - 1 else 0.0))
+    rows = comm.allgather(int((mesh.domain.geometry.x[:, 0] == 0.0).sum()))
+    if rows[-1]:
+        text = comm.allgather(_error(lambda: ContactProblem(mesh, STEEL, [wrong_here], contact)))
+        assert len(set(text)) == 1
+    oblique = Contact("bottom", friction=0.3, foundation=coulomb.Plane((0, 0, 0), (1, 0, 1)))
+    assert "obliquely" in same_error(lambda: ContactProblem(mesh, STEEL, [Clamp("left"), Clamp("right", "x")], oblique))
+
+
+def _error(action):
+    try:
+        action()
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def test_case_is_read_once_and_shared(shared_directory):
+    path = shared_directory / "case.toml"
+    if comm.rank == 0:
+        path.write_text("[mesh]\nbox = [1.0, 1.0, 1.0]\ncells = [1, 1, 0]\n")
+    comm.barrier()
+    assert "mesh.cells.2 = 0" in same_error(lambda: read_case(path))
+    assert "cannot be read" in same_error(lambda: read_case(shared_directory / "none.toml"))
+
+
+def test_reductions_with_empty_ranks():
+    over = Reductions(comm)
+    mine = np.array([3.0, -4.0]) if comm.rank == 0 else np.zeros(0)
+    assert over.norm(mine) == 5.0 and over.max(mine) == 3.0 and over.min(mine) == -4.0 and over.sum(mine) == -1.0
+    assert over.max(np.zeros(0)) == -np.inf and over.norm(np.zeros(0)) == 0.0
+    assert np.isnan(over.max(np.array([np.nan]) if comm.rank == comm.size - 1 else mine))
+    assert over.norm(1e200 * mine) == pytest.approx(5e200) and over.norm(1e-200 * mine) == pytest.approx(5e-200)
