@@ -143,15 +143,14 @@ def write(solution: Solution, directory: str | Path, picture: bool = True) -> di
             for name in ("solution.xdmf", "contact.xdmf"):
                 _one_grid(partial / name)
             _write_history(solution.result.history, partial / "history.csv")
-            fault = ""
             contents["seconds"]["output"] = time.perf_counter() - began
+            contents["picture"] = "not asked for"
+            _write_json(contents, partial / "summary.json")
             if picture:
                 drawing = time.perf_counter()
-                fault = _draw(partial)
+                contents["picture"] = _draw(partial) or "picture.png"
                 contents["seconds"]["picture"] = time.perf_counter() - drawing
-            contents["picture"] = fault or ("picture.png" if picture else "not asked for")
-            text = json.dumps(_finite(contents), indent=2, allow_nan=False)
-            (partial / "summary.json").write_text(text + "\n", encoding="utf-8")
+                _write_json(contents, partial / "summary.json")
             for file in sorted(partial.iterdir()):
                 os.replace(file, target / file.name)
             return json.dumps(contents)
@@ -253,6 +252,10 @@ def _write_history(history: tuple[OuterStep, ...] | tuple[PathFollowingStep, ...
         writer = csv.DictWriter(file, [field.name for field in fields(kind)])
         writer.writeheader()
         writer.writerows(asdict(step) for step in history)
+
+
+def _write_json(contents: dict[str, Any], path: Path) -> None:
+    path.write_text(json.dumps(_finite(contents), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _draw(directory: Path) -> str:

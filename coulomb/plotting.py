@@ -100,7 +100,8 @@ def picture(directory: str | Path) -> Path:
         if chosen.any():
             plotter.add_mesh(_patches(pyvista, contact.cells, lower, chosen), color=colour, lighting=False)
             legend.append([f"{name}: {np.count_nonzero(chosen)} nodes", colour])
-    plotter.add_mesh(face, style="wireframe", color="#8a8a8a", line_width=1)
+    lines = face.extract_all_edges().translate(1e-3 * size * normal)  # in front of the zones
+    plotter.add_mesh(lines, color="#8a8a8a", line_width=1)
     plotter.add_legend(legend, bcolor="white", face="rectangle", size=(0.17, 0.2), loc="upper right")
     _look_at(plotter, normal)
 

@@ -16,6 +16,7 @@ from .fem.elasticity import Clamp, Elasticity, Field, FloatArray, Material, Trac
 from .fem.meshes import NamedMesh
 from .fem.obstacles import RigidFoundation
 from .fem.surface import ContactSurface, contact_surface
+from .solvers import schur
 from .solvers.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance
 from .solvers.fixed_point import CoulombProblem, SuccessiveTresca
 from .solvers.path_following import PathFollowing
@@ -128,7 +129,10 @@ class ContactProblem:
     @cached_property
     def stiffness_solver(self) -> StiffnessSolver:
         """K^-1."""
+        B = self.surface.B
         with self._timed("stiffness"):
+            if self._explicit and schur.available(B.getComm()):
+                return DirectSolver(self.elasticity.K, keep=np.unique(B.getValuesCSR()[1]).astype(np.int32))
             return self._linear_solver(self.elasticity.K)
 
     @cached_property
@@ -138,6 +142,8 @@ class ContactProblem:
         with self._timed("compliance"):
             if self._explicit:
                 assert isinstance(solver, DirectSolver)
+                if solver.kept is not None:
+                    return ExplicitCompliance.from_schur_complement(self.surface.B, solver)
                 return ExplicitCompliance.from_stiffness(self.surface.B, solver)
             return MatrixFreeCompliance(self.surface.B, self.elasticity.K, solver)
 

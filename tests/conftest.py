@@ -24,14 +24,14 @@ ROOT = Path(__file__).parents[1]
 STEEL = coulomb.Material(young=2.119e11, poisson=0.277)
 
 
-def make_block(p, friction=0.3, slip_stress=None, cells=None, **options):
+def make_block(p, friction=0.3, slip_stress=None, cells=None, foundation=None, **options):
     """The block of the benchmarks with p cells a metre."""
     return coulomb.ContactProblem(
         coulomb.box((3.0, 1.0, 1.0), cells or (3 * p, p, p)),
         STEEL,
         clamps=[coulomb.Clamp("left")],
         tractions=[coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
-        contact=coulomb.Contact("bottom", friction=None if slip_stress else friction, slip_stress=slip_stress),
+        contact=coulomb.Contact("bottom", None if slip_stress else friction, slip_stress, foundation),
         **options,
     )
 

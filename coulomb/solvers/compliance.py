@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -64,6 +65,23 @@ class ExplicitCompliance:
         d = matrix.getDiagonal()
         self._diagonal: FloatArray = d.array.copy()
         d.destroy()
+
+    @classmethod
+    def from_schur_complement(cls, B: PETSc.Mat, solver: DirectSolver) -> ExplicitCompliance:
+        """A = B S^-1 B^T with S the Schur complement of K on the contact nodes; on one rank.
+
+        Takes about half the time of `from_stiffness` with its factorisation (docs/measurements.md).
+
+        Args:
+            B: Contact matrix, 3 rows a contact node.
+            solver: The factorised K, which kept the columns of B.
+        """
+        indptr, indices, values = B.getValuesCSR()
+        rows = scipy.sparse.csr_matrix((values, indices, indptr), shape=B.getSize())[:, solver.kept]
+        A = np.asfortranarray((rows @ (rows @ solver.inverse_of_schur_complement()).T).T)
+        matrix = PETSc.Mat().createDense(A.shape, array=A, comm=B.getComm())
+        matrix.assemble()
+        return cls(matrix)
 
     @classmethod
     def from_stiffness(cls, B: PETSc.Mat, solver: DirectSolver) -> ExplicitCompliance:

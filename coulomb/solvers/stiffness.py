@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Protocol
 
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
 from petsc4py import PETSc
+
+from . import schur
+from .results import FloatArray
 
 _prefixes = (f"coulomb_{number}_" for number in itertools.count())
 
@@ -35,7 +41,12 @@ def _options(prefix: str, values: Mapping[str, object]) -> Iterator[None]:
             database.delValue(key)
 
 
-def _ksp(K: PETSc.Mat, ksp_type: str, values: Mapping[str, object]) -> PETSc.KSP:
+def _ksp(
+    K: PETSc.Mat,
+    ksp_type: str,
+    values: Mapping[str, object],
+    before_setup: Callable[[PETSc.KSP], None] = lambda _: None,
+) -> PETSc.KSP:
     prefix = next(_prefixes)
     ksp = PETSc.KSP().create(K.comm)
     ksp.setOperators(K)
@@ -44,6 +55,7 @@ def _ksp(K: PETSc.Mat, ksp_type: str, values: Mapping[str, object]) -> PETSc.KSP
     ksp.setOptionsPrefix(prefix)
     with _options(prefix, values):
         ksp.setFromOptions()
+        before_setup(ksp)
         ksp.setUp()
     return ksp
 
@@ -53,22 +65,41 @@ class DirectSolver:
 
     Args:
         K: Symmetric positive definite, assembled.
+        keep: Rows of which the Schur complement is wanted as well, ascending; needs `schur.available`.
     """
 
     name = "direct (MUMPS Cholesky)"
 
-    def __init__(self, K: PETSc.Mat):
+    def __init__(self, K: PETSc.Mat, keep: npt.NDArray[np.int32] | None = None):
+        self.kept = keep
+
+        def stop_at_kept_rows(ksp: PETSc.KSP) -> None:
+            if keep is not None:
+                pc = ksp.getPC()
+                pc.setFactorSetUpSolverType()
+                schur.eliminate_all_but(pc.getFactorMatrix(), keep)
+
         # ICNTL(14): room for the fill that pivot delays and parallel fronts add to the estimate, in per cent.
         self._ksp = _ksp(
             K,
             "preonly",
             {"pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_14": 60},
+            stop_at_kept_rows,
         )
+        # Fetched at once: the first solve overwrites PETSc's Schur complement by its factor.
+        self._schur = None if keep is None else schur.schur_complement(self.factor)
 
     @property
     def factor(self) -> PETSc.Mat:
         """The factored matrix, for many right-hand sides at once (MatMatSolve)."""
         return self._ksp.getPC().getFactorMatrix()
+
+    def inverse_of_schur_complement(self) -> FloatArray:
+        """The block of K^-1 on the kept rows, shape (k, k)."""
+        factor, _ = scipy.linalg.lapack.dpotrf(self._schur, lower=1)
+        inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
+        whole: FloatArray = np.tril(inverse) + np.tril(inverse, -1).T
+        return whole
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec) -> None:
         self._ksp.solve(rhs, u)
