@@ -32,6 +32,8 @@ from .version import __version__
 PASSED, FAILED, BAD_INPUT = 0, 1, 2
 
 app = typer.Typer(help=__doc__, add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+benchmark = typer.Typer(help="Measurements behind the choices.", no_args_is_help=True)
+app.add_typer(benchmark, name="benchmark")
 _comm = MPI.COMM_WORLD
 _console = Console(quiet=_comm.rank != 0, highlight=False)
 _errors = Console(quiet=_comm.rank != 0, highlight=False, stderr=True, soft_wrap=True)
@@ -105,6 +107,26 @@ def info() -> None:
     }
     for name, value in rows.items():
         _console.print(f"{name:<18}{value}", markup=False, soft_wrap=True)
+
+
+@benchmark.command()
+def compliance(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+) -> None:
+    """Three ways to the compliance A on one rank, seconds: what the default choice rests on."""
+    from .benchmarks.compliance import measure
+
+    if _comm.size > 1:
+        _errors.print("error: this benchmark runs on one rank", markup=False)
+        raise typer.Exit(BAD_INPUT)
+    _console.print("  p  contact    Schur  many right-hand sides  product explicit  matrix-free  difference", soft_wrap=True)
+    for p in sizes or (6, 10, 16):
+        row = measure(p)
+        _console.print(
+            f"{row.p:3d}  {row.contact:7d}  {row.schur:7.2f}  {row.right_hand_sides:21.2f}  "
+            f"{row.product_explicit:16.5f}  {row.product_matrix_free:11.5f}  {row.difference:10.1e}",
+            soft_wrap=True,
+        )
 
 
 def _version(name: str) -> str:

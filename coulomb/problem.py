@@ -27,10 +27,10 @@ from .solvers.tresca import QPSolver, TrescaQP
 if TYPE_CHECKING:
     from .certificate import Certificate
 
-DIRECT_UP_TO = 150_000
+DIRECT_UP_TO = 250_000
 """Displacement unknowns up to which K is factorised by default (measured: docs/measurements.md)."""
 
-EXPLICIT_UP_TO = 6_000
+EXPLICIT_UP_TO = 10_000
 """Contact unknowns up to which A is formed by default, where K is factorised (measured: docs/measurements.md)."""
 
 

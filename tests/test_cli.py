@@ -107,3 +107,10 @@ def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path):
     )
     done = run_python(script, ranks=2, timeout=120)
     assert done.returncode != 0 and "unforeseen" in done.stderr
+
+
+def test_benchmark_of_the_compliance():
+    done = run_coulomb("benchmark", "compliance", "--p", 2)
+    assert done.returncode == 0, done.stderr
+    *_, row = done.stdout.splitlines()
+    assert row.split()[:2] == ["2", "54"] and float(row.split()[-1]) < 1e-10

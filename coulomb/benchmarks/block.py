@@ -1,0 +1,24 @@
+"""The steel block of the benchmarks: clamped on the left, pressed onto a rigid plane and dragged along it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..fem.elasticity import Clamp, Material, Traction
+from ..fem.meshes import box
+from ..problem import Contact, ContactProblem
+
+SLIP_STRESS = 1e7
+"""Of its Tresca variant, in pascals."""
+
+
+def block(p: int, friction: float | None = 0.3, cell: str = "hexahedron", **options: Any) -> ContactProblem:
+    """The block with p cells a metre; friction None is the Tresca variant.  `options` are ContactProblem's."""
+    return ContactProblem(
+        box((3.0, 1.0, 1.0), (3 * p, p, p), cell),
+        Material(young=2.119e11, poisson=0.277),
+        [Clamp("left")],
+        Contact("bottom", friction, SLIP_STRESS if friction is None else None),
+        [Traction("top", (0.0, 1e7, -4e7)), Traction("right", (2e7, 0.0, 0.0))],
+        **options,
+    )

@@ -1,0 +1,50 @@
+"""Three ways to the compliance A on one rank: Schur complement, many right-hand sides, or no matrix at all."""
+
+from __future__ import annotations
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+from ..solvers.compliance import Compliance, ExplicitCompliance
+from ..solvers.stiffness import DirectSolver
+from .block import block
+
+
+class Row(NamedTuple):
+    """Seconds of factorisation and A by each way, seconds of one product by each, and how far the two A are apart."""
+
+    p: int
+    contact: int
+    schur: float
+    right_hand_sides: float
+    product_explicit: float
+    product_matrix_free: float
+    difference: float
+
+
+def measure(p: int) -> Row:
+    """Measure the block with p cells a metre."""
+    schur, many, free = block(p, explicit=True), block(p, explicit=True), block(p, explicit=False)
+    began = time.perf_counter()
+    A = schur.A
+    schur_seconds = time.perf_counter() - began
+    assert isinstance(A, ExplicitCompliance)
+
+    began = time.perf_counter()
+    other = ExplicitCompliance.from_stiffness(many.surface.B, DirectSolver(many.elasticity.K))
+    many_seconds = time.perf_counter() - began
+    a, b = A.matrix.getDenseArray(), other.matrix.getDenseArray()
+    difference = float(np.abs(a - b).max() / np.abs(b).max())
+
+    def product(A: Compliance) -> float:
+        x, y = np.ones(3 * A.nodes), np.empty(3 * A.nodes)
+        A.mult(x, y)
+        began = time.perf_counter()
+        for _ in range(10):
+            A.mult(x, y)
+        return (time.perf_counter() - began) / 10
+
+    contact = schur.unknowns["contact"]
+    return Row(p, contact, schur_seconds, many_seconds, product(A), product(free.A), difference)
