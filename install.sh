@@ -53,7 +53,7 @@ activate its environment or name its Python in PYTHON=..., and call this script 
 fi
 
 # --- 2. the virtual environment ----------------------------------------------------------------------------------
-stamp=$(cat install.sh pyproject.toml | cksum)" $python $("$python" --version)"
+stamp="$(cat install.sh pyproject.toml | cksum) $(pwd) $python $("$python" --version)"
 if [ -x .venv/bin/coulomb ] && [ "$(cat .venv/installed 2>/dev/null)" = "$stamp" ]; then
     say "nothing to do"
     exit 0

@@ -119,7 +119,9 @@ def compliance(
     if _comm.size > 1:
         _errors.print("error: this benchmark runs on one rank", markup=False)
         raise typer.Exit(BAD_INPUT)
-    _console.print("  p  contact    Schur  many right-hand sides  product explicit  matrix-free  difference", soft_wrap=True)
+    _console.print(
+        "  p  contact    Schur  many right-hand sides  product explicit  matrix-free  difference", soft_wrap=True
+    )
     for p in sizes or (6, 10, 16):
         row = measure(p)
         _console.print(

@@ -1,5 +1,7 @@
 """The two Newton systems against dense algebra."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from conftest import random_spd
@@ -100,6 +102,30 @@ def test_preconditioners_are_the_papers(system):
     newton.solve(at, r1, r2, 0.5, np.inf)
     exact = np.linalg.solve(J11 + J12 @ np.linalg.solve(D22, J12.T), r1.ravel())
     assert np.allclose(newton._preconditioner(r1).ravel(), exact, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [AugmentedSystem, SchurComplementSystem])
+def test_preconditioners_do_not_cancel(kind):
+    """Active constraints have D22 -> 0: what is left of dx is then small, and must keep all its digits."""
+    rng = np.random.default_rng(32)
+    A = random_spd(3 * NODES, 10.0, rng)
+    y = rng.standard_normal((NODES, 2))
+    y *= 0.9999999 / np.linalg.norm(y, axis=1)[:, None]
+    at = Linearization(np.full(NODES, 0.3), y, np.full((NODES, 2), 1e-14), np.ones(NODES, dtype=bool))
+    newton, _ = make(kind, A)
+    newton.solve(at, np.ones((NODES, 3)), np.zeros((NODES, 2)), 0.5, np.inf)
+    r = rng.standard_normal((NODES, 3))
+    z = newton._preconditioner(np.hstack([r, np.zeros((NODES, kind.block - 3))]))[:, :3]
+    newton.destroy()
+    for i in range(NODES):  # the same in exact arithmetic
+        d = [Fraction(v) for v in (np.diag(A).reshape(-1, 3)[i] + [0.0, 0.3, 0.3])]
+        (y1, y2), (rn, r1, r2), e = map(Fraction, y[i]), map(Fraction, r[i]), Fraction(1e-14)
+        a, b, c = d[1] + y1 * y1 / e, y1 * y2 / e, d[2] + y2 * y2 / e
+        exact = [rn / (d[0] + 1 / e), (c * r1 - b * r2) / (a * c - b * b), (a * r2 - b * r1) / (a * c - b * b)]
+        assert z[i, 0] == pytest.approx(float(exact[0]), rel=1e-12)
+        along = float(y1 * exact[1] + y2 * exact[2])  # the part against the active disc
+        assert np.allclose(z[i, 1:], [float(v) for v in exact[1:]], rtol=1e-11, atol=1e-12 * np.abs(z[i, 1:]).max())
+        assert abs(along) < 1e-12
 
 
 def test_cap_bounds_the_residual(system):

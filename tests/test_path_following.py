@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import dense_compliance, make_block, projected_gradient, random_tresca, solved_block
+from conftest import dense_compliance, make_block, projected_gradient, random_spd, random_tresca, solved_block
 
 from coulomb import (
     AugmentedSystem,
@@ -89,7 +89,7 @@ def test_iterates_stay_in_the_neighbourhood_and_theta_decreases(monkeypatch):
 
 def test_inner_precision_follows_the_papers_rule():
     qp, _ = random_tresca(30, seed=17)
-    solver = PathFollowing(tolerance=1e-9, r_tol=0.3, c_fact=0.5)
+    solver = PathFollowing(tolerance=1e-9, r_tol=0.3, c_fact=0.8)
     tolerances = [step.krylov_tolerance for step in solver.solve(qp).history]
     assert tolerances[0] == pytest.approx(solver.r_tol)
     assert all(new <= solver.c_fact * old * (1 + 1e-12) for old, new in pairwise(tolerances))
@@ -205,6 +205,27 @@ def test_trap_inexact_stiffness_solver():
     assert not solution.certificate.passed
 
 
+def hard_tresca(seed):
+    """Condition numbers up to 1e8, slip bounds far below and far above the forces, odd units, open contacts."""
+    rng = np.random.default_rng(seed)
+    nodes, condition = int(rng.integers(1, 40)), 10 ** rng.uniform(0, 8)
+    A = 10 ** rng.uniform(-12, 3) * random_spd(3 * nodes, condition, rng)
+    b = 10 ** rng.uniform(-6, 3) * rng.standard_normal(3 * nodes)
+    b[0::3] += rng.choice([-1, 0, 3]) * np.abs(b).max()
+    force = np.abs(b).mean() / np.diag(A).mean()
+    spread = 10 ** -rng.uniform(0, rng.choice([0, 1, 4]), nodes)
+    return TrescaQP(dense_compliance(A), b, force * 10 ** rng.uniform(-3, 2) * spread)
+
+
+@pytest.mark.parametrize("seed", [1072, 1083, 1112, 1153, 1209, 1219, 1236, 1277, 1288, 1299, *range(2000, 2030)])
+def test_trap_hard_problems(seed):
+    """Starts too near the boundary block, and a preconditioner that cancels stalls: the first ten needed a cure."""
+    qp = hard_tresca(seed)
+    result = PathFollowing(tolerance=1e-8).solve(qp)
+    assert qp.residual(result.x) <= 1e-8
+    assert result.iterations <= 45
+
+
 # --- warm start -----------------------------------------------------------------------------------------------------
 
 
@@ -224,4 +245,20 @@ def test_useless_warm_start_falls_back_to_a_cold_one():
     other = replace(qp, b=-np.roll(qp.b, 7))
     cold = PathFollowing().solve(other)
     warm = PathFollowing().solve(other, start)
+    assert warm.iterations <= cold.iterations + 3  # three blocked steps at the most
+    far = PathFollowing().solve(other, replace(start, x=100.0 * start.x, gradient=100.0 * start.gradient))
+    assert far.iterations == cold.iterations  # so far off that it is not even tried
+    assert np.linalg.norm(warm.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)
+
+
+def test_blocked_warm_start_falls_back_to_a_cold_one(monkeypatch):
+    """A warm start on the boundary, by force: its steps block, the cold start behind it brings the answer."""
+    qp, _ = random_tresca(60, seed=27)
+    start = PathFollowing().solve(qp)
+    other = replace(qp, b=-np.roll(qp.b, 7))
+    cold = PathFollowing().solve(other)
+    monkeypatch.setattr("coulomb.solvers.path_following._FAR", np.inf)
+    monkeypatch.setattr(ScaledQP, "distance_from_solution", lambda *_: 1e-6)
+    warm = PathFollowing().solve(other, start)
+    assert warm.iterations > cold.iterations and [step.iteration for step in warm.history][-1] == warm.iterations
     assert np.linalg.norm(warm.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)

@@ -183,7 +183,6 @@ class AugmentedSystem(_NodalCG):
 
     def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep:
         self._at = at
-        # The disc's Schur complement in P_AM: a 2 x 2 block for the normal pair, a 3 x 3 one for the tangential triple.
         self._D11 = self._diagonal + at.C(np.ones_like(self._diagonal))
         self._S22 = at.D22 + np.column_stack([1.0 / self._D11[:, 0], np.sum(at.y**2 / self._D11[:, 1:], axis=1)])
         guess = np.hstack([np.zeros_like(r1), -r2 / at.D22])
@@ -196,9 +195,15 @@ class AugmentedSystem(_NodalCG):
         return np.hstack([self._J11(dx, A_p) + self._at.J12(dnu), self._at.J21(dx) - self._at.D22 * dnu])
 
     def _preconditioner(self, r: FloatArray) -> FloatArray:
-        r1, r2 = r[:, :3], r[:, 3:]
-        dnu = (self._at.J21(r1 / self._D11) - r2) / self._S22
-        return np.hstack([(r1 - self._at.J12(dnu)) / self._D11, dnu])
+        """P_AM^-1: a 2 x 2 block for the normal pair, a 3 x 3 one for the tangential triple."""
+        r1, r2, at, D = r[:, :3], r[:, 3:], self._at, self._D11
+        dnu = (at.J21(r1 / D) - r2) / self._S22
+        # dx = (r1 - J12 dnu) / D11 would cancel where a constraint is active (D22 -> 0), and CG stall: multiplied out
+        dx = np.empty_like(r1)
+        dx[:, 0] = (at.D22[:, 0] * r1[:, 0] - r2[:, 0]) / (D[:, 0] * self._S22[:, 0])
+        dx[:, 1:] = _disc_inverse(D[:, 1:], at, self._S22[:, 1], r1[:, 1:])
+        dx[:, 1:] += at.y / D[:, 1:] * (r2[:, 1] / self._S22[:, 1])[:, None]
+        return np.hstack([dx, dnu])
 
 
 class SchurComplementSystem(_NodalCG):
@@ -219,8 +224,18 @@ class SchurComplementSystem(_NodalCG):
         return self._J11(p, A_p) + self._at.J12(self._at.J21(p) / self._at.D22)
 
     def _preconditioner(self, r: FloatArray) -> FloatArray:
-        # (D + y y^T / d22)^-1 by Sherman and Morrison
         z = r / self._D11
-        correction = np.einsum("ij,ij->i", self._at.y, z[:, 1:]) / self._S22
-        z[:, 1:] -= correction[:, None] * self._at.y / self._D11[:, 1:]
+        z[:, 1:] = _disc_inverse(self._D11[:, 1:], self._at, self._S22, r[:, 1:])
         return z
+
+
+def _disc_inverse(D: FloatArray, at: Linearization, S: FloatArray, r: FloatArray) -> FloatArray:
+    """(D + y y^T / d22)^-1 r on the tangential pairs, (m, 2), with S = d22 + y^T D^-1 y.
+
+    Sherman and Morrison's D^-1 - D^-1 y y^T D^-1 / S, with the difference multiplied out so that nothing cancels as
+    d22 -> 0: (d22 D^-1 + w w^T / det D) / S, where w = (-y2, y1).
+    """
+    w = np.column_stack([-at.y[:, 1], at.y[:, 0]])
+    along = np.einsum("ij,ij->i", w, r) / (D[:, 0] * D[:, 1])
+    inverse: FloatArray = (at.D22[:, 1:] * r / D + along[:, None] * w) / S[:, None]
+    return inverse

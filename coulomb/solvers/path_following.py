@@ -27,7 +27,8 @@ from .tresca import TrescaQP
 
 _TO_BOUNDARY = 0.9995  # fraction of the way to the boundary a step may go
 _BACKTRACK = 0.9  # the grid on which the largest step length is sought
-_BLOCKED = 0.1  # a step this short, three times in a row, ends a warm start
+_BLOCKED = 0.1  # a step this short, three times in a row, ends a start that is not the last
+_COLD_THETA = (0.1, 1e3, 1e6)  # theta of one cold start after another, over rms(A x - b) there
 _FAR = 0.1  # from this distance, in nominal nodal forces, a warm start is no better than a cold one
 _PATIENCE = 20  # steps without a better residual before the run is called stagnated
 
@@ -124,17 +125,7 @@ class PathFollowing:
         """
         tolerance = self.tolerance if tolerance is None else tolerance
         products = qp.A.products
-        result = self._trivial(qp, tolerance)
-        if result is None and start is not None:
-            result = self._follow(qp, start, tolerance, progress)
-            if result.status is not Status.CONVERGED:
-                cold = self._follow(qp, None, tolerance, progress)
-                history = result.history + tuple(
-                    replace(step, iteration=step.iteration + result.iterations) for step in cold.history
-                )
-                result = replace(cold, history=history, iterations=len(history))
-        elif result is None:
-            result = self._follow(qp, None, tolerance, progress)
+        result = self._trivial(qp, tolerance) or self._follow(qp, start, tolerance, progress)
         result = replace(result, products=qp.A.products - products)
         if result.status is not Status.CONVERGED:
             raise NotConverged(
@@ -157,10 +148,26 @@ class PathFollowing:
     def _follow(
         self, qp: TrescaQP, start: QPResult | None, tolerance: float, progress: ProgressCallback | None
     ) -> QPResult:
+        """Follow the path from one start after another, each farther from the boundary, until the steps do not block.
+
+        A start too near the boundary for how far it is from equilibrium has its steps blocked, and cures itself slowly
+        or never; a start far inside costs a few steps more.
+        """
         problem = ScaledQP(qp)
         newton = self.newton(qp.A.comm, problem.apply_A, problem.diagonal)
+        history: list[PathFollowingStep] = []
+        warm = None if start is None else self._warm_start(problem, start, tolerance)
         try:
-            return self._steps(problem, newton, start, tolerance, progress)
+            if warm is not None:
+                result = self._steps(problem, newton, warm, tolerance, progress, history, patient=False)
+                if result.status is Status.CONVERGED:
+                    return result
+            for relative_theta in _COLD_THETA:
+                cold, last = self._cold_start(problem, relative_theta), relative_theta == _COLD_THETA[-1]
+                result = self._steps(problem, newton, cold, tolerance, progress, history, patient=last)
+                if result.status is Status.CONVERGED:
+                    break
+            return result
         finally:
             newton.destroy()
 
@@ -168,21 +175,21 @@ class PathFollowing:
         self,
         problem: ScaledQP,
         newton: NewtonSystem,
-        start: QPResult | None,
+        v: Iterate,
         tolerance: float,
         progress: ProgressCallback | None,
+        history: list[PathFollowingStep],
+        patient: bool,
     ) -> QPResult:
-        v = None if start is None else self._warm_start(problem, start, tolerance)
-        warm = v is not None
-        v = self._cold_start(problem) if v is None else v
+        """Steps from v until the residual agrees, appended to the history; an impatient run ends when blocked."""
+        first = len(history)
         theta = problem.theta(v.nu, v.z)
         gradient = problem.rms(problem.gradient(v.x, v.nu, v.A_x))
         beta = max(self.beta, 10.0 * gradient / theta)
         err, krylov_tolerance, alpha = 1.0, self.r_tol / self.c_fact, 1.0
-        best, best_at, blocked, residual = math.inf, 0, 0, math.inf
-        history: list[PathFollowingStep] = []
+        best, best_at, blocked, residual = math.inf, first, 0, math.inf
         status = Status.MAX_ITERATIONS
-        for iteration in range(1, self.max_iterations + 1):
+        for iteration in range(first + 1, first + self.max_iterations + 1):
             # (1) the centring
             sigma = self.sigma_min if alpha > _BLOCKED else self.sigma_max
             # (2) J dv = -F + (0, 0, sigma theta e), solved as precisely as the last step asks
@@ -214,7 +221,7 @@ class PathFollowing:
             if residual < 0.9 * best:
                 best, best_at = residual, iteration
             blocked = blocked + 1 if alpha < _BLOCKED else 0
-            if iteration - best_at >= _PATIENCE or (warm and blocked == 3):
+            if iteration - best_at >= _PATIENCE or (blocked == 3 and not patient):
                 status = Status.STAGNATED
                 break
         if residual > tolerance:
@@ -250,13 +257,13 @@ class PathFollowing:
             alpha *= _BACKTRACK
         return alpha, None
 
-    def _cold_start(self, problem: ScaledQP) -> Iterate:
-        """Equal pressure everywhere, no friction, and multipliers on the central path of a theta fit for that force."""
+    def _cold_start(self, problem: ScaledQP, relative_theta: float) -> Iterate:
+        """Equal pressure everywhere, no friction, and centred multipliers with theta so many times rms(A x - b)."""
         x = np.zeros((problem.nodes, 3))
         x[:, 0] = problem.lower + 1.0
         A_x = problem.apply_A(x)
         zero = np.zeros((problem.nodes, 2))
-        theta = 0.1 * max(problem.rms(problem.gradient(x, zero, A_x)), 1e-3)
+        theta = relative_theta * max(problem.rms(problem.gradient(x, zero, A_x)), 1e-3)
         z = problem.slack(x)
         return Iterate(x, problem.on_constraints(theta / problem.safe(z)), z, A_x)
 
