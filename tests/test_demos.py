@@ -22,6 +22,16 @@ def test_case(case, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+def test_readme_example(tmp_path):
+    """The code of the README runs as it stands there."""
+    code = (ROOT / "README.md").read_text().split("```python\n")[1].split("```")[0]
+    (tmp_path / "example.py").write_text(code)
+    done = run_python(tmp_path / "example.py", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "certificate passed" in done.stdout
+    assert (tmp_path / "results" / "block" / "picture.png").exists()
+
+
 def test_script_and_case_give_the_reference_answer(tmp_path):
     """The README's main job: p = 10 against the independent solver, from the files it leaves."""
     totals, _ = reference(10, "coulomb")

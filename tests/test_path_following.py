@@ -54,11 +54,11 @@ def test_open_contact_needs_no_step():
     assert result.iterations == 0 and not result.x.any() and result.status is Status.CONVERGED
 
 
-@pytest.mark.parametrize("p", [10, 12])
-def test_block_takes_at_most_twenty_steps(p):
-    problem = make_block(p, slip_stress=1e7)
-    result = problem.solve(tolerance=1e-6).result
-    assert result.iterations <= 20
+def test_block_takes_at_most_twenty_steps_at_any_size():
+    """At p = 10, 12, 14, 16 to a residual of 1e-6; steps do not grow with p (docs/measurements.md goes to 20)."""
+    steps = {p: make_block(p, slip_stress=1e7).solve(tolerance=1e-6).result.iterations for p in (10, 12, 14, 16)}
+    assert max(steps.values()) <= 20
+    assert steps[16] <= max(steps[12], steps[14]) + 1
 
 
 # --- the neighbourhood ----------------------------------------------------------------------------------------------
