@@ -156,20 +156,20 @@ class PathFollowing:
         problem = ScaledQP(qp)
         newton = self.newton(qp.A.comm, problem.apply_A, problem.diagonal)
         history: list[PathFollowingStep] = []
-        warm = None if start is None else self._warm_start(problem, start, tolerance)
+        results: list[QPResult] = []
+        v = None if start is None else self._warm_start(problem, start, tolerance)
+        thetas = list(_COLD_THETA)
         try:
-            if warm is not None:
-                result = self._steps(problem, newton, warm, tolerance, progress, history, patient=False)
-                if result.status is Status.CONVERGED:
-                    return result
-            for relative_theta in _COLD_THETA:
-                cold, last = self._cold_start(problem, relative_theta), relative_theta == _COLD_THETA[-1]
-                result = self._steps(problem, newton, cold, tolerance, progress, history, patient=last)
-                if result.status is Status.CONVERGED:
+            while v is not None or thetas:
+                v = v or self._cold_start(problem, thetas.pop(0))
+                results.append(self._steps(problem, newton, v, tolerance, progress, history, patient=not thetas))
+                if results[-1].status is Status.CONVERGED:
                     break
-            return result
+                v = None
         finally:
             newton.destroy()
+        best = min(results, key=lambda result: result.residual)
+        return replace(best, iterations=len(history), history=tuple(history))
 
     def _steps(
         self,
@@ -181,7 +181,10 @@ class PathFollowing:
         history: list[PathFollowingStep],
         patient: bool,
     ) -> QPResult:
-        """Steps from v until the residual agrees, appended to the history; an impatient run ends when blocked."""
+        """Steps from v until the residual agrees; an impatient run ends when blocked.
+
+        Appends to the history, and leaves history and counts of the result to the callers.
+        """
         first = len(history)
         theta = problem.theta(v.nu, v.z)
         gradient = problem.rms(problem.gradient(v.x, v.nu, v.A_x))
@@ -229,14 +232,14 @@ class PathFollowing:
             residual = problem.residual(v.x, v.A_x)
         x, force_gradient, multipliers = problem.unscaled(v.x, v.nu, v.A_x)
         return QPResult(
-            x,
-            force_gradient,
-            multipliers,
-            verdict(residual, tolerance, status),
-            len(history),
-            0,
-            residual,
-            tuple(history),
+            x=x,
+            gradient=force_gradient,
+            multipliers=multipliers,
+            status=verdict(residual, tolerance, status),
+            iterations=0,
+            products=0,
+            residual=residual,
+            history=(),
         )
 
     def _step_length(
