@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .fem.elasticity import FloatArray
+from .arrays import FloatArray
 from .solvers.reductions import Reductions
 
 if TYPE_CHECKING:

@@ -21,9 +21,9 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from .arrays import FloatArray
 from .fem import compat
 from .fem.compat import fem
-from .fem.elasticity import FloatArray
 from .problem import Solution
 from .solvers.reductions import Reductions
 from .solvers.results import CoulombResult, OuterStep, PathFollowingStep

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from .fem.elasticity import Clamp, Elasticity, Field, FloatArray, Material, Traction
+from .arrays import FloatArray
+from .fem.elasticity import Clamp, Elasticity, Field, Material, Traction
 from .fem.meshes import NamedMesh
 from .fem.obstacles import RigidFoundation
 from .fem.surface import ContactSurface, contact_surface

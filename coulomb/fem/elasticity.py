@@ -12,11 +12,11 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ..arrays import FloatArray
 from . import compat
 from .compat import fem, ufl
 from .meshes import NamedMesh
 
-FloatArray = npt.NDArray[np.float64]
 Field = Sequence[float] | Callable[[FloatArray], FloatArray]
 """A vector, or a function of the points x, shape (3, k), with vectors of shape (3, k)."""
 

@@ -10,10 +10,9 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ..arrays import FloatArray
 from .elasticity import Elasticity
 from .obstacles import Plane, RigidFoundation
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ..arrays import FloatArray
 from .reductions import Reductions
-from .results import FloatArray
 from .stiffness import DirectSolver, StiffnessSolver
 
 _COLUMNS_AT_ONCE = 512  # right-hand sides of one MatMatSolve: bounds the memory to this many displacement fields

@@ -9,12 +9,12 @@ from functools import cached_property
 
 import numpy as np
 
+from ..arrays import FloatArray
 from .compliance import Compliance
 from .path_following import PathFollowing
 from .reductions import Reductions
 from .results import (
     CoulombResult,
-    FloatArray,
     NotConverged,
     OuterStep,
     Progress,

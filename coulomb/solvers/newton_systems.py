@@ -24,7 +24,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from .results import FloatArray
+from ..arrays import FloatArray
 
 NodalMap = Callable[[FloatArray], FloatArray]
 

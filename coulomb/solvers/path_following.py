@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import FloatArray
 from .newton_systems import AugmentedSystem, NewtonStep, NewtonSystem
 from .results import (
-    FloatArray,
     NotConverged,
     PathFollowingStep,
     Progress,

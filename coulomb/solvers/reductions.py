@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from .results import FloatArray
+from ..arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from typing import Protocol
 
 import numpy as np
 
+from ..arrays import FloatArray
 from .newton_systems import Linearization
-from .results import FloatArray
 from .tresca import TrescaQP
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from .results import FloatArray
+from ..arrays import FloatArray
 
 _NEEDED = ("MatFactorSetSchurIS", "MatFactorCreateSchurComplement", "MatDenseGetArrayRead", "MatDestroy")
 

@@ -12,8 +12,8 @@ import numpy.typing as npt
 import scipy.linalg
 from petsc4py import PETSc
 
+from ..arrays import FloatArray
 from . import schur
-from .results import FloatArray
 
 _prefixes = (f"coulomb_{number}_" for number in itertools.count())
 

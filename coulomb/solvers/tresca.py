@@ -8,9 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
+from ..arrays import FloatArray
 from .compliance import Compliance
 from .reductions import Reductions
-from .results import FloatArray, ProgressCallback, QPResult
+from .results import ProgressCallback, QPResult
 
 
 @dataclass(frozen=True)
