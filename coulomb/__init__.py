@@ -9,8 +9,10 @@ from .fem.elasticity import Clamp, Elasticity, Material, Traction
 from .fem.meshes import NamedMesh, box
 from .fem.obstacles import Plane
 from .fem.surface import ContactSurface
+from .general import solve_coulomb, solve_tresca
 from .problem import Contact, ContactProblem, Solution
 from .solvers.fixed_point import CoulombProblem, SuccessiveTresca
+from .solvers.kprgp import KPRGP
 from .solvers.newton_systems import AugmentedSystem, SchurComplementSystem
 from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, NotConverged, Progress, QPResult, Status
@@ -19,6 +21,7 @@ from .solvers.tresca import TrescaQP
 from .version import __version__
 
 __all__ = [
+    "KPRGP",
     "AugmentedSystem",
     "Certificate",
     "Check",
@@ -47,4 +50,6 @@ __all__ = [
     "__version__",
     "box",
     "certify",
+    "solve_coulomb",
+    "solve_tresca",
 ]

@@ -26,7 +26,7 @@ from .fem import compat
 from .fem.compat import fem
 from .problem import Solution
 from .solvers.reductions import Reductions
-from .solvers.results import CoulombResult, OuterStep, PathFollowingStep
+from .solvers.results import CoulombResult, OuterStep, QPStep
 from .version import __version__
 
 OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
@@ -246,7 +246,7 @@ def _one_grid(path: Path) -> None:
     tree.write(path, encoding="utf-8", xml_declaration=True)
 
 
-def _write_history(history: tuple[OuterStep, ...] | tuple[PathFollowingStep, ...], path: Path) -> None:
+def _write_history(history: tuple[OuterStep, ...] | tuple[QPStep, ...], path: Path) -> None:
     kind = type(history[0]) if history else OuterStep
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, [field.name for field in fields(kind)])

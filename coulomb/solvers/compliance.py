@@ -47,14 +47,14 @@ class Compliance(Protocol):
         ...
 
 
-class ExplicitCompliance:
-    """A as a dense matrix, rows distributed over the ranks.
+class MatrixCompliance:
+    """A as an assembled matrix, dense or sparse, rows distributed over the ranks.
 
     Args:
-        matrix: Dense, square, symmetric, 3 rows a contact node.
+        matrix: Symmetric positive definite, 3 rows a contact node, those of a node on one rank.
     """
 
-    name = "explicit"
+    name = "matrix"
 
     def __init__(self, matrix: PETSc.Mat):
         self.matrix = matrix
@@ -65,6 +65,21 @@ class ExplicitCompliance:
         d = matrix.getDiagonal()
         self._diagonal: FloatArray = d.array.copy()
         d.destroy()
+
+    def mult(self, x: FloatArray, y: FloatArray) -> None:
+        self._x.array[:] = x
+        self.matrix.mult(self._x, self._y)
+        y[:] = self._y.array_r
+        self.products += 1
+
+    def diagonal(self) -> FloatArray:
+        return self._diagonal
+
+
+class ExplicitCompliance(MatrixCompliance):
+    """A = B K^-1 B^T, formed as a dense matrix."""
+
+    name = "explicit"
 
     @classmethod
     def from_schur_complement(cls, B: PETSc.Mat, solver: DirectSolver) -> ExplicitCompliance:
@@ -120,15 +135,6 @@ class ExplicitCompliance:
         every_column.destroy()
         A.assemble()
         return cls(A)
-
-    def mult(self, x: FloatArray, y: FloatArray) -> None:
-        self._x.array[:] = x
-        self.matrix.mult(self._x, self._y)
-        y[:] = self._y.array_r
-        self.products += 1
-
-    def diagonal(self) -> FloatArray:
-        return self._diagonal
 
 
 class MatrixFreeCompliance:

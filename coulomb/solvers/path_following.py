@@ -215,7 +215,7 @@ class PathFollowing:
                 v = replace(v, A_x=problem.apply_A(v.x))  # A x was accumulated: judge by a fresh product
                 residual = problem.residual(v.x, v.A_x)
             history.append(
-                PathFollowingStep(iteration, theta, sigma, alpha, gradient, residual, step.iterations, krylov_tolerance)
+                PathFollowingStep(iteration, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
             )
             if progress is not None:
                 progress(Progress(0, iteration, residual))

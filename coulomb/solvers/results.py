@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Literal
 
 from ..arrays import FloatArray
 
@@ -29,28 +30,53 @@ def verdict(residual: float, tolerance: float, otherwise: Status) -> Status:
 
 
 @dataclass(frozen=True)
-class PathFollowingStep:
-    """One step of Algorithm PF, in the scaled variables of the solver.
+class QPStep:
+    """One step of a QP solver.
 
     Attributes:
         iteration: Step number, from 1.
+        residual: Natural residual of the QP after the step.
+        krylov: CG iterations in the step, each one product by A.
+    """
+
+    iteration: int
+    residual: float
+    krylov: int
+
+
+@dataclass(frozen=True)
+class PathFollowingStep(QPStep):
+    """One step of Algorithm PF, in the scaled variables of the solver.
+
+    Attributes:
         theta: Duality measure nu^T z / (number of constraints) after the step.
         sigma: Centring.
         alpha: Step length.
         gradient: Root mean square of grad_x L after the step.
-        residual: Natural residual of the QP after the step.
-        krylov: CG iterations, each one product by A.
         krylov_tolerance: Relative tolerance asked of CG.
     """
 
-    iteration: int
     theta: float
     sigma: float
     alpha: float
     gradient: float
-    residual: float
-    krylov: int
     krylov_tolerance: float
+
+
+StepKind = Literal["cg", "expansion", "proportioning"]
+
+
+@dataclass(frozen=True)
+class ActiveSetStep(QPStep):
+    """One step of KPRGP.
+
+    Attributes:
+        kind: A CG step on the free unknowns, an expansion of the active set, or a proportioning step.
+        stationarity: |phi + beta| after the step, in metres: free and chopped gradient.
+    """
+
+    kind: StepKind
+    stationarity: float
 
 
 @dataclass(frozen=True)
@@ -62,7 +88,7 @@ class QPResult:
         gradient: A x - b in metres, shape (3 m,): remaining normal gap, and minus the slip.
         multipliers: Lagrange multipliers of the bounds and of the discs in metres, shape (m, 2).
         status: How the solver ended.
-        iterations: Steps taken.
+        iterations: Steps taken; `steps(kind)` counts those of one kind of KPRGP.
         products: Products by A, all of them.
         residual: Natural residual, recomputed at the end with a fresh product.
         history: One record a step.
@@ -75,7 +101,11 @@ class QPResult:
     iterations: int
     products: int
     residual: float
-    history: tuple[PathFollowingStep, ...]
+    history: tuple[QPStep, ...]
+
+    def steps(self, kind: StepKind) -> int:
+        """KPRGP's steps of a kind; 0 of path following."""
+        return sum(isinstance(step, ActiveSetStep) and step.kind == kind for step in self.history)
 
 
 @dataclass(frozen=True)

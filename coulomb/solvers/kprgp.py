@@ -1,0 +1,188 @@
+"""KPRGP: conjugate gradients with proportioning and reduced gradient projections, the active-set baseline of the paper.
+
+R. Kucera: Convergence rate of an optimization algorithm for minimizing quadratic functions with separable convex
+constraints, SIAM J. Optim. 19 (2008); Z. Dostal and J. Schoberl for bounds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray
+from .results import ActiveSetStep, NotConverged, Progress, ProgressCallback, QPResult, Status, StepKind, verdict
+from .tresca import TrescaQP
+
+_ON_CIRCLE = 1.0 - 1e-13  # a projected point lies on its circle up to rounding
+
+
+@dataclass(frozen=True)
+class Split:
+    """The gradient at x, split into what may change freely and what may leave its constraint.
+
+    Attributes:
+        free: Components of free unknowns, shape (m, 3): a bound that is not touched, a disc point inside its circle.
+        phi: Free gradient, the gradient on free unknowns and 0 on active ones, shape (m, 3).
+        beta: Chopped gradient on active ones, 0 on free ones, shape (m, 3); phi + beta = 0 exactly at the solution.
+    """
+
+    free: npt.NDArray[np.bool_]
+    phi: FloatArray
+    beta: FloatArray
+
+
+@dataclass(frozen=True)
+class KPRGP:
+    """Algorithm KPRGP as a value.
+
+    Attributes:
+        tolerance: Natural residual of the QP at which to stop (`TrescaQP.residual`), as for PathFollowing.
+        proportionality: Gamma > 0: CG goes on while |beta|^2 <= Gamma^2 phi~^T phi.
+        step: Fixed step of the gradient projections, times |A|, in (0, 2).
+        max_iterations: Steps of all kinds before the solver gives up.
+
+    Raises:
+        ValueError: If a constant is outside its bounds.
+    """
+
+    tolerance: float = 1e-8
+    proportionality: float = 1.0
+    step: float = 1.9
+    max_iterations: int = 20_000
+
+    def __post_init__(self) -> None:
+        bounds = (
+            ("tolerance", self.tolerance > 0.0, "> 0"),
+            ("proportionality", self.proportionality > 0.0, "> 0"),
+            ("step", 0.0 < self.step < 2.0, "in (0, 2)"),
+            ("max_iterations", self.max_iterations >= 1, "at least 1"),
+        )
+        for name, holds, must in bounds:
+            if not holds:
+                raise ValueError(f"KPRGP: {name} must be {must}, but is {getattr(self, name)}")
+
+    def solve(
+        self,
+        qp: TrescaQP,
+        start: QPResult | None = None,
+        *,
+        tolerance: float | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> QPResult:
+        """Solve a Tresca problem; arguments, result and errors as those of `PathFollowing.solve`."""
+        tolerance = self.tolerance if tolerance is None else tolerance
+        over, products = qp.reductions, qp.A.products
+        a = self.step / norm_of(qp)
+        x = qp.project(np.zeros_like(qp.b) if start is None else start.x)
+        gradient = qp.gradient(x)
+        residual = qp.residual(x, gradient)
+        history: list[ActiveSetStep] = []
+        split = _split(qp, x, gradient, a)
+        p = split.phi
+        while residual > tolerance and len(history) < self.max_iterations:
+            reduced = (x - qp.project(x - a * split.phi.ravel())) / a
+            krylov = 0
+            if over.dot(split.beta, split.beta) <= self.proportionality**2 * over.dot(reduced, split.phi.ravel()):
+                A_p = np.empty_like(x)
+                qp.A.mult(p.ravel(), A_p)
+                krylov, curvature = 1, over.dot(p.ravel(), A_p)
+                to_minimum = over.dot(gradient, p.ravel()) / curvature
+                to_boundary = _feasible_step(qp, x.reshape(-1, 3), p, split.free)
+                if to_minimum <= to_boundary:
+                    kind: StepKind = "cg"
+                    x, gradient = x - to_minimum * p.ravel(), gradient - to_minimum * A_p
+                    split = _split(qp, x, gradient, a)
+                    p = split.phi - over.dot(split.phi.ravel(), A_p) / curvature * p
+                else:
+                    kind = "expansion"
+                    x, gradient = x - to_boundary * p.ravel(), gradient - to_boundary * A_p
+                    phi = _split(qp, x, gradient, a).phi
+                    x, gradient, split = self._projected(qp, x - a * phi.ravel(), a)
+                    p = split.phi
+            else:
+                kind = "proportioning"
+                x, gradient, split = self._projected(qp, x - a * split.beta.ravel(), a)
+                p = split.phi
+            residual = qp.residual(x, gradient)
+            if residual <= tolerance and kind == "cg":  # the gradient was updated: judge by a fresh product
+                gradient = qp.gradient(x)
+                residual = qp.residual(x, gradient)
+            stationarity = over.norm(split.phi + split.beta)
+            history.append(ActiveSetStep(len(history) + 1, residual, krylov, kind, stationarity))
+            if progress is not None:
+                progress(Progress(0, len(history), residual))
+        result = QPResult(
+            x=x,
+            gradient=gradient,
+            multipliers=_multipliers(qp, x, gradient),
+            status=verdict(residual, tolerance, Status.MAX_ITERATIONS),
+            iterations=len(history),
+            products=qp.A.products - products,
+            residual=residual,
+            history=tuple(history),
+        )
+        if result.status is not Status.CONVERGED:
+            raise NotConverged(
+                f"KPRGP ended with a residual of {residual:.1e} after {len(history)} steps ({result.status.value}), "
+                f"above the tolerance {tolerance:.1e}",
+                result,
+            )
+        return result
+
+    def _projected(self, qp: TrescaQP, x: FloatArray, a: float) -> tuple[FloatArray, FloatArray, Split]:
+        """P(x), the gradient there by a fresh product, and its split."""
+        x = qp.project(x)
+        gradient = qp.gradient(x)
+        return x, gradient, _split(qp, x, gradient, a)
+
+
+def norm_of(qp: TrescaQP, precision: float = 1e-2, most: int = 100) -> float:
+    """|A|, its greatest eigenvalue, by the power method, in metres per newton; a product a step.
+
+    Rounded up by the precision asked for: a step of 1.9/|A| must stay below 2/|A|.
+    """
+    over = qp.reductions
+    v = np.random.default_rng([1913, qp.A.comm.rank]).standard_normal(qp.b.shape)
+    v /= over.norm(v)
+    value, w = 0.0, np.empty_like(v)
+    for _ in range(most):
+        qp.A.mult(v, w)
+        old, value = value, over.norm(w)
+        v = w / value
+        if abs(value - old) <= 0.1 * precision * value:
+            break
+    return (1.0 + precision) * value
+
+
+def _split(qp: TrescaQP, x: FloatArray, gradient: FloatArray, a: float) -> Split:
+    v, g, r = x.reshape(-1, 3), qp.slip_bound, gradient.reshape(-1, 3)
+    free = np.empty(v.shape, dtype=bool)
+    free[:, 0] = v[:, 0] > qp.lower
+    free[:, 1:] = (np.hypot(v[:, 1], v[:, 2]) < _ON_CIRCLE * g)[:, None]
+    projected = ((x - qp.project(x - a * gradient)) / a).reshape(-1, 3)
+    inward = np.einsum("ij,ij->i", v[:, 1:], r[:, 1:]) > 0.0  # -gradient leads into the disc
+    chopped = np.column_stack([np.minimum(r[:, 0], 0.0), np.where(inward[:, None], r[:, 1:], projected[:, 1:])])
+    return Split(free, np.where(free, r, 0.0), np.where(free, 0.0, chopped))
+
+
+def _feasible_step(qp: TrescaQP, x: FloatArray, p: FloatArray, free: npt.NDArray[np.bool_]) -> float:
+    """Largest step along -p that keeps the free unknowns feasible; inf if there is none."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound = np.where(free[:, 0] & (p[:, 0] > 0.0), (x[:, 0] - qp.lower) / p[:, 0], np.inf)
+        squared, outward = np.sum(p[:, 1:] ** 2, axis=1), -np.sum(p[:, 1:] * x[:, 1:], axis=1)
+        room = qp.slip_bound**2 - np.sum(x[:, 1:] ** 2, axis=1)
+        root = room / (outward + np.sqrt(outward**2 + squared * room))
+    disc = root[free[:, 1] & (squared > 0.0)]
+    return min(qp.reductions.min(bound), qp.reductions.min(disc))
+
+
+def _multipliers(qp: TrescaQP, x: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Multipliers of the bounds and of the discs in metres, shape (m, 2), as the gradient shows them."""
+    v, r = x.reshape(-1, 3), gradient.reshape(-1, 3)
+    bound = np.where(v[:, 0] > qp.lower, 0.0, np.maximum(r[:, 0], 0.0))
+    size = np.hypot(v[:, 1], v[:, 2])
+    along = -np.einsum("ij,ij->i", v[:, 1:], r[:, 1:]) / np.where(size > 0.0, size, 1.0)
+    on_circle = (size >= _ON_CIRCLE * qp.slip_bound) & (size > 0.0)
+    return np.column_stack([bound, np.where(on_circle, np.maximum(along, 0.0), 0.0)])

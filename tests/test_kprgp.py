@@ -1,0 +1,76 @@
+"""KPRGP, the active-set baseline: right answers, and the same problem, residual and result as path following."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import make_block, projected_gradient, random_tresca
+
+from coulomb import KPRGP, NotConverged, PathFollowing, QPResult, Status
+from coulomb.solvers.kprgp import norm_of
+
+
+@pytest.mark.parametrize(("nodes", "seed"), [(1, 11), (2, 12), (15, 13), (60, 14)])
+def test_agrees_with_projected_gradients_and_path_following(nodes, seed):
+    qp, A = random_tresca(nodes, seed)
+    result = KPRGP(tolerance=1e-9).solve(qp)
+    exact, other = projected_gradient(qp, A), PathFollowing(tolerance=1e-9).solve(qp)
+    assert result.status is Status.CONVERGED and isinstance(result, QPResult)
+    assert np.linalg.norm(result.x - exact) <= 1e-6 * np.linalg.norm(exact)
+    assert np.linalg.norm(result.x - other.x) <= 1e-6 * np.linalg.norm(exact)
+    assert np.allclose(result.multipliers, other.multipliers, atol=1e-5 * np.abs(other.multipliers).max())
+    assert result.residual <= 1e-9 and qp.residual(result.x) == pytest.approx(result.residual, rel=1e-3)
+
+
+def test_counts_its_steps_and_products():
+    qp, _ = random_tresca(60, seed=14)
+    before = qp.A.products
+    result = KPRGP(tolerance=1e-6).solve(qp)
+    kinds = [result.steps(kind) for kind in ("cg", "expansion", "proportioning")]
+    assert sum(kinds) == result.iterations and all(kinds)
+    assert result.products == qp.A.products - before
+    # one product a CG step, two an expansion, one a proportioning step; besides: start, |A|, the last check
+    assert result.products - (kinds[0] + 2 * kinds[1] + kinds[2]) <= 102
+
+
+def test_lower_bounds_and_zero_discs():
+    qp, A = random_tresca(20, seed=15)
+    qp = replace(qp, lower=np.linspace(-1e5, 1e5, 20), slip_bound=np.where(np.arange(20) % 4, qp.slip_bound, 0.0))
+    result = KPRGP(tolerance=1e-9).solve(qp)
+    exact = projected_gradient(qp, A)
+    assert np.linalg.norm(result.x - exact) <= 1e-6 * np.linalg.norm(exact)
+    assert not result.x.reshape(-1, 3)[::4, 1:].any()
+
+
+def test_norm_by_the_power_method():
+    qp, A = random_tresca(40, seed=71)
+    exact = np.linalg.eigvalsh(A)[-1]
+    assert 0.96 * exact <= norm_of(qp) <= 1.02 * exact
+
+
+def test_starts_where_it_is_told():
+    qp, _ = random_tresca(30, seed=72)
+    answer = KPRGP(tolerance=1e-8).solve(qp)
+    assert KPRGP(tolerance=1e-7).solve(qp, answer).iterations == 0
+
+
+def test_block_needs_many_more_products_than_path_following():
+    problem = make_block(6, slip_stress=1e7)
+    qp = problem.tresca(problem.slip_bound(problem.b))
+    active, interior = KPRGP(tolerance=1e-6).solve(qp), PathFollowing(tolerance=1e-6).solve(qp)
+    assert np.linalg.norm(active.x - interior.x) <= 1e-4 * np.linalg.norm(active.x)
+    assert active.products > 3.1 * interior.products  # the paper's greatest advantage
+
+
+def test_giving_up():
+    qp, _ = random_tresca(30, seed=73)
+    with pytest.raises(NotConverged, match=r"KPRGP ended with a residual of .* after 3 steps \(max_iterations\)"):
+        KPRGP(max_iterations=3).solve(qp)
+
+
+@pytest.mark.parametrize(
+    "field", [{"tolerance": 0.0}, {"proportionality": 0.0}, {"step": 2.0}, {"step": 0.0}, {"max_iterations": 0}]
+)
+def test_constants_outside_their_bounds(field):
+    with pytest.raises(ValueError, match=rf"KPRGP: {next(iter(field))} must be .* but is"):
+        KPRGP(**field)
