@@ -1,0 +1,104 @@
+"""Theorem 1 and Figure 1 of the paper: spectra of the Newton systems along a path-following run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from ..arrays import FloatArray
+from ..solvers.newton_systems import AugmentedSystem, Linearization, NewtonStep
+from ..solvers.path_following import PathFollowing
+from ..solvers.scaling import ScaledQP
+from ..solvers.tresca import TrescaQP
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """The Newton system of one step, with dense algebra.
+
+    Attributes:
+        iteration: Step number, from 1.
+        cond_J_AM: Condition number of J_AM.
+        cond_J_SC: Condition number of J_SC.
+        augmented: Eigenvalues of P_AM^-1 J_AM, complex if rounding makes them so, shape (5 m,).
+        schur: Eigenvalues of P_SC^-1 J_SC, ascending, shape (3 m,).
+        lower: Theorem 1's bound a_min/d_max; a_min the smallest eigenvalue of A, d_max its greatest diagonal entry.
+        upper: Theorem 1's bound a_max/d_min.
+    """
+
+    iteration: int
+    cond_J_AM: float
+    cond_J_SC: float
+    augmented: FloatArray
+    schur: FloatArray
+    lower: float
+    upper: float
+
+    @property
+    def cond_preconditioned_AM(self) -> float:
+        """Greatest over smallest modulus of the eigenvalues of P_AM^-1 J_AM."""
+        size = np.abs(self.augmented)
+        return float(size.max() / size.min())
+
+    @property
+    def cond_preconditioned_SC(self) -> float:
+        return float(self.schur[-1] / self.schur[0])
+
+
+def measure(qp: TrescaQP, solver: PathFollowing | None = None) -> list[Spectra]:
+    """Spectra of every step of a run on a small problem whose nodes all have a disc, on one rank.
+
+    Args:
+        qp: The problem; everything is of size (5 m)^2 here.
+        solver: By default PathFollowing(); its Newton system is replaced by a J_AM/P_AM that looks on.
+    """
+    seen: list[Linearization] = []
+
+    class Watched(AugmentedSystem):
+        def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep:
+            seen.append(at)
+            return super().solve(at, r1, r2, tolerance, cap)
+
+    fields = {} if solver is None else {k: getattr(solver, k) for k in solver.__dataclass_fields__ if k != "newton"}
+    PathFollowing(newton=Watched, **fields).solve(qp)
+    A = scaled_matrix(qp)
+    return [_spectra(number, A, at) for number, at in enumerate(seen, start=1)]
+
+
+def scaled_matrix(qp: TrescaQP) -> FloatArray:
+    """A in the variables in which the solver works, dense, shape (3 m, 3 m)."""
+    problem = ScaledQP(qp)
+    columns = [problem.apply_A(e.reshape(-1, 3)).ravel() for e in np.eye(3 * problem.nodes)]
+    return np.array(columns).T
+
+
+def matrices(A: FloatArray, at: Linearization) -> tuple[FloatArray, FloatArray]:
+    """J_AM and J_SC with this A, dense; with diag(A) in its place, P_AM and P_SC.  Multipliers come last in J_AM."""
+    m = len(at.h)
+    J11 = A + np.diag(np.column_stack([np.zeros(m), at.h, at.h]).ravel())
+    J12 = np.array([at.J12(e.reshape(-1, 2)).ravel() for e in np.eye(2 * m)]).T
+    D22 = at.D22.ravel()
+    return np.block([[J11, J12], [J12.T, -np.diag(D22)]]), J11 + (J12 / D22) @ J12.T
+
+
+def _spectra(iteration: int, A: FloatArray, at: Linearization) -> Spectra:
+    (J_AM, J_SC), (P_AM, P_SC) = matrices(A, at), matrices(np.diag(np.diag(A)), at)
+    a, d = np.linalg.eigvalsh(A), np.diag(A)
+    return Spectra(
+        iteration=iteration,
+        cond_J_AM=float(np.linalg.cond(J_AM)),
+        cond_J_SC=float(np.linalg.cond(J_SC)),
+        augmented=scipy.linalg.eigvals(J_AM, P_AM),
+        schur=_generalized(J_SC, P_SC),
+        lower=float(a[0] / d.max()),
+        upper=float(a[-1] / d.min()),
+    )
+
+
+def _generalized(J: FloatArray, P: FloatArray) -> FloatArray:
+    """Eigenvalues of P^-1 J for symmetric positive definite P of any scale: P is scaled to a unit diagonal before."""
+    s = 1.0 / np.sqrt(np.diag(P))
+    values: FloatArray = scipy.linalg.eigh(s[:, None] * J * s, s[:, None] * P * s, eigvals_only=True)
+    return values
