@@ -6,12 +6,14 @@ marked so); 2 the input is wrong.
 
 from __future__ import annotations
 
+import csv
 import importlib.metadata
 import os
 import platform
 import sys
 import time
 import traceback
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -129,6 +131,70 @@ def compliance(
             f"{row.product_explicit:16.5f}  {row.product_matrix_free:11.5f}  {row.difference:10.1e}",
             soft_wrap=True,
         )
+
+
+@benchmark.command()
+def table1(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    solver: Annotated[list[str] | None, typer.Option("--solver", help="A column, as KPRGP; repeat.")] = None,
+    directory: Annotated[Path | None, typer.Option("--output", help="For table1.csv and table1.png.")] = None,
+) -> None:
+    """Table 1 of the paper: PF and KPRGP on the Tresca block, to the same residual."""
+    from .benchmarks.table1 import PAPER, RESIDUAL, SIZES, Row, measure
+
+    _console.print(f"Tresca block to a residual of {RESIDUAL:g}; iterations/products (paper's)", soft_wrap=True)
+    rows = []
+    try:
+        for row in measure(sizes or SIZES, solver):
+            rows.append(row)
+            theirs = PAPER.get((row.solver, row.p), "-")
+            _console.print(
+                f"{row.n:7d}/{row.m:<6d} {row.solver:14s} {row.iterations:6d}/{row.products:<6d} ({theirs:>6s})  "
+                f"{row.seconds:8.2f} s  residual {row.residual:.1e}",
+                markup=False,
+                soft_wrap=True,
+            )
+    except ValueError as error:
+        _errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+    _write_table(directory, "table1", Row._fields, rows)
+
+
+@benchmark.command()
+def conditioning(
+    p: Annotated[int, typer.Option("--p", min=1, max=5, help="Cells a metre of the block: dense algebra.")] = 3,
+    directory: Annotated[Path | None, typer.Option("--output", help="For conditioning.csv and .png.")] = None,
+) -> None:
+    """Figure 1 of the paper: condition numbers of the Newton systems along a path-following run."""
+    from .benchmarks.block import block
+    from .benchmarks.conditioning import measure
+
+    problem = block(p, friction=None)
+    spectra = measure(problem.tresca(problem.slip_bound(problem.b)))
+    fields = ("iteration", "J_AM", "J_SC", "P_AM^-1 J_AM", "P_SC^-1 J_SC", "bound")
+    rows = [
+        (s.iteration, s.cond_J_AM, s.cond_J_SC, s.cond_preconditioned_AM, s.cond_preconditioned_SC, s.upper / s.lower)
+        for s in spectra
+    ]
+    _console.print("  ".join(f"{field:>12s}" for field in fields), soft_wrap=True)
+    for row in rows:
+        _console.print("  ".join([f"{row[0]:12d}", *(f"{value:12.3e}" for value in row[1:])]), soft_wrap=True)
+    _write_table(directory, "conditioning", fields, rows)
+
+
+def _write_table(directory: Path | None, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """name.csv and its figure name.png, where a directory is given."""
+    if directory is None or _comm.rank != 0 or not rows:
+        return
+    from . import plotting
+
+    directory.mkdir(parents=True, exist_ok=True)
+    with (directory / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(fields)
+        writer.writerows(rows)
+    getattr(plotting, name)(directory / f"{name}.csv")
+    _console.print(f"{name}.csv and {name}.png in {directory}{os.sep}", soft_wrap=True)
 
 
 def _version(name: str) -> str:

@@ -5,6 +5,7 @@ python plotting.py DIRECTORY
 
 from __future__ import annotations
 
+import csv
 import ctypes.util
 import json
 import os
@@ -179,6 +180,55 @@ def _nice(value: float) -> float:
     """The nearest of 1, 2, 5 times a power of ten below."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * max(step for step in (1, 2, 5) if step * power <= value * (1.0 + 1e-12)))
+
+
+def table1(csv_file: str | Path) -> Path:
+    """Products and seconds of every solver against the contact unknowns, log-log, beside its table1.csv."""
+    rows = _read_csv(csv_file)
+    figure, axes = _axes(2)
+    for name in dict.fromkeys(row["solver"] for row in rows):
+        mine = [row for row in rows if row["solver"] == name]
+        for axis, field in zip(axes, ("products", "seconds"), strict=True):
+            axis.loglog([float(row["m"]) for row in mine], [float(row[field]) for row in mine], "o-", label=name)
+            axis.set_xlabel("contact unknowns")
+            axis.set_ylabel("products by A" if field == "products" else "seconds")
+    axes[0].legend()
+    return _save(figure, csv_file)
+
+
+def conditioning(csv_file: str | Path) -> Path:
+    """Condition numbers against the path-following step, beside its conditioning.csv (the paper's Figure 1)."""
+    rows = _read_csv(csv_file)
+    figure, (axis,) = _axes(1)
+    styles = {"J_AM": "s-", "J_SC": "o-", "P_AM^-1 J_AM": "s--", "P_SC^-1 J_SC": "o--", "bound": "k:"}
+    for field, style in styles.items():
+        steps, values = [int(row["iteration"]) for row in rows], [float(row[field]) for row in rows]
+        axis.semilogy(steps, values, style, label=field, markerfacecolor="none")
+    axis.set_xlabel("path-following step")
+    axis.set_ylabel("condition number")
+    axis.legend()
+    return _save(figure, csv_file)
+
+
+def _read_csv(path: str | Path) -> list[dict[str, str]]:
+    with Path(path).open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def _axes(count: int) -> tuple[Any, Any]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.5 * count, 4.2), layout="constrained")
+    axes = figure.subplots(1, count, squeeze=False)[0]
+    for axis in axes:
+        axis.grid(alpha=0.3)
+    return figure, axes
+
+
+def _save(figure: Any, csv_file: str | Path) -> Path:
+    path = Path(csv_file).with_suffix(".png")
+    figure.savefig(path, dpi=130)
+    return path
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """The command line as a user meets it, in a process of its own."""
 
+import csv
 import json
 import re
 
@@ -114,3 +115,30 @@ def test_benchmark_of_the_compliance():
     assert done.returncode == 0, done.stderr
     *_, row = done.stdout.splitlines()
     assert row.split()[:2] == ["2", "54"] and float(row.split()[-1]) < 1e-10
+
+
+def test_benchmark_table1(tmp_path):
+    done = run_coulomb("benchmark", "table1", "--p", 4, "--p", 5, "--output", tmp_path)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "table1.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["solver", "p", "n", "m", "iterations", "products", "seconds", "residual"]
+    assert [row["solver"] for row in rows[:4]] == ["PF(0.3,0.99)", "PF(0.1,0.9)", "PF(0.01,0.99)", "KPRGP"]
+    assert [(row["n"], row["m"]) for row in rows[::4]] == [("900", "180"), ("1620", "270")]  # 9 p (p+1)^2, 9 p (p+1)
+    assert all(float(row["residual"]) <= 1e-6 for row in rows)
+    for size in (rows[:4], rows[4:]):
+        assert int(size[3]["products"]) > 3.1 * max(int(row["products"]) for row in size[:3])
+    assert (tmp_path / "table1.png").stat().st_size > 10_000
+
+    done = run_coulomb("benchmark", "table1", "--p", 4, "--solver", "PF")
+    assert done.returncode == 2 and "there is no solver 'PF' in the table; it has PF(0.3,0.99)" in done.stderr
+
+
+def test_benchmark_conditioning(tmp_path):
+    done = run_coulomb("benchmark", "conditioning", "--p", 2, "--output", tmp_path)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "conditioning.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[-1]["J_AM"]) > 1e8 > 1e4 > float(rows[-1]["P_AM^-1 J_AM"])
+    assert all(float(row["P_SC^-1 J_SC"]) <= float(row["bound"]) for row in rows)
+    assert (tmp_path / "conditioning.png").stat().st_size > 10_000

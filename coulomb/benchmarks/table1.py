@@ -1,0 +1,86 @@
+"""Table 1 of the paper: PF(r_tol, c_fact) and KPRGP on the Tresca block, all to the same final residual."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from ..solvers.kprgp import KPRGP
+from ..solvers.path_following import PathFollowing
+from ..solvers.results import NotConverged
+from ..solvers.tresca import QPSolver
+from .block import block
+
+RESIDUAL = 1e-6
+SIZES = (10, 12, 14, 16)
+
+PAPER = {
+    ("PF(0.3,0.99)", 10): "19/132",
+    ("PF(0.1,0.9)", 10): "17/134",
+    ("PF(0.01,0.99)", 10): "16/136",
+    ("KPRGP", 10): "203",
+    ("PF(0.3,0.99)", 12): "16/95",
+    ("PF(0.1,0.9)", 12): "13/75",
+    ("PF(0.01,0.99)", 12): "16/141",
+    ("KPRGP", 12): "230",
+    ("PF(0.3,0.99)", 14): "19/128",
+    ("PF(0.1,0.9)", 14): "16/120",
+    ("PF(0.01,0.99)", 14): "16/133",
+    ("KPRGP", 14): "254",
+    ("PF(0.3,0.99)", 16): "16/102",
+    ("PF(0.1,0.9)", 16): "18/135",
+    ("PF(0.01,0.99)", 16): "17/157",
+    ("KPRGP", 16): "259",
+}
+"""Iterations / products as printed there (KPRGP: products); its loads are not, so they compare in magnitude only."""
+
+
+def solvers() -> dict[str, QPSolver]:
+    """The columns, by the names of the paper."""
+    constants = ((0.3, 0.99), (0.1, 0.9), (0.01, 0.99))
+    columns: dict[str, QPSolver] = {
+        f"PF({r_tol:g},{c_fact:g})": PathFollowing(tolerance=RESIDUAL, r_tol=r_tol, c_fact=c_fact)
+        for r_tol, c_fact in constants
+    }
+    return columns | {"KPRGP": KPRGP(tolerance=RESIDUAL)}
+
+
+class Row(NamedTuple):
+    """A cell of the table, and a line of table1.csv; m is the number of contact unknowns, as the paper counts."""
+
+    solver: str
+    p: int
+    n: int
+    m: int
+    iterations: int
+    products: int
+    seconds: float
+    residual: float
+
+
+def measure(sizes: Iterable[int] = SIZES, names: Iterable[str] | None = None) -> Iterator[Row]:
+    """Rows as they are measured, A formed beforehand; `seconds` is the solver's alone.
+
+    A solver that does not get to the residual gives its row all the same, with the residual it got to.
+
+    Raises:
+        ValueError: If a solver's name is unknown.
+    """
+    columns = solvers()
+    chosen = list(names or columns)
+    unknown = [name for name in chosen if name not in columns]
+    if unknown:
+        raise ValueError(f"there is no solver {unknown[0]!r} in the table; it has {', '.join(columns)}")
+    for p in sizes:
+        problem = block(p, friction=None)
+        qp = problem.tresca(problem.slip_bound(problem.b))
+        for name in chosen:
+            began = time.perf_counter()
+            try:
+                result = columns[name].solve(qp)
+            except NotConverged as failure:
+                result = failure.result  # type: ignore[assignment]
+            seconds = time.perf_counter() - began
+            n, m = problem.unknowns["displacement"], problem.unknowns["contact"]
+            yield Row(name, p, n, m, result.iterations, result.products, seconds, result.residual)
