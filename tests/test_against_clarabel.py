@@ -1,0 +1,97 @@
+"""Tresca problems against a general conic solver (Clarabel), by residual, objective and answer."""
+
+from dataclasses import replace
+
+import clarabel
+import numpy as np
+import pytest
+import scipy.sparse
+from conftest import dense_compliance, random_spd
+
+from coulomb import KPRGP, PathFollowing, TrescaQP
+
+
+def by_clarabel(A, b, slip_bound, lower):
+    """The same problem with s = x_n - lower >= 0 and (g, x_t1, x_t2) in the second-order cone, scaled for Clarabel."""
+    m, a = len(slip_bound), np.diag(A).mean()
+    f = np.abs(b).max() / a
+    rows, right, cones = [], [], []
+    normal = scipy.sparse.csr_matrix((-np.ones(m), (np.arange(m), 3 * np.arange(m))), shape=(m, 3 * m))
+    rows.append(normal)
+    right.append(-lower / f)
+    cones.append(clarabel.NonnegativeConeT(m))
+    for i in range(m):
+        rows.append(scipy.sparse.csr_matrix(([-1.0, -1.0], ([1, 2], [3 * i + 1, 3 * i + 2])), shape=(3, 3 * m)))
+        right.append([slip_bound[i] / f, 0.0, 0.0])
+        cones.append(clarabel.SecondOrderConeT(3))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
+    P = scipy.sparse.csc_matrix(np.triu(A / a))
+    G = scipy.sparse.csc_matrix(scipy.sparse.vstack(rows))
+    solution = clarabel.DefaultSolver(P, -b / (a * f), G, np.concatenate(right), cones, settings).solve()
+    assert "Solved" in str(solution.status)
+    return f * np.array(solution.x)
+
+
+def problem(nodes, condition, normal, bound, seed):
+    """b with normal parts of a kind, slip bounds as a multiple of what sticking would take."""
+    rng = np.random.default_rng(seed)
+    A = 1e-9 * random_spd(3 * nodes, condition, rng)
+    b = 1e-4 * rng.standard_normal(3 * nodes)
+    b[0::3] = (
+        {"open": -10.0, "closed": 10.0, "mixed": 1.0}[normal]
+        * np.abs(b[0::3])
+        * (rng.choice([-1, 1], nodes) if normal == "mixed" else 1.0)
+    )
+    return A, b, bound * np.abs(b).mean() / np.diag(A).mean() * rng.uniform(0.5, 1.5, nodes)
+
+
+CASES = {
+    "many contacts": problem(200, 1e3, "mixed", 0.5, 101),
+    "condition 1e6": problem(30, 1e6, "mixed", 0.5, 102),
+    "condition 1e8": problem(30, 1e8, "mixed", 0.5, 103),
+    "all open": problem(30, 10.0, "open", 0.5, 104),
+    "all stick": problem(30, 10.0, "mixed", 1e3, 105),
+    "all slip": problem(30, 10.0, "closed", 1e-3, 106),
+    "one node": problem(1, 10.0, "closed", 0.5, 107),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("solver", [PathFollowing(tolerance=1e-9), KPRGP(tolerance=1e-7)], ids=["PF", "KPRGP"])
+def test_agrees_with_clarabel(name, solver):
+    A, b, g = CASES[name]
+    if isinstance(solver, KPRGP) and name.startswith("condition"):
+        pytest.skip("KPRGP's products grow with the condition of A: thousands of steps at 1e6, millions at 1e8")
+    qp = TrescaQP(dense_compliance(A), b, g)
+    result, theirs = solver.solve(qp), by_clarabel(A, b, g, np.zeros(len(g)))
+    assert result.residual <= solver.tolerance
+    assert qp.objective(result.x) <= qp.objective(theirs) + 1e-9 * abs(qp.objective(theirs))
+    assert qp.objective(result.x) == pytest.approx(qp.objective(theirs), rel=1e-7)
+    # a feasible point's distance from the solution, in energy, is at most what its objective is above the minimum
+    difference, above = result.x - theirs, qp.objective(theirs) - qp.objective(result.x)
+    assert 0.5 * difference @ A @ difference <= max(above, 0.0) + 1e-9 * abs(qp.objective(theirs))
+    if np.linalg.cond(A) < 1e5:
+        assert np.linalg.norm(difference) <= 1e-4 * np.linalg.norm(theirs)
+
+
+def test_zones_are_what_they_are_called():
+    for name in ("all open", "all stick", "all slip"):
+        A, b, g = CASES[name]
+        x = PathFollowing(tolerance=1e-9).solve(TrescaQP(dense_compliance(A), b, g)).x.reshape(-1, 3)
+        use = np.hypot(x[:, 1], x[:, 2]) / g
+        assert {
+            "all open": x[:, 0].max() <= 1e-6 * np.abs(x).max(),
+            "all stick": use.max() < 0.9,
+            "all slip": use.min() > 0.999,
+        }[name]
+
+
+def test_zero_bounds_and_lower_bounds():
+    A, b, g = CASES["many contacts"]
+    g, lower = np.where(np.arange(200) % 5, g, 0.0), np.linspace(-1.0, 1.0, 200) * g.mean()
+    qp = replace(TrescaQP(dense_compliance(A), b, g), lower=lower)
+    theirs = by_clarabel(A, b, g, lower)
+    for solver in (PathFollowing(tolerance=1e-9), KPRGP(tolerance=1e-7)):
+        assert np.linalg.norm(solver.solve(qp).x - theirs) <= 1e-5 * np.linalg.norm(theirs)
