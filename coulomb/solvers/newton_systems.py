@@ -131,7 +131,7 @@ class _CarryingCG:
         b, s = self._nodewise(self._rhs), self._nodewise(self._solution)
         b[:, : self._block], b[:, self._block :] = rhs, 0.0
         s[:, : self._block], s[:, self._block :] = guess, 0.0
-        limit = 50 + self._rhs.getSize() // (self._block + 3)
+        limit = 100 + 3 * self._rhs.getSize() // (self._block + 3)  # as many as exact arithmetic needs, and some
         self._ksp.setTolerances(rtol=0.0, atol=atol, divtol=1e30, max_it=limit)
         self._ksp.solve(self._rhs, self._solution)
         s = self._nodewise(self._solution, readonly=True).copy()
