@@ -78,7 +78,7 @@ class PathFollowing:
     r_tol: float = 0.1
     c_fact: float = 0.9
     gamma: float = 1e-3
-    beta: float = 1e3
+    beta: float = 1e4
     omega: float = 1e-2
     sigma_min: float = 0.1
     sigma_max: float = 0.5
