@@ -6,18 +6,18 @@ marked so); 2 the input is wrong.
 
 from __future__ import annotations
 
-import csv
 import importlib.metadata
+import json
 import os
 import platform
 import sys
 import time
 import traceback
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import scipy.sparse
 import typer
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -25,20 +25,20 @@ from rich.console import Console
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from . import output
+from .benchmarks.commands import benchmark
 from .case import Case, read_case
+from .console import BAD_INPUT, FAILED
+from .console import console as _console
+from .console import errors as _errors
 from .fem import compat
 from .problem import ContactProblem, Solution
-from .solvers.results import NotConverged, Progress
+from .solvers.fixed_point import SuccessiveTresca
+from .solvers.results import CoulombResult, NotConverged, Progress
 from .version import __version__
 
-PASSED, FAILED, BAD_INPUT = 0, 1, 2
-
 app = typer.Typer(help=__doc__, add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-benchmark = typer.Typer(help="Measurements behind the choices.", no_args_is_help=True)
 app.add_typer(benchmark, name="benchmark")
 _comm = MPI.COMM_WORLD
-_console = Console(quiet=_comm.rank != 0, highlight=False)
-_errors = Console(quiet=_comm.rank != 0, highlight=False, stderr=True, soft_wrap=True)
 
 
 @app.command()
@@ -111,90 +111,76 @@ def info() -> None:
         _console.print(f"{name:<18}{value}", markup=False, soft_wrap=True)
 
 
-@benchmark.command()
-def compliance(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+@app.command()
+def fclib(
+    file: Annotated[Path, typer.Argument(help="Problem in FCLIB's HDF5 format, local or global.")],
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of lines.")] = False,
+    tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-8,
 ) -> None:
-    """Three ways to the compliance A on one rank, seconds: what the default choice rests on."""
-    from .benchmarks.compliance import measure
+    """Solve a friction problem from elsewhere, and report the residual its community uses."""
+    from .fclib import read_fclib
+    from .general import solve_coulomb
 
     if _comm.size > 1:
-        _errors.print("error: this benchmark runs on one rank", markup=False)
+        _errors.print("error: coulomb fclib runs on one rank", markup=False)
         raise typer.Exit(BAD_INPUT)
-    _console.print(
-        "  p  contact    Schur  many right-hand sides  product explicit  matrix-free  difference", soft_wrap=True
-    )
-    for p in sizes or (6, 10, 16):
-        row = measure(p)
-        _console.print(
-            f"{row.p:3d}  {row.contact:7d}  {row.schur:7.2f}  {row.right_hand_sides:21.2f}  "
-            f"{row.product_explicit:16.5f}  {row.product_matrix_free:11.5f}  {row.difference:10.1e}",
-            soft_wrap=True,
-        )
-
-
-@benchmark.command()
-def table1(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
-    solver: Annotated[list[str] | None, typer.Option("--solver", help="A column, as KPRGP; repeat.")] = None,
-    directory: Annotated[Path | None, typer.Option("--output", help="For table1.csv and table1.png.")] = None,
-) -> None:
-    """Table 1 of the paper: PF and KPRGP on the Tresca block, to the same residual."""
-    from .benchmarks.table1 import PAPER, RESIDUAL, SIZES, Row, measure
-
-    _console.print(f"Tresca block to a residual of {RESIDUAL:g}; iterations/products (paper's)", soft_wrap=True)
-    rows = []
+    trouble = ""
     try:
-        for row in measure(sizes or SIZES, solver):
-            rows.append(row)
-            theirs = PAPER.get((row.solver, row.p), "-")
-            _console.print(
-                f"{row.n:7d}/{row.m:<6d} {row.solver:14s} {row.iterations:6d}/{row.products:<6d} ({theirs:>6s})  "
-                f"{row.seconds:8.2f} s  residual {row.residual:.1e}",
-                markup=False,
-                soft_wrap=True,
-            )
+        problem = read_fclib(file)
+        result = solve_coulomb(problem.W, -problem.q, problem.mu, SuccessiveTresca(tolerance))
     except ValueError as error:
         _errors.print(f"error: {error}", markup=False)
         raise typer.Exit(BAD_INPUT) from None
-    _write_table(directory, "table1", Row._fields, rows)
+    except NotConverged as failure:
+        assert isinstance(failure.result, CoulombResult)
+        result, trouble = failure.result, str(failure)
+    report = {
+        "file": str(file),
+        "title": problem.title.strip(),
+        "contacts": len(problem.mu),
+        "status": result.status.value,
+        "residual": result.residual,
+        "fclib_residual": problem.residual(result.x),
+        "outer": result.iterations,
+        "path_following": result.path_following,
+        "products": result.products,
+    }
+    if as_json:
+        _console.print(json.dumps(report), markup=False, soft_wrap=True)
+    else:
+        for name, value in report.items():
+            shown = f"{value:.2e}" if isinstance(value, float) else value
+            _console.print(f"{name:<16}{shown}", markup=False, soft_wrap=True)
+    if trouble:
+        _errors.print(f"error: {trouble}", markup=False)
+        raise typer.Exit(FAILED)
 
 
-@benchmark.command()
-def conditioning(
-    p: Annotated[int, typer.Option("--p", min=1, max=5, help="Cells a metre of the block: dense algebra.")] = 3,
-    directory: Annotated[Path | None, typer.Option("--output", help="For conditioning.csv and .png.")] = None,
+@app.command()
+def export(
+    case: Annotated[Path, typer.Argument(help="Case file, TOML, with Coulomb friction.", metavar="CASE.toml")],
+    file: Annotated[Path, typer.Argument(help="FCLIB file to write, HDF5.")],
+    changes: Annotated[list[str] | None, typer.Option("--set", help="Replace a setting; may be repeated.")] = None,
 ) -> None:
-    """Figure 1 of the paper: condition numbers of the Newton systems along a path-following run."""
-    from .benchmarks.block import block
-    from .benchmarks.conditioning import measure
+    """Write the contact problem of a case, condensed to its contact nodes, for other solvers to read."""
+    from .fclib import FCLIBProblem, write_fclib
+    from .solvers.compliance import ExplicitCompliance
 
-    problem = block(p, friction=None)
-    spectra = measure(problem.tresca(problem.slip_bound(problem.b)))
-    fields = ("iteration", "J_AM", "J_SC", "P_AM^-1 J_AM", "P_SC^-1 J_SC", "bound")
-    rows = [
-        (s.iteration, s.cond_J_AM, s.cond_J_SC, s.cond_preconditioned_AM, s.cond_preconditioned_SC, s.upper / s.lower)
-        for s in spectra
-    ]
-    _console.print("  ".join(f"{field:>12s}" for field in fields), soft_wrap=True)
-    for row in rows:
-        _console.print("  ".join([f"{row[0]:12d}", *(f"{value:12.3e}" for value in row[1:])]), soft_wrap=True)
-    _write_table(directory, "conditioning", fields, rows)
-
-
-def _write_table(directory: Path | None, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """name.csv and its figure name.png, where a directory is given."""
-    if directory is None or _comm.rank != 0 or not rows:
-        return
-    from . import plotting
-
-    directory.mkdir(parents=True, exist_ok=True)
-    with (directory / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(fields)
-        writer.writerows(rows)
-    getattr(plotting, name)(directory / f"{name}.csv")
-    _console.print(f"{name}.csv and {name}.png in {directory}{os.sep}", soft_wrap=True)
+    try:
+        if _comm.size > 1:
+            raise ValueError("coulomb export runs on one rank")
+        problem = read_case(case, changes or (), _comm).problem(_comm)
+        if problem.contact.friction is None:
+            raise ValueError("FCLIB's problems have Coulomb friction; this case has a slip stress")
+        if not isinstance(problem.A, ExplicitCompliance):
+            raise ValueError('A is not formed for a problem of this size; set solver.compliance="explicit"')
+        mu = np.full(len(problem.surface.nodes), problem.contact.friction)
+        W = problem.A.matrix.getDenseArray()
+        write_fclib(file, FCLIBProblem(scipy.sparse.csr_matrix(W), -problem.b, mu, case.stem))
+    except (ValueError, OSError) as error:
+        _errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+    _console.print(f"{len(mu)} contacts in {file}", markup=False, soft_wrap=True)
 
 
 def _version(name: str) -> str:

@@ -6,6 +6,7 @@ import scipy.sparse
 from conftest import ROOT
 
 from coulomb import SuccessiveTresca, solve_coulomb, solve_tresca
+from coulomb.fclib import FCLIBProblem, read_fclib
 
 FOLDER = ROOT.parent / "shared" / "fclib"
 FILES = sorted(FOLDER.glob("*.npz"))
@@ -44,3 +45,23 @@ def test_coulomb(name):
     assert result.residual <= 1e-7
     if data["r_is_unique"]:
         assert np.linalg.norm(result.x - data["r_coulomb"]) <= 1e-5 * np.linalg.norm(result.x)
+
+
+HDF5 = sorted(FOLDER.glob("*.hdf5")) or [FOLDER / "none.hdf5"]
+
+
+@pytest.mark.parametrize("path", HDF5, ids=lambda path: path.name)
+def test_hdf5_files_hold_the_problems_of_the_npz_files(path):
+    problem = read_fclib(path)
+    data, W = load(path.with_suffix(".npz").name)
+    assert abs(problem.W - W).max() <= 1e-9 * abs(W).max()
+    assert np.allclose(problem.q, data["q"], rtol=1e-9, atol=1e-9 * np.abs(data["q"]).max())
+    assert np.allclose(problem.mu, data["mu"])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_residual_of_the_reference_solutions(name):
+    data, W = load(name)
+    problem = FCLIBProblem(W, data["q"], data["mu"])
+    assert problem.residual(data["r_coulomb"]) <= 1e-12
+    assert problem.residual(1.01 * data["r_coulomb"]) > 1e-9

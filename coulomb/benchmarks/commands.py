@@ -1,0 +1,102 @@
+"""`coulomb benchmark ...`: each prints its table and, with --output, writes it as CSV with a figure."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from mpi4py import MPI
+
+from ..console import BAD_INPUT, console, errors
+
+benchmark = typer.Typer(help="Measurements behind the choices.", no_args_is_help=True)
+
+
+@benchmark.command()
+def compliance(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+) -> None:
+    """Three ways to the compliance A on one rank, seconds: what the default choice rests on."""
+    from .compliance import measure
+
+    if MPI.COMM_WORLD.size > 1:
+        errors.print("error: this benchmark runs on one rank", markup=False)
+        raise typer.Exit(BAD_INPUT)
+    console.print(
+        "  p  contact    Schur  many right-hand sides  product explicit  matrix-free  difference", soft_wrap=True
+    )
+    for p in sizes or (6, 10, 16):
+        row = measure(p)
+        console.print(
+            f"{row.p:3d}  {row.contact:7d}  {row.schur:7.2f}  {row.right_hand_sides:21.2f}  "
+            f"{row.product_explicit:16.5f}  {row.product_matrix_free:11.5f}  {row.difference:10.1e}",
+            soft_wrap=True,
+        )
+
+
+@benchmark.command()
+def table1(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    solver: Annotated[list[str] | None, typer.Option("--solver", help="A column, as KPRGP; repeat.")] = None,
+    directory: Annotated[Path | None, typer.Option("--output", help="For table1.csv and table1.png.")] = None,
+) -> None:
+    """Table 1 of the paper: PF and KPRGP on the Tresca block, to the same residual."""
+    from .table1 import PAPER, RESIDUAL, SIZES, Row, measure
+
+    console.print(f"Tresca block to a residual of {RESIDUAL:g}; iterations/products (paper's)", soft_wrap=True)
+    rows = []
+    try:
+        for row in measure(sizes or SIZES, solver):
+            rows.append(row)
+            theirs = PAPER.get((row.solver, row.p), "-")
+            console.print(
+                f"{row.n:7d}/{row.m:<6d} {row.solver:14s} {row.iterations:6d}/{row.products:<6d} ({theirs:>6s})  "
+                f"{row.seconds:8.2f} s  residual {row.residual:.1e}",
+                markup=False,
+                soft_wrap=True,
+            )
+    except ValueError as error:
+        errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+    _write_table(directory, "table1", Row._fields, rows)
+
+
+@benchmark.command()
+def conditioning(
+    p: Annotated[int, typer.Option("--p", min=1, max=5, help="Cells a metre of the block: dense algebra.")] = 3,
+    directory: Annotated[Path | None, typer.Option("--output", help="For conditioning.csv and .png.")] = None,
+) -> None:
+    """Figure 1 of the paper: condition numbers of the Newton systems along a path-following run."""
+    from .block import block
+    from .conditioning import measure
+
+    problem = block(p, friction=None)
+    spectra = measure(problem.tresca(problem.slip_bound(problem.b)))
+    fields = ("iteration", "J_AM", "J_SC", "P_AM^-1 J_AM", "P_SC^-1 J_SC", "bound")
+    rows = [
+        (s.iteration, s.cond_J_AM, s.cond_J_SC, s.cond_preconditioned_AM, s.cond_preconditioned_SC, s.upper / s.lower)
+        for s in spectra
+    ]
+    console.print("  ".join(f"{field:>12s}" for field in fields), soft_wrap=True)
+    for row in rows:
+        console.print("  ".join([f"{row[0]:12d}", *(f"{value:12.3e}" for value in row[1:])]), soft_wrap=True)
+    _write_table(directory, "conditioning", fields, rows)
+
+
+def _write_table(directory: Path | None, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """name.csv and its figure name.png, where a directory is given."""
+    if directory is None or MPI.COMM_WORLD.rank != 0 or not rows:
+        return
+    from .. import plotting
+
+    directory.mkdir(parents=True, exist_ok=True)
+    with (directory / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(fields)
+        writer.writerows(rows)
+    getattr(plotting, name)(directory / f"{name}.csv")
+    console.print(f"{name}.csv and {name}.png in {directory}{os.sep}", soft_wrap=True)
