@@ -144,7 +144,7 @@ def norm_of(qp: TrescaQP, precision: float = 1e-2, most: int = 100) -> float:
     Rounded up by the precision asked for: a step of 1.9/|A| must stay below 2/|A|.
     """
     over = qp.reductions
-    v = np.random.default_rng([1913, qp.A.comm.rank]).standard_normal(qp.b.shape)
+    v: FloatArray = np.random.default_rng([1913, qp.A.comm.rank]).standard_normal(qp.b.shape)
     v /= over.norm(v)
     value, w = 0.0, np.empty_like(v)
     for _ in range(most):
