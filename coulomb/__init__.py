@@ -11,6 +11,7 @@ from .fem.obstacles import Plane
 from .fem.surface import ContactSurface
 from .general import solve_coulomb, solve_tresca
 from .problem import Contact, ContactProblem, Solution
+from .solvers.dense_system import DenseSystem
 from .solvers.fixed_point import CoulombProblem, SuccessiveTresca
 from .solvers.kprgp import KPRGP
 from .solvers.newton_systems import AugmentedSystem, SchurComplementSystem
@@ -31,6 +32,7 @@ __all__ = [
     "ContactSurface",
     "CoulombProblem",
     "CoulombResult",
+    "DenseSystem",
     "DirectSolver",
     "Elasticity",
     "IterativeSolver",

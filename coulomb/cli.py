@@ -32,7 +32,10 @@ from .console import console as _console
 from .console import errors as _errors
 from .fem import compat
 from .problem import ContactProblem, Solution
+from .solvers.dense_system import DenseSystem
 from .solvers.fixed_point import SuccessiveTresca
+from .solvers.newton_systems import AugmentedSystem
+from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, NotConverged, Progress
 from .version import __version__
 
@@ -116,6 +119,7 @@ def fclib(
     file: Annotated[Path, typer.Argument(help="Problem in FCLIB's HDF5 format, local or global.")],
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of lines.")] = False,
     tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-8,
+    dense: Annotated[bool, typer.Option("--dense", help="Newton systems by dense algebra: hard, small ones.")] = False,
 ) -> None:
     """Solve a friction problem from elsewhere, and report the residual its community uses."""
     from .fclib import read_fclib
@@ -124,10 +128,10 @@ def fclib(
     if _comm.size > 1:
         _errors.print("error: coulomb fclib runs on one rank", markup=False)
         raise typer.Exit(BAD_INPUT)
-    trouble = ""
+    trouble, solver = "", PathFollowing(newton=DenseSystem if dense else AugmentedSystem)
     try:
         problem = read_fclib(file)
-        result = solve_coulomb(problem.W, -problem.q, problem.mu, SuccessiveTresca(tolerance))
+        result = solve_coulomb(problem.W, -problem.q, problem.mu, SuccessiveTresca(tolerance, solver))
     except ValueError as error:
         _errors.print(f"error: {error}", markup=False)
         raise typer.Exit(BAD_INPUT) from None

@@ -7,7 +7,8 @@ import pytest
 from conftest import random_spd
 from mpi4py import MPI
 
-from coulomb import AugmentedSystem, SchurComplementSystem
+from coulomb import AugmentedSystem, DenseSystem, SchurComplementSystem
+from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.newton_systems import Linearization
 
 NODES = 9
@@ -67,6 +68,20 @@ def test_solves_the_newton_system(kind, system):
     assert np.allclose(step.dnu, dnu, rtol=1e-6, atol=1e-9 * np.abs(dnu).max())
     assert len(calls) == step.iterations  # one product an iteration, and none for A dx
     assert np.allclose(step.A_dx.ravel(), A @ step.dx.ravel(), rtol=1e-10, atol=1e-12)
+
+
+def test_dense_system_and_its_matrix(system):
+    A, at, r1, r2 = system
+    J11, J12, D22 = dense_blocks(A, at)
+    J = np.block([[J11, J12], [J12.T, -D22]])
+    assert np.array_equal(augmented_matrix(A, at), J)
+    exact = np.linalg.solve(J, np.concatenate([r1.ravel(), r2.ravel()]))
+    newton, calls = make(DenseSystem, A)
+    step = newton.solve(at, r1, r2, 0.1, np.inf)
+    assert len(calls) == 3 * NODES and step.iterations == 0
+    assert np.allclose(step.dx.ravel(), exact[: 3 * NODES], rtol=1e-8, atol=1e-12 * np.abs(exact).max())
+    assert np.allclose(step.dnu.ravel(), exact[3 * NODES :], rtol=1e-6, atol=1e-9 * np.abs(exact).max())
+    assert np.allclose(step.A_dx.ravel(), A @ step.dx.ravel())
 
 
 def test_both_systems_make_the_same_iterates(system):

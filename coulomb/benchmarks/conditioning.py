@@ -8,6 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from ..arrays import FloatArray
+from ..solvers.dense_system import augmented_matrix
 from ..solvers.newton_systems import AugmentedSystem, Linearization, NewtonStep
 from ..solvers.path_following import PathFollowing
 from ..solvers.scaling import ScaledQP
@@ -76,11 +77,9 @@ def scaled_matrix(qp: TrescaQP) -> FloatArray:
 
 def matrices(A: FloatArray, at: Linearization) -> tuple[FloatArray, FloatArray]:
     """J_AM and J_SC with this A, dense; with diag(A) in its place, P_AM and P_SC.  Multipliers come last in J_AM."""
-    m = len(at.h)
-    J11 = A + np.diag(np.column_stack([np.zeros(m), at.h, at.h]).ravel())
-    J12 = np.array([at.J12(e.reshape(-1, 2)).ravel() for e in np.eye(2 * m)]).T
-    D22 = at.D22.ravel()
-    return np.block([[J11, J12], [J12.T, -np.diag(D22)]]), J11 + (J12 / D22) @ J12.T
+    J_AM, n = augmented_matrix(A, at), 3 * len(at.h)
+    J12 = J_AM[:n, n:]
+    return J_AM, J_AM[:n, :n] + (J12 / at.D22.ravel()) @ J12.T
 
 
 def _spectra(iteration: int, A: FloatArray, at: Linearization) -> Spectra:

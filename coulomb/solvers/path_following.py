@@ -68,7 +68,8 @@ class PathFollowing:
         sigma_min: Centring after an ordinary step, 0 < sigma_min <= sigma_max.
         sigma_max: Centring after a blocked step, at most 1/2.
         max_iterations: Steps before the solver gives up.
-        newton: The linear system of a step: AugmentedSystem (J_AM, P_AM) or SchurComplementSystem (J_SC, P_SC).
+        newton: The linear system of a step: AugmentedSystem (J_AM, P_AM), SchurComplementSystem (J_SC, P_SC)
+            or DenseSystem (J_AM by LU).
 
     Raises:
         ValueError: If a constant is outside its bounds.
