@@ -123,11 +123,12 @@ def test_benchmark_table1(tmp_path):
     with (tmp_path / "table1.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["solver", "p", "n", "m", "iterations", "products", "seconds", "residual"]
-    assert [row["solver"] for row in rows[:4]] == ["PF(0.3,0.99)", "PF(0.1,0.9)", "PF(0.01,0.99)", "KPRGP"]
-    assert [(row["n"], row["m"]) for row in rows[::4]] == [("900", "180"), ("1620", "270")]  # 9 p (p+1)^2, 9 p (p+1)
+    names = ["PF(0.3,0.99)", "PF(0.1,0.9)", "PF(0.01,0.99)", "PF(0.1,0.9) with estimated diag(A)", "KPRGP"]
+    assert [row["solver"] for row in rows] == 2 * names
+    assert [(row["n"], row["m"]) for row in rows[::5]] == [("900", "180"), ("1620", "270")]  # 9 p (p+1)^2, 9 p (p+1)
     assert all(float(row["residual"]) <= 1e-6 for row in rows)
-    for size in (rows[:4], rows[4:]):
-        assert int(size[3]["products"]) > 3.1 * max(int(row["products"]) for row in size[:3])
+    for size in (rows[:5], rows[5:]):
+        assert int(size[4]["products"]) > 3.1 * max(int(row["products"]) for row in size[:4])
     assert (tmp_path / "table1.png").stat().st_size > 10_000
 
     done = run_coulomb("benchmark", "table1", "--p", 4, "--solver", "PF")

@@ -54,7 +54,7 @@ def table1(
             rows.append(row)
             theirs = PAPER.get((row.solver, row.p), "-")
             console.print(
-                f"{row.n:7d}/{row.m:<6d} {row.solver:14s} {row.iterations:6d}/{row.products:<6d} ({theirs:>6s})  "
+                f"{row.n:7d}/{row.m:<6d} {row.solver:34s} {row.iterations:6d}/{row.products:<6d} ({theirs:>6s})  "
                 f"{row.seconds:8.2f} s  residual {row.residual:.1e}",
                 markup=False,
                 soft_wrap=True,

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
+from ..problem import ContactProblem
+from ..solvers.compliance import MatrixCompliance, estimated_diagonal
 from ..solvers.kprgp import KPRGP
 from ..solvers.path_following import PathFollowing
 from ..solvers.results import NotConverged
@@ -13,6 +16,7 @@ from ..solvers.tresca import QPSolver
 from .block import block
 
 RESIDUAL = 1e-6
+ESTIMATED = "PF(0.1,0.9) with estimated diag(A)"
 SIZES = (10, 12, 14, 16)
 
 PAPER = {
@@ -43,6 +47,7 @@ def solvers() -> dict[str, QPSolver]:
         f"PF({r_tol:g},{c_fact:g})": PathFollowing(tolerance=RESIDUAL, r_tol=r_tol, c_fact=c_fact)
         for r_tol, c_fact in constants
     }
+    columns[ESTIMATED] = PathFollowing(tolerance=RESIDUAL)
     return columns | {"KPRGP": KPRGP(tolerance=RESIDUAL)}
 
 
@@ -75,12 +80,20 @@ def measure(sizes: Iterable[int] = SIZES, names: Iterable[str] | None = None) ->
     for p in sizes:
         problem = block(p, friction=None)
         qp = problem.tresca(problem.slip_bound(problem.b))
+        estimated = replace(qp, A=_with_estimated_diagonal(problem)) if ESTIMATED in chosen else qp
         for name in chosen:
             began = time.perf_counter()
             try:
-                result = columns[name].solve(qp)
+                result = columns[name].solve(estimated if name == ESTIMATED else qp)
             except NotConverged as failure:
                 result = failure.result  # type: ignore[assignment]
             seconds = time.perf_counter() - began
             n, m = problem.unknowns["displacement"], problem.unknowns["contact"]
             yield Row(name, p, n, m, result.iterations, result.products, seconds, result.residual)
+
+
+def _with_estimated_diagonal(problem: ContactProblem) -> MatrixCompliance:
+    """The same A, with its diagonal as a matrix-free A would have it."""
+    assert isinstance(problem.A, MatrixCompliance)
+    diagonal = estimated_diagonal(problem.A, problem.surface.B, problem.elasticity.K)
+    return MatrixCompliance(problem.A.matrix, diagonal)

@@ -52,18 +52,19 @@ class MatrixCompliance:
 
     Args:
         matrix: Symmetric positive definite, 3 rows a contact node, those of a node on one rank.
+        diagonal: What to give out as its diagonal, in place of the exact one, shape (3 m,).
     """
 
     name = "matrix"
 
-    def __init__(self, matrix: PETSc.Mat):
+    def __init__(self, matrix: PETSc.Mat, diagonal: FloatArray | None = None):
         self.matrix = matrix
         self.comm: MPI.Comm = matrix.getComm().tompi4py()
         self.nodes = matrix.getLocalSize()[0] // 3
         self.products = 0
         self._y, self._x = matrix.createVecs("left"), matrix.createVecs("right")
         d = matrix.getDiagonal()
-        self._diagonal: FloatArray = d.array.copy()
+        self._diagonal: FloatArray = d.array.copy() if diagonal is None else diagonal
         d.destroy()
 
     def mult(self, x: FloatArray, y: FloatArray) -> None:
@@ -140,10 +141,7 @@ class ExplicitCompliance(MatrixCompliance):
 class MatrixFreeCompliance:
     """A as a solve with K between B^T and B.
 
-    Its diagonal is estimated: diag(A) is close to a multiple of diag(B diag(K)^-1 B^T), one multiple for each of n, t1
-    and t2, found from a few products with random signs v, since the mean of v_i (A v)_i is A_ii (Hutchinson 1989).
-    It misses how much the whole body gives way at a node, up to a factor of 7 at the free end of the block; CG does not
-    mind: 116, 98, 140 products for the Tresca block at p = 4, 6, 8, against 123, 106, 137 with the exact diagonal.
+    Its diagonal is estimated, see `estimated_diagonal`.
 
     Args:
         B: Contact matrix, 3 rows a contact node.
@@ -161,7 +159,7 @@ class MatrixFreeCompliance:
         self.products = 0
         self._u, self._x = B.createVecs()
         self._rhs = self._u.duplicate()
-        self._diagonal = self._estimate_diagonal(K, probes)
+        self._diagonal = estimated_diagonal(self, B, K, probes)
 
     def mult(self, x: FloatArray, y: FloatArray) -> None:
         self._x.array[:] = x
@@ -174,23 +172,38 @@ class MatrixFreeCompliance:
     def diagonal(self) -> FloatArray:
         return self._diagonal
 
-    def _estimate_diagonal(self, K: PETSc.Mat, probes: int) -> FloatArray:
-        over = Reductions(self.comm)
-        squares = self._B.duplicate(copy=True)
-        indptr, indices, values = squares.getValuesCSR()
-        squares.setValuesCSR(indptr, indices, values**2)
-        squares.assemble()
-        K.getDiagonal(self._u)
-        self._u.reciprocal()
-        squares.mult(self._u, self._x)
-        squares.destroy()
-        local = self._x.array_r.reshape(-1, 3).copy()
-        random = np.random.default_rng([2718, self.comm.rank])
-        traces, y = np.zeros(3), np.empty(3 * self.nodes)
-        for _ in range(probes):
-            v = random.choice([-1.0, 1.0], size=3 * self.nodes)
-            self.mult(v, y)
-            traces += [over.sum((v * y)[k::3]) / probes for k in range(3)]
-        local_traces = np.array([over.sum(local[:, k]) for k in range(3)])
-        estimate: FloatArray = (local * (traces / local_traces)).ravel()
-        return estimate
+
+def estimated_diagonal(A: Compliance, B: PETSc.Mat, K: PETSc.Mat, probes: int = 8) -> FloatArray:
+    """diag(A) of A = B K^-1 B^T from a few products, shape (3 m,).
+
+    diag(A) is close to a multiple of diag(B diag(K)^-1 B^T), one multiple for each of n, t1 and t2, found from products
+    with random signs v, since the mean of v_i (A v)_i is A_ii (Hutchinson 1989).  It misses how much the whole body
+    gives way at a node, up to a factor of 7 at the free end of the block; CG does not mind (docs/measurements.md).
+
+    Args:
+        A: The compliance; `probes` products are made.
+        B: Contact matrix, 3 rows a contact node.
+        K: The stiffness matrix, of which only the diagonal is read.
+        probes: Products to spend.
+    """
+    over = Reductions(A.comm)
+    u, x = B.createVecs()
+    squares = B.duplicate(copy=True)
+    indptr, indices, values = squares.getValuesCSR()
+    squares.setValuesCSR(indptr, indices, values**2)
+    squares.assemble()
+    K.getDiagonal(u)
+    u.reciprocal()
+    squares.mult(u, x)
+    local = x.array_r.reshape(-1, 3).copy()
+    for done in (squares, u, x):
+        done.destroy()
+    random = np.random.default_rng([2718, A.comm.rank])
+    traces, y = np.zeros(3), np.empty(3 * A.nodes)
+    for _ in range(probes):
+        v = random.choice([-1.0, 1.0], size=3 * A.nodes)
+        A.mult(v, y)
+        traces += [over.sum((v * y)[k::3]) / probes for k in range(3)]
+    local_traces = np.array([over.sum(local[:, k]) for k in range(3)])
+    estimate: FloatArray = (local * (traces / local_traces)).ravel()
+    return estimate
