@@ -54,6 +54,10 @@ def test_global_form_is_condensed(tmp_path):
             for key, value in (("m", matrix.shape[0]), ("n", matrix.shape[1]), ("nz", -1)):
                 group[f"{name}/{key}"] = [value]
             group[f"{name}/x"], group[f"{name}/i"], group[f"{name}/p"] = matrix.data, matrix.indices, matrix.indptr
+        rows, columns = np.nonzero(H)
+        for key, value in (("i", rows), ("p", columns), ("x", H[rows, columns]), ("nz", [len(rows)])):  # triplets
+            del group[f"H/{key}"]
+            group[f"H/{key}"] = value
         group["vectors/f"], group["vectors/w"], group["vectors/mu"], group["spacedim"] = f, w, [0.3, 0.4], [3]
     problem = read_fclib(tmp_path / "global.hdf5")
     assert np.allclose(problem.W.toarray(), H.T @ np.linalg.solve(M, H))

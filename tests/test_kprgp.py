@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import make_block, projected_gradient, random_tresca
+from conftest import dense_compliance, make_block, projected_gradient, random_tresca
 
-from coulomb import KPRGP, NotConverged, PathFollowing, QPResult, Status
-from coulomb.solvers.kprgp import norm_of
+from coulomb import KPRGP, NotConverged, PathFollowing, QPResult, Status, TrescaQP
+from coulomb.solvers.kprgp import _split, norm_of
 
 
 @pytest.mark.parametrize(("nodes", "seed"), [(1, 11), (2, 12), (15, 13), (60, 14)])
@@ -40,6 +40,22 @@ def test_lower_bounds_and_zero_discs():
     exact = projected_gradient(qp, A)
     assert np.linalg.norm(result.x - exact) <= 1e-6 * np.linalg.norm(exact)
     assert not result.x.reshape(-1, 3)[::4, 1:].any()
+
+
+def test_free_and_chopped_gradient_by_hand():
+    """A free node, one on its bound, and three on their circles: drawn inward, along, and outward by -gradient."""
+    g, a = np.ones(5), 0.1
+    qp = TrescaQP(dense_compliance(np.eye(15)), np.zeros(15), g)
+    x = np.array([[1.0, 0.2, 0.0], [0.0, 0.0, 0.3], [1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    r = np.array([[2.0, 3.0, 4.0], [-5.0, 1.0, 1.0], [0.0, 2.0, 1.0], [0.0, 0.0, 1.0], [0.0, -2.0, 0.0]])
+    split = _split(qp, x.ravel(), r.ravel(), a)
+    assert split.free.tolist() == [[True] * 3, [False, True, True]] + 3 * [[True, False, False]]
+    assert np.array_equal(split.phi, np.where(split.free, r, 0.0))
+    assert split.beta[0].tolist() == [0.0, 0.0, 0.0] and split.beta[1].tolist() == [-5.0, 0.0, 0.0]
+    assert split.beta[2, 1:].tolist() == [2.0, 1.0]  # -gradient leads inward: all of it
+    turned = np.array([1.0, -a]) / np.hypot(1.0, a)
+    assert np.allclose(split.beta[3, 1:], (np.array([1.0, 0.0]) - turned) / a)  # along the circle
+    assert np.allclose(split.beta[4, 1:], 0.0)  # against the circle: stays
 
 
 def test_norm_by_the_power_method():
