@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -62,8 +62,7 @@ def measure(qp: TrescaQP, solver: PathFollowing | None = None) -> list[Spectra]:
             seen.append(at)
             return super().solve(at, r1, r2, tolerance, cap)
 
-    fields = {} if solver is None else {k: getattr(solver, k) for k in solver.__dataclass_fields__ if k != "newton"}
-    PathFollowing(newton=Watched, **fields).solve(qp)
+    replace(solver or PathFollowing(), newton=Watched).solve(qp)
     A = scaled_matrix(qp)
     return [_spectra(number, A, at) for number, at in enumerate(seen, start=1)]
 

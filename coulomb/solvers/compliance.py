@@ -178,7 +178,7 @@ def estimated_diagonal(A: Compliance, B: PETSc.Mat, K: PETSc.Mat, probes: int = 
 
     diag(A) is close to a multiple of diag(B diag(K)^-1 B^T), one multiple for each of n, t1 and t2, found from products
     with random signs v, since the mean of v_i (A v)_i is A_ii (Hutchinson 1989).  It misses how much the whole body
-    gives way at a node, up to a factor of 7 at the free end of the block; CG does not mind (docs/measurements.md).
+    gives way at a node; CG does not mind (`coulomb benchmark table1` shows both).
 
     Args:
         A: The compliance; `probes` products are made.

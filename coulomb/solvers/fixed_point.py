@@ -21,6 +21,7 @@ from .results import (
     ProgressCallback,
     QPResult,
     Status,
+    check_constants,
     verdict,
 )
 from .tresca import QPSolver, TrescaQP
@@ -92,12 +93,12 @@ class SuccessiveTresca:
     max_iterations: int = 60
 
     def __post_init__(self) -> None:
-        if not self.tolerance > 0.0:
-            raise ValueError(f"SuccessiveTresca: tolerance must be > 0, but is {self.tolerance}")
-        if not 0.0 < self.inner_precision < 1.0:
-            raise ValueError(f"SuccessiveTresca: inner_precision must be in (0, 1), but is {self.inner_precision}")
-        if self.max_iterations < 1:
-            raise ValueError(f"SuccessiveTresca: max_iterations must be at least 1, but is {self.max_iterations}")
+        bounds = (
+            ("tolerance", self.tolerance > 0.0, "> 0"),
+            ("inner_precision", 0.0 < self.inner_precision < 1.0, "in (0, 1)"),
+            ("max_iterations", self.max_iterations >= 1, "at least 1"),
+        )
+        check_constants(self, bounds)
 
     def solve(self, problem: CoulombProblem, *, progress: ProgressCallback | None = None) -> CoulombResult:
         """Solve a Coulomb problem.

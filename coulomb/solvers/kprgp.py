@@ -12,7 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from .results import ActiveSetStep, NotConverged, Progress, ProgressCallback, QPResult, Status, StepKind, verdict
+from .results import (
+    ActiveSetStep,
+    NotConverged,
+    Progress,
+    ProgressCallback,
+    QPResult,
+    Status,
+    StepKind,
+    check_constants,
+    verdict,
+)
 from .tresca import TrescaQP
 
 _ON_CIRCLE = 1.0 - 1e-13  # a projected point lies on its circle up to rounding
@@ -59,9 +69,7 @@ class KPRGP:
             ("step", 0.0 < self.step < 2.0, "in (0, 2)"),
             ("max_iterations", self.max_iterations >= 1, "at least 1"),
         )
-        for name, holds, must in bounds:
-            if not holds:
-                raise ValueError(f"KPRGP: {name} must be {must}, but is {getattr(self, name)}")
+        check_constants(self, bounds)
 
     def solve(
         self,

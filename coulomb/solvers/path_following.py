@@ -20,6 +20,7 @@ from .results import (
     ProgressCallback,
     QPResult,
     Status,
+    check_constants,
     verdict,
 )
 from .scaling import ScaledQP
@@ -98,9 +99,7 @@ class PathFollowing:
             ("sigma_max", self.sigma_max <= 0.5, "at most 1/2"),
             ("max_iterations", self.max_iterations >= 1, "at least 1"),
         )
-        for name, holds, must in bounds:
-            if not holds:
-                raise ValueError(f"PathFollowing: {name} must be {must}, but is {getattr(self, name)}")
+        check_constants(self, bounds)
 
     def solve(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Literal
@@ -16,6 +16,21 @@ class Status(Enum):
     CONVERGED = "converged"
     STAGNATED = "stagnated"
     MAX_ITERATIONS = "max_iterations"
+
+
+def check_constants(owner: object, bounds: Iterable[tuple[str, bool, str]]) -> None:
+    """Refuse a solver's constant that is outside its bounds.
+
+    Args:
+        owner: The solver, a value with its constants as fields.
+        bounds: For every constant its name, whether its bound holds, and what it must be.
+
+    Raises:
+        ValueError: Naming solver, constant, bound and value.
+    """
+    for name, holds, must in bounds:
+        if not holds:
+            raise ValueError(f"{type(owner).__name__}: {name} must be {must}, but is {getattr(owner, name)}")
 
 
 def verdict(residual: float, tolerance: float, otherwise: Status) -> Status:
