@@ -14,7 +14,7 @@ from .problem import Contact, ContactProblem, Solution
 from .solvers.dense_system import DenseSystem
 from .solvers.fixed_point import CoulombProblem, SuccessiveTresca
 from .solvers.kprgp import KPRGP
-from .solvers.newton_systems import AugmentedSystem, SchurComplementSystem
+from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
 from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, NotConverged, Progress, QPResult, Status
 from .solvers.stiffness import DirectSolver, IterativeSolver
@@ -43,6 +43,7 @@ __all__ = [
     "Plane",
     "Progress",
     "QPResult",
+    "RecyclingSystem",
     "SchurComplementSystem",
     "Solution",
     "Status",

@@ -16,7 +16,7 @@ from .fem.meshes import BOX_FACES, box
 from .fem.obstacles import Plane
 from .problem import Contact, ContactProblem
 from .solvers.fixed_point import SuccessiveTresca
-from .solvers.newton_systems import AugmentedSystem, SchurComplementSystem
+from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
 from .solvers.path_following import PathFollowing
 from .solvers.stiffness import DirectSolver, IterativeSolver
 from .solvers.tresca import QPSolver
@@ -47,6 +47,13 @@ class MaterialTable(_Table):
 
     young: Positive
     poisson: Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
+
+
+_NEWTON: dict[str, type[AugmentedSystem] | type[SchurComplementSystem]] = {
+    "recycling": RecyclingSystem,
+    "augmented": AugmentedSystem,
+    "schur": SchurComplementSystem,
+}
 
 
 class ClampTable(_Table):
@@ -92,7 +99,7 @@ class SolverTable(_Table):
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
     linear_solver: Literal["auto", "direct", "iterative"] = "auto"
     compliance: Literal["auto", "explicit", "matrix-free"] = "auto"
-    newton: Literal["augmented", "schur"] = "augmented"
+    newton: Literal["recycling", "augmented", "schur"] = "recycling"
     max_outer: Count = 60
 
 
@@ -144,7 +151,7 @@ class Case(_Table):
         """The solver the case asks for."""
         path_following = PathFollowing(
             tolerance=self.solver.tolerance,
-            newton=AugmentedSystem if self.solver.newton == "augmented" else SchurComplementSystem,
+            newton=_NEWTON[self.solver.newton],
         )
         if self.contact.friction is None:
             return path_following

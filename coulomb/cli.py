@@ -34,7 +34,7 @@ from .fem import compat
 from .problem import ContactProblem, Solution
 from .solvers.dense_system import DenseSystem
 from .solvers.fixed_point import SuccessiveTresca
-from .solvers.newton_systems import AugmentedSystem
+from .solvers.newton_systems import RecyclingSystem
 from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, NotConverged, Progress
 from .version import __version__
@@ -128,7 +128,7 @@ def fclib(
     if _comm.size > 1:
         _errors.print("error: coulomb fclib runs on one rank", markup=False)
         raise typer.Exit(BAD_INPUT)
-    trouble, solver = "", PathFollowing(newton=DenseSystem if dense else AugmentedSystem)
+    trouble, solver = "", PathFollowing(newton=DenseSystem if dense else RecyclingSystem)
     try:
         problem = read_fclib(file)
         result = solve_coulomb(problem.W, -problem.q, problem.mu, SuccessiveTresca(tolerance, solver))

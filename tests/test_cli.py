@@ -123,12 +123,15 @@ def test_benchmark_table1(tmp_path):
     with (tmp_path / "table1.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["solver", "p", "n", "m", "iterations", "products", "seconds", "residual"]
-    names = ["PF(0.3,0.99)", "PF(0.1,0.9)", "PF(0.01,0.99)", "PF(0.1,0.9) with estimated diag(A)", "KPRGP"]
+    names = ["PF(0.3,0.99)", "PF(0.1,0.9)", "PF(0.01,0.99)", "PF(0.1,0.9) estimated diag(A)"]
+    names += [f"{name} P_AM alone" for name in names[:3]] + ["KPRGP"]
     assert [row["solver"] for row in rows] == 2 * names
-    assert [(row["n"], row["m"]) for row in rows[::5]] == [("900", "180"), ("1620", "270")]  # 9 p (p+1)^2, 9 p (p+1)
+    assert [(row["n"], row["m"]) for row in rows[::8]] == [("900", "180"), ("1620", "270")]  # 9 p (p+1)^2, 9 p (p+1)
     assert all(float(row["residual"]) <= 1e-6 for row in rows)
-    for size in (rows[:5], rows[5:]):
-        assert int(size[4]["products"]) > 3.1 * max(int(row["products"]) for row in size[:4])
+    for size in (rows[:8], rows[8:]):
+        products = [int(row["products"]) for row in size]
+        assert products[7] > 3.1 * max(products[:7])
+        assert all(ours < alone for ours, alone in zip(products[:3], products[4:7], strict=True))
     assert (tmp_path / "table1.png").stat().st_size > 10_000
 
     done = run_coulomb("benchmark", "table1", "--p", 4, "--solver", "PF")

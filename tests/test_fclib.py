@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse
 from conftest import ROOT
 
-from coulomb import AugmentedSystem, DenseSystem, PathFollowing, SuccessiveTresca, solve_coulomb, solve_tresca
+from coulomb import DenseSystem, PathFollowing, RecyclingSystem, SuccessiveTresca, solve_coulomb, solve_tresca
 from coulomb.fclib import FCLIBProblem, read_fclib
 
 FOLDER = ROOT.parent / "shared" / "fclib"
@@ -17,7 +17,7 @@ NAMES = [path.name for path in FILES] or ["none"]
 
 def solver(name):
     """PF; for the capsules, rank 570 of 858 and slip bounds over nine decades, CG stops at 1e-6 where LU does not."""
-    return PathFollowing(newton=DenseSystem if name.startswith("Capsules") else AugmentedSystem)
+    return PathFollowing(newton=DenseSystem if name.startswith("Capsules") else RecyclingSystem)
 
 
 def load(name):

@@ -13,6 +13,7 @@ from coulomb import (
     IterativeSolver,
     NotConverged,
     PathFollowing,
+    RecyclingSystem,
     SchurComplementSystem,
     Status,
     TrescaQP,
@@ -20,7 +21,7 @@ from coulomb import (
 from coulomb.solvers.scaling import ScaledQP
 
 
-@pytest.mark.parametrize("newton", [AugmentedSystem, SchurComplementSystem, DenseSystem])
+@pytest.mark.parametrize("newton", [RecyclingSystem, AugmentedSystem, SchurComplementSystem, DenseSystem])
 @pytest.mark.parametrize(("nodes", "seed"), [(1, 11), (2, 12), (15, 13), (60, 14)])
 def test_agrees_with_projected_gradients(nodes, seed, newton):
     qp, A = random_tresca(nodes, seed)

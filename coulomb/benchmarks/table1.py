@@ -10,13 +10,14 @@ from typing import NamedTuple
 from ..problem import ContactProblem
 from ..solvers.compliance import MatrixCompliance, estimated_diagonal
 from ..solvers.kprgp import KPRGP
+from ..solvers.newton_systems import AugmentedSystem
 from ..solvers.path_following import PathFollowing
 from ..solvers.results import NotConverged
 from ..solvers.tresca import QPSolver
 from .block import block
 
 RESIDUAL = 1e-6
-ESTIMATED = "PF(0.1,0.9) with estimated diag(A)"
+ESTIMATED = "PF(0.1,0.9) estimated diag(A)"
 SIZES = (10, 12, 14, 16)
 
 PAPER = {
@@ -41,13 +42,15 @@ PAPER = {
 
 
 def solvers() -> dict[str, QPSolver]:
-    """The columns, by the names of the paper."""
+    """The columns: PF(r_tol, c_fact) as this package solves, the same with the paper's P_AM alone, and KPRGP."""
     constants = ((0.3, 0.99), (0.1, 0.9), (0.01, 0.99))
-    columns: dict[str, QPSolver] = {
+    columns: dict[str, PathFollowing] = {
         f"PF({r_tol:g},{c_fact:g})": PathFollowing(tolerance=RESIDUAL, r_tol=r_tol, c_fact=c_fact)
         for r_tol, c_fact in constants
     }
     columns[ESTIMATED] = PathFollowing(tolerance=RESIDUAL)
+    for name in list(columns)[:3]:
+        columns[f"{name} P_AM alone"] = replace(columns[name], newton=AugmentedSystem)
     return columns | {"KPRGP": KPRGP(tolerance=RESIDUAL)}
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import FloatArray
-from .newton_systems import AugmentedSystem, NewtonStep, NewtonSystem
+from .newton_systems import NewtonStep, NewtonSystem, RecyclingSystem
 from .results import (
     NotConverged,
     PathFollowingStep,
@@ -26,7 +26,7 @@ from .results import (
 from .scaling import ScaledQP
 from .tresca import TrescaQP
 
-_TO_BOUNDARY = 0.9995  # fraction of the way to the boundary a step may go
+_TO_BOUNDARY = 0.99  # fraction of the way to the boundary a step may go
 _BACKTRACK = 0.9  # the grid on which the largest step length is sought
 _BLOCKED = 0.1  # a step this short, three times in a row, ends a start that is not the last
 _COLD_THETA = (0.1, 1e3, 1e6)  # theta of one cold start after another, over rms(A x - b) there
@@ -69,8 +69,8 @@ class PathFollowing:
         sigma_min: Centring after an ordinary step, 0 < sigma_min <= sigma_max.
         sigma_max: Centring after a blocked step, at most 1/2.
         max_iterations: Steps before the solver gives up.
-        newton: The linear system of a step: AugmentedSystem (J_AM, P_AM), SchurComplementSystem (J_SC, P_SC)
-            or DenseSystem (J_AM by LU).
+        newton: The linear system of a step: RecyclingSystem (J_AM, P_AM with what was learnt of A), AugmentedSystem
+            (J_AM, P_AM), SchurComplementSystem (J_SC, P_SC) or DenseSystem (J_AM by LU).
 
     Raises:
         ValueError: If a constant is outside its bounds.
@@ -85,7 +85,7 @@ class PathFollowing:
     sigma_min: float = 0.1
     sigma_max: float = 0.5
     max_iterations: int = 100
-    newton: type[NewtonSystem] = AugmentedSystem
+    newton: type[NewtonSystem] = RecyclingSystem
 
     def __post_init__(self) -> None:
         bounds = (

@@ -1,0 +1,83 @@
+"""What CG has learnt of A: a low-rank part of it from products already paid for, to precondition the steps to come.
+
+Every CG iteration of a path-following step makes a pair (x, A x).  From pairs X, Y = A X follows Nyström's
+approximation Y (X^T Y)^-1 Y^T <= A, and with the diagonal of the rest a stand-in for A in the preconditioners,
+
+    A ~ diag(d) + U U^T,    d = diag(A - U U^T) > 0,
+
+in place of the paper's diag(A).  A is the same in every step, only the nodal part of J changes: what one step pays for
+serves all later ones.  A compliance is made for this: its few large eigenvalues, the smooth motions of the body,
+are what CG finds first and what diag(A) knows nothing of.  (Z. Frangella, J. A. Tropp, M. Udell: Randomized Nyström
+preconditioning, SIAM J. Matrix Anal. Appl. 44, 2023, for the approximation and its bounds, there with random X.)
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+
+_REST = 0.2  # the rest keeps this part of diag(A) at least: bounds the preconditioner where diag(A) is an estimate
+_RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are noise
+
+
+class LearntCompliance:
+    """A as diag(rest) + U U^T, learnt from pairs (x, A x).
+
+    Args:
+        comm: The ranks of A.
+        diagonal: diag(A) or an estimate of it, shape (m, 3), this rank's nodes.
+        rank: Columns of U to keep, at most; 0 learns nothing.
+
+    Attributes:
+        rest: Shape (m, 3), positive.
+        U: Shape (3 m, r), r <= rank.
+    """
+
+    def __init__(self, comm: MPI.Comm, diagonal: FloatArray, rank: int):
+        self._comm, self._diagonal, self._rank = comm, diagonal, rank
+        self._new: list[tuple[FloatArray, FloatArray]] = []
+        self._X = np.empty((diagonal.size, 0))
+        self.U: FloatArray = np.empty((diagonal.size, 0))
+        self.rest: FloatArray = diagonal
+
+    def record(self, x: FloatArray, A_x: FloatArray) -> None:
+        """Note a product, both (m, 3)."""
+        if self._rank > 0:
+            self._new.append((x.ravel().copy(), A_x.ravel().copy()))
+
+    def learn(self) -> None:
+        """Bring U and the rest up to date with what was noted; collective."""
+        if not self._new:
+            return
+        X = np.column_stack([self._X, *(x for x, _ in self._new)])
+        Y = np.column_stack([self.U, *(y for _, y in self._new)])
+        self._new.clear()
+        size = np.sqrt(np.maximum(self._gram(X, X).diagonal(), 1e-300))
+        X, Y = X / size, Y / size
+        T = _inverse_root(self._gram(X, X))  # orthonormal X, ...
+        X, Y = X @ T, Y @ T
+        T = _inverse_root(self._gram(X, Y))  # ... then X^T A X = I, so that Nyström's is Y Y^T; truncated by its size
+        X, Y = X @ T, Y @ T
+        size, V = np.linalg.eigh(self._gram(Y, Y))
+        V = V[:, ::-1][:, : self._rank]
+        self._X, self.U = X @ V, Y @ V
+        self.rest = np.maximum(
+            self._diagonal - np.sum(self.U**2, axis=1).reshape(-1, 3),
+            _REST * self._diagonal,
+        )
+
+    def _gram(self, X: FloatArray, Y: FloatArray) -> FloatArray:
+        """X^T Y over all ranks, symmetrised."""
+        G = self._comm.allreduce(X.T @ Y)
+        symmetric: FloatArray = 0.5 * (G + G.T)
+        return symmetric
+
+
+def _inverse_root(G: FloatArray) -> FloatArray:
+    """T with T^T G T = I on the range of the positive semidefinite G."""
+    size, V = np.linalg.eigh(G)
+    kept = size > _RANK_DEFICIENT * size[-1]
+    root: FloatArray = V[:, kept] / np.sqrt(size[kept])
+    return root

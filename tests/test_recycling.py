@@ -1,0 +1,102 @@
+"""What is learnt of A, against A; the preconditioner made of it, against Theorem 1; and what it saves."""
+
+import numpy as np
+import pytest
+from conftest import make_block, random_spd
+from mpi4py import MPI
+
+from coulomb import AugmentedSystem, PathFollowing, RecyclingSystem
+from coulomb.benchmarks.table1 import PAPER, measure
+from coulomb.solvers.dense_system import augmented_matrix
+from coulomb.solvers.newton_systems import Linearization
+from coulomb.solvers.recycling import LearntCompliance
+
+NODES = 12
+
+
+@pytest.fixture
+def A():
+    return random_spd(3 * NODES, 1e4, np.random.default_rng(61))
+
+
+def learnt_from(A, X, rank):
+    learnt = LearntCompliance(MPI.COMM_SELF, np.diag(A).reshape(-1, 3).copy(), rank)
+    for x in X:
+        learnt.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
+    learnt.learn()
+    return learnt
+
+
+def test_nothing_learnt_is_the_papers_diagonal(A):
+    learnt = learnt_from(A, [], 100)
+    assert learnt.U.shape == (3 * NODES, 0) and np.array_equal(learnt.rest.ravel(), np.diag(A))
+    assert learnt_from(A, np.eye(3 * NODES), 0).U.shape[1] == 0
+
+
+def test_stand_in_is_below_A_and_exact_on_what_was_tried(A):
+    rng = np.random.default_rng(62)
+    X = rng.standard_normal((10, 3 * NODES))
+    learnt = learnt_from(A, [*X, X[0] - 2.0 * X[3], 1e-9 * X[1]], 100)  # repetitions bring nothing
+    assert learnt.U.shape[1] == 10
+    nystrom = learnt.U @ learnt.U.T
+    assert np.allclose(nystrom @ X.T, A @ X.T, rtol=1e-8, atol=1e-8)
+    assert np.linalg.eigvalsh(A - nystrom).min() >= -1e-10 * np.linalg.norm(A, 2)
+    assert np.allclose(learnt.rest.ravel(), np.maximum(np.diag(A - nystrom), 0.2 * np.diag(A)))
+
+
+def test_truncation_keeps_the_largest_and_its_pairs(A):
+    values, V = np.linalg.eigh(A)
+    learnt = learnt_from(A, V.T[::-1][:15], 6)
+    assert np.allclose(np.sort(np.linalg.svd(learnt.U, compute_uv=False) ** 2), values[-6:])
+    for x in V.T[:3]:  # small eigenvectors, which must not push out the large ones
+        learnt.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
+    learnt.learn()
+    assert np.allclose(np.sort(np.linalg.svd(learnt.U, compute_uv=False) ** 2), values[-6:])
+
+
+def test_theorem_1_holds_with_the_stand_in(A):
+    """P^-1 J_AM: positive eigenvalues, 1 with multiplicity 2 m; and P^-1 is the inverse it claims to be."""
+    rng = np.random.default_rng(63)
+    angle = rng.uniform(0.0, 6.28, NODES)
+    y = rng.uniform(0.0, 0.999, NODES)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    frictional = np.ones(NODES, dtype=bool)
+    frictional[4], y[4] = False, 0.0
+    D22 = 10.0 ** rng.uniform(-6, 6, (NODES, 2))
+    h = 10.0 ** rng.uniform(-6, 1, NODES)
+    h[4], D22[4, 1] = 0.0, 1.0
+    at = Linearization(h, y, D22, frictional)
+    newton = RecyclingSystem(MPI.COMM_SELF, lambda x: (A @ x.ravel()).reshape(-1, 3), np.diag(A).reshape(-1, 3).copy())
+    r1, r2 = rng.standard_normal((NODES, 3)), np.zeros((NODES, 2))
+    r1[4, 1:] = 0.0
+    first = newton.solve(at, r1, r2, 1e-8, np.inf)
+    again = newton.solve(at, r1, r2, 1e-8, np.inf)
+    assert again.iterations < 0.7 * first.iterations  # the same system, now known
+    newton._prepare_low_rank()
+    stand_in = newton._A.U @ newton._A.U.T + np.diag(newton._A.rest.ravel())
+    P, J = augmented_matrix(stand_in, at), augmented_matrix(A, at)
+    e = np.eye(5 * NODES)  # node by node in the solver, constraints behind the forces in the matrix
+    own = [5 * i + k for i in range(NODES) for k in range(3)] + [5 * i + k for i in range(NODES) for k in (3, 4)]
+    for j in set(range(5 * NODES)) - {13, 14}:  # node 4 has no friction
+        r = np.zeros(5 * NODES)
+        r[own[j]] = 1.0
+        z = newton._preconditioner(r.reshape(-1, 5)).ravel()[own]
+        assert np.allclose(P @ z, e[j], atol=1e-6)
+    values = np.linalg.eigvals(np.linalg.solve(P, J))
+    newton.destroy()
+    assert np.abs(values.imag).max() <= 1e-5 and values.real.min() > 0.0
+    assert np.sum(np.abs(values - 1.0) <= 1e-4) >= 2 * NODES
+
+
+def test_same_steps_with_fewer_products():
+    problem = make_block(6, slip_stress=1e7)
+    qp = problem.tresca(problem.slip_bound(problem.b))
+    learnt, alone = (PathFollowing(newton=newton).solve(qp) for newton in (RecyclingSystem, AugmentedSystem))
+    assert abs(learnt.iterations - alone.iterations) <= 2
+    assert learnt.products < 0.7 * alone.products
+    assert np.linalg.norm(learnt.x - alone.x) <= 1e-6 * np.linalg.norm(alone.x)
+
+
+def test_products_at_most_the_papers():
+    for row in measure([10, 12], ["PF(0.3,0.99)", "PF(0.1,0.9)", "PF(0.01,0.99)"]):
+        assert row.residual <= 1e-6
+        assert row.products <= int(PAPER[row.solver, row.p].split("/")[1]), row
