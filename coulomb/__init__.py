@@ -11,8 +11,9 @@ from .fem.obstacles import Plane
 from .fem.surface import ContactSurface
 from .general import solve_coulomb, solve_tresca
 from .problem import Contact, ContactProblem, Solution
+from .solvers.coulomb import CoulombProblem
 from .solvers.dense_system import DenseSystem
-from .solvers.fixed_point import CoulombProblem, SuccessiveTresca
+from .solvers.fixed_point import SuccessiveTresca
 from .solvers.kprgp import KPRGP
 from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
 from .solvers.path_following import PathFollowing

@@ -11,7 +11,8 @@ from petsc4py import PETSc
 
 from .arrays import FloatArray
 from .solvers.compliance import Compliance, MatrixCompliance
-from .solvers.fixed_point import CoulombProblem, SuccessiveTresca
+from .solvers.coulomb import CoulombProblem
+from .solvers.fixed_point import SuccessiveTresca
 from .solvers.path_following import PathFollowing
 from .solvers.reductions import Reductions
 from .solvers.results import CoulombResult, QPResult

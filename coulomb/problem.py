@@ -19,7 +19,8 @@ from .fem.obstacles import RigidFoundation
 from .fem.surface import ContactSurface, contact_surface
 from .solvers import schur
 from .solvers.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance
-from .solvers.fixed_point import CoulombProblem, SuccessiveTresca
+from .solvers.coulomb import CoulombProblem
+from .solvers.fixed_point import SuccessiveTresca
 from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, ProgressCallback, QPResult
 from .solvers.stiffness import DirectSolver, IterativeSolver, StiffnessSolver

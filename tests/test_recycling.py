@@ -71,7 +71,7 @@ def test_theorem_1_holds_with_the_stand_in(A):
     first = newton.solve(at, r1, r2, 1e-8, np.inf)
     again = newton.solve(at, r1, r2, 1e-8, np.inf)
     assert again.iterations < 0.7 * first.iterations  # the same system, now known
-    newton._prepare_low_rank()
+    newton._prepare()
     stand_in = newton._A.U @ newton._A.U.T + np.diag(newton._A.rest.ravel())
     P, J = augmented_matrix(stand_in, at), augmented_matrix(A, at)
     e = np.eye(5 * NODES)  # node by node in the solver, constraints behind the forces in the matrix

@@ -7,7 +7,8 @@ import scipy.linalg
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .newton_systems import Linearization, NewtonStep, NodalMap
+from .krylov import NodalMap
+from .newton_systems import Linearization, NewtonStep
 
 
 def augmented_matrix(A: FloatArray, at: Linearization) -> FloatArray:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from ..arrays import FloatArray
-from .compliance import Compliance
+from .coulomb import CoulombProblem
 from .path_following import PathFollowing
 from .reductions import Reductions
 from .results import (
@@ -24,53 +23,7 @@ from .results import (
     check_constants,
     verdict,
 )
-from .tresca import QPSolver, TrescaQP
-
-
-@dataclass(frozen=True)
-class CoulombProblem:
-    """The Tresca problem whose slip bound is friction times its own normal forces.
-
-    Attributes:
-        A: Compliance, in metres per newton.
-        b: Free gap closure in metres, this rank's part, shape (3 m,), node by node (n, t1, t2).
-        friction: Coefficient F >= 0 at every contact node, shape (m,).
-
-    Raises:
-        ValueError: On every rank, if the shape does not fit or a coefficient is negative or not finite on any rank.
-    """
-
-    A: Compliance
-    b: FloatArray
-    friction: FloatArray
-
-    def __post_init__(self) -> None:
-        over = self.reductions
-        if not over.all(self.friction.shape == (self.A.nodes,)):
-            raise ValueError(f"friction must have shape ({self.A.nodes},), but has {self.friction.shape}")
-        if not over.all(bool(np.all(np.isfinite(self.friction) & (self.friction >= 0.0)))):
-            raise ValueError("friction has entries that are negative or not finite")
-
-    @cached_property
-    def reductions(self) -> Reductions:
-        return Reductions(self.A.comm)
-
-    def slip_bound(self, x: FloatArray) -> FloatArray:
-        """F x_n in newtons, shape (m,)."""
-        bound: FloatArray = self.friction * np.maximum(x[0::3], 0.0)
-        return bound
-
-    def tresca(self, slip_bound: FloatArray) -> TrescaQP:
-        return TrescaQP(self.A, self.b, slip_bound)
-
-    def residual(self, x: FloatArray, gradient: FloatArray | None = None) -> float:
-        """Coulomb residual: the natural residual of the Tresca problem with g = F x_n, at x; 0 exactly at a solution.
-
-        Args:
-            x: Contact forces in newtons, shape (3 m,).
-            gradient: A x - b where it is known already; else it is computed, with one product.
-        """
-        return self.tresca(self.slip_bound(x)).residual(x, gradient)
+from .tresca import QPSolver
 
 
 @dataclass(frozen=True)

@@ -18,18 +18,15 @@ residual is zero at the start and stays so, and on such residuals P_AM^-1 acts a
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from .recycling import LearntCompliance
-
-NodalMap = Callable[[FloatArray], FloatArray]
+from .krylov import CarryingKrylov, NodalMap
+from .recycling import LearntCompliance, LowRankUpdate
 
 
 class NewtonStep(NamedTuple):
@@ -80,71 +77,6 @@ class NewtonSystem(Protocol):
     def destroy(self) -> None: ...
 
 
-class _CarryingCG:
-    """PETSc's CG on vectors that carry A x along, so that A dx is known at the end without another product.
-
-    Each node holds `block` unknowns, of which the first three are x, and behind them the three of w = A x.  The product
-    is made when the preconditioner has its z: w_z = A x_z.  CG only ever adds and scales z's, so its directions and its
-    solution carry their own w, and the operator finds A x in the vector instead of computing it.  Residuals have w = 0,
-    so no inner product sees it.  One product an iteration, none at the end.
-    """
-
-    def __init__(
-        self,
-        comm: MPI.Comm,
-        nodes: int,
-        block: int,
-        apply_A: NodalMap,
-        operator: Callable[[FloatArray, FloatArray], FloatArray],
-        preconditioner: NodalMap,
-    ):
-        self._block, self._apply_A = block, apply_A
-        self._operator, self._preconditioner = operator, preconditioner
-        width = block + 3
-        sizes = (width * nodes, PETSc.DETERMINE)
-        self._matrix = PETSc.Mat().createPython((sizes, sizes), context=self, comm=comm)
-        self._matrix.setUp()
-        self._rhs = PETSc.Vec().createMPI(sizes, bsize=width, comm=comm)
-        self._solution = self._rhs.duplicate()
-        self._ksp = PETSc.KSP().create(comm)
-        self._ksp.setOperators(self._matrix)
-        self._ksp.setType(PETSc.KSP.Type.CG)
-        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        self._ksp.setInitialGuessNonzero(True)
-        pc = self._ksp.getPC()
-        pc.setType(PETSc.PC.Type.PYTHON)
-        pc.setPythonContext(self)
-
-    def _nodewise(self, v: PETSc.Vec, readonly: bool = False) -> FloatArray:
-        array: FloatArray = v.array_r if readonly else v.array_w
-        return array.reshape(-1, self._block + 3)
-
-    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        p, q = self._nodewise(x, readonly=True), self._nodewise(y)
-        q[:, : self._block] = self._operator(p[:, : self._block], p[:, self._block :])
-        q[:, self._block :] = 0.0
-
-    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        r, z = self._nodewise(x, readonly=True), self._nodewise(y)
-        z[:, : self._block] = self._preconditioner(r[:, : self._block])
-        z[:, self._block :] = self._apply_A(z[:, :3])
-
-    def solve(self, rhs: FloatArray, guess: FloatArray, atol: float) -> tuple[FloatArray, FloatArray, int]:
-        """Unknowns (m, block), A x (m, 3), iterations.  `guess` must have x = 0."""
-        b, s = self._nodewise(self._rhs), self._nodewise(self._solution)
-        b[:, : self._block], b[:, self._block :] = rhs, 0.0
-        s[:, : self._block], s[:, self._block :] = guess, 0.0
-        limit = 100 + 3 * self._rhs.getSize() // (self._block + 3)  # as many as exact arithmetic needs, and some
-        self._ksp.setTolerances(rtol=0.0, atol=atol, divtol=1e30, max_it=limit)
-        self._ksp.solve(self._rhs, self._solution)
-        s = self._nodewise(self._solution, readonly=True).copy()
-        return s[:, : self._block], s[:, self._block :], int(self._ksp.getIterationNumber())
-
-    def free(self) -> None:  # not `destroy`: PETSc calls a method of that name on its Python contexts
-        for thing in (self._ksp, self._matrix, self._rhs, self._solution):
-            thing.destroy()
-
-
 class _NodalCG(ABC):
     """What J_AM/P_AM and J_SC/P_SC share: the right-hand side of J_SC, by which both measure their residual, and the
     low-rank part of the preconditioner, if there is one."""
@@ -163,7 +95,7 @@ class _NodalCG(ABC):
             self._A.record(x, y)
             return y
 
-        self._cg = _CarryingCG(comm, len(diagonal), self.block, recorded, self._operator, self._preconditioner)
+        self._cg = CarryingKrylov(comm, len(diagonal), self.block, recorded, self._operator, self._precondition)
 
     @abstractmethod
     def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep: ...
@@ -175,21 +107,14 @@ class _NodalCG(ABC):
     def _nodal_inverse(self, r: FloatArray) -> FloatArray:
         """P_AM^-1 or P_SC^-1 with rest(A) in place of A, of shape (m, block, ...)."""
 
-    def _prepare_low_rank(self) -> None:
-        """Before the solves of a step, by Woodbury's formula: P^-1 = P0^-1 - P0^-1 U (1 + U^T P0^-1 U)^-1 U^T P0^-1."""
-        m, r = len(self._at.h), self._A.U.shape[1]
-        U = np.zeros((m, self.block, r))
-        U[:, :3] = self._A.U.reshape(m, 3, r)
+    def _prepare(self) -> None:
+        """The preconditioner of a step, once its nodal numbers are set."""
+        U = self._A.nodal_U(self.block)
         U[~self._at.frictional, 1:3] = 0.0
-        self._U: FloatArray = U.reshape(m * self.block, r)
-        self._PU: FloatArray = self._nodal_inverse(U).reshape(m * self.block, r)
-        self._core: FloatArray = np.linalg.inv(np.eye(r) + self._comm.allreduce(self._U.T @ self._PU))
+        self._preconditioner: NodalMap = LowRankUpdate(self._comm, self._nodal_inverse, U)
 
-    def _preconditioner(self, r: FloatArray) -> FloatArray:
-        z = self._nodal_inverse(r)
-        if self._U.shape[1] > 0:
-            z = z - (self._PU @ (self._core @ self._comm.allreduce(self._U.T @ z.ravel()))).reshape(z.shape)
-        return z
+    def _precondition(self, r: FloatArray) -> FloatArray:
+        return self._preconditioner(r)
 
     def _absolute(self, rhs: FloatArray, tolerance: float, cap: float) -> float:
         size = float(np.sqrt(self._comm.allreduce(float(np.vdot(rhs, rhs)))))
@@ -214,7 +139,7 @@ class AugmentedSystem(_NodalCG):
         self._at = at
         self._D11 = self._A.rest + at.C(np.ones_like(self._A.rest))
         self._S22 = at.D22 + np.column_stack([1.0 / self._D11[:, 0], np.sum(at.y**2 / self._D11[:, 1:], axis=1)])
-        self._prepare_low_rank()
+        self._prepare()
         guess = np.hstack([np.zeros_like(r1), -r2 / at.D22])
         atol = self._absolute(r1 - at.J12(guess[:, 3:]), tolerance, cap)
         unknowns, A_dx, iterations = self._cg.solve(np.hstack([r1, r2]), guess, atol)
@@ -227,14 +152,14 @@ class AugmentedSystem(_NodalCG):
 
     def _nodal_inverse(self, r: FloatArray) -> FloatArray:
         """A 2 x 2 block for the normal pair, a 3 x 3 one for the tangential triple."""
-        at, D, D22, S22 = self._at, _like(self._D11, r), _like(self._at.D22, r), _like(self._S22, r)
+        at, D, D22, S22 = self._at, like(self._D11, r), like(self._at.D22, r), like(self._S22, r)
         r1, r2 = r[:, :3], r[:, 3:]
         z = np.empty_like(r)
         z[:, 3:] = (at.J21(r1 / D) - r2) / S22
         # dx = (r1 - J12 dnu) / D11 would cancel where a constraint is active (D22 -> 0), and CG stall: multiplied out
         z[:, 0] = (D22[:, 0] * r1[:, 0] - r2[:, 0]) / (D[:, 0] * S22[:, 0])
-        y = _like(at.y, r)
-        z[:, 1:3] = _disc_inverse(D[:, 1:], y, D22[:, 1:], S22[:, 1:], r1[:, 1:])
+        y = like(at.y, r)
+        z[:, 1:3] = disc_inverse(D[:, 1:], y, D22[:, 1:], S22[:, 1:], r1[:, 1:])
         z[:, 1:3] += y / D[:, 1:] * (r2[:, 1:] / S22[:, 1:])
         return z
 
@@ -249,7 +174,7 @@ class SchurComplementSystem(_NodalCG):
         self._D11 = self._A.rest + at.C(np.ones_like(self._A.rest))
         self._D11[:, 0] += 1.0 / at.D22[:, 0]
         self._S22 = at.D22[:, 1] + np.sum(at.y**2 / self._D11[:, 1:], axis=1)
-        self._prepare_low_rank()
+        self._prepare()
         rhs = r1 + at.J12(r2 / at.D22)
         dx, A_dx, iterations = self._cg.solve(rhs, np.zeros_like(rhs), self._absolute(rhs, tolerance, cap))
         self._A.learn()
@@ -259,9 +184,9 @@ class SchurComplementSystem(_NodalCG):
         return self._J11(p, A_p) + self._at.J12(self._at.J21(p) / self._at.D22)
 
     def _nodal_inverse(self, r: FloatArray) -> FloatArray:
-        D, D22, S22 = _like(self._D11, r), _like(self._at.D22, r), _like(self._S22[:, None], r)
+        D, D22, S22 = like(self._D11, r), like(self._at.D22, r), like(self._S22[:, None], r)
         z = r / D
-        z[:, 1:] = _disc_inverse(D[:, 1:], _like(self._at.y, r), D22[:, 1:], S22, r[:, 1:])
+        z[:, 1:] = disc_inverse(D[:, 1:], like(self._at.y, r), D22[:, 1:], S22, r[:, 1:])
         return z
 
 
@@ -274,12 +199,12 @@ class RecyclingSystem(AugmentedSystem):
     rank = 100
 
 
-def _like(values: FloatArray, r: FloatArray) -> FloatArray:
+def like(values: FloatArray, r: FloatArray) -> FloatArray:
     """Nodal numbers (m, k), shaped to work on many right-hand sides (m, k, ...)."""
     return values.reshape(values.shape + (1,) * (r.ndim - 2))
 
 
-def _disc_inverse(D: FloatArray, y: FloatArray, d22: FloatArray, S: FloatArray, r: FloatArray) -> FloatArray:
+def disc_inverse(D: FloatArray, y: FloatArray, d22: FloatArray, S: FloatArray, r: FloatArray) -> FloatArray:
     """(D + y y^T / d22)^-1 r on the tangential pairs, (m, 2, ...), with S = d22 + y^T D^-1 y.
 
     Sherman and Morrison's D^-1 - D^-1 y y^T D^-1 / S, with the difference multiplied out so that nothing cancels as

@@ -17,6 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from .krylov import NodalMap
 
 _REST = 0.2  # the rest keeps this part of diag(A) at least: bounds the preconditioner where diag(A) is an estimate
 _RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are noise
@@ -68,11 +69,40 @@ class LearntCompliance:
             _REST * self._diagonal,
         )
 
+    def nodal_U(self, block: int) -> FloatArray:
+        """U with zeros for the unknowns behind the three of x, shape (m, block, r); a copy."""
+        U = np.zeros((len(self._diagonal), block, self.U.shape[1]))
+        U[:, :3] = self.U.reshape(len(U), 3, -1) if U.size else 0.0
+        return U
+
     def _gram(self, X: FloatArray, Y: FloatArray) -> FloatArray:
         """X^T Y over all ranks, symmetrised."""
         G = self._comm.allreduce(X.T @ Y)
         symmetric: FloatArray = 0.5 * (G + G.T)
         return symmetric
+
+
+class LowRankUpdate:
+    """(P0 + U U^T)^-1 from P0^-1, by Woodbury's formula: P0^-1 - P0^-1 U (1 + U^T P0^-1 U)^-1 U^T P0^-1.
+
+    Args:
+        comm: The ranks.
+        nodal_inverse: P0^-1 on (m, block, ...), nodal, perhaps unsymmetric.
+        U: Shape (m, block, r).
+    """
+
+    def __init__(self, comm: MPI.Comm, nodal_inverse: NodalMap, U: FloatArray):
+        self._comm, self._nodal_inverse = comm, nodal_inverse
+        r = U.shape[2]
+        self._U = U.reshape(U.shape[0] * U.shape[1], r)
+        self._PU = nodal_inverse(U).reshape(self._U.shape)
+        self._core: FloatArray = np.linalg.inv(np.eye(r) + comm.allreduce(self._U.T @ self._PU))
+
+    def __call__(self, r: FloatArray) -> FloatArray:
+        z = self._nodal_inverse(r)
+        if self._U.shape[1] > 0:
+            z -= (self._PU @ (self._core @ self._comm.allreduce(self._U.T @ z.ravel()))).reshape(z.shape)
+        return z
 
 
 def _inverse_root(G: FloatArray) -> FloatArray:

@@ -162,11 +162,13 @@ class CoulombResult:
         slip_bound: g of the last Tresca problem in newtons, shape (m,).
         status: How the solver ended.
         contraction: Measured contraction rate of the map g -> F x_n(g); nan if there were too few steps to tell.
-        iterations: Tresca problems solved.
-        path_following: PF steps of all of them.
+        iterations: Tresca problems solved; 0 of the one loop.
+        path_following: PF steps of all of them; Newton steps of the one loop.
         products: Products by A, all of them.
         residual: Coulomb residual, recomputed at the end with a fresh product.
-        history: One record a Tresca problem.
+        history: One record a Tresca problem; of the one loop, one a Newton step.
+        method: What solved it, in words.
+        message: What was seen, if it did not converge.
     """
 
     x: FloatArray
@@ -178,7 +180,9 @@ class CoulombResult:
     path_following: int
     products: int
     residual: float
-    history: tuple[OuterStep, ...]
+    history: tuple[OuterStep, ...] | tuple[PathFollowingStep, ...]
+    method: str = "successive Tresca"
+    message: str = ""
 
 
 class NotConverged(RuntimeError):

@@ -18,7 +18,9 @@ from typing import Protocol
 import numpy as np
 
 from ..arrays import FloatArray
+from .compliance import Compliance
 from .newton_systems import Linearization
+from .reductions import Reductions
 from .tresca import TrescaQP
 
 
@@ -35,6 +37,15 @@ class _Triple(Protocol):
     def z(self) -> FloatArray: ...
 
 
+def nominal_force(A: Compliance, b: FloatArray, over: Reductions) -> float:
+    """s, in newtons, > 0: the equal pressure on all nodes that minimises the objective; one product by A."""
+    e = np.zeros((A.nodes, 3))
+    e[:, 0] = 1.0
+    A_e = np.empty(3 * A.nodes)
+    A.mult(e.ravel(), A_e)
+    return max(over.dot(e.ravel(), b), 0.1 * over.norm(e) * over.norm(b)) / over.dot(e.ravel(), A_e)
+
+
 class ScaledQP:
     """A Tresca problem, scaled; forces as (m, 3), constraints as (m, 2), all of this rank.
 
@@ -46,7 +57,8 @@ class ScaledQP:
         self.qp, self._over = qp, qp.reductions
         self.nodes = m = qp.A.nodes
         self._a = qp.mean_diagonal
-        self._s = self._nominal_force()
+        self._s = nominal_force(qp.A, qp.b, qp.reductions)
+        self._s = max(self._s, 0.1 * self._over.max(np.abs(np.asarray(qp.lower))))
         g = qp.slip_bound / self._s
         self.frictional = qp.slip_bound > 0.0
         self._active = np.column_stack([np.ones(m, dtype=bool), self.frictional])
@@ -58,17 +70,6 @@ class ScaledQP:
         self.diagonal = self._W**2 * qp.A.diagonal().reshape(-1, 3) / self._a
         self._constraints = self._over.sum(self._active.astype(float))
         self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
-
-    def _nominal_force(self) -> float:
-        """s, in newtons, > 0; one product by A."""
-        e = np.zeros((self.nodes, 3))
-        e[:, 0] = 1.0
-        A_e = np.empty(3 * self.nodes)
-        self.qp.A.mult(e.ravel(), A_e)
-        over, b = self._over, self.qp.b
-        stiff = over.dot(e.ravel(), A_e)
-        nominal = max(over.dot(e.ravel(), b), 0.1 * over.norm(e) * over.norm(b)) / stiff
-        return max(nominal, 0.1 * over.max(np.abs(np.asarray(self.qp.lower))))
 
     # --- between the scaled and the user's variables ------------------------------------------------------------
 

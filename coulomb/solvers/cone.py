@@ -1,0 +1,188 @@
+"""The Coulomb problem in the variables in which the one loop works, and its linearisation.
+
+    x = s (x_n, F x_n y),    A~ = A/a,    b~ = b/(a s),    a the mean diagonal of A,  s a nominal nodal force
+
+A friction cone is a disc of unit radius once friction is measured by what the normal force allows: y = x_t/(F x_n).
+With w = A~ x~ - b~ and the slacks z1 = x_n, z2 = F x_n (1 - |y|^2)/2, both in newtons (scaled),
+
+    w_n - nu1 = 0          nu1 z1 = theta
+    w_t + nu2 y = 0        nu2 z2 = theta
+
+at every node: at theta = 0 Signorini's and Coulomb's laws.  nu1 is the gap; nu2 the slip, friction points against it.
+A node without friction has no second constraint and no y.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray
+from .coulomb import CoulombProblem
+from .scaling import nominal_force
+
+
+class ConeIterate(NamedTuple):
+    """x_n (m,), y (m, 2), nu (m, 2), and A x (m, 3), in scaled variables; x_n > 0, |y| < 1, nu > 0."""
+
+    x_n: FloatArray
+    y: FloatArray
+    nu: FloatArray
+    A_x: FloatArray
+
+
+class ConeLinearization(NamedTuple):
+    """The nodal numbers of the Newton system at an iterate, see `one_loop`.
+
+    Attributes:
+        F: Friction (m,), 1 where there is none.
+        g: F x_n (m,).
+        h: nu2/g (m,), 0 without friction.
+        y: Shape (m, 2).
+        c: F (1 + |y|^2)/2 (m,): how the cone widens with x_n.
+        D22: z/nu (m, 2), 1 where there is no constraint.
+        frictional: Shape (m,).
+    """
+
+    F: FloatArray
+    g: FloatArray
+    h: FloatArray
+    y: FloatArray
+    c: FloatArray
+    D22: FloatArray
+    frictional: npt.NDArray[np.bool_]
+
+    def constraints(self, dx: FloatArray) -> FloatArray:
+        """Change of -z along dx (m, 3): (-dx_n, y dx_t - c dx_n), shape (m, 2)."""
+        disc = np.einsum("ij,ij->i", self.y, dx[:, 1:]) - self.c * dx[:, 0]
+        return np.column_stack([-dx[:, 0], np.where(self.frictional, disc, 0.0)])
+
+    def C(self, dx: FloatArray) -> FloatArray:
+        """The nodal part of the system on dx (m, 3): what it adds to A dx, unsymmetric."""
+        d = self.constraints(dx) / self.D22
+        r = np.empty_like(dx)
+        r[:, 0] = -d[:, 0]
+        r[:, 1:] = self.h[:, None] * (dx[:, 1:] - (self.F * dx[:, 0])[:, None] * self.y) + d[:, 1:] * self.y
+        return r
+
+    def blocks(self) -> FloatArray:
+        """C as matrices, shape (m, 3, 3); the identity on the tangential pair of a node without friction."""
+        e = np.eye(3)
+        C = np.stack([self.C(np.tile(e[k], (len(self.F), 1))) for k in range(3)], axis=2)
+        C[~self.frictional, 1:, 1:] = np.eye(2)
+        return C
+
+    def dy(self, dx: FloatArray) -> FloatArray:
+        """Change of y to first order, (dx_t - F y dx_n)/g, shape (m, 2)."""
+        return np.where(
+            self.frictional[:, None],
+            (dx[:, 1:] - (self.F * dx[:, 0])[:, None] * self.y) / self.g[:, None],
+            0.0,
+        )
+
+
+class ScaledCoulomb:
+    """A Coulomb problem, scaled; all of this rank.
+
+    Args:
+        problem: The problem in newtons and metres.
+    """
+
+    def __init__(self, problem: CoulombProblem):
+        self.problem, self._over = problem, problem.reductions
+        self.nodes = m = problem.A.nodes
+        self._a = problem.mean_diagonal
+        self._s = nominal_force(problem.A, problem.b, self._over)
+        self.frictional = problem.friction > 0.0
+        self._F = np.where(self.frictional, problem.friction, 1.0)
+        self._active = np.column_stack([np.ones(m, dtype=bool), self.frictional])
+        self._b = problem.b.reshape(-1, 3) / (self._a * self._s)
+        self.diagonal = problem.A.diagonal().reshape(-1, 3) / self._a
+        self._constraints = self._over.sum(self._active.astype(float))
+        self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
+
+    def apply_A(self, x: FloatArray) -> FloatArray:
+        """A~ x, both (m, 3); one product by A."""
+        y = np.empty(3 * self.nodes)
+        self.problem.A.mult(np.ascontiguousarray(x).ravel(), y)
+        return y.reshape(-1, 3) / self._a
+
+    def forces(self, x_n: FloatArray, y: FloatArray) -> FloatArray:
+        """x = (x_n, F x_n y), shape (m, 3)."""
+        return np.column_stack([x_n, (self._F * x_n)[:, None] * y])
+
+    def slack(self, x_n: FloatArray, y: FloatArray) -> FloatArray:
+        """z, shape (m, 2); 0 where there is no constraint."""
+        return self._masked(np.column_stack([x_n, 0.5 * self._F * x_n * (1.0 - np.sum(y**2, axis=1))]))
+
+    def gradient(self, v: ConeIterate) -> FloatArray:
+        """(w_n - nu1, w_t + nu2 y) on the unknowns, shape (m, 3)."""
+        r = v.A_x - self._b
+        r[:, 0] -= v.nu[:, 0]
+        r[:, 1:] += v.nu[:, 1:] * v.y
+        r[~self.frictional, 1:] = 0.0
+        return r
+
+    def linearize(self, v: ConeIterate) -> ConeLinearization:
+        g = self._F * v.x_n
+        z = self.slack(v.x_n, v.y)
+        return ConeLinearization(
+            F=self._F,
+            g=g,
+            h=self._masked(v.nu)[:, 1] / g,
+            y=v.y,
+            c=0.5 * self._F * (1.0 + np.sum(v.y**2, axis=1)),
+            D22=np.where(self._active, z, 1.0) / self.safe(v.nu),
+            frictional=self.frictional,
+        )
+
+    def weight(self, x_n: FloatArray) -> FloatArray:
+        """Rows as they can do work, shape (m, 3): 1 for gaps, min(F x_n, 1) for slips; a node that opens has no say."""
+        W = np.ones((self.nodes, 3))
+        W[:, 1:] = np.minimum(self._F * x_n, 1.0)[:, None]
+        return W
+
+    def distance_to_boundary(self, v: ConeIterate, dx_n: FloatArray, dy: FloatArray, dnu: FloatArray) -> float:
+        """Largest alpha with x_n + alpha dx_n >= 0, |y + alpha dy| <= 1, nu + alpha dnu >= 0; inf if there is none."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bound = np.where(dx_n < 0.0, -v.x_n / dx_n, math.inf)
+            multiplier = np.where(dnu < 0.0, -v.nu / dnu, math.inf)[self._active]
+            squared, outward = np.sum(dy**2, axis=1), np.sum(dy * v.y, axis=1)
+            room = 1.0 - np.sum(v.y**2, axis=1)
+            disc = (room / (outward + np.sqrt(outward**2 + squared * room)))[self.frictional & (squared > 0.0)]
+        return min(self._over.min(bound), self._over.min(multiplier), self._over.min(disc))
+
+    def theta(self, nu: FloatArray, z: FloatArray) -> float:
+        """Duality measure nu^T z / (number of constraints)."""
+        return self._over.dot(nu, z) / self._constraints
+
+    def smallest_product(self, nu: FloatArray, z: FloatArray) -> float:
+        return self._over.min((nu * z)[self._active])
+
+    def rms(self, r: FloatArray) -> float:
+        """Root mean square over the unknowns."""
+        return self._over.norm(r) / math.sqrt(self._unknowns)
+
+    def from_rms(self, value: float) -> float:
+        """The Euclidean norm of a residual whose root mean square is `value`."""
+        return value * math.sqrt(self._unknowns)
+
+    def relative_change(self, old: tuple[FloatArray, ...], new: tuple[FloatArray, ...]) -> float:
+        """|new - old| / |new| of a tuple of arrays."""
+        change = math.hypot(*(self._over.norm(n - o) for n, o in zip(new, old, strict=True)))
+        return change / math.hypot(*(self._over.norm(n) for n in new))
+
+    def safe(self, values: FloatArray) -> FloatArray:
+        """`values` (m, 2) where there is a constraint, 1 where there is none: fit to be a divisor."""
+        return np.where(self._active, values, 1.0)
+
+    def _masked(self, values: FloatArray) -> FloatArray:
+        return np.where(self._active, values, 0.0)
+
+    def unscaled(self, v: ConeIterate) -> tuple[FloatArray, FloatArray]:
+        """Forces in N (3 m,), and A x - b in m (3 m,)."""
+        gradient = self._a * self._s * (v.A_x - self._b)
+        return (self._s * self.forces(v.x_n, v.y)).ravel(), gradient.ravel()

@@ -1,0 +1,153 @@
+"""The linear system of a step of the one loop: (A + C) dx = r, C nodal and unsymmetric.
+
+In a node's block of C nothing of the tangential pair acts on the normal row: friction follows the pressure, not the
+other way.  P = rest(A) + C + U U^T therefore has a nodal part that is triangular by blocks, inverted in closed form,
+and a low-rank part that was learnt of A (recycling.py).  (A + C) P^-1 - 1 = (A - rest(A) - U U^T) P^-1: P is as good
+as the stand-in for A, whatever friction does; with diag(A) alone it is the unsymmetric P_SC.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import scipy.linalg
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from .cone import ConeLinearization
+from .krylov import CarryingKrylov, NodalMap
+from .newton_systems import disc_inverse, like
+from .recycling import LearntCompliance, LowRankUpdate
+
+
+class ConeStep(NamedTuple):
+    """dx (m, 3), A dx (m, 3), and the Krylov iterations it took."""
+
+    dx: FloatArray
+    A_dx: FloatArray
+    iterations: int
+
+
+class ConeSystem(Protocol):
+    """Solves the system of one step after another; made once for a problem.
+
+    Args of the constructor:
+        comm: The ranks of A.
+        apply_A: x (m, 3) -> A x (m, 3); every call is a product.
+        diagonal: diag(A), shape (m, 3).
+    """
+
+    def __init__(self, comm: MPI.Comm, apply_A: NodalMap, diagonal: FloatArray): ...
+
+    def solve(
+        self, at: ConeLinearization, rhs: FloatArray, weight: FloatArray, tolerance: float, cap: float
+    ) -> ConeStep:
+        """Solve to |W residual| <= min(tolerance |W rhs|, cap), W the weight of the rows, shape (m, 3)."""
+        ...
+
+    def destroy(self) -> None: ...
+
+
+class KrylovConeSystem:
+    """FGMRES, preconditioned by P from the right; the default."""
+
+    rank = 100
+    """Columns of U to keep in the preconditioner; 0 is diag(A) alone."""
+
+    def __init__(self, comm: MPI.Comm, apply_A: NodalMap, diagonal: FloatArray):
+        self._comm, self._A = comm, LearntCompliance(comm, diagonal, self.rank)
+
+        def recorded(x: FloatArray) -> FloatArray:
+            y = apply_A(x)
+            self._A.record(x, y)
+            return y
+
+        self._krylov = CarryingKrylov(
+            comm, len(diagonal), 3, recorded, self._operator, self._precondition, PETSc.KSP.Type.FGMRES
+        )
+
+    def solve(
+        self, at: ConeLinearization, rhs: FloatArray, weight: FloatArray, tolerance: float, cap: float
+    ) -> ConeStep:
+        self._at, self._weight = at, weight
+        D = self._D = self._A.rest.copy()
+        D[:, 1:] += at.h[:, None]
+        self._S = at.D22[:, 1] + np.sum(at.y**2 / D[:, 1:], axis=1)
+        U = self._A.nodal_U(3)
+        U[~at.frictional, 1:] = 0.0
+        self._preconditioner = LowRankUpdate(self._comm, self._nodal_inverse, U)
+        weighted = weight * rhs
+        size = float(np.sqrt(self._comm.allreduce(float(np.vdot(weighted, weighted)))))
+        atol = max(min(tolerance * size, cap), 1e-14 * size)
+        dx, A_dx, iterations = self._krylov.solve(weighted, np.zeros_like(rhs), atol)
+        self._A.learn()
+        return ConeStep(dx, A_dx, iterations)
+
+    def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
+        y = A_p + self._at.C(p)
+        y[~self._at.frictional, 1:] = 0.0
+        weighted: FloatArray = self._weight * y
+        return weighted
+
+    def _precondition(self, r: FloatArray) -> FloatArray:
+        return self._preconditioner(r / self._weight)
+
+    def _nodal_inverse(self, r: FloatArray) -> FloatArray:
+        """(rest(A) + C)^-1 on (m, 3, ...): the normal unknown first, then the pair that follows it.
+
+        The pair's 2 x 2 block is that of the disc; what the normal unknown does to it, h F y + y c/d22, is kept apart,
+        so that nothing cancels as d22 -> 0.
+        """
+        at, D, S = self._at, like(self._D, r), like(self._S[:, None], r)
+        y, D22 = like(at.y, r), like(at.D22, r)
+        z = np.empty_like(r)
+        z[:, 0] = r[:, 0] * D22[:, 0] / (1.0 + D[:, 0] * D22[:, 0])
+        follows = (at.h * at.F)[:, None] * at.y
+        pair = r[:, 1:] + like(follows, r) * z[:, :1]
+        widens = like(at.c * at.frictional, r) * z[:, 0]
+        z[:, 1:] = disc_inverse(D[:, 1:], y, D22[:, 1:], S, pair) + y / D[:, 1:] * widens[:, None] / S
+        z[~at.frictional, 1:] = 0.0
+        return z
+
+    def destroy(self) -> None:
+        self._krylov.free()
+
+
+class DenseConeSystem:
+    """A + C factorised (LU); on one rank, 3 m products to get A and (3 m)^3 work a step.
+
+    Raises:
+        ValueError: From the constructor, on more than one rank.
+    """
+
+    def __init__(self, comm: MPI.Comm, apply_A: NodalMap, diagonal: FloatArray):
+        if comm.size > 1:
+            raise ValueError("DenseConeSystem works on one rank; use KrylovConeSystem")
+        self._A: FloatArray = np.array([apply_A(e.reshape(-1, 3)).ravel() for e in np.eye(diagonal.size)]).T
+
+    def solve(
+        self, at: ConeLinearization, rhs: FloatArray, weight: FloatArray, tolerance: float, cap: float
+    ) -> ConeStep:
+        """The step, as exact as rounding allows; tolerance and cap have no say."""
+        M = cone_matrix(self._A, at)
+        rows = 1.0 / np.abs(M).max(axis=1)
+        columns = 1.0 / np.abs(rows[:, None] * M).max(axis=0)
+        factors = scipy.linalg.lu_factor(rows[:, None] * M * columns, overwrite_a=True, check_finite=False)
+        dx = (columns * scipy.linalg.lu_solve(factors, rows * rhs.ravel())).reshape(rhs.shape)
+        return ConeStep(dx, (self._A @ dx.ravel()).reshape(rhs.shape), 0)
+
+    def destroy(self) -> None:
+        """Nothing of PETSc's to give back."""
+
+
+def cone_matrix(A: FloatArray, at: ConeLinearization) -> FloatArray:
+    """A + C, shape (3 m, 3 m); the tangential pair of a node without friction is replaced by the identity."""
+    M = A.copy()
+    dropped = (np.flatnonzero(~at.frictional)[:, None] * 3 + np.array([1, 2])).ravel()
+    M[dropped], M[:, dropped] = 0.0, 0.0
+    i = 3 * np.arange(len(at.F))[:, None, None] + np.arange(3)[:, None]
+    j = 3 * np.arange(len(at.F))[:, None, None] + np.arange(3)
+    M[i, j] += at.blocks()
+    return M
