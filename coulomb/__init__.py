@@ -11,11 +11,14 @@ from .fem.obstacles import Plane
 from .fem.surface import ContactSurface
 from .general import solve_coulomb, solve_tresca
 from .problem import Contact, ContactProblem, Solution
+from .solvers.automatic import Automatic
+from .solvers.cone_systems import DenseConeSystem, KrylovConeSystem
 from .solvers.coulomb import CoulombProblem
 from .solvers.dense_system import DenseSystem
 from .solvers.fixed_point import SuccessiveTresca
 from .solvers.kprgp import KPRGP
 from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
+from .solvers.one_loop import OneLoop
 from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, NotConverged, Progress, QPResult, Status
 from .solvers.stiffness import DirectSolver, IterativeSolver
@@ -25,6 +28,7 @@ from .version import __version__
 __all__ = [
     "KPRGP",
     "AugmentedSystem",
+    "Automatic",
     "Certificate",
     "Check",
     "Clamp",
@@ -33,13 +37,16 @@ __all__ = [
     "ContactSurface",
     "CoulombProblem",
     "CoulombResult",
+    "DenseConeSystem",
     "DenseSystem",
     "DirectSolver",
     "Elasticity",
     "IterativeSolver",
+    "KrylovConeSystem",
     "Material",
     "NamedMesh",
     "NotConverged",
+    "OneLoop",
     "PathFollowing",
     "Plane",
     "Progress",

@@ -8,21 +8,29 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from mpi4py import MPI
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from .arrays import FloatArray
 from .fem.elasticity import Clamp, Material, Traction
 from .fem.meshes import BOX_FACES, box
 from .fem.obstacles import Plane
-from .problem import Contact, ContactProblem
+from .problem import Coefficient, Contact, ContactProblem
+from .solvers.automatic import Automatic
+from .solvers.cone_systems import DenseConeSystem
+from .solvers.coulomb import CoulombSolver
+from .solvers.dense_system import DenseSystem
 from .solvers.fixed_point import SuccessiveTresca
 from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
+from .solvers.one_loop import OneLoop
 from .solvers.path_following import PathFollowing
 from .solvers.stiffness import DirectSolver, IterativeSolver
 from .solvers.tresca import QPSolver
 
 Face = Literal["left", "right", "front", "back", "bottom", "top"]
 Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False, strict=True)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False, strict=True)]
 Vector = tuple[Number, Number, Number]
 Count = Annotated[int, Field(ge=1, strict=True)]
@@ -49,10 +57,11 @@ class MaterialTable(_Table):
     poisson: Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
 
 
-_NEWTON: dict[str, type[AugmentedSystem] | type[SchurComplementSystem]] = {
+_NEWTON: dict[str, type[AugmentedSystem] | type[SchurComplementSystem] | type[DenseSystem]] = {
     "recycling": RecyclingSystem,
     "augmented": AugmentedSystem,
     "schur": SchurComplementSystem,
+    "dense": DenseSystem,
 }
 
 
@@ -78,19 +87,59 @@ class FoundationTable(_Table):
     normal: Vector
 
 
+class RegionTable(_Table):
+    """A part of the contact face, inside a box given by two corners in metres, that rubs differently."""
+
+    box: tuple[Vector, Vector]
+    friction: NotNegative | None = None
+    slip_stress: NotNegative | None = None
+
+    @model_validator(mode="after")
+    def _corners(self) -> RegionTable:
+        if any(low > high for low, high in zip(*self.box, strict=True)):
+            raise ValueError(f"box must be [least corner, greatest corner], but is {[list(c) for c in self.box]}")
+        return self
+
+    def holds(self, x: FloatArray) -> Any:
+        """Which of the points x (3, k) lie in it, to 1e-9 of its size; shape (k,)."""
+        low, high = np.array(self.box)[:, :, None]
+        margin = 1e-9 * float(np.max(high - low))
+        return np.all((x >= low - margin) & (x <= high + margin), axis=0)
+
+
 class ContactTable(_Table):
     """The contact face, and one of two friction laws: friction (Coulomb) or slip_stress in pascals (Tresca)."""
 
     face: Face
-    friction: Annotated[float, Field(ge=0.0, allow_inf_nan=False, strict=True)] | None = None
-    slip_stress: Annotated[float, Field(ge=0.0, allow_inf_nan=False, strict=True)] | None = None
+    friction: NotNegative | None = None
+    slip_stress: NotNegative | None = None
+    region: tuple[RegionTable, ...] = ()
     foundation: FoundationTable | None = None
 
     @model_validator(mode="after")
     def _one_law(self) -> ContactTable:
         if (self.friction is None) == (self.slip_stress is None):
             raise ValueError("give either friction (Coulomb) or slip_stress (Tresca), one of the two")
+        law = "friction" if self.slip_stress is None else "slip_stress"
+        other = "slip_stress" if law == "friction" else "friction"
+        for number, region in enumerate(self.region):
+            if getattr(region, law) is None or getattr(region, other) is not None:
+                raise ValueError(f"region.{number} must give {law}, as the contact does, and nothing else but its box")
         return self
+
+    def coefficient(self, law: Literal["friction", "slip_stress"]) -> Coefficient | None:
+        """Of this law: nothing, a number, or a function of place by region; where regions overlap, the last counts."""
+        base = getattr(self, law)
+        if base is None or not self.region:
+            return base  # type: ignore[no-any-return]
+
+        def by_region(x: FloatArray) -> FloatArray:
+            values = np.full(x.shape[1], float(base))
+            for region in self.region:
+                values[region.holds(x)] = getattr(region, law)
+            return values
+
+        return by_region
 
 
 class SolverTable(_Table):
@@ -99,8 +148,17 @@ class SolverTable(_Table):
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
     linear_solver: Literal["auto", "direct", "iterative"] = "auto"
     compliance: Literal["auto", "explicit", "matrix-free"] = "auto"
-    newton: Literal["recycling", "augmented", "schur"] = "recycling"
-    max_outer: Count = 60
+    method: Literal["auto", "one-loop", "fixed-point"] = "auto"
+    newton: Literal["recycling", "augmented", "schur", "dense"] = "recycling"
+    max_outer: Count | None = None
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> SolverTable:
+        if self.max_outer is not None and self.method != "fixed-point":
+            raise ValueError('max_outer counts Tresca problems: it needs method = "fixed-point"')
+        if self.method == "one-loop" and self.newton in ("augmented", "schur"):
+            raise ValueError(f'newton = "{self.newton}" is for Tresca problems: it needs method = "fixed-point"')
+        return self
 
 
 class OutputTable(_Table):
@@ -129,14 +187,14 @@ class Case(_Table):
             ValueError: If the parts do not fit together, on every rank.
         """
         foundation = self.contact.foundation
-        return ContactProblem(
+        problem = ContactProblem(
             box(self.mesh.box, self.mesh.cells, self.mesh.cell, comm),
             Material(self.material.young, self.material.poisson),
             [Clamp(table.face, table.components, table.value) for table in self.clamp],
             Contact(
                 self.contact.face,
-                self.contact.friction,
-                self.contact.slip_stress,
+                self.contact.coefficient("friction"),
+                self.contact.coefficient("slip_stress"),
                 Plane(foundation.point, foundation.normal) if foundation is not None else None,
             ),
             [Traction(table.face, table.value) for table in self.traction],
@@ -146,16 +204,29 @@ class Case(_Table):
             ],
             explicit={"auto": None, "explicit": True, "matrix-free": False}[self.solver.compliance],
         )
+        for number, region in enumerate(self.contact.region):
+            if not comm.allreduce(int(np.sum(region.holds(problem.surface.x.T))), op=MPI.SUM):
+                raise ValueError(f"contact.region.{number}: there is no contact node in its box {list(region.box)}")
+        return problem
 
-    def contact_solver(self) -> SuccessiveTresca | QPSolver:
-        """The solver the case asks for."""
-        path_following = PathFollowing(
-            tolerance=self.solver.tolerance,
-            newton=_NEWTON[self.solver.newton],
-        )
+    @model_validator(mode="after")
+    def _method_fits_the_law(self) -> Case:
+        if self.contact.friction is None and self.solver.method != "auto":
+            raise ValueError('solver.method is for Coulomb friction; with slip_stress leave it at "auto"')
+        return self
+
+    def contact_solver(self) -> CoulombSolver | QPSolver:
+        """The solver the case asks for; a Newton system that is the paper's asks for successive Tresca."""
+        table = self.solver
+        path_following = PathFollowing(tolerance=table.tolerance, newton=_NEWTON[table.newton])
         if self.contact.friction is None:
             return path_following
-        return SuccessiveTresca(self.solver.tolerance, path_following, max_iterations=self.solver.max_outer)
+        if table.method == "fixed-point" or table.newton in ("augmented", "schur"):
+            most = SuccessiveTresca.max_iterations if table.max_outer is None else table.max_outer
+            return SuccessiveTresca(table.tolerance, path_following, max_iterations=most)
+        if table.newton == "dense":
+            return OneLoop(table.tolerance, newton=DenseConeSystem)
+        return OneLoop(table.tolerance) if table.method == "one-loop" else Automatic(table.tolerance)
 
 
 def read_case(path: str | Path, changes: Sequence[str] = (), comm: MPI.Comm = MPI.COMM_WORLD) -> Case:

@@ -32,10 +32,12 @@ from .console import console as _console
 from .console import errors as _errors
 from .fem import compat
 from .problem import ContactProblem, Solution
+from .solvers.automatic import Automatic
+from .solvers.coulomb import CoulombSolver
 from .solvers.dense_system import DenseSystem
 from .solvers.fixed_point import SuccessiveTresca
-from .solvers.newton_systems import RecyclingSystem
 from .solvers.path_following import PathFollowing
+from .solvers.reductions import Reductions
 from .solvers.results import CoulombResult, NotConverged, Progress
 from .version import __version__
 
@@ -128,10 +130,13 @@ def fclib(
     if _comm.size > 1:
         _errors.print("error: coulomb fclib runs on one rank", markup=False)
         raise typer.Exit(BAD_INPUT)
-    trouble, solver = "", PathFollowing(newton=DenseSystem if dense else RecyclingSystem)
+    trouble = ""
+    solver: CoulombSolver = Automatic(tolerance)
+    if dense:
+        solver = SuccessiveTresca(tolerance, PathFollowing(newton=DenseSystem))
     try:
         problem = read_fclib(file)
-        result = solve_coulomb(problem.W, -problem.q, problem.mu, SuccessiveTresca(tolerance, solver))
+        result = solve_coulomb(problem.W, -problem.q, problem.mu, solver)
     except ValueError as error:
         _errors.print(f"error: {error}", markup=False)
         raise typer.Exit(BAD_INPUT) from None
@@ -145,6 +150,7 @@ def fclib(
         "status": result.status.value,
         "residual": result.residual,
         "fclib_residual": problem.residual(result.x),
+        "method": result.method,
         "outer": result.iterations,
         "path_following": result.path_following,
         "products": result.products,
@@ -174,11 +180,11 @@ def export(
         if _comm.size > 1:
             raise ValueError("coulomb export runs on one rank")
         problem = read_case(case, changes or (), _comm).problem(_comm)
-        if problem.contact.friction is None:
+        if not problem.coulomb:
             raise ValueError("FCLIB's problems have Coulomb friction; this case has a slip stress")
         if not isinstance(problem.A, ExplicitCompliance):
             raise ValueError('A is not formed for a problem of this size; set solver.compliance="explicit"')
-        mu = np.full(len(problem.surface.nodes), problem.contact.friction)
+        mu = problem.coefficient
         W = problem.A.matrix.getDenseArray()
         write_fclib(file, FCLIBProblem(scipy.sparse.csr_matrix(W), -problem.b, mu, case.stem))
     except (ValueError, OSError) as error:
@@ -199,9 +205,10 @@ def _version(name: str) -> str:
 
 def _introduce(console: Console, case: Path, problem: ContactProblem) -> None:
     unknowns = problem.unknowns
-    contact = problem.contact
-    coulomb = contact.friction is not None
-    law = f"Coulomb friction {contact.friction:g}" if coulomb else f"Tresca friction {contact.slip_stress:g} Pa"
+    over = Reductions(problem.comm)
+    values = sorted({over.min(problem.coefficient), over.max(problem.coefficient)})
+    shown = " to ".join(f"{value:g}" for value in values)
+    law = f"Coulomb friction {shown}" if problem.coulomb else f"Tresca friction {shown} Pa"
     console.print(
         f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
         f"{_comm.size} {'rank' if _comm.size == 1 else 'ranks'}",
@@ -263,7 +270,7 @@ def _report(console: Console, solution: Solution, contents: dict[str, Any], targ
     contraction = f", contraction {rate:.2g}" if rate is not None and np.isfinite(rate) else ""
     seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
     lines = (
-        f"{contents['status']}: residual {contents['residual']:.1e}, {outer}"
+        f"{contents['status']} ({contents['method']['solver']}): residual {contents['residual']:.1e}, {outer}"
         f"{iterations['path_following']} path-following steps, {iterations['products']} products{contraction}",
         f"force on the body: normal {force['normal']:.9g} N, tangential "
         f"({', '.join(f'{value:.9g}' for value in force['tangential'])}) N",

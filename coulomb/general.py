@@ -10,9 +10,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from .arrays import FloatArray
+from .solvers.automatic import Automatic
 from .solvers.compliance import Compliance, MatrixCompliance
-from .solvers.coulomb import CoulombProblem
-from .solvers.fixed_point import SuccessiveTresca
+from .solvers.coulomb import CoulombProblem, CoulombSolver
 from .solvers.path_following import PathFollowing
 from .solvers.reductions import Reductions
 from .solvers.results import CoulombResult, QPResult
@@ -49,14 +49,14 @@ def solve_tresca(
     return (solver or PathFollowing()).solve(qp)
 
 
-def solve_coulomb(A: Any, b: Any, friction: Any, solver: SuccessiveTresca | None = None) -> CoulombResult:
+def solve_coulomb(A: Any, b: Any, friction: Any, solver: CoulombSolver | None = None) -> CoulombResult:
     """The same with slip_bound = friction x_n at the solution.
 
     Args:
         A: As for `solve_tresca`.
         b: As for `solve_tresca`.
         friction: Coefficient of every contact, >= 0; a number or shape (m,).
-        solver: SuccessiveTresca() by default.
+        solver: Automatic() by default; OneLoop() or SuccessiveTresca().
 
     Raises:
         ValueError: As `solve_tresca`.
@@ -64,7 +64,7 @@ def solve_coulomb(A: Any, b: Any, friction: Any, solver: SuccessiveTresca | None
     """
     compliance = _compliance(A)
     coefficient = _for_each("friction", friction, compliance.nodes)
-    return (solver or SuccessiveTresca()).solve(CoulombProblem(compliance, _numbers("b", b), coefficient))
+    return (solver or Automatic()).solve(CoulombProblem(compliance, _numbers("b", b), coefficient))
 
 
 def _numbers(name: str, values: Any) -> FloatArray:

@@ -24,7 +24,7 @@ from mpi4py import MPI
 from .arrays import FloatArray
 from .fem import compat
 from .fem.compat import fem
-from .problem import Solution
+from .problem import ContactProblem, Solution
 from .solvers.reductions import Reductions
 from .solvers.results import CoulombResult, OuterStep, QPStep
 from .version import __version__
@@ -59,7 +59,7 @@ def summary(solution: Solution) -> dict[str, Any]:
     over, surface = Reductions(problem.comm), problem.surface
     x = solution.contact_force.reshape(-1, 3)
     on_body = -surface.vectors(x)
-    coulomb = isinstance(result, CoulombResult)
+    coulomb = problem.coulomb
     open_, slip = _open_and_slip(solution)
     if coulomb:  # without pressure there is no friction; Tresca friction acts on open nodes too
         slip = slip & ~open_
@@ -73,11 +73,11 @@ def summary(solution: Solution) -> dict[str, Any]:
         "coulomb": __version__,
         "status": result.status.value,
         "law": "coulomb" if coulomb else "tresca",
-        "friction": problem.contact.friction,
-        "slip_stress": problem.contact.slip_stress,
+        "friction": _range(problem) if coulomb else None,
+        "slip_stress": None if coulomb else _range(problem),
         "unknowns": problem.unknowns,
         "method": {
-            "solver": "successive Tresca, path following" if coulomb else "path following",
+            "solver": result.method if isinstance(result, CoulombResult) else "path following",
             "stiffness": problem.stiffness_solver.name,
             "compliance": problem.A.name,
             "ranks": problem.comm.size,
@@ -115,6 +115,13 @@ def summary(solution: Solution) -> dict[str, Any]:
         },
         "seconds": dict(problem.seconds),
     }
+
+
+def _range(problem: ContactProblem) -> float | dict[str, float]:
+    """Friction or slip stress: a number, or its least and greatest value."""
+    over = Reductions(problem.comm)
+    least, greatest = over.min(problem.coefficient), over.max(problem.coefficient)
+    return least if least == greatest else {"min": least, "max": greatest}
 
 
 def write(solution: Solution, directory: str | Path, picture: bool = True) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,9 +18,12 @@ from .fem.meshes import NamedMesh
 from .fem.obstacles import RigidFoundation
 from .fem.surface import ContactSurface, contact_surface
 from .solvers import schur
+from .solvers.automatic import Automatic
 from .solvers.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance
-from .solvers.coulomb import CoulombProblem
+from .solvers.coulomb import CoulombProblem, CoulombSolver
 from .solvers.fixed_point import SuccessiveTresca
+from .solvers.kprgp import KPRGP
+from .solvers.one_loop import OneLoop
 from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, ProgressCallback, QPResult
 from .solvers.stiffness import DirectSolver, IterativeSolver, StiffnessSolver
@@ -36,14 +39,19 @@ EXPLICIT_UP_TO = 10_000
 """Contact unknowns up to which A is formed by default, where K is factorised (measured: docs/measurements.md)."""
 
 
+Coefficient = float | Callable[[FloatArray], FloatArray]
+"""A number, or a function of x, shape (3, k), in metres, that returns k numbers."""
+
+
 @dataclass(frozen=True)
 class Contact:
     """Which face may touch which foundation, and how it rubs there; exactly one of the two friction laws.
 
     Attributes:
         face: Name of the contact face.
-        friction: Coulomb's coefficient F >= 0.
-        slip_stress: Tresca friction: the shear stress in pascals at which the face slips, whatever the pressure.
+        friction: Coulomb's coefficient F >= 0, constant or a function of place.
+        slip_stress: Tresca friction: the shear stress in pascals at which the face slips, whatever the pressure;
+            constant or a function of place.
         foundation: Rigid foundation; by default the plane of the face itself (gap 0).
 
     Raises:
@@ -51,15 +59,15 @@ class Contact:
     """
 
     face: str
-    friction: float | None = None
-    slip_stress: float | None = None
+    friction: Coefficient | None = None
+    slip_stress: Coefficient | None = None
     foundation: RigidFoundation | None = None
 
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):
             raise ValueError("contact: give either friction (Coulomb) or slip_stress (Tresca), one of the two")
         for name, value in (("friction", self.friction), ("slip_stress", self.slip_stress)):
-            if value is not None and not (np.isfinite(value) and value >= 0.0):
+            if value is not None and not callable(value) and not (np.isfinite(value) and value >= 0.0):
                 raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
 
 
@@ -81,6 +89,7 @@ class ContactProblem:
     Attributes:
         elasticity: K, f and what belongs to them.
         surface: The contact nodes.
+        coefficient: Friction F, or slip stress in pascals, at this rank's contact nodes, shape (m,).
         seconds: Wall time of each phase so far.
 
     Raises:
@@ -106,6 +115,7 @@ class ContactProblem:
         with self._timed("assembly"):
             self.elasticity = Elasticity(mesh, material, clamps, tractions, body_force)
             self.surface: ContactSurface = contact_surface(self.elasticity, contact.face, contact.foundation)
+            self.coefficient = self._coefficient()
         if linear_solver is None:
             small = self.unknowns["displacement"] <= DIRECT_UP_TO
             linear_solver = DirectSolver if explicit or small else IterativeSolver
@@ -184,11 +194,44 @@ class ContactProblem:
 
     def slip_bound(self, x: FloatArray) -> FloatArray:
         """g in newtons at the forces x: F x_n for Coulomb, slip stress times area for Tresca; shape (m,)."""
-        if self.contact.friction is not None:
-            bound: FloatArray = self.contact.friction * np.maximum(x[0::3], 0.0)
-            return bound
-        assert self.contact.slip_stress is not None
-        return self.contact.slip_stress * self.surface.area
+        bound: FloatArray = self.coefficient * (np.maximum(x[0::3], 0.0) if self.coulomb else self.surface.area)
+        return bound
+
+    @property
+    def coulomb(self) -> bool:
+        """Whether friction is Coulomb's; else Tresca's."""
+        return self.contact.friction is not None
+
+    def _coefficient(self) -> FloatArray:
+        """The contact's friction or slip stress at the contact nodes.
+
+        Raises:
+            ValueError: On every rank, if a function does not return one number >= 0 for every node.
+        """
+        name = "friction" if self.coulomb else "slip_stress"
+        value: Any = self.contact.friction if self.coulomb else self.contact.slip_stress
+        x = self.surface.x
+        if not callable(value):
+            return np.full(len(x), float(value))
+        fault, values = "", np.zeros(len(x))
+        if len(x) > 0:
+            try:
+                values = np.broadcast_to(np.asarray(value(x.T.copy()), dtype=np.float64), len(x)).copy()
+            except Exception as error:
+                fault = f"{error} (it takes x of shape (3, k) and returns k numbers)"
+            bad = ~(np.isfinite(values) & (values >= 0.0))
+            if not fault and np.any(bad):
+                place = ", ".join(f"{c:.6g}" for c in x[np.argmax(bad)])
+                fault = f"must be >= 0 everywhere, but is {values[np.argmax(bad)]} at x = {place}"
+        faults = [fault for fault in self.comm.allgather(fault) if fault]
+        if faults:
+            raise ValueError(f"contact: {name}: {faults[0]}")
+        return values
+
+    @property
+    def coulomb_problem(self) -> CoulombProblem:
+        """A, b and friction, without the body."""
+        return CoulombProblem(self.A, self.b, self.coefficient)
 
     def tresca(self, slip_bound: FloatArray) -> TrescaQP:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""
@@ -197,34 +240,29 @@ class ContactProblem:
     def solve(
         self,
         tolerance: float = 1e-8,
-        solver: SuccessiveTresca | QPSolver | None = None,
+        solver: CoulombSolver | QPSolver | None = None,
         progress: ProgressCallback | None = None,
     ) -> Solution:
         """Solve, and certify the answer.
 
         Args:
             tolerance: Residual of the problem (Coulomb or Tresca) at which to stop.
-            solver: In place of the default (and of its tolerance): SuccessiveTresca for Coulomb friction, a QPSolver
-                such as PathFollowing for Tresca friction.
+            solver: In place of the default (and of its tolerance).  For Coulomb friction Automatic (the default),
+                OneLoop or SuccessiveTresca; for Tresca friction PathFollowing (the default) or KPRGP.
             progress: Called after every path-following step.
 
         Raises:
             NotConverged: If the residual stays above the tolerance; `solution(error.result)` has what there is.
         """
+        if self.coulomb and isinstance(solver, PathFollowing | KPRGP):
+            raise ValueError("solver: Coulomb friction needs Automatic, OneLoop or SuccessiveTresca(qp_solver=...)")
+        if not self.coulomb and isinstance(solver, Automatic | OneLoop | SuccessiveTresca):
+            raise ValueError("solver: Tresca friction needs a QPSolver such as PathFollowing")
         self.stiffness_solver, self.A, self.b  # noqa: B018  (each is timed on its own)
+        chosen: Any = solver or (Automatic(tolerance) if self.coulomb else PathFollowing(tolerance=tolerance))
+        problem: Any = self.coulomb_problem if self.coulomb else self.tresca(self.slip_bound(self.b))
         with self._timed("solve"):
-            result: CoulombResult | QPResult
-            if self.contact.friction is not None:
-                friction = np.full(len(self.surface.nodes), self.contact.friction)
-                coulomb = solver if solver is not None else SuccessiveTresca(tolerance=tolerance)
-                if not isinstance(coulomb, SuccessiveTresca):
-                    raise ValueError("solver: Coulomb friction needs SuccessiveTresca(qp_solver=...)")
-                result = coulomb.solve(CoulombProblem(self.A, self.b, friction), progress=progress)
-            else:
-                if isinstance(solver, SuccessiveTresca):
-                    raise ValueError("solver: Tresca friction needs a QPSolver such as PathFollowing")
-                qp_solver = solver if solver is not None else PathFollowing(tolerance=tolerance)
-                result = qp_solver.solve(self.tresca(self.slip_bound(self.b)), progress=progress)
+            result: CoulombResult | QPResult = chosen.solve(problem, progress=progress)
         return self.solution(result)
 
     def solution(self, result: CoulombResult | QPResult) -> Solution:

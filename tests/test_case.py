@@ -43,7 +43,8 @@ def test_solver_and_problem_are_what_the_case_says():
         BLOCK,
         [
             "mesh.cells=[3,1,1]",
-            "solver={tolerance=1e-7, linear_solver='iterative', compliance='matrix-free', max_outer=5}",
+            "solver={tolerance=1e-7, linear_solver='iterative', compliance='matrix-free', method='fixed-point', "
+            "max_outer=5}",
             "contact.foundation={point=[0,0,-1e-4], normal=[0,0,1]}",
             "clamp.0.value=[0,0,-1e-4]",
             "body_force=[0,0,-1e4]",

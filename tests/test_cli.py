@@ -21,7 +21,8 @@ def test_run(tmp_path):
     assert (tmp_path / "out" / "picture.png").exists()
     lines = done.stdout.splitlines()
     assert "2646 displacement and 378 contact unknowns, Coulomb friction 0.3" in lines[0]
-    assert lines[1].startswith("outer   1  path following ")  # plain lines where the output is no terminal
+    assert lines[1].startswith("path following   1  residual ")  # plain lines where the output is no terminal
+    assert any(line.startswith("converged (auto: one loop): residual ") for line in lines)
     assert "\x1b" not in done.stdout
     assert "certificate passed" in done.stdout
     assert any("open 18, stick 8, slip 100" in line for line in lines)
@@ -43,7 +44,9 @@ def test_directory_of_the_case(tmp_path):
 
 
 def test_not_converged_exits_1_and_keeps_what_there_is(tmp_path):
-    done = run_coulomb("run", BLOCK, *SMALL, "--set", "solver.max_outer=2", "--output", tmp_path)
+    done = run_coulomb(
+        "run", BLOCK, *SMALL, "--set", "solver={method='fixed-point', max_outer=2}", "--output", tmp_path
+    )
     assert done.returncode == 1
     assert "error: successive Tresca ended with a Coulomb residual of" in done.stderr
     contents = json.loads((tmp_path / "summary.json").read_text())

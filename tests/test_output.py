@@ -7,9 +7,9 @@ import h5py
 import numpy as np
 import pytest
 import pyvista
-from conftest import solved_block
+from conftest import make_block, solved_block
 
-from coulomb import output
+from coulomb import SuccessiveTresca, output
 from coulomb.plotting import read_grid
 
 
@@ -90,9 +90,19 @@ def test_history(run):
     solution, directory = run
     with (directory / "history.csv").open() as file:
         rows = list(csv.DictReader(file))
+    assert len(rows) == solution.result.path_following
+    assert float(rows[-1]["residual"]) == solution.result.history[-1].residual
+
+
+def test_history_of_the_fixed_point(tmp_path):
+    solution = make_block(2).solve(solver=SuccessiveTresca())
+    output.write(solution, tmp_path, picture=False)
+    with (tmp_path / "history.csv").open() as file:
+        rows = list(csv.DictReader(file))
     assert len(rows) == solution.result.iterations
     assert float(rows[-1]["residual"]) == solution.result.history[-1].residual
     assert sum(int(row["path_following"]) for row in rows) == solution.result.path_following
+    assert sum(int(row["products"]) for row in rows) < solution.result.products
 
 
 def test_picture_shows_something(run):

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
 from ..arrays import FloatArray
+from .anderson import Anderson
 from .coulomb import CoulombProblem
 from .path_following import PathFollowing
 from .reductions import Reductions
@@ -25,6 +27,12 @@ from .results import (
 )
 from .tresca import QPSolver
 
+_PATIENCE = 12  # Tresca problems without a better change of g before the loop is called stagnated
+_TURNS = 5  # so many changes of g in a row, each against the one before and none the best, are an oscillation
+_GROWTH = (8, 1e2)  # a slip bound that grew so many times in a row, to this multiple of the first, diverges
+_LEAST_DAMPING = 0.05
+_NEAR = 0.1  # acceleration waits for changes of g below this: farther off it combines what has nothing in common
+
 
 @dataclass(frozen=True)
 class SuccessiveTresca:
@@ -34,6 +42,9 @@ class SuccessiveTresca:
         tolerance: Coulomb residual at which to stop.
         qp_solver: Solver of the Tresca problems.
         inner_precision: Residual asked of a Tresca problem, as a part of the last Coulomb residual, in (0, 1).
+        memory: Differences kept by Anderson's acceleration; 0 is the plain iteration.
+        damping: The part of F x_n - g to go along, in (0, 1]; None chooses it by the measured slope of the map: on a
+            wedge of slope s, where plain iteration has the factor -F/s, 1/(1 + F/s).
         max_iterations: Tresca problems before the solver gives up.
 
     Raises:
@@ -43,12 +54,18 @@ class SuccessiveTresca:
     tolerance: float = 1e-8
     qp_solver: QPSolver = field(default_factory=PathFollowing)
     inner_precision: float = 1e-2
+    memory: int = 5
+    damping: float | None = None
     max_iterations: int = 60
+
+    name = "successive Tresca"
 
     def __post_init__(self) -> None:
         bounds = (
             ("tolerance", self.tolerance > 0.0, "> 0"),
             ("inner_precision", 0.0 < self.inner_precision < 1.0, "in (0, 1)"),
+            ("memory", self.memory >= 0, "at least 0"),
+            ("damping", self.damping is None or 0.0 < self.damping <= 1.0, "in (0, 1], or None"),
             ("max_iterations", self.max_iterations >= 1, "at least 1"),
         )
         check_constants(self, bounds)
@@ -57,54 +74,72 @@ class SuccessiveTresca:
         """Solve a Coulomb problem.
 
         Returns:
-            The answer, its Coulomb residual at most the tolerance.
+            The answer, its Coulomb residual at most the tolerance; `history` has an OuterStep a Tresca problem.
 
         Raises:
-            NotConverged: With the last answer, if the Coulomb residual stays above the tolerance.
+            NotConverged: With the best answer, if the Coulomb residual stays above the tolerance: STAGNATED,
+                OSCILLATING, DIVERGED or MAX_ITERATIONS, with what was seen and what to try.
         """
         over, A = problem.reductions, problem.A
         products = A.products
-        g = np.zeros_like(problem.friction)
+        anderson = Anderson(self.memory, over)
+        g, old_g, old_wanted = np.zeros_like(problem.friction), None, None
         last: QPResult | None = None
-        residual, change = 1.0, math.nan
+        best: tuple[float, QPResult, FloatArray] | None = None
+        residual, damping = 1.0, self.damping or 1.0
         history: list[OuterStep] = []
-        status, message = Status.MAX_ITERATIONS, ""
+        sizes: list[float] = []  # |F x_n|
+        turns: list[float] = []  # cosines between successive F x_n - g
+        misfit: FloatArray | None = None
+        status, why = Status.MAX_ITERATIONS, ""
         for iteration in range(1, self.max_iterations + 1):
             began, before = time.perf_counter(), A.products
             inner = min(max(self.inner_precision * residual, 0.1 * self.tolerance), 1e-2)
             warm = last is not None
-
-            def report(p: Progress, outer: int = iteration) -> None:
-                if progress is not None:
-                    progress(replace(p, outer=outer))
-
-            try:
-                last = self.qp_solver.solve(problem.tresca(g), last, tolerance=inner, progress=report)
-            except NotConverged as failure:
-                assert isinstance(failure.result, QPResult)
-                last, status, message = failure.result, Status.STAGNATED, f"; {failure}"
+            last, steps, krylov, trouble = self._tresca(problem, g, last, inner, iteration, progress)
             wanted = problem.slip_bound(last.x)
             residual = problem.residual(last.x, last.gradient)
+            if best is None or residual < best[0]:
+                best = (residual, last, g)
+            old_misfit, misfit = misfit, wanted - g
             size = over.norm(wanted)
-            old_change, change = change, over.norm(wanted - g) / size if size > 0.0 else 0.0
+            sizes.append(size)
+            if old_misfit is not None:
+                turns.append(_cosine(old_misfit, misfit, over))
+            contraction, slope = _measure(g, old_g, wanted, old_wanted, over)
+            if self.damping is None and not math.isnan(slope):
+                damping = max(1.0 / (1.0 - min(slope, 0.0)), _LEAST_DAMPING)
             history.append(
                 OuterStep(
                     iteration=iteration,
                     residual=residual,
-                    change=change,
-                    contraction=change / old_change if old_change > 0.0 and iteration > 2 else math.nan,
+                    change=_ratio(over.norm(misfit), max(size, over.norm(g))),
+                    contraction=contraction,
+                    slope=slope,
+                    damping=damping,
                     inner_tolerance=inner,
-                    path_following=last.iterations,
+                    path_following=steps,
                     products=A.products - before,
-                    krylov=sum(step.krylov for step in last.history),
+                    krylov=krylov,
                     warm=warm,
                     seconds=time.perf_counter() - began,
                 )
             )
-            if residual <= self.tolerance or message:
+            if residual <= self.tolerance:
                 break
-            g = self._without_dust(wanted, g, over)
-        assert last is not None
+            if trouble and last.residual > 0.1 * residual:
+                status, why = Status.STAGNATED, trouble
+                break
+            seen = _diagnosis(history, sizes, turns)
+            if seen is not None:
+                status = seen
+                break
+            old_g, old_wanted = g, wanted
+            if history[-1].change > _NEAR or (len(history) > 1 and history[-1].change > 2.0 * history[-2].change):
+                anderson.restart()
+            g = self._without_dust(np.maximum(anderson.next(g, misfit, damping), 0.0), g, over)
+        assert best is not None
+        _, last, g = best
         residual = problem.residual(last.x)
         result = CoulombResult(
             x=last.x,
@@ -117,15 +152,46 @@ class SuccessiveTresca:
             products=A.products - products,
             residual=residual,
             history=tuple(history),
+            method=self.name,
         )
         if result.status is not Status.CONVERGED:
-            raise NotConverged(
-                f"successive Tresca ended with a Coulomb residual of {residual:.1e} after {len(history)} Tresca "
-                f"problems ({result.status.value}), above the tolerance {self.tolerance:.1e}; "
-                f"the slip bound changes by a factor {result.contraction:.2g} a step" + message,
-                result,
-            )
+            message = _message(self, result, why)
+            raise NotConverged(message, replace(result, message=message))
         return result
+
+    def _tresca(
+        self,
+        problem: CoulombProblem,
+        g: FloatArray,
+        last: QPResult | None,
+        tolerance: float,
+        outer: int,
+        progress: ProgressCallback | None,
+    ) -> tuple[QPResult, int, int, str]:
+        """A Tresca problem from the last answer and, if that fails, from a cold start.
+
+        Returns:
+            Its answer, the steps and Krylov iterations of both, and what went wrong, if anything.
+        """
+
+        def report(p: Progress) -> None:
+            if progress is not None:
+                progress(replace(p, outer=outer))
+
+        steps = krylov = 0
+        trouble = ""
+        for start in (last, None) if last is not None else (None,):
+            try:
+                result = self.qp_solver.solve(problem.tresca(g), start, tolerance=tolerance, progress=report)
+                trouble = ""
+            except NotConverged as failure:
+                assert isinstance(failure.result, QPResult)
+                result, trouble = failure.result, str(failure)
+            steps += result.iterations
+            krylov += sum(step.krylov for step in result.history)
+            if not trouble:
+                break
+        return result, steps, krylov, trouble
 
     def _without_dust(self, wanted: FloatArray, g: FloatArray, over: Reductions) -> FloatArray:
         """The next slip bound: nodes that carry next to nothing get none, and keep it while that stays so.
@@ -137,7 +203,65 @@ class SuccessiveTresca:
         return np.where(wanted > np.where(g > 0.0, dust, 10.0 * dust), wanted, 0.0)
 
 
+def _cosine(v: FloatArray, w: FloatArray, over: Reductions) -> float:
+    return _ratio(over.dot(v, w), over.norm(v) * over.norm(w))
+
+
+def _ratio(part: float, whole: float) -> float:
+    """part / whole, and 0 of nothing."""
+    return part / whole if whole > 0.0 else 0.0
+
+
+def _measure(
+    g: FloatArray, old_g: FloatArray | None, wanted: FloatArray, old_wanted: FloatArray | None, over: Reductions
+) -> tuple[float, float]:
+    """Contraction and slope of the map between its last two arguments; nan where there are none."""
+    if old_g is None or old_wanted is None:
+        return math.nan, math.nan
+    dg, image = g - old_g, wanted - old_wanted
+    size = over.norm(dg)
+    if size == 0.0:
+        return math.nan, math.nan
+    return over.norm(image) / size, over.dot(dg / size, image / size)
+
+
+def _diagnosis(history: list[OuterStep], sizes: list[float], turns: list[float]) -> Status | None:
+    """What goes wrong, judged by how far the slip bound still moves; None while there is hope."""
+    changes = [step.change for step in history]
+    first = next((size for size in sizes if size > 0.0), math.inf)
+    times, multiple = _GROWTH
+    grown = len(sizes) > times and sizes[-1] > multiple * first
+    if grown and all(new > 1.1 * old for old, new in pairwise(sizes[-times - 1 :])):
+        return Status.DIVERGED
+    if _settles_not(changes, _TURNS) and all(turn < -0.5 for turn in turns[-_TURNS:]):
+        return Status.OSCILLATING
+    if _settles_not(changes, _PATIENCE):
+        return Status.STAGNATED
+    return None
+
+
+def _settles_not(changes: list[float], count: int) -> bool:
+    """Whether none of the last `count` changes is clearly smaller than those before."""
+    return len(changes) > count and min(changes[-count:]) > 0.9 * min(changes[:-count])
+
+
+def _message(solver: SuccessiveTresca, result: CoulombResult, why: str) -> str:
+    """What was seen, and what to try."""
+    residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-4:])
+    advice = {
+        Status.OSCILLATING: "the slip bound swings between two states; damping=None or memory > 0 damps it",
+        Status.DIVERGED: "the slip bound runs away: friction locks the body, or none of the states near is one of rest",
+        Status.STAGNATED: "the slip bound does not settle; the one loop (method one-loop) does not need it to",
+        Status.MAX_ITERATIONS: "more Tresca problems (max_iterations), or the one loop (method one-loop)",
+    }[result.status]
+    return (
+        f"successive Tresca ended with a Coulomb residual of {result.residual:.1e} after {result.iterations} Tresca "
+        f"problems ({result.status.value}), above the tolerance {solver.tolerance:.1e}; the map from slip bound to "
+        f"F x_n has the factor {result.contraction:.2g}; last residuals {residuals}; {why or advice}"
+    )
+
+
 def _contraction(history: list[OuterStep]) -> float:
-    """Geometric mean of the last three measured rates; nan if there is none."""
+    """Geometric mean of the last three measured factors; nan if there is none."""
     rates = [step.contraction for step in history if step.contraction > 0.0][-3:]
     return math.exp(sum(map(math.log, rates)) / len(rates)) if rates else math.nan

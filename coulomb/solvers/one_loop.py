@@ -199,7 +199,7 @@ class OneLoop:
         history: list[PathFollowingStep],
         patient: bool,
     ) -> CoulombResult:
-        """Newton steps from v until the residual agrees, each noted in the history; an impatient run ends when blocked."""
+        """Newton steps from v until the residual agrees, noted in the history; an impatient run ends when blocked."""
         problem, first = scaled.problem, len(history)
         z = scaled.slack(v.x_n, v.y)
         theta = scaled.theta(v.nu, z)

@@ -23,6 +23,11 @@ class Reductions:
     def dot(self, v: FloatArray, w: FloatArray) -> float:
         return float(self.comm.allreduce(float(np.vdot(v, w)), op=MPI.SUM))
 
+    def total(self, v: FloatArray) -> FloatArray:
+        """Sum over the ranks, entry by entry, of an array of the same shape on each."""
+        array: FloatArray = self.comm.allreduce(v)
+        return array
+
     def norm(self, v: FloatArray) -> float:
         """Euclidean norm, safe from overflow and underflow of the squares."""
         largest = self.max(np.abs(v))

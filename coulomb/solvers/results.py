@@ -15,6 +15,8 @@ class Status(Enum):
 
     CONVERGED = "converged"
     STAGNATED = "stagnated"
+    OSCILLATING = "oscillating"
+    DIVERGED = "diverged"
     MAX_ITERATIONS = "max_iterations"
 
 
@@ -130,8 +132,11 @@ class OuterStep:
     Attributes:
         iteration: Number of the Tresca problem, from 1.
         residual: Coulomb residual of its answer.
-        change: |F x_n - g| / |F x_n|, how far the slip bound still moves.
-        contraction: This change over the one before it; nan for the first two.
+        change: |F x_n - g| / max(|F x_n|, |g|), how far the slip bound still moves.
+        contraction: How much closer the map g -> F x_n(g) brings the last two g, |change of F x_n| / |change of g|;
+            nan for the first.
+        slope: The same along the change of g, with its sign: negative where the map overshoots; nan for the first.
+        damping: The part of F x_n - g that the next g goes along, in (0, 1].
         inner_tolerance: Residual asked of the Tresca problem.
         path_following: PF steps.
         products: Products by A.
@@ -144,6 +149,8 @@ class OuterStep:
     residual: float
     change: float
     contraction: float
+    slope: float
+    damping: float
     inner_tolerance: float
     path_following: int
     products: int

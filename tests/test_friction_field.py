@@ -1,0 +1,131 @@
+"""Friction that varies over the contact face."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import ROOT, STEEL, make_block, run_coulomb
+
+import coulomb
+from coulomb.case import read_case
+
+BLOCK = ROOT / "demos" / "block.toml"
+
+
+def block_with(friction=None, slip_stress=None, p=3):
+    return coulomb.ContactProblem(
+        coulomb.box((3.0, 1.0, 1.0), (3 * p, p, p)),
+        STEEL,
+        clamps=[coulomb.Clamp("left")],
+        tractions=[coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
+        contact=coulomb.Contact("bottom", friction, slip_stress),
+    )
+
+
+def test_a_constant_function_is_the_constant():
+    constant, function = block_with(0.3).solve(), block_with(lambda x: np.full(x.shape[1], 0.3)).solve()
+    assert np.array_equal(constant.contact_force, function.contact_force)
+
+
+def test_every_node_obeys_its_own_coefficient():
+    problem = block_with(lambda x: 0.1 + 0.2 * x[0] * x[1])
+    x = problem.surface.x
+    assert problem.coefficient == pytest.approx(0.1 + 0.2 * x[:, 0] * x[:, 1])
+    solution = problem.solve()
+    force = solution.contact_force.reshape(-1, 3)
+    friction, bound = np.hypot(force[:, 1], force[:, 2]), problem.coefficient * force[:, 0]
+    assert np.all(friction <= bound + 1e-6 * force.max())
+    assert np.sum(friction > 0.999 * bound) > 10 and solution.certificate.passed
+
+
+@pytest.mark.parametrize("solver", [coulomb.OneLoop(), coulomb.SuccessiveTresca()], ids=["one loop", "fixed point"])
+def test_no_friction_on_a_part(solver):
+    problem = block_with(lambda x: np.where(x[0] > 1.5, 0.0, 0.4))
+    solution = problem.solve(solver=solver)
+    force = solution.contact_force.reshape(-1, 3)
+    smooth = problem.surface.x[:, 0] > 1.5
+    assert np.all(force[smooth, 1:] == 0.0) and force[smooth, 0].max() > 0.0
+    assert np.hypot(*force[~smooth, 1:].T).max() > 0.0 and solution.certificate.passed
+
+
+def test_slip_stress_as_a_function():
+    problem = block_with(slip_stress=lambda x: 1e7 * x[0])
+    assert problem.slip_bound(problem.b) == pytest.approx(1e7 * problem.surface.x[:, 0] * problem.surface.area)
+    assert problem.solve().certificate.passed
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda x: x[0] - 1.0, r"friction: must be >= 0 everywhere, but is -.* at x = "),
+        (lambda x: np.nan * x[0], r"friction: must be >= 0 everywhere, but is nan at x = "),
+        (lambda x: x, r"friction: .*it takes x of shape \(3, k\) and returns k numbers"),
+        (lambda x: x[7], r"friction: .*out of bounds.*it takes x of shape"),
+    ],
+)
+def test_functions_that_do_not_fit(function, message):
+    with pytest.raises(ValueError, match=message):
+        block_with(function)
+
+
+def test_regions_of_a_case(tmp_path):
+    """A table by region, the last one counts; the summary tells the range, the answer is that of the function."""
+    left = "{box=[[0,0,0],[1.0,1,0]], friction=0.0}"
+    strip = "{box=[[0,0,0],[3.0,0.5,0]], friction=0.5}"
+    changes = ["mesh.cells=[9,3,3]", f"contact.region=[{left}, {strip}]"]
+    problem = read_case(BLOCK, changes).problem()
+    x = problem.surface.x
+    expected = np.where(x[:, 1] <= 0.5, 0.5, np.where(x[:, 0] <= 1.0 + 1e-9, 0.0, 0.3))
+    assert np.array_equal(problem.coefficient, expected)
+    arguments = [part for change in changes for part in ("--set", change)]
+    done = run_coulomb("run", BLOCK, *arguments, "--set", "output.picture=false", "--output", tmp_path, ranks=2)
+    assert done.returncode == 0, done.stderr
+    assert "Coulomb friction 0 to 0.5" in done.stdout
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["friction"] == {"min": 0.0, "max": 0.5}
+    same = block_with(lambda x: np.where(x[1] <= 0.5, 0.5, np.where(x[0] <= 1.0 + 1e-9, 0.0, 0.3))).solve()
+    assert summary["force_on_body"]["normal"] == pytest.approx(same.contact_force[0::3].sum(), rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("region", "message"),
+    [
+        ("{box=[[0,0,1],[1,1,2]], friction=0.1}", r"contact.region.0: there is no contact node in its box"),
+        ("{box=[[1,0,0],[0,1,0]], friction=0.1}", r"box must be \[least corner, greatest corner\]"),
+        ("{box=[[0,0,0],[1,1,0]], slip_stress=1.0}", r"region.0 must give friction, as the contact does"),
+        ("{box=[[0,0,0],[1,1,0]]}", r"region.0 must give friction"),
+        ("{box=[[0,0,0],[1,1,0]], friction=-1}", r"contact.region.0.friction = -1: should be greater"),
+    ],
+)
+def test_regions_that_do_not_fit(region, message):
+    with pytest.raises(ValueError, match=message):
+        read_case(BLOCK, ["mesh.cells=[3,1,1]", f"contact.region=[{region}]"]).problem()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (["solver.max_outer=3"], r'max_outer counts Tresca problems: it needs method = "fixed-point"'),
+        (["solver.method='one-loop'", "solver.newton='schur'"], r'newton = "schur" is for Tresca problems'),
+        (["solver.method='one-loop'", "contact={face='bottom', slip_stress=1.0}"], r"solver.method is for Coulomb"),
+        (["solver.method='newton'"], r"solver.method = 'newton': should be 'auto', 'one-loop' or 'fixed-point'"),
+    ],
+)
+def test_methods_that_do_not_fit(changes, message):
+    with pytest.raises(ValueError, match=message):
+        read_case(BLOCK, changes)
+
+
+def test_every_method_of_a_case_gives_the_same_forces():
+    answer = make_block(3).solve().contact_force
+    for table in (
+        "method='one-loop'",
+        "newton='dense'",
+        "method='fixed-point'",
+        "newton='augmented'",
+        "newton='schur'",
+        "method='fixed-point', newton='dense'",
+    ):
+        case = read_case(BLOCK, ["mesh.cells=[9,3,3]", f"solver={{{table}}}"])
+        solution = case.problem().solve(solver=case.contact_solver())
+        assert np.linalg.norm(solution.contact_force - answer) <= 1e-6 * np.linalg.norm(answer), table

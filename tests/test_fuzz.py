@@ -1,0 +1,80 @@
+"""A CONVERGED whose answer is wrong is the one unforgivable result: random small problems, judged by plain numpy.
+
+Hundreds here; COULOMB_FUZZ=5000 python -m pytest tests/test_fuzz.py runs thousands.
+"""
+
+import os
+
+import numpy as np
+import pytest
+from conftest import dense_compliance, random_spd
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from coulomb import Automatic, CoulombProblem, DenseConeSystem, NotConverged, OneLoop, Status, SuccessiveTresca
+
+EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "150"))
+SOLVERS = {
+    "auto": Automatic(1e-8),
+    "one loop": OneLoop(1e-8),
+    "one loop, dense": OneLoop(1e-8, newton=DenseConeSystem),
+    "successive Tresca": SuccessiveTresca(1e-8, max_iterations=30),
+    "plain": SuccessiveTresca(1e-8, memory=0, damping=1.0, max_iterations=20),
+}
+
+
+@st.composite
+def problems(draw):
+    """Few nodes, any friction, A from well conditioned to rank-deficient, loads with ties and zeros."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    m = draw(st.integers(1, 8))
+    A = random_spd(3 * m, 10.0 ** draw(st.sampled_from([0, 1, 2, 4, 7])), rng)
+    if draw(st.booleans()):  # rank-deficient: a rigid body
+        G = rng.standard_normal((draw(st.integers(1, 6)), 3 * m))
+        A = G.T @ G
+    b = rng.standard_normal(3 * m)
+    if draw(st.booleans()):
+        b = np.round(b)
+    b[0::3] += draw(st.sampled_from([-1.0, 0.0, 0.0, 1.0]))
+    if draw(st.booleans()):  # in the range of A: what a mechanical system has
+        b = A @ b
+    friction = draw(st.sampled_from([0.0, 0.1, 0.3, 1.0, 2.0])) * np.ones(m)
+    if draw(st.booleans()):
+        friction *= rng.integers(0, 2, m) * rng.uniform(0.5, 1.5, m)
+    force, length = 10.0 ** draw(st.integers(-6, 9)), 10.0 ** draw(st.integers(-9, 3))
+    return A * length / force, b * length, friction
+
+
+def coulomb_residual(A, b, friction, x):
+    """|x - P(x - (A x - b)/a)| / |x|, written out; the friction cone of each node by its own formula."""
+    a = np.trace(A) / len(A)
+    total = 0.0
+    for i, F in enumerate(friction):
+        node = slice(3 * i, 3 * i + 3)
+        v = x[node] - (A[node] @ x - b[node]) / a
+        g = F * max(x[3 * i], 0.0)
+        size = np.hypot(v[1], v[2])
+        t = v[1:] if size <= g else v[1:] * (g / size)
+        total += (x[3 * i] - max(v[0], 0.0)) ** 2 + np.sum((x[node][1:] - t) ** 2)
+    return 0.0 if total == 0.0 else np.sqrt(total) / np.linalg.norm(x)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+@settings(max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(problem=problems())
+def test_converged_is_true(name, problem):
+    A, b, friction = problem
+    given_problem = CoulombProblem(dense_compliance(A), b, friction)
+    try:
+        result = SOLVERS[name].solve(given_problem)
+    except NotConverged as failure:
+        result = failure.result
+        assert result.status is not Status.CONVERGED and result.message == str(failure)
+        assert np.all(np.isfinite(result.x)) and result.residual > 1e-8
+        return
+    assert result.status is Status.CONVERGED
+    assert coulomb_residual(A, b, friction, result.x) <= 1.001e-8
+    x = result.x.reshape(-1, 3)
+    scale = np.abs(x).max()
+    assert x[:, 0].min() >= -1e-7 * scale
+    assert np.max(np.hypot(x[:, 1], x[:, 2]) - friction * np.maximum(x[:, 0], 0.0)) <= 1e-7 * max(scale, 1e-300)

@@ -1,0 +1,197 @@
+"""Trouble on purpose: problems on which other codes have failed silently.  The right answer, or the right refusal."""
+
+import numpy as np
+import pytest
+from conftest import dense_compliance, make_block
+
+import coulomb
+from coulomb import Automatic, CoulombProblem, DenseConeSystem, NotConverged, OneLoop, Status, SuccessiveTresca
+
+METHODS = [Automatic(), OneLoop(), OneLoop(newton=DenseConeSystem), SuccessiveTresca(), SuccessiveTresca(memory=0)]
+NAMES = ["auto", "one loop", "one loop, dense", "successive Tresca", "plain"]
+every_method = pytest.mark.parametrize("solver", METHODS, ids=NAMES)
+
+
+def wedge(slope, friction, load=3.0):
+    """One node on a wedge: it slides along t1, and g newtons of friction take g/slope from its normal force.
+
+    Tresca: x_n = load - g/slope, so that Coulomb's x_n = load/(1 + F/slope); plain iteration has the factor -F/slope.
+    """
+    coupling = 1.0 / slope
+    A = np.array([[1.0, coupling, 0.0], [coupling, 2.0 * coupling**2 + 1.0, 0.0], [0.0, 0.0, 1.0]])
+    return CoulombProblem(dense_compliance(A), np.array([load, 100.0, 0.0]), np.array([friction]))
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.5, 1.0, 2.0])
+@every_method
+def test_wedge(solver, friction):
+    """Friction below and above the slope s = 0.5: the answer by hand."""
+    problem = wedge(0.5, friction)
+    x_n = 3.0 / (1.0 + friction / 0.5)
+    result = solver.solve(problem)
+    assert result.x == pytest.approx([x_n, friction * x_n, 0.0], abs=1e-6)
+
+
+def test_plain_iteration_on_a_steep_wedge_is_seen_to_oscillate():
+    """Undamped, it swings between x_n = 0 and 3: neither is the answer, 0.6."""
+    problem = wedge(0.5, 2.0)
+    with pytest.raises(NotConverged, match=r"\(oscillating\).* factor .*swings between two states") as failure:
+        SuccessiveTresca(memory=0, damping=1.0).solve(problem)
+    result = failure.value.result
+    assert result.status is Status.OSCILLATING and result.message == str(failure.value)
+    assert result.iterations <= 12
+    assert problem.residual(result.x) > 1e-2
+
+
+def test_damping_is_chosen_by_the_measured_slope():
+    """Factor -F/s = -0.8: damped by 1/(1 + 0.8), what is left is the inner accuracy."""
+    result = SuccessiveTresca(memory=0).solve(wedge(0.5, 0.4))
+    assert result.history[1].slope == pytest.approx(-0.8, rel=0.1)
+    assert result.history[1].damping == pytest.approx(1.0 / 1.8, rel=0.1)
+    assert result.iterations <= 15
+    undamped = SuccessiveTresca(1e-5, memory=0, damping=1.0).solve(wedge(0.5, 0.4))
+    assert undamped.iterations > 40 and undamped.contraction == pytest.approx(0.8, rel=1e-2)
+
+
+def test_divergence_is_seen():
+    """Friction presses a rigid body on: x_n = 3 + g, so that for F = 2 the bound doubles for ever: no answer."""
+    A = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    problem = CoulombProblem(dense_compliance(A), np.array([3.0, 5.0, 0.0]), np.array([2.0]))
+    with pytest.raises(NotConverged, match=r"\(diverged\).* factor 2; .*runs away") as failure:
+        SuccessiveTresca().solve(problem)
+    assert failure.value.result.status is Status.DIVERGED
+    for solver in METHODS[:3]:
+        with pytest.raises(NotConverged):
+            solver.solve(problem)
+
+
+@every_method
+def test_growth_that_ends(solver):
+    """The same on an elastic body: the bound quadruples until the node sticks, far away but there."""
+    A = np.array([[1.0, -2.0, 0.0], [-2.0, 10.0, 0.0], [0.0, 0.0, 1.0]])
+    problem = CoulombProblem(dense_compliance(A), np.array([3.0, 1e4, 0.0]), np.array([2.0]))
+    assert solver.solve(problem).x == pytest.approx(np.linalg.solve(A, problem.b), rel=1e-6)
+
+
+def test_stagnation_is_seen():
+    """A slip bound that does not settle: too coarse an inner tolerance can only stir."""
+
+    class Stirring:
+        tolerance = 1e-8
+
+        def solve(self, qp, start=None, *, tolerance=None, progress=None):
+            result = coulomb.PathFollowing().solve(qp)
+            factor = 1.0 + 0.1 * np.sin(100.0 * qp.slip_bound.sum())
+            return coulomb.QPResult(**{**vars(result), "x": factor * result.x})
+
+    with pytest.raises(NotConverged, match=r"\(stagnated\).*does not settle") as failure:
+        SuccessiveTresca(memory=0, qp_solver=Stirring()).solve(wedge(3.0, 0.3))
+    assert failure.value.result.status is Status.STAGNATED
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.05, 0.2, 0.5, 1.0, 1.5, 2.0])
+def test_friction_from_0_to_2(friction):
+    problem = make_block(4).coulomb_problem
+    problem = CoulombProblem(problem.A, problem.b, np.full(len(problem.friction), friction))
+    answers = [solver.solve(problem).x for solver in METHODS]
+    for x in answers[1:]:
+        assert np.linalg.norm(x - answers[0]) <= 2e-7 * np.linalg.norm(answers[0])
+
+
+@every_method
+def test_slip_everywhere(solver):
+    """A stiff push along t1 on every node: friction is F x_n against it, and x_n follows from the normal rows."""
+    rng = np.random.default_rng(81)
+    m, F = 6, 0.4
+    n = rng.standard_normal((m, m))
+    A_n = n @ n.T + m * np.eye(m)
+    A = np.zeros((3 * m, 3 * m))
+    A[0::3, 0::3], A[1::3, 1::3], A[2::3, 2::3] = A_n, A_n, A_n
+    b = np.zeros(3 * m)
+    b[0::3] = A_n @ rng.uniform(1.0, 2.0, m)
+    b[1::3] = 100.0
+    result = solver.solve(CoulombProblem(dense_compliance(A), b, np.full(m, F)))
+    x_n = np.linalg.solve(A_n, b[0::3])
+    assert result.x == pytest.approx(np.column_stack([x_n, F * x_n, 0.0 * x_n]).ravel(), abs=1e-6)
+
+
+@every_method
+def test_stick_everywhere(solver):
+    """Pressed hard, pushed softly: no bound is active and A x = b."""
+    rng = np.random.default_rng(82)
+    m = 6
+    n = rng.standard_normal((3 * m, 3 * m))
+    A = n @ n.T + 3 * m * np.eye(3 * m)
+    x = np.column_stack([rng.uniform(1.0, 2.0, m), rng.uniform(-0.2, 0.2, (m, 2))]).ravel()
+    result = solver.solve(CoulombProblem(dense_compliance(A), A @ x, np.full(m, 0.5)))
+    assert result.x == pytest.approx(x, abs=1e-6)
+
+
+@every_method
+def test_opening_completely(solver):
+    A = np.eye(6) + 0.1
+    result = solver.solve(CoulombProblem(dense_compliance(A), np.array([-1.0, 2, 0, -0.1, 0, 1]), np.full(2, 0.5)))
+    assert result.status is Status.CONVERGED and not result.x.any()
+
+
+@every_method
+def test_grazing_contact(solver):
+    """A node with neither force nor gap beside one that presses: strict complementarity fails, pushed along or not."""
+    A = np.kron(np.array([[2.0, 1.0], [1.0, 2.0]]), np.eye(3))
+    for pushed in (0.0, 5.0):
+        b = A @ np.array([1.0, 0.2, 0.0, 0.0, 0.0, 0.0]) + np.array([0, 0, 0, 0, pushed, 0])
+        result = solver.solve(CoulombProblem(dense_compliance(A), b, np.full(2, 0.3)))
+        assert result.x == pytest.approx([1.0, 0.2, 0.0, 0.0, 0.0, 0.0], abs=1e-4)  # the force goes with sqrt(residual)
+        assert result.residual <= 1e-8
+
+
+@every_method
+def test_nothing_at_all(solver):
+    result = solver.solve(CoulombProblem(dense_compliance(np.eye(3)), np.zeros(3), np.ones(1)))
+    assert result.status is Status.CONVERGED and not result.x.any()
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 1.0])
+@every_method
+def test_a_single_node(solver, friction):
+    result = solver.solve(CoulombProblem(dense_compliance(np.eye(3)), np.array([2.0, 3.0, 4.0]), np.array([friction])))
+    t = min(2.0 * friction, 5.0)
+    assert result.x == pytest.approx([2.0, 0.6 * t, 0.8 * t], abs=1e-7)
+
+
+@every_method
+def test_two_solutions(solver):
+    """Friction may hold by itself what nothing presses: open, or wedged in.  Either is an answer; a mixture is not."""
+    A = np.array([[1.0, -0.9, 0.0], [-0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    b = np.array([-0.1, 0.5, 0.0])
+    problem = CoulombProblem(dense_compliance(A), b, np.array([1.5]))
+    wedged = np.linalg.solve(A, b)
+    assert wedged[0] > 0 and abs(wedged[1]) < 1.5 * wedged[0]  # sticks
+    slides = b[0] / (1.0 - 0.9 * 1.5)
+    assert slides > 0.0  # the third, between the two
+    try:
+        result = solver.solve(problem)
+    except NotConverged as failure:
+        assert problem.residual(failure.result.x) > 1e-8
+        return
+    answers = (np.zeros(3), wedged, np.array([slides, 1.5 * slides, 0.0]))
+    assert min(np.abs(result.x - answer).max() for answer in answers) <= 1e-6
+
+
+@every_method
+def test_two_nearly_equal_solutions(solver):
+    """Open and wedged in, closer and closer together: what is called converged is one of them."""
+    for distance in (1e-2, 1e-4, 1e-6):
+        A = np.array([[1.0, -0.9, 0.0], [-0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
+        b = np.array([-0.1 * distance, 0.5 * distance, 0.0])
+        A, b = np.kron(np.eye(2), A), np.concatenate([b, [1.0, 0.2, 0.0]])
+        problem = CoulombProblem(dense_compliance(A), b, np.full(2, 1.5))
+        try:
+            x = solver.solve(problem).x
+        except NotConverged as failure:
+            assert problem.residual(failure.result.x) > 1e-8
+            continue
+        wedged = np.linalg.solve(A[:3, :3], b[:3])
+        slides = b[0] / (1.0 - 0.9 * 1.5)
+        answers = (np.zeros(3), wedged, np.array([slides, 1.5 * slides, 0.0]))
+        assert min(np.abs(x[:3] - answer).max() for answer in answers) <= 1e-6
