@@ -5,7 +5,8 @@ min 1/2 x^T A x - b^T x   subject to   x_n >= 0,  |x_t| <= g,   with g = F x_n a
 """
 
 from .certificate import Certificate, Check, certify
-from .fem.elasticity import Clamp, Elasticity, Material, Traction
+from .fem.body import Material
+from .fem.elasticity import Clamp, Elasticity, Traction
 from .fem.meshes import NamedMesh, box
 from .fem.obstacles import Plane
 from .fem.surface import ContactSurface

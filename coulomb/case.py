@@ -13,7 +13,8 @@ from mpi4py import MPI
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from .arrays import FloatArray
-from .fem.elasticity import Clamp, Material, Traction
+from .fem.body import Material
+from .fem.elasticity import Clamp, Traction
 from .fem.meshes import BOX_FACES, box
 from .fem.obstacles import Plane
 from .problem import Coefficient, Contact, ContactProblem

@@ -2,6 +2,11 @@
 
 The slip and the remaining gap come from the displacement, the equilibrium from a new assembly of the internal forces.
 Neither the matrix K nor products by A take part; of A, its mean diagonal is the scale of the natural residual.
+
+Every measure is relative to a natural scale of the problem, so that steel in newtons and metres and rubber in newtons
+and millimetres are judged alike.  Forces: the greatest contact force of a node.  Displacements: twice the elastic
+energy over half the sum of all nodal forces, the mean way on which forces do their work.  It does not see a motion of
+the body as a whole: a clamp that moves it by a metre makes nothing more lenient.
 """
 
 from __future__ import annotations
@@ -11,6 +16,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
 
 from .arrays import FloatArray
 from .solvers.reductions import Reductions
@@ -22,8 +29,8 @@ LIMIT = 1e-6
 """Limit of every relative measure."""
 
 ANGLE_LIMIT = 0.1
-"""Limit in degrees of the angle between slip and friction, where the slip is at least 1e-3 of the greatest displacement
-and the friction 1e-2 of its greatest: there an error of LIMIT turns the slip by less."""
+"""Limit in degrees of the angle between slip and friction, where the slip is at least 1e-3 of the scale of
+displacements and the friction 1e-2 of its greatest: there an error of LIMIT turns the slip by less."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,41 @@ class Certificate:
         return "\n".join([*lines, f"certificate {'passed' if self.passed else 'FAILED'}"])
 
 
+@dataclass(frozen=True)
+class Evidence:
+    """What an answer is judged by: this rank's part, k nodes of which m are contact nodes; newtons and metres.
+
+    Attributes:
+        comm: The ranks.
+        displacement: Shape (k, 3).
+        internal: Nodal forces of its stress, assembled anew, shape (k, 3).
+        load: Shape (k, 3).
+        fixed: Which components are prescribed, shape (k, 3).
+        prescribed: Their values, shape (k, 3).
+        on_body: Contact forces on the body, shape (k, 3).
+        force: The same at the contact nodes along n, t1, t2, with x_n >= 0 pressing, shape (m, 3).
+        closure: Displacement of the contact nodes along n, t1, t2, shape (m, 3).
+        gap: Before deformation, shape (m,).
+        bound: Slip bound of the law at these forces, shape (m,).
+        solver_bound: The one that the solver used, shape (m,).
+        compliance: Mean diagonal of A, metres per newton.
+    """
+
+    comm: MPI.Comm
+    displacement: FloatArray
+    internal: FloatArray
+    load: FloatArray
+    fixed: npt.NDArray[np.bool_]
+    prescribed: FloatArray
+    on_body: FloatArray
+    force: FloatArray
+    closure: FloatArray
+    gap: FloatArray
+    bound: FloatArray
+    solver_bound: FloatArray
+    compliance: float
+
+
 def certify(problem: ContactProblem, x: FloatArray, u: FloatArray, slip_bound: FloatArray) -> Certificate:
     """Check an answer.
 
@@ -78,33 +120,49 @@ def certify(problem: ContactProblem, x: FloatArray, u: FloatArray, slip_bound: F
         u: Displacement in metres, this rank's nodes, shape (k, 3).
         slip_bound: The g in newtons that the solver used, shape (m,).
     """
-    over, elasticity, surface = Reductions(problem.comm), problem.elasticity, problem.surface
-    force, g = x.reshape(-1, 3), problem.slip_bound(x)
-    closure = surface.components(u[surface.nodes])  # u_n, u_t1, u_t2
-    gap, slip = surface.gap - closure[:, 0], closure[:, 1:]
-    pressing, friction = force[:, 0], np.hypot(force[:, 1], force[:, 2])
+    elasticity, surface = problem.elasticity, problem.surface
+    return judge(
+        Evidence(
+            comm=problem.comm,
+            displacement=u,
+            internal=elasticity.internal_force(u),
+            load=elasticity.load,
+            fixed=elasticity.fixed,
+            prescribed=elasticity.prescribed,
+            on_body=-problem.nodal_contact_force(x),
+            force=x.reshape(-1, 3),
+            closure=surface.components(u[surface.nodes]),
+            gap=surface.gap,
+            bound=problem.slip_bound(x),
+            solver_bound=slip_bound,
+            compliance=problem.mean_compliance,
+        )
+    )
+
+
+def judge(e: Evidence) -> Certificate:
+    """Check an answer by its evidence alone; collective."""
+    over, g, slip = Reductions(e.comm), e.bound, e.closure[:, 1:]
+    gap = e.gap - e.closure[:, 0]
+    pressing, friction = e.force[:, 0], np.hypot(e.force[:, 1], e.force[:, 2])
     sliding = np.hypot(slip[:, 0], slip[:, 1])
-    u_scale, force_scale, g_scale = (_or_one(over.max(np.abs(v))) for v in (u, x, g))
 
-    internal, contact = elasticity.internal_force(u), problem.nodal_contact_force(x)
-    imbalance = internal - elasticity.load + contact
-    internal_scale = _or_one(_worst(over.norm(internal), over.norm(elasticity.load), over.norm(contact)))
-    equilibrium = over.norm(imbalance[~elasticity.fixed]) / internal_scale
-    clamps = over.max(np.abs((u - elasticity.prescribed)[elasticity.fixed])) / u_scale
+    imbalance = e.internal - e.load - e.on_body
+    internal_scale = _or_one(_worst(over.norm(e.internal), over.norm(e.load), over.norm(e.on_body)))
+    equilibrium = over.norm(imbalance[~e.fixed]) / internal_scale
+    reaction = np.where(e.fixed, imbalance, 0.0)
+    total = math.hypot(*(over.sum((e.load + reaction + e.on_body)[:, k]) for k in range(3)))
+    turnover = _or_one(sum(over.sum(np.linalg.norm(part, axis=1)) for part in (e.load, reaction, e.on_body)))
 
-    reaction = np.where(elasticity.fixed, imbalance, 0.0)
-    total = math.hypot(*(over.sum((elasticity.load + reaction - contact)[:, k]) for k in range(3)))
-    turnover = _or_one(sum(over.sum(np.abs(part)) for part in (elasticity.load, reaction, contact)))
-
+    force_scale, g_scale = (_or_one(over.max(np.abs(v))) for v in (e.force, g))
+    u_scale = _or_one(2.0 * over.dot(e.displacement, e.internal) / turnover)
+    clamps = over.max(np.abs((e.displacement - e.prescribed)[e.fixed])) / u_scale
     penetration = _worst(over.max(-gap), 0.0)
     early_slip = over.max(sliding * np.maximum(g - friction, 0.0))
     compared = (sliding > 1e-3 * u_scale) & (friction > 1e-2 * _or_one(over.max(friction)))
-    across = np.abs(force[:, 1] * slip[:, 1] - force[:, 2] * slip[:, 0])[compared]
-    along = (force[:, 1] * slip[:, 0] + force[:, 2] * slip[:, 1])[compared]
+    across = np.abs(e.force[:, 1] * slip[:, 1] - e.force[:, 2] * slip[:, 0])[compared]
+    along = (e.force[:, 1] * slip[:, 0] + e.force[:, 2] * slip[:, 1])[compared]
     angle = over.max(np.degrees(np.arctan2(across, along)))
-    remaining = np.column_stack([gap, -slip]).ravel()  # what A x - b must be
-    finite = over.all(bool(np.all(np.isfinite(g))))
-    residual = problem.tresca(g).residual(x, remaining) if finite else math.nan
 
     def relative(name: str, value: float, meaning: str) -> Check:
         return Check(name, _worst(value, 0.0), LIMIT, "", meaning)
@@ -113,7 +171,7 @@ def certify(problem: ContactProblem, x: FloatArray, u: FloatArray, slip_bound: F
         relative("equilibrium", equilibrium, "forces in balance at every free node"),
         relative("clamps", clamps, "prescribed displacements held"),
         relative("force balance", total / turnover, "loads, reactions and contact forces add to zero"),
-        relative("penetration", penetration / u_scale, f"{penetration:.1e} m, over the greatest displacement"),
+        relative("penetration", penetration / u_scale, f"{penetration:.1e} m, over {u_scale:.1e} m"),
         relative("adhesion", over.max(-pressing) / force_scale, "no node is pulled"),
         relative(
             "complementarity", over.max(np.abs(pressing * gap)) / (force_scale * u_scale), "no force across a gap"
@@ -123,10 +181,23 @@ def certify(problem: ContactProblem, x: FloatArray, u: FloatArray, slip_bound: F
         ),
         relative("slip inside the cone", early_slip / (g_scale * u_scale), "no slip before friction is at its bound"),
         Check("slip angle", _worst(angle, 0.0), ANGLE_LIMIT, "deg", "friction opposes slip"),
-        relative("slip bound", over.norm(slip_bound - g) / _or_one(over.norm(g)), "the solver's g is the law's"),
-        relative("natural residual", residual, "of the whole problem"),
+        relative("slip bound", over.norm(e.solver_bound - g) / _or_one(over.norm(g)), "the solver's g is the law's"),
+        relative("natural residual", _natural_residual(e, over), "of the whole problem"),
     )
     return Certificate(checks, penetration)
+
+
+def _natural_residual(e: Evidence, over: Reductions) -> float:
+    """|x - P(x - (A x - b)/a)| / |x| (ALGORITHMS.md, section 1), with A x - b = (gap - u_n, -u_t1, -u_t2)."""
+    remaining = np.column_stack([e.gap - e.closure[:, 0], -e.closure[:, 1:]])
+    v = e.force - remaining / e.compliance
+    size = np.hypot(v[:, 1], v[:, 2])
+    shrink = np.where(size > e.bound, e.bound / np.where(size > 0.0, size, 1.0), 1.0)
+    projected = np.column_stack([np.maximum(v[:, 0], 0.0), v[:, 1:] * shrink[:, None]])
+    distance, whole = over.norm(e.force - projected), over.norm(e.force)
+    if whole > 0.0 or math.isnan(distance):
+        return distance / whole
+    return 0.0 if distance == 0.0 else math.inf
 
 
 def _worst(*values: float) -> float:

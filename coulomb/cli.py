@@ -193,6 +193,26 @@ def export(
     _console.print(f"{len(mu)} contacts in {file}", markup=False, soft_wrap=True)
 
 
+@app.command()
+def check(directory: Annotated[Path, typer.Argument(help="Where a run has left its results.")]) -> None:
+    """Certify results from their files alone: 0 if the certificate passes, 1 if not, 2 if it cannot be read."""
+    from .check import check as check_files
+    from .check import recorded
+
+    if _comm.size > 1:
+        _errors.print("error: coulomb check runs on one rank", markup=False)
+        raise typer.Exit(BAD_INPUT)
+    try:
+        certificate, before = check_files(directory), recorded(directory)
+    except ValueError as error:
+        _errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+    verdict = "had passed" if before else "had FAILED"
+    _console.print(f"{certificate}\nrecorded by the run: certificate {verdict}", markup=False, soft_wrap=True)
+    if not certificate.passed:
+        raise typer.Exit(FAILED)
+
+
 def _version(name: str) -> str:
     try:
         return importlib.metadata.version(name)

@@ -75,6 +75,8 @@ def summary(solution: Solution) -> dict[str, Any]:
         "law": "coulomb" if coulomb else "tresca",
         "friction": _range(problem) if coulomb else None,
         "slip_stress": None if coulomb else _range(problem),
+        "material": {"young": problem.elasticity.material.young, "poisson": problem.elasticity.material.poisson},
+        "mean_compliance": problem.mean_compliance,
         "unknowns": problem.unknowns,
         "method": {
             "solver": result.method if isinstance(result, CoulombResult) else "path following",
@@ -194,11 +196,16 @@ def _make_partial(target: Path) -> str:
 def _write_body(solution: Solution, path: str) -> None:
     elasticity = solution.problem.elasticity
     u = elasticity.function(solution.displacement)
-    compat.write_mesh_and_functions(solution.problem.comm, path, elasticity.mesh.domain, [u, elasticity.von_mises(u)])
+    given = (("load", elasticity.load), ("held", elasticity.fixed), ("prescribed", elasticity.prescribed))
+    functions = [u, elasticity.von_mises(u), *(elasticity.function(v.astype(float), name) for name, v in given)]
+    compat.write_mesh_and_functions(solution.problem.comm, path, elasticity.mesh.domain, functions)
 
 
 def contact_fields(solution: Solution) -> dict[str, FloatArray]:
-    """Fields on this rank's contact nodes, scalars (m,) and space vectors (m, 3); stresses in Pa, lengths in m."""
+    """Fields on this rank's contact nodes, scalars (m,) and space vectors (m, 3); Pa, m, N.
+
+    Those behind friction_use are what `coulomb check` judges the rest by.
+    """
     problem, surface = solution.problem, solution.problem.surface
     x = solution.contact_force.reshape(-1, 3)
     closure = surface.components(solution.displacement[surface.nodes])
@@ -213,6 +220,12 @@ def contact_fields(solution: Solution) -> dict[str, FloatArray]:
         "gap": surface.gap - closure[:, 0],
         "status": node_status(solution).astype(float),
         "friction_use": np.where(node_status(solution) == OPEN, 0.0, used / np.where(bound > 0.0, bound, np.inf)),
+        "contact_force": -surface.vectors(x),
+        "normal": surface.frames[:, 0],
+        "initial_gap": surface.gap,
+        "area": surface.area,
+        "coefficient": problem.coefficient,
+        "slip_bound": solution.slip_bound,
     }
 
 

@@ -196,6 +196,25 @@ def table1(csv_file: str | Path) -> Path:
     return _save(figure, csv_file)
 
 
+def friction(csv_file: str | Path) -> Path:
+    """Products and seconds of every method against friction, a line for each size, beside its friction.csv."""
+    rows = _read_csv(csv_file)
+    figure, axes = _axes(2)
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    sizes = list(dict.fromkeys(row["p"] for row in rows))
+    for axis, field in zip(axes, ("products", "seconds"), strict=True):
+        for k, name in enumerate(methods):
+            for size, marker in zip(sizes, "os^dv" * len(sizes), strict=False):
+                mine = [row for row in rows if row["method"] == name and row["p"] == size]
+                x, y = [float(row["friction"]) for row in mine], [float(row[field]) for row in mine]
+                if mine:
+                    axis.semilogy(x, y, marker=marker, color=f"C{k}", label=f"{name}, p = {size}")
+        axis.set_xlabel("friction")
+        axis.set_ylabel("products by A" if field == "products" else "seconds")
+    axes[1].legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return _save(figure, csv_file)
+
+
 def conditioning(csv_file: str | Path) -> Path:
     """Condition numbers against the path-following step, beside its conditioning.csv (the paper's Figure 1)."""
     rows = _read_csv(csv_file)

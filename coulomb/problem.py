@@ -13,7 +13,8 @@ import numpy as np
 from mpi4py import MPI
 
 from .arrays import FloatArray
-from .fem.elasticity import Clamp, Elasticity, Field, Material, Traction
+from .fem.body import Material
+from .fem.elasticity import Clamp, Elasticity, Field, Traction
 from .fem.meshes import NamedMesh
 from .fem.obstacles import RigidFoundation
 from .fem.surface import ContactSurface, contact_surface
@@ -167,6 +168,11 @@ class ContactProblem:
         closure[:, 0] -= self.surface.gap
         return closure.ravel()
 
+    @cached_property
+    def mean_compliance(self) -> float:
+        """Mean of diag(A) in metres per newton: the scale that turns a gap into a force."""
+        return self.tresca(np.zeros(len(self.surface.nodes))).mean_diagonal
+
     def displacement(self, x: FloatArray) -> FloatArray:
         """K^-1 (f - B^T x) in metres, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,)."""
         rhs, u = self.elasticity.K.createVecs()
@@ -274,7 +280,7 @@ class ContactProblem:
         g = result.slip_bound if isinstance(result, CoulombResult) else self.slip_bound(result.x)
         with self._timed("certificate"):
             certificate = certify(self, result.x, u, g)
-        return Solution(self, result.x, u, result, certificate)
+        return Solution(self, result.x, u, g, result, certificate)
 
     @contextmanager
     def _timed(self, phase: str) -> Iterator[None]:
@@ -293,6 +299,7 @@ class Solution:
         problem: What was solved.
         contact_force: x in newtons, this rank's part, shape (3 m,), node by node (n, t1, t2); x_n >= 0 presses.
         displacement: In metres, this rank's nodes, shape (k, 3).
+        slip_bound: The g in newtons that the solver used, shape (m,).
         result: What the solver says of it.
         certificate: What the problem says of it.
     """
@@ -300,6 +307,7 @@ class Solution:
     problem: ContactProblem
     contact_force: FloatArray
     displacement: FloatArray
+    slip_bound: FloatArray
     result: CoulombResult | QPResult
     certificate: Certificate
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import solved_block
 
+import coulomb
 from coulomb import certify
 
 
@@ -107,3 +108,35 @@ def test_force_balance_by_hand(block6):
     loads = np.array([2e7 * 1.0, 1e7 * 3.0, -4e7 * 3.0])
     assert np.abs(reaction + on_body + loads).max() <= 1e-9 * np.abs(loads).max()
     assert block6.certificate["force balance"].value <= 1e-12
+
+
+def scaled_block(young, length, stress, offset=0.0):
+    """The block of any stiffness and size; clamp and plane both moved by `offset`."""
+    problem = coulomb.ContactProblem(
+        coulomb.box((3.0 * length, length, length), (9, 3, 3)),
+        coulomb.Material(young, 0.277),
+        [coulomb.Clamp("left", value=(0.0, 0.0, offset))],
+        coulomb.Contact("bottom", 0.3, foundation=coulomb.Plane((0.0, 0.0, offset), (0.0, 0.0, 1.0))),
+        [coulomb.Traction("top", (0.0, stress, -4 * stress)), coulomb.Traction("right", (2 * stress, 0.0, 0.0))],
+    )
+    x = problem.solve().contact_force
+    x[0::3] *= 1.0 + 1e-7  # an error of a size to be seen
+    return certify(problem, x, problem.displacement(x), problem.slip_bound(x))
+
+
+@pytest.mark.parametrize(
+    ("young", "length", "stress"),
+    [(2.119e5, 1e3, 1e1), (2.119e11, 1e-6, 1e7), (1e6, 1.0, 1e6 / 2.119e4), (1.0, 1e3, 1.0 / 2.119e4)],
+    ids=["steel in N and mm", "a micron of steel", "rubber in N and m", "rubber in N and mm"],
+)
+def test_materials_and_units_are_judged_alike(young, length, stress):
+    steel, other = scaled_block(2.119e11, 1.0, 1e7), scaled_block(young, length, stress)
+    for a, b in zip(steel.checks, other.checks, strict=True):
+        assert b.value == pytest.approx(a.value, rel=1e-2, abs=1e-9), a.name
+
+
+def test_a_motion_of_the_whole_makes_nothing_more_lenient():
+    """Clamp and plane moved by a metre, a thousand times the displacements that matter."""
+    resting, moved = scaled_block(2.119e11, 1.0, 1e7), scaled_block(2.119e11, 1.0, 1e7, offset=1.0)
+    for name in ("penetration", "complementarity", "slip inside the cone"):
+        assert moved[name].value == pytest.approx(resting[name].value, rel=1e-2, abs=1e-9), name

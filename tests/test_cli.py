@@ -149,3 +149,20 @@ def test_benchmark_conditioning(tmp_path):
     assert float(rows[-1]["J_AM"]) > 1e8 > 1e4 > float(rows[-1]["P_AM^-1 J_AM"])
     assert all(float(row["P_SC^-1 J_SC"]) <= float(row["bound"]) for row in rows)
     assert (tmp_path / "conditioning.png").stat().st_size > 10_000
+
+
+def test_benchmark_friction(tmp_path):
+    done = run_coulomb("benchmark", "friction", "--p", 4, "--friction", 0.3, "--friction", 1.5, "--output", tmp_path)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "friction.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert ",".join(rows[0]) == "method,p,friction,outer,path_following,products,krylov,seconds,residual,status"
+    methods = ["one Tresca problem", "plain", "inexact", "accelerated", "one-loop", "one-loop dense"]
+    assert [row["method"] for row in rows] == 2 * methods
+    assert all(float(row["residual"]) <= 1e-8 and row["status"] == "converged" for row in rows)
+    for half in (rows[:6], rows[6:]):
+        products = {row["method"]: int(row["products"]) for row in half}
+        assert products["one-loop"] < products["inexact"] < products["plain"]
+        assert products["one-loop"] < products["accelerated"] < 1.1 * products["inexact"]
+        assert products["one-loop"] < products["one Tresca problem"]
+    assert (tmp_path / "friction.png").stat().st_size > 10_000

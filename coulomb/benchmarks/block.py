@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..fem.elasticity import Clamp, Material, Traction
+from ..fem.body import Material
+from ..fem.elasticity import Clamp, Traction
 from ..fem.meshes import box
 from ..problem import Contact, ContactProblem
 

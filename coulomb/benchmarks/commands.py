@@ -66,6 +66,34 @@ def table1(
 
 
 @benchmark.command()
+def friction(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    coefficients: Annotated[
+        list[float] | None, typer.Option("--friction", min=0.0, help="Friction coefficient; repeat.")
+    ] = None,
+    tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-8,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Runs; the least time counts.")] = 1,
+    directory: Annotated[Path | None, typer.Option("--output", help="For friction.csv and friction.png.")] = None,
+) -> None:
+    """Ways to Coulomb friction on the block, beside one Tresca problem solved as in the paper."""
+    from .friction import FRICTION, TRESCA, Row, measure
+
+    console.print(f"Coulomb block to a residual of {tolerance:g}; time over that of one Tresca problem", soft_wrap=True)
+    rows: list[Row] = []
+    for row in measure(sizes or (10,), coefficients or FRICTION, tolerance, repeats):
+        rows.append(row)
+        tresca = next(r for r in reversed(rows) if r.method == TRESCA)
+        console.print(
+            f"p {row.p:3d}  F {row.friction:<5g} {row.method:19s} outer {row.outer:3d}  steps {row.path_following:4d}  "
+            f"products {row.products:5d}  Krylov {row.krylov:5d}  {row.seconds:7.2f} s "
+            f"({row.seconds / tresca.seconds:5.2f})  residual {row.residual:.1e}  {row.status}",
+            markup=False,
+            soft_wrap=True,
+        )
+    _write_table(directory, "friction", Row._fields, rows)
+
+
+@benchmark.command()
 def conditioning(
     p: Annotated[int, typer.Option("--p", min=1, max=5, help="Cells a metre of the block: dense algebra.")] = 3,
     directory: Annotated[Path | None, typer.Option("--output", help="For conditioning.csv and .png.")] = None,

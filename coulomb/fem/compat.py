@@ -94,6 +94,12 @@ def meshtags(domain: Any, dim: int, entities: npt.NDArray[np.int32], values: npt
     return mesh.meshtags(domain, dim, unique.astype(np.int32), values[first].astype(np.int32))
 
 
+def read_mesh(comm: Any, path: str) -> Any:
+    """The mesh of an XDMF file."""
+    with io.XDMFFile(comm, path, "r") as file:
+        return file.read_mesh(name="mesh")
+
+
 def write_mesh_and_functions(comm: Any, path: str, domain: Any, functions: Sequence[Any]) -> None:
     """One XDMF file (with its HDF5) of a mesh and functions on it."""
     with io.XDMFFile(comm, path, "w") as file:

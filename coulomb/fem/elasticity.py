@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from . import compat
+from .body import ElasticBody, Material, strain
 from .compat import fem, ufl
 from .meshes import NamedMesh
 
@@ -24,28 +25,6 @@ _MODES = (
     *("translation along x", "translation along y", "translation along z"),
     *("rotation about x", "rotation about y", "rotation about z"),
 )
-
-
-@dataclass(frozen=True)
-class Material:
-    """Isotropic, linear elastic.
-
-    Attributes:
-        young: Young's modulus in pascals, > 0.
-        poisson: Poisson's ratio, in (-1, 0.5).
-
-    Raises:
-        ValueError: If a constant is outside its bounds.
-    """
-
-    young: float
-    poisson: float
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.young) and self.young > 0.0):
-            raise ValueError(f"material: young must be a positive number of pascals, but is {self.young}")
-        if not -1.0 < self.poisson < 0.5:
-            raise ValueError(f"material: poisson must be in (-1, 0.5), but is {self.poisson}")
 
 
 @dataclass(frozen=True)
@@ -86,7 +65,7 @@ class Traction:
     value: Field
 
 
-class Elasticity:
+class Elasticity(ElasticBody):
     """K u = f on trilinear hexahedra or linear tetrahedra, with clamps built in.
 
     Constrained rows and columns of K are zero but for the diagonal, which is the mean diagonal of the free ones (a 1
@@ -113,24 +92,18 @@ class Elasticity:
         tractions: Sequence[Traction] = (),
         body_force: Field = (0.0, 0.0, 0.0),
     ):
-        self.mesh, self.material = mesh, material
-        self.V = compat.functionspace(mesh.domain, 1, (3,))
-        self._test = ufl.TestFunction(self.V)
-        self._owned = self.V.dofmap.index_map.size_local
-        self.x: FloatArray = self.V.tabulate_dof_coordinates()[: self._owned]
-
+        super().__init__(mesh.domain, material)
+        self.mesh = mesh
         self._prescribe(clamps)
         self._refuse_floating_body()
         self.load = self._assemble_loads(tractions, body_force)
 
         trial = ufl.TrialFunction(self.V)
-        self.K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), _strain(self._test)) * ufl.dx))
+        self.K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * ufl.dx))
         self.f = self.K.createVecRight()
         self.f.array[:] = self.load.ravel()
         self._eliminate_fixed()
         self._attach_rigid_body_modes()
-        self._u = fem.Function(self.V, name="displacement")
-        self._internal_form = fem.form(ufl.inner(self._stress(self._u), _strain(self._test)) * ufl.dx)
 
     # --- constraints and loads ----------------------------------------------------------------------------------
 
@@ -180,13 +153,6 @@ class Elasticity:
         density.x.scatter_forward()
         return self._assemble(fem.form(ufl.inner(density, self._test) * measure))
 
-    def _assemble(self, form: Any) -> FloatArray:
-        vector = fem.petsc.assemble_vector(form)
-        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        values: FloatArray = vector.array.reshape(-1, 3).copy()
-        vector.destroy()
-        return values
-
     def _ds(self, facets: npt.NDArray[np.int32]) -> Any:
         tags = compat.meshtags(self.mesh.domain, 2, facets, np.ones(len(facets), dtype=np.int32))
         return ufl.Measure("ds", domain=self.mesh.domain, subdomain_data=tags, subdomain_id=1)
@@ -234,39 +200,6 @@ class Elasticity:
         """Integral of the body's outward normal against every hat function over a face, m^2, shape (k, 3)."""
         n = ufl.FacetNormal(self.mesh.domain)
         return self._assemble(fem.form(ufl.inner(n, self._test) * self._ds(self.mesh.facets(face, "contact"))))
-
-    def function(self, u: FloatArray, name: str = "displacement") -> Any:
-        """DOLFINx Function of nodal vectors (k, 3) of this rank."""
-        function = fem.Function(self.V, name=name)
-        function.x.array[: 3 * self._owned] = u.ravel()
-        function.x.scatter_forward()
-        return function
-
-    def internal_force(self, u: FloatArray) -> FloatArray:
-        """Nodal forces in newtons of the stress of u, assembled anew and without K; shapes (k, 3)."""
-        self._u.x.array[: 3 * self._owned] = u.ravel()
-        self._u.x.scatter_forward()
-        return self._assemble(self._internal_form)
-
-    def von_mises(self, u: Any) -> Any:
-        """Von Mises stress in pascals at the cells' midpoints, a DG0 Function; u is a Function of V."""
-        s = self._stress(u)
-        deviator = s - ufl.tr(s) / 3.0 * ufl.Identity(3)
-        W = compat.functionspace(self.mesh.domain, 0, family="DG")
-        stress = fem.Function(W, name="von_mises_stress")
-        equivalent = ufl.sqrt(1.5 * ufl.inner(deviator, deviator))
-        stress.interpolate(fem.Expression(equivalent, compat.interpolation_points(W)))
-        return stress
-
-    def _stress(self, u: Any) -> Any:
-        E, nu = self.material.young, self.material.poisson
-        mu = fem.Constant(self.mesh.domain, PETSc.ScalarType(E / (2.0 * (1.0 + nu))))
-        lame = fem.Constant(self.mesh.domain, PETSc.ScalarType(E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))))
-        return 2.0 * mu * _strain(u) + lame * ufl.tr(_strain(u)) * ufl.Identity(3)
-
-
-def _strain(u: Any) -> Any:
-    return ufl.sym(ufl.grad(u))
 
 
 def _evaluate(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:

@@ -1,0 +1,108 @@
+"""Coulomb friction on the block: ways to solve it, over friction and size."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..solvers.cone_systems import DenseConeSystem
+from ..solvers.coulomb import CoulombProblem, CoulombSolver
+from ..solvers.fixed_point import SuccessiveTresca
+from ..solvers.newton_systems import AugmentedSystem
+from ..solvers.one_loop import OneLoop
+from ..solvers.path_following import PathFollowing
+from ..solvers.results import NotConverged
+from .block import block
+
+FRICTION = (0.1, 0.3, 0.8, 1.5)
+DENSE_UP_TO = 10
+"""Cells a metre up to which the dense one loop is measured."""
+
+TRESCA = "one Tresca problem"
+
+
+def solvers(tolerance: float) -> dict[str, CoulombSolver]:
+    """The ways: successive Tresca with every problem solved to the end, with inner accuracy tied to the outer
+    residual, and accelerated as well (its default); and the one loop."""
+    return {
+        "plain": SuccessiveTresca(tolerance, inner_precision=1e-12, memory=0, damping=1.0),
+        "inexact": SuccessiveTresca(tolerance, memory=0, damping=1.0),
+        "accelerated": SuccessiveTresca(tolerance),
+        "one-loop": OneLoop(tolerance),
+        "one-loop dense": OneLoop(tolerance, newton=DenseConeSystem),
+    }
+
+
+class Row(NamedTuple):
+    """A line of friction.csv."""
+
+    method: str
+    p: int
+    friction: float
+    outer: int
+    path_following: int
+    products: int
+    krylov: int
+    seconds: float
+    residual: float
+    status: str
+
+
+def measure(sizes: Iterable[int], friction: Iterable[float], tolerance: float, repeats: int = 1) -> Iterator[Row]:
+    """Rows as they are measured, A formed beforehand; `seconds` is the solver's alone, the least of the repeats.
+
+    First of every size and friction, for comparison: one Tresca problem with the slip bounds of the answer, by PF with
+    P_AM as in the paper.
+    """
+    for p in sizes:
+        body = block(p)
+        for F in friction:
+            problem = CoulombProblem(body.A, body.b, np.full(len(body.surface.nodes), F))
+            answer, seconds = _least(_tresca, problem, tolerance, repeats)
+            krylov = sum(step.krylov for step in answer.history)
+            status = answer.status.value
+            yield Row(TRESCA, p, F, 0, answer.iterations, answer.products, krylov, seconds, answer.residual, status)
+            for name, solver in solvers(tolerance).items():
+                if name == "one-loop dense" and p > DENSE_UP_TO:
+                    continue
+                result, seconds = _least(_coulomb, problem, solver, repeats)
+                yield Row(
+                    method=name,
+                    p=p,
+                    friction=F,
+                    outer=result.iterations,
+                    path_following=result.path_following,
+                    products=result.products,
+                    krylov=sum(step.krylov for step in result.history),
+                    seconds=seconds,
+                    residual=result.residual,
+                    status=result.status.value,
+                )
+
+
+def _least(
+    prepare: Callable[[CoulombProblem, Any], Callable[[], Any]], problem: CoulombProblem, given: Any, repeats: int
+) -> tuple[Any, float]:
+    """The result, converged or not, and the least time it took."""
+    solve, seconds = prepare(problem, given), []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        try:
+            result = solve()
+        except NotConverged as failure:
+            result = failure.result
+        seconds.append(time.perf_counter() - began)
+    return result, min(seconds)
+
+
+def _coulomb(problem: CoulombProblem, solver: CoulombSolver) -> Callable[[], Any]:
+    return lambda: solver.solve(problem)
+
+
+def _tresca(problem: CoulombProblem, tolerance: float) -> Callable[[], Any]:
+    g = problem.slip_bound(OneLoop(tolerance).solve(problem).x)
+    paper = PathFollowing(tolerance, newton=AugmentedSystem)
+    return lambda: paper.solve(problem.tresca(g))

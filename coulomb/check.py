@@ -1,0 +1,123 @@
+"""The certificate of a run, from its files alone: without the case, the solver, or K and A.
+
+The mesh, the displacement and the forces are read back, the stresses assembled anew.  Works on one rank.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from mpi4py import MPI
+from scipy.spatial import cKDTree
+
+from .arrays import FloatArray
+from .certificate import Certificate, Evidence, judge
+from .fem import compat
+from .fem.body import ElasticBody, Material
+from .fem.surface import tangent_frames
+from .output import HELD
+
+
+def check(directory: str | Path) -> Certificate:
+    """Certify what a run has written.
+
+    Args:
+        directory: With solution.xdmf, contact.xdmf, their .h5 files, and summary.json.
+
+    Raises:
+        ValueError: If a file is missing, cannot be read, or does not fit to the others.
+    """
+    folder = Path(directory)
+    told = _summary(folder / "summary.json")
+    try:
+        domain = compat.read_mesh(MPI.COMM_SELF, str(folder / "solution.xdmf"))
+        body = ElasticBody(domain, Material(told["material"]["young"], told["material"]["poisson"]))
+        on_body = _fields(folder / "solution.h5", ("displacement", "load", "held", "prescribed"))
+        on_face = _fields(
+            folder / "contact.h5",
+            ("contact_force", "normal", "initial_gap", "area", "coefficient", "slip_bound", "status"),
+        )
+    except (OSError, KeyError, RuntimeError) as error:
+        raise ValueError(f"{folder}: is not whole: {error}") from None
+
+    node = _numbers(folder, on_body["x"], body.x, "solution.h5")
+    u, load = on_body["displacement"][node], on_body["load"][node]
+    fixed = np.round(on_body["held"][node]).astype(bool)
+
+    contact = np.round(on_face["status"]) != HELD
+    at = {name: values[contact] for name, values in on_face.items()}
+    of_node = _numbers(folder, body.x, at["x"], "contact.h5")
+    frames = tangent_frames(at["normal"])
+    force = -np.einsum("kij,kj->ki", frames, at["contact_force"])
+    everywhere = np.zeros_like(u)
+    everywhere[of_node] = at["contact_force"]
+    pressing = np.maximum(force[:, 0], 0.0) if told["law"] == "coulomb" else at["area"]
+    return judge(
+        Evidence(
+            comm=MPI.COMM_SELF,
+            displacement=u,
+            internal=body.internal_force(u),
+            load=load,
+            fixed=fixed,
+            prescribed=on_body["prescribed"][node],
+            on_body=everywhere,
+            force=force,
+            closure=np.einsum("kij,kj->ki", frames, u[of_node]),
+            gap=at["initial_gap"],
+            bound=at["coefficient"] * pressing,
+            solver_bound=at["slip_bound"],
+            compliance=told["mean_compliance"],
+        )
+    )
+
+
+def recorded(directory: str | Path) -> bool:
+    """Whether the run itself recorded that its certificate passed.
+
+    Raises:
+        ValueError: If summary.json cannot be read.
+    """
+    return bool(_summary(Path(directory) / "summary.json")["certificate"]["passed"])
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    try:
+        told: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: is not JSON: {error}") from None
+    needed = ("law", "material", "mean_compliance", "certificate")
+    missing = [key for key in needed if not isinstance(told, dict) or key not in told]
+    if missing:
+        raise ValueError(f"{path}: has no {missing[0]!r}: not a summary of coulomb's, or of a version before 0.2")
+    return told
+
+
+def _fields(path: Path, names: tuple[str, ...]) -> dict[str, FloatArray]:
+    """Fields of a file of DOLFINx's, point by point of its mesh; vectors (k, 3), scalars (k,), coordinates "x"."""
+    with h5py.File(path, "r") as file:
+        fields: dict[str, FloatArray] = {"x": np.array(file["Mesh/mesh/geometry"], dtype=np.float64)}
+        for name in names:
+            group = file[f"Function/{name}"]
+            values = np.array(group[next(iter(group))], dtype=np.float64)
+            fields[name] = values[:, 0] if values.shape[1] == 1 else values
+    for name in names:
+        if len(fields[name]) != len(fields["x"]):
+            raise ValueError(f"{path}: {name} does not fit to the mesh")
+        if not np.all(np.isfinite(fields[name])):
+            raise ValueError(f"{path}: {name} has entries that are not finite")
+    return fields
+
+
+def _numbers(folder: Path, points: FloatArray, wanted: FloatArray, what: str) -> Any:
+    """For every wanted point its number among the points."""
+    size = float(np.max(np.ptp(points, axis=0)))
+    distance, number = cKDTree(points).query(wanted)
+    if len(wanted) and not np.max(distance) <= 1e-9 * size:
+        raise ValueError(f"{folder}: {what} does not fit to the mesh of solution.xdmf")
+    return number

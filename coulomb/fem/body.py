@@ -1,0 +1,97 @@
+"""A linear elastic body: displacements, stresses and the forces they make at the nodes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from . import compat
+from .compat import fem, ufl
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic, linear elastic.
+
+    Attributes:
+        young: Young's modulus in pascals, > 0.
+        poisson: Poisson's ratio, in (-1, 0.5).
+
+    Raises:
+        ValueError: If a constant is outside its bounds.
+    """
+
+    young: float
+    poisson: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.young) and self.young > 0.0):
+            raise ValueError(f"material: young must be a positive number of pascals, but is {self.young}")
+        if not -1.0 < self.poisson < 0.5:
+            raise ValueError(f"material: poisson must be in (-1, 0.5), but is {self.poisson}")
+
+
+class ElasticBody:
+    """Small strains, Hooke's law, first-order elements.
+
+    Args:
+        domain: DOLFINx mesh, coordinates in metres.
+        material: Its material.
+
+    Attributes:
+        V: Space of displacements.
+        x: Coordinates of this rank's nodes in metres, shape (k, 3).
+    """
+
+    def __init__(self, domain: Any, material: Material):
+        self.domain, self.material = domain, material
+        self.V = compat.functionspace(domain, 1, (3,))
+        self._test = ufl.TestFunction(self.V)
+        self._owned = self.V.dofmap.index_map.size_local
+        self.x: FloatArray = self.V.tabulate_dof_coordinates()[: self._owned]
+        self._u = fem.Function(self.V, name="displacement")
+        self._internal_form = fem.form(ufl.inner(self._stress(self._u), strain(self._test)) * ufl.dx)
+
+    def function(self, u: FloatArray, name: str = "displacement") -> Any:
+        """DOLFINx Function of nodal vectors (k, 3) of this rank."""
+        function = fem.Function(self.V, name=name)
+        function.x.array[: 3 * self._owned] = u.ravel()
+        function.x.scatter_forward()
+        return function
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        """Nodal forces in newtons of the stress of u, assembled anew and without K; shapes (k, 3)."""
+        self._u.x.array[: 3 * self._owned] = u.ravel()
+        self._u.x.scatter_forward()
+        return self._assemble(self._internal_form)
+
+    def von_mises(self, u: Any) -> Any:
+        """Von Mises stress in pascals at the cells' midpoints, a DG0 Function; u is a Function of V."""
+        s = self._stress(u)
+        deviator = s - ufl.tr(s) / 3.0 * ufl.Identity(3)
+        W = compat.functionspace(self.domain, 0, family="DG")
+        stress = fem.Function(W, name="von_mises_stress")
+        equivalent = ufl.sqrt(1.5 * ufl.inner(deviator, deviator))
+        stress.interpolate(fem.Expression(equivalent, compat.interpolation_points(W)))
+        return stress
+
+    def _assemble(self, form: Any) -> FloatArray:
+        vector = fem.petsc.assemble_vector(form)
+        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        values: FloatArray = vector.array.reshape(-1, 3).copy()
+        vector.destroy()
+        return values
+
+    def _stress(self, u: Any) -> Any:
+        E, nu = self.material.young, self.material.poisson
+        mu = fem.Constant(self.domain, PETSc.ScalarType(E / (2.0 * (1.0 + nu))))
+        lame = fem.Constant(self.domain, PETSc.ScalarType(E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))))
+        return 2.0 * mu * strain(u) + lame * ufl.tr(strain(u)) * ufl.Identity(3)
+
+
+def strain(u: Any) -> Any:
+    return ufl.sym(ufl.grad(u))

@@ -1,0 +1,139 @@
+"""`coulomb check`: the certificate from the files alone."""
+
+import json
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from conftest import ROOT, make_block, run_coulomb
+
+import coulomb
+from coulomb import output
+from coulomb.check import check, recorded
+
+BLOCK = ROOT / "demos" / "block.toml"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    solution = make_block(4).solve()
+    directory = tmp_path_factory.mktemp("check") / "run"
+    output.write(solution, directory, picture=False)
+    return solution, directory
+
+
+@pytest.fixture
+def copy(run, tmp_path):
+    return shutil.copytree(run[1], tmp_path / "copy")
+
+
+def assert_same(again, certificate):
+    assert again.passed and certificate.passed
+    for old, new in zip(certificate.checks, again.checks, strict=True):
+        assert new.value == pytest.approx(old.value, rel=1e-3, abs=1e-12), old.name
+
+
+def test_same_certificate(run):
+    solution, directory = run
+    assert_same(check(directory), solution.certificate)
+    assert recorded(directory) is True
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        lambda: make_block(3, slip_stress=1e7),
+        lambda: make_block(3, foundation=coulomb.Plane((0, 0, -1e-4), (0.0, 0.05, 1.0))),
+        lambda: coulomb.ContactProblem(
+            coulomb.box((3.0, 1.0, 1.0), (6, 2, 2), "tetrahedron"),
+            coulomb.Material(2.119e11, 0.277),
+            [coulomb.Clamp("left", value=(0.0, 0.0, -1e-5))],
+            coulomb.Contact("bottom", lambda x: 0.1 + 0.1 * x[0]),
+            [coulomb.Traction("top", (0.0, 1e7, -4e7))],
+        ),
+    ],
+    ids=["tresca", "tilted plane with a gap", "tetrahedra, friction field, moved clamp"],
+)
+def test_other_problems(problem, tmp_path):
+    solution = problem().solve()
+    output.write(solution, tmp_path, picture=False)
+    assert_same(check(tmp_path), solution.certificate)
+
+
+def test_written_on_three_ranks(tmp_path):
+    changes = ("--set", "mesh.cells=[9,3,3]", "--set", "output.picture=false")
+    done = run_coulomb("run", BLOCK, *changes, "--output", tmp_path, ranks=3)
+    assert done.returncode == 0, done.stderr
+    done = run_coulomb("check", tmp_path)
+    assert done.returncode == 0 and "certificate passed\nrecorded by the run: certificate had passed" in done.stdout
+
+
+def change(path, name, function):
+    with h5py.File(path, "r+") as file:
+        group = file[f"Function/{name}"]
+        data = group[next(iter(group))]
+        data[...] = function(data[...])
+
+
+def one_node(data):
+    data[np.argmax(np.abs(data).sum(axis=1))] *= 1.001
+    return data
+
+
+@pytest.mark.parametrize(
+    ("file", "field", "function", "failing"),
+    [
+        ("solution.h5", "displacement", one_node, "equilibrium"),
+        ("solution.h5", "displacement", lambda u: 1.0001 * u, "equilibrium"),
+        ("solution.h5", "load", lambda f: 0.99 * f, "equilibrium"),
+        ("contact.h5", "contact_force", one_node, "equilibrium"),
+        ("contact.h5", "contact_force", lambda x: -x, "adhesion"),
+        ("contact.h5", "coefficient", lambda F: 0.9 * F, "friction cone"),
+        ("contact.h5", "coefficient", lambda F: 1.1 * F, "slip inside the cone"),
+        ("contact.h5", "initial_gap", lambda gap: gap - 1e-5, "penetration"),
+        ("contact.h5", "initial_gap", lambda gap: gap + 1e-5, "complementarity"),
+        ("contact.h5", "slip_bound", lambda g: 1.001 * g, "slip bound"),
+    ],
+)
+def test_what_was_tampered_with_fails(copy, file, field, function, failing):
+    change(copy / file, field, function)
+    certificate = check(copy)
+    assert not certificate.passed and not certificate[failing].passed
+    assert run_coulomb("check", copy).returncode == 1
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda d: (d / "summary.json").unlink(), "summary.json: cannot be read: No such file"),
+        (lambda d: (d / "summary.json").write_text("{"), "summary.json: is not JSON"),
+        (lambda d: (d / "summary.json").write_text("{}"), "summary.json: has no 'law'"),
+        (lambda d: (d / "contact.h5").unlink(), "is not whole"),
+        (lambda d: (d / "contact.h5").write_bytes((d / "contact.h5").read_bytes()[:3000]), "is not whole"),
+        (lambda d: change(d / "contact.h5", "contact_force", lambda x: np.nan * x), "entries that are not finite"),
+    ],
+)
+def test_what_is_not_whole_is_refused(copy, spoil, message):
+    spoil(copy)
+    done = run_coulomb("check", copy)
+    assert done.returncode == 2 and message in done.stderr and "Traceback" not in done.stderr
+
+
+def test_files_of_two_runs(copy, tmp_path):
+    output.write(make_block(3).solve(), tmp_path / "other", picture=False)
+    for name in ("contact.h5", "contact.xdmf"):
+        shutil.copy(tmp_path / "other" / name, copy / name)
+    with pytest.raises(ValueError, match=r"contact.h5 does not fit to the mesh of solution.xdmf"):
+        check(copy)
+
+
+def test_a_failed_run_says_so_again(tmp_path):
+    problem = make_block(3)
+    try:
+        problem.solve(solver=coulomb.SuccessiveTresca(max_iterations=2))
+    except coulomb.NotConverged as failure:
+        output.write(problem.solution(failure.result), tmp_path, picture=False)
+    assert json.loads((tmp_path / "summary.json").read_text())["status"] == "max_iterations"
+    done = run_coulomb("check", tmp_path)
+    assert done.returncode == 1 and "recorded by the run: certificate had FAILED" in done.stdout
