@@ -38,8 +38,22 @@ class Compliance(Protocol):
     @property
     def name(self) -> str: ...
 
-    def mult(self, x: FloatArray, y: FloatArray) -> None:
-        """y <- A x, both of shape (3 m,); counted, collective."""
+    def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        """y <- A x, both of shape (3 m,); counted, collective.
+
+        Args:
+            x: Forces in newtons.
+            y: Displacements in metres.
+            tolerance: Where a product is the solution of a system: its relative residual may be so great.
+        """
+        ...
+
+    def follow(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        """The same for an x that moves little from call to call: what is solved for is the change.
+
+        Its relative residual may be `tolerance`; residuals do not add up from call to call.  With 0, the product is as
+        exact as mult's.
+        """
         ...
 
     def diagonal(self) -> FloatArray:
@@ -67,11 +81,14 @@ class MatrixCompliance:
         self._diagonal: FloatArray = d.array.copy() if diagonal is None else diagonal
         d.destroy()
 
-    def mult(self, x: FloatArray, y: FloatArray) -> None:
+    def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         self._x.array[:] = x
         self.matrix.mult(self._x, self._y)
         y[:] = self._y.array_r
         self.products += 1
+
+    def follow(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        self.mult(x, y)
 
     def diagonal(self) -> FloatArray:
         return self._diagonal
@@ -145,7 +162,7 @@ class MatrixFreeCompliance:
 
     Args:
         B: Contact matrix, 3 rows a contact node.
-        K: The stiffness matrix, of which only the diagonal is read.
+        K: The stiffness matrix.
         solver: K^-1.
         probes: Products spent on the diagonal.
     """
@@ -153,19 +170,36 @@ class MatrixFreeCompliance:
     name = "matrix-free"
 
     def __init__(self, B: PETSc.Mat, K: PETSc.Mat, solver: StiffnessSolver, probes: int = 8):
-        self._B, self._solver = B, solver
+        self._B, self._K, self._solver = B, K, solver
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
         self.products = 0
         self._u, self._x = B.createVecs()
         self._rhs = self._u.duplicate()
+        self._followed = self._u.duplicate()
+        self._followed.set(0.0)
         self._diagonal = estimated_diagonal(self, B, K, probes)
 
-    def mult(self, x: FloatArray, y: FloatArray) -> None:
+    def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         self._x.array[:] = x
         self._B.multTranspose(self._x, self._rhs)
-        self._solver.solve(self._rhs, self._u)
+        self._solver.solve(self._rhs, self._u, tolerance)
         self._B.mult(self._u, self._x)
+        y[:] = self._x.array_r
+        self.products += 1
+
+    def follow(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        """K v = B^T x for v by a correction of the last v."""
+        self._x.array[:] = x
+        self._B.multTranspose(self._x, self._rhs)
+        size = self._rhs.norm()
+        self._K.mult(self._followed, self._u)
+        self._rhs.axpy(-1.0, self._u)
+        left = self._rhs.norm()
+        if left > self._solver.tolerance * size:
+            self._solver.solve(self._rhs, self._u, max(tolerance, self._solver.tolerance * size / left))
+            self._followed.axpy(1.0, self._u)
+        self._B.mult(self._followed, self._x)
         y[:] = self._x.array_r
         self.products += 1
 
@@ -202,7 +236,7 @@ def estimated_diagonal(A: Compliance, B: PETSc.Mat, K: PETSc.Mat, probes: int = 
     traces, y = np.zeros(3), np.empty(3 * A.nodes)
     for _ in range(probes):
         v = random.choice([-1.0, 1.0], size=3 * A.nodes)
-        A.mult(v, y)
+        A.mult(v, y, 1e-3)
         traces += [over.sum((v * y)[k::3]) / probes for k in range(3)]
     local_traces = np.array([over.sum(local[:, k]) for k in range(3)])
     estimate: FloatArray = (local * (traces / local_traces)).ravel()

@@ -104,11 +104,18 @@ class ScaledCoulomb:
         self._constraints = self._over.sum(self._active.astype(float))
         self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
 
-    def apply_A(self, x: FloatArray) -> FloatArray:
-        """A~ x, both (m, 3); one product by A."""
+    def apply_A(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
+        """A~ x, both (m, 3), to a relative accuracy; one product by A."""
         y = np.empty(3 * self.nodes)
-        self.problem.A.mult(np.ascontiguousarray(x).ravel(), y)
+        self.problem.A.mult(np.ascontiguousarray(x).ravel(), y, tolerance)
         return y.reshape(-1, 3) / self._a
+
+    def follow_A(self, x_n: FloatArray, y: FloatArray, tolerance: float = 0.0) -> FloatArray:
+        """A~ x of the next iterate (m, 3), its change to a relative accuracy; one product by A."""
+        x = self._s * self.forces(x_n, y)
+        image = np.empty(3 * self.nodes)
+        self.problem.A.follow(x.ravel(), image, tolerance)
+        return image.reshape(-1, 3) / (self._a * self._s)
 
     def forces(self, x_n: FloatArray, y: FloatArray) -> FloatArray:
         """x = (x_n, F x_n y), shape (m, 3)."""

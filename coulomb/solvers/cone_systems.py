@@ -8,6 +8,7 @@ as the stand-in for A, whatever friction does; with diag(A) alone it is the unsy
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -17,9 +18,15 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .cone import ConeLinearization
-from .krylov import CarryingKrylov, NodalMap
+from .krylov import CarryingKrylov
 from .newton_systems import disc_inverse, like
 from .recycling import LearntCompliance, LowRankUpdate
+
+Product = Callable[[FloatArray, float], FloatArray]
+
+_PRODUCT = 1.0  # accuracy of a product in FGMRES, as a part of the tolerance of the step, ...
+_LOOSEST = 0.1  # ... but neither looser than this
+_TIGHTEST = 0.03  # nor tighter than this
 
 
 class ConeStep(NamedTuple):
@@ -35,16 +42,20 @@ class ConeSystem(Protocol):
 
     Args of the constructor:
         comm: The ranks of A.
-        apply_A: x (m, 3) -> A x (m, 3); every call is a product.
+        apply_A: (x (m, 3), relative accuracy) -> A x (m, 3); every call is a product.
         diagonal: diag(A), shape (m, 3).
     """
 
-    def __init__(self, comm: MPI.Comm, apply_A: NodalMap, diagonal: FloatArray): ...
+    def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray): ...
 
     def solve(
         self, at: ConeLinearization, rhs: FloatArray, weight: FloatArray, tolerance: float, cap: float
     ) -> ConeStep:
         """Solve to |W residual| <= min(tolerance |W rhs|, cap), W the weight of the rows, shape (m, 3)."""
+        ...
+
+    def estimate(self, x: FloatArray) -> FloatArray:
+        """A x from what is known of A, without a product; (m, 3)."""
         ...
 
     def destroy(self) -> None: ...
@@ -56,11 +67,12 @@ class KrylovConeSystem:
     rank = 100
     """Columns of U to keep in the preconditioner; 0 is diag(A) alone."""
 
-    def __init__(self, comm: MPI.Comm, apply_A: NodalMap, diagonal: FloatArray):
+    def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray):
         self._comm, self._A = comm, LearntCompliance(comm, diagonal, self.rank)
+        self._accuracy = 0.0
 
         def recorded(x: FloatArray) -> FloatArray:
-            y = apply_A(x)
+            y = apply_A(x, self._accuracy)
             self._A.record(x, y)
             return y
 
@@ -72,6 +84,7 @@ class KrylovConeSystem:
         self, at: ConeLinearization, rhs: FloatArray, weight: FloatArray, tolerance: float, cap: float
     ) -> ConeStep:
         self._at, self._weight = at, weight
+        self._accuracy = max(min(_PRODUCT * tolerance, _LOOSEST), _TIGHTEST)
         D = self._D = self._A.rest.copy()
         D[:, 1:] += at.h[:, None]
         self._S = at.D22[:, 1] + np.sum(at.y**2 / D[:, 1:], axis=1)
@@ -111,6 +124,10 @@ class KrylovConeSystem:
         z[~at.frictional, 1:] = 0.0
         return z
 
+    def estimate(self, x: FloatArray) -> FloatArray:
+        low_rank: FloatArray = self._A.U @ self._comm.allreduce(self._A.U.T @ x.ravel())
+        return self._A.rest * x + low_rank.reshape(x.shape)
+
     def destroy(self) -> None:
         self._krylov.free()
 
@@ -122,10 +139,10 @@ class DenseConeSystem:
         ValueError: From the constructor, on more than one rank.
     """
 
-    def __init__(self, comm: MPI.Comm, apply_A: NodalMap, diagonal: FloatArray):
+    def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray):
         if comm.size > 1:
             raise ValueError("DenseConeSystem works on one rank; use KrylovConeSystem")
-        self._A: FloatArray = np.array([apply_A(e.reshape(-1, 3)).ravel() for e in np.eye(diagonal.size)]).T
+        self._A: FloatArray = np.array([apply_A(e.reshape(-1, 3), 0.0).ravel() for e in np.eye(diagonal.size)]).T
 
     def solve(
         self, at: ConeLinearization, rhs: FloatArray, weight: FloatArray, tolerance: float, cap: float
@@ -137,6 +154,9 @@ class DenseConeSystem:
         factors = scipy.linalg.lu_factor(rows[:, None] * M * columns, overwrite_a=True, check_finite=False)
         dx = (columns * scipy.linalg.lu_solve(factors, rows * rhs.ravel())).reshape(rhs.shape)
         return ConeStep(dx, (self._A @ dx.ravel()).reshape(rhs.shape), 0)
+
+    def estimate(self, x: FloatArray) -> FloatArray:
+        return (self._A @ x.ravel()).reshape(x.shape)
 
     def destroy(self) -> None:
         """Nothing of PETSc's to give back."""

@@ -20,18 +20,23 @@ that dx_n sends to row t, -h F y and -y c/D22_2.  g is differentiated, not froze
 that jams.
 
 The step is taken along the curve x_n + alpha dx_n, y + alpha dy, not along the straight line in x_t.  The direction
-is the same, but a node that opens, where x_n goes to 0, keeps friction in proportion to pressure on the way: A x +
-alpha A dx + alpha^2 A (0, F dx_n dy) is exact and costs a second product a step.  On the straight line y, and with it
-the direction of a slip that has nothing to do with the vanishing force, is lost by division: steps block, or Newton's
-method needs a predictor solve and twice the steps.
+is the same, but a node that opens, where x_n goes to 0, keeps friction in proportion to pressure on the way.  On the
+straight line y, and with it the direction of a slip that has nothing to do with the vanishing force, is lost by
+division: steps block, or Newton's method needs a predictor solve and twice the steps.  The gradient along the curve,
+A x + alpha A dx + alpha^2 A (0, F dx_n dy), is needed to choose alpha only: its last term is taken from what is known
+of A.  The accepted iterate gets a product of its own.
+
+Where a product is a solve with K, none of them needs to be exact.  Those of the Krylov method are as exact as the step
+asks, those of the iterates correct K^-1 B^T x by a tenth of its change, without adding up (Compliance.follow).  Only
+the residual that decides is computed with a product as exact as can be.
 
 Slips of nodes weigh as their friction can do work (ScaledCoulomb.weight), in the neighbourhood N(gamma, beta) and in
 the Krylov tolerance: the slip of an open node is nobody's concern.
 
 Proved: for F = 0 this is PF for a convex problem.  The preconditioner of `cone_systems.py` is exact when its stand-in
 for A is.  CONVERGED means that the Coulomb residual, computed afresh, is below the tolerance, whatever the way there.
-Observed (`coulomb benchmark friction`): 17 to 25 steps from a cold start to 1e-8, for any size and F from 0 to 2, 2
-to 6 FGMRES iterations a step.  Not proved: that A + C is never singular, that a path leads from the start to theta =
+Observed (`coulomb benchmark friction`): 16 to 23 steps from a cold start to 1e-8, for any size and F from 0 to 2, 2
+to 5 FGMRES iterations a step.  Not proved: that A + C is never singular, that a path leads from the start to theta =
 0, or which of several solutions it finds.
 """
 
@@ -63,6 +68,8 @@ _BACKTRACK = 0.9  # the grid on which the largest step length is sought
 _SHORT = 0.1  # after a step shorter than this the centring is sigma_max
 _BLOCKED = 1e-2  # a step this short, three times in a row, ends a start that is not the last
 _STARTS = ((0.1, 1.0), (0.1, 1e-3), (10.0, 1e-3), (1e3, 1e-3))  # theta over rms(A x - b) there, and r_tol, as parts
+_GRADIENT = 0.3  # the residual of a step's linear system, over the gradient that it is to take away
+_FRESH = 0.1  # accuracy of A x at a new iterate, as a part of its change
 _PATIENCE = 20  # steps without a better residual before the run is called stagnated
 
 
@@ -185,7 +192,7 @@ class OneLoop:
     def _start(self, scaled: ScaledCoulomb, relative_theta: float) -> ConeIterate:
         """Equal pressure everywhere, no friction, and centred multipliers with theta so many times rms(A x - b)."""
         x_n, y = np.ones(scaled.nodes), np.zeros((scaled.nodes, 2))
-        A_x = scaled.apply_A(scaled.forces(x_n, y))
+        A_x = scaled.follow_A(x_n, y, _FRESH)
         zero = np.zeros((scaled.nodes, 2))
         theta = relative_theta * max(scaled.rms(scaled.gradient(ConeIterate(x_n, y, zero, A_x))), 1e-3)
         return ConeIterate(x_n, y, theta / scaled.safe(scaled.slack(x_n, y)), A_x)
@@ -216,11 +223,12 @@ class OneLoop:
                 status = Status.STAGNATED
                 break
             err = self._change(scaled, v, new)
-            v, z = new, scaled.slack(new.x_n, new.y)
+            v = new._replace(A_x=scaled.follow_A(new.x_n, new.y, _FRESH))
+            z = scaled.slack(v.x_n, v.y)
             theta = scaled.theta(v.nu, z)
             residual = problem.residual(*scaled.unscaled(v))
-            if residual <= self.tolerance:  # A x was accumulated: judge by a fresh product
-                v = v._replace(A_x=scaled.apply_A(scaled.forces(v.x_n, v.y)))
+            if residual <= self.tolerance:  # judge by a product as exact as can be
+                v = v._replace(A_x=scaled.follow_A(v.x_n, v.y))
                 residual = problem.residual(*scaled.unscaled(v))
             gradient = self._infeasibility(scaled, v)
             history.append(
@@ -236,7 +244,7 @@ class OneLoop:
             if iteration - best_at >= _PATIENCE or (blocked == 3 and not patient):
                 status = Status.STAGNATED
                 break
-        v = v._replace(A_x=scaled.apply_A(scaled.forces(v.x_n, v.y)))
+        v = v._replace(A_x=scaled.follow_A(v.x_n, v.y))
         x, gradient_of_x = scaled.unscaled(v)
         residual = problem.residual(x, gradient_of_x)
         return CoulombResult(
@@ -263,7 +271,7 @@ class OneLoop:
         tolerance: float,
         beta: float,
     ) -> _Step:
-        """(A + C) dx = rhs, then the multipliers, dy, and the product that the bend of the curve costs."""
+        """(A + C) dx = rhs, then the multipliers, dy, and the bend of the curve."""
         at = scaled.linearize(v)
         r1 = -scaled.gradient(v)
         r2 = np.where(z > 0.0, z - target / scaled.safe(v.nu), 0.0)
@@ -271,11 +279,17 @@ class OneLoop:
         rhs = r1.copy()
         rhs[:, 0] += dnu_0[:, 0]
         rhs[:, 1:] -= dnu_0[:, 1:] * v.y
-        step = newton.solve(at, rhs, scaled.weight(v.x_n), tolerance, scaled.from_rms(beta * target))
+        step = newton.solve(
+            at,
+            rhs,
+            scaled.weight(v.x_n),
+            tolerance,
+            scaled.from_rms(min(beta * target, _GRADIENT * self._infeasibility(scaled, v))),
+        )
         dy = at.dy(step.dx)
         bend = np.column_stack([np.zeros(scaled.nodes), (at.F * step.dx[:, 0])[:, None] * dy])
         dnu = (at.constraints(step.dx) - r2) / at.D22
-        return _Step(v, step.dx[:, 0], dy, dnu, step.A_dx, scaled.apply_A(bend), step.iterations)
+        return _Step(v, step.dx[:, 0], dy, dnu, step.A_dx, newton.estimate(bend), step.iterations)
 
     def _step_length(
         self, scaled: ScaledCoulomb, step: _Step, beta: float, theta: float, sigma: float

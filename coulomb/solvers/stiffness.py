@@ -19,11 +19,21 @@ _prefixes = (f"coulomb_{number}_" for number in itertools.count())
 
 
 class StiffnessSolver(Protocol):
-    """Solves K u = rhs; `name` is what the summary calls it."""
+    """Solves K u = rhs.
+
+    Attributes:
+        name: What the summary calls it.
+        tolerance: |K u - rhs| / |rhs| of a solve that is not told better; 0 for a direct solver.
+        iterations: Of all solves so far; 0 of a direct solver.
+    """
 
     name: str
+    tolerance: float
+    iterations: int
 
-    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec) -> None: ...
+    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
+        """u <- K^-1 rhs, to |K u - rhs| <= tolerance |rhs| where that is more than the solver's own tolerance."""
+        ...
 
     def destroy(self) -> None: ...
 
@@ -69,6 +79,8 @@ class DirectSolver:
     """
 
     name = "direct (MUMPS Cholesky)"
+    tolerance = 0.0
+    iterations = 0
 
     def __init__(self, K: PETSc.Mat, keep: npt.NDArray[np.int32] | None = None):
         self.kept = keep
@@ -101,7 +113,7 @@ class DirectSolver:
         whole: FloatArray = np.tril(inverse) + np.tril(inverse, -1).T
         return whole
 
-    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec) -> None:
+    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         self._ksp.solve(rhs, u)
 
     def destroy(self) -> None:
@@ -122,7 +134,7 @@ class IterativeSolver:
     name = "iterative (CG, GAMG)"
 
     def __init__(self, K: PETSc.Mat, tolerance: float = 1e-11):
-        self.tolerance = tolerance
+        self.tolerance, self.iterations = tolerance, 0
         self._ksp = _ksp(
             K,
             "cg",
@@ -138,8 +150,10 @@ class IterativeSolver:
             },
         )
 
-    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec) -> None:
+    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
+        self._ksp.setTolerances(rtol=max(tolerance, self.tolerance))
         self._ksp.solve(rhs, u)
+        self.iterations += int(self._ksp.getIterationNumber())
 
     def destroy(self) -> None:
         self._ksp.destroy()
