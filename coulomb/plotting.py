@@ -215,6 +215,25 @@ def friction(csv_file: str | Path) -> Path:
     return _save(figure, csv_file)
 
 
+def scaling(csv_file: str | Path) -> Path:
+    """Seconds of the contact problem and of the yardstick, and memory, against the unknowns, beside its scaling.csv."""
+    rows = _read_csv(csv_file)
+    figure, axes = _axes(2)
+    for ranks in dict.fromkeys(row["ranks"] for row in rows):
+        mine = [row for row in rows if row["ranks"] == ranks]
+        n = np.array([float(row["unknowns"]) for row in mine])
+        label = f"{ranks} rank{'s' if ranks != '1' else ''}"
+        for field, style, what in (("seconds", "o-", "Coulomb"), ("yardstick_seconds", "s--", "one linear solve")):
+            axes[0].loglog(n, [float(row[field]) for row in mine], style, label=f"{what}, {label}")
+        axes[1].loglog(n, [float(row["peak_memory_bytes"]) / 2**30 for row in mine], "o-", label=label)
+    axes[0].set_ylabel("seconds")
+    axes[1].set_ylabel("peak memory, GiB")
+    for axis in axes:
+        axis.set_xlabel("displacement unknowns")
+        axis.legend()
+    return _save(figure, csv_file)
+
+
 def conditioning(csv_file: str | Path) -> Path:
     """Condition numbers against the path-following step, beside its conditioning.csv (the paper's Figure 1)."""
     rows = _read_csv(csv_file)

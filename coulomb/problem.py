@@ -33,8 +33,11 @@ from .solvers.tresca import QPSolver, TrescaQP
 if TYPE_CHECKING:
     from .certificate import Certificate
 
-DIRECT_UP_TO = 250_000
-"""Displacement unknowns up to which K is factorised by default (measured: docs/measurements.md)."""
+DIRECT_UP_TO = 50_000
+"""Displacement unknowns up to which K is factorised by default on one rank (measured: docs/measurements.md)."""
+
+DIRECT_IN_PARALLEL_UP_TO = 4_000
+"""The same on several ranks, where MUMPS gives no Schur complement through PETSc and A takes many solves."""
 
 EXPLICIT_UP_TO = 10_000
 """Contact unknowns up to which A is formed by default, where K is factorised (measured: docs/measurements.md)."""
@@ -118,7 +121,8 @@ class ContactProblem:
             self.surface: ContactSurface = contact_surface(self.elasticity, contact.face, contact.foundation)
             self.coefficient = self._coefficient()
         if linear_solver is None:
-            small = self.unknowns["displacement"] <= DIRECT_UP_TO
+            limit = DIRECT_UP_TO if self.comm.size == 1 else DIRECT_IN_PARALLEL_UP_TO
+            small = self.unknowns["displacement"] <= limit
             linear_solver = DirectSolver if explicit or small else IterativeSolver
         self._linear_solver = linear_solver
         if explicit is None:

@@ -99,7 +99,11 @@ def run_python(*arguments, ranks=None, cwd=None, timeout=600):
     """Run Python in a process of its own, which must not take itself for a part of this one's MPI."""
     launcher = ("OMPI_COMM", "OMPI_MCA", "OMPI_UNIVERSE", "PMIX", "PRTE")
     clean = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
-    clean |= {"OMPI_MCA_rmaps_base_oversubscribe": "1", "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
+    clean |= {
+        "OMPI_MCA_mpi_yield_when_idle": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+    }
     command = [sys.executable, *map(str, arguments)]
     if ranks is not None:
         command = ["mpirun", "-n", str(ranks), *command]

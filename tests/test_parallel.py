@@ -62,6 +62,47 @@ def test_iterative_solver_gives_the_same_forces():
     assert np.linalg.norm(forces[0] - forces[1]) <= 1e-6 * np.linalg.norm(forces[0])
 
 
+@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+def test_same_forces_on_any_number_of_ranks(law):
+    """Multigrid, matrix-free: to 1e-8 of what one rank gets by factorisation (each rank solves that for itself)."""
+
+    def block(comm, **options):
+        return ContactProblem(
+            coulomb.box((3.0, 1.0, 1.0), (9, 3, 3), comm=comm),
+            STEEL,
+            [Clamp("left")],
+            Contact("bottom", 0.3 if law == "coulomb" else None, 1e7 if law == "tresca" else None),
+            [coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
+            **options,
+        )
+
+    alone = block(MPI.COMM_SELF).solve(1e-10)
+    together = block(comm, linear_solver=IterativeSolver, explicit=False).solve(1e-10)
+    expected = alone.contact_force.reshape(-1, 3)[np.lexsort(alone.problem.surface.x.round(9).T)]
+    x = everywhere(together.problem.surface.x)
+    force = everywhere(together.contact_force.reshape(-1, 3))[np.lexsort(x.round(9).T)]
+    assert np.linalg.norm(force - expected) <= 1e-8 * np.linalg.norm(expected)
+
+
+def test_a_function_that_fails_on_one_rank_fails_on_all():
+    """Without an agreement before the next collective call this hangs."""
+
+    def friction(x):
+        if comm.rank == comm.size - 1:
+            raise RuntimeError("no friction today")
+        return 0.3 + 0.0 * x[0]
+
+    text = same_error(
+        lambda: ContactProblem(
+            coulomb.box((3.0, 1.0, 1.0), (12, 3, 3)),
+            STEEL,
+            [Clamp("left")],
+            Contact("bottom", friction),
+        )
+    )
+    assert "contact: friction: no friction today" in text
+
+
 def test_a_rank_without_contact_nodes():
     """A tall column touches on its small end: of several ranks, one has no contact node."""
     problem = ContactProblem(

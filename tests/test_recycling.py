@@ -65,7 +65,9 @@ def test_theorem_1_holds_with_the_stand_in(A):
     h = 10.0 ** rng.uniform(-6, 1, NODES)
     h[4], D22[4, 1] = 0.0, 1.0
     at = Linearization(h, y, D22, frictional)
-    newton = RecyclingSystem(MPI.COMM_SELF, lambda x: (A @ x.ravel()).reshape(-1, 3), np.diag(A).reshape(-1, 3).copy())
+    newton = RecyclingSystem(
+        MPI.COMM_SELF, lambda x, tolerance: (A @ x.ravel()).reshape(-1, 3), np.diag(A).reshape(-1, 3).copy()
+    )
     r1, r2 = rng.standard_normal((NODES, 3)), np.zeros((NODES, 2))
     r1[4, 1:] = 0.0
     first = newton.solve(at, r1, r2, 1e-8, np.inf)

@@ -94,6 +94,37 @@ def friction(
 
 
 @benchmark.command()
+def scaling(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    ranks: Annotated[list[int] | None, typer.Option("--ranks", min=1, help="Ranks to run on; repeat.")] = None,
+    coefficient: Annotated[float, typer.Option("--friction", min=0.0)] = 0.3,
+    tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-7,
+    method: Annotated[str, typer.Option("--method", help="auto, direct or iterative.")] = "auto",
+    directory: Annotated[Path | None, typer.Option("--output", help="For scaling.csv and scaling.png.")] = None,
+) -> None:
+    """Coulomb friction up to a million unknowns, beside one linear solve on the same mesh (the yardstick)."""
+    from .scaling import METHODS, SIZES, Row, exponent, measure
+
+    if MPI.COMM_WORLD.size > 1 or method not in METHODS:
+        errors.print("error: this benchmark runs on one rank, and starts others; --method is auto, direct or iterative")
+        raise typer.Exit(BAD_INPUT)
+    rows: list[Row] = []
+    for row in measure(sizes or SIZES, ranks or (1,), coefficient, tolerance, method):
+        rows.append(row)
+        console.print(
+            f"p {row.p:3d}  unknowns {row.unknowns:8d}  contact {row.contact:6d}  ranks {row.ranks}  "
+            f"steps {row.path_following:3d}  Krylov {row.krylov:4d}  {row.seconds:8.2f} s  yardstick "
+            f"{row.yardstick_seconds:7.2f} s  ratio {row.seconds / row.yardstick_seconds:5.1f}  "
+            f"{row.peak_memory_bytes / 2**30:5.2f} GiB  residual {row.residual:.1e}  "
+            f"certificate {'passed' if row.certified else 'FAILED'}",
+            soft_wrap=True,
+        )
+    if len(rows) > 2:
+        console.print(f"seconds grow like unknowns to the power {exponent(rows):.2f}")
+    _write_table(directory, "scaling", Row._fields, rows)
+
+
+@benchmark.command()
 def conditioning(
     p: Annotated[int, typer.Option("--p", min=1, max=5, help="Cells a metre of the block: dense algebra.")] = 3,
     directory: Annotated[Path | None, typer.Option("--output", help="For conditioning.csv and .png.")] = None,

@@ -23,6 +23,7 @@ class Compliance(Protocol):
         comm: The ranks that share it.
         nodes: Contact nodes m of this rank, perhaps none.
         products: Products made so far.
+        exact: Whether a product is as exact as rounding allows, whatever tolerance is given.
         name: What the summary calls it.
     """
 
@@ -34,6 +35,9 @@ class Compliance(Protocol):
 
     @property
     def products(self) -> int: ...
+
+    @property
+    def exact(self) -> bool: ...
 
     @property
     def name(self) -> str: ...
@@ -70,6 +74,7 @@ class MatrixCompliance:
     """
 
     name = "matrix"
+    exact = True
 
     def __init__(self, matrix: PETSc.Mat, diagonal: FloatArray | None = None):
         self.matrix = matrix
@@ -171,6 +176,7 @@ class MatrixFreeCompliance:
 
     def __init__(self, B: PETSc.Mat, K: PETSc.Mat, solver: StiffnessSolver, probes: int = 8):
         self._B, self._K, self._solver = B, K, solver
+        self.exact = solver.tolerance == 0.0
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
         self.products = 0

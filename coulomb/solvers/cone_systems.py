@@ -8,7 +8,6 @@ as the stand-in for A, whatever friction does; with diag(A) alone it is the unsy
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -18,11 +17,9 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .cone import ConeLinearization
-from .krylov import CarryingKrylov
+from .krylov import CarryingKrylov, Product
 from .newton_systems import disc_inverse, like
 from .recycling import LearntCompliance, LowRankUpdate
-
-Product = Callable[[FloatArray, float], FloatArray]
 
 _PRODUCT = 1.0  # accuracy of a product in FGMRES, as a part of the tolerance of the step, ...
 _LOOSEST = 0.1  # ... but neither looser than this

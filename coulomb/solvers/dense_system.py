@@ -7,7 +7,7 @@ import scipy.linalg
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .krylov import NodalMap
+from .krylov import Product
 from .newton_systems import Linearization, NewtonStep
 
 
@@ -41,10 +41,10 @@ class DenseSystem:
         ValueError: From the constructor, on more than one rank.
     """
 
-    def __init__(self, comm: MPI.Comm, apply_A: NodalMap, diagonal: FloatArray):
+    def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray):
         if comm.size > 1:
             raise ValueError("DenseSystem works on one rank; use AugmentedSystem or SchurComplementSystem")
-        self._A: FloatArray = np.array([apply_A(e.reshape(-1, 3)).ravel() for e in np.eye(diagonal.size)]).T
+        self._A: FloatArray = np.array([apply_A(e.reshape(-1, 3), 0.0).ravel() for e in np.eye(diagonal.size)]).T
 
     def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep:
         """The step, as exact as rounding allows; tolerance and cap have no say."""

@@ -10,6 +10,8 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 
 NodalMap = Callable[[FloatArray], FloatArray]
+Product = Callable[[FloatArray, float], FloatArray]
+"""(x (m, 3), relative accuracy) -> A x (m, 3)."""
 
 _RESTART = 100  # of FGMRES: far beyond the iterations of a step, unless the system is hopeless
 

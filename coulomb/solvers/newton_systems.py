@@ -25,8 +25,10 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .krylov import CarryingKrylov, NodalMap
+from .krylov import CarryingKrylov, NodalMap, Product
 from .recycling import LearntCompliance, LowRankUpdate
+
+_LOOSE = 0.01  # accuracy of a product in CG, where it is a solve: no better than the tolerance of the step, or this
 
 
 class NewtonStep(NamedTuple):
@@ -64,11 +66,11 @@ class NewtonSystem(Protocol):
 
     Args of the constructor:
         comm: The ranks of A.
-        apply_A: x (m, 3) -> A x (m, 3); every call is a product.
+        apply_A: (x (m, 3), relative accuracy) -> A x (m, 3); every call is a product.
         diagonal: diag(A), shape (m, 3).
     """
 
-    def __init__(self, comm: MPI.Comm, apply_A: NodalMap, diagonal: FloatArray): ...
+    def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray): ...
 
     def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep:
         """Solve to |residual| <= min(tolerance |right-hand side|, cap), the right-hand side that of J_SC."""
@@ -86,12 +88,12 @@ class _NodalCG(ABC):
     """Columns of U to keep in the preconditioner; 0 is the paper's, with diag(A) alone."""
     _at: Linearization
 
-    def __init__(self, comm: MPI.Comm, apply_A: NodalMap, diagonal: FloatArray):
-        self._comm = comm
+    def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray):
+        self._comm, self._accuracy = comm, 0.0
         self._A = LearntCompliance(comm, diagonal, self.rank)
 
         def recorded(x: FloatArray) -> FloatArray:
-            y = apply_A(x)
+            y = apply_A(x, self._accuracy)
             self._A.record(x, y)
             return y
 
@@ -117,6 +119,7 @@ class _NodalCG(ABC):
         return self._preconditioner(r)
 
     def _absolute(self, rhs: FloatArray, tolerance: float, cap: float) -> float:
+        self._accuracy = max(tolerance, _LOOSE)
         size = float(np.sqrt(self._comm.allreduce(float(np.vdot(rhs, rhs)))))
         return max(min(tolerance * size, cap), 1e-15 * size)
 

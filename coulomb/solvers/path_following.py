@@ -31,6 +31,7 @@ _BACKTRACK = 0.9  # the grid on which the largest step length is sought
 _BLOCKED = 0.1  # a step this short, three times in a row, ends a start that is not the last
 _COLD_THETA = (0.1, 1e3, 1e6)  # theta of one cold start after another, over rms(A x - b) there
 _FAR = 0.1  # from this distance, in nominal nodal forces, a warm start is no better than a cold one
+_FRESH = 0.1  # accuracy of A x at a new iterate, as a part of its change, where products are inexact
 _PATIENCE = 20  # steps without a better residual before the run is called stagnated
 
 
@@ -208,11 +209,13 @@ class PathFollowing:
                 break
             err = problem.relative_change(v, new)
             v, theta = new, problem.theta(new.nu, new.z)
+            if not problem.qp.A.exact:  # A x would add up what the products of CG leave out
+                v = replace(v, A_x=problem.follow_A(v.x, _FRESH))
             gradient = problem.rms(problem.gradient(v.x, v.nu, v.A_x))
             # (4) stop by the problem's own residual: err is proportional to alpha, a blocked step looks like the end
             residual = problem.residual(v.x, v.A_x)
             if residual <= tolerance:
-                v = replace(v, A_x=problem.apply_A(v.x))  # A x was accumulated: judge by a fresh product
+                v = replace(v, A_x=problem.follow_A(v.x))  # A x was accumulated: judge by a fresh product
                 residual = problem.residual(v.x, v.A_x)
             history.append(
                 PathFollowingStep(iteration, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
@@ -228,7 +231,7 @@ class PathFollowing:
                 status = Status.STAGNATED
                 break
         if residual > tolerance:
-            v = replace(v, A_x=problem.apply_A(v.x))
+            v = replace(v, A_x=problem.follow_A(v.x))
             residual = problem.residual(v.x, v.A_x)
         x, force_gradient, multipliers = problem.unscaled(v.x, v.nu, v.A_x)
         return QPResult(

@@ -92,11 +92,17 @@ class ScaledQP:
 
     # --- the pieces of F, J and N(gamma, beta) ------------------------------------------------------------------
 
-    def apply_A(self, x: FloatArray) -> FloatArray:
-        """A~ x, shape (m, 3); one product by A."""
+    def apply_A(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
+        """A~ x, shape (m, 3), to a relative accuracy; one product by A."""
         y = np.empty(3 * self.nodes)
-        self.qp.A.mult((self._W * x).ravel(), y)
+        self.qp.A.mult((self._W * x).ravel(), y, tolerance)
         return self._W * y.reshape(-1, 3) / self._a
+
+    def follow_A(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
+        """A~ x of the next iterate (m, 3), its change to a relative accuracy; one product by A."""
+        y = np.empty(3 * self.nodes)
+        self.qp.A.follow((self._s * self._W * x).ravel(), y, tolerance)
+        return self._W * y.reshape(-1, 3) / (self._a * self._s)
 
     def slack(self, x: FloatArray) -> FloatArray:
         """z = -c(x), shape (m, 2)."""

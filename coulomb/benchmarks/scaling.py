@@ -1,0 +1,143 @@
+"""The block with Coulomb friction, larger and larger, beside one linear solve on the same mesh (the yardstick).
+
+Every size runs in a process of its own (`python -m coulomb.benchmarks.scaling P FRICTION TOLERANCE METHOD`), so that
+its peak memory is its own, under mpirun where ranks are asked for.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from mpi4py import MPI
+
+from ..fem.elasticity import Clamp, Elasticity
+from ..problem import ContactProblem
+from ..solvers.results import CoulombResult, NotConverged
+from ..solvers.stiffness import DirectSolver, IterativeSolver
+from .block import block
+
+SIZES = (8, 16, 24, 32, 46)
+METHODS = ("auto", "direct", "iterative")
+
+
+class Row(NamedTuple):
+    """A line of scaling.csv; seconds from the assembled K to the certificate, without mesh, assembly and output."""
+
+    p: int
+    unknowns: int
+    contact: int
+    ranks: int
+    path_following: int
+    krylov: int
+    seconds: float
+    yardstick_seconds: float
+    peak_memory_bytes: int
+    residual: float
+    setup_seconds: float
+    multigrid_iterations: int
+    certified: bool
+
+
+def measure(
+    sizes: Iterable[int], ranks: Sequence[int], friction: float, tolerance: float, method: str = "auto"
+) -> Iterator[Row]:
+    """Rows as they are measured, each in processes of its own.
+
+    Raises:
+        RuntimeError: If one of them ends badly, with what it said.
+    """
+    for p in sizes:
+        for count in ranks:
+            command = [
+                sys.executable,
+                "-m",
+                "coulomb.benchmarks.scaling",
+                str(p),
+                str(friction),
+                str(tolerance),
+                method,
+            ]
+            launcher = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX", "PRTE")
+            environment = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
+            environment["OMP_NUM_THREADS"] = "1"
+            if count > 1:
+                command = ["mpirun", "-n", str(count), *command]
+            done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+            if done.returncode != 0:
+                raise RuntimeError(f"p = {p} on {count} ranks: {done.stderr.strip()[-2000:]}")
+            yield Row(**json.loads(done.stdout.strip().splitlines()[-1]))
+
+
+def run(p: int, friction: float, tolerance: float, method: str) -> Row:
+    """One size in this process; collective."""
+    comm = MPI.COMM_WORLD
+    options: dict[str, dict[str, Any]] = {
+        "auto": {},
+        "direct": {"linear_solver": DirectSolver},
+        "iterative": {"linear_solver": IterativeSolver, "explicit": False},
+    }
+    body = block(p, friction, **options[method])
+    yardstick = _yardstick(body)
+    comm.barrier()
+    began = time.perf_counter()
+    try:
+        solution = body.solve(tolerance)
+    except NotConverged as failure:
+        solution = body.solution(failure.result)
+    comm.barrier()
+    seconds = time.perf_counter() - began
+    result = solution.result
+    assert isinstance(result, CoulombResult)
+    return Row(
+        p=p,
+        unknowns=body.unknowns["displacement"],
+        contact=body.unknowns["contact"],
+        ranks=comm.size,
+        path_following=result.path_following,
+        krylov=sum(step.krylov for step in result.history),
+        seconds=seconds,
+        yardstick_seconds=yardstick,
+        peak_memory_bytes=comm.allreduce(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss),
+        residual=result.residual,
+        setup_seconds=body.seconds["stiffness"],
+        multigrid_iterations=body.stiffness_solver.iterations,
+        certified=solution.certificate.passed,
+    )
+
+
+def _yardstick(body: ContactProblem) -> float:
+    """Seconds of one elasticity solve on the same mesh with the bottom held: multigrid set-up and CG to 1e-8."""
+    clamps, elasticity = [Clamp("left"), Clamp("bottom")], body.elasticity
+    held = Elasticity(body.mesh, elasticity.material, clamps)
+    held.f.array[:] = np.where(held.fixed, 0.0, elasticity.load).ravel()
+    u = held.K.createVecRight()
+    body.comm.barrier()
+    began = time.perf_counter()
+    solver = IterativeSolver(held.K, tolerance=1e-8)
+    solver.solve(held.f, u)
+    body.comm.barrier()
+    seconds = time.perf_counter() - began
+    for thing in (solver, held.K, held.f, u):
+        thing.destroy()
+    return seconds
+
+
+def exponent(rows: Sequence[Row]) -> float:
+    """Of unknowns in a power law for the seconds, by least squares; of the rows with the fewest ranks."""
+    alone = [row for row in rows if row.ranks == min(row.ranks for row in rows)]
+    n, seconds = (np.log([getattr(row, name) for row in alone]) for name in ("unknowns", "seconds"))
+    return float(np.polyfit(n, seconds, 1)[0])
+
+
+if __name__ == "__main__":
+    row = run(int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]), sys.argv[4])
+    if MPI.COMM_WORLD.rank == 0:
+        sys.stdout.write(json.dumps(row._asdict()) + "\n")

@@ -1,0 +1,92 @@
+"""Where a product is a solve: no more exact than need be, and the same answer."""
+
+import csv
+
+import numpy as np
+import pytest
+from conftest import make_block, run_coulomb, solved_block
+
+import coulomb
+from coulomb import IterativeSolver, OneLoop, PathFollowing, SuccessiveTresca
+from coulomb.benchmarks.scaling import Row, exponent
+
+MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
+
+
+@pytest.mark.parametrize(
+    ("law", "solver"),
+    [
+        ("coulomb", OneLoop(1e-8)),
+        ("coulomb", SuccessiveTresca(1e-8)),
+        ("tresca", PathFollowing(1e-8)),
+        ("tresca", PathFollowing(1e-8, newton=coulomb.SchurComplementSystem)),
+    ],
+    ids=["one loop", "fixed point", "path following", "path following, P_SC"],
+)
+def test_inexact_products_same_answer(law, solver):
+    exact = solved_block(6, law)
+    problem = make_block(6, slip_stress=1e7 if law == "tresca" else None, **MULTIGRID)
+    solution = problem.solve(solver=solver)
+    assert not problem.A.exact and solution.certificate.passed
+    assert np.linalg.norm(solution.contact_force - exact.contact_force) <= 1e-6 * np.linalg.norm(exact.contact_force)
+
+
+def test_multigrid_iterations_of_the_whole_problem():
+    """A solve to 1e-11 takes 24; the products of the one loop take less than 6 each on average."""
+    problem = make_block(8, **MULTIGRID)
+    result = problem.solve(1e-7).result
+    assert result.path_following <= 24 and result.products <= 110
+    assert problem.stiffness_solver.iterations <= 6 * result.products
+
+
+def test_following_does_not_add_up():
+    """A hundred small moves, each to 10 % of itself, leave the error of one."""
+    problem = make_block(4, **MULTIGRID)
+    A, n = problem.A, 3 * len(problem.surface.nodes)
+    rng = np.random.default_rng(91)
+    x, y, exact = rng.standard_normal(n), np.empty(n), np.empty(n)
+    A.follow(x, y)
+    for _ in range(100):
+        move = 1e-3 * rng.standard_normal(n)
+        x = x + move
+        A.follow(x, y, 0.1)
+    A.mult(x, exact)
+    A.mult(move, step := np.empty(n))
+    assert np.linalg.norm(y - exact) <= 0.5 * np.linalg.norm(step)
+    A.follow(x, y)
+    assert np.linalg.norm(y - exact) <= 1e-8 * np.linalg.norm(exact)
+
+
+def test_a_loose_product_costs_less():
+    problem = make_block(4, **MULTIGRID)
+    A, solver = problem.A, problem.stiffness_solver
+    x, y = np.ones(3 * len(problem.surface.nodes)), np.empty(3 * len(problem.surface.nodes))
+    counts = []
+    for tolerance in (0.1, 1e-3, 0.0):
+        before = solver.iterations
+        A.mult(x, y, tolerance)
+        counts.append(solver.iterations - before)
+    assert counts[0] < counts[1] < counts[2] and counts[0] <= 4
+
+
+def test_exponent():
+    rows = [Row(1, n, 0, 1, 0, 0, 1e-5 * n**1.25, 0.0, 0, 0.0, 0.0, 0, True) for n in (10, 100, 1000)]
+    assert exponent(rows) == pytest.approx(1.25)
+
+
+def test_benchmark_scaling(tmp_path):
+    arguments = ("--p", 3, "--p", 4, "--ranks", 1, "--ranks", 2, "--method", "iterative", "--output", tmp_path)
+    done = run_coulomb("benchmark", "scaling", *arguments)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "scaling.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    wanted = "p,unknowns,contact,ranks,path_following,krylov,seconds,yardstick_seconds,peak_memory_bytes,residual"
+    assert ",".join(rows[0]).startswith(wanted)
+    assert [(row["p"], row["ranks"]) for row in rows] == [("3", "1"), ("3", "2"), ("4", "1"), ("4", "2")]
+    assert rows[0]["unknowns"] == str(9 * 3 * 16) and rows[0]["contact"] == str(9 * 3 * 4)
+    for row in rows:
+        assert float(row["residual"]) <= 1e-7 and row["certified"] == "True"
+        assert 5e7 < int(row["peak_memory_bytes"]) < 1e9 and float(row["yardstick_seconds"]) > 0.0
+    assert (tmp_path / "scaling.png").stat().st_size > 10_000
+    done = run_coulomb("benchmark", "scaling", "--method", "magic")
+    assert done.returncode == 2 and "--method is auto, direct or iterative" in done.stderr
