@@ -65,6 +65,7 @@ from .results import (
 
 _TO_BOUNDARY = 0.99  # fraction of the way to the boundary a step may go
 _BACKTRACK = 0.9  # the grid on which the largest step length is sought
+_SLOWEST = 0.9  # the greatest sigma, taken where theta must wait for the gradient
 _SHORT = 0.1  # after a step shorter than this the centring is sigma_max
 _BLOCKED = 1e-2  # a step this short, three times in a row, ends a start that is not the last
 _STARTS = ((0.1, 1.0), (0.1, 1e-3), (10.0, 1e-3), (1e3, 1e-3))  # theta over rms(A x - b) there, and r_tol, as parts
@@ -215,7 +216,7 @@ class OneLoop:
         best, best_at, blocked, residual = math.inf, first, 0, math.inf
         status = Status.MAX_ITERATIONS
         for iteration in range(first + 1, first + self.max_iterations + 1):
-            sigma = self.sigma_min if alpha > _SHORT else self.sigma_max
+            sigma = self._centring(alpha, self._infeasibility(scaled, v) / (beta * theta))
             krylov_tolerance = min(self.r_tol * err, self.c_fact * krylov_tolerance)
             step = self._newton_step(scaled, newton, v, z, sigma * theta, krylov_tolerance, beta)
             alpha, new = self._step_length(scaled, step, beta, theta, sigma)
@@ -295,19 +296,27 @@ class OneLoop:
         self, scaled: ScaledCoulomb, step: _Step, beta: float, theta: float, sigma: float
     ) -> tuple[float, ConeIterate | None]:
         """The largest step that stays in N(gamma, beta) and decreases theta; None if none longer than 1e-10 will do."""
+        infeasibility = self._infeasibility(scaled, step.v)
         alpha = min(1.0, _TO_BOUNDARY * scaled.distance_to_boundary(step.v, step.dx_n, step.dy, step.dnu))
         while alpha > 1e-10:
             v = step.at(alpha)
             z = scaled.slack(v.x_n, v.y)
             theta_new = scaled.theta(v.nu, z)
-            in_neighbourhood = (
-                scaled.smallest_product(v.nu, z) >= self.gamma * theta_new
-                and self._infeasibility(scaled, v) <= beta * theta_new
-            )
+            in_neighbourhood = scaled.smallest_product(v.nu, z) >= self.gamma * theta_new and self._infeasibility(
+                scaled, v
+            ) <= max(beta * theta_new, (1.0 - 0.1 * alpha) * infeasibility)
             if in_neighbourhood and theta_new <= (1.0 - alpha * self.omega * (1.0 - sigma)) * theta:
                 return alpha, v
             alpha *= _BACKTRACK
         return alpha, None
+
+    def _centring(self, alpha: float, used: float) -> float:
+        """sigma after a step of length alpha, where `used` of the room that N(gamma, beta) gives the gradient is taken.
+
+        theta must not run ahead of a gradient that inexact products keep from falling as fast.
+        """
+        sigma = self.sigma_min if alpha > _SHORT else self.sigma_max
+        return max(sigma, min(10.0 * used, _SLOWEST))
 
     def _infeasibility(self, scaled: ScaledCoulomb, v: ConeIterate) -> float:
         return scaled.rms(scaled.weight(v.x_n) * scaled.gradient(v))
