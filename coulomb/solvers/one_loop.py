@@ -65,6 +65,7 @@ from .results import (
 
 _TO_BOUNDARY = 0.99  # fraction of the way to the boundary a step may go
 _BACKTRACK = 0.9  # the grid on which the largest step length is sought
+_WAIT = 3.0  # sigma over the part of N(gamma, beta) that the gradient takes up
 _SLOWEST = 0.9  # the greatest sigma, taken where theta must wait for the gradient
 _SHORT = 0.1  # after a step shorter than this the centring is sigma_max
 _BLOCKED = 1e-2  # a step this short, three times in a row, ends a start that is not the last
@@ -316,7 +317,7 @@ class OneLoop:
         theta must not run ahead of a gradient that inexact products keep from falling as fast.
         """
         sigma = self.sigma_min if alpha > _SHORT else self.sigma_max
-        return max(sigma, min(10.0 * used, _SLOWEST))
+        return max(sigma, min(_WAIT * used, _SLOWEST))
 
     def _infeasibility(self, scaled: ScaledCoulomb, v: ConeIterate) -> float:
         return scaled.rms(scaled.weight(v.x_n) * scaled.gradient(v))
