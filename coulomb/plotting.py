@@ -234,6 +234,23 @@ def scaling(csv_file: str | Path) -> Path:
     return _save(figure, csv_file)
 
 
+def peers(csv_file: str | Path) -> Path:
+    """Seconds and peak memory of every peer against the cells a metre, beside its peers.csv."""
+    rows = _read_csv(csv_file)
+    figure, axes = _axes(2)
+    for name in dict.fromkeys(row["peer"] for row in rows):
+        mine = [row for row in rows if row["peer"] == name]
+        p = [float(row["p"]) for row in mine]
+        axes[0].loglog(p, [float(row["seconds"]) for row in mine], "o-", label=name)
+        axes[1].loglog(p, [float(row["peak_memory_bytes"]) / 2**30 for row in mine], "o-", label=name)
+    axes[0].set_ylabel("seconds")
+    axes[1].set_ylabel("peak memory, GiB")
+    for axis in axes:
+        axis.set_xlabel("cells a metre")
+    axes[0].legend()
+    return _save(figure, csv_file)
+
+
 def conditioning(csv_file: str | Path) -> Path:
     """Condition numbers against the path-following step, beside its conditioning.csv (the paper's Figure 1)."""
     rows = _read_csv(csv_file)

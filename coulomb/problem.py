@@ -167,8 +167,7 @@ class ContactProblem:
     @cached_property
     def b(self) -> FloatArray:
         """B K^-1 f - c in metres, this rank's part, shape (3 m,): how far the free body would pass the foundation."""
-        u = self.displacement(np.zeros(3 * len(self.surface.nodes)))[self.surface.nodes]
-        closure = self.surface.components(u)
+        closure = self.surface.components(self._free_displacement[self.surface.nodes])
         closure[:, 0] -= self.surface.gap
         return closure.ravel()
 
@@ -179,12 +178,24 @@ class ContactProblem:
 
     def displacement(self, x: FloatArray) -> FloatArray:
         """K^-1 (f - B^T x) in metres, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,)."""
+        if "A" in self.__dict__ and isinstance(self.A, MatrixFreeCompliance):
+            kept: FloatArray = self._free_displacement - self.A.response(x).array_r.reshape(-1, 3)
+            return kept
         rhs, u = self.elasticity.K.createVecs()
         self._apply_BT(x, rhs)
         rhs.aypx(-1.0, self.elasticity.f)
         self.stiffness_solver.solve(rhs, u)
         values: FloatArray = u.array.reshape(-1, 3).copy()
         rhs.destroy()
+        u.destroy()
+        return values
+
+    @cached_property
+    def _free_displacement(self) -> FloatArray:
+        """K^-1 f in metres, this rank's nodes, shape (k, 3): the body without contact."""
+        u = self.elasticity.K.createVecRight()
+        self.stiffness_solver.solve(self.elasticity.f, u)
+        values: FloatArray = u.array.reshape(-1, 3).copy()
         u.destroy()
         return values
 

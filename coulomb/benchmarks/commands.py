@@ -125,6 +125,39 @@ def scaling(
 
 
 @benchmark.command()
+def peers(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    names: Annotated[list[str] | None, typer.Option("--peer", help="One of them, as GetFEM; repeat.")] = None,
+    directory: Annotated[Path | None, typer.Option("--output", help="For peers.csv and peers.png.")] = None,
+) -> None:
+    """The block by coulomb and by other packages, each in a process of its own, on one thread."""
+    from .peers import Row, Skipped, measure
+
+    if MPI.COMM_WORLD.size > 1:
+        errors.print("error: this benchmark runs on one rank", markup=False)
+        raise typer.Exit(BAD_INPUT)
+    rows: list[Row] = []
+    try:
+        for row in measure(sizes or (10,), names):
+            if isinstance(row, Skipped):
+                console.print(f"p {row.p:3d}  {row.peer:16s} skipped: {row.reason}", markup=False, soft_wrap=True)
+                continue
+            rows.append(row)
+            ours = next(r for r in rows if r.p == row.p)
+            console.print(
+                f"p {row.p:3d}  {row.peer:16s} {row.seconds:8.2f} s ({row.seconds / ours.seconds:5.1f})  "
+                f"{row.peak_memory_bytes / 2**30:5.2f} GiB  iterations {row.iterations:4d}  "
+                f"forces differ by {row.force_error:.0e}",
+                markup=False,
+                soft_wrap=True,
+            )
+    except (ValueError, RuntimeError) as error:
+        errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+    _write_table(directory, "peers", Row._fields, rows)
+
+
+@benchmark.command()
 def conditioning(
     p: Annotated[int, typer.Option("--p", min=1, max=5, help="Cells a metre of the block: dense algebra.")] = 3,
     directory: Annotated[Path | None, typer.Option("--output", help="For conditioning.csv and .png.")] = None,

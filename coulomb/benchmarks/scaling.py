@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import time
@@ -23,6 +22,7 @@ from ..problem import ContactProblem
 from ..solvers.results import CoulombResult, NotConverged
 from ..solvers.stiffness import DirectSolver, IterativeSolver
 from .block import block
+from .peers.memory import peak_memory
 
 SIZES = (8, 16, 24, 32, 46)
 METHODS = ("auto", "direct", "iterative")
@@ -105,7 +105,7 @@ def run(p: int, friction: float, tolerance: float, method: str) -> Row:
         krylov=sum(step.krylov for step in result.history),
         seconds=seconds,
         yardstick_seconds=yardstick,
-        peak_memory_bytes=comm.allreduce(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss),
+        peak_memory_bytes=comm.allreduce(peak_memory()),
         residual=result.residual,
         setup_seconds=body.seconds["stiffness"],
         multigrid_iterations=body.stiffness_solver.iterations,

@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from .coulomb import CoulombProblem
+from .krylov import ScaledProduct
 from .scaling import nominal_force
 
 
@@ -96,6 +97,7 @@ class ScaledCoulomb:
         self.nodes = m = problem.A.nodes
         self._a = problem.mean_diagonal
         self._s = nominal_force(problem.A, problem.b, self._over)
+        self.apply_A = ScaledProduct(problem.A, np.ones((m, 3)), self._a)
         self.frictional = problem.friction > 0.0
         self._F = np.where(self.frictional, problem.friction, 1.0)
         self._active = np.column_stack([np.ones(m, dtype=bool), self.frictional])
@@ -103,12 +105,6 @@ class ScaledCoulomb:
         self.diagonal = problem.A.diagonal().reshape(-1, 3) / self._a
         self._constraints = self._over.sum(self._active.astype(float))
         self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
-
-    def apply_A(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
-        """A~ x, both (m, 3), to a relative accuracy; one product by A."""
-        y = np.empty(3 * self.nodes)
-        self.problem.A.mult(np.ascontiguousarray(x).ravel(), y, tolerance)
-        return y.reshape(-1, 3) / self._a
 
     def follow_A(self, x_n: FloatArray, y: FloatArray, tolerance: float = 0.0) -> FloatArray:
         """A~ x of the next iterate (m, 3), its change to a relative accuracy; one product by A."""

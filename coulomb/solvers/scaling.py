@@ -19,6 +19,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from .compliance import Compliance
+from .krylov import ScaledProduct
 from .newton_systems import Linearization
 from .reductions import Reductions
 from .tresca import TrescaQP
@@ -65,6 +66,7 @@ class ScaledQP:
         self._W = np.ones((m, 3))
         self._W[self.frictional, 1:] = np.minimum(g[self.frictional], 1.0)[:, None]
         self._g = np.where(self.frictional, np.maximum(g, 1.0), 1.0)
+        self.apply_A = ScaledProduct(qp.A, self._W, self._a)
         self.lower = np.broadcast_to(np.asarray(qp.lower) / self._s, (m,))
         self._b = self._W * qp.b.reshape(-1, 3) / (self._a * self._s)
         self.diagonal = self._W**2 * qp.A.diagonal().reshape(-1, 3) / self._a
@@ -91,12 +93,6 @@ class ScaledQP:
         return self.qp.residual(forces, gradient)
 
     # --- the pieces of F, J and N(gamma, beta) ------------------------------------------------------------------
-
-    def apply_A(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
-        """A~ x, shape (m, 3), to a relative accuracy; one product by A."""
-        y = np.empty(3 * self.nodes)
-        self.qp.A.mult((self._W * x).ravel(), y, tolerance)
-        return self._W * y.reshape(-1, 3) / self._a
 
     def follow_A(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
         """A~ x of the next iterate (m, 3), its change to a relative accuracy; one product by A."""

@@ -1,0 +1,166 @@
+"""The block with Coulomb friction by coulomb and by its peers, one after the other, each in a process of its own.
+
+Every peer's clock runs from the description of the problem to the contact forces: meshing, assembly, factorisation and
+whatever else it needs to form its problem are counted, imports and compilation are not.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...arrays import FloatArray
+
+
+class Peer(NamedTuple):
+    """Where one is found: its module here, and what must be installed for it.
+
+    Attributes:
+        module: In this package, with a function `solve(p)`.
+        needs: A Python module, or an executable.
+        package: Where to get it.
+        up_to: Cells a metre up to which it is measured; 0 for any.
+    """
+
+    module: str
+    needs: str
+    package: str
+    up_to: int = 0
+
+
+OURS = "coulomb"
+PEERS = {
+    OURS: Peer("ours", "coulomb", ""),
+    "Siconos": Peer("siconos_newton", "siconos", "Debian's python3-siconos"),
+    "Siconos, our W": Peer("siconos_our_w", "siconos", "Debian's python3-siconos"),
+    "Siconos ADMM": Peer("siconos_admm", "siconos", "Debian's python3-siconos"),
+    "GetFEM": Peer("getfem_newton", "getfem", "Debian's python3-getfem++"),
+    "CalculiX": Peer("calculix", "ccx", "Debian's calculix-ccx"),
+    "Clarabel": Peer("conic", "clarabel", "pip's clarabel", up_to=10),
+}
+
+
+class Row(NamedTuple):
+    """A line of peers.csv.
+
+    Attributes:
+        peer: Its name.
+        p: Cells a metre.
+        seconds: From the description of the problem to the contact forces.
+        peak_memory_bytes: Of the process that did the work, its imports included.
+        iterations: The peer's own.
+        force_error: |forces - coulomb's| / |coulomb's| over the contact nodes, coulomb's at tolerance 1e-8.
+    """
+
+    peer: str
+    p: int
+    seconds: float
+    peak_memory_bytes: int
+    iterations: int
+    force_error: float
+
+
+class Skipped(NamedTuple):
+    """A peer without a row, and why."""
+
+    peer: str
+    p: int
+    reason: str
+
+
+def measure(sizes: Iterable[int], names: Sequence[str] | None = None) -> Iterator[Row | Skipped]:
+    """Rows as they are measured, coulomb's first: its answer is what the others are compared with.
+
+    Args:
+        sizes: Cells a metre.
+        names: Of PEERS, all by default; coulomb always takes part.
+
+    Raises:
+        ValueError: If a name is not of PEERS.
+        RuntimeError: If coulomb itself fails.
+    """
+    chosen = list(PEERS) if names is None else list(names)
+    for name in chosen:
+        if name not in PEERS:
+            raise ValueError(f"there is no peer {name!r}; the peers are {', '.join(PEERS)}")
+    return _measure(list(sizes), [OURS] + [name for name in chosen if name != OURS])
+
+
+def _measure(sizes: Sequence[int], names: Sequence[str]) -> Iterator[Row | Skipped]:
+    with tempfile.TemporaryDirectory() as directory:
+        for p in sizes:
+            ours: _Run | None = None
+            for name in names:
+                run = missing(name) or _beyond(name, p) or _run(name, p, Path(directory) / "answer.npz")
+                if isinstance(run, str):
+                    if name == OURS:
+                        raise RuntimeError(f"p = {p}: {run}")
+                    yield Skipped(name, p, run)
+                    continue
+                ours = ours or run
+                error = force_error(run.points, run.forces, ours.points, ours.forces)
+                yield Row(name, p, run.seconds, run.peak_memory_bytes, run.iterations, error)
+
+
+def missing(name: str) -> str:
+    """Why this peer cannot run here; empty if it can."""
+    peer = PEERS[name]
+    if importlib.util.find_spec(peer.needs) is not None or shutil.which(peer.needs) is not None:
+        return ""
+    return f"not installed: {peer.needs} comes with {peer.package}"
+
+
+def _beyond(name: str, p: int) -> str:
+    limit = PEERS[name].up_to
+    return f"takes too long beyond p = {limit}" if limit and p > limit else ""
+
+
+class _Run(NamedTuple):
+    seconds: float
+    iterations: int
+    peak_memory_bytes: int
+    points: FloatArray
+    forces: FloatArray
+
+
+def _run(name: str, p: int, output: Path) -> _Run | str:
+    """The answer of one peer in a process of its own, or why there is none."""
+    output.unlink(missing_ok=True)
+    launcher = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX", "PRTE")
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
+    environment |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"), "1")
+    command = [sys.executable, "-m", "coulomb.benchmarks.peers", name, str(p), str(output)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, errors="replace", check=False)
+    said = done.stdout.strip().splitlines()[-1:]
+    if done.returncode < 0:
+        return f"was ended by signal {-done.returncode}"
+    try:
+        report = json.loads(said[0])
+    except (IndexError, ValueError):
+        complaint = done.stderr.strip().splitlines()[-1:] or ["without a word"]
+        return f"ended with code {done.returncode}: {complaint[0][:300]}"
+    if "failed" in report:
+        return str(report["failed"])
+    with np.load(output) as answer:
+        return _Run(**report, points=answer["points"], forces=answer["forces"])
+
+
+def force_error(points: FloatArray, forces: FloatArray, our_points: FloatArray, our_forces: FloatArray) -> float:
+    """|forces - ours| / |ours|, nodes matched by coordinates; infinite if a node has no partner."""
+    if points.shape != our_points.shape:
+        return float("inf")
+    distance, theirs = cKDTree(points).query(our_points)
+    if distance.max() > 1e-6 or len(np.unique(theirs)) < len(theirs):
+        return float("inf")
+    return float(np.linalg.norm(forces[theirs] - our_forces) / np.linalg.norm(our_forces))

@@ -1,0 +1,40 @@
+"""What a peer hands back, and the numbers of the block for those that cannot read a ContactProblem."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ...arrays import FloatArray
+from ...problem import ContactProblem
+
+LENGTHS = (3.0, 1.0, 1.0)
+YOUNG, POISSON, FRICTION = 2.119e11, 0.277, 0.3
+TRACTIONS = {"top": (0.0, 1e7, -4e7), "right": (2e7, 0.0, 0.0)}
+"""The block of coulomb.benchmarks.block, metres and pascals; a difference would show as force_error."""
+
+
+class Answer(NamedTuple):
+    """Of one peer.
+
+    Attributes:
+        seconds: From the description of the problem to the contact forces, imports and warm-up left out.
+        iterations: The peer's own, of its outer loop (or Newton's where there is none).
+        points: Contact nodes in metres, shape (m, 3), in any order.
+        forces: On the body at these nodes in newtons, shape (m, 3).
+        peak_memory_bytes: Of another process that does the work; 0 where this one does it.
+    """
+
+    seconds: float
+    iterations: int
+    points: FloatArray
+    forces: FloatArray
+    peak_memory_bytes: int = 0
+
+
+class Unsolved(Exception):
+    """A peer gave no answer; the text says why."""
+
+
+def on_body(problem: ContactProblem, x: FloatArray) -> FloatArray:
+    """Forces on the body in newtons, shape (m, 3), of contact forces x (n, t1, t2), shape (3 m,)."""
+    return -problem.surface.vectors(x.reshape(-1, 3))

@@ -1,0 +1,81 @@
+"""GetFEM: nodal contact with Coulomb friction (Alart-Curnier augmented Lagrangian) on its own mesh, Newton, MUMPS.
+
+Its basic contact brick, which its brick for a rigid obstacle calls as well: here without the clamped nodes, whose
+multipliers nothing would determine.
+"""
+
+from __future__ import annotations
+
+import importlib
+import time
+from typing import Any
+
+import numpy as np
+
+from .answer import FRICTION, LENGTHS, POISSON, TRACTIONS, YOUNG, Answer, Unsolved
+
+TOLERANCE = 1e-9
+"""Of GetFEM's relative residual."""
+
+AUGMENTATION = 0.2
+"""Over Young's modulus times the cell size: of 0.1, 0.3, 1, 3 and 10, those below 1 take the fewest steps, and with
+those above Newton's method does not converge."""
+
+MOST_STEPS = 100
+CLAMPED, TOP, RIGHT = 1, 2, 3
+
+
+def solve(p: int) -> Answer:
+    """Iterations are Newton's."""
+    gf: Any = importlib.import_module("getfem")
+    began = time.perf_counter()
+    mesh = gf.Mesh("cartesian", *(np.linspace(0.0, length, round(length * p) + 1) for length in LENGTHS))
+    for region, direction in ((CLAMPED, (-1, 0, 0)), (TOP, (0, 0, 1)), (RIGHT, (1, 0, 0))):
+        mesh.set_region(region, mesh.outer_faces_with_direction(direction, 0.01))
+    space = gf.MeshFem(mesh, 3)
+    space.set_fem(gf.Fem("FEM_QK(3,1)"))
+    points = gf.MeshIm(mesh, gf.Integ("IM_GAUSS_PARALLELEPIPED(3,3)"))
+
+    model = gf.Model("real")
+    model.add_fem_variable("u", space)  # in metres; forces over Young's modulus, so that one residual fits both
+    model.add_initialized_data("lambda", POISSON / ((1.0 + POISSON) * (1.0 - 2.0 * POISSON)))
+    model.add_initialized_data("mu", 0.5 / (1.0 + POISSON))
+    model.add_isotropic_linearized_elasticity_brick(points, "u", "lambda", "mu")
+    for region, face in ((TOP, "top"), (RIGHT, "right")):
+        model.add_initialized_data(face, [value / YOUNG for value in TRACTIONS[face]])
+        model.add_source_term_brick(points, "u", face, region)
+    model.add_Dirichlet_condition_with_simplification("u", CLAMPED)
+    x = _add_contact(gf, model, space, AUGMENTATION / p)
+
+    steps, converged = model.solve(
+        *("max_res", TOLERANCE, "max_iter", MOST_STEPS, "lsolver", "mumps", "lsearch", "simplest")
+    )
+    normal, tangential = model.variable("normal"), model.variable("tangential").reshape(-1, 2)
+    forces = YOUNG * np.column_stack([tangential, -normal])
+    seconds = time.perf_counter() - began
+    if not converged:
+        raise Unsolved(f"not converged in {steps} steps")
+    return Answer(seconds, int(steps), x, forces)
+
+
+def _add_contact(gf: Any, model: Any, space: Any, augmentation: float) -> Any:
+    """Contact of the nodes of z = 0 but the clamped ones; their coordinates, shape (m, 3)."""
+    nodes = space.basic_dof_nodes()[:, 0::3]
+    near = 1e-9
+    contact = np.flatnonzero((nodes[2] < near) & (nodes[0] > near))
+    m = len(contact)
+    normal, tangential = gf.Spmat("empty", m, space.nbdof()), gf.Spmat("empty", 2 * m, space.nbdof())
+    for row, node in enumerate(map(int, contact)):
+        normal.add(row, 3 * node + 2, -1.0)
+        tangential.add(2 * row, 3 * node, 1.0)
+        tangential.add(2 * row + 1, 3 * node + 1, 1.0)
+    model.add_variable("normal", m)
+    model.add_variable("tangential", 2 * m)
+    model.add_initialized_data("r", augmentation)
+    model.add_initialized_data("friction", FRICTION)
+    model.add_initialized_data("gap", np.zeros(m))
+    model.add_initialized_data("alpha", np.ones(m))
+    model.add_basic_contact_brick(
+        *("u", "normal", "tangential", "r", normal, tangential, "friction", "gap", "alpha", 1)
+    )
+    return nodes[:, contact].T

@@ -1,0 +1,25 @@
+"""coulomb itself, to a certified answer: what the others are compared with."""
+
+from __future__ import annotations
+
+import time
+
+from ...solvers.results import CoulombResult
+from ..block import block
+from .answer import Answer, Unsolved, on_body
+
+TOLERANCE = 1e-8
+
+
+def solve(p: int) -> Answer:
+    """Iterations are path-following steps."""
+    block(1).solve(TOLERANCE)  # compiles and warms up
+    began = time.perf_counter()
+    problem = block(p)
+    solution = problem.solve(TOLERANCE)
+    seconds = time.perf_counter() - began
+    if not solution.certificate.passed:
+        raise Unsolved("its answer has no certificate")
+    assert isinstance(solution.result, CoulombResult)
+    steps = solution.result.path_following
+    return Answer(seconds, steps, problem.surface.x, on_body(problem, solution.contact_force))

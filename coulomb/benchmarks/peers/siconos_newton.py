@@ -1,0 +1,58 @@
+"""Siconos on the condensed problem: its nonsmooth Newton method (Alart-Curnier) with the dense W = B K^-1 B^T.
+
+u = W r + q,  0 <= u_n _|_ r_n >= 0,  |r_t| <= mu r_n opposite to u_t; W is coulomb's A, and q its -b.  W is formed as a
+user of Siconos would, by a factorisation of K and as many right-hand sides as W has columns; `siconos_our_w` takes the
+Schur complement with which coulomb forms its A.
+"""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ...arrays import FloatArray
+from ...problem import ContactProblem
+from ...solvers.compliance import ExplicitCompliance
+from ...solvers.stiffness import DirectSolver
+from ..block import block
+from .answer import Answer, Unsolved, on_body
+
+TOLERANCE = 1e-9
+"""Of Siconos' residual; the problem is scaled to a mean diagonal of W of 1 and a greatest |q| of 1."""
+
+
+def solve(p: int) -> Answer:
+    """Iterations are Newton's."""
+    return solve_with(p, by_right_hand_sides)
+
+
+def by_right_hand_sides(problem: ContactProblem) -> FloatArray:
+    """W column by column."""
+    solver = DirectSolver(problem.elasticity.K)
+    W: FloatArray = ExplicitCompliance.from_stiffness(problem.surface.B, solver).matrix.getDenseArray()
+    return W
+
+
+def solve_with(p: int, form: Callable[[ContactProblem], FloatArray]) -> Answer:
+    """With W formed by this function of the problem."""
+    sn: Any = importlib.import_module("siconos.numerics")
+    block(1).b  # noqa: B018  (compiles and warms up)
+    began = time.perf_counter()
+    problem = block(p, linear_solver=DirectSolver, explicit=True)
+    W, q = form(problem), -problem.b
+    a, size = float(np.mean(np.diag(W))), np.abs(q).max()
+    r, u = np.zeros_like(q), np.zeros_like(q)
+    contact = sn.FrictionContactProblem(3, len(q) // 3, W / a, q / size, problem.coefficient)
+    options = sn.SolverOptions(sn.SICONOS_FRICTION_3D_NSN_AC)
+    options.dparam[sn.SICONOS_DPARAM_TOL] = TOLERANCE
+    status = sn.fc3d_driver(contact, r, u, options)
+    forces = on_body(problem, r * size / a)
+    seconds = time.perf_counter() - began
+    iterations, residual = int(options.iparam[sn.SICONOS_IPARAM_ITER_DONE]), options.dparam[sn.SICONOS_DPARAM_RESIDU]
+    if status != 0:
+        raise Unsolved(f"not converged in {iterations} steps, residual {residual:.1e}")
+    return Answer(seconds, iterations, problem.surface.x, forces)

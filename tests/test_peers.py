@@ -1,0 +1,64 @@
+"""The block by coulomb and its peers: those installed agree, the others are left out and said so."""
+
+import numpy as np
+import pytest
+
+from coulomb.benchmarks import peers
+from coulomb.benchmarks.peers import OURS, PEERS, Row, Skipped, force_error, measure, missing
+
+AGREEMENT = dict.fromkeys(PEERS, 1e-6)
+
+
+def only(name, p=3):
+    rows = {row.peer: row for row in measure([p], [name])}
+    assert set(rows) == {OURS, name}
+    return rows[name]
+
+
+def test_ours_comes_first_and_is_the_measure():
+    rows = list(measure([2, 3], [OURS]))
+    assert [(row.peer, row.p) for row in rows] == [(OURS, 2), (OURS, 3)]
+    for row in rows:
+        assert row.force_error == 0.0 and row.iterations > 0 and row.seconds > 0.0
+        assert 1e7 < row.peak_memory_bytes < 1e9
+
+
+@pytest.mark.parametrize("name", [name for name in PEERS if name != OURS])
+def test_agrees(name):
+    if reason := missing(name):
+        pytest.skip(reason)
+    row = only(name)
+    assert isinstance(row, Row), row
+    assert row.force_error <= AGREEMENT[name]
+    assert row.seconds > 0.0 and row.iterations > 0 and row.peak_memory_bytes > 1e7
+
+
+def test_what_is_not_installed_is_said(monkeypatch):
+    monkeypatch.setitem(PEERS, "Absent", peers.Peer("absent", "no_such_module", "Debian's no-such-package"))
+    skipped = only("Absent")
+    assert isinstance(skipped, Skipped)
+    assert skipped.p == 3 and "not installed" in skipped.reason and "no-such-package" in skipped.reason
+
+
+def test_what_fails_is_said_in_words():
+    said = peers._run("no such peer", 2, peers.Path("unused.npz"))
+    assert isinstance(said, str) and "Traceback" not in said and "\n" not in said
+
+
+def test_what_takes_too_long_is_said(monkeypatch):
+    monkeypatch.setitem(PEERS, "Slow", peers.Peer("ours", "coulomb", "", up_to=2))
+    assert only("Slow") == Skipped("Slow", 3, "takes too long beyond p = 2")
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(ValueError, match="Siconos"):
+        measure([2], ["Simulink"])
+
+
+def test_forces_are_matched_by_place():
+    rng = np.random.default_rng(1)
+    x, forces, order = rng.uniform(size=(20, 3)), rng.standard_normal((20, 3)), rng.permutation(20)
+    assert force_error(x[order] + 1e-12, forces[order], x, forces) == 0.0
+    assert force_error(x[order], 1.01 * forces[order], x, forces) == pytest.approx(0.01)
+    assert force_error(x + 0.1, forces, x, forces) == np.inf
+    assert force_error(x[:-1], forces[:-1], x, forces) == np.inf
