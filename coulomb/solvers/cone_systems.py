@@ -8,6 +8,7 @@ as the stand-in for A, whatever friction does; with diag(A) alone it is the unsy
 
 from __future__ import annotations
 
+import warnings
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -148,7 +149,9 @@ class DenseConeSystem:
         M = cone_matrix(self._A, at)
         rows = 1.0 / np.abs(M).max(axis=1)
         columns = 1.0 / np.abs(rows[:, None] * M).max(axis=0)
-        factors = scipy.linalg.lu_factor(rows[:, None] * M * columns, overwrite_a=True, check_finite=False)
+        with warnings.catch_warnings():  # a singular matrix shows as a step that is not finite, and ends the start
+            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
+            factors = scipy.linalg.lu_factor(rows[:, None] * M * columns, overwrite_a=True, check_finite=False)
         dx = (columns * scipy.linalg.lu_solve(factors, rows * rhs.ravel())).reshape(rhs.shape)
         return ConeStep(dx, (self._A @ dx.ravel()).reshape(rhs.shape), 0)
 
