@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 from mpi4py import MPI
 
-from ..console import BAD_INPUT, console, errors
+from ..console import BAD_INPUT, FAILED, console, errors
 
 benchmark = typer.Typer(help="Measurements behind the choices.", no_args_is_help=True)
 
@@ -109,7 +109,16 @@ def scaling(
         errors.print("error: this benchmark runs on one rank, and starts others; --method is auto, direct or iterative")
         raise typer.Exit(BAD_INPUT)
     rows: list[Row] = []
-    for row in measure(sizes or SIZES, ranks or (1,), coefficient, tolerance, method):
+    results, failed = measure(sizes or SIZES, ranks or (1,), coefficient, tolerance, method), False
+    while True:
+        try:
+            row = next(results)
+        except StopIteration:
+            break
+        except RuntimeError as error:  # what was measured so far is kept
+            errors.print(f"error: {error}", markup=False)
+            failed = True
+            break
         rows.append(row)
         console.print(
             f"p {row.p:3d}  unknowns {row.unknowns:8d}  contact {row.contact:6d}  ranks {row.ranks}  "
@@ -122,6 +131,8 @@ def scaling(
     if len(rows) > 2:
         console.print(f"seconds grow like unknowns to the power {exponent(rows):.2f}")
     _write_table(directory, "scaling", Row._fields, rows)
+    if failed:
+        raise typer.Exit(FAILED)
 
 
 @benchmark.command()
