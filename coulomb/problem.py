@@ -234,7 +234,8 @@ class ContactProblem:
         x = self.surface.x
         if not callable(value):
             return np.full(len(x), float(value))
-        fault, values = "", np.zeros(len(x))
+        fault = ""
+        values: FloatArray = np.zeros(len(x))
         if len(x) > 0:
             try:
                 values = np.broadcast_to(np.asarray(value(x.T.copy()), dtype=np.float64), len(x)).copy()
