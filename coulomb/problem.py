@@ -193,8 +193,9 @@ class ContactProblem:
     @cached_property
     def _free_displacement(self) -> FloatArray:
         """K^-1 f in metres, this rank's nodes, shape (k, 3): the body without contact."""
-        u = self.elasticity.K.createVecRight()
-        self.stiffness_solver.solve(self.elasticity.f, u)
+        u, solver = self.elasticity.K.createVecRight(), self.stiffness_solver
+        with self._timed("displacement"):
+            solver.solve(self.elasticity.f, u)
         values: FloatArray = u.array.reshape(-1, 3).copy()
         u.destroy()
         return values
