@@ -27,7 +27,7 @@ A x + alpha A dx + alpha^2 A (0, F dx_n dy), is needed to choose alpha only: its
 of A.  The accepted iterate gets a product of its own.
 
 Where a product is a solve with K, none of them needs to be exact.  Those of the Krylov method are as exact as the step
-asks, those of the iterates correct K^-1 B^T x by a tenth of its change, without adding up (Compliance.follow).  Only
+asks, those of the iterates correct K^-1 B^T x to 3 % of its change, without adding up (Compliance.follow).  Only
 the residual that decides is computed with a product as exact as can be.
 
 Slips of nodes weigh as their friction can do work (ScaledCoulomb.weight), in the neighbourhood N(gamma, beta) and in
@@ -71,7 +71,7 @@ _SHORT = 0.1  # after a step shorter than this the centring is sigma_max
 _BLOCKED = 1e-2  # a step this short, three times in a row, ends a start that is not the last
 _STARTS = ((0.1, 1.0), (0.1, 1e-3), (10.0, 1e-3), (1e3, 1e-3))  # theta over rms(A x - b) there, and r_tol, as parts
 _GRADIENT = 0.3  # the residual of a step's linear system, over the gradient that it is to take away
-_FRESH = 0.1  # accuracy of A x at a new iterate, as a part of its change
+_FRESH = 0.03  # accuracy of A x at a new iterate, as a part of its change
 _PATIENCE = 20  # steps without a better residual before the run is called stagnated
 
 
