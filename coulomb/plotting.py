@@ -172,7 +172,10 @@ def _caption(directory: Path) -> str:
     if not path.exists():
         return "contact"
     contents = json.loads(path.read_text(encoding="utf-8"))
-    law = f"Coulomb friction {contents['friction']:g}" if contents["law"] == "coulomb" else "Tresca friction"
+    friction = contents["friction"]
+    values = [friction["min"], friction["max"]] if isinstance(friction, dict) else [friction]
+    shown = " to ".join(f"{value:g}" for value in values if value is not None)
+    law = f"Coulomb friction {shown}" if contents["law"] == "coulomb" else "Tresca friction"
     return law if contents["certificate"]["passed"] else f"{law}: NOT CERTIFIED"
 
 

@@ -7,6 +7,7 @@ import pytest
 from conftest import ROOT, STEEL, make_block, run_coulomb
 
 import coulomb
+from coulomb import output
 from coulomb.case import read_case
 
 BLOCK = ROOT / "demos" / "block.toml"
@@ -46,6 +47,11 @@ def test_no_friction_on_a_part(solver):
     smooth = problem.surface.x[:, 0] > 1.5
     assert np.all(force[smooth, 1:] == 0.0) and force[smooth, 0].max() > 0.0
     assert np.hypot(*force[~smooth, 1:].T).max() > 0.0 and solution.certificate.passed
+
+
+def test_picture_of_a_friction_field(tmp_path):
+    solution = block_with(lambda x: np.where(x[0] > 1.5, 0.0, 0.4)).solve()
+    assert output.write(solution, tmp_path)["picture"] == "picture.png"
 
 
 def test_slip_stress_as_a_function():
