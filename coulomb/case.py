@@ -15,9 +15,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from .arrays import FloatArray
 from .fem.body import Material
 from .fem.elasticity import Clamp, Traction
+from .fem.fields import Coefficient
 from .fem.meshes import BOX_FACES, box
 from .fem.obstacles import Plane
-from .problem import Coefficient, Contact, ContactProblem
+from .problem import Contact, ContactProblem
 from .solvers.automatic import Automatic
 from .solvers.cone_systems import DenseConeSystem
 from .solvers.coulomb import CoulombSolver
@@ -187,6 +188,8 @@ class Case(_Table):
         Raises:
             ValueError: If the parts do not fit together, on every rank.
         """
+        if self.solver.newton == "dense" and comm.size > 1:
+            raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
         foundation = self.contact.foundation
         problem = ContactProblem(
             box(self.mesh.box, self.mesh.cells, self.mesh.cell, comm),

@@ -21,6 +21,7 @@ from mpi4py import MPI
 
 from .arrays import FloatArray
 from .solvers.reductions import Reductions
+from .solvers.tresca import natural_residual
 
 if TYPE_CHECKING:
     from .problem import ContactProblem
@@ -164,6 +165,9 @@ def judge(e: Evidence) -> Certificate:
     along = (e.force[:, 1] * slip[:, 0] + e.force[:, 2] * slip[:, 1])[compared]
     angle = over.max(np.degrees(np.arctan2(across, along)))
 
+    remaining = np.column_stack([gap, -slip])  # what A x - b must be
+    residual = natural_residual(e.force.ravel(), remaining.ravel(), g, e.compliance, over)
+
     def relative(name: str, value: float, meaning: str) -> Check:
         return Check(name, _worst(value, 0.0), LIMIT, "", meaning)
 
@@ -182,22 +186,9 @@ def judge(e: Evidence) -> Certificate:
         relative("slip inside the cone", early_slip / (g_scale * u_scale), "no slip before friction is at its bound"),
         Check("slip angle", _worst(angle, 0.0), ANGLE_LIMIT, "deg", "friction opposes slip"),
         relative("slip bound", over.norm(e.solver_bound - g) / _or_one(over.norm(g)), "the solver's g is the law's"),
-        relative("natural residual", _natural_residual(e, over), "of the whole problem"),
+        relative("natural residual", residual, "of the whole problem"),
     )
     return Certificate(checks, penetration)
-
-
-def _natural_residual(e: Evidence, over: Reductions) -> float:
-    """|x - P(x - (A x - b)/a)| / |x| (ALGORITHMS.md, section 1), with A x - b = (gap - u_n, -u_t1, -u_t2)."""
-    remaining = np.column_stack([e.gap - e.closure[:, 0], -e.closure[:, 1:]])
-    v = e.force - remaining / e.compliance
-    size = np.hypot(v[:, 1], v[:, 2])
-    shrink = np.where(size > e.bound, e.bound / np.where(size > 0.0, size, 1.0), 1.0)
-    projected = np.column_stack([np.maximum(v[:, 0], 0.0), v[:, 1:] * shrink[:, None]])
-    distance, whole = over.norm(e.force - projected), over.norm(e.force)
-    if whole > 0.0 or math.isnan(distance):
-        return distance / whole
-    return 0.0 if distance == 0.0 else math.inf
 
 
 def _worst(*values: float) -> float:

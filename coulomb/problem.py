@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,8 @@ from mpi4py import MPI
 
 from .arrays import FloatArray
 from .fem.body import Material
-from .fem.elasticity import Clamp, Elasticity, Field, Traction
+from .fem.elasticity import Clamp, Elasticity, Traction
+from .fem.fields import Coefficient, Field, evaluate_numbers
 from .fem.meshes import NamedMesh
 from .fem.obstacles import RigidFoundation
 from .fem.surface import ContactSurface, contact_surface
@@ -41,10 +42,6 @@ DIRECT_IN_PARALLEL_UP_TO = 4_000
 
 EXPLICIT_UP_TO = 10_000
 """Contact unknowns up to which A is formed by default, where K is factorised (measured: docs/measurements.md)."""
-
-
-Coefficient = float | Callable[[FloatArray], FloatArray]
-"""A number, or a function of x, shape (3, k), in metres, that returns k numbers."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +116,9 @@ class ContactProblem:
         with self._timed("assembly"):
             self.elasticity = Elasticity(mesh, material, clamps, tractions, body_force)
             self.surface: ContactSurface = contact_surface(self.elasticity, contact.face, contact.foundation)
-            self.coefficient = self._coefficient()
+            law, given = ("friction", contact.friction) if self.coulomb else ("slip_stress", contact.slip_stress)
+            assert given is not None
+            self.coefficient = evaluate_numbers(given, self.surface.x, f"contact: {law}", self.comm)
         if linear_solver is None:
             limit = DIRECT_UP_TO if self.comm.size == 1 else DIRECT_IN_PARALLEL_UP_TO
             small = self.unknowns["displacement"] <= limit
@@ -223,33 +222,6 @@ class ContactProblem:
     def coulomb(self) -> bool:
         """Whether friction is Coulomb's; else Tresca's."""
         return self.contact.friction is not None
-
-    def _coefficient(self) -> FloatArray:
-        """The contact's friction or slip stress at the contact nodes.
-
-        Raises:
-            ValueError: On every rank, if a function does not return one number >= 0 for every node.
-        """
-        name = "friction" if self.coulomb else "slip_stress"
-        value: Any = self.contact.friction if self.coulomb else self.contact.slip_stress
-        x = self.surface.x
-        if not callable(value):
-            return np.full(len(x), float(value))
-        fault = ""
-        values: FloatArray = np.zeros(len(x))
-        if len(x) > 0:
-            try:
-                values = np.broadcast_to(np.asarray(value(x.T.copy()), dtype=np.float64), len(x)).copy()
-            except Exception as error:
-                fault = f"{error} (it takes x of shape (3, k) and returns k numbers)"
-            bad = ~(np.isfinite(values) & (values >= 0.0))
-            if not fault and np.any(bad):
-                place = ", ".join(f"{c:.6g}" for c in x[np.argmax(bad)])
-                fault = f"must be >= 0 everywhere, but is {values[np.argmax(bad)]} at x = {place}"
-        faults = [fault for fault in self.comm.allgather(fault) if fault]
-        if faults:
-            raise ValueError(f"contact: {name}: {faults[0]}")
-        return values
 
     @property
     def coulomb_problem(self) -> CoulombProblem:

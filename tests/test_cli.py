@@ -151,6 +151,12 @@ def test_benchmark_conditioning(tmp_path):
     assert (tmp_path / "conditioning.png").stat().st_size > 10_000
 
 
+def test_dense_systems_are_refused_on_two_ranks(tmp_path):
+    done = run_coulomb("run", BLOCK, *SMALL, "--set", "solver.newton=dense", "--output", tmp_path, ranks=2, timeout=60)
+    assert done.returncode == 2 and 'error: solver.newton = "dense" works on one rank' in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_benchmark_friction(tmp_path):
     done = run_coulomb("benchmark", "friction", "--p", 4, "--friction", 0.3, "--friction", 1.5, "--output", tmp_path)
     assert done.returncode == 0, done.stderr

@@ -65,8 +65,8 @@ def test_slip_stress_as_a_function():
     [
         (lambda x: x[0] - 1.0, r"friction: must be >= 0 everywhere, but is -.* at x = "),
         (lambda x: np.nan * x[0], r"friction: must be >= 0 everywhere, but is nan at x = "),
-        (lambda x: x, r"friction: .*it takes x of shape \(3, k\) and returns k numbers"),
-        (lambda x: x[7], r"friction: .*out of bounds.*it takes x of shape"),
+        (lambda x: x, r"friction: the function must return \d+ numbers, but returned shape \(3, \d+\)"),
+        (lambda x: x[7], r"friction: .*out of bounds"),
     ],
 )
 def test_functions_that_do_not_fit(function, message):

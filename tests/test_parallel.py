@@ -102,6 +102,22 @@ def test_a_function_that_fails_on_one_rank_fails_on_all():
     )
     assert "contact: friction: no friction today" in text
 
+    def traction(x):
+        if comm.rank == comm.size - 1:
+            raise RuntimeError("no load today")
+        return 0.0 * x
+
+    text = same_error(
+        lambda: ContactProblem(
+            coulomb.box((3.0, 1.0, 1.0), (12, 3, 3)),
+            STEEL,
+            [Clamp("left")],
+            Contact("bottom", 0.3),
+            [coulomb.Traction("top", traction)],
+        )
+    )
+    assert "traction on 'top': no load today" in text
+
 
 def test_a_rank_without_contact_nodes():
     """A tall column touches on its small end: of several ranks, one has no contact node."""

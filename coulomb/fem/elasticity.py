@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,9 +16,9 @@ from ..arrays import FloatArray
 from . import compat
 from .body import ElasticBody, Material, strain
 from .compat import fem, ufl
+from .fields import Field, evaluate_vectors
 from .meshes import NamedMesh
 
-Field = Sequence[float] | Callable[[FloatArray], FloatArray]
 """A vector, or a function of the points x, shape (3, k), with vectors of shape (3, k)."""
 
 _MODES = (
@@ -112,7 +112,7 @@ class Elasticity(ElasticBody):
         self.prescribed = np.zeros((self._owned, 3))
         for clamp in clamps:
             nodes = self.nodes(clamp.face, "clamp")
-            values = _evaluate(clamp.value, self.x[nodes], f"clamp on {clamp.face!r}", self.mesh.comm)
+            values = evaluate_vectors(clamp.value, self.x[nodes], f"clamp on {clamp.face!r}", self.mesh.comm)
             for component in map("xyz".index, clamp.components):
                 self.fixed[nodes, component] = True
                 self.prescribed[nodes, component] = values[:, component]
@@ -149,7 +149,7 @@ class Elasticity(ElasticBody):
     def _integrate(self, field: Field, what: str, measure: Any) -> FloatArray:
         """Integral of field . v for every hat function, this rank's part, shape (k, 3)."""
         density = fem.Function(self.V)
-        density.x.array[: 3 * self._owned] = _evaluate(field, self.x, what, self.mesh.comm).ravel()
+        density.x.array[: 3 * self._owned] = evaluate_vectors(field, self.x, what, self.mesh.comm).ravel()
         density.x.scatter_forward()
         return self._assemble(fem.form(ufl.inner(density, self._test) * measure))
 
@@ -200,22 +200,3 @@ class Elasticity(ElasticBody):
         """Integral of the body's outward normal against every hat function over a face, m^2, shape (k, 3)."""
         n = ufl.FacetNormal(self.mesh.domain)
         return self._assemble(fem.form(ufl.inner(n, self._test) * self._ds(self.mesh.facets(face, "contact"))))
-
-
-def _evaluate(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
-    """Vectors (k, 3) of a field at the points x (k, 3); ValueError on every rank if one is not finite anywhere."""
-    if callable(field):
-        values = np.asarray(field(x.T), dtype=np.float64)
-        fits = values.shape == (3, len(x))
-        problem = "" if fits else f"the function must return shape (3, {len(x)}), but returned {values.shape}"
-        values = values.T
-    else:
-        values = np.asarray(field, dtype=np.float64)
-        problem = "" if values.shape == (3,) else f"the value must have three components, but is {field!r}"
-        values = np.broadcast_to(values, (len(x), 3)) if not problem else values
-    if not problem and not np.all(np.isfinite(values)):
-        problem = "the value has entries that are not finite"
-    found = [text for text in comm.allgather(problem) if text]
-    if found:
-        raise ValueError(f"{what}: {found[0]}")
-    return values

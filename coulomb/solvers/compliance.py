@@ -163,7 +163,7 @@ class ExplicitCompliance(MatrixCompliance):
 class MatrixFreeCompliance:
     """A as a solve with K between B^T and B.
 
-    Its diagonal is estimated, see `estimated_diagonal`.  B and K are at hand for those who condense.
+    Its diagonal is estimated, see `estimated_diagonal`.
 
     Args:
         B: Contact matrix, 3 rows a contact node.
@@ -175,7 +175,7 @@ class MatrixFreeCompliance:
     name = "matrix-free"
 
     def __init__(self, B: PETSc.Mat, K: PETSc.Mat, solver: StiffnessSolver, probes: int = 4):
-        self.B, self.K, self._solver = B, K, solver
+        self._B, self._K, self._solver = B, K, solver
         self.exact = solver.tolerance == 0.0
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
@@ -188,24 +188,24 @@ class MatrixFreeCompliance:
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         self._x.array[:] = x
-        self.B.multTranspose(self._x, self._rhs)
+        self._B.multTranspose(self._x, self._rhs)
         self._solver.solve(self._rhs, self._u, tolerance)
-        self.B.mult(self._u, self._x)
+        self._B.mult(self._u, self._x)
         y[:] = self._x.array_r
         self.products += 1
 
     def follow(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         """K v = B^T x for v by a correction of the last v."""
         self._x.array[:] = x
-        self.B.multTranspose(self._x, self._rhs)
+        self._B.multTranspose(self._x, self._rhs)
         size = self._rhs.norm()
-        self.K.mult(self._followed, self._u)
+        self._K.mult(self._followed, self._u)
         self._rhs.axpy(-1.0, self._u)
         left = self._rhs.norm()
         if left > self._solver.tolerance * size:
             self._solver.solve(self._rhs, self._u, max(tolerance, self._solver.tolerance * size / left))
             self._followed.axpy(1.0, self._u)
-        self.B.mult(self._followed, self._x)
+        self._B.mult(self._followed, self._x)
         y[:] = self._x.array_r
         self.products += 1
 

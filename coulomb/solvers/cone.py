@@ -14,13 +14,13 @@ A node without friction has no second constraint and no y.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from .barrier import Barrier
 from .coulomb import CoulombProblem
 from .krylov import ScaledProduct
 from .scaling import nominal_force
@@ -85,7 +85,7 @@ class ConeLinearization(NamedTuple):
         )
 
 
-class ScaledCoulomb:
+class ScaledCoulomb(Barrier):
     """A Coulomb problem, scaled; all of this rank.
 
     Args:
@@ -93,18 +93,14 @@ class ScaledCoulomb:
     """
 
     def __init__(self, problem: CoulombProblem):
-        self.problem, self._over = problem, problem.reductions
-        self.nodes = m = problem.A.nodes
+        super().__init__(problem.reductions, problem.friction > 0.0)
+        self.problem, m = problem, self.nodes
         self._a = problem.mean_diagonal
         self._s = nominal_force(problem.A, problem.b, self._over)
         self.apply_A = ScaledProduct(problem.A, np.ones((m, 3)), self._a)
-        self.frictional = problem.friction > 0.0
         self._F = np.where(self.frictional, problem.friction, 1.0)
-        self._active = np.column_stack([np.ones(m, dtype=bool), self.frictional])
         self._b = problem.b.reshape(-1, 3) / (self._a * self._s)
         self.diagonal = problem.A.diagonal().reshape(-1, 3) / self._a
-        self._constraints = self._over.sum(self._active.astype(float))
-        self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
 
     def follow_A(self, x_n: FloatArray, y: FloatArray, tolerance: float = 0.0) -> FloatArray:
         """A~ x of the next iterate (m, 3), its change to a relative accuracy; one product by A."""
@@ -119,7 +115,7 @@ class ScaledCoulomb:
 
     def slack(self, x_n: FloatArray, y: FloatArray) -> FloatArray:
         """z, shape (m, 2); 0 where there is no constraint."""
-        return self._masked(np.column_stack([x_n, 0.5 * self._F * x_n * (1.0 - np.sum(y**2, axis=1))]))
+        return self.on_constraints(np.column_stack([x_n, 0.5 * self._F * x_n * (1.0 - np.sum(y**2, axis=1))]))
 
     def gradient(self, v: ConeIterate) -> FloatArray:
         """(w_n - nu1, w_t + nu2 y) on the unknowns, shape (m, 3)."""
@@ -135,7 +131,7 @@ class ScaledCoulomb:
         return ConeLinearization(
             F=self._F,
             g=g,
-            h=self._masked(v.nu)[:, 1] / g,
+            h=self.on_constraints(v.nu)[:, 1] / g,
             y=v.y,
             c=0.5 * self._F * (1.0 + np.sum(v.y**2, axis=1)),
             D22=np.where(self._active, z, 1.0) / self.safe(v.nu),
@@ -150,40 +146,7 @@ class ScaledCoulomb:
 
     def distance_to_boundary(self, v: ConeIterate, dx_n: FloatArray, dy: FloatArray, dnu: FloatArray) -> float:
         """Largest alpha with x_n + alpha dx_n >= 0, |y + alpha dy| <= 1, nu + alpha dnu >= 0; inf if there is none."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bound = np.where(dx_n < 0.0, -v.x_n / dx_n, math.inf)
-            multiplier = np.where(dnu < 0.0, -v.nu / dnu, math.inf)[self._active]
-            squared, outward = np.sum(dy**2, axis=1), np.sum(dy * v.y, axis=1)
-            room = 1.0 - np.sum(v.y**2, axis=1)
-            disc = (room / (outward + np.sqrt(outward**2 + squared * room)))[self.frictional & (squared > 0.0)]
-        return min(self._over.min(bound), self._over.min(multiplier), self._over.min(disc))
-
-    def theta(self, nu: FloatArray, z: FloatArray) -> float:
-        """Duality measure nu^T z / (number of constraints)."""
-        return self._over.dot(nu, z) / self._constraints
-
-    def smallest_product(self, nu: FloatArray, z: FloatArray) -> float:
-        return self._over.min((nu * z)[self._active])
-
-    def rms(self, r: FloatArray) -> float:
-        """Root mean square over the unknowns."""
-        return self._over.norm(r) / math.sqrt(self._unknowns)
-
-    def from_rms(self, value: float) -> float:
-        """The Euclidean norm of a residual whose root mean square is `value`."""
-        return value * math.sqrt(self._unknowns)
-
-    def relative_change(self, old: tuple[FloatArray, ...], new: tuple[FloatArray, ...]) -> float:
-        """|new - old| / |new| of a tuple of arrays."""
-        change = math.hypot(*(self._over.norm(n - o) for n, o in zip(new, old, strict=True)))
-        return change / math.hypot(*(self._over.norm(n) for n in new))
-
-    def safe(self, values: FloatArray) -> FloatArray:
-        """`values` (m, 2) where there is a constraint, 1 where there is none: fit to be a divisor."""
-        return np.where(self._active, values, 1.0)
-
-    def _masked(self, values: FloatArray) -> FloatArray:
-        return np.where(self._active, values, 0.0)
+        return self._longest(v.x_n, dx_n, v.nu, dnu, v.y, dy, 1.0 - np.sum(v.y**2, axis=1))
 
     def unscaled(self, v: ConeIterate) -> tuple[FloatArray, FloatArray]:
         """Forces in N (3 m,), and A x - b in m (3 m,)."""

@@ -18,13 +18,12 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .cone import ConeLinearization
+from .dense_system import formed
 from .krylov import CarryingKrylov, Product
 from .newton_systems import disc_inverse, like
 from .recycling import LearntCompliance, LowRankUpdate
 
-_PRODUCT = 1.0  # accuracy of a product in FGMRES, as a part of the tolerance of the step, ...
-_LOOSEST = 0.1  # ... but neither looser than this
-_TIGHTEST = 0.03  # nor tighter than this
+_PRODUCT = (0.03, 0.1)  # accuracy of a product in FGMRES: the tolerance of the step, kept between these
 
 
 class ConeStep(NamedTuple):
@@ -82,7 +81,7 @@ class KrylovConeSystem:
         self, at: ConeLinearization, rhs: FloatArray, weight: FloatArray, tolerance: float, cap: float
     ) -> ConeStep:
         self._at, self._weight = at, weight
-        self._accuracy = max(min(_PRODUCT * tolerance, _LOOSEST), _TIGHTEST)
+        self._accuracy = min(max(tolerance, _PRODUCT[0]), _PRODUCT[1])
         D = self._D = self._A.rest.copy()
         D[:, 1:] += at.h[:, None]
         self._S = at.D22[:, 1] + np.sum(at.y**2 / D[:, 1:], axis=1)
@@ -138,9 +137,7 @@ class DenseConeSystem:
     """
 
     def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray):
-        if comm.size > 1:
-            raise ValueError("DenseConeSystem works on one rank; use KrylovConeSystem")
-        self._A: FloatArray = np.array([apply_A(e.reshape(-1, 3), 0.0).ravel() for e in np.eye(diagonal.size)]).T
+        self._A = formed(comm, apply_A, diagonal.size)
 
     def solve(
         self, at: ConeLinearization, rhs: FloatArray, weight: FloatArray, tolerance: float, cap: float

@@ -31,6 +31,18 @@ def augmented_matrix(A: FloatArray, at: Linearization) -> FloatArray:
     return J
 
 
+def formed(comm: MPI.Comm, apply_A: Product, size: int) -> FloatArray:
+    """A as a dense matrix, by as many products.
+
+    Raises:
+        ValueError: On more than one rank.
+    """
+    if comm.size > 1:
+        raise ValueError("dense Newton systems work on one rank; use a Krylov one: solver.newton of the case file")
+    A: FloatArray = np.array([apply_A(e.reshape(-1, 3), 0.0).ravel() for e in np.eye(size)]).T
+    return A
+
+
 class DenseSystem:
     """J_AM factorised (LU, scaled symmetrically); on one rank, 3 m products to get A and (5 m)^3 work a step.
 
@@ -42,9 +54,7 @@ class DenseSystem:
     """
 
     def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray):
-        if comm.size > 1:
-            raise ValueError("DenseSystem works on one rank; use AugmentedSystem or SchurComplementSystem")
-        self._A: FloatArray = np.array([apply_A(e.reshape(-1, 3), 0.0).ravel() for e in np.eye(diagonal.size)]).T
+        self._A = formed(comm, apply_A, diagonal.size)
 
     def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep:
         """The step, as exact as rounding allows; tolerance and cap have no say."""

@@ -19,19 +19,19 @@ Product = Callable[[FloatArray, float], FloatArray]
 class ScaledProduct:
     """x -> W A W x / a, both (m, 3): the product of a scaled problem.
 
-    Attributes:
+    Args:
         A: The compliance.
         W: Weights, shape (m, 3).
         a: Its scale, metres per newton.
     """
 
     def __init__(self, A: Compliance, W: FloatArray, a: float):
-        self.A, self.W, self.a = A, W, a
+        self._A, self._W, self._a = A, W, a
 
     def __call__(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
-        y = np.empty(self.W.size)
-        self.A.mult((self.W * x).ravel(), y, tolerance)
-        return self.W * y.reshape(-1, 3) / self.a
+        y = np.empty(self._W.size)
+        self._A.mult((self._W * x).ravel(), y, tolerance)
+        return self._W * y.reshape(-1, 3) / self._a
 
 
 _RESTART = 100  # of FGMRES: far beyond the iterations of a step, unless the system is hopeless

@@ -20,7 +20,7 @@ from .results import (
     ProgressCallback,
     QPResult,
     Status,
-    check_constants,
+    check_path_constants,
     verdict,
 )
 from .scaling import ScaledQP
@@ -89,18 +89,7 @@ class PathFollowing:
     newton: type[NewtonSystem] = RecyclingSystem
 
     def __post_init__(self) -> None:
-        bounds = (
-            ("tolerance", self.tolerance > 0.0, "> 0"),
-            ("r_tol", 0.0 < self.r_tol < 1.0, "in (0, 1)"),
-            ("c_fact", 0.0 < self.c_fact < 1.0, "in (0, 1)"),
-            ("gamma", 0.0 < self.gamma < 1.0, "in (0, 1)"),
-            ("beta", self.beta > 0.0, "> 0"),
-            ("omega", 0.0 < self.omega < 1.0, "in (0, 1)"),
-            ("sigma_min", 0.0 < self.sigma_min <= self.sigma_max, "in (0, sigma_max]"),
-            ("sigma_max", self.sigma_max <= 0.5, "at most 1/2"),
-            ("max_iterations", self.max_iterations >= 1, "at least 1"),
-        )
-        check_constants(self, bounds)
+        check_path_constants(self)
 
     def solve(
         self,
@@ -207,7 +196,7 @@ class PathFollowing:
             if new is None:
                 status = Status.STAGNATED
                 break
-            err = problem.relative_change(v, new)
+            err = problem.relative_change((v.x, v.nu, v.z), (new.x, new.nu, new.z))
             v, theta = new, problem.theta(new.nu, new.z)
             if not problem.qp.A.exact:  # A x would add up what the products of CG leave out
                 v = replace(v, A_x=problem.follow_A(v.x, _FRESH))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Literal
+from typing import Any, Literal
 
 from ..arrays import FloatArray
 
@@ -33,6 +33,24 @@ def check_constants(owner: object, bounds: Iterable[tuple[str, bool, str]]) -> N
     for name, holds, must in bounds:
         if not holds:
             raise ValueError(f"{type(owner).__name__}: {name} must be {must}, but is {getattr(owner, name)}")
+
+
+def check_path_constants(of: Any) -> None:
+    """`check_constants` of what Algorithm PF and the one loop share, with the bounds that their theory demands."""
+    check_constants(
+        of,
+        (
+            ("tolerance", of.tolerance > 0.0, "> 0"),
+            ("r_tol", 0.0 < of.r_tol < 1.0, "in (0, 1)"),
+            ("c_fact", 0.0 < of.c_fact < 1.0, "in (0, 1)"),
+            ("gamma", 0.0 < of.gamma < 1.0, "in (0, 1)"),
+            ("beta", of.beta > 0.0, "> 0"),
+            ("omega", 0.0 < of.omega < 1.0, "in (0, 1)"),
+            ("sigma_min", 0.0 < of.sigma_min <= of.sigma_max, "in (0, sigma_max]"),
+            ("sigma_max", of.sigma_max <= 0.5, "at most 1/2"),
+            ("max_iterations", of.max_iterations >= 1, "at least 1"),
+        ),
+    )
 
 
 def verdict(residual: float, tolerance: float, otherwise: Status) -> Status:

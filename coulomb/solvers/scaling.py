@@ -11,31 +11,17 @@ A node whose slip bound is zero has no disc and no friction: its second constrai
 
 from __future__ import annotations
 
-import math
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
 from ..arrays import FloatArray
+from .barrier import Barrier
 from .compliance import Compliance
 from .krylov import ScaledProduct
 from .newton_systems import Linearization
 from .reductions import Reductions
 from .tresca import TrescaQP
-
-
-class _Triple(Protocol):
-    """v = (x, nu, z)."""
-
-    @property
-    def x(self) -> FloatArray: ...
-
-    @property
-    def nu(self) -> FloatArray: ...
-
-    @property
-    def z(self) -> FloatArray: ...
 
 
 def nominal_force(A: Compliance, b: FloatArray, over: Reductions) -> float:
@@ -47,7 +33,7 @@ def nominal_force(A: Compliance, b: FloatArray, over: Reductions) -> float:
     return max(over.dot(e.ravel(), b), 0.1 * over.norm(e) * over.norm(b)) / over.dot(e.ravel(), A_e)
 
 
-class ScaledQP:
+class ScaledQP(Barrier):
     """A Tresca problem, scaled; forces as (m, 3), constraints as (m, 2), all of this rank.
 
     Args:
@@ -55,14 +41,12 @@ class ScaledQP:
     """
 
     def __init__(self, qp: TrescaQP):
-        self.qp, self._over = qp, qp.reductions
-        self.nodes = m = qp.A.nodes
+        super().__init__(qp.reductions, qp.slip_bound > 0.0)
+        self.qp, m = qp, self.nodes
         self._a = qp.mean_diagonal
         self._s = nominal_force(qp.A, qp.b, qp.reductions)
         self._s = max(self._s, 0.1 * self._over.max(np.abs(np.asarray(qp.lower))))
         g = qp.slip_bound / self._s
-        self.frictional = qp.slip_bound > 0.0
-        self._active = np.column_stack([np.ones(m, dtype=bool), self.frictional])
         self._W = np.ones((m, 3))
         self._W[self.frictional, 1:] = np.minimum(g[self.frictional], 1.0)[:, None]
         self._g = np.where(self.frictional, np.maximum(g, 1.0), 1.0)
@@ -70,8 +54,6 @@ class ScaledQP:
         self.lower = np.broadcast_to(np.asarray(qp.lower) / self._s, (m,))
         self._b = self._W * qp.b.reshape(-1, 3) / (self._a * self._s)
         self.diagonal = self._W**2 * qp.A.diagonal().reshape(-1, 3) / self._a
-        self._constraints = self._over.sum(self._active.astype(float))
-        self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
 
     # --- between the scaled and the user's variables ------------------------------------------------------------
 
@@ -118,50 +100,10 @@ class ScaledQP:
         D22 = np.where(self._active, z / self.safe(nu), 1.0)
         return Linearization(h, x[:, 1:] / self._g[:, None], D22, self.frictional)
 
-    def theta(self, nu: FloatArray, z: FloatArray) -> float:
-        """Duality measure nu^T z / (number of constraints)."""
-        return self._over.dot(nu, z) / self._constraints
-
-    def smallest_product(self, nu: FloatArray, z: FloatArray) -> float:
-        return self._over.min((nu * z)[self._active])
-
     def distance_to_boundary(self, x: FloatArray, dx: FloatArray, nu: FloatArray, dnu: FloatArray) -> float:
-        """Largest alpha with x + alpha dx feasible and nu + alpha dnu >= 0; inf if there is none.
-
-        On a disc it is the positive root of |x_t + alpha dx_t|^2 = g^2, in the form that does not cancel.
-        """
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bound = np.where(dx[:, 0] < 0.0, (self.lower - x[:, 0]) / dx[:, 0], math.inf)
-            multiplier = np.where(dnu < 0.0, -nu / dnu, math.inf)[self._active]
-            squared = np.sum(dx[:, 1:] ** 2, axis=1)
-            outward = np.sum(dx[:, 1:] * x[:, 1:], axis=1)
-            room = self._g**2 - np.sum(x[:, 1:] ** 2, axis=1)
-            disc = (room / (outward + np.sqrt(outward**2 + squared * room)))[self.frictional & (squared > 0.0)]
-        return min(self._over.min(bound), self._over.min(multiplier), self._over.min(disc))
-
-    # --- norms --------------------------------------------------------------------------------------------------
-
-    def rms(self, r: FloatArray) -> float:
-        """Root mean square over the unknowns."""
-        return self._over.norm(r) / math.sqrt(self._unknowns)
-
-    def from_rms(self, value: float) -> float:
-        """The Euclidean norm of a residual whose root mean square is `value`."""
-        return value * math.sqrt(self._unknowns)
-
-    def relative_change(self, old: _Triple, new: _Triple) -> float:
-        """err = |v_new - v| / |v_new|."""
-        change = [self._over.norm(getattr(new, k) - getattr(old, k)) for k in ("x", "nu", "z")]
-        size = [self._over.norm(getattr(new, k)) for k in ("x", "nu", "z")]
-        return math.hypot(*change) / math.hypot(*size)
-
-    def on_constraints(self, values: FloatArray) -> FloatArray:
-        """`values` (m, 2) where there is a constraint, 0 where there is no disc."""
-        return np.where(self._active, values, 0.0)
-
-    def safe(self, values: FloatArray) -> FloatArray:
-        """`values` (m, 2) where there is a constraint, 1 where there is none: fit to be a divisor."""
-        return np.where(self._active, values, 1.0)
+        """Largest alpha with x + alpha dx feasible and nu + alpha dnu >= 0; inf if there is none."""
+        room = self._g**2 - np.sum(x[:, 1:] ** 2, axis=1)
+        return self._longest(x[:, 0] - self.lower, dx[:, 0], nu, dnu, x[:, 1:], dx[:, 1:], room)
 
     # --- a warm start -------------------------------------------------------------------------------------------
 

@@ -126,24 +126,6 @@ class DirectSolver:
         self._ksp.destroy()
 
 
-def multigrid(K: PETSc.Mat, method: str, tolerance: float) -> PETSc.KSP:
-    """A Krylov method with PETSc's GAMG, set up; K has block size 3 and a near-nullspace."""
-    return _ksp(
-        K,
-        method,
-        {
-            "ksp_rtol": tolerance,
-            "ksp_atol": 0.0,
-            "ksp_max_it": 1000,
-            "ksp_norm_type": "unpreconditioned",
-            "pc_type": "gamg",
-            "pc_gamg_threshold": 0.02,
-            "mg_levels_ksp_type": "chebyshev",
-            "mg_levels_pc_type": "jacobi",
-        },
-    )
-
-
 class IterativeSolver:
     """CG with PETSc's GAMG on the rigid body modes that K carries as its near-nullspace.
 
@@ -159,7 +141,20 @@ class IterativeSolver:
 
     def __init__(self, K: PETSc.Mat, tolerance: float = 1e-11):
         self.tolerance, self.iterations = tolerance, 0
-        self._ksp = multigrid(K, "cg", tolerance)
+        self._ksp = _ksp(
+            K,
+            "cg",
+            {
+                "ksp_rtol": tolerance,
+                "ksp_atol": 0.0,
+                "ksp_max_it": 1000,
+                "ksp_norm_type": "unpreconditioned",
+                "pc_type": "gamg",
+                "pc_gamg_threshold": 0.02,
+                "mg_levels_ksp_type": "chebyshev",
+                "mg_levels_pc_type": "jacobi",
+            },
+        )
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         self._ksp.setTolerances(rtol=max(tolerance, self.tolerance))

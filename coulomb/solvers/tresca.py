@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -69,33 +70,58 @@ class TrescaQP:
 
     def project(self, x: FloatArray) -> FloatArray:
         """The feasible point nearest to x, node by node: normal force onto its bound, friction onto its disc."""
-        v = x.reshape(-1, 3)
-        p = np.empty_like(v)
-        p[:, 0] = np.maximum(v[:, 0], self.lower)
-        size = np.hypot(v[:, 1], v[:, 2])
-        inside = size <= self.slip_bound
-        shrink = np.where(inside, 1.0, self.slip_bound / np.where(inside, 1.0, size))
-        p[:, 1:] = v[:, 1:] * shrink[:, None]
-        return p.ravel()
+        return project(x, self.slip_bound, self.lower)
 
     def residual(self, x: FloatArray, gradient: FloatArray | None = None) -> float:
-        """Natural residual, relative and scaled: 0 exactly at the solution (ALGORITHMS.md, section 1).
+        """Natural residual, relative and scaled: 0 exactly at the solution.
 
         Args:
             x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
             gradient: A x - b where it is known already; else it is computed, with one product.
 
         Returns:
-            |x - P(x - (Ax - b)/a)| / |x| with a the mean diagonal of A and P the projection on the feasible set;
-            inf for x = 0 where that is no solution.
+            `natural_residual` with the mean diagonal of A.
         """
         if gradient is None:
             gradient = self.gradient(x)
-        distance = self.reductions.norm(x - self.project(x - gradient / self.mean_diagonal))
-        size = self.reductions.norm(x)
-        if size > 0.0:
-            return distance / size
-        return 0.0 if distance == 0.0 else float("inf")
+        return natural_residual(x, gradient, self.slip_bound, self.mean_diagonal, self.reductions, self.lower)
+
+
+def project(x: FloatArray, slip_bound: FloatArray, lower: float | FloatArray = 0.0) -> FloatArray:
+    """The point nearest to x (3 m,) with x_n >= lower and |x_t| <= slip_bound, node by node."""
+    v = x.reshape(-1, 3)
+    p = np.empty_like(v)
+    p[:, 0] = np.maximum(v[:, 0], lower)
+    size = np.hypot(v[:, 1], v[:, 2])
+    inside = size <= slip_bound
+    shrink = np.where(inside, 1.0, slip_bound / np.where(inside, 1.0, size))
+    p[:, 1:] = v[:, 1:] * shrink[:, None]
+    return p.ravel()
+
+
+def natural_residual(
+    x: FloatArray,
+    gradient: FloatArray,
+    slip_bound: FloatArray,
+    compliance: float,
+    over: Reductions,
+    lower: float | FloatArray = 0.0,
+) -> float:
+    """|x - P(x - (A x - b)/a)| / |x| (ALGORITHMS.md, section 1); inf for x = 0 where that is no solution.
+
+    Args:
+        x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
+        gradient: A x - b in metres, shape (3 m,).
+        slip_bound: Radius of the friction discs in newtons, shape (m,).
+        compliance: a, metres per newton.
+        over: Reductions over the ranks.
+        lower: Lower bound of the normal forces in newtons.
+    """
+    distance = over.norm(x - project(x - gradient / compliance, slip_bound, lower))
+    size = over.norm(x)
+    if size > 0.0:
+        return distance / size
+    return 0.0 if distance == 0.0 else math.inf
 
 
 class QPSolver(Protocol):
