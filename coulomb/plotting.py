@@ -11,6 +11,7 @@ import json
 import os
 import sys
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -193,9 +194,8 @@ def table1(csv_file: str | Path) -> Path:
         mine = [row for row in rows if row["solver"] == name]
         for axis, field in zip(axes, ("products", "seconds"), strict=True):
             axis.loglog([float(row["m"]) for row in mine], [float(row[field]) for row in mine], "o-", label=name)
-            axis.set_xlabel("contact unknowns")
             axis.set_ylabel("products by A" if field == "products" else "seconds")
-    axes[0].legend()
+    _finish(axes, "contact unknowns", [float(row["m"]) for row in rows])
     return _save(figure, csv_file)
 
 
@@ -231,9 +231,8 @@ def scaling(csv_file: str | Path) -> Path:
         axes[1].loglog(n, [float(row["peak_memory_bytes"]) / 2**30 for row in mine], "o-", label=label)
     axes[0].set_ylabel("seconds")
     axes[1].set_ylabel("peak memory, GiB")
-    for axis in axes:
-        axis.set_xlabel("displacement unknowns")
-        axis.legend()
+    _finish(axes, "displacement unknowns", [float(row["unknowns"]) for row in rows])
+    axes[0].legend(fontsize="small")
     return _save(figure, csv_file)
 
 
@@ -248,9 +247,7 @@ def peers(csv_file: str | Path) -> Path:
         axes[1].loglog(p, [float(row["peak_memory_bytes"]) / 2**30 for row in mine], "o-", label=name)
     axes[0].set_ylabel("seconds")
     axes[1].set_ylabel("peak memory, GiB")
-    for axis in axes:
-        axis.set_xlabel("cells a metre")
-    axes[0].legend()
+    _finish(axes, "cells a metre", [float(row["p"]) for row in rows])
     return _save(figure, csv_file)
 
 
@@ -266,6 +263,17 @@ def conditioning(csv_file: str | Path) -> Path:
     axis.set_ylabel("condition number")
     axis.legend()
     return _save(figure, csv_file)
+
+
+def _finish(axes: Any, label: str, sizes: Sequence[float]) -> None:
+    """A logarithmic axis that names the sizes measured, and the legend beside the last picture."""
+    shown = sorted(set(sizes))
+    for axis in axes:
+        axis.set_xscale("log")
+        axis.set_xticks(shown, [f"{size:g}" for size in shown], rotation=30)
+        axis.set_xticks([], minor=True)
+        axis.set_xlabel(label)
+    axes[-1].legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 def _read_csv(path: str | Path) -> list[dict[str, str]]:

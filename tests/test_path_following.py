@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import dense_compliance, make_block, projected_gradient, random_spd, random_tresca, solved_block
+from mpi4py import MPI
 
 from coulomb import (
     AugmentedSystem,
@@ -264,3 +265,23 @@ def test_blocked_warm_start_falls_back_to_a_cold_one(monkeypatch):
     warm = PathFollowing().solve(other, start)
     assert warm.iterations > cold.iterations and [step.iteration for step in warm.history][-1] == warm.iterations
     assert np.linalg.norm(warm.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)
+
+
+def test_longest_step_ends_on_the_boundary():
+    """Bounds, multipliers and discs, each once the nearest: a hair further is outside."""
+    from coulomb.solvers.barrier import Barrier
+    from coulomb.solvers.reductions import Reductions
+
+    rng = np.random.default_rng(17)
+    barrier = Barrier(Reductions(MPI.COMM_SELF), np.array([True, True, False]))
+    for _ in range(200):
+        above, nu = rng.uniform(0.1, 1.0, 3), rng.uniform(0.1, 1.0, (3, 2))
+        t, dt = rng.uniform(-0.6, 0.6, (3, 2)), rng.standard_normal((3, 2))
+        d_above, dnu = rng.standard_normal(3), rng.standard_normal((3, 2))
+        alpha = barrier._longest(above, d_above, nu, dnu, t, dt, 1.0 - np.sum(t**2, axis=1))
+
+        def left(a, above=above, d_above=d_above, nu=nu, dnu=dnu, t=t, dt=dt):
+            disc = 1.0 - np.hypot(*(t + a * dt)[:2].T)
+            return min((above + a * d_above).min(), (nu + a * dnu)[:, 0].min(), (nu + a * dnu)[:2, 1].min(), disc.min())
+
+        assert abs(left(alpha)) <= 1e-12 * max(alpha, 1.0) and left(0.999 * alpha) > 0.0
