@@ -77,7 +77,8 @@ def _place(x: FloatArray, where: npt.NDArray[np.bool_]) -> str:
 
 def _on_all(evaluate: Callable[[], FloatArray], what: str, comm: MPI.Comm) -> FloatArray:
     """What it returns; or an error on every rank, with the first fault of any."""
-    fault, values = "", np.empty(0)
+    fault = ""
+    values: FloatArray = np.empty(0)
     try:
         values = evaluate()
     except Exception as error:  # whatever a user's function raises
