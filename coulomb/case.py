@@ -17,7 +17,9 @@ from .fem.body import Material
 from .fem.elasticity import Clamp, Traction
 from .fem.fields import Coefficient
 from .fem.meshes import BOX_FACES, box
-from .fem.obstacles import Plane
+from .fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
+from .load_history import LoadHistory
+from .output import on_rank_0
 from .problem import Contact, ContactProblem
 from .solvers.automatic import Automatic
 from .solvers.cone_systems import DenseConeSystem
@@ -67,12 +69,17 @@ _NEWTON: dict[str, type[AugmentedSystem] | type[SchurComplementSystem] | type[De
 }
 
 
+AmplitudeTable = Annotated[tuple[tuple[Number, Number], ...], Field(min_length=1)]
+"""Rows [time, factor]: what a load is multiplied by in the course of a history, linear in between."""
+
+
 class ClampTable(_Table):
     """Prescribed displacement in metres on a face."""
 
     face: Face
     components: Literal["x", "y", "z", "xy", "xz", "yz", "xyz"] = "xyz"
     value: Vector = (0.0, 0.0, 0.0)
+    amplitude: AmplitudeTable | None = None
 
 
 class TractionTable(_Table):
@@ -80,13 +87,46 @@ class TractionTable(_Table):
 
     face: Face
     value: Vector
+    amplitude: AmplitudeTable | None = None
 
 
 class FoundationTable(_Table):
-    """A rigid plane: a point of it in metres, and its normal towards the body."""
+    """A rigid plane (point, normal towards the body), sphere (centre, radius) or cylinder (point, axis, radius).
 
-    point: Vector
-    normal: Vector
+    Lengths in metres; `hollow` for a body inside a spherical cup or a bore.
+    """
+
+    shape: Literal["plane", "sphere", "cylinder"] = "plane"
+    point: Vector | None = None
+    normal: Vector | None = None
+    centre: Vector | None = None
+    axis: Vector | None = None
+    radius: Positive | None = None
+    hollow: bool = False
+
+    @model_validator(mode="after")
+    def _complete(self) -> FoundationTable:
+        needed = {"plane": {"point", "normal"}, "sphere": {"centre", "radius"}, "cylinder": {"point", "axis", "radius"}}
+        wanted = needed[self.shape]
+        given = {name for name in ("point", "normal", "centre", "axis", "radius") if getattr(self, name) is not None}
+        given |= {"hollow"} if self.hollow else set()
+        missing, odd = wanted - given, given - wanted - ({"hollow"} if self.shape != "plane" else set())
+        for names, fault in ((missing, "needs"), (odd, "has no")):
+            if names:
+                raise ValueError(f'a foundation of shape "{self.shape}" {fault} {", ".join(sorted(names))}')
+        return self
+
+    def foundation(self) -> RigidFoundation:
+        """The rigid body."""
+        if self.shape == "sphere":
+            assert self.centre is not None and self.radius is not None
+            return Sphere(self.centre, self.radius, self.hollow)
+        assert self.point is not None
+        if self.shape == "cylinder":
+            assert self.axis is not None and self.radius is not None
+            return Cylinder(self.point, self.axis, self.radius, self.hollow)
+        assert self.normal is not None
+        return Plane(self.point, self.normal)
 
 
 class RegionTable(_Table):
@@ -117,6 +157,8 @@ class ContactTable(_Table):
     slip_stress: NotNegative | None = None
     region: tuple[RegionTable, ...] = ()
     foundation: FoundationTable | None = None
+    normals: Literal["foundation", "body"] = "foundation"
+    motion: tuple[tuple[Number, Number, Number, Number], ...] | None = None
 
     @model_validator(mode="after")
     def _one_law(self) -> ContactTable:
@@ -163,6 +205,30 @@ class SolverTable(_Table):
         return self
 
 
+class HistoryTable(_Table):
+    """Load steps: their ends, or the end of the last and how many; from time 0, with the body free of stress."""
+
+    times: tuple[Number, ...] | None = None
+    end: Positive | None = None
+    steps: Count | None = None
+    halvings: Annotated[int, Field(ge=0, le=30, strict=True)] = LoadHistory.halvings
+
+    @model_validator(mode="after")
+    def _times_or_steps(self) -> HistoryTable:
+        if (self.times is None) == (self.end is None or self.steps is None):
+            raise ValueError("give either times, a list that increases from 0, or end and steps")
+        LoadHistory(self.ends)
+        return self
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Ends of the steps."""
+        if self.times is not None:
+            return self.times
+        assert self.end is not None and self.steps is not None
+        return tuple(float(t) for t in np.linspace(0.0, self.end, self.steps + 1)[1:])
+
+
 class OutputTable(_Table):
     """Where results go, and whether to draw them."""
 
@@ -178,7 +244,9 @@ class Case(_Table):
     clamp: tuple[ClampTable, ...] = ()
     traction: tuple[TractionTable, ...] = ()
     body_force: Vector = (0.0, 0.0, 0.0)
+    body_force_amplitude: AmplitudeTable | None = None
     contact: ContactTable
+    history: HistoryTable | None = None
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
 
@@ -194,15 +262,18 @@ class Case(_Table):
         problem = ContactProblem(
             box(self.mesh.box, self.mesh.cells, self.mesh.cell, comm),
             Material(self.material.young, self.material.poisson),
-            [Clamp(table.face, table.components, table.value) for table in self.clamp],
+            [Clamp(table.face, table.components, table.value, table.amplitude or 1.0) for table in self.clamp],
             Contact(
                 self.contact.face,
                 self.contact.coefficient("friction"),
                 self.contact.coefficient("slip_stress"),
-                Plane(foundation.point, foundation.normal) if foundation is not None else None,
+                foundation.foundation() if foundation is not None else None,
+                self.contact.normals,
+                self.contact.motion,
             ),
-            [Traction(table.face, table.value) for table in self.traction],
+            [Traction(table.face, table.value, table.amplitude or 1.0) for table in self.traction],
             self.body_force,
+            body_force_amplitude=self.body_force_amplitude or 1.0,
             linear_solver={"auto": None, "direct": DirectSolver, "iterative": IterativeSolver}[
                 self.solver.linear_solver
             ],
@@ -218,6 +289,27 @@ class Case(_Table):
         if self.contact.friction is None and self.solver.method != "auto":
             raise ValueError('solver.method is for Coulomb friction; with slip_stress leave it at "auto"')
         return self
+
+    @model_validator(mode="after")
+    def _time_needs_a_history(self) -> Case:
+        if self.history is None:
+            timed = {"contact.motion": self.contact.motion, "body_force_amplitude": self.body_force_amplitude}
+            timed |= {f"clamp.{k}.amplitude": table.amplitude for k, table in enumerate(self.clamp)}
+            timed |= {f"traction.{k}.amplitude": table.amplitude for k, table in enumerate(self.traction)}
+            for key, value in timed.items():
+                if value is not None:
+                    raise ValueError(f"{key} depends on time: it needs a [history]")
+        return self
+
+    def load_history(self) -> LoadHistory:
+        """The load steps of a case with a [history]."""
+        assert self.history is not None
+        return LoadHistory(
+            self.history.ends,
+            tolerance=self.solver.tolerance,
+            solver=self.contact_solver(),
+            halvings=self.history.halvings,
+        )
 
     def contact_solver(self) -> CoulombSolver | QPSolver:
         """The solver the case asks for; a Newton system that is the paper's asks for successive Tresca."""
@@ -264,6 +356,42 @@ def read_case(path: str | Path, changes: Sequence[str] = (), comm: MPI.Comm = MP
         return Case.model_validate(tables)
     except ValidationError as error:
         raise ValueError("\n".join(f"{path}: {_explain(entry)}" for entry in error.errors())) from None
+
+
+def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:
+    """Keep a case as DIRECTORY/case.json, for `written_case`; collective.
+
+    Raises:
+        OSError: On every rank, if it cannot be written.
+    """
+
+    def write() -> str:
+        directory.mkdir(parents=True, exist_ok=True)
+        (directory / "case.json").write_text(case.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        return ""
+
+    on_rank_0(comm, write)
+
+
+def written_case(directory: Path, comm: MPI.Comm) -> Case:
+    """The case that a run has kept in its directory; the same on every rank.
+
+    Raises:
+        ValueError: On every rank, if there is none or it cannot be read.
+    """
+    text, fault = "", ""
+    if comm.rank == 0:
+        try:
+            text = (directory / "case.json").read_text(encoding="utf-8")
+        except OSError as error:
+            fault = f"{directory}: no case to resume: case.json cannot be read: {error.strerror}"
+    text, fault = comm.bcast((text, fault))
+    if fault:
+        raise ValueError(fault)
+    try:
+        return Case.model_validate_json(text)
+    except ValidationError as error:
+        raise ValueError("\n".join(f"{directory}/case.json: {_explain(e)}" for e in error.errors())) from None
 
 
 def _apply(tables: dict[str, Any], change: str) -> None:

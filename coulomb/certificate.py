@@ -90,7 +90,7 @@ class Evidence:
         prescribed: Their values, shape (k, 3).
         on_body: Contact forces on the body, shape (k, 3).
         force: The same at the contact nodes along n, t1, t2, with x_n >= 0 pressing, shape (m, 3).
-        closure: Displacement of the contact nodes along n, t1, t2, shape (m, 3).
+        closure: Displacement of the contact nodes along n, and their slip along t1, t2, shape (m, 3).
         gap: Before deformation, shape (m,).
         bound: Slip bound of the law at these forces, shape (m,).
         solver_bound: The one that the solver used, shape (m,).
@@ -132,7 +132,7 @@ def certify(problem: ContactProblem, x: FloatArray, u: FloatArray, slip_bound: F
             prescribed=elasticity.prescribed,
             on_body=-problem.nodal_contact_force(x),
             force=x.reshape(-1, 3),
-            closure=surface.components(u[surface.nodes]),
+            closure=problem.closure(u),
             gap=surface.gap,
             bound=problem.slip_bound(x),
             solver_bound=slip_bound,

@@ -39,7 +39,10 @@ def check(directory: str | Path) -> Certificate:
         on_body = _fields(folder / "solution.h5", ("displacement", "load", "held", "prescribed"))
         on_face = _fields(
             folder / "contact.h5",
-            ("contact_force", "normal", "initial_gap", "area", "coefficient", "slip_bound", "status"),
+            (
+                *("contact_force", "normal", "initial_gap", "area", "coefficient", "slip_bound", "slip_origin"),
+                "status",
+            ),
         )
     except (OSError, KeyError, RuntimeError) as error:
         raise ValueError(f"{folder}: is not whole: {error}") from None
@@ -66,13 +69,20 @@ def check(directory: str | Path) -> Certificate:
             prescribed=on_body["prescribed"][node],
             on_body=everywhere,
             force=force,
-            closure=np.einsum("kij,kj->ki", frames, u[of_node]),
+            closure=_closure(frames, u[of_node], at["slip_origin"]),
             gap=at["initial_gap"],
             bound=at["coefficient"] * pressing,
             solver_bound=at["slip_bound"],
             compliance=told["mean_compliance"],
         )
     )
+
+
+def _closure(frames: FloatArray, u: FloatArray, origin: FloatArray) -> FloatArray:
+    """u_n, and the slip along t1 and t2, shape (m, 3)."""
+    closure: FloatArray = np.einsum("kij,kj->ki", frames, u)
+    closure[:, 1:] -= np.einsum("kij,kj->ki", frames, origin)[:, 1:]
+    return closure
 
 
 def recorded(directory: str | Path) -> bool:

@@ -26,11 +26,12 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from . import output
 from .benchmarks.commands import benchmark
-from .case import Case, read_case
+from .case import Case, read_case, write_case, written_case
 from .console import BAD_INPUT, FAILED
 from .console import console as _console
 from .console import errors as _errors
 from .fem import compat
+from .load_history import LoadStep, StepFailed
 from .problem import ContactProblem, Solution
 from .solvers.automatic import Automatic
 from .solvers.coulomb import CoulombSolver
@@ -70,6 +71,9 @@ def run(
             _errors.print(f"error: {error}", markup=False)
             raise typer.Exit(BAD_INPUT) from None
         _introduce(console, case, problem)
+        if settings.history is not None:
+            _take_steps(console, settings, problem, target, resume=False)
+            return
         solution, trouble = _solve(console, settings, problem)
         problem.seconds["total"] = time.perf_counter() - began
         try:
@@ -83,6 +87,26 @@ def run(
         _errors.print(f"error: {trouble}", markup=False)
     if trouble or not solution.certificate.passed:
         raise typer.Exit(FAILED)
+
+
+@app.command()
+def resume(
+    directory: Annotated[Path, typer.Argument(help="Where a run with a [history] has left its steps.")],
+    quiet: Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")] = False,
+) -> None:
+    """Continue a load history that was interrupted, from its last step, on as many ranks as you like."""
+    console = Console(quiet=True) if quiet else _console
+    with threadpool_limits(limits=1 if _comm.size > 1 else None):
+        try:
+            settings = written_case(directory, _comm)
+            if settings.history is None:
+                raise ValueError(f"{directory} holds a single run, no load history: there is nothing to resume")
+            problem = settings.problem(_comm)
+        except ValueError as error:
+            _errors.print(f"error: {error}", markup=False)
+            raise typer.Exit(BAD_INPUT) from None
+        _introduce(console, directory, problem)
+        _take_steps(console, settings, problem, directory, resume=True)
 
 
 @app.command()
@@ -247,11 +271,75 @@ def _solve(console: Console, settings: Case, problem: ContactProblem) -> tuple[S
         return problem.solution(failure.result), str(failure)
 
 
-class _Display:
-    """Progress: one line that changes on a terminal, a line for each Tresca problem (or PF step) elsewhere."""
+def _take_steps(console: Console, settings: Case, problem: ContactProblem, target: Path, resume: bool) -> None:
+    """Run a load history; ends the command with its exit code."""
+    began, trouble, display = time.perf_counter(), "", _Display(console, by_step=True)
 
-    def __init__(self, console: Console):
-        self._console = console
+    warned: tuple[str, ...] = ()
+
+    def say(step: LoadStep) -> None:
+        nonlocal warned
+        row = step.row
+        halved = f", halved {step.halvings} times" if step.halvings else ""
+        console.print(
+            f"step {row['step']:3d}  time {row['time']:<8.4g} normal {row['normal_force']:.6g} N, force "
+            f"({row['force_x']:.6g}, {row['force_y']:.6g}, {row['force_z']:.6g}) N, open {row['open']}, stick "
+            f"{row['stick']}, slip {row['slip']}, {row['path_following']} PF steps, residual {row['residual']:.1e}"
+            f"{'' if row['certified'] else ', certificate FAILED'}{halved}",
+            markup=False,
+            soft_wrap=True,
+        )
+        warnings = step.solution.small_strain.warnings
+        for warning in warnings if len(warnings) > len(warned) else ():
+            _errors.print(f"warning: step {row['step']}: {warning}", markup=False)
+        warned = max(warned, warnings, key=len)
+
+    rows: list[dict[str, Any]] = []
+    try:
+        if not resume:
+            write_case(settings, target, _comm)
+        with display:
+            rows = settings.load_history().run(problem, target, resume=resume, progress=display, on_step=say)
+    except ValueError as error:
+        _errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+    except StepFailed as failure:
+        trouble = str(failure)
+        try:
+            output.write(failure.problem.solution(failure.result), target / "failed", picture=False)
+            trouble += f"; what it got to is in {target / 'failed'}"
+        except OSError as error:
+            trouble += f"; what it got to could not be written: {error.strerror or error}"
+    except OSError as error:
+        trouble = f"{target}: cannot be written: {error.strerror or error}"
+    if rows:
+        last = rows[-1]
+        if settings.output.picture:
+            output.on_rank_0(_comm, lambda: output.draw(target / "steps" / f"{last['step']:04d}", target))
+        console.print(
+            f"energy in J: loads {last['energy_loads']:.6g}, prescribed displacements {last['energy_prescribed']:.6g}, "
+            f"foundation {last['energy_foundation']:.6g}; elastic {last['energy_elastic']:.6g}, friction "
+            f"{last['energy_dissipated']:.6g}, error of finite steps {last['energy_imbalance']:.2g}\n"
+            f"{len(rows)} steps, {time.perf_counter() - began:.2f} seconds; results in {target}{os.sep}",
+            markup=False,
+            soft_wrap=True,
+        )
+    if trouble:
+        _errors.print(f"error: {trouble}", markup=False)
+    if trouble or not all(row["certified"] for row in rows):
+        raise typer.Exit(FAILED)
+
+
+class _Display:
+    """Progress: one line that changes on a terminal, a line for each Tresca problem (or PF step) elsewhere.
+
+    Args:
+        console: Where to.
+        by_step: Whether somebody else speaks of load steps: no lines then.
+    """
+
+    def __init__(self, console: Console, by_step: bool = False):
+        self._console, self._by_step = console, by_step
         self._status = console.status("K^-1 and A") if console.is_terminal and not console.quiet else None
         self._last: Progress | None = None
 
@@ -273,7 +361,7 @@ class _Display:
         self._last = progress
 
     def _line(self) -> None:
-        if self._last is not None and self._status is None:
+        if self._last is not None and self._status is None and not self._by_step:
             self._console.print(_describe(self._last))
 
 
@@ -301,6 +389,8 @@ def _report(console: Console, solution: Solution, contents: dict[str, Any], targ
     )
     for line in lines:
         console.print(line, markup=False, soft_wrap=True)
+    for warning in solution.small_strain.warnings:
+        _errors.print(f"warning: {warning}", markup=False)
     picture = contents.get("picture", "")
     if "could not" in picture:
         _errors.print(f"warning: picture.png {picture}", markup=False)

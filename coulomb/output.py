@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -68,7 +68,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         stick = ~slip
     history: Any = result.history
     krylov = sum(step.krylov for step in history)
-    certificate = solution.certificate
+    certificate, strain = solution.certificate, solution.small_strain
     return {
         "coulomb": __version__,
         "status": result.status.value,
@@ -97,6 +97,8 @@ def summary(solution: Solution) -> dict[str, Any]:
             "tangential": [-over.sum(x[:, 1]), -over.sum(x[:, 2])],
             "vector": [over.sum(on_body[:, k]) for k in range(3)],
         },
+        "totals": totals(solution),
+        "small_strain": {**asdict(strain), "warnings": list(strain.warnings)},
         "nodes": {
             "contact": int(over.sum(float(len(x)))),
             "open": int(over.sum(open_.astype(float))),
@@ -119,6 +121,30 @@ def summary(solution: Solution) -> dict[str, Any]:
     }
 
 
+def totals(solution: Solution) -> dict[str, Any]:
+    """What the contact face does as a whole; newtons and metres; collective, the same on every rank.
+
+    Force and moment (about the origin) are those on the body.  The centre of pressure is the mean place of the normal
+    forces, null without any.  Slip and dissipated energy count from `ContactProblem.slip_origin`.
+    """
+    problem, surface = solution.problem, solution.problem.surface
+    over, x = Reductions(problem.comm), solution.contact_force.reshape(-1, 3)
+    on_body = -surface.vectors(x)
+    open_, _ = _open_and_slip(solution)
+    slip = problem.closure(solution.displacement)[:, 1:]
+    pressing = over.sum(x[:, 0])
+    moving = np.hypot(slip[:, 0], slip[:, 1])
+    return {
+        "face": surface.face,
+        "force": over.total(on_body.sum(axis=0)).tolist(),
+        "moment": over.total(np.cross(surface.x, on_body).sum(axis=0)).tolist(),
+        "contact_area": over.sum(surface.area[~open_]),
+        "centre_of_pressure": (over.total(x[:, 0] @ surface.x) / pressing).tolist() if pressing > 0.0 else None,
+        "greatest_slip": max(over.max(moving[~open_]), 0.0),
+        "dissipated_energy": over.sum(np.sum(x[:, 1:] * slip, axis=1)),
+    }
+
+
 def _range(problem: ContactProblem) -> float | dict[str, float]:
     """Friction or slip stress: a number, or its least and greatest value."""
     over = Reductions(problem.comm)
@@ -126,13 +152,16 @@ def _range(problem: ContactProblem) -> float | dict[str, float]:
     return least if least == greatest else {"min": least, "max": greatest}
 
 
-def write(solution: Solution, directory: str | Path, picture: bool = True) -> dict[str, Any]:
+def write(
+    solution: Solution, directory: str | Path, picture: bool = True, extra: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """Write everything into a directory; files already there are replaced only when all new ones are complete.
 
     Args:
         solution: What to write, converged or not.
         directory: Made if need be.
         picture: Whether to draw picture.png.
+        extra: More entries for summary.json.
 
     Returns:
         The summary, with the seconds of the output added.
@@ -142,29 +171,29 @@ def write(solution: Solution, directory: str | Path, picture: bool = True) -> di
     """
     comm, problem, began = solution.problem.comm, solution.problem, time.perf_counter()
     target = Path(directory)
-    partial = Path(_on_rank_0(comm, lambda: _make_partial(target)))
+    partial = Path(on_rank_0(comm, lambda: _make_partial(target)))
     try:
         _write_body(solution, str(partial / "solution.xdmf"))
         _write_contact(solution, str(partial / "contact.xdmf"))
-        contents = summary(solution)
+        contents = {**summary(solution), **(extra or {})}
 
         def finish() -> str:
             for name in ("solution.xdmf", "contact.xdmf"):
-                _one_grid(partial / name)
+                _one_grid(partial / name, problem.time)
             _write_history(solution.result.history, partial / "history.csv")
             contents["seconds"]["output"] = time.perf_counter() - began
             contents["picture"] = "not asked for"
-            _write_json(contents, partial / "summary.json")
+            write_json(contents, partial / "summary.json")
             if picture:
                 drawing = time.perf_counter()
                 contents["picture"] = _draw(partial) or "picture.png"
                 contents["seconds"]["picture"] = time.perf_counter() - drawing
-                _write_json(contents, partial / "summary.json")
+                write_json(contents, partial / "summary.json")
             for file in sorted(partial.iterdir()):
                 os.replace(file, target / file.name)
             return json.dumps(contents)
 
-        contents = dict(json.loads(_on_rank_0(comm, finish)))
+        contents = dict(json.loads(on_rank_0(comm, finish)))
     finally:
         comm.barrier()
         if comm.rank == 0:
@@ -173,7 +202,7 @@ def write(solution: Solution, directory: str | Path, picture: bool = True) -> di
     return contents
 
 
-def _on_rank_0(comm: MPI.Comm, action: Callable[[], str]) -> str:
+def on_rank_0(comm: MPI.Comm, action: Callable[[], str]) -> str:
     """Result of an action of rank 0 on every rank; its OSError is raised on every rank."""
     result: str = ""
     fault: OSError | None = None
@@ -208,7 +237,7 @@ def contact_fields(solution: Solution) -> dict[str, FloatArray]:
     """
     problem, surface = solution.problem, solution.problem.surface
     x = solution.contact_force.reshape(-1, 3)
-    closure = surface.components(solution.displacement[surface.nodes])
+    closure = problem.closure(solution.displacement)
     tangential, slip = x.copy(), closure.copy()
     tangential[:, 0] = slip[:, 0] = 0.0
     bound = problem.slip_bound(solution.contact_force)
@@ -226,6 +255,7 @@ def contact_fields(solution: Solution) -> dict[str, FloatArray]:
         "area": surface.area,
         "coefficient": problem.coefficient,
         "slip_bound": solution.slip_bound,
+        "slip_origin": problem.slip_origin,
     }
 
 
@@ -252,18 +282,45 @@ def _write_contact(solution: Solution, path: str) -> None:
     compat.write_mesh_and_functions(problem.comm, path, sub, functions)
 
 
-def _one_grid(path: Path) -> None:
+def _one_grid(path: Path, time: float) -> None:
     """DOLFINx writes a grid for the mesh and one for every function; a reader wants all of it on one."""
     tree = ElementTree.parse(path)
     domain = tree.getroot().find("Domain")
     assert domain is not None
     body, *others = domain.findall("Grid")
-    body.extend(list(domain.iter("Time"))[:1])
+    ElementTree.SubElement(body, "Time", Value=repr(float(time)))
     for grid in others:
         body.extend(grid.iter("Attribute"))
         domain.remove(grid)
     ElementTree.indent(tree)
     tree.write(path, encoding="utf-8", xml_declaration=True)
+
+
+def write_series(folder: Path, name: str, steps: Sequence[tuple[str, float]]) -> None:
+    """A time series DIRECTORY/`name` over the files `name` of the steps, which stay where they are; on one rank.
+
+    Args:
+        folder: Where the series goes.
+        name: Of the XDMF files.
+        steps: Directory of each step, seen from `folder`, and its time.
+    """
+    root = ElementTree.Element("Xdmf", Version="3.0")
+    series = ElementTree.SubElement(
+        ElementTree.SubElement(root, "Domain"), "Grid", Name="steps", GridType="Collection", CollectionType="Temporal"
+    )
+    for directory, _ in steps:
+        domain = ElementTree.parse(folder / directory / name).getroot().find("Domain")
+        assert domain is not None
+        grid = domain.find("Grid")
+        assert grid is not None
+        for item in grid.iter("DataItem"):
+            if item.get("Format") == "HDF":
+                item.text = f"{directory}/{(item.text or '').strip()}"
+        series.append(grid)
+    ElementTree.indent(root)
+    partial = folder / f".{name}"
+    ElementTree.ElementTree(root).write(partial, encoding="utf-8", xml_declaration=True)
+    os.replace(partial, folder / name)
 
 
 def _write_history(history: tuple[OuterStep, ...] | tuple[QPStep, ...], path: Path) -> None:
@@ -274,8 +331,16 @@ def _write_history(history: tuple[OuterStep, ...] | tuple[QPStep, ...], path: Pa
         writer.writerows(asdict(step) for step in history)
 
 
-def _write_json(contents: dict[str, Any], path: Path) -> None:
+def write_json(contents: dict[str, Any], path: Path) -> None:
     path.write_text(json.dumps(_finite(contents), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def draw(directory: Path, target: Path) -> str:
+    """Draw a picture of the results in a directory, and put it into another; what went wrong, or nothing."""
+    trouble = _draw(directory)
+    if not trouble:
+        os.replace(directory / "picture.png", target / "picture.png")
+    return trouble
 
 
 def _draw(directory: Path) -> str:

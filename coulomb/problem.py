@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -15,10 +16,11 @@ from mpi4py import MPI
 from .arrays import FloatArray
 from .fem.body import Material
 from .fem.elasticity import Clamp, Elasticity, Traction
-from .fem.fields import Coefficient, Field, evaluate_numbers
+from .fem.fields import Amplitude, Coefficient, Field, Motion, evaluate_motion, evaluate_numbers, on_all_ranks
 from .fem.meshes import NamedMesh
-from .fem.obstacles import RigidFoundation
-from .fem.surface import ContactSurface, contact_surface
+from .fem.obstacles import Moved, RigidFoundation
+from .fem.surface import ContactSurface, Normals, contact_surface
+from .small_strain import SmallStrain, small_strain
 from .solvers import schur
 from .solvers.automatic import Automatic
 from .solvers.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance
@@ -54,6 +56,8 @@ class Contact:
         slip_stress: Tresca friction: the shear stress in pascals at which the face slips, whatever the pressure;
             constant or a function of place.
         foundation: Rigid foundation; by default the plane of the face itself (gap 0).
+        normals: Whose normals the contact frames take, "foundation" or "body" (`contact_surface`).
+        motion: Translation of the foundation in the course of time, metres.
 
     Raises:
         ValueError: If not exactly one law is given, or its number is negative or not finite.
@@ -63,6 +67,8 @@ class Contact:
     friction: Coefficient | None = None
     slip_stress: Coefficient | None = None
     foundation: RigidFoundation | None = None
+    normals: Normals = "foundation"
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):
@@ -84,6 +90,8 @@ class ContactProblem:
         contact: The contact face, its foundation and friction.
         tractions: Surface loads.
         body_force: Force per volume in N/m^3.
+        body_force_amplitude: What it is multiplied by in the course of time.
+        time: The time at which loads, prescribed displacements and the foundation's place are taken.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.  Needs the direct solver.
 
@@ -91,6 +99,9 @@ class ContactProblem:
         elasticity: K, f and what belongs to them.
         surface: The contact nodes.
         coefficient: Friction F, or slip stress in pascals, at this rank's contact nodes, shape (m,).
+        motion: Where the foundation is at this time, from where it was given, metres, shape (3,).
+        slip_origin: Displacement of the contact nodes at which they have not slipped, space vectors in metres, shape
+            (m, 3): 0 at first, in a later load step that of the step before, carried along with the foundation.
         seconds: Wall time of each phase so far.
 
     Raises:
@@ -106,6 +117,8 @@ class ContactProblem:
         tractions: Sequence[Traction] = (),
         body_force: Field = (0.0, 0.0, 0.0),
         *,
+        body_force_amplitude: Amplitude = 1.0,
+        time: float = 0.0,
         linear_solver: type[DirectSolver] | type[IterativeSolver] | None = None,
         explicit: bool | None = None,
     ):
@@ -114,8 +127,13 @@ class ContactProblem:
         self.mesh, self.contact = mesh, contact
         self.seconds: dict[str, float] = {}
         with self._timed("assembly"):
-            self.elasticity = Elasticity(mesh, material, clamps, tractions, body_force)
-            self.surface: ContactSurface = contact_surface(self.elasticity, contact.face, contact.foundation)
+            self.elasticity = Elasticity(mesh, material, clamps, tractions, body_force, body_force_amplitude, time)
+            self.surface: ContactSurface = contact_surface(
+                self.elasticity, contact.face, contact.foundation, contact.normals
+            )
+            self._foundation, self.motion = self.surface.foundation, np.zeros(3)
+            self.slip_origin: FloatArray = np.zeros((len(self.surface.nodes), 3))
+            self._move_foundation()
             law, given = ("friction", contact.friction) if self.coulomb else ("slip_stress", contact.slip_stress)
             assert given is not None
             self.coefficient = evaluate_numbers(given, self.surface.x, f"contact: {law}", self.comm)
@@ -131,6 +149,65 @@ class ContactProblem:
     @property
     def comm(self) -> MPI.Comm:
         return self.mesh.comm
+
+    @property
+    def time(self) -> float:
+        """The time at which loads, prescribed displacements and the foundation's place are taken."""
+        return self.elasticity.time
+
+    def at(self, time: float, slip_origin: FloatArray | None = None) -> ContactProblem:
+        """The problem at another time, K and its solver shared; collective.
+
+        Args:
+            time: When.
+            slip_origin: Space vectors in metres, shape (m, 3); by default those of this problem.
+
+        Raises:
+            ValueError: On every rank, if an amplitude or the motion has no value then, or the foundation has moved so
+                that other nodes than before can touch it.
+        """
+        self.stiffness_solver, self.A  # noqa: B018  (made once, shared by all times)
+        other = copy.copy(self)
+        other.seconds = {}
+        for name in ("b", "_free_displacement"):
+            other.__dict__.pop(name, None)
+        if slip_origin is not None:
+            other.slip_origin = slip_origin
+        with other._timed("assembly"):
+            other.elasticity = self.elasticity.at(time)
+            other._move_foundation()
+        return other
+
+    def motion_at(self, time: float) -> FloatArray:
+        """Translation of the foundation at a time in metres, shape (3,); collective."""
+        translation: FloatArray = on_all_ranks(
+            lambda: evaluate_motion(self.contact.motion, time, "contact: foundation"), "", self.comm
+        )
+        return translation
+
+    def _move_foundation(self) -> None:
+        """Gaps, and where they turn also frames, B and A, for where the foundation is at this time."""
+        where = self.motion_at(self.time)
+        if np.array_equal(where, self.motion):
+            return
+        self.motion, before = where, self.surface
+        after = contact_surface(
+            self.elasticity, self.contact.face, Moved(self._foundation, where), self.contact.normals
+        )
+        if not self.comm.allreduce(np.array_equal(before.nodes, after.nodes), op=MPI.LAND):
+            raise ValueError(f"contact: at time {self.time:g} the foundation has turned its normals to other nodes")
+        turned = not np.allclose(before.frames, after.frames, rtol=0.0, atol=1e-14)
+        if not self.comm.allreduce(turned, op=MPI.LOR):
+            self.surface = replace(after, frames=before.frames, B=before.B)
+            return
+        self.surface = after
+        if "A" in self.__dict__:
+            turn = np.einsum("kij,klj->kil", after.frames, before.frames)
+            A = self.A
+            if isinstance(A, ExplicitCompliance):
+                self.A = A.turned(turn)
+            else:
+                self.A = MatrixFreeCompliance(after.B, self.elasticity.K, self.stiffness_solver)
 
     @cached_property
     def unknowns(self) -> dict[str, int]:
@@ -165,10 +242,19 @@ class ContactProblem:
 
     @cached_property
     def b(self) -> FloatArray:
-        """B K^-1 f - c in metres, this rank's part, shape (3 m,): how far the free body would pass the foundation."""
-        closure = self.surface.components(self._free_displacement[self.surface.nodes])
-        closure[:, 0] -= self.surface.gap
-        return closure.ravel()
+        """B K^-1 f - c in metres, this rank's part, shape (3 m,): how far the free body would pass the foundation.
+
+        c is the gap along n, and along t1 and t2 the displacement from which slip counts.
+        """
+        free = self.closure(self._free_displacement)
+        free[:, 0] -= self.surface.gap
+        return free.ravel()
+
+    def closure(self, u: FloatArray) -> FloatArray:
+        """What u (k, 3) does to the gaps: u_n, and slip along t1 and t2, metres, shape (m, 3)."""
+        closure = self.surface.components(u[self.surface.nodes])
+        closure[:, 1:] -= self.surface.components(self.slip_origin)[:, 1:]
+        return closure
 
     @cached_property
     def mean_compliance(self) -> float:
@@ -299,6 +385,11 @@ class Solution:
     slip_bound: FloatArray
     result: CoulombResult | QPResult
     certificate: Certificate
+
+    @cached_property
+    def small_strain(self) -> SmallStrain:
+        """Whether displacements are small enough for the theory; collective."""
+        return small_strain(self.problem, self.contact_force, self.displacement)
 
     def write(self, directory: str) -> None:
         """Fields, history and summary into a directory; what is there is replaced when all is written."""

@@ -48,7 +48,7 @@ def test_vtk_reads_the_contact_surface(run):
     grid = grid if isinstance(grid, pyvista.DataSet) else grid[0]
     assert grid.n_cells == 18 * 6 and grid.n_points == 19 * 7
     names = {"pressure", "friction_traction", "slip", "gap", "status", "friction_use"}
-    names |= {"contact_force", "normal", "initial_gap", "area", "coefficient", "slip_bound"}
+    names |= {"contact_force", "normal", "initial_gap", "area", "coefficient", "slip_bound", "slip_origin"}
     assert set(grid.point_data.keys()) == names
     surface, x = solution.problem.surface, solution.contact_force.reshape(-1, 3)
     held = np.isclose(grid.points[:, 0], 0.0)

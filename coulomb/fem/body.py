@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
@@ -78,6 +80,14 @@ class ElasticBody:
         equivalent = ufl.sqrt(1.5 * ufl.inner(deviator, deviator))
         stress.interpolate(fem.Expression(equivalent, compat.interpolation_points(W)))
         return stress
+
+    def greatest_gradient(self, u: FloatArray) -> float:
+        """Greatest Frobenius norm of the displacement gradient at the cells' midpoints, over all ranks; u is (k, 3)."""
+        W = compat.functionspace(self.domain, 0, family="DG")
+        size, slope = fem.Function(W), ufl.grad(self.function(u))
+        size.interpolate(fem.Expression(ufl.sqrt(ufl.inner(slope, slope)), compat.interpolation_points(W)))
+        values = size.x.array
+        return float(self.domain.comm.allreduce(float(np.max(values)) if len(values) else 0.0, op=MPI.MAX))
 
     def _assemble(self, form: Any) -> FloatArray:
         vector = fem.petsc.assemble_vector(form)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,10 +17,8 @@ from ..arrays import FloatArray
 from . import compat
 from .body import ElasticBody, Material, strain
 from .compat import fem, ufl
-from .fields import Field, evaluate_vectors
+from .fields import Amplitude, Field, evaluate_amplitude, evaluate_vectors, on_all_ranks
 from .meshes import NamedMesh
-
-"""A vector, or a function of the points x, shape (3, k), with vectors of shape (3, k)."""
 
 _MODES = (
     *("translation along x", "translation along y", "translation along z"),
@@ -35,6 +34,7 @@ class Clamp:
         face: Name of the face.
         components: Which components are held, letters of "xyz".
         value: Displacement in metres, a vector or a function of x; components not held are ignored.
+        amplitude: What the value is multiplied by in the course of time.
 
     Raises:
         ValueError: If components is not made of different letters of "xyz".
@@ -43,6 +43,7 @@ class Clamp:
     face: str
     components: str = "xyz"
     value: Field = (0.0, 0.0, 0.0)
+    amplitude: Amplitude = 1.0
 
     def __post_init__(self) -> None:
         letters = set(self.components)
@@ -59,10 +60,12 @@ class Traction:
     Attributes:
         face: Name of the face.
         value: Traction in pascals, a vector or a function of x.
+        amplitude: What the value is multiplied by in the course of time.
     """
 
     face: str
     value: Field
+    amplitude: Amplitude = 1.0
 
 
 class Elasticity(ElasticBody):
@@ -79,6 +82,8 @@ class Elasticity(ElasticBody):
         load: The load alone, this rank's part, shape (k, 3), newtons.
         fixed: Which components are prescribed, this rank's nodes, shape (k, 3).
         prescribed: Their values in metres, 0 elsewhere, shape (k, 3).
+        dragged: Which components are prescribed to be other than 0 at some time, shape (k, 3).
+        time: The time of load, prescribed and f; K does not change.
 
     Raises:
         ValueError: If a face is unknown, a value not finite, or the clamps leave the body a rigid motion.
@@ -91,31 +96,61 @@ class Elasticity(ElasticBody):
         clamps: Sequence[Clamp],
         tractions: Sequence[Traction] = (),
         body_force: Field = (0.0, 0.0, 0.0),
+        body_force_amplitude: Amplitude = 1.0,
+        time: float = 0.0,
     ):
         super().__init__(mesh.domain, material)
         self.mesh = mesh
-        self._prescribe(clamps)
+        self.fixed, self.dragged = np.zeros((2, self._owned, 3), dtype=bool)
+        self._clamps = [self._prescribe(clamp) for clamp in clamps]
         self._refuse_floating_body()
-        self.load = self._assemble_loads(tractions, body_force)
+        self._loads = self._assemble_loads(tractions, body_force, body_force_amplitude)
 
         trial = ufl.TrialFunction(self.V)
         self.K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * ufl.dx))
-        self.f = self.K.createVecRight()
-        self.f.array[:] = self.load.ravel()
-        self._eliminate_fixed()
+        self._held = self._eliminate_fixed()
         self._attach_rigid_body_modes()
+        self._load_at(time)
+
+    def at(self, time: float) -> Elasticity:
+        """The same body and K under the loads and prescribed displacements of another time; collective.
+
+        Raises:
+            ValueError: On every rank, if an amplitude has no finite value at that time.
+        """
+        other = copy.copy(self)
+        other._load_at(time)
+        return other
+
+    def _load_at(self, time: float) -> None:
+        self.time = time
+        self.load: FloatArray = np.zeros((self._owned, 3))
+        for amplitude, what, load in self._loads:
+            self.load += self._factor(amplitude, time, what) * load
+        self.prescribed: FloatArray = np.zeros((self._owned, 3))
+        for clamp, nodes, values in self._clamps:
+            factor = self._factor(clamp.amplitude, time, f"clamp on {clamp.face!r}")
+            for component in map("xyz".index, clamp.components):
+                self.prescribed[nodes, component] = factor * values[:, component]
+        self.f = self.K.createVecRight()
+        free = self.load
+        if self.mesh.comm.allreduce(bool(np.any(self.prescribed)), op=MPI.LOR):
+            free = self.load - self.internal_force(self.prescribed)
+        self.f.array[:] = np.where(self.fixed, self._held * self.prescribed, free).ravel()
+
+    def _factor(self, amplitude: Amplitude, time: float, what: str) -> float:
+        factor: float = on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)
+        return factor
 
     # --- constraints and loads ----------------------------------------------------------------------------------
 
-    def _prescribe(self, clamps: Sequence[Clamp]) -> None:
-        self.fixed = np.zeros((self._owned, 3), dtype=bool)
-        self.prescribed = np.zeros((self._owned, 3))
-        for clamp in clamps:
-            nodes = self.nodes(clamp.face, "clamp")
-            values = evaluate_vectors(clamp.value, self.x[nodes], f"clamp on {clamp.face!r}", self.mesh.comm)
-            for component in map("xyz".index, clamp.components):
-                self.fixed[nodes, component] = True
-                self.prescribed[nodes, component] = values[:, component]
+    def _prescribe(self, clamp: Clamp) -> tuple[Clamp, npt.NDArray[np.int32], FloatArray]:
+        nodes = self.nodes(clamp.face, "clamp")
+        values = evaluate_vectors(clamp.value, self.x[nodes], f"clamp on {clamp.face!r}", self.mesh.comm)
+        for component in map("xyz".index, clamp.components):
+            self.fixed[nodes, component] = True
+            self.dragged[nodes, component] = values[:, component] != 0.0
+        return clamp, nodes, values
 
     def _refuse_floating_body(self) -> None:
         comm, x = self.mesh.comm, self.x
@@ -139,12 +174,15 @@ class Elasticity(ElasticBody):
                 "contact alone does not make the stiffness invertible"
             )
 
-    def _assemble_loads(self, tractions: Sequence[Traction], body_force: Field) -> FloatArray:
-        load = self._integrate(body_force, "body_force", ufl.dx)
+    def _assemble_loads(
+        self, tractions: Sequence[Traction], body_force: Field, body_force_amplitude: Amplitude
+    ) -> list[tuple[Amplitude, str, FloatArray]]:
+        """Every load with its amplitude, and what it is called in errors."""
+        loads = [(body_force_amplitude, "body_force", self._integrate(body_force, "body_force", ufl.dx))]
         for traction in tractions:
-            facets = self.mesh.facets(traction.face, "traction")
-            load += self._integrate(traction.value, f"traction on {traction.face!r}", self._ds(facets))
-        return load
+            facets, what = self.mesh.facets(traction.face, "traction"), f"traction on {traction.face!r}"
+            loads.append((traction.amplitude, what, self._integrate(traction.value, what, self._ds(facets))))
+        return loads
 
     def _integrate(self, field: Field, what: str, measure: Any) -> FloatArray:
         """Integral of field . v for every hat function, this rank's part, shape (k, 3)."""
@@ -157,21 +195,20 @@ class Elasticity(ElasticBody):
         tags = compat.meshtags(self.mesh.domain, 2, facets, np.ones(len(facets), dtype=np.int32))
         return ufl.Measure("ds", domain=self.mesh.domain, subdomain_data=tags, subdomain_id=1)
 
-    def _eliminate_fixed(self) -> None:
+    def _eliminate_fixed(self) -> float:
+        """Zero the rows and columns of the fixed components; what stands on their diagonal then."""
         comm = self.mesh.comm
         diagonal = self.K.getDiagonal()
         free = diagonal.array[~self.fixed.ravel()]
-        mean = comm.allreduce(float(free.sum()), op=MPI.SUM) / comm.allreduce(len(free), op=MPI.SUM)
+        mean = float(comm.allreduce(float(free.sum()), op=MPI.SUM) / comm.allreduce(len(free), op=MPI.SUM))
         diagonal.destroy()
         first = self.K.getOwnershipRange()[0]
         rows = (first + np.flatnonzero(self.fixed)).astype(PETSc.IntType)
-        values = self.K.createVecRight()
-        values.array[:] = self.prescribed.ravel()
         self.K.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        self.K.zeroRowsColumns(rows, diag=mean, x=values, b=self.f)
-        values.destroy()
+        self.K.zeroRowsColumns(rows, diag=mean)
         self.K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.K.setOption(PETSc.Mat.Option.SPD, True)
+        return mean
 
     def _attach_rigid_body_modes(self) -> None:
         coordinates = self.K.createVecRight()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -10,11 +11,71 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 
+Value = TypeVar("Value")
+
 Field = Sequence[float] | Callable[[FloatArray], FloatArray]
 """A vector, or a function of x, shape (3, k), in metres, that returns vectors, shape (3, k)."""
 
 Coefficient = float | Callable[[FloatArray], FloatArray]
 """A number, or a function of x, shape (3, k), in metres, that returns k numbers."""
+
+
+Amplitude = float | Callable[[float], float] | Sequence[tuple[float, float]]
+"""What a load is multiplied by in the course of time: a number, a function of time, or a table of (time, factor)."""
+
+Motion = Callable[[float], Sequence[float]] | Sequence[tuple[float, float, float, float]]
+"""A translation in metres in the course of time: a function of time, or a table of (time, x, y, z)."""
+
+
+def evaluate_amplitude(amplitude: Amplitude, time: float, what: str) -> float:
+    """The factor at a time; tables are linear in between and constant beyond their ends.
+
+    Raises:
+        ValueError: If a function fails or its value is no finite number, or the table's times do not increase.
+    """
+    if isinstance(amplitude, int | float):
+        return float(amplitude)
+    if callable(amplitude):
+        try:
+            value = float(amplitude(time))
+        except Exception as error:  # whatever a user's function raises
+            raise ValueError(f"{what}: the amplitude failed at time {time:g}: {error}") from None
+        if not np.isfinite(value):
+            raise ValueError(f"{what}: the amplitude at time {time:g} is {value}")
+        return value
+    return float(_interpolate(amplitude, time, 1, f"{what}: amplitude")[0])
+
+
+def evaluate_motion(motion: Motion | None, time: float, what: str) -> FloatArray:
+    """The translation at a time, shape (3,); none without a motion.
+
+    Raises:
+        ValueError: As `evaluate_amplitude`.
+    """
+    if motion is None:
+        return np.zeros(3)
+    if callable(motion):
+        try:
+            value = np.array(motion(time), dtype=np.float64)
+        except Exception as error:  # whatever a user's function raises
+            raise ValueError(f"{what}: the motion failed at time {time:g}: {error}") from None
+        if value.shape != (3,) or not np.all(np.isfinite(value)):
+            raise ValueError(f"{what}: the motion at time {time:g} must be three finite numbers, but is {value}")
+        return value
+    return _interpolate(motion, time, 3, f"{what}: motion")
+
+
+def _interpolate(table: Sequence[Sequence[float]], time: float, columns: int, what: str) -> FloatArray:
+    try:
+        rows = np.array(table, dtype=np.float64)
+    except ValueError:
+        rows = np.empty((0, 0))
+    if rows.ndim != 2 or rows.shape[0] == 0 or rows.shape[1] != 1 + columns or not np.all(np.isfinite(rows)):
+        form = "[time, factor]" if columns == 1 else "[time, x, y, z]"
+        raise ValueError(f"{what} must be a table of rows {form}, but is {table}")
+    if np.any(np.diff(rows[:, 0]) <= 0.0):
+        raise ValueError(f"{what}: the times of the table must increase, but are {rows[:, 0].tolist()}")
+    return np.array([np.interp(time, rows[:, 0], rows[:, k]) for k in range(1, 1 + columns)])
 
 
 def evaluate_vectors(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
@@ -37,7 +98,7 @@ def evaluate_vectors(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> 
             raise ValueError(f"the value must have three components, but is {field!r}")
         return _finite(np.broadcast_to(values, (len(x), 3)), x)
 
-    return _on_all(evaluate, what, comm)
+    return on_all_ranks(evaluate, what, comm)
 
 
 def evaluate_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
@@ -61,7 +122,7 @@ def evaluate_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: M
             raise ValueError(f"must be >= 0 everywhere, but is {values[np.argmax(bad)]} at x = {_place(x, bad)}")
         return values
 
-    return _on_all(evaluate, what, comm)
+    return on_all_ranks(evaluate, what, comm)
 
 
 def _finite(values: FloatArray, x: FloatArray) -> FloatArray:
@@ -75,15 +136,15 @@ def _place(x: FloatArray, where: npt.NDArray[np.bool_]) -> str:
     return ", ".join(f"{c:.6g}" for c in x[np.argmax(where)])
 
 
-def _on_all(evaluate: Callable[[], FloatArray], what: str, comm: MPI.Comm) -> FloatArray:
-    """What it returns; or an error on every rank, with the first fault of any."""
+def on_all_ranks(evaluate: Callable[[], Value], what: str, comm: MPI.Comm) -> Value:
+    """What it returns; or a ValueError on every rank, with the first fault of any, after `what` if there is one."""
     fault = ""
-    values: FloatArray = np.empty(0)
+    value: Value | None = None
     try:
-        values = evaluate()
+        value = evaluate()
     except Exception as error:  # whatever a user's function raises
         fault = str(error) or type(error).__name__
     faults = [text for text in comm.allgather(fault) if text]
     if faults:
-        raise ValueError(f"{what}: {faults[0]}")
-    return values
+        raise ValueError(f"{what}: {faults[0]}" if what else faults[0])
+    return cast(Value, value)

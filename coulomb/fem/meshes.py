@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from ..arrays import FloatArray
 from .compat import mesh
+from .fields import evaluate_vectors
 
 BOX_FACES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "bottom": (2, 0), "top": (2, 1)}
 """Faces of a box: axis, and whether at its lower (0) or upper (1) end."""
@@ -51,6 +53,7 @@ def box(
     cells: Sequence[int],
     cell: str = "hexahedron",
     comm: MPI.Comm = MPI.COMM_WORLD,
+    place: Callable[[FloatArray], FloatArray] | None = None,
 ) -> NamedMesh:
     """Box (0, lengths) with the faces left, right (x), front, back (y), bottom, top (z).
 
@@ -59,9 +62,10 @@ def box(
         cells: Cells along each edge.
         cell: "hexahedron", or "tetrahedron" (each hexahedron cut into six).
         comm: The ranks that share the mesh.
+        place: Where the nodes x (3, k) of the regular box go, shape (3, k): for graded meshes and curved bodies.
 
     Raises:
-        ValueError: If a length or a number of cells is not positive, or the cell unknown.
+        ValueError: If a length or a number of cells is not positive, the cell unknown, or a node placed nowhere.
     """
     if len(lengths) != 3 or not all(np.isfinite(length) and length > 0.0 for length in lengths):
         raise ValueError(f"box: lengths must be three positive numbers in metres, but are {list(lengths)}")
@@ -77,4 +81,7 @@ def box(
         faces[name] = mesh.locate_entities_boundary(
             domain, 2, lambda x, i=axis, e=end: np.abs(x[i] - e * corner[i]) < near[i]
         )
+    if place is not None:
+        x = domain.geometry.x
+        x[:] = evaluate_vectors(place, x.copy(), "box: place", comm)
     return NamedMesh(domain, faces)

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from ..arrays import FloatArray
+
+Point = tuple[float, float, float]
+
+_DIFFERENCE = 1e-5
+"""Step of the differences that make a normal, over the size of what they are taken at: the cube root of rounding."""
 
 
 class RigidFoundation(Protocol):
@@ -34,25 +40,169 @@ class Plane:
         ValueError: If the normal is zero or an entry is not finite.
     """
 
-    point: tuple[float, float, float]
-    normal_vector: tuple[float, float, float]
+    point: Point
+    normal_vector: Point
 
     def __post_init__(self) -> None:
-        for name, vector in (("point", self.point), ("normal", self.normal_vector)):
-            if len(vector) != 3 or not np.all(np.isfinite(vector)):
-                raise ValueError(f"plane: {name} must be three finite numbers, but is {vector}")
-        if not np.linalg.norm(self.normal_vector) > 0.0:
-            raise ValueError("plane: the normal must not be zero")
+        _check_point("plane: point", self.point)
+        _check_direction("plane: normal", self.normal_vector)
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
-        distance: FloatArray = (x - np.asarray(self.point)) @ self._unit
+        distance: FloatArray = (x - np.asarray(self.point)) @ _unit(self.normal_vector)
         return distance
 
     def normal(self, x: FloatArray) -> FloatArray:
-        return np.tile(self._unit, (len(x), 1))
+        return np.tile(_unit(self.normal_vector), (len(x), 1))
 
-    @property
-    def _unit(self) -> FloatArray:
-        n = np.asarray(self.normal_vector, dtype=np.float64)
-        unit: FloatArray = n / np.linalg.norm(n)
+
+@dataclass(frozen=True)
+class Sphere:
+    """Rigid ball, or the space around a spherical hollow.
+
+    Attributes:
+        centre: In metres.
+        radius: In metres, > 0.
+        hollow: The body lies inside, in a spherical cup.
+
+    Raises:
+        ValueError: If the radius is not positive or an entry is not finite.
+    """
+
+    centre: Point
+    radius: float
+    hollow: bool = False
+
+    def __post_init__(self) -> None:
+        _check_point("sphere: centre", self.centre)
+        _check_radius("sphere: radius", self.radius)
+
+    def signed_distance(self, x: FloatArray) -> FloatArray:
+        distance: FloatArray = np.linalg.norm(x - np.asarray(self.centre), axis=1) - self.radius
+        return -distance if self.hollow else distance
+
+    def normal(self, x: FloatArray) -> FloatArray:
+        return _radial(x - np.asarray(self.centre), self.hollow)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Rigid circular cylinder without ends, or the space around a bore.
+
+    Attributes:
+        point: A point of the axis, metres.
+        axis: Direction of the axis; need not have length 1.
+        radius: In metres, > 0.
+        hollow: The body lies inside, in a bore.
+
+    Raises:
+        ValueError: If the radius is not positive, the axis zero, or an entry not finite.
+    """
+
+    point: Point
+    axis: Point
+    radius: float
+    hollow: bool = False
+
+    def __post_init__(self) -> None:
+        _check_point("cylinder: point", self.point)
+        _check_direction("cylinder: axis", self.axis)
+        _check_radius("cylinder: radius", self.radius)
+
+    def signed_distance(self, x: FloatArray) -> FloatArray:
+        distance: FloatArray = np.linalg.norm(self._from_axis(x), axis=1) - self.radius
+        return -distance if self.hollow else distance
+
+    def normal(self, x: FloatArray) -> FloatArray:
+        return _radial(self._from_axis(x), self.hollow)
+
+    def _from_axis(self, x: FloatArray) -> FloatArray:
+        r, axis = x - np.asarray(self.point), _unit(self.axis)
+        across: FloatArray = r - np.outer(r @ axis, axis)
+        return across
+
+
+@dataclass(frozen=True)
+class SignedDistance:
+    """Any foundation, as a function.
+
+    Attributes:
+        function: x (3, k) in metres -> signed distances (k,) in metres, negative inside the foundation.  A function
+            that is merely zero on the surface, such as z - h(x, y), will do: it is divided by its gradient's length.
+        gradient: x (3, k) -> its gradient, shape (3, k); by default central differences, good to about 1e-10.
+    """
+
+    function: Callable[[FloatArray], FloatArray]
+    gradient: Callable[[FloatArray], FloatArray] | None = None
+
+    def signed_distance(self, x: FloatArray) -> FloatArray:
+        distance: FloatArray = self._values(x) / np.linalg.norm(self._slope(x), axis=1)
+        return distance
+
+    def normal(self, x: FloatArray) -> FloatArray:
+        slope = self._slope(x)
+        unit: FloatArray = slope / np.linalg.norm(slope, axis=1)[:, None]
         return unit
+
+    def _values(self, x: FloatArray) -> FloatArray:
+        values = np.asarray(self.function(x.T.copy()), dtype=np.float64)
+        if values.shape != (len(x),):
+            raise ValueError(f"the function must return {len(x)} numbers, but returned shape {values.shape}")
+        return values
+
+    def _slope(self, x: FloatArray) -> FloatArray:
+        if self.gradient is not None:
+            slope: FloatArray = np.asarray(self.gradient(x.T.copy()), dtype=np.float64).T
+            if slope.shape != x.shape:
+                raise ValueError(f"the gradient must have shape (3, {len(x)}), but has {slope.T.shape}")
+        else:
+            h = _DIFFERENCE * max(float(np.max(np.abs(x))), 1e-300)
+            sides = [(self._values(x + h * e) - self._values(x - h * e)) / (2.0 * h) for e in np.eye(3)]
+            slope = np.stack(sides, axis=1)
+        flat = ~(np.linalg.norm(slope, axis=1) > 0.0)
+        if np.any(flat):
+            raise ValueError(f"has no normal at x = {', '.join(f'{c:.6g}' for c in x[np.argmax(flat)])}")
+        return slope
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A foundation translated by `translation` (metres)."""
+
+    foundation: RigidFoundation
+    translation: FloatArray
+
+    def signed_distance(self, x: FloatArray) -> FloatArray:
+        return self.foundation.signed_distance(x - self.translation)
+
+    def normal(self, x: FloatArray) -> FloatArray:
+        return self.foundation.normal(x - self.translation)
+
+
+def _radial(r: FloatArray, inwards: bool) -> FloatArray:
+    length = np.linalg.norm(r, axis=1)
+    if np.any(length == 0.0):
+        raise ValueError("has no normal at its centre, where the body has a node")
+    unit: FloatArray = r / length[:, None]
+    return -unit if inwards else unit
+
+
+def _unit(vector: Point) -> FloatArray:
+    n = np.asarray(vector, dtype=np.float64)
+    unit: FloatArray = n / np.linalg.norm(n)
+    return unit
+
+
+def _check_point(what: str, point: Point) -> None:
+    if len(point) != 3 or not np.all(np.isfinite(point)):
+        raise ValueError(f"{what} must be three finite numbers, but is {point}")
+
+
+def _check_direction(what: str, vector: Point) -> None:
+    _check_point(what, vector)
+    if not np.linalg.norm(vector) > 0.0:
+        raise ValueError(f"{what} must not be zero")
+
+
+def _check_radius(what: str, radius: float) -> None:
+    if not (np.isfinite(radius) and radius > 0.0):
+        raise ValueError(f"{what} must be a positive number of metres, but is {radius}")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,15 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .elasticity import Elasticity
+from .fields import on_all_ranks
 from .obstacles import Plane, RigidFoundation
+
+Normals = Literal["foundation", "body"]
+"""Whose normals the contact frames take."""
+
+
+_RAY_STEPS = 20
+"""Newton steps along a ray, many more than are needed where it meets the foundation at all."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +36,7 @@ class ContactSurface:
         gap: Distance to the foundation along n before deformation in metres, shape (m,).
         area: Integral of the hat function over the face in m^2, shape (m,).
         B: Rows n, t1, t2 of every contact node; columns the displacements.  Shape (3 m, n), distributed.
+        foundation: What the gaps are measured to.
     """
 
     face: str
@@ -36,6 +46,7 @@ class ContactSurface:
     gap: FloatArray
     area: FloatArray
     B: PETSc.Mat
+    foundation: RigidFoundation
 
     def components(self, vectors: FloatArray) -> FloatArray:
         """Space vectors (m, 3) in the frames: n, t1, t2."""
@@ -69,8 +80,18 @@ def tangent_frames(n: FloatArray) -> FloatArray:
     return frames
 
 
-def contact_surface(elasticity: Elasticity, face: str, foundation: RigidFoundation | None = None) -> ContactSurface:
+def contact_surface(
+    elasticity: Elasticity,
+    face: str,
+    foundation: RigidFoundation | None = None,
+    normals: Normals = "foundation",
+) -> ContactSurface:
     """The contact nodes of a face against a rigid foundation.
+
+    The condition at a node is linear, u_n <= gap.  With the foundation's normals, n = -grad phi at the node and gap =
+    phi, the signed distance: exact to first order in u, and the condition itself for a plane.  With the body's, n is
+    the mean normal of the facets around the node, weighted by its hat function, and gap is the way along n to the
+    foundation; where that misses it, to the plane that touches the foundation nearest to the node.
 
     Nodes that cannot approach the foundation, clamped in full or along the normal, are left out.  A node held along
     a tangent stays, and has no friction in that direction.
@@ -79,6 +100,7 @@ def contact_surface(elasticity: Elasticity, face: str, foundation: RigidFoundati
         elasticity: The body with its clamps.
         face: Name of the face.
         foundation: The obstacle; by default the plane of the face, which must then be plane.
+        normals: Whose normals to take, of the nodes as they are before deformation.
 
     Raises:
         ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from the
@@ -93,11 +115,14 @@ def contact_surface(elasticity: Elasticity, face: str, foundation: RigidFoundati
     if foundation is None:
         foundation = _plane_of_face(face, x, area, outward, comm)
 
-    n = -foundation.normal(x)
+    if normals not in ("foundation", "body"):
+        raise ValueError(f'contact: normals must be "foundation" or "body", but is {normals!r}')
     refuse = _Refusal(comm, f"contact face {face!r}")
     refuse.where(area <= 0.0, x, "has a node without area")
-    away = np.einsum("ki,ki->k", n, outward) <= 0.0
-    refuse.where(away, x, "is turned away from the foundation: turn the normal round")
+    inwards = _evaluate(foundation.normal, x, 3, comm, face)
+    away = np.einsum("ki,ki->k", inwards, outward) >= 0.0
+    refuse.where(away, x, "is turned away from the foundation: turn the normal round, or leave such facets out")
+    n = -inwards if normals == "foundation" else outward / np.linalg.norm(outward, axis=1)[:, None]
 
     held = np.where(fixed, n, 0.0)  # the part of n along held components
     touching_held = np.linalg.norm(held, axis=1)
@@ -105,15 +130,50 @@ def contact_surface(elasticity: Elasticity, face: str, foundation: RigidFoundati
     oblique = ~left_out & (touching_held > 1e-10)
     refuse.where(oblique, x, "is held by a clamp obliquely to the foundation's normal; hold it in full or not at all")
     keep = ~left_out
-    dragged = keep & np.any(fixed & (elasticity.prescribed[candidates] != 0.0), axis=1)
+    dragged = keep & np.any(elasticity.dragged[candidates], axis=1)
     refuse.where(dragged, x, "is dragged along the foundation by a clamp of non-zero value; clamp it in full")
     if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
         raise ValueError(f"contact face {face!r} is fully clamped: none of its nodes can move against the foundation")
 
     nodes, x, area = candidates[keep], x[keep], area[keep]
-    frames = tangent_frames(n[keep])
-    gap = foundation.signed_distance(x)
-    return ContactSurface(face, nodes, x, frames, gap, area, _contact_matrix(elasticity, nodes, frames))
+    n = n[keep]
+    gap = _evaluate(foundation.signed_distance, x, 1, comm, face)
+    if normals == "body":
+        gap = on_all_ranks(lambda: _way_along(n, x, gap, foundation), f"contact face {face!r}: foundation", comm)
+    frames = tangent_frames(n)
+    return ContactSurface(face, nodes, x, frames, gap, area, _contact_matrix(elasticity, nodes, frames), foundation)
+
+
+def _evaluate(
+    function: Callable[[FloatArray], FloatArray], x: FloatArray, width: int, comm: MPI.Comm, face: str
+) -> FloatArray:
+    """What a foundation says at the points x (k, 3): shape (k,), or (k, 3) for width 3; ValueError on every rank."""
+
+    def evaluate() -> FloatArray:
+        values: FloatArray = np.asarray(function(x)) if len(x) else np.empty((0, width)[: 2 if width > 1 else 1])
+        if not np.all(np.isfinite(values)):
+            raise ValueError("the signed distance or its gradient is not finite at a node")
+        return values
+
+    return on_all_ranks(evaluate, f"contact face {face!r}: foundation", comm)
+
+
+def _way_along(n: FloatArray, x: FloatArray, distance: FloatArray, foundation: RigidFoundation) -> FloatArray:
+    """Way in metres from x along n to the foundation (k,); Newton's method along each ray.
+
+    Where a ray misses, it is that to the tangent plane of the foundation's point nearest to x.
+    """
+    tangent: FloatArray = distance / -np.einsum("ki,ki->k", n, foundation.normal(x)) if len(x) else distance
+    way, missed = tangent.copy(), np.zeros(len(x), dtype=bool)
+    size = np.abs(tangent)
+    for _ in range(_RAY_STEPS if len(x) else 0):
+        point = x + way[:, None] * n
+        slope = -np.einsum("ki,ki->k", n, foundation.normal(point))
+        missed |= slope <= 0.1
+        way += np.where(missed, 0.0, foundation.signed_distance(point) / np.where(missed, 1.0, slope))
+        missed |= np.abs(way) > 10.0 * size
+    left = np.abs(foundation.signed_distance(x + way[:, None] * n)) if len(x) else way
+    return np.where(missed | (left > 1e-8 * size + 1e-300), tangent, way)
 
 
 def _plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArray, comm: MPI.Comm) -> Plane:

@@ -121,6 +121,17 @@ class ExplicitCompliance(MatrixCompliance):
         matrix.assemble()
         return cls(matrix)
 
+    def turned(self, turn: FloatArray) -> ExplicitCompliance:
+        """The same in other frames: R A R^T with R the nodal matrices `turn` (m, 3, 3), from old to new components."""
+        whole = np.concatenate(self.comm.allgather(turn))
+        rows = self.matrix.getDenseArray().reshape(self.nodes, 3, len(whole), 3)
+        rows = np.einsum("kab,kblc->kalc", turn, rows)
+        rows = np.einsum("kalc,ldc->kald", rows, whole)
+        A = np.asfortranarray(rows.reshape(3 * self.nodes, 3 * len(whole)))
+        matrix = PETSc.Mat().createDense(self.matrix.getSizes(), array=A, comm=self.comm)
+        matrix.assemble()
+        return ExplicitCompliance(matrix)
+
     @classmethod
     def from_stiffness(cls, B: PETSc.Mat, solver: DirectSolver) -> ExplicitCompliance:
         """A = B K^-1 B^T column by column, many right-hand sides at once.

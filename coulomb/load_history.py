@@ -1,0 +1,349 @@
+"""Quasi-static load steps: friction that remembers.
+
+Coulomb's law speaks of the rate of slip.  In the step from t0 to t1 it is the slip increment that counts (backward
+Euler): a node has slipped by u_t(t1) - u_t(t0) less the way of the foundation, and friction points against that.  So a
+step is a problem like any other, with `ContactProblem.slip_origin` at what the step before has left.
+
+Energy, of every step and added up.  Loads, reactions and foundation do work; it is kept as elastic energy or dissipated
+by friction.  Elastic energy is exact, and so, by the trapezoidal rule, is all work together, since the stress is linear
+in u.  What friction dissipates is taken by the law, x_t . slip >= 0, with the friction of the end of the step; the
+difference, the `imbalance`, is the error of finite steps and falls with their size.
+
+A step that fails is halved.  Everything is on disk before the next step begins: a run that was killed continues with
+the same numbers (`coulomb resume`), on as many ranks as one likes.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import output
+from .arrays import FloatArray
+from .problem import ContactProblem, Solution
+from .restart import nodal_vectors, read_step
+from .solvers.coulomb import CoulombSolver
+from .solvers.reductions import Reductions
+from .solvers.results import NotConverged, ProgressCallback
+from .solvers.tresca import QPSolver
+
+SMALLEST = 1e-9
+"""Step, as a part of the whole history, under which halving ends."""
+
+
+@dataclass(frozen=True)
+class Energy:
+    """In joules, from the start of the history.
+
+    Attributes:
+        loads: Work of tractions and body force.
+        prescribed: Work of the reactions at prescribed displacements.
+        foundation: Work that the moving foundation does on the body.
+        elastic: Energy kept in the body (and in its elastic supports).
+        dissipated: By friction.
+    """
+
+    loads: float = 0.0
+    prescribed: float = 0.0
+    foundation: float = 0.0
+    elastic: float = 0.0
+    dissipated: float = 0.0
+
+    @property
+    def imbalance(self) -> float:
+        """Work done, less what is kept and what is dissipated: the error of finite steps."""
+        return self.loads + self.prescribed + self.foundation - self.elastic - self.dissipated
+
+
+@dataclass(frozen=True)
+class State:
+    """What a step leaves to the next; this rank's part.
+
+    Attributes:
+        number: Of the step, from 1; 0 before the first.
+        time: When.
+        displacement: Metres, shape (k, 3).
+        on_body: Nodal contact forces on the body in newtons, shape (k, 3).
+        energy: Since the start.
+        pending: Times still to be reached, the next one last.
+    """
+
+    number: int
+    time: float
+    displacement: FloatArray
+    on_body: FloatArray
+    energy: Energy
+    pending: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class LoadStep:
+    """One step that has been taken.
+
+    Attributes:
+        solution: The answer at its end; `solution.problem` has the loads of that time.
+        state: What it leaves to the next.
+        halvings: How often its interval had to be halved.
+    """
+
+    solution: Solution
+    state: State
+    halvings: int
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """Its line of history.csv; collective."""
+        summary, energy = output.summary(self.solution), self.state.energy
+        totals = summary["totals"]
+        centre = totals["centre_of_pressure"] or [math.nan] * 3
+        axes = ("x", "y", "z")
+        return {
+            "step": self.state.number,
+            "time": self.state.time,
+            **{f"force_{a}": value for a, value in zip(axes, totals["force"], strict=True)},
+            **{f"moment_{a}": value for a, value in zip(axes, totals["moment"], strict=True)},
+            "normal_force": summary["force_on_body"]["normal"],
+            "contact_area": totals["contact_area"],
+            **{f"centre_of_pressure_{a}": value for a, value in zip(axes, centre, strict=True)},
+            "greatest_slip": totals["greatest_slip"],
+            "greatest_pressure": summary["maximum"]["contact_pressure"],
+            **{name: summary["nodes"][name] for name in ("open", "stick", "slip")},
+            **{f"energy_{name}": value for name, value in asdict(energy).items()},
+            "energy_imbalance": energy.imbalance,
+            "path_following": summary["iterations"]["path_following"],
+            "residual": summary["residual"],
+            "certified": summary["certificate"]["passed"],
+        }
+
+
+@dataclass(frozen=True)
+class LoadHistory:
+    """Load steps from `start` to the last of `times`, as a value.
+
+    At `start` the body is free of displacement, stress and slip.
+
+    Attributes:
+        times: Ends of the steps, increasing, after `start`.
+        start: Where the history begins.
+        tolerance: Residual at which a step is solved.
+        solver: In place of the default, as for `ContactProblem.solve`.
+        halvings: How often the interval of a step that fails may be halved.
+
+    Raises:
+        ValueError: If the times do not increase.
+    """
+
+    times: Sequence[float]
+    start: float = 0.0
+    tolerance: float = 1e-8
+    solver: CoulombSolver | QPSolver | None = None
+    halvings: int = 6
+
+    def __post_init__(self) -> None:
+        times = [self.start, *self.times]
+        if len(times) < 2 or not all(math.isfinite(t) for t in times) or any(np.diff(times) <= 0.0):
+            raise ValueError(f"history: times must increase from start = {self.start:g}, but are {list(self.times)}")
+        if self.halvings < 0:
+            raise ValueError(f"history: halvings must be at least 0, but is {self.halvings}")
+
+    def beginning(self, problem: ContactProblem) -> State:
+        """The state at `start`."""
+        zero = np.zeros_like(problem.elasticity.x)
+        return State(0, self.start, zero, zero, Energy(), tuple(reversed([float(t) for t in self.times])))
+
+    def steps(
+        self, problem: ContactProblem, state: State | None = None, progress: ProgressCallback | None = None
+    ) -> Iterator[LoadStep]:
+        """One step after another, from a state (by default from the beginning); collective.
+
+        Raises:
+                StepFailed: If a step fails however often it is halved.
+        """
+        state = state or self.beginning(problem)
+        halved = 0
+        while state.pending:
+            time = state.pending[-1]
+            try:
+                solution = self._attempt(problem, state, time, progress)
+            except NotConverged as failure:
+                middle = 0.5 * (state.time + time)
+                halved += 1
+                if halved > self.halvings or time - state.time < 2.0 * SMALLEST * (self.times[-1] - self.start):
+                    raise StepFailed(
+                        f"the load step from {state.time:g} to {time:g} failed, halved {halved - 1} times: {failure}",
+                        failure.result,
+                        self._posed(problem, state, time),
+                    ) from None
+                state = replace(state, pending=(*state.pending, middle))
+                continue
+            state = _after(state, solution)
+            yield LoadStep(solution, state, halved)
+            halved = 0
+
+    def _posed(self, problem: ContactProblem, state: State, time: float) -> ContactProblem:
+        """The step from a state to a time, as a problem."""
+        moved = problem.motion_at(time) - problem.motion_at(state.time)
+        return problem.at(time, state.displacement[problem.surface.nodes] + moved)
+
+    def _attempt(
+        self, problem: ContactProblem, state: State, time: float, progress: ProgressCallback | None
+    ) -> Solution:
+        return self._posed(problem, state, time).solve(self.tolerance, self.solver, progress)
+
+    def run(
+        self,
+        problem: ContactProblem,
+        directory: str | Path,
+        *,
+        resume: bool = False,
+        progress: ProgressCallback | None = None,
+        on_step: Callable[[LoadStep], None] | None = None,
+    ) -> list[dict[str, Any]]:
+        """Take all steps, and write each of them before the next.
+
+        DIRECTORY/steps/0001, 0002, ... have the results of a step as a single run would write them;
+        DIRECTORY/solution.xdmf and contact.xdmf show them as time series; history.csv has a line for each.
+
+        Args:
+            problem: The problem; its own time does not matter.
+            directory: Where to.
+            resume: Continue from the last step that is there.
+            progress: Called after every path-following step.
+            on_step: Called after every load step, once it is on disk.
+
+        Returns:
+            The lines of history.csv.
+
+        Raises:
+            ValueError: On every rank, if there are steps and `resume` is not asked for, or they do not fit.
+            StepFailed: As `steps`; all steps before are kept.
+        """
+        folder, comm = Path(directory), problem.comm
+        found = comm.bcast(steps_in(folder) if comm.rank == 0 else None)
+        if found and not resume:
+            raise ValueError(
+                f"{folder} already holds {len(found)} load steps: continue with `coulomb resume {folder}`, remove it, "
+                "or choose another directory"
+            )
+        state = self.beginning(problem)
+        rows = [row for number in found for row in read_row(folder, number, comm)]
+        if found:
+            state = restored(problem, folder, found[-1])
+        for step in self.steps(problem, state, progress):
+            target = folder / "steps" / f"{step.state.number:04d}"
+            rows.append(step.row)
+            output.write(step.solution, target, picture=False, extra={"step": _record(step, rows[-1])})
+            output.on_rank_0(comm, lambda: _series(folder, rows))
+            if on_step is not None:
+                on_step(step)
+        return rows
+
+
+class StepFailed(NotConverged):
+    """NotConverged of a load step, with the problem that it posed."""
+
+    def __init__(self, message: str, result: Any, problem: ContactProblem):
+        super().__init__(message, result)
+        self.problem = problem
+
+
+def _after(before: State, solution: Solution) -> State:
+    """The state at the end of a step, energies brought up to date; collective."""
+    problem, u = solution.problem, solution.displacement
+    over, elasticity = Reductions(problem.comm), problem.elasticity
+    then = elasticity.at(before.time)
+    on_body = -problem.nodal_contact_force(solution.contact_force)
+    change = u - before.displacement
+    internal, internal_then = (elasticity.internal_force(v) for v in (u, before.displacement))
+
+    def reaction(force: FloatArray, load: FloatArray, contact: FloatArray) -> FloatArray:
+        return np.where(elasticity.fixed, force - load - contact, 0.0)
+
+    reactions = reaction(internal, elasticity.load, on_body) + reaction(internal_then, then.load, before.on_body)
+    moved = problem.motion - problem.motion_at(before.time)
+    dissipated = output.totals(solution)["dissipated_energy"]
+    total = 0.5 * over.total((on_body + before.on_body).sum(axis=0))
+    energy = Energy(
+        loads=before.energy.loads + 0.5 * over.dot(elasticity.load + then.load, change),
+        prescribed=before.energy.prescribed + 0.5 * over.dot(reactions, change),
+        foundation=before.energy.foundation + float(total @ moved),
+        elastic=0.5 * over.dot(u, internal),
+        dissipated=before.energy.dissipated + dissipated,
+    )
+    return State(before.number + 1, problem.time, u, on_body, energy, before.pending[:-1])
+
+
+# --- on disk -----------------------------------------------------------------------------------------------------
+
+
+def steps_in(folder: Path) -> list[int]:
+    """Numbers of the complete steps in a directory, from 1 without a gap; a step is complete once it has a summary."""
+    found: list[int] = []
+    while (folder / "steps" / f"{len(found) + 1:04d}" / "summary.json").is_file():
+        found.append(len(found) + 1)
+    return found
+
+
+def read_row(folder: Path, number: int, comm: Any) -> list[dict[str, Any]]:
+    """The line of history.csv of a step, in a list."""
+    return [read_step(folder / "steps" / f"{number:04d}", comm)["row"]]
+
+
+def restored(problem: ContactProblem, folder: Path, number: int) -> State:
+    """The state that a step has left, from its files; collective.
+
+    Raises:
+        ValueError: On every rank, if the files cannot be read or belong to another mesh.
+    """
+    step = folder / "steps" / f"{number:04d}"
+    record = read_step(step, problem.comm)
+    x = problem.elasticity.x
+    return State(
+        number=number,
+        time=record["time"],
+        displacement=nodal_vectors(step / "solution.h5", "displacement", x, problem.comm),
+        on_body=nodal_vectors(step / "contact.h5", "contact_force", x, problem.comm, elsewhere=0.0),
+        energy=Energy(**record["energy"]),
+        pending=tuple(record["pending"]),
+    )
+
+
+def _record(step: LoadStep, row: dict[str, Any]) -> dict[str, Any]:
+    """What summary.json of a step keeps for going on."""
+    state = step.state
+    return {
+        "number": state.number,
+        "time": state.time,
+        "halvings": step.halvings,
+        "energy": asdict(state.energy),
+        "pending": list(state.pending),
+        "row": row,
+    }
+
+
+def _series(folder: Path, rows: list[dict[str, Any]]) -> str:
+    """history.csv, and the time series over the steps' own files, replaced whole."""
+    partial = folder / ".history.csv"
+    with partial.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    os.replace(partial, folder / "history.csv")
+    for name in ("solution.xdmf", "contact.xdmf"):
+        output.write_series(folder, name, [(f"steps/{row['step']:04d}", row["time"]) for row in rows])
+    contents = {
+        "steps": len(rows),
+        "time": rows[-1]["time"],
+        "certificate": {"passed": all(row["certified"] for row in rows)},
+        "last": json.loads((folder / "steps" / f"{rows[-1]['step']:04d}" / "summary.json").read_text("utf-8")),
+    }
+    output.write_json(contents, folder / "summary.json")
+    return ""
