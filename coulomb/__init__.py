@@ -8,9 +8,10 @@ from .certificate import Certificate, Check, certify
 from .fem.body import Material
 from .fem.elasticity import Clamp, Elasticity, Traction
 from .fem.meshes import NamedMesh, box
-from .fem.obstacles import Plane
+from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
 from .fem.surface import ContactSurface
 from .general import solve_coulomb, solve_tresca
+from .load_history import Energy, LoadHistory, LoadStep, StepFailed
 from .problem import Contact, ContactProblem, Solution
 from .solvers.automatic import Automatic
 from .solvers.cone_systems import DenseConeSystem, KrylovConeSystem
@@ -38,12 +39,16 @@ __all__ = [
     "ContactSurface",
     "CoulombProblem",
     "CoulombResult",
+    "Cylinder",
     "DenseConeSystem",
     "DenseSystem",
     "DirectSolver",
     "Elasticity",
+    "Energy",
     "IterativeSolver",
     "KrylovConeSystem",
+    "LoadHistory",
+    "LoadStep",
     "Material",
     "NamedMesh",
     "NotConverged",
@@ -54,8 +59,11 @@ __all__ = [
     "QPResult",
     "RecyclingSystem",
     "SchurComplementSystem",
+    "SignedDistance",
     "Solution",
+    "Sphere",
     "Status",
+    "StepFailed",
     "SuccessiveTresca",
     "Traction",
     "TrescaQP",
