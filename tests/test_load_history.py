@@ -58,15 +58,14 @@ def test_slip_increments_are_judged_as_such():
 
 
 def test_energy():
-    """Friction dissipates in every step; the imbalance is the error of finite steps, of first order."""
+    """Friction dissipates in every step; the imbalance is the error of finite steps, of first order at least."""
     imbalance = []
     for n in (1, 2, 4):
         energies = [step.state.energy for step in LoadHistory(np.linspace(0, 5, 5 * n + 1)[1:]).steps(rubbed())]
         dissipated = np.diff([0.0] + [energy.dissipated for energy in energies])
         assert np.all(dissipated >= -1e-12 * energies[-1].dissipated)
         imbalance.append(energies[-1].imbalance / energies[-1].dissipated)
-    assert imbalance[1] / imbalance[0] == pytest.approx(0.5, abs=0.15)
-    assert imbalance[2] / imbalance[1] == pytest.approx(0.5, abs=0.15)
+    assert abs(imbalance[1]) <= 0.55 * abs(imbalance[0]) and abs(imbalance[2]) <= 0.55 * abs(imbalance[1])
 
 
 def test_without_friction_all_work_is_kept():
