@@ -6,8 +6,8 @@ min 1/2 x^T A x - b^T x   subject to   x_n >= 0,  |x_t| <= g,   with g = F x_n a
 
 from .certificate import Certificate, Check, certify
 from .fem.body import Material
-from .fem.elasticity import Clamp, Elasticity, Traction
-from .fem.meshes import NamedMesh, box
+from .fem.elasticity import Clamp, Elasticity, Spring, Traction
+from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
 from .fem.obstacles import Plane
 from .fem.surface import ContactSurface
 from .general import solve_coulomb, solve_tresca
@@ -55,6 +55,7 @@ __all__ = [
     "RecyclingSystem",
     "SchurComplementSystem",
     "Solution",
+    "Spring",
     "Status",
     "SuccessiveTresca",
     "Traction",
@@ -62,6 +63,8 @@ __all__ = [
     "__version__",
     "box",
     "certify",
+    "read_gmsh",
+    "read_xdmf",
     "solve_coulomb",
     "solve_tresca",
 ]

@@ -23,6 +23,7 @@ from mpi4py import MPI
 
 from .arrays import FloatArray
 from .fem import compat
+from .fem.body import Material
 from .fem.compat import fem
 from .problem import ContactProblem, Solution
 from .solvers.reductions import Reductions
@@ -69,13 +70,14 @@ def summary(solution: Solution) -> dict[str, Any]:
     history: Any = result.history
     krylov = sum(step.krylov for step in history)
     certificate = solution.certificate
+    spring_force = problem.elasticity.spring_force(solution.displacement)
     return {
         "coulomb": __version__,
         "status": result.status.value,
         "law": "coulomb" if coulomb else "tresca",
         "friction": _range(problem) if coulomb else None,
         "slip_stress": None if coulomb else _range(problem),
-        "material": {"young": problem.elasticity.material.young, "poisson": problem.elasticity.material.poisson},
+        "material": _materials(problem),
         "mean_compliance": problem.mean_compliance,
         "unknowns": problem.unknowns,
         "method": {
@@ -97,6 +99,7 @@ def summary(solution: Solution) -> dict[str, Any]:
             "tangential": [-over.sum(x[:, 1]), -over.sum(x[:, 2])],
             "vector": [over.sum(on_body[:, k]) for k in range(3)],
         },
+        "spring_force_on_body": [over.sum(spring_force[:, k]) for k in range(3)],
         "nodes": {
             "contact": int(over.sum(float(len(x)))),
             "open": int(over.sum(open_.astype(float))),
@@ -117,6 +120,13 @@ def summary(solution: Solution) -> dict[str, Any]:
         },
         "seconds": dict(problem.seconds),
     }
+
+
+def _materials(problem: ContactProblem) -> list[dict[str, Any]]:
+    """The material of every group of cells; of the whole body, without a group."""
+    given = problem.elasticity.materials
+    groups = [(None, given)] if isinstance(given, Material) else list(given.items())
+    return [{"cells": name, "young": material.young, "poisson": material.poisson} for name, material in groups]
 
 
 def _range(problem: ContactProblem) -> float | dict[str, float]:
@@ -196,8 +206,10 @@ def _make_partial(target: Path) -> str:
 def _write_body(solution: Solution, path: str) -> None:
     elasticity = solution.problem.elasticity
     u = elasticity.function(solution.displacement)
-    given = (("load", elasticity.load), ("held", elasticity.fixed), ("prescribed", elasticity.prescribed))
-    functions = [u, elasticity.von_mises(u), *(elasticity.function(v.astype(float), name) for name, v in given)]
+    given = {"load": elasticity.load, "held": elasticity.fixed, "prescribed": elasticity.prescribed}
+    given["spring"] = elasticity.spring
+    functions = [u, elasticity.von_mises(u), elasticity.young, elasticity.poisson]
+    functions += [elasticity.function(values.astype(float), name) for name, values in given.items()]
     compat.write_mesh_and_functions(solution.problem.comm, path, elasticity.mesh.domain, functions)
 
 

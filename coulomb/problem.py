@@ -13,8 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from .arrays import FloatArray
-from .fem.body import Material
-from .fem.elasticity import Clamp, Elasticity, Traction
+from .fem.elasticity import Clamp, Elasticity, Materials, Spring, Traction
 from .fem.fields import Coefficient, Field, evaluate_numbers
 from .fem.meshes import NamedMesh
 from .fem.obstacles import RigidFoundation
@@ -79,11 +78,12 @@ class ContactProblem:
 
     Args:
         mesh: The body.
-        material: Its material.
-        clamps: Prescribed displacements; they must leave it no rigid motion.
+        material: Its material, or a mapping of cell groups to theirs.
+        clamps: Prescribed displacements; they and the springs must leave it no rigid motion.
         contact: The contact face, its foundation and friction.
         tractions: Surface loads.
         body_force: Force per volume in N/m^3.
+        springs: Elastic supports.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.  Needs the direct solver.
 
@@ -100,11 +100,12 @@ class ContactProblem:
     def __init__(
         self,
         mesh: NamedMesh,
-        material: Material,
+        material: Materials,
         clamps: Sequence[Clamp],
         contact: Contact,
         tractions: Sequence[Traction] = (),
         body_force: Field = (0.0, 0.0, 0.0),
+        springs: Sequence[Spring] = (),
         *,
         linear_solver: type[DirectSolver] | type[IterativeSolver] | None = None,
         explicit: bool | None = None,
@@ -114,7 +115,7 @@ class ContactProblem:
         self.mesh, self.contact = mesh, contact
         self.seconds: dict[str, float] = {}
         with self._timed("assembly"):
-            self.elasticity = Elasticity(mesh, material, clamps, tractions, body_force)
+            self.elasticity = Elasticity(mesh, material, clamps, tractions, body_force, springs)
             self.surface: ContactSurface = contact_surface(self.elasticity, contact.face, contact.foundation)
             law, given = ("friction", contact.friction) if self.coulomb else ("slip_stress", contact.slip_stress)
             assert given is not None

@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import FloatArray
 from .mesh_file import QUADRATIC, IntArray, MeshFile
@@ -52,7 +54,8 @@ def read(path: str) -> MeshFile:
         place = np.minimum(np.searchsorted(tags, nodes, sorter=order), len(tags) - 1)
         if len(tags) == 0 or np.any(tags[order[place]] != nodes):
             raise ValueError(f"{path}: an element has a node that the file does not define; is it whole?")
-        return order[place]
+        found: IntArray = order[place]
+        return found
 
     cells, cell_groups = _join(elements[cell], NODES[cell], names, 3)
     faces, members = _join(elements.get(_FACES[cell], []), NODES[_FACES[cell]], names, 2)
@@ -175,7 +178,8 @@ def _read_41(stream: _Stream) -> tuple[IntArray, FloatArray, _Elements]:
         stream.leave()
 
     stream.enter("Nodes")
-    tags, points = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
+    tags: list[IntArray] = [np.empty(0, dtype=np.int64)]
+    points: list[FloatArray] = [np.empty((0, 3))]
     blocks, _, _, _ = stream.sizes(4)
     for _ in range(blocks):
         dimension, _, parametric = (int(v) for v in stream.take(stream.int32, 3))
@@ -247,7 +251,7 @@ class _Stream:
         elif self._at != len(self._words):
             raise self.damaged()
 
-    def take(self, kind: np.dtype[np.generic], count: int) -> FloatArray | IntArray:
+    def take(self, kind: np.dtype[Any], count: int) -> npt.NDArray[Any]:
         """The next numbers; words of an ASCII file have no kind."""
         if self.binary:
             return self.records(kind, count)
@@ -260,11 +264,11 @@ class _Stream:
         """All that is left of a section in ASCII."""
         return self.take(self.float64, len(self._words) - self._at).astype(np.int64)
 
-    def records(self, kind: np.dtype[np.generic], count: int) -> FloatArray | IntArray:
+    def records(self, kind: np.dtype[Any], count: int) -> npt.NDArray[Any]:
         end = self._at + count * kind.itemsize
         if count < 0 or end > len(self._data):
             raise self.damaged()
-        values: FloatArray = np.frombuffer(self._data, kind, count, self._at)
+        values: npt.NDArray[Any] = np.frombuffer(self._data, kind, count, self._at)
         self._at = end
         return values
 

@@ -169,7 +169,9 @@ def _distinct(rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     return ordered[new], number, np.bincount(number).astype(np.int64)
 
 
-def _folded(points: FloatArray, cells: IntArray, facets: IntArray, one: IntArray, other: IntArray) -> npt.NDArray[np.bool_]:
+def _folded(
+    points: FloatArray, cells: IntArray, facets: IntArray, one: IntArray, other: IntArray
+) -> npt.NDArray[np.bool_]:
     """Whether two cells lie on the same side of the facet between them."""
     corners = points[facets]
     middle = corners.mean(axis=1)
@@ -199,7 +201,10 @@ def _on_boundary(position: IntArray, group: IntArray, rows: IntArray, count: Int
         return nothing, f"has {np.sum(found < 0)} of {len(mine)} facets that are a side of no cell"
     inside = int(np.sum(count[found] == 2))
     if inside:
-        return nothing, f"lies inside the body with {inside} of its {len(mine)} facets; a face is a part of the boundary"
+        return (
+            nothing,
+            f"lies inside the body with {inside} of its {len(mine)} facets; a face must be on the boundary",
+        )
     return mine, ""
 
 

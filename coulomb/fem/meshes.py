@@ -63,12 +63,10 @@ class NamedMesh:
         return _named(self.cells, cells, what, "cell group")
 
 
-def _named(
-    groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str
-) -> npt.NDArray[np.int32]:
+def _named(groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str) -> npt.NDArray[np.int32]:
     if name not in groups:
         close = difflib.get_close_matches(name, groups, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else ""
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
         listed = f"its {kind}s are {', '.join(groups)}" if groups else f"it has no {kind}s"
         raise ValueError(f"{what}: there is no {kind} {name!r} on this mesh{hint}; {listed}")
     return groups[name]
@@ -150,8 +148,8 @@ def read_xdmf(
     """
 
     def read() -> MeshFile:
-        files = [str(file) if file is not None else None for file in (facets, cells)]
-        return xdmf_format.read(str(path), *files, names or {}, cell_names or {})
+        on_facets, on_cells = (str(file) if file is not None else None for file in (facets, cells))
+        return xdmf_format.read(str(path), on_facets, on_cells, names or {}, cell_names or {})
 
     return _distribute(comm, path, scale, read)
 

@@ -1,4 +1,4 @@
-"""XDMF meshes with numbered groups of facets and cells, as DOLFINx and meshio write them (light data XML, heavy HDF5)."""
+"""XDMF meshes with numbered groups of facets and cells, as DOLFINx and meshio write them (XML and HDF5)."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
@@ -76,7 +78,9 @@ def _groups(
         sources = [source for source in sources if source[1] == "gmsh:physical"] or sources
     if len(sources) > 1:
         listed = ", ".join(name for _, name in sources)
-        raise ValueError(f"{sources[0][0].where}: has several sets of numbers ({listed}), but needs one; write one only")
+        raise ValueError(
+            f"{sources[0][0].where}: has several sets of numbers ({listed}), but needs one; write one only"
+        )
     if not sources:
         if asked is not None or names:
             raise ValueError(f"{asked or mesh.where}: has no whole numbers on its facets or cells, to go by {key}")
@@ -117,7 +121,9 @@ def _rows_of_cells(grid: _Grid, mesh: _Grid) -> IntArray:
     return cell
 
 
-def _grids(path: str, kinds: tuple[str, ...], what: str, mesh: _Grid | None = None, optional: bool = False) -> list[_Grid]:
+def _grids(
+    path: str, kinds: tuple[str, ...], what: str, mesh: _Grid | None = None, optional: bool = False
+) -> list[_Grid]:
     """The Grids of these kinds in a file; without points of their own, they count by those of the mesh."""
     try:
         tree = ElementTree.fromstring(Path(path).read_bytes())
@@ -158,7 +164,7 @@ def _grids(path: str, kinds: tuple[str, ...], what: str, mesh: _Grid | None = No
     return found
 
 
-def _array(path: str, parent: ElementTree.Element) -> FloatArray | IntArray:
+def _array(path: str, parent: ElementTree.Element) -> npt.NDArray[Any]:
     """The numbers of an element's DataItem."""
     item = parent.find("DataItem")
     if item is None or item.text is None:
