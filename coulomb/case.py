@@ -10,13 +10,27 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from mpi4py import MPI
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from .arrays import FloatArray
+from .case_body import (
+    ONE,
+    SEVERAL,
+    ClampTable,
+    Count,
+    MaterialTable,
+    MaterialTables,
+    MeshTable,
+    NotNegative,
+    SpringTable,
+    Table,
+    TractionTable,
+    Vector,
+)
 from .fem.body import Material
-from .fem.elasticity import Clamp, Traction
+from .fem.elasticity import Clamp, Spring, Traction
 from .fem.fields import Coefficient
-from .fem.meshes import BOX_FACES, box
+from .fem.meshes import BOX_FACES
 from .fem.obstacles import Plane
 from .problem import Contact, ContactProblem
 from .solvers.automatic import Automatic
@@ -30,35 +44,6 @@ from .solvers.path_following import PathFollowing
 from .solvers.stiffness import DirectSolver, IterativeSolver
 from .solvers.tresca import QPSolver
 
-Face = Literal["left", "right", "front", "back", "bottom", "top"]
-Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False, strict=True)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False, strict=True)]
-Vector = tuple[Number, Number, Number]
-Count = Annotated[int, Field(ge=1, strict=True)]
-
-assert set(BOX_FACES) == set(Face.__args__)  # type: ignore[attr-defined]
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class MeshTable(_Table):
-    """A box, lengths in metres."""
-
-    box: tuple[Positive, Positive, Positive]
-    cells: tuple[Count, Count, Count]
-    cell: Literal["hexahedron", "tetrahedron"] = "hexahedron"
-
-
-class MaterialTable(_Table):
-    """Young's modulus in pascals, Poisson's ratio."""
-
-    young: Positive
-    poisson: Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
-
-
 _NEWTON: dict[str, type[AugmentedSystem] | type[SchurComplementSystem] | type[DenseSystem]] = {
     "recycling": RecyclingSystem,
     "augmented": AugmentedSystem,
@@ -67,29 +52,14 @@ _NEWTON: dict[str, type[AugmentedSystem] | type[SchurComplementSystem] | type[De
 }
 
 
-class ClampTable(_Table):
-    """Prescribed displacement in metres on a face."""
-
-    face: Face
-    components: Literal["x", "y", "z", "xy", "xz", "yz", "xyz"] = "xyz"
-    value: Vector = (0.0, 0.0, 0.0)
-
-
-class TractionTable(_Table):
-    """Surface load in pascals on a face."""
-
-    face: Face
-    value: Vector
-
-
-class FoundationTable(_Table):
+class FoundationTable(Table):
     """A rigid plane: a point of it in metres, and its normal towards the body."""
 
     point: Vector
     normal: Vector
 
 
-class RegionTable(_Table):
+class RegionTable(Table):
     """A part of the contact face, inside a box given by two corners in metres, that rubs differently."""
 
     box: tuple[Vector, Vector]
@@ -109,10 +79,10 @@ class RegionTable(_Table):
         return np.all((x >= low - margin) & (x <= high + margin), axis=0)
 
 
-class ContactTable(_Table):
+class ContactTable(Table):
     """The contact face, and one of two friction laws: friction (Coulomb) or slip_stress in pascals (Tresca)."""
 
-    face: Face
+    face: str
     friction: NotNegative | None = None
     slip_stress: NotNegative | None = None
     region: tuple[RegionTable, ...] = ()
@@ -144,7 +114,7 @@ class ContactTable(_Table):
         return by_region
 
 
-class SolverTable(_Table):
+class SolverTable(Table):
     """Accuracy, and the methods where the choice by size is not wanted."""
 
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
@@ -163,21 +133,22 @@ class SolverTable(_Table):
         return self
 
 
-class OutputTable(_Table):
+class OutputTable(Table):
     """Where results go, and whether to draw them."""
 
     directory: str = "results"
     picture: bool = True
 
 
-class Case(_Table):
+class Case(Table):
     """A whole case file."""
 
     mesh: MeshTable
-    material: MaterialTable
+    material: MaterialTables
     clamp: tuple[ClampTable, ...] = ()
     traction: tuple[TractionTable, ...] = ()
     body_force: Vector = (0.0, 0.0, 0.0)
+    spring: tuple[SpringTable, ...] = ()
     contact: ContactTable
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
@@ -192,8 +163,8 @@ class Case(_Table):
             raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
         foundation = self.contact.foundation
         problem = ContactProblem(
-            box(self.mesh.box, self.mesh.cells, self.mesh.cell, comm),
-            Material(self.material.young, self.material.poisson),
+            self.mesh.mesh(comm),
+            self.materials(),
             [Clamp(table.face, table.components, table.value) for table in self.clamp],
             Contact(
                 self.contact.face,
@@ -203,6 +174,7 @@ class Case(_Table):
             ),
             [Traction(table.face, table.value) for table in self.traction],
             self.body_force,
+            [Spring(table.face, table.stiffness) for table in self.spring],
             linear_solver={"auto": None, "direct": DirectSolver, "iterative": IterativeSolver}[
                 self.solver.linear_solver
             ],
@@ -212,6 +184,31 @@ class Case(_Table):
             if not comm.allreduce(int(np.sum(region.holds(problem.surface.x.T))), op=MPI.SUM):
                 raise ValueError(f"contact.region.{number}: there is no contact node in its box {list(region.box)}")
         return problem
+
+    def materials(self) -> Material | dict[str, Material]:
+        """One for the whole body, or by group of cells."""
+        if isinstance(self.material, MaterialTable):
+            return Material(self.material.young, self.material.poisson)
+        return {table.cells: Material(table.young, table.poisson) for table in self.material}
+
+    @model_validator(mode="after")
+    def _parts_of_a_mesh(self) -> Case:
+        """A box has known faces and no groups of cells; of a file it is known when it is read."""
+        if not isinstance(self.material, MaterialTable):
+            groups = [table.cells for table in self.material]
+            if len(set(groups)) < len(groups) or not groups:
+                raise ValueError(f"material: give one for every group of cells, but they are for {groups}")
+            if self.mesh.box is not None:
+                raise ValueError("material: a box has no groups of cells; give one [material]")
+        if self.mesh.box is not None:
+            tables: dict[str, tuple[ClampTable | TractionTable | SpringTable, ...]]
+            tables = {"clamp": self.clamp, "traction": self.traction, "spring": self.spring}
+            faces = {f"{key}.{i}": entry.face for key, entries in tables.items() for i, entry in enumerate(entries)}
+            for key, face in (faces | {"contact": self.contact.face}).items():
+                if face not in BOX_FACES:
+                    *most, last = map(repr, BOX_FACES)
+                    raise ValueError(f"{key}.face = {face!r}: should be {', '.join(most)} or {last}")
+        return self
 
     @model_validator(mode="after")
     def _method_fits_the_law(self) -> Case:
@@ -237,7 +234,7 @@ def read_case(path: str | Path, changes: Sequence[str] = (), comm: MPI.Comm = MP
     """Read a case file; rank 0 reads, all ranks get the same case or the same error.
 
     Args:
-        path: The TOML file.
+        path: The TOML file; the names of mesh files in it are relative to its directory.
         changes: Settings "key.key=value" that replace or add to those of the file, values in TOML.
         comm: The ranks.
 
@@ -260,10 +257,19 @@ def read_case(path: str | Path, changes: Sequence[str] = (), comm: MPI.Comm = MP
         raise ValueError(f"{path}: is not TOML: {error}") from None
     for change in changes:
         _apply(tables, change)
+    _beside(Path(path), tables)
     try:
         return Case.model_validate(tables)
     except ValidationError as error:
         raise ValueError("\n".join(f"{path}: {_explain(entry)}" for entry in error.errors())) from None
+
+
+def _beside(case: Path, tables: dict[str, Any]) -> None:
+    """Names of mesh files, relative to the case's directory."""
+    mesh = tables.get("mesh")
+    for key in ("file", "facets", "cell_groups"):
+        if isinstance(mesh, dict) and isinstance(mesh.get(key), str):
+            mesh[key] = str(case.parent / mesh[key])
 
 
 def _apply(tables: dict[str, Any], change: str) -> None:
@@ -289,14 +295,17 @@ def _apply(tables: dict[str, Any], change: str) -> None:
 
 def _explain(entry: Any) -> str:
     """One fault of pydantic's in the words of the case file: key, value, what is allowed."""
-    key = ".".join(str(part) for part in entry["loc"]) or "case"
+    location = tuple(part for part in entry["loc"] if part not in (ONE, SEVERAL))
+    key = ".".join(map(str, location)) or "case"
     if entry["type"] == "extra_forbidden":
-        allowed = _keys(entry["loc"][:-1])
-        close = difflib.get_close_matches(str(entry["loc"][-1]), allowed, n=1)
+        allowed = _keys(location[:-1])
+        close = difflib.get_close_matches(str(location[-1]), allowed, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
         return f"{key} = {entry['input']!r}: there is no such key{hint} (known here: {', '.join(allowed)})"
     if entry["type"] == "missing":
         return f"{key}: is missing"
+    if key == "case":  # of parts that do not fit together; the message says which
+        return str(entry["msg"]).removeprefix("Value error, ")
     message = str(entry["msg"]).removeprefix("Value error, ").removeprefix("Input ").replace("Input", "it")
     return f"{key} = {entry['input']!r}: {message}"
 
@@ -304,10 +313,17 @@ def _explain(entry: Any) -> str:
 def _keys(location: tuple[int | str, ...]) -> list[str]:
     """The keys known at a place of the case."""
     model: type[BaseModel] = Case
-    for part in location:
+    for number, part in enumerate(location):
         if isinstance(part, int):
             continue
-        annotation: Any = model.model_fields[part].annotation
-        candidates = [annotation, *getattr(annotation, "__args__", ())]
-        model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
+        candidates = _models(model.model_fields[part].annotation)
+        in_list = number + 1 < len(location) and isinstance(location[number + 1], int)
+        model = candidates[-1] if in_list else candidates[0]
     return list(model.model_fields)
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """The tables an annotation is made of."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in getattr(annotation, "__args__", ()) for model in _models(argument)]
