@@ -195,7 +195,7 @@ def _read_41(stream: _Stream) -> tuple[IntArray, FloatArray, _Elements]:
     for _ in range(blocks):
         dimension, tag, kind = (int(v) for v in stream.take(stream.int32, 3))
         count, width = stream.sizes(1)[0], stream.width(kind)
-        rows = stream.take(stream.uint64, count * (1 + width)).reshape(count, -1).astype(np.int64)
+        rows = stream.take(stream.uint64, count * (1 + width)).reshape(count, 1 + width).astype(np.int64)
         elements.setdefault(kind, []).append((physical.get((dimension, tag), ()), rows[:, 1:]))
     stream.leave()
     return np.concatenate(tags), np.concatenate(points).astype(np.float64), elements

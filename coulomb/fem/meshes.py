@@ -167,8 +167,8 @@ def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[
             fault = f"{error.filename or path}: cannot be read: {error.strerror or error}"
         except ValueError as error:
             fault = str(error)
-        except MemoryError:
-            fault = f"{path}: is too large for the memory of one rank, or damaged"
+        except Exception as error:  # whatever a damaged file leads to must not leave the other ranks waiting
+            fault = f"{path}: is damaged, or too large for one rank: {type(error).__name__}: {error}"
     fault = comm.bcast(fault)
     if fault:
         raise ValueError(fault)
