@@ -12,6 +12,7 @@ from test_elasticity import solve
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, DirectSolver, Elasticity, Material, Spring, Traction, output
 from coulomb.check import check
+from coulomb.fem import compat
 from coulomb.fem.compat import fem, io, mesh
 
 
@@ -96,9 +97,7 @@ def test_xdmf_of_dolfinx(cell, tmp_path):
     facet_tags = mesh.meshtags(domain, 2, np.concatenate(facets)[order], values[order])
     count = domain.topology.index_map(3).size_local
     everywhere = np.arange(count, dtype=np.int32)
-    midpoints = fem.Function(
-        fem.FunctionSpace(domain, ("DG", 0)) if hasattr(fem, "FunctionSpace") else fem.functionspace(domain, ("DG", 0))
-    )
+    midpoints = fem.Function(compat.functionspace(domain, 0, family="DG"))
     midpoints.interpolate(lambda x: x[0])
     cell_tags = mesh.meshtags(domain, 3, everywhere, np.where(midpoints.x.array < 1.0, 7, 8).astype(np.int32))
     facet_tags.name, cell_tags.name = "facets", "cells"
