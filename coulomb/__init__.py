@@ -5,14 +5,16 @@ min 1/2 x^T A x - b^T x   subject to   x_n >= 0,  |x_t| <= g,   with g = F x_n a
 """
 
 from .certificate import Certificate, Check, certify
+from .contact import Contact
 from .fem.body import Material
-from .fem.elasticity import Clamp, Elasticity, Traction
-from .fem.meshes import NamedMesh, box
+from .fem.elasticity import Clamp, Elasticity, Spring, Traction
+from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
 from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
 from .fem.surface import ContactSurface
 from .general import solve_coulomb, solve_tresca
 from .load_history import Energy, LoadHistory, LoadStep, StepFailed
-from .problem import Contact, ContactProblem, Solution
+from .problem import ContactProblem
+from .solution import Solution
 from .solvers.automatic import Automatic
 from .solvers.cone_systems import DenseConeSystem, KrylovConeSystem
 from .solvers.coulomb import CoulombProblem
@@ -62,6 +64,7 @@ __all__ = [
     "SignedDistance",
     "Solution",
     "Sphere",
+    "Spring",
     "Status",
     "StepFailed",
     "SuccessiveTresca",
@@ -70,6 +73,8 @@ __all__ = [
     "__version__",
     "box",
     "certify",
+    "read_gmsh",
+    "read_xdmf",
     "solve_coulomb",
     "solve_tresca",
 ]

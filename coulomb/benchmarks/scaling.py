@@ -118,7 +118,7 @@ def run(p: int, friction: float, tolerance: float, method: str) -> Row:
 def _yardstick(body: ContactProblem) -> float:
     """Seconds of one elasticity solve on the same mesh with the bottom held: multigrid set-up and CG to 1e-8."""
     clamps, elasticity = [Clamp("left"), Clamp("bottom")], body.elasticity
-    held = Elasticity(body.mesh, elasticity.material, clamps)
+    held = Elasticity(body.mesh, elasticity.materials, clamps)
     held.f.array[:] = np.where(held.fixed, 0.0, elasticity.load).ravel()
     u = held.K.createVecRight()
     body.comm.barrier()
