@@ -1,5 +1,6 @@
 """The documentation says what is there: commands, keys, public names; and it builds."""
 
+import functools
 import os
 import re
 import subprocess
@@ -10,6 +11,13 @@ from conftest import ROOT, run_coulomb
 
 import coulomb
 from coulomb.case import Case
+
+
+@functools.cache
+def commands():
+    """What `coulomb --help` lists."""
+    return re.findall(r"^[│|] ([a-z][a-z-]+)\s", run_coulomb("--help").stdout, flags=re.M)
+
 
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 
@@ -27,7 +35,7 @@ def test_every_public_name_has_a_docstring():
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.name)
 def test_commands_exist(page):
-    known = re.findall(r"^[│|] ([a-z][a-z-]+)\s", run_coulomb("--help").stdout, flags=re.M)
+    known = commands()
     assert {"run", "check", "resume", "info"} <= set(known)
     named = re.findall(r"(?:^    |`|bin/|-n \d+ )coulomb ([a-z][a-z-]+)", page.read_text(), flags=re.M)
     blocks = re.findall(r"```bash\n(.*?)```", page.read_text(), flags=re.S)
