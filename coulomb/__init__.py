@@ -13,6 +13,7 @@ from .fem.surface import ContactSurface
 from .general import solve_coulomb, solve_tresca
 from .problem import Contact, ContactProblem, Solution
 from .solvers.automatic import Automatic
+from .solvers.condensed import CondensedConeSystem, CondensedSystem
 from .solvers.cone_systems import DenseConeSystem, KrylovConeSystem
 from .solvers.coulomb import CoulombProblem
 from .solvers.dense_system import DenseSystem
@@ -33,6 +34,8 @@ __all__ = [
     "Certificate",
     "Check",
     "Clamp",
+    "CondensedConeSystem",
+    "CondensedSystem",
     "Contact",
     "ContactProblem",
     "ContactSurface",

@@ -20,11 +20,12 @@ from .fem.meshes import BOX_FACES, box
 from .fem.obstacles import Plane
 from .problem import Contact, ContactProblem
 from .solvers.automatic import Automatic
+from .solvers.condensed import CondensedConeSystem, CondensedSystem
 from .solvers.cone_systems import DenseConeSystem
 from .solvers.coulomb import CoulombSolver
 from .solvers.dense_system import DenseSystem
 from .solvers.fixed_point import SuccessiveTresca
-from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
+from .solvers.newton_systems import AugmentedSystem, NewtonSystem, RecyclingSystem, SchurComplementSystem
 from .solvers.one_loop import OneLoop
 from .solvers.path_following import PathFollowing
 from .solvers.stiffness import DirectSolver, IterativeSolver
@@ -59,11 +60,12 @@ class MaterialTable(_Table):
     poisson: Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
 
 
-_NEWTON: dict[str, type[AugmentedSystem] | type[SchurComplementSystem] | type[DenseSystem]] = {
+_NEWTON: dict[str, type[NewtonSystem]] = {
     "recycling": RecyclingSystem,
     "augmented": AugmentedSystem,
     "schur": SchurComplementSystem,
     "dense": DenseSystem,
+    "condensed": CondensedSystem,
 }
 
 
@@ -145,13 +147,13 @@ class ContactTable(_Table):
 
 
 class SolverTable(_Table):
-    """Accuracy, and the methods where the choice by size is not wanted."""
+    """Accuracy, and the methods where the choice by size is not wanted; newton = "condensed" works matrix-free."""
 
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
     linear_solver: Literal["auto", "direct", "iterative"] = "auto"
     compliance: Literal["auto", "explicit", "matrix-free"] = "auto"
     method: Literal["auto", "one-loop", "fixed-point"] = "auto"
-    newton: Literal["recycling", "augmented", "schur", "dense"] = "recycling"
+    newton: Literal["recycling", "augmented", "schur", "dense", "condensed"] = "recycling"
     max_outer: Count | None = None
 
     @model_validator(mode="after")
@@ -160,6 +162,8 @@ class SolverTable(_Table):
             raise ValueError('max_outer counts Tresca problems: it needs method = "fixed-point"')
         if self.method == "one-loop" and self.newton in ("augmented", "schur"):
             raise ValueError(f'newton = "{self.newton}" is for Tresca problems: it needs method = "fixed-point"')
+        if self.newton == "condensed" and self.compliance == "explicit":
+            raise ValueError('newton = "condensed" works with K in place of A: leave compliance at "auto"')
         return self
 
 
@@ -190,6 +194,7 @@ class Case(_Table):
         """
         if self.solver.newton == "dense" and comm.size > 1:
             raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
+        condensed = self.solver.newton == "condensed"
         foundation = self.contact.foundation
         problem = ContactProblem(
             box(self.mesh.box, self.mesh.cells, self.mesh.cell, comm),
@@ -203,10 +208,14 @@ class Case(_Table):
             ),
             [Traction(table.face, table.value) for table in self.traction],
             self.body_force,
-            linear_solver={"auto": None, "direct": DirectSolver, "iterative": IterativeSolver}[
-                self.solver.linear_solver
+            linear_solver={
+                "auto": IterativeSolver if condensed else None,
+                "direct": DirectSolver,
+                "iterative": IterativeSolver,
+            }[self.solver.linear_solver],
+            explicit={"auto": False if condensed else None, "explicit": True, "matrix-free": False}[
+                self.solver.compliance
             ],
-            explicit={"auto": None, "explicit": True, "matrix-free": False}[self.solver.compliance],
         )
         for number, region in enumerate(self.contact.region):
             if not comm.allreduce(int(np.sum(region.holds(problem.surface.x.T))), op=MPI.SUM):
@@ -230,6 +239,8 @@ class Case(_Table):
             return SuccessiveTresca(table.tolerance, path_following, max_iterations=most)
         if table.newton == "dense":
             return OneLoop(table.tolerance, newton=DenseConeSystem)
+        if table.newton == "condensed":
+            return OneLoop(table.tolerance, newton=CondensedConeSystem)
         return OneLoop(table.tolerance) if table.method == "one-loop" else Automatic(table.tolerance)
 
 

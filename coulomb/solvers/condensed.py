@@ -183,7 +183,8 @@ class _Condensed(ABC):
         blocks = np.einsum("iak,iab,ibl->ikl", self._frames, springs, self._frames)
         self._K.copy(self._stiffened, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         at = (self._stiffened.getOwnershipRange()[0] // 3 + self._nodes).astype(PETSc.IntType)[:, None]
-        self._stiffened.setValuesBlockedRCV(at, at, blocks.reshape(-1, 9), addv=PETSc.InsertMode.ADD_VALUES)
+        if A.nodes:  # of no blocks, petsc4py divides by their number
+            self._stiffened.setValuesBlockedRCV(at, at, blocks.reshape(-1, 9), addv=PETSc.InsertMode.ADD_VALUES)
         self._stiffened.assemble()
 
     def destroy(self) -> None:

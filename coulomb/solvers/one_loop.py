@@ -111,7 +111,8 @@ class OneLoop:
         sigma_min: Centring after an ordinary step, 0 < sigma_min <= sigma_max.
         sigma_max: Centring after a short step, at most 1/2.
         max_iterations: Newton steps of a start before the solver gives up.
-        newton: The linear system of a step: KrylovConeSystem, or DenseConeSystem for small problems.
+        newton: The linear system of a step: KrylovConeSystem, CondensedConeSystem, which works with K stiffened by
+            springs in place of A, or DenseConeSystem for small problems.
 
     Raises:
         ValueError: If a constant is outside its bounds.

@@ -73,7 +73,8 @@ class PathFollowing:
         sigma_max: Centring after a blocked step, at most 1/2.
         max_iterations: Steps before the solver gives up.
         newton: The linear system of a step: RecyclingSystem (J_AM, P_AM with what was learnt of A), AugmentedSystem
-            (J_AM, P_AM), SchurComplementSystem (J_SC, P_SC) or DenseSystem (J_AM by LU).
+            (J_AM, P_AM), SchurComplementSystem (J_SC, P_SC), CondensedSystem (K stiffened by springs in place of A) or
+            DenseSystem (J_AM by LU).
 
     Raises:
         ValueError: If a constant is outside its bounds.
