@@ -18,8 +18,8 @@ Half of the block of `hertz`, with its far face held; the sphere goes to delta =
 What the formulas leave out.  They are those of two equal bodies; with a rigid sphere, pressure also shifts the surface
 along itself (Dundurs' beta = (1 - 2 nu)/(2 - 2 nu), 0.29 here), and pressing alone would make shear and slip.  So the
 block is pressed without friction, and friction and slip are counted from there (`slip_origin`), as the theory has it.
-Shear then changes the pressure by beta F, 3 % at F = 0.1, more in front and less behind.  And slip is taken to be
-along x, while it is inclined by nu/(4 - 2 nu), 0.09: the traction has a part across of this order (Johnson, 7.2).
+Shear then changes the pressure by beta F, 3 % at F = 0.1, up on one side and down on the other.  And slip is taken to
+be along x, while it is inclined by nu/(4 - 2 nu), 0.09: the traction has a part across of this order (Johnson, 7.2).
 """
 
 from __future__ import annotations
@@ -65,11 +65,11 @@ class PartialSlip:
 
     def radius(self, q: float) -> float:
         """c/a under a first load q."""
-        return math.cbrt(1.0 - q)
+        return float(np.cbrt(1.0 - q))
 
     def displacement(self, q: float) -> float:
         """delta/d under a first load q."""
-        return 1.0 - (1.0 - q) ** (2.0 / 3.0)
+        return float(1.0 - (1.0 - q) ** (2.0 / 3.0))
 
     def traction(self, r: FloatArray, q: float) -> FloatArray:
         """Under a first load q, r over a."""
@@ -81,7 +81,7 @@ class PartialSlip:
     def loop_energy(self, q: float) -> float:
         """W in joules of a loop between q and -q."""
         rest = 1.0 - (1.0 - q) ** (5.0 / 3.0) - 5.0 * q / 6.0 * (1.0 + (1.0 - q) ** (2.0 / 3.0))
-        return 4.8 * FRICTION * self.hertz.P * self.d * rest
+        return float(4.8 * FRICTION * self.hertz.P * self.d * rest)
 
 
 @dataclass(frozen=True)
@@ -219,10 +219,9 @@ def verify() -> Verified:
     edge = f"h/a = {size:.2g}: a boundary of zones lies somewhere in a cell"
     smooth = f"(h/a)^2 = {size**2:.2g}: integrals are of second order"
     upright = f"h/a = {size:.2g}: the last cell cannot follow the upright tangents at r = c and a"
-    ways = (
-        f"the half space goes on behind the held face: Cerruti's displacement there, {held:.1%}; (h/a)^2 = {size**2:.2g}"
-    )
-    small = f"beta F = {beta * FRICTION:.2g}: shear has changed the pressure"
+    ways = f"the half space goes on behind the held face: Cerruti's displacement, {held:.1%}; (h/a)^2 = {size**2:.2g}"
+    odd = (beta * FRICTION) ** 2
+    even = f"(beta F)^2 = {odd:.1g}: what shear changes of the pressure is odd in x, and acts on Q in second order"
     loading = [pair for pair in pairs if pair[0].time <= LOADED]
     later = [pair for pair in pairs if pair[0].time > LOADED]
 
@@ -254,8 +253,8 @@ def verify() -> Verified:
         absolute("loading: delta/d, worst error", 0.0, way_off(loading), held + size**2, ways),
         absolute("loop: delta/d, worst error", 0.0, way_off(later), held + size**2, ways),
         relative("energy dissipated in the loop W, J", loop, spent, held + size**2, ways),
-        relative("at the other end: Q over the greatest Q", -1.0, at[UNLOADED].force / q, beta * FRICTION, small),
-        relative("the loop closes: Q over the greatest Q", 1.0, at[RELOADED].force / q, beta * FRICTION, small),
+        relative("at the other end: Q over the greatest Q", -1.0, at[UNLOADED].force / q, odd, even),
+        relative("the loop closes: Q over the greatest Q", 1.0, at[RELOADED].force / q, odd, even),
     )
     return Verified(rows, _panels(run, pairs, q))
 
@@ -273,6 +272,8 @@ def _panels(run: Experiment, pairs: list[tuple[Moment, Known]], q: float) -> tup
     back = [run.theory.displacement(q) - 2.0 * run.theory.displacement(0.5 * (q - g)) for g in grid]
     first = np.linspace(0.0, q, 101)
     ours, formulas = zip(*pairs, strict=True)
+    loads = np.linspace(0.0, 1.0, 201)
+    since = 1.0 - np.array([formula.stick for formula in formulas]) ** 3
     return (
         Panel(
             "traction on y = 0",
@@ -293,11 +294,12 @@ def _panels(run: Experiment, pairs: list[tuple[Moment, Known]], q: float) -> tup
         ),
         Panel(
             "stick radius",
-            "time",
+            "Q/(F P) of a first load; since the last turn, half of its change",
             "c / a",
             (
-                Curve("formula, with our Q", np.array([m.time for m in ours]), np.array([f.stick for f in formulas]), True),
-                Curve("coulomb, by area", np.array([m.time for m in ours]), np.array([m.stick for m in ours])),
+                Curve("formula", loads, np.cbrt(1.0 - loads), formula=True),
+                Curve("coulomb, by area", since, np.array([m.stick for m in ours])),
+                Curve("coulomb, by second moment", since[:4], np.array([m.stick_by_moment for m in ours[:4]])),
             ),
         ),
     )

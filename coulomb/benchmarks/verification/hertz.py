@@ -4,16 +4,17 @@ K. L. Johnson, Contact Mechanics, 4.2: with E* = E/(1 - nu^2), the radius R and 
 
     a^3 = 3 P R/(4 E*),   p(r) = p0 sqrt(1 - r^2/a^2),   p0 = 3 P/(2 pi a^2),   approach a^2/R
 
-The block is a quarter of one of 32 a x 32 a x 16 a: two planes of symmetry, its far face held along the sphere's motion,
-a/R = 1/100, so that the sphere is a paraboloid and strains are small, to 1e-4.  The sphere comes from below by a given
-way; P follows, and with it the formulas.  Cells have the size h up to 4 a/3 from the centre and grow beyond, two to an
-a of distance at least.
+The block is a quarter of one of 32 a x 32 a x 16 a: two planes of symmetry, its far face held along the sphere's
+motion; a/R = 1/100, so that the sphere is a paraboloid to 1e-4.  The sphere comes from below by a given way; P follows,
+and with it the formulas.  Cells have the size h up to 4 a/3 from the centre and grow beyond.  A body of finite size L
+bends the surface under the contact by (a/L)^3 of the sphere's curvature, less than the mesh errs; its approach it
+changes by a/L.
 
-What the mesh resolves.  The pressure ends like a square root, with an upright tangent.  Nodal pressures cannot follow it
-in the last cell, so that their error in the mean square is of order h, and a radius taken from the area of the pressing
+What the mesh resolves.  The pressure ends like a square root, with an upright tangent.  Nodal pressures cannot follow
+it in the last cell: their error in the mean square is of order h, and a radius taken from the area of the pressing
 nodes is uncertain by a cell.  Integrals of the pressure are better: displacements err by h in the energy norm, linear
-functionals of the answer by h^2.  Such a one is the mean square distance from the centre, 2 a^2/5 in theory, which gives
-a second radius.  Both are taken as root mean squares over twelve loads, since the edge falls differently into the cells.
+functionals of the answer by h^2.  Such a one is the mean square distance from the centre, 2 a^2/5 in theory, which
+gives a second radius.  Errors are root mean squares over twelve loads, since the edge falls differently into the cells.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class Hertz:
 
     @property
     def a(self) -> float:
-        return math.cbrt(0.75 * self.P * self.R / self.E_star)
+        return float(np.cbrt(0.75 * self.P * self.R / self.E_star))
 
     @property
     def p0(self) -> float:
@@ -80,8 +81,9 @@ def grading(uniform: int, cells: int, width: float) -> Callable[[FloatArray], Fl
     outer = width - UNIFORM * cells / uniform
 
     def place(k: FloatArray) -> FloatArray:
-        beyond = np.maximum(np.abs(k) - uniform, 0.0) / (cells - uniform)
-        where: FloatArray = np.sign(k) * (UNIFORM * np.abs(k) / uniform + outer * beyond**3)
+        beyond: FloatArray = np.maximum(np.abs(k) - uniform, 0.0) / (cells - uniform)
+        side: FloatArray = np.sign(k)
+        where: FloatArray = side * (UNIFORM * np.abs(k) / uniform + outer * beyond**3)
         return where
 
     return place
@@ -148,14 +150,9 @@ def verify(meshes: tuple[int, ...] = (4, 6, 8)) -> Verified:
     """On several meshes, given by their cells in 4 a/3; and on one of them in a block twice as large."""
     found = {uniform: _series(problem(uniform)) for uniform in meshes}
     h = np.array([UNIFORM / A / uniform for uniform in meshes])
-    profile, by_area, by_moment = (
-        np.array([_rms([measure(answer) for answer in answers]) for answers in found.values()])
-        for measure in (
-            lambda answer: answer.profile,
-            lambda answer: answer.by_area / answer.theory.a - 1.0,
-            lambda answer: answer.by_moment / answer.theory.a - 1.0,
-        )
-    )
+    profile = _rms([[answer.profile for answer in answers] for answers in found.values()])
+    by_area = _rms([[answer.by_area / answer.theory.a - 1.0 for answer in answers] for answers in found.values()])
+    by_moment = _rms([[answer.by_moment / answer.theory.a - 1.0 for answer in answers] for answers in found.values()])
     fine, size = found[meshes[-1]][5], float(h[-1])
     middle = meshes[len(meshes) // 2]
     small = _too_near(found[middle])
@@ -165,7 +162,9 @@ def verify(meshes: tuple[int, ...] = (4, 6, 8)) -> Verified:
     smooth = f"(h/a)^2 = {size**2:.2g}: integrals and smooth parts are of second order"
     orders = "1 from the edge, more from smooth parts; twelve loads leave their mean square uncertain by a tenth or two"
     rows = (
-        relative("pressure at the centre p0, Pa", fine.theory.p0, float(fine.pressure[np.argmin(fine.r)]), size**2, smooth),
+        relative(
+            "pressure at the centre p0, Pa", fine.theory.p0, float(fine.pressure[np.argmin(fine.r)]), size**2, smooth
+        ),
         absolute("pressure profile, root mean square error", 0.0, float(profile[-1]), size, edge),
         absolute("contact radius by area, error over a", 0.0, float(by_area[-1]), size, edge),
         absolute("contact radius by second moment, error over a", 0.0, float(by_moment[-1]), size**2, smooth),
@@ -207,8 +206,10 @@ def _series(block: ContactProblem) -> list[Pressed]:
     return [pressed(block.at(time).solve()) for time in LOADS]
 
 
-def _rms(errors: list[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(errors))))
+def _rms(errors: list[list[float]]) -> FloatArray:
+    """Root mean square over the loads, for each mesh."""
+    mean: FloatArray = np.sqrt(np.mean(np.square(errors), axis=1))
+    return mean
 
 
 def _too_near(answers: list[Pressed]) -> float:

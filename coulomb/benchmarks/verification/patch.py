@@ -137,11 +137,11 @@ def _panels(shears: list[tuple[Patch, FloatArray]]) -> tuple[Panel, ...]:
             Curve("p", ends, np.full(2, PRESSURE / 1e6), formula=True),
             Curve("F p" if sliding else "tau", ends, np.full(2, chosen[0][0].shear / 1e6), formula=True),
         ]
-        for patch, traction in chosen:
+        for number, (patch, traction) in enumerate(chosen):
             upright = np.array_equal(patch.turn, np.eye(3))
             label = f"{patch.cell}, {'upright' if upright else 'turned'}"
             both = np.concatenate([traction[:, 2], -traction[:, 0]]) / 1e6
-            curves.append(Curve(label, np.tile(nodes, 2), both))
+            curves.append(Curve(label, np.tile(nodes + 0.2 * number, 2), both))
         title = "sliding throughout" if sliding else "sticking throughout"
         panels.append(Panel(title, "contact node", "pressure and shear, MPa", tuple(curves)))
     return tuple(panels)

@@ -9,8 +9,8 @@ summed over the nodes, all of which slip the same way,
 whatever the mesh.  Sliding by ds dissipates F N ds; after the reversal the block sticks at first, and the force falls
 as steeply as if its base were bonded to the plane; sliding back, all is the mirror image of sliding forth.
 
-The slip of a step is taken with the friction of its end (backward Euler).  While a node slips, its friction changes by dg
-along a step, and the energy dissipated errs by dg ds/2: summed over n steps, by something that falls at least like 1/n.
+The slip of a step is taken with the friction of its end (backward Euler).  While a node slips, its friction changes by
+dg along a step, and the energy dissipated errs by dg ds/2: over n steps, by something that falls at least like 1/n.
 Pressing alone is proportional loading: slip and friction grow together, n steps dissipate (1 + 1/n) times the energy of
 infinitely many, and the imbalance of the energy is exactly n times less than that of one step.
 """
@@ -82,7 +82,7 @@ def verify() -> Verified:
 
     rest = (1.0 + slid * bonded / (FRICTION * N)) ** -5.0
     steady = (
-        "exact on any mesh once sliding is steady: of what is left from before, each of five steps of 4 mm keeps at most "
+        "exact on any mesh once sliding is steady; of what is not, each of five steps of 4 mm leaves at most "
         "1/(1 + ds k/(F N)), k the bonded stiffness"
     )
     stuck = "all nodes stick in that step: a linear problem, solved to the residual 1e-10"
@@ -143,7 +143,7 @@ def _last(block: ContactProblem, times: Sequence[float]) -> LoadStep:
 
 
 def _imbalance_of_shearing(block: ContactProblem, n: int) -> float:
-    """Joules that go astray between t = 1 and 2 in n steps."""
+    """Of the energy between t = 1 and 2 in n steps, joules."""
     first, *_, last = LoadHistory([1.0 + k / n for k in range(n + 1)], tolerance=RESIDUAL).steps(block)
     return abs(last.state.energy.imbalance - first.state.energy.imbalance)
 
@@ -153,7 +153,7 @@ def _panels(
 ) -> tuple[Panel, ...]:
     ways, ratios = np.array([way(t) for t in times]), np.array([_ratio(step) for step in steps])
     reversed_at = times.index(RIGHT)
-    T, N = force(steps[reversed_at])
+    _, N = force(steps[reversed_at])
     full = np.array([0.0, way(RIGHT)])
     rise = 2.0 * FRICTION * N / bonded
     loop = (
@@ -164,7 +164,9 @@ def _panels(
     near = ways > way(RIGHT) - 6e-4
     near[:reversed_at] = False
     return (
-        Panel("drawn right, and back", "way of the top, mm", "T / (F N)", _scaled((*loop, Curve("coulomb", ways, ratios)))),
+        Panel(
+            "drawn right, and back", "way of the top, mm", "T / (F N)", _scaled((*loop, Curve("coulomb", ways, ratios)))
+        ),
         Panel(
             "the reversal",
             "way of the top, mm",
@@ -172,7 +174,7 @@ def _panels(
             _scaled((bond, Curve("coulomb", ways[near], ratios[near]))),
         ),
         Panel(
-            "energy astray between t = 1 and 2",
+            "energy imbalance of shearing",
             "steps",
             "imbalance, J",
             (

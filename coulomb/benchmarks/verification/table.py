@@ -47,12 +47,13 @@ def absolute(quantity: str, formula: float, ours: float, tolerance: float, why: 
 
 @dataclass(frozen=True)
 class Curve:
-    """A line (the formula) or dots (ours) in a picture."""
+    """The formula, a line unless it is known at single places; or ours, dots."""
 
     label: str
     x: FloatArray
     y: FloatArray
     formula: bool = False
+    line: bool = True
 
 
 @dataclass(frozen=True)
