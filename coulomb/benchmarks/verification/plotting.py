@@ -28,7 +28,9 @@ def draw(panels: Sequence[Panel], path: Path) -> None:
             else:
                 mark, colour = ("+", "k") if curve.formula else (next(dots), next(colours))
                 size = 80 if curve.formula else 14
-                axis.scatter(curve.x, curve.y, size, colour, mark, label=curve.label, zorder=4 if curve.formula else 3)
+                axis.scatter(
+                    curve.x, curve.y, size, colour, marker=mark, label=curve.label, zorder=4 if curve.formula else 3
+                )
         if panel.logarithmic:
             axis.set_xscale("log")
             axis.set_yscale("log")
