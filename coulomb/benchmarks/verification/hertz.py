@@ -118,6 +118,7 @@ class Pressed:
         by_area: Radius of a circle of the area of the pressing nodes.
         by_moment: Radius from the mean square distance, each node with its force.
         way: Of the sphere.
+        moment: Of the forces on the quarter about the sphere's centre, over P a.
     """
 
     theory: Hertz
@@ -127,6 +128,7 @@ class Pressed:
     by_area: float
     by_moment: float
     way: float
+    moment: float
 
 
 def pressed(solution: Solution) -> Pressed:
@@ -134,15 +136,18 @@ def pressed(solution: Solution) -> Pressed:
     surface, force = solution.problem.surface, solution.contact_force[0::3]
     theory = Hertz(4.0 * float(force.sum()), RADIUS, STEEL)
     r, pressure = np.hypot(surface.x[:, 0], surface.x[:, 1]), force / surface.area
-    known = theory.pressure(r)
+    known, total = theory.pressure(r), output.totals(solution)
+    centre = solution.problem.motion - [0.0, 0.0, RADIUS]
+    moment = np.array(total["moment"]) - np.cross(centre, total["force"])
     return Pressed(
         theory,
         r,
         pressure,
         profile=math.sqrt(surface.area @ (pressure - known) ** 2 / (surface.area @ known**2)),
-        by_area=math.sqrt(4.0 * output.totals(solution)["contact_area"] / math.pi),
+        by_area=math.sqrt(4.0 * total["contact_area"] / math.pi),
         by_moment=math.sqrt(2.5 * (force @ r**2) / force.sum()),
         way=float(solution.problem.motion[2]),
+        moment=float(np.linalg.norm(moment)) / (theory.P * theory.a),
     )
 
 
@@ -176,6 +181,13 @@ def verify(meshes: tuple[int, ...] = (4, 6, 8)) -> Verified:
             order(h, by_moment),
             0.5,
             "2 for a linear functional; uncertain as the others, over meshes that differ by no more than 2",
+        ),
+        absolute(
+            "moment about the sphere's centre, over P a",
+            0.0,
+            fine.moment,
+            1e-10,
+            "forces along the normals of a sphere pass through its centre, on any mesh: rounding, 1e-16 R/a a node",
         ),
         absolute("approach: (way of the sphere)/(a^2/R) - 1", 0.0, small, _held_face(WIDTH) + coarse**2, _HELD),
         absolute("the same in a block twice as large", 0.0, large, _held_face(2.0 * WIDTH) + coarse**2, _HELD),
