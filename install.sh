@@ -70,6 +70,6 @@ for name in ("numpy", "scipy", "h5py", "mpi4py", "petsc4py"):
     except metadata.PackageNotFoundError:
         pass
 PY
-.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint .venv/platform.txt --editable '.[test]'
+.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint .venv/platform.txt --editable '.[test,docs]'
 printf '%s' "$stamp" > .venv/installed
 say "done: .venv/bin/coulomb"

@@ -5,14 +5,18 @@ min 1/2 x^T A x - b^T x   subject to   x_n >= 0,  |x_t| <= g,   with g = F x_n a
 """
 
 from .certificate import Certificate, Check, certify
+from .contact import Contact
 from .fem.body import Material
-from .fem.elasticity import Clamp, Elasticity, Traction
-from .fem.meshes import NamedMesh, box
-from .fem.obstacles import Plane
+from .fem.elasticity import Clamp, Elasticity, Spring, Traction
+from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
+from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
 from .fem.surface import ContactSurface
 from .general import solve_coulomb, solve_tresca
-from .problem import Contact, ContactProblem, Solution
+from .load_history import Energy, LoadHistory, LoadStep, StepFailed
+from .problem import ContactProblem
+from .solution import Solution
 from .solvers.automatic import Automatic
+from .solvers.condensed import CondensedConeSystem, CondensedSystem
 from .solvers.cone_systems import DenseConeSystem, KrylovConeSystem
 from .solvers.coulomb import CoulombProblem
 from .solvers.dense_system import DenseSystem
@@ -33,17 +37,23 @@ __all__ = [
     "Certificate",
     "Check",
     "Clamp",
+    "CondensedConeSystem",
+    "CondensedSystem",
     "Contact",
     "ContactProblem",
     "ContactSurface",
     "CoulombProblem",
     "CoulombResult",
+    "Cylinder",
     "DenseConeSystem",
     "DenseSystem",
     "DirectSolver",
     "Elasticity",
+    "Energy",
     "IterativeSolver",
     "KrylovConeSystem",
+    "LoadHistory",
+    "LoadStep",
     "Material",
     "NamedMesh",
     "NotConverged",
@@ -54,14 +64,20 @@ __all__ = [
     "QPResult",
     "RecyclingSystem",
     "SchurComplementSystem",
+    "SignedDistance",
     "Solution",
+    "Sphere",
+    "Spring",
     "Status",
+    "StepFailed",
     "SuccessiveTresca",
     "Traction",
     "TrescaQP",
     "__version__",
     "box",
     "certify",
+    "read_gmsh",
+    "read_xdmf",
     "solve_coulomb",
     "solve_tresca",
 ]

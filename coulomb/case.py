@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,190 +11,59 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from mpi4py import MPI
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from .arrays import FloatArray
+from .case_body import (
+    ONE,
+    SEVERAL,
+    AmplitudeTable,
+    ClampTable,
+    Count,
+    MaterialTable,
+    MaterialTables,
+    MeshTable,
+    SpringTable,
+    Table,
+    TractionTable,
+    Vector,
+)
+from .case_contact import ContactTable, HistoryTable
+from .contact import Contact
 from .fem.body import Material
-from .fem.elasticity import Clamp, Traction
-from .fem.fields import Coefficient
-from .fem.meshes import BOX_FACES, box
-from .fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
+from .fem.elasticity import Clamp, Spring, Traction
+from .fem.meshes import BOX_FACES
 from .load_history import LoadHistory
 from .output import on_rank_0
-from .problem import Contact, ContactProblem
+from .problem import ContactProblem
 from .solvers.automatic import Automatic
+from .solvers.condensed import CondensedConeSystem, CondensedSystem
 from .solvers.cone_systems import DenseConeSystem
 from .solvers.coulomb import CoulombSolver
 from .solvers.dense_system import DenseSystem
 from .solvers.fixed_point import SuccessiveTresca
-from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
+from .solvers.newton_systems import AugmentedSystem, NewtonSystem, RecyclingSystem, SchurComplementSystem
 from .solvers.one_loop import OneLoop
 from .solvers.path_following import PathFollowing
 from .solvers.stiffness import DirectSolver, IterativeSolver
 from .solvers.tresca import QPSolver
 
-Face = Literal["left", "right", "front", "back", "bottom", "top"]
-Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False, strict=True)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False, strict=True)]
-Vector = tuple[Number, Number, Number]
-Count = Annotated[int, Field(ge=1, strict=True)]
-
-assert set(BOX_FACES) == set(Face.__args__)  # type: ignore[attr-defined]
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class MeshTable(_Table):
-    """A box, lengths in metres."""
-
-    box: tuple[Positive, Positive, Positive]
-    cells: tuple[Count, Count, Count]
-    cell: Literal["hexahedron", "tetrahedron"] = "hexahedron"
-
-
-class MaterialTable(_Table):
-    """Young's modulus in pascals, Poisson's ratio."""
-
-    young: Positive
-    poisson: Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
-
-
-_NEWTON: dict[str, type[AugmentedSystem] | type[SchurComplementSystem] | type[DenseSystem]] = {
+_NEWTON: dict[str, type[NewtonSystem]] = {
     "recycling": RecyclingSystem,
     "augmented": AugmentedSystem,
     "schur": SchurComplementSystem,
     "dense": DenseSystem,
+    "condensed": CondensedSystem,
 }
 
 
-AmplitudeTable = Annotated[tuple[tuple[Number, Number], ...], Field(min_length=1)]
-"""Rows [time, factor]: what a load is multiplied by in the course of a history, linear in between."""
-
-
-class ClampTable(_Table):
-    """Prescribed displacement in metres on a face."""
-
-    face: Face
-    components: Literal["x", "y", "z", "xy", "xz", "yz", "xyz"] = "xyz"
-    value: Vector = (0.0, 0.0, 0.0)
-    amplitude: AmplitudeTable | None = None
-
-
-class TractionTable(_Table):
-    """Surface load in pascals on a face."""
-
-    face: Face
-    value: Vector
-    amplitude: AmplitudeTable | None = None
-
-
-class FoundationTable(_Table):
-    """A rigid plane (point, normal towards the body), sphere (centre, radius) or cylinder (point, axis, radius).
-
-    Lengths in metres; `hollow` for a body inside a spherical cup or a bore.
-    """
-
-    shape: Literal["plane", "sphere", "cylinder"] = "plane"
-    point: Vector | None = None
-    normal: Vector | None = None
-    centre: Vector | None = None
-    axis: Vector | None = None
-    radius: Positive | None = None
-    hollow: bool = False
-
-    @model_validator(mode="after")
-    def _complete(self) -> FoundationTable:
-        needed = {"plane": {"point", "normal"}, "sphere": {"centre", "radius"}, "cylinder": {"point", "axis", "radius"}}
-        wanted = needed[self.shape]
-        given = {name for name in ("point", "normal", "centre", "axis", "radius") if getattr(self, name) is not None}
-        given |= {"hollow"} if self.hollow else set()
-        missing, odd = wanted - given, given - wanted - ({"hollow"} if self.shape != "plane" else set())
-        for names, fault in ((missing, "needs"), (odd, "has no")):
-            if names:
-                raise ValueError(f'a foundation of shape "{self.shape}" {fault} {", ".join(sorted(names))}')
-        return self
-
-    def foundation(self) -> RigidFoundation:
-        """The rigid body."""
-        if self.shape == "sphere":
-            assert self.centre is not None and self.radius is not None
-            return Sphere(self.centre, self.radius, self.hollow)
-        assert self.point is not None
-        if self.shape == "cylinder":
-            assert self.axis is not None and self.radius is not None
-            return Cylinder(self.point, self.axis, self.radius, self.hollow)
-        assert self.normal is not None
-        return Plane(self.point, self.normal)
-
-
-class RegionTable(_Table):
-    """A part of the contact face, inside a box given by two corners in metres, that rubs differently."""
-
-    box: tuple[Vector, Vector]
-    friction: NotNegative | None = None
-    slip_stress: NotNegative | None = None
-
-    @model_validator(mode="after")
-    def _corners(self) -> RegionTable:
-        if any(low > high for low, high in zip(*self.box, strict=True)):
-            raise ValueError(f"box must be [least corner, greatest corner], but is {[list(c) for c in self.box]}")
-        return self
-
-    def holds(self, x: FloatArray) -> Any:
-        """Which of the points x (3, k) lie in it, to 1e-9 of its size; shape (k,)."""
-        low, high = np.array(self.box)[:, :, None]
-        margin = 1e-9 * float(np.max(high - low))
-        return np.all((x >= low - margin) & (x <= high + margin), axis=0)
-
-
-class ContactTable(_Table):
-    """The contact face, and one of two friction laws: friction (Coulomb) or slip_stress in pascals (Tresca)."""
-
-    face: Face
-    friction: NotNegative | None = None
-    slip_stress: NotNegative | None = None
-    region: tuple[RegionTable, ...] = ()
-    foundation: FoundationTable | None = None
-    normals: Literal["foundation", "body"] = "foundation"
-    motion: tuple[tuple[Number, Number, Number, Number], ...] | None = None
-
-    @model_validator(mode="after")
-    def _one_law(self) -> ContactTable:
-        if (self.friction is None) == (self.slip_stress is None):
-            raise ValueError("give either friction (Coulomb) or slip_stress (Tresca), one of the two")
-        law = "friction" if self.slip_stress is None else "slip_stress"
-        other = "slip_stress" if law == "friction" else "friction"
-        for number, region in enumerate(self.region):
-            if getattr(region, law) is None or getattr(region, other) is not None:
-                raise ValueError(f"region.{number} must give {law}, as the contact does, and nothing else but its box")
-        return self
-
-    def coefficient(self, law: Literal["friction", "slip_stress"]) -> Coefficient | None:
-        """Of this law: nothing, a number, or a function of place by region; where regions overlap, the last counts."""
-        base = getattr(self, law)
-        if base is None or not self.region:
-            return base  # type: ignore[no-any-return]
-
-        def by_region(x: FloatArray) -> FloatArray:
-            values = np.full(x.shape[1], float(base))
-            for region in self.region:
-                values[region.holds(x)] = getattr(region, law)
-            return values
-
-        return by_region
-
-
-class SolverTable(_Table):
-    """Accuracy, and the methods where the choice by size is not wanted."""
+class SolverTable(Table):
+    """Accuracy, and the methods where the choice by size is not wanted; newton = "condensed" works matrix-free."""
 
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
     linear_solver: Literal["auto", "direct", "iterative"] = "auto"
     compliance: Literal["auto", "explicit", "matrix-free"] = "auto"
     method: Literal["auto", "one-loop", "fixed-point"] = "auto"
-    newton: Literal["recycling", "augmented", "schur", "dense"] = "recycling"
+    newton: Literal["recycling", "augmented", "schur", "dense", "condensed"] = "recycling"
     max_outer: Count | None = None
 
     @model_validator(mode="after")
@@ -202,49 +72,28 @@ class SolverTable(_Table):
             raise ValueError('max_outer counts Tresca problems: it needs method = "fixed-point"')
         if self.method == "one-loop" and self.newton in ("augmented", "schur"):
             raise ValueError(f'newton = "{self.newton}" is for Tresca problems: it needs method = "fixed-point"')
+        if self.newton == "condensed" and self.compliance == "explicit":
+            raise ValueError('newton = "condensed" works with K in place of A: leave compliance at "auto"')
         return self
 
 
-class HistoryTable(_Table):
-    """Load steps: their ends, or the end of the last and how many; from time 0, with the body free of stress."""
-
-    times: tuple[Number, ...] | None = None
-    end: Positive | None = None
-    steps: Count | None = None
-    halvings: Annotated[int, Field(ge=0, le=30, strict=True)] = LoadHistory.halvings
-
-    @model_validator(mode="after")
-    def _times_or_steps(self) -> HistoryTable:
-        if (self.times is None) == (self.end is None or self.steps is None):
-            raise ValueError("give either times, a list that increases from 0, or end and steps")
-        LoadHistory(self.ends)
-        return self
-
-    @property
-    def ends(self) -> tuple[float, ...]:
-        """Ends of the steps."""
-        if self.times is not None:
-            return self.times
-        assert self.end is not None and self.steps is not None
-        return tuple(float(t) for t in np.linspace(0.0, self.end, self.steps + 1)[1:])
-
-
-class OutputTable(_Table):
+class OutputTable(Table):
     """Where results go, and whether to draw them."""
 
     directory: str = "results"
     picture: bool = True
 
 
-class Case(_Table):
+class Case(Table):
     """A whole case file."""
 
     mesh: MeshTable
-    material: MaterialTable
+    material: MaterialTables
     clamp: tuple[ClampTable, ...] = ()
     traction: tuple[TractionTable, ...] = ()
     body_force: Vector = (0.0, 0.0, 0.0)
     body_force_amplitude: AmplitudeTable | None = None
+    spring: tuple[SpringTable, ...] = ()
     contact: ContactTable
     history: HistoryTable | None = None
     solver: SolverTable = SolverTable()
@@ -258,10 +107,11 @@ class Case(_Table):
         """
         if self.solver.newton == "dense" and comm.size > 1:
             raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
+        condensed = self.solver.newton == "condensed"
         foundation = self.contact.foundation
         problem = ContactProblem(
-            box(self.mesh.box, self.mesh.cells, self.mesh.cell, comm),
-            Material(self.material.young, self.material.poisson),
+            self.mesh.mesh(comm),
+            self.materials(),
             [Clamp(table.face, table.components, table.value, table.amplitude or 1.0) for table in self.clamp],
             Contact(
                 self.contact.face,
@@ -273,16 +123,46 @@ class Case(_Table):
             ),
             [Traction(table.face, table.value, table.amplitude or 1.0) for table in self.traction],
             self.body_force,
+            [Spring(table.face, table.stiffness) for table in self.spring],
             body_force_amplitude=self.body_force_amplitude or 1.0,
-            linear_solver={"auto": None, "direct": DirectSolver, "iterative": IterativeSolver}[
-                self.solver.linear_solver
+            linear_solver={
+                "auto": IterativeSolver if condensed else None,
+                "direct": DirectSolver,
+                "iterative": IterativeSolver,
+            }[self.solver.linear_solver],
+            explicit={"auto": False if condensed else None, "explicit": True, "matrix-free": False}[
+                self.solver.compliance
             ],
-            explicit={"auto": None, "explicit": True, "matrix-free": False}[self.solver.compliance],
         )
         for number, region in enumerate(self.contact.region):
             if not comm.allreduce(int(np.sum(region.holds(problem.surface.x.T))), op=MPI.SUM):
                 raise ValueError(f"contact.region.{number}: there is no contact node in its box {list(region.box)}")
         return problem
+
+    def materials(self) -> Material | dict[str, Material]:
+        """One for the whole body, or by group of cells."""
+        if isinstance(self.material, MaterialTable):
+            return Material(self.material.young, self.material.poisson)
+        return {table.cells: Material(table.young, table.poisson) for table in self.material}
+
+    @model_validator(mode="after")
+    def _parts_of_a_mesh(self) -> Case:
+        """A box has known faces and no groups of cells; of a file it is known when it is read."""
+        if not isinstance(self.material, MaterialTable):
+            groups = [table.cells for table in self.material]
+            if len(set(groups)) < len(groups) or not groups:
+                raise ValueError(f"material: give one for every group of cells, but they are for {groups}")
+            if self.mesh.box is not None:
+                raise ValueError("material: a box has no groups of cells; give one [material]")
+        if self.mesh.box is not None:
+            tables: dict[str, tuple[ClampTable | TractionTable | SpringTable, ...]]
+            tables = {"clamp": self.clamp, "traction": self.traction, "spring": self.spring}
+            faces = {f"{key}.{i}": entry.face for key, entries in tables.items() for i, entry in enumerate(entries)}
+            for key, face in (faces | {"contact": self.contact.face}).items():
+                if face not in BOX_FACES:
+                    *most, last = map(repr, BOX_FACES)
+                    raise ValueError(f"{key}.face = {face!r}: should be {', '.join(most)} or {last}")
+        return self
 
     @model_validator(mode="after")
     def _method_fits_the_law(self) -> Case:
@@ -322,14 +202,20 @@ class Case(_Table):
             return SuccessiveTresca(table.tolerance, path_following, max_iterations=most)
         if table.newton == "dense":
             return OneLoop(table.tolerance, newton=DenseConeSystem)
+        if table.newton == "condensed":
+            return OneLoop(table.tolerance, newton=CondensedConeSystem)
         return OneLoop(table.tolerance) if table.method == "one-loop" else Automatic(table.tolerance)
+
+
+_FILES = {"file", "facets", "cell_groups"}
+"""Keys of the mesh that name files."""
 
 
 def read_case(path: str | Path, changes: Sequence[str] = (), comm: MPI.Comm = MPI.COMM_WORLD) -> Case:
     """Read a case file; rank 0 reads, all ranks get the same case or the same error.
 
     Args:
-        path: The TOML file.
+        path: The TOML file; the names of mesh files in it are relative to its directory.
         changes: Settings "key.key=value" that replace or add to those of the file, values in TOML.
         comm: The ranks.
 
@@ -352,6 +238,7 @@ def read_case(path: str | Path, changes: Sequence[str] = (), comm: MPI.Comm = MP
         raise ValueError(f"{path}: is not TOML: {error}") from None
     for change in changes:
         _apply(tables, change)
+    _beside(Path(path), tables)
     try:
         return Case.model_validate(tables)
     except ValidationError as error:
@@ -367,7 +254,10 @@ def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:
 
     def write() -> str:
         directory.mkdir(parents=True, exist_ok=True)
-        (directory / "case.json").write_text(case.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        tables = case.model_dump(mode="json", exclude_unset=True)
+        for key in _FILES.intersection(tables["mesh"]):
+            tables["mesh"][key] = str(Path(tables["mesh"][key]).absolute())
+        (directory / "case.json").write_text(json.dumps(tables, indent=2) + "\n", encoding="utf-8")
         return ""
 
     on_rank_0(comm, write)
@@ -394,6 +284,14 @@ def written_case(directory: Path, comm: MPI.Comm) -> Case:
         raise ValueError("\n".join(f"{directory}/case.json: {_explain(e)}" for e in error.errors())) from None
 
 
+def _beside(case: Path, tables: dict[str, Any]) -> None:
+    """Names of mesh files, relative to the case's directory."""
+    mesh = tables.get("mesh")
+    for key in _FILES:
+        if isinstance(mesh, dict) and isinstance(mesh.get(key), str):
+            mesh[key] = str(case.parent / mesh[key])
+
+
 def _apply(tables: dict[str, Any], change: str) -> None:
     key, equals, value = change.partition("=")
     parts = key.strip().split(".")
@@ -417,14 +315,17 @@ def _apply(tables: dict[str, Any], change: str) -> None:
 
 def _explain(entry: Any) -> str:
     """One fault of pydantic's in the words of the case file: key, value, what is allowed."""
-    key = ".".join(str(part) for part in entry["loc"]) or "case"
+    location = tuple(part for part in entry["loc"] if part not in (ONE, SEVERAL))
+    key = ".".join(map(str, location)) or "case"
     if entry["type"] == "extra_forbidden":
-        allowed = _keys(entry["loc"][:-1])
-        close = difflib.get_close_matches(str(entry["loc"][-1]), allowed, n=1)
+        allowed = _keys(location[:-1])
+        close = difflib.get_close_matches(str(location[-1]), allowed, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
         return f"{key} = {entry['input']!r}: there is no such key{hint} (known here: {', '.join(allowed)})"
     if entry["type"] == "missing":
         return f"{key}: is missing"
+    if key == "case":  # of parts that do not fit together; the message says which
+        return str(entry["msg"]).removeprefix("Value error, ")
     message = str(entry["msg"]).removeprefix("Value error, ").removeprefix("Input ").replace("Input", "it")
     return f"{key} = {entry['input']!r}: {message}"
 
@@ -432,10 +333,17 @@ def _explain(entry: Any) -> str:
 def _keys(location: tuple[int | str, ...]) -> list[str]:
     """The keys known at a place of the case."""
     model: type[BaseModel] = Case
-    for part in location:
+    for number, part in enumerate(location):
         if isinstance(part, int):
             continue
-        annotation: Any = model.model_fields[part].annotation
-        candidates = [annotation, *getattr(annotation, "__args__", ())]
-        model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
+        candidates = _models(model.model_fields[part].annotation)
+        in_list = number + 1 < len(location) and isinstance(location[number + 1], int)
+        model = candidates[-1] if in_list else candidates[0]
     return list(model.model_fields)
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """The tables an annotation is made of."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in getattr(annotation, "__args__", ()) for model in _models(argument)]

@@ -86,6 +86,7 @@ class Evidence:
         displacement: Shape (k, 3).
         internal: Nodal forces of its stress, assembled anew, shape (k, 3).
         load: Shape (k, 3).
+        spring: Forces of the springs on the body, shape (k, 3).
         fixed: Which components are prescribed, shape (k, 3).
         prescribed: Their values, shape (k, 3).
         on_body: Contact forces on the body, shape (k, 3).
@@ -101,6 +102,7 @@ class Evidence:
     displacement: FloatArray
     internal: FloatArray
     load: FloatArray
+    spring: FloatArray
     fixed: npt.NDArray[np.bool_]
     prescribed: FloatArray
     on_body: FloatArray
@@ -128,6 +130,7 @@ def certify(problem: ContactProblem, x: FloatArray, u: FloatArray, slip_bound: F
             displacement=u,
             internal=elasticity.internal_force(u),
             load=elasticity.load,
+            spring=elasticity.spring_force(u),
             fixed=elasticity.fixed,
             prescribed=elasticity.prescribed,
             on_body=-problem.nodal_contact_force(x),
@@ -148,12 +151,13 @@ def judge(e: Evidence) -> Certificate:
     pressing, friction = e.force[:, 0], np.hypot(e.force[:, 1], e.force[:, 2])
     sliding = np.hypot(slip[:, 0], slip[:, 1])
 
-    imbalance = e.internal - e.load - e.on_body
-    internal_scale = _or_one(_worst(over.norm(e.internal), over.norm(e.load), over.norm(e.on_body)))
+    imbalance = e.internal - e.load - e.spring - e.on_body
+    internal_scale = _or_one(_worst(*(over.norm(part) for part in (e.internal, e.load, e.spring, e.on_body))))
     equilibrium = over.norm(imbalance[~e.fixed]) / internal_scale
     reaction = np.where(e.fixed, imbalance, 0.0)
-    total = math.hypot(*(over.sum((e.load + reaction + e.on_body)[:, k]) for k in range(3)))
-    turnover = _or_one(sum(over.sum(np.linalg.norm(part, axis=1)) for part in (e.load, reaction, e.on_body)))
+    outer = (e.load, e.spring, reaction, e.on_body)
+    total = math.hypot(*(over.sum(np.sum(outer, axis=0)[:, k]) for k in range(3)))
+    turnover = _or_one(sum(over.sum(np.linalg.norm(part, axis=1)) for part in outer))
 
     force_scale, g_scale = (_or_one(over.max(np.abs(v))) for v in (e.force, g))
     u_scale = _or_one(2.0 * over.dot(e.displacement, e.internal) / turnover)
@@ -174,7 +178,7 @@ def judge(e: Evidence) -> Certificate:
     checks = (
         relative("equilibrium", equilibrium, "forces in balance at every free node"),
         relative("clamps", clamps, "prescribed displacements held"),
-        relative("force balance", total / turnover, "loads, reactions and contact forces add to zero"),
+        relative("force balance", total / turnover, "loads, springs, reactions and contact forces add to zero"),
         relative("penetration", penetration / u_scale, f"{penetration:.1e} m, over {u_scale:.1e} m"),
         relative("adhesion", over.max(-pressing) / force_scale, "no node is pulled"),
         relative(

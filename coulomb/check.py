@@ -17,9 +17,9 @@ from scipy.spatial import cKDTree
 from .arrays import FloatArray
 from .certificate import Certificate, Evidence, judge
 from .fem import compat
-from .fem.body import ElasticBody, Material
+from .fem.body import ElasticBody
 from .fem.surface import tangent_frames
-from .output import HELD
+from .summary import HELD
 
 
 def check(directory: str | Path) -> Certificate:
@@ -35,8 +35,10 @@ def check(directory: str | Path) -> Certificate:
     told = _summary(folder / "summary.json")
     try:
         domain = compat.read_mesh(MPI.COMM_SELF, str(folder / "solution.xdmf"))
-        body = ElasticBody(domain, Material(told["material"]["young"], told["material"]["poisson"]))
-        on_body = _fields(folder / "solution.h5", ("displacement", "load", "held", "prescribed"))
+        in_file = np.asarray(domain.topology.original_cell_index)
+        young, poisson = (_on_cells(folder / "solution.h5", name)[in_file] for name in ("young", "poisson"))
+        body = ElasticBody(domain, young, poisson)
+        on_body = _fields(folder / "solution.h5", ("displacement", "load", "held", "prescribed", "spring"))
         on_face = _fields(
             folder / "contact.h5",
             (
@@ -44,7 +46,7 @@ def check(directory: str | Path) -> Certificate:
                 "status",
             ),
         )
-    except (OSError, KeyError, RuntimeError) as error:
+    except (OSError, KeyError, IndexError, RuntimeError) as error:
         raise ValueError(f"{folder}: is not whole: {error}") from None
 
     node = _numbers(folder, on_body["x"], body.x, "solution.h5")
@@ -65,6 +67,7 @@ def check(directory: str | Path) -> Certificate:
             displacement=u,
             internal=body.internal_force(u),
             load=load,
+            spring=-on_body["spring"][node] * u,
             fixed=fixed,
             prescribed=on_body["prescribed"][node],
             on_body=everywhere,
@@ -101,11 +104,21 @@ def _summary(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:
         raise ValueError(f"{path}: is not JSON: {error}") from None
-    needed = ("law", "material", "mean_compliance", "certificate")
+    needed = ("law", "mean_compliance", "certificate")
     missing = [key for key in needed if not isinstance(told, dict) or key not in told]
     if missing:
         raise ValueError(f"{path}: has no {missing[0]!r}: not a summary of coulomb's, or of a version before 0.2")
     return told
+
+
+def _on_cells(path: Path, name: str) -> FloatArray:
+    """A field that is constant on every cell, cell by cell as the file has them."""
+    with h5py.File(path, "r") as file:
+        group = file[f"Function/{name}"]
+        values = np.ravel(np.array(group[next(iter(group))], dtype=np.float64))
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"{path}: {name} has entries that are not finite")
+    return values
 
 
 def _fields(path: Path, names: tuple[str, ...]) -> dict[str, FloatArray]:

@@ -32,14 +32,16 @@ from .console import console as _console
 from .console import errors as _errors
 from .fem import compat
 from .load_history import LoadStep, StepFailed
-from .problem import ContactProblem, Solution
+from .problem import ContactProblem
+from .solution import Solution
 from .solvers.automatic import Automatic
 from .solvers.coulomb import CoulombSolver
 from .solvers.dense_system import DenseSystem
 from .solvers.fixed_point import SuccessiveTresca
 from .solvers.path_following import PathFollowing
-from .solvers.reductions import Reductions
-from .solvers.results import CoulombResult, NotConverged, Progress
+from .solvers.results import CoulombResult, NotConverged
+from .summary import summary
+from .terminal import Display, introduce, report
 from .version import __version__
 
 app = typer.Typer(help=__doc__, add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
@@ -70,7 +72,7 @@ def run(
         except ValueError as error:
             _errors.print(f"error: {error}", markup=False)
             raise typer.Exit(BAD_INPUT) from None
-        _introduce(console, case, problem)
+        introduce(console, case, problem)
         if settings.history is not None:
             _take_steps(console, settings, problem, target, resume=False)
             return
@@ -80,9 +82,9 @@ def run(
             contents = output.write(solution, target, settings.output.picture)
         except OSError as error:
             _errors.print(f"error: {target}: cannot be written: {error.strerror or error}", markup=False)
-            contents = output.summary(solution)
+            contents = summary(solution)
             trouble = trouble or "the results could not be written"
-    _report(console, solution, contents, target, time.perf_counter() - began)
+    report(console, solution, contents, target, time.perf_counter() - began)
     if trouble:
         _errors.print(f"error: {trouble}", markup=False)
     if trouble or not solution.certificate.passed:
@@ -105,7 +107,7 @@ def resume(
         except ValueError as error:
             _errors.print(f"error: {error}", markup=False)
             raise typer.Exit(BAD_INPUT) from None
-        _introduce(console, directory, problem)
+        introduce(console, directory, problem)
         _take_steps(console, settings, problem, directory, resume=True)
 
 
@@ -247,23 +249,9 @@ def _version(name: str) -> str:
             return "not installed"
 
 
-def _introduce(console: Console, case: Path, problem: ContactProblem) -> None:
-    unknowns = problem.unknowns
-    over = Reductions(problem.comm)
-    values = sorted({over.min(problem.coefficient), over.max(problem.coefficient)})
-    shown = " to ".join(f"{value:g}" for value in values)
-    law = f"Coulomb friction {shown}" if problem.coulomb else f"Tresca friction {shown} Pa"
-    console.print(
-        f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
-        f"{_comm.size} {'rank' if _comm.size == 1 else 'ranks'}",
-        markup=False,
-        soft_wrap=True,
-    )
-
-
 def _solve(console: Console, settings: Case, problem: ContactProblem) -> tuple[Solution, str]:
     """The solution, converged or not, and what went wrong."""
-    display = _Display(console)
+    display = Display(console)
     try:
         with display:
             return problem.solve(solver=settings.contact_solver(), progress=display), ""
@@ -273,7 +261,7 @@ def _solve(console: Console, settings: Case, problem: ContactProblem) -> tuple[S
 
 def _take_steps(console: Console, settings: Case, problem: ContactProblem, target: Path, resume: bool) -> None:
     """Run a load history; ends the command with its exit code."""
-    began, trouble, display = time.perf_counter(), "", _Display(console, by_step=True)
+    began, trouble, display = time.perf_counter(), "", Display(console, by_step=True)
 
     warned: tuple[str, ...] = ()
 
@@ -328,73 +316,6 @@ def _take_steps(console: Console, settings: Case, problem: ContactProblem, targe
         _errors.print(f"error: {trouble}", markup=False)
     if trouble or not all(row["certified"] for row in rows):
         raise typer.Exit(FAILED)
-
-
-class _Display:
-    """Progress: one line that changes on a terminal, a line for each Tresca problem (or PF step) elsewhere.
-
-    Args:
-        console: Where to.
-        by_step: Whether somebody else speaks of load steps: no lines then.
-    """
-
-    def __init__(self, console: Console, by_step: bool = False):
-        self._console, self._by_step = console, by_step
-        self._status = console.status("K^-1 and A") if console.is_terminal and not console.quiet else None
-        self._last: Progress | None = None
-
-    def __enter__(self) -> _Display:
-        if self._status is not None:
-            self._status.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._status is not None:
-            self._status.stop()
-        self._line()
-
-    def __call__(self, progress: Progress) -> None:
-        if self._status is not None:
-            self._status.update(_describe(progress))
-        if self._last is not None and (progress.outer != self._last.outer or progress.outer == 0):
-            self._line()
-        self._last = progress
-
-    def _line(self) -> None:
-        if self._last is not None and self._status is None and not self._by_step:
-            self._console.print(_describe(self._last))
-
-
-def _describe(progress: Progress) -> str:
-    outer = f"outer {progress.outer:3d}  " if progress.outer else ""
-    return f"{outer}path following {progress.path_following:3d}  residual {progress.residual:.1e}"
-
-
-def _report(console: Console, solution: Solution, contents: dict[str, Any], target: Path, total: float) -> None:
-    iterations, nodes = contents["iterations"], contents["nodes"]
-    force = contents["force_on_body"]
-    outer = f"{iterations['outer']} Tresca problems, " if iterations["outer"] else ""
-    rate = contents["contraction"]
-    contraction = f", contraction {rate:.2g}" if rate is not None and np.isfinite(rate) else ""
-    seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
-    lines = (
-        f"{contents['status']} ({contents['method']['solver']}): residual {contents['residual']:.1e}, {outer}"
-        f"{iterations['path_following']} path-following steps, {iterations['products']} products{contraction}",
-        f"force on the body: normal {force['normal']:.9g} N, tangential "
-        f"({', '.join(f'{value:.9g}' for value in force['tangential'])}) N",
-        f"contact nodes {nodes['contact']}: open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}; "
-        f"greatest pressure {contents['maximum']['contact_pressure']:.6g} Pa",
-        str(solution.certificate),
-        f"seconds: {seconds}; {total:.2f} in all",
-    )
-    for line in lines:
-        console.print(line, markup=False, soft_wrap=True)
-    for warning in solution.small_strain.warnings:
-        _errors.print(f"warning: {warning}", markup=False)
-    picture = contents.get("picture", "")
-    if "could not" in picture:
-        _errors.print(f"warning: picture.png {picture}", markup=False)
-    console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
 
 
 def main() -> None:

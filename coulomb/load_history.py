@@ -28,12 +28,14 @@ import numpy as np
 
 from . import output
 from .arrays import FloatArray
-from .problem import ContactProblem, Solution
+from .problem import ContactProblem
 from .restart import nodal_vectors, read_step
+from .solution import Solution
 from .solvers.coulomb import CoulombSolver
 from .solvers.reductions import Reductions
 from .solvers.results import NotConverged, ProgressCallback
 from .solvers.tresca import QPSolver
+from .summary import summary, totals
 
 SMALLEST = 1e-9
 """Step, as a part of the whole history, under which halving ends."""
@@ -47,7 +49,7 @@ class Energy:
         loads: Work of tractions and body force.
         prescribed: Work of the reactions at prescribed displacements.
         foundation: Work that the moving foundation does on the body.
-        elastic: Energy kept in the body (and in its elastic supports).
+        elastic: Energy kept in the body and in its elastic supports.
         dissipated: By friction.
     """
 
@@ -101,26 +103,26 @@ class LoadStep:
     @property
     def row(self) -> dict[str, Any]:
         """Its line of history.csv; collective."""
-        summary, energy = output.summary(self.solution), self.state.energy
-        totals = summary["totals"]
-        centre = totals["centre_of_pressure"] or [math.nan] * 3
+        told, energy = summary(self.solution), self.state.energy
+        face = told["totals"]
+        centre = face["centre_of_pressure"] or [math.nan] * 3
         axes = ("x", "y", "z")
         return {
             "step": self.state.number,
             "time": self.state.time,
-            **{f"force_{a}": value for a, value in zip(axes, totals["force"], strict=True)},
-            **{f"moment_{a}": value for a, value in zip(axes, totals["moment"], strict=True)},
-            "normal_force": summary["force_on_body"]["normal"],
-            "contact_area": totals["contact_area"],
+            **{f"force_{a}": value for a, value in zip(axes, face["force"], strict=True)},
+            **{f"moment_{a}": value for a, value in zip(axes, face["moment"], strict=True)},
+            "normal_force": told["force_on_body"]["normal"],
+            "contact_area": face["contact_area"],
             **{f"centre_of_pressure_{a}": value for a, value in zip(axes, centre, strict=True)},
-            "greatest_slip": totals["greatest_slip"],
-            "greatest_pressure": summary["maximum"]["contact_pressure"],
-            **{name: summary["nodes"][name] for name in ("open", "stick", "slip")},
+            "greatest_slip": face["greatest_slip"],
+            "greatest_pressure": told["maximum"]["contact_pressure"],
+            **{name: told["nodes"][name] for name in ("open", "stick", "slip")},
             **{f"energy_{name}": value for name, value in asdict(energy).items()},
             "energy_imbalance": energy.imbalance,
-            "path_following": summary["iterations"]["path_following"],
-            "residual": summary["residual"],
-            "certified": summary["certificate"]["passed"],
+            "path_following": told["iterations"]["path_following"],
+            "residual": told["residual"],
+            "certified": told["certificate"]["passed"],
         }
 
 
@@ -262,20 +264,17 @@ def _after(before: State, solution: Solution) -> State:
     then = elasticity.at(before.time)
     on_body = -problem.nodal_contact_force(solution.contact_force)
     change = u - before.displacement
-    internal, internal_then = (elasticity.internal_force(v) for v in (u, before.displacement))
-
-    def reaction(force: FloatArray, load: FloatArray, contact: FloatArray) -> FloatArray:
-        return np.where(elasticity.fixed, force - load - contact, 0.0)
-
-    reactions = reaction(internal, elasticity.load, on_body) + reaction(internal_then, then.load, before.on_body)
+    kept, kept_then = (elasticity.internal_force(v) - elasticity.spring_force(v) for v in (u, before.displacement))
+    reactions = np.where(elasticity.fixed, kept - elasticity.load - on_body, 0.0)
+    reactions += np.where(elasticity.fixed, kept_then - then.load - before.on_body, 0.0)
     moved = problem.motion - problem.motion_at(before.time)
-    dissipated = output.totals(solution)["dissipated_energy"]
+    dissipated = totals(solution)["dissipated_energy"]
     total = 0.5 * over.total((on_body + before.on_body).sum(axis=0))
     energy = Energy(
         loads=before.energy.loads + 0.5 * over.dot(elasticity.load + then.load, change),
         prescribed=before.energy.prescribed + 0.5 * over.dot(reactions, change),
         foundation=before.energy.foundation + float(total @ moved),
-        elastic=0.5 * over.dot(u, internal),
+        elastic=0.5 * over.dot(u, kept),
         dissipated=before.energy.dissipated + dissipated,
     )
     return State(before.number + 1, problem.time, u, on_body, energy, before.pending[:-1])

@@ -18,138 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from .arrays import FloatArray
 from .fem import compat
 from .fem.compat import fem
-from .problem import ContactProblem, Solution
-from .solvers.reductions import Reductions
-from .solvers.results import CoulombResult, OuterStep, QPStep
-from .version import __version__
-
-OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
-"""Status of a node in contact.xdmf; HELD: on the contact face, but clamped, so no contact node (all fields 0)."""
-
-OPEN_BELOW = 1e-6
-"""A node is open if its normal force is at most this part of the greatest."""
-
-SLIP_ABOVE = 0.999
-"""A node slips if its friction is at least this part of its bound."""
-
-
-def node_status(solution: Solution) -> npt.NDArray[np.int64]:
-    """OPEN, STICK or SLIP of this rank's contact nodes, shape (m,)."""
-    open_, slip = _open_and_slip(solution)
-    return np.where(open_, OPEN, np.where(slip, SLIP, STICK))
-
-
-def _open_and_slip(solution: Solution) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    over = Reductions(solution.problem.comm)
-    x = solution.contact_force.reshape(-1, 3)
-    open_ = x[:, 0] <= OPEN_BELOW * over.max(x[:, 0])
-    slip = np.hypot(x[:, 1], x[:, 2]) >= SLIP_ABOVE * solution.problem.slip_bound(solution.contact_force)
-    return open_, slip
-
-
-def summary(solution: Solution) -> dict[str, Any]:
-    """What `summary.json` holds; collective, the same on every rank."""
-    problem, result = solution.problem, solution.result
-    over, surface = Reductions(problem.comm), problem.surface
-    x = solution.contact_force.reshape(-1, 3)
-    on_body = -surface.vectors(x)
-    coulomb = problem.coulomb
-    open_, slip = _open_and_slip(solution)
-    if coulomb:  # without pressure there is no friction; Tresca friction acts on open nodes too
-        slip = slip & ~open_
-        stick = ~slip & ~open_
-    else:
-        stick = ~slip
-    history: Any = result.history
-    krylov = sum(step.krylov for step in history)
-    certificate, strain = solution.certificate, solution.small_strain
-    return {
-        "coulomb": __version__,
-        "status": result.status.value,
-        "law": "coulomb" if coulomb else "tresca",
-        "friction": _range(problem) if coulomb else None,
-        "slip_stress": None if coulomb else _range(problem),
-        "material": {"young": problem.elasticity.material.young, "poisson": problem.elasticity.material.poisson},
-        "mean_compliance": problem.mean_compliance,
-        "unknowns": problem.unknowns,
-        "method": {
-            "solver": result.method if isinstance(result, CoulombResult) else "path following",
-            "stiffness": problem.stiffness_solver.name,
-            "compliance": problem.A.name,
-            "ranks": problem.comm.size,
-        },
-        "residual": result.residual,
-        "contraction": result.contraction if isinstance(result, CoulombResult) else None,
-        "iterations": {
-            "outer": result.iterations if coulomb else 0,
-            "path_following": result.path_following if isinstance(result, CoulombResult) else result.iterations,
-            "products": result.products,
-            "krylov": krylov,
-        },
-        "force_on_body": {
-            "normal": over.sum(x[:, 0]),
-            "tangential": [-over.sum(x[:, 1]), -over.sum(x[:, 2])],
-            "vector": [over.sum(on_body[:, k]) for k in range(3)],
-        },
-        "totals": totals(solution),
-        "small_strain": {**asdict(strain), "warnings": list(strain.warnings)},
-        "nodes": {
-            "contact": int(over.sum(float(len(x)))),
-            "open": int(over.sum(open_.astype(float))),
-            "stick": int(over.sum(stick.astype(float))),
-            "slip": int(over.sum(slip.astype(float))),
-        },
-        "maximum": {
-            "contact_pressure": over.max(x[:, 0] / surface.area),
-            "displacement": over.max(np.linalg.norm(solution.displacement, axis=1)),
-            "penetration": certificate.penetration,
-        },
-        "certificate": {
-            **{
-                check.name.replace(" ", "_"): {"value": check.value, "limit": check.limit, "passed": check.passed}
-                for check in certificate.checks
-            },
-            "passed": certificate.passed,
-        },
-        "seconds": dict(problem.seconds),
-    }
-
-
-def totals(solution: Solution) -> dict[str, Any]:
-    """What the contact face does as a whole; newtons and metres; collective, the same on every rank.
-
-    Force and moment (about the origin) are those on the body.  The centre of pressure is the mean place of the normal
-    forces, null without any.  Slip and dissipated energy count from `ContactProblem.slip_origin`.
-    """
-    problem, surface = solution.problem, solution.problem.surface
-    over, x = Reductions(problem.comm), solution.contact_force.reshape(-1, 3)
-    on_body = -surface.vectors(x)
-    open_, _ = _open_and_slip(solution)
-    slip = problem.closure(solution.displacement)[:, 1:]
-    pressing = over.sum(x[:, 0])
-    moving = np.hypot(slip[:, 0], slip[:, 1])
-    return {
-        "face": surface.face,
-        "force": over.total(on_body.sum(axis=0)).tolist(),
-        "moment": over.total(np.cross(surface.x, on_body).sum(axis=0)).tolist(),
-        "contact_area": over.sum(surface.area[~open_]),
-        "centre_of_pressure": (over.total(x[:, 0] @ surface.x) / pressing).tolist() if pressing > 0.0 else None,
-        "greatest_slip": max(over.max(moving[~open_]), 0.0),
-        "dissipated_energy": over.sum(np.sum(x[:, 1:] * slip, axis=1)),
-    }
-
-
-def _range(problem: ContactProblem) -> float | dict[str, float]:
-    """Friction or slip stress: a number, or its least and greatest value."""
-    over = Reductions(problem.comm)
-    least, greatest = over.min(problem.coefficient), over.max(problem.coefficient)
-    return least if least == greatest else {"min": least, "max": greatest}
+from .solution import Solution
+from .solvers.results import OuterStep, QPStep
+from .summary import HELD, OPEN, node_status, summary
 
 
 def write(
@@ -225,8 +101,10 @@ def _make_partial(target: Path) -> str:
 def _write_body(solution: Solution, path: str) -> None:
     elasticity = solution.problem.elasticity
     u = elasticity.function(solution.displacement)
-    given = (("load", elasticity.load), ("held", elasticity.fixed), ("prescribed", elasticity.prescribed))
-    functions = [u, elasticity.von_mises(u), *(elasticity.function(v.astype(float), name) for name, v in given)]
+    given = {"load": elasticity.load, "held": elasticity.fixed, "prescribed": elasticity.prescribed}
+    given["spring"] = elasticity.spring
+    functions = [u, elasticity.von_mises(u), elasticity.young, elasticity.poisson]
+    functions += [elasticity.function(values.astype(float), name) for name, values in given.items()]
     compat.write_mesh_and_functions(solution.problem.comm, path, elasticity.mesh.domain, functions)
 
 

@@ -6,21 +6,21 @@ import copy
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from .arrays import FloatArray
-from .fem.body import Material
-from .fem.elasticity import Clamp, Elasticity, Traction
-from .fem.fields import Amplitude, Coefficient, Field, Motion, evaluate_motion, evaluate_numbers, on_all_ranks
+from .contact import Contact
+from .fem.elasticity import Clamp, Elasticity, Materials, Spring, Traction
+from .fem.fields import Amplitude, Field, evaluate_motion, evaluate_numbers, on_all_ranks
 from .fem.meshes import NamedMesh
-from .fem.obstacles import Moved, RigidFoundation
-from .fem.surface import ContactSurface, Normals, contact_surface
-from .small_strain import SmallStrain, small_strain
+from .fem.obstacles import Moved
+from .fem.surface import ContactSurface, contact_surface
+from .solution import Solution
 from .solvers import schur
 from .solvers.automatic import Automatic
 from .solvers.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance
@@ -33,9 +33,6 @@ from .solvers.results import CoulombResult, ProgressCallback, QPResult
 from .solvers.stiffness import DirectSolver, IterativeSolver, StiffnessSolver
 from .solvers.tresca import QPSolver, TrescaQP
 
-if TYPE_CHECKING:
-    from .certificate import Certificate
-
 DIRECT_UP_TO = 50_000
 """Displacement unknowns up to which K is factorised by default on one rank (measured: docs/measurements.md)."""
 
@@ -46,38 +43,6 @@ EXPLICIT_UP_TO = 10_000
 """Contact unknowns up to which A is formed by default, where K is factorised (measured: docs/measurements.md)."""
 
 
-@dataclass(frozen=True)
-class Contact:
-    """Which face may touch which foundation, and how it rubs there; exactly one of the two friction laws.
-
-    Attributes:
-        face: Name of the contact face.
-        friction: Coulomb's coefficient F >= 0, constant or a function of place.
-        slip_stress: Tresca friction: the shear stress in pascals at which the face slips, whatever the pressure;
-            constant or a function of place.
-        foundation: Rigid foundation; by default the plane of the face itself (gap 0).
-        normals: Whose normals the contact frames take, "foundation" or "body" (`contact_surface`).
-        motion: Translation of the foundation in the course of time, metres.
-
-    Raises:
-        ValueError: If not exactly one law is given, or its number is negative or not finite.
-    """
-
-    face: str
-    friction: Coefficient | None = None
-    slip_stress: Coefficient | None = None
-    foundation: RigidFoundation | None = None
-    normals: Normals = "foundation"
-    motion: Motion | None = None
-
-    def __post_init__(self) -> None:
-        if (self.friction is None) == (self.slip_stress is None):
-            raise ValueError("contact: give either friction (Coulomb) or slip_stress (Tresca), one of the two")
-        for name, value in (("friction", self.friction), ("slip_stress", self.slip_stress)):
-            if value is not None and not callable(value) and not (np.isfinite(value) and value >= 0.0):
-                raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
-
-
 class ContactProblem:
     """A linear elastic body in frictional contact with a rigid foundation.
 
@@ -85,11 +50,12 @@ class ContactProblem:
 
     Args:
         mesh: The body.
-        material: Its material.
-        clamps: Prescribed displacements; they must leave it no rigid motion.
+        material: Its material, or a mapping of cell groups to theirs.
+        clamps: Prescribed displacements; they and the springs must leave it no rigid motion.
         contact: The contact face, its foundation and friction.
         tractions: Surface loads.
         body_force: Force per volume in N/m^3.
+        springs: Elastic supports.
         body_force_amplitude: What it is multiplied by in the course of time.
         time: The time at which loads, prescribed displacements and the foundation's place are taken.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
@@ -111,11 +77,12 @@ class ContactProblem:
     def __init__(
         self,
         mesh: NamedMesh,
-        material: Material,
+        material: Materials,
         clamps: Sequence[Clamp],
         contact: Contact,
         tractions: Sequence[Traction] = (),
         body_force: Field = (0.0, 0.0, 0.0),
+        springs: Sequence[Spring] = (),
         *,
         body_force_amplitude: Amplitude = 1.0,
         time: float = 0.0,
@@ -127,7 +94,9 @@ class ContactProblem:
         self.mesh, self.contact = mesh, contact
         self.seconds: dict[str, float] = {}
         with self._timed("assembly"):
-            self.elasticity = Elasticity(mesh, material, clamps, tractions, body_force, body_force_amplitude, time)
+            self.elasticity = Elasticity(
+                mesh, material, clamps, tractions, body_force, springs, body_force_amplitude, time
+            )
             self.surface: ContactSurface = contact_surface(
                 self.elasticity, contact.face, contact.foundation, contact.normals
             )
@@ -329,7 +298,8 @@ class ContactProblem:
         Args:
             tolerance: Residual of the problem (Coulomb or Tresca) at which to stop.
             solver: In place of the default (and of its tolerance).  For Coulomb friction Automatic (the default),
-                OneLoop or SuccessiveTresca; for Tresca friction PathFollowing (the default) or KPRGP.
+                OneLoop or SuccessiveTresca; for Tresca friction PathFollowing (the default) or KPRGP.  Condensed Newton
+                systems of these need explicit=False.
             progress: Called after every path-following step.
 
         Raises:
@@ -364,35 +334,3 @@ class ContactProblem:
             yield
         finally:
             self.seconds[phase] = self.seconds.get(phase, 0.0) + time.perf_counter() - began
-
-
-@dataclass(frozen=True)
-class Solution:
-    """Answer of a contact problem.
-
-    Attributes:
-        problem: What was solved.
-        contact_force: x in newtons, this rank's part, shape (3 m,), node by node (n, t1, t2); x_n >= 0 presses.
-        displacement: In metres, this rank's nodes, shape (k, 3).
-        slip_bound: The g in newtons that the solver used, shape (m,).
-        result: What the solver says of it.
-        certificate: What the problem says of it.
-    """
-
-    problem: ContactProblem
-    contact_force: FloatArray
-    displacement: FloatArray
-    slip_bound: FloatArray
-    result: CoulombResult | QPResult
-    certificate: Certificate
-
-    @cached_property
-    def small_strain(self) -> SmallStrain:
-        """Whether displacements are small enough for the theory; collective."""
-        return small_strain(self.problem, self.contact_force, self.displacement)
-
-    def write(self, directory: str) -> None:
-        """Fields, history and summary into a directory; what is there is replaced when all is written."""
-        from .output import write
-
-        write(self, directory)

@@ -49,8 +49,7 @@ def nodal_vectors(path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewher
     """
 
     ends = np.array([x.min(axis=0), -x.max(axis=0)]) if len(x) else np.full((2, 3), np.inf)
-    ends = comm.allreduce(ends, op=MPI.MIN)
-    size = float(np.max(-ends.sum(axis=0)))
+    size = float(np.max(-np.min(comm.allgather(ends), axis=0).sum(axis=0)))
 
     def read() -> FloatArray:
         values = np.full((len(x), 3), np.nan if elsewhere is None else elsewhere)

@@ -13,10 +13,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Material
-from coulomb.fem.obstacles import Sphere
-from coulomb.load_history import LoadHistory
-from coulomb.output import totals
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Sphere
+from coulomb.summary import totals
 
 E, nu, R, F = 2.1e11, 0.3, 0.1, 0.1
 a = 1e-3

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Material
-from coulomb.fem.obstacles import Sphere
+from coulomb import Clamp, Contact, ContactProblem, Material, Sphere
 
 E, nu, R = 2.1e11, 0.3, 0.1
 a = 1e-3  # the contact radius to aim at, 1 mm: the ball comes up by a^2/R

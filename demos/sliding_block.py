@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Material
-from coulomb.load_history import LoadHistory
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material
 
 F = 0.3
 

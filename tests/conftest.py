@@ -18,8 +18,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import coulomb
-from coulomb.fem.obstacles import Sphere
-from coulomb.load_history import LoadHistory
 from coulomb.solvers.compliance import ExplicitCompliance
 
 DATA = Path(__file__).with_name("data")
@@ -156,8 +154,11 @@ def indentation(turn=None, order=(0, 1, 2), metre=1.0, newton=1.0, mirror=False,
         coulomb.Material(STEEL.young * newton / metre**2, STEEL.poisson),
         [coulomb.Clamp(top)],
         coulomb.Contact(
-            bottom, 0.3, foundation=Sphere(tuple(turn @ centre), radius), motion=[(time, *where) for time, where in way]
+            bottom,
+            0.3,
+            foundation=coulomb.Sphere(tuple(turn @ centre), radius),
+            motion=[(time, *where) for time, where in way],
         ),
         **options,
     )
-    return problem, LoadHistory([1.0, 1.5, 2.0, 3.0], tolerance=1e-10)
+    return problem, coulomb.LoadHistory([1.0, 1.5, 2.0, 3.0], tolerance=1e-10)

@@ -11,6 +11,7 @@ from conftest import make_block, solved_block
 
 from coulomb import SuccessiveTresca, output
 from coulomb.plotting import read_grid
+from coulomb.summary import HELD, OPEN, SLIP, STICK, summary
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +35,8 @@ def test_vtk_reads_the_body(run):
     grid = pyvista.XdmfReader(str(directory / "solution.xdmf")).read()
     grid = grid if isinstance(grid, pyvista.DataSet) else grid[0]
     assert grid.n_cells == 18 * 6 * 6 and grid.n_points == 19 * 7 * 7
-    assert set(grid.point_data.keys()) == {"displacement", "load", "held", "prescribed"}
-    assert set(grid.cell_data.keys()) == {"von_mises_stress"}
+    assert set(grid.point_data.keys()) == {"displacement", "load", "held", "prescribed", "spring"}
+    assert set(grid.cell_data.keys()) == {"von_mises_stress", "young", "poisson"}
     ours = solution.displacement[np.lexsort(solution.problem.elasticity.x.round(9).T)]
     theirs = np.asarray(grid["displacement"])[np.lexsort(np.asarray(grid.points).round(6).T)]
     assert np.allclose(ours, theirs, rtol=1e-6, atol=1e-9 * np.abs(ours).max())
@@ -52,7 +53,7 @@ def test_vtk_reads_the_contact_surface(run):
     assert set(grid.point_data.keys()) == names
     surface, x = solution.problem.surface, solution.contact_force.reshape(-1, 3)
     held = np.isclose(grid.points[:, 0], 0.0)
-    assert np.all(grid["status"][held] == output.HELD) and np.abs(grid["pressure"][held]).max() <= 1e-6
+    assert np.all(grid["status"][held] == HELD) and np.abs(grid["pressure"][held]).max() <= 1e-6
     order = np.lexsort(np.asarray(grid.points)[~held].round(6).T)
     mine = np.lexsort(surface.x.round(9).T)
 
@@ -68,9 +69,9 @@ def test_vtk_reads_the_contact_surface(run):
     codes = np.rint(field("status"))
     counts = {name: int(np.sum(codes == code)) for name, code in (("open", 0), ("stick", 1), ("slip", 2))}
     assert counts == {"open": 18, "stick": 8, "slip": 100}  # tests/data/block.json
-    assert np.all(field("friction_use")[codes == output.SLIP] >= 0.999)
-    assert np.all(field("friction_use")[codes == output.STICK] < 0.999)
-    assert np.abs(field("friction_use")[codes == output.OPEN]).max() <= 1e-12
+    assert np.all(field("friction_use")[codes == SLIP] >= 0.999)
+    assert np.all(field("friction_use")[codes == STICK] < 0.999)
+    assert np.abs(field("friction_use")[codes == OPEN]).max() <= 1e-12
 
 
 def test_summary(run):
@@ -123,7 +124,7 @@ def test_picture_shows_something(run):
 
 def test_tresca_counts_slip_on_open_nodes_too():
     """As the reference counts: Tresca friction acts without pressure."""
-    nodes = output.summary(solved_block(6, "tresca"))["nodes"]
+    nodes = summary(solved_block(6, "tresca"))["nodes"]
     assert nodes == {"contact": 126, "open": 20, "stick": 8, "slip": 118}
 
 

@@ -5,12 +5,25 @@ import json
 import numpy as np
 import pytest
 from conftest import STEEL, indentation, make_block, reference
+from mesh_files import BoxFile
 from mpi4py import MPI
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, IterativeSolver, TrescaQP, output
+from coulomb import (
+    Clamp,
+    CondensedConeSystem,
+    CondensedSystem,
+    Contact,
+    ContactProblem,
+    IterativeSolver,
+    OneLoop,
+    PathFollowing,
+    TrescaQP,
+    output,
+)
 from coulomb.case import read_case
 from coulomb.solvers.reductions import Reductions
+from coulomb.summary import summary
 
 comm = MPI.COMM_WORLD
 
@@ -47,7 +60,7 @@ def test_block_against_the_independent_solver(law):
     assert len(x) == totals["contact_nodes"]  # every node on exactly one rank
     assert np.linalg.norm(force[mine] - expected) <= 1e-6 * np.linalg.norm(expected)
     assert solution.certificate.passed
-    result = output.summary(solution)
+    result = summary(solution)
     assert [result["nodes"][k] for k in ("open", "stick", "slip")] == [totals[k] for k in ("open", "stick", "slip")]
     assert len(set(comm.allgather(json.dumps(result["force_on_body"])))) == 1
 
@@ -62,8 +75,9 @@ def test_iterative_solver_gives_the_same_forces():
     assert np.linalg.norm(forces[0] - forces[1]) <= 1e-6 * np.linalg.norm(forces[0])
 
 
+@pytest.mark.parametrize("newton", ["default", "condensed"])
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
-def test_same_forces_on_any_number_of_ranks(law):
+def test_same_forces_on_any_number_of_ranks(law, newton):
     """Multigrid, matrix-free: to 1e-8 of what one rank gets by factorisation (each rank solves that for itself)."""
 
     def block(comm, **options):
@@ -76,8 +90,12 @@ def test_same_forces_on_any_number_of_ranks(law):
             **options,
         )
 
+    solver = None
+    if newton == "condensed":
+        one_loop = OneLoop(1e-10, newton=CondensedConeSystem)
+        solver = one_loop if law == "coulomb" else PathFollowing(1e-10, newton=CondensedSystem)
     alone = block(MPI.COMM_SELF).solve(1e-10)
-    together = block(comm, linear_solver=IterativeSolver, explicit=False).solve(1e-10)
+    together = block(comm, linear_solver=IterativeSolver, explicit=False).solve(1e-10, solver)
     expected = alone.contact_force.reshape(-1, 3)[np.lexsort(alone.problem.surface.x.round(9).T)]
     x = everywhere(together.problem.surface.x)
     force = everywhere(together.contact_force.reshape(-1, 3))[np.lexsort(x.round(9).T)]
@@ -154,6 +172,10 @@ def test_a_rank_without_contact_nodes():
     assert comm.size == 1 or min(nodes) == 0
     solution = problem.solve()
     assert solution.certificate.passed
+    condensed = ContactProblem(
+        problem.mesh, STEEL, [Clamp("top", value=(0.0, 0.0, -1e-3))], problem.contact, explicit=False
+    ).solve(solver=OneLoop(newton=CondensedConeSystem))
+    assert condensed.certificate.passed
     # a column between two plates, free to bulge: a force between those of free and of hindered bulging
     force = Reductions(comm).sum(solution.contact_force[0::3])
     E, nu = STEEL.young, STEEL.poisson
@@ -191,6 +213,8 @@ def test_input_that_is_wrong_on_one_rank_is_an_error_on_all():
         lambda: make_block(2, cells=(6, 2, 2), friction=0.3, explicit=True, linear_solver=IterativeSolver)
     )
     assert "explicit=True" in text
+    explicit = make_block(2, explicit=True)
+    assert "explicit=False" in same_error(lambda: explicit.solve(solver=OneLoop(newton=CondensedConeSystem)))
 
 
 def test_wrong_bodies_are_errors_on_all_ranks():
@@ -233,3 +257,54 @@ def test_reductions_with_empty_ranks():
     assert over.max(np.zeros(0)) == -np.inf and over.norm(np.zeros(0)) == 0.0
     assert np.isnan(over.max(np.array([np.nan]) if comm.rank == comm.size - 1 else mine))
     assert over.norm(1e200 * mine) == pytest.approx(5e200) and over.norm(1e-200 * mine) == pytest.approx(5e-200)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_mesh_from_a_file_with_two_materials_on_springs(cell, shared_directory):
+    """The same on all ranks together as on every rank alone; groups go with their cells and facets."""
+    path = shared_directory / f"{cell}.msh"
+    if comm.rank == 0:
+        BoxFile(cell=cell).write(path)
+    comm.barrier()
+    forces = []
+    for ranks in (comm, MPI.COMM_SELF):
+        mesh = coulomb.read_gmsh(path, comm=ranks)
+        solution = ContactProblem(
+            mesh,
+            {"soft": coulomb.Material(1e11, 0.2), "stiff": coulomb.Material(2e11, 0.4)},
+            [],
+            Contact("bottom", friction=0.3),
+            [coulomb.Traction("top", (1e6, 0.0, -1e7))],
+            springs=[coulomb.Spring("left", 1e10), coulomb.Spring("right", (1e10, 1e10, 1e9))],
+        ).solve(tolerance=1e-10)
+        assert solution.certificate.passed
+        surface = solution.problem.surface
+        force, x = -surface.vectors(solution.contact_force.reshape(-1, 3)), surface.x
+        told = summary(solution)
+        assert np.allclose(
+            np.array(told["force_on_body"]["vector"]) + told["spring_force_on_body"], [-2e6, 0.0, 2e7], atol=1.0
+        )
+        if ranks is comm:
+            force, x = everywhere(force), everywhere(x)
+        forces.append(force[np.lexsort(x.round(9).T)])
+    assert np.linalg.norm(forces[0] - forces[1]) <= 1e-6 * np.linalg.norm(forces[1])
+
+
+def test_wrong_mesh_files_are_errors_on_all_ranks(shared_directory):
+    whole, cut, folded = (shared_directory / f"{name}.msh" for name in ("whole", "cut", "folded"))
+    if comm.rank == 0:
+        file = BoxFile()
+        file.faces["inside"] = file.interface
+        cut.write_bytes(file.write(whole, "4.1", True).read_bytes()[:-300])
+        file.cells[0, [0, 1]] = file.cells[0, [1, 0]]
+        file.write(folded)
+    comm.barrier()
+    assert "cut short" in same_error(lambda: coulomb.read_gmsh(cut))
+    assert "changes its sign" in same_error(lambda: coulomb.read_gmsh(folded))
+    assert "cannot be read" in same_error(lambda: coulomb.read_gmsh(shared_directory / "none.msh"))
+    assert "is not XDMF" in same_error(lambda: coulomb.read_xdmf(whole))
+    mesh = coulomb.read_gmsh(whole)
+    assert "lies inside the body" in same_error(lambda: coulomb.Elasticity(mesh, STEEL, [Clamp("inside")]))
+    assert "without a material" in same_error(lambda: coulomb.Elasticity(mesh, {"soft": STEEL}, [Clamp("left")]))
+    soft = coulomb.Spring("left", 1e-6)
+    assert "too soft" in same_error(lambda: coulomb.Elasticity(mesh, STEEL, [], springs=[soft]))

@@ -6,7 +6,7 @@ from conftest import STEEL, reference, solved_block
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction
-from coulomb.output import summary
+from coulomb.summary import summary
 
 FACES = ("left", "right", "front", "back")
 

@@ -42,15 +42,21 @@ class ElasticBody:
 
     Args:
         domain: DOLFINx mesh, coordinates in metres.
-        material: Its material.
+        young: Young's modulus of this rank's own cells in pascals, shape (c,).
+        poisson: Their Poisson's ratio, shape (c,).
 
     Attributes:
         V: Space of displacements.
         x: Coordinates of this rank's nodes in metres, shape (k, 3).
+        young: As given, a function that is constant on every cell.
+        poisson: The same.
     """
 
-    def __init__(self, domain: Any, material: Material):
-        self.domain, self.material = domain, material
+    def __init__(self, domain: Any, young: FloatArray, poisson: FloatArray):
+        self.domain = domain
+        self.young, self.poisson = self._on_cells(young, "young"), self._on_cells(poisson, "poisson")
+        self._mu = self._on_cells(young / (2.0 * (1.0 + poisson)), "mu")
+        self._lame = self._on_cells(young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), "lambda")
         self.V = compat.functionspace(domain, 1, (3,))
         self._test = ufl.TestFunction(self.V)
         self._owned = self.V.dofmap.index_map.size_local
@@ -97,10 +103,13 @@ class ElasticBody:
         return values
 
     def _stress(self, u: Any) -> Any:
-        E, nu = self.material.young, self.material.poisson
-        mu = fem.Constant(self.domain, PETSc.ScalarType(E / (2.0 * (1.0 + nu))))
-        lame = fem.Constant(self.domain, PETSc.ScalarType(E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))))
-        return 2.0 * mu * strain(u) + lame * ufl.tr(strain(u)) * ufl.Identity(3)
+        return 2.0 * self._mu * strain(u) + self._lame * ufl.tr(strain(u)) * ufl.Identity(3)
+
+    def _on_cells(self, values: FloatArray, name: str) -> Any:
+        function = fem.Function(compat.functionspace(self.domain, 0, family="DG"), name=name)
+        function.x.array[compat.cell_dofs(function.function_space)[: len(values), 0]] = values
+        function.x.scatter_forward()
+        return function
 
 
 def strain(u: Any) -> Any:

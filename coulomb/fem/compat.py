@@ -30,6 +30,7 @@ except ImportError as error:
     ) from error
 finally:
     sys.setdlopenflags = _setdlopenflags
+import basix
 import ufl
 from dolfinx import cpp, fem, io, mesh
 
@@ -92,6 +93,13 @@ def meshtags(domain: Any, dim: int, entities: npt.NDArray[np.int32], values: npt
     """MeshTags of entities in any order; an entity named twice keeps the first value."""
     unique, first = np.unique(entities, return_index=True)
     return mesh.meshtags(domain, dim, unique.astype(np.int32), values[first].astype(np.int32))
+
+
+def create_mesh(comm: Any, cell: str, cells: npt.NDArray[np.int64], x: npt.NDArray[np.float64]) -> Any:
+    """Distributed first-order mesh of the cells and points that this rank brings, in DOLFINx's order of points."""
+    if not hasattr(basix, "ufl"):  # until 0.6
+        return mesh.create_mesh(comm, cells, x, ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1)))
+    return mesh.create_mesh(comm, cells=cells, x=x, e=ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(3,))))
 
 
 def read_mesh(comm: Any, path: str) -> Any:

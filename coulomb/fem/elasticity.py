@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,46 +68,88 @@ class Traction:
     amplitude: Amplitude = 1.0
 
 
+@dataclass(frozen=True)
+class Spring:
+    """Elastic support of a face, towards where it is before deformation (Winkler's foundation).
+
+    Attributes:
+        face: Name of the face.
+        stiffness: Force per area and displacement in N/m^3, along x, y and z; one number for all three.
+
+    Raises:
+        ValueError: If there are not one or three numbers, finite, >= 0, and one > 0.
+    """
+
+    face: str
+    stiffness: float | Sequence[float]
+
+    def __post_init__(self) -> None:
+        if np.shape(self.stiffness) not in ((), (3,)) or not (
+            np.all(np.isfinite(self.along_axes)) and np.all(self.along_axes >= 0.0) and np.any(self.along_axes > 0.0)
+        ):
+            raise ValueError(
+                f"spring on {self.face!r}: stiffness must be a number or three (along x, y, z), in N/m^3, "
+                f">= 0 and not all 0, but is {self.stiffness}"
+            )
+
+    @property
+    def along_axes(self) -> FloatArray:
+        """Shape (3,)."""
+        return np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (3,))
+
+
+Materials = Material | Mapping[str, Material]
+"""One for the whole body, or one for every group of cells, by its name."""
+
+
 class Elasticity(ElasticBody):
-    """K u = f on trilinear hexahedra or linear tetrahedra, with clamps built in.
+    """K u = f on trilinear hexahedra or linear tetrahedra, with clamps and springs built in.
 
     Constrained rows and columns of K are zero but for the diagonal, which is the mean diagonal of the free ones (a 1
     there would spoil the multigrid and every scale); f has the prescribed values, so that K u = f holds them exactly.
+    Springs act at the nodes, each with the area of its hat function: diagonal in K, and exact for a face that moves
+    without tilting.
 
     Attributes:
         mesh: The body.
+        materials: What it is made of: a Material, or a mapping of cell groups to theirs.
         V: Its space of displacements.
         K: Stiffness, N/m; block size 3, symmetric positive definite, with the rigid body modes as its near-nullspace.
         f: Load in newtons, with the prescribed displacements built in.
         load: The load alone, this rank's part, shape (k, 3), newtons.
         fixed: Which components are prescribed, this rank's nodes, shape (k, 3).
         prescribed: Their values in metres, 0 elsewhere, shape (k, 3).
+        spring: Stiffness of the springs at this rank's nodes along x, y, z in N/m, shape (k, 3).
         dragged: Which components are prescribed to be other than 0 at some time, shape (k, 3).
         time: The time of load, prescribed and f; K does not change.
 
     Raises:
-        ValueError: If a face is unknown, a value not finite, or the clamps leave the body a rigid motion.
+        ValueError: If a face is unknown, a value not finite, a cell without a material or with two, or if clamps and
+            springs leave the body a rigid motion.
     """
 
     def __init__(
         self,
         mesh: NamedMesh,
-        material: Material,
+        materials: Materials,
         clamps: Sequence[Clamp],
         tractions: Sequence[Traction] = (),
         body_force: Field = (0.0, 0.0, 0.0),
+        springs: Sequence[Spring] = (),
         body_force_amplitude: Amplitude = 1.0,
         time: float = 0.0,
     ):
-        super().__init__(mesh.domain, material)
-        self.mesh = mesh
+        super().__init__(mesh.domain, *material_of_cells(mesh, materials))
+        self.mesh, self.materials = mesh, materials
         self.fixed, self.dragged = np.zeros((2, self._owned, 3), dtype=bool)
         self._clamps = [self._prescribe(clamp) for clamp in clamps]
+        self._support(springs)
         self._refuse_floating_body()
         self._loads = self._assemble_loads(tractions, body_force, body_force_amplitude)
 
         trial = ufl.TrialFunction(self.V)
         self.K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * ufl.dx))
+        self._add_springs()
         self._held = self._eliminate_fixed()
         self._attach_rigid_body_modes()
         self._load_at(time)
@@ -152,7 +194,37 @@ class Elasticity(ElasticBody):
             self.dragged[nodes, component] = values[:, component] != 0.0
         return clamp, nodes, values
 
+    def _support(self, springs: Sequence[Spring]) -> None:
+        self.spring = np.zeros((self._owned, 3))
+        for spring in springs:
+            self.spring += self.nodal_area(spring.face, "spring")[:, None] * spring.along_axes
+
     def _refuse_floating_body(self) -> None:
+        held = 1.0 * (self.fixed | (self.spring > 0.0))
+        free = self._rigid_motions(held, 1e-10 * self.mesh.comm.allreduce(float(held.sum()), op=MPI.SUM))
+        if free:
+            raise ValueError(
+                f"the body floats: its clamps and springs leave it {free}; hold these by a clamp or a spring, "
+                "contact alone does not make the stiffness invertible"
+            )
+
+    def _add_springs(self) -> None:
+        comm = self.mesh.comm
+        diagonal = self.K.getDiagonal()
+        stiff = comm.allreduce(float(np.max(diagonal.array, initial=0.0)), op=MPI.MAX)
+        diagonal.array[:] += self.spring.ravel()
+        self.K.setDiagonal(diagonal)
+        diagonal.destroy()
+        count = comm.allreduce(self._owned, op=MPI.SUM)
+        free = self._rigid_motions(np.where(self.fixed, 1.0, self.spring / stiff), 1e-12 * count)
+        if free:
+            raise ValueError(
+                f"the springs are too soft to be told from rounding errors: against {free} the nodes have less than "
+                "1e-12 of the body's own stiffness; make the springs stiffer, or hold the body by a clamp"
+            )
+
+    def _rigid_motions(self, weight: FloatArray, limit: float) -> str:
+        """Names of the rigid motions, of size 1 at a node, against which weights (k, 3) at the nodes have no energy."""
         comm, x = self.mesh.comm, self.x
         count = comm.allreduce(len(x), op=MPI.SUM)
         centre = comm.allreduce(x.sum(axis=0), op=MPI.SUM) / count
@@ -163,16 +235,10 @@ class Elasticity(ElasticBody):
             i, j = (k + 1) % 3, (k + 2) % 3
             modes[:, k, k] = 1.0
             modes[:, i, 3 + k], modes[:, j, 3 + k] = -r[:, j] / size, r[:, i] / size
-        held = modes[self.fixed]
-        gram = comm.allreduce(held.T @ held, op=MPI.SUM)
+        gram = comm.allreduce(np.einsum("kci,kc,kcj->ij", modes, weight, modes), op=MPI.SUM)
         eigenvalues, vectors = np.linalg.eigh(gram)
-        free = vectors[:, eigenvalues <= 1e-10 * max(float(eigenvalues[-1]), 1e-300)]
-        if free.shape[1]:
-            names = [name for name, row in zip(_MODES, free, strict=True) if np.linalg.norm(row) > 0.3]
-            raise ValueError(
-                f"the body floats: its clamps leave it {', '.join(names)}; hold these by a clamp, "
-                "contact alone does not make the stiffness invertible"
-            )
+        free = vectors[:, eigenvalues <= limit]
+        return ", ".join(name for name, row in zip(_MODES, free, strict=True) if np.linalg.norm(row) > 0.3)
 
     def _assemble_loads(
         self, tractions: Sequence[Traction], body_force: Field, body_force_amplitude: Amplitude
@@ -228,12 +294,40 @@ class Elasticity(ElasticBody):
         owned: npt.NDArray[np.int32] = dofs[dofs < self._owned].astype(np.int32)
         return owned
 
-    def nodal_area(self, face: str) -> FloatArray:
+    def nodal_area(self, face: str, what: str = "contact") -> FloatArray:
         """Integral of every hat function over a face in m^2, this rank's nodes, shape (k,)."""
-        ones = (1.0, 1.0, 1.0)
-        return self._integrate(ones, "area", self._ds(self.mesh.facets(face, "contact")))[:, 0]
+        return self._integrate((1.0, 1.0, 1.0), "area", self._ds(self.mesh.facets(face, what)))[:, 0]
 
     def nodal_normal(self, face: str) -> FloatArray:
         """Integral of the body's outward normal against every hat function over a face, m^2, shape (k, 3)."""
         n = ufl.FacetNormal(self.mesh.domain)
         return self._assemble(fem.form(ufl.inner(n, self._test) * self._ds(self.mesh.facets(face, "contact"))))
+
+    def spring_force(self, u: FloatArray) -> FloatArray:
+        """Forces of the springs on the body at displacements u, newtons; shapes (k, 3)."""
+        return -self.spring * u
+
+
+def material_of_cells(mesh: NamedMesh, materials: Materials) -> tuple[FloatArray, FloatArray]:
+    """Young's modulus and Poisson's ratio of this rank's own cells, shapes (c,).
+
+    Raises:
+        ValueError: On every rank, if a group is unknown, or a cell of any rank is in no group given or in two.
+    """
+    count = mesh.domain.topology.index_map(3).size_local
+    if isinstance(materials, Material):
+        return np.full(count, materials.young), np.full(count, materials.poisson)
+    young, poisson, times = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.int64)
+    for name, material in materials.items():
+        cells = mesh.group(name, "material")
+        young[cells], poisson[cells] = material.young, material.poisson
+        times[cells] += 1
+    for wrong, fault in ((times == 0, "without a material"), (times > 1, "in more than one of these groups")):
+        bad = mesh.comm.allreduce(int(wrong.sum()), op=MPI.SUM)
+        if bad:
+            all_cells = mesh.comm.allreduce(count, op=MPI.SUM)
+            raise ValueError(
+                f"material: {bad} of {all_cells} cells are {fault}; materials are given for {', '.join(materials)}, "
+                f"the mesh has the cell groups {', '.join(mesh.cells) or '(none)'}; every cell needs exactly one"
+            )
+    return young, poisson

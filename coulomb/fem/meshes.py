@@ -1,9 +1,12 @@
-"""Meshes with named boundary faces."""
+"""Meshes with named boundary faces and cell groups: boxes, and meshes from gmsh and XDMF files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import difflib
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +14,10 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from . import compat, gmsh_format, xdmf_format
 from .compat import mesh
 from .fields import evaluate_vectors
+from .mesh_file import InspectedMesh, IntArray, MeshFile, inspect
 
 BOX_FACES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "bottom": (2, 0), "top": (2, 1)}
 """Faces of a box: axis, and whether at its lower (0) or upper (1) end."""
@@ -22,15 +27,19 @@ CELLS = {"hexahedron": mesh.CellType.hexahedron, "tetrahedron": mesh.CellType.te
 
 @dataclass(frozen=True)
 class NamedMesh:
-    """A first-order mesh of a body whose boundary faces have names.
+    """A first-order mesh of a body whose boundary faces, and perhaps groups of cells, have names.
 
     Attributes:
         domain: The DOLFINx mesh, coordinates in metres.
         faces: This rank's boundary facets of each face, by name; facet numbers of `domain`.
+        cells: This rank's own cells of each group, by name; cell numbers of `domain`.
+        refused: Groups of facets in the file that are no faces, by name, and why.
     """
 
     domain: Any
     faces: dict[str, npt.NDArray[np.int32]]
+    cells: dict[str, npt.NDArray[np.int32]] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
 
     @property
     def comm(self) -> MPI.Comm:
@@ -43,9 +52,26 @@ class NamedMesh:
         Raises:
             ValueError: If there is no such face; `what` says who asks.
         """
-        if face not in self.faces:
-            raise ValueError(f"{what}: there is no face {face!r} on this mesh; its faces are {', '.join(self.faces)}")
-        return self.faces[face]
+        if face in self.refused:
+            raise ValueError(f"{what}: {self.refused[face]}")
+        return _named(self.faces, face, what, "face")
+
+    def group(self, cells: str, what: str) -> npt.NDArray[np.int32]:
+        """This rank's own cells of a group.
+
+        Raises:
+            ValueError: If there is no such group; `what` says who asks.
+        """
+        return _named(self.cells, cells, what, "cell group")
+
+
+def _named(groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str) -> npt.NDArray[np.int32]:
+    if name not in groups:
+        close = difflib.get_close_matches(name, groups, n=1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        listed = f"its {kind}s are {', '.join(groups)}" if groups else f"it has no {kind}s"
+        raise ValueError(f"{what}: there is no {kind} {name!r} on this mesh{hint}; {listed}")
+    return groups[name]
 
 
 def box(
@@ -85,3 +111,110 @@ def box(
         x = domain.geometry.x
         x[:] = evaluate_vectors(place, x.copy(), "box: place", comm)
     return NamedMesh(domain, faces)
+
+
+def read_gmsh(path: str | Path, scale: float = 1.0, comm: MPI.Comm = MPI.COMM_WORLD) -> NamedMesh:
+    """Mesh of a gmsh file, MSH 2.2 or 4.1, ASCII or binary, of first-order hexahedra or tetrahedra.
+
+    Physical surfaces become faces, physical volumes cell groups, by their names; one without a name by its number, as
+    in "3".  Gmsh itself is not needed.
+
+    Args:
+        path: The file; rank 0 reads it.
+        scale: Metres per unit of length of the file: 1e-3 for millimetres.
+        comm: The ranks that share the mesh.
+
+    Raises:
+        ValueError: On every rank, if the file cannot be read, or a mesh in it not be computed with; says why.
+    """
+    return _distribute(comm, path, scale, lambda: gmsh_format.read(str(path)))
+
+
+def read_xdmf(
+    path: str | Path,
+    facets: str | Path | None = None,
+    cells: str | Path | None = None,
+    names: Mapping[str, int] | None = None,
+    cell_names: Mapping[str, int] | None = None,
+    scale: float = 1.0,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> NamedMesh:
+    """Mesh of an XDMF file, of first-order hexahedra or tetrahedra, with numbers on facets and cells.
+
+    Args:
+        path: The mesh; rank 0 reads it.
+        facets: File of the MeshTags on facets; by default those in the mesh's file, if there are any.
+        cells: File of the MeshTags on cells; by default those in the mesh's file, if there are any.
+        names: Names of faces, with the number of their facets; others are called by the number, as in "3".
+        cell_names: Names of cell groups, with the number of their cells.
+        scale: Metres per unit of length of the file.
+        comm: The ranks that share the mesh.
+
+    Raises:
+        ValueError: On every rank, if a file cannot be read, or a mesh in it not be computed with; says why.
+    """
+
+    def read() -> MeshFile:
+        on_facets, on_cells = (str(file) if file is not None else None for file in (facets, cells))
+        return xdmf_format.read(str(path), on_facets, on_cells, names or {}, cell_names or {})
+
+    return _distribute(comm, path, scale, read)
+
+
+def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[], MeshFile]) -> NamedMesh:
+    """Read and inspect on rank 0; then every rank gets its share, and finds the groups by the points' numbers."""
+    if not (math.isfinite(scale) and scale > 0.0):
+        raise ValueError(f"{path}: scale must be a positive number of metres per unit, but is {scale}")
+    sound: InspectedMesh | None = None
+    fault = ""
+    if comm.rank == 0:
+        try:
+            sound = inspect(read(), scale)
+        except OSError as error:
+            fault = f"{error.filename or path}: cannot be read: {error.strerror or error}"
+        except ValueError as error:
+            fault = str(error)
+        except Exception as error:  # whatever a damaged file leads to must not leave the other ranks waiting
+            fault = f"{path}: is damaged, or too large for one rank: {type(error).__name__}: {error}"
+    fault = comm.bcast(fault)
+    if fault:
+        raise ValueError(fault)
+    told = (sound.cells.shape[1], sound.face_groups, sound.cell_groups, sound.refused) if sound is not None else None
+    width, face_groups, cell_groups, refused = comm.bcast(told)
+    cells, points = np.empty((0, width), dtype=np.int64), np.empty((0, 3))
+    if sound is not None:  # DOLFINx counts the corners of a hexahedron like those of a grid, gmsh goes round
+        cells = sound.cells[:, [0, 1, 3, 2, 4, 5, 7, 6]] if width == 8 else sound.cells
+        points = sound.points
+    domain = compat.create_mesh(comm, "hexahedron" if width == 8 else "tetrahedron", cells, points)
+    own = domain.topology.index_map(3).size_local
+    original = np.asarray(domain.topology.original_cell_index)[:own]
+    cell_numbers = {
+        name: np.flatnonzero(np.isin(original, members)).astype(np.int32) for name, members in cell_groups.items()
+    }
+    return NamedMesh(domain, _local_facets(domain, face_groups), cell_numbers, refused)
+
+
+def _local_facets(domain: Any, groups: dict[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
+    """This rank's boundary facets of every group, given by the sorted numbers of their points in the file."""
+    topology = domain.topology
+    for dim in ((2, 0), (2, 3), (3, 0)):
+        topology.create_connectivity(*dim)
+    vertices = topology.connectivity(3, 0).array
+    of_vertex = np.empty(int(vertices.max(initial=-1)) + 1, dtype=np.int64)
+    of_vertex[vertices] = np.asarray(domain.geometry.input_global_indices)[compat.cell_geometry(domain).ravel()]
+    boundary = np.sort(mesh.exterior_facet_indices(topology)).astype(np.int32)
+    table = topology.connectivity(2, 0)
+    corners = _width(groups.values())
+    if corners == 0:
+        return {}
+    mine = np.sort(of_vertex[table.array.reshape(-1, corners)[boundary]], axis=1)
+    faces = {}
+    for name, rows in groups.items():
+        _, number = np.unique(np.vstack([rows, mine]), axis=0, return_inverse=True)
+        number = number.ravel()
+        faces[name] = boundary[np.isin(number[len(rows) :], number[: len(rows)])]
+    return faces
+
+
+def _width(groups: Iterable[IntArray]) -> int:
+    return next((rows.shape[1] for rows in groups), 0)

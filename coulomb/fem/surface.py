@@ -130,8 +130,15 @@ def contact_surface(
     oblique = ~left_out & (touching_held > 1e-10)
     refuse.where(oblique, x, "is held by a clamp obliquely to the foundation's normal; hold it in full or not at all")
     keep = ~left_out
+    # A held component is no unknown: A has for it the compliance of the number that stands in for its row of K, not 0.
+    # Held at 0 that row asks for no friction, and none is found.  Dragged by d it would find one, against a slip of d
+    # less that compliance times the friction: a wrong slip, a wrong direction of friction, and a clamp that gives way.
     dragged = keep & np.any(elasticity.dragged[candidates], axis=1)
-    refuse.where(dragged, x, "is dragged along the foundation by a clamp of non-zero value; clamp it in full")
+    refuse.where(
+        dragged,
+        x,
+        "is dragged along the foundation by a clamp of non-zero value; clamp it in full, or end the clamp before it",
+    )
     if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
         raise ValueError(f"contact face {face!r} is fully clamped: none of its nodes can move against the foundation")
 

@@ -30,13 +30,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ... import output
+from ... import summary
 from ...arrays import FloatArray
+from ...contact import Contact
 from ...fem.elasticity import Clamp
 from ...fem.meshes import box
 from ...fem.obstacles import Sphere
 from ...load_history import LoadHistory
-from ...problem import Contact, ContactProblem, Solution
+from ...problem import ContactProblem
+from ...solution import Solution
 from .hertz import RADIUS, STEEL, UNIFORM, WIDTH, A, Hertz, grading
 from .table import Curve, Panel, Verified, absolute, relative
 
@@ -166,13 +168,13 @@ def experiment() -> Experiment:
 
 def _moment(time: float, solution: Solution, theory: PartialSlip, dissipated: float) -> Moment:
     surface, hertz = solution.problem.surface, theory.hertz
-    sticking = output.node_status(solution) == output.STICK
+    sticking = summary.node_status(solution) == summary.STICK
     friction = -solution.contact_force.reshape(-1, 3)[:, 1:]
     unused = FRICTION * solution.contact_force[0::3] - np.hypot(friction[:, 0], friction[:, 1])
     spread = unused @ np.sum(surface.x[:, :2] ** 2, axis=1) / unused.sum()
     return Moment(
         time,
-        force=2.0 * output.totals(solution)["force"][0] / (FRICTION * hertz.P),
+        force=2.0 * summary.totals(solution)["force"][0] / (FRICTION * hertz.P),
         way=float(solution.problem.motion[0]) / theory.d,
         stick=math.sqrt(2.0 * surface.area[sticking].sum() / math.pi) / hertz.a,
         traction=friction / surface.area[:, None] / (FRICTION * hertz.p0),

@@ -25,13 +25,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ... import output
+from ... import summary
 from ...arrays import FloatArray
+from ...contact import Contact
 from ...fem.body import Material
 from ...fem.elasticity import Clamp
 from ...fem.meshes import box
 from ...fem.obstacles import Sphere
-from ...problem import Contact, ContactProblem, Solution
+from ...problem import ContactProblem
+from ...solution import Solution
 from .table import Curve, Panel, Row, Verified, absolute, order, relative
 
 STEEL = Material(young=2.1e11, poisson=0.3)
@@ -136,7 +138,7 @@ def pressed(solution: Solution) -> Pressed:
     surface, force = solution.problem.surface, solution.contact_force[0::3]
     theory = Hertz(4.0 * float(force.sum()), RADIUS, STEEL)
     r, pressure = np.hypot(surface.x[:, 0], surface.x[:, 1]), force / surface.area
-    known, total = theory.pressure(r), output.totals(solution)
+    known, total = theory.pressure(r), summary.totals(solution)
     centre = solution.problem.motion - [0.0, 0.0, RADIUS]
     moment = np.array(total["moment"]) - np.cross(centre, total["force"])
     return Pressed(

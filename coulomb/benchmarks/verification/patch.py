@@ -18,13 +18,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ... import output
+from ... import summary
 from ...arrays import FloatArray
+from ...contact import Contact
 from ...fem.body import Material
 from ...fem.elasticity import Clamp, Traction
 from ...fem.meshes import box
 from ...fem.obstacles import Plane
-from ...problem import Contact, ContactProblem, Solution
+from ...problem import ContactProblem
+from ...solution import Solution
 from ...solvers.compliance import MatrixCompliance
 from .table import Curve, Panel, Row, Verified, absolute, relative
 
@@ -110,7 +112,7 @@ def _rows(name: str, patch: Patch, solution: Solution) -> list[Row]:
     worst = traction[np.argmax(np.linalg.norm(traction - expected, axis=1))]
     exact = patch.exact(problem.elasticity.x.T).T
     off = np.abs(solution.displacement - exact).max() / np.abs(exact).max()
-    counts = output.summary(solution)["nodes"]
+    counts = summary.summary(solution)["nodes"]
     alike = counts["slip" if patch.sliding else "stick"] / counts["contact"]
     return [
         relative(f"{name}: pressure, worst node, Pa", expected[2], worst[2], allowed, why),

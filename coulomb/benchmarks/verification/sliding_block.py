@@ -22,13 +22,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ... import output
+from ... import summary
 from ...arrays import FloatArray
+from ...contact import Contact
 from ...fem.body import Material
 from ...fem.elasticity import Clamp, Elasticity
 from ...fem.meshes import box
 from ...load_history import LoadHistory, LoadStep
-from ...problem import Contact, ContactProblem
+from ...problem import ContactProblem
 from ...solvers.stiffness import DirectSolver
 from .table import Curve, Panel, Row, Verified, order, relative
 
@@ -128,7 +129,7 @@ def way(time: float) -> float:
 
 def force(step: LoadStep) -> tuple[float, float]:
     """Of the plane on the block, along x and along z, newtons: T and N."""
-    total = output.totals(step.solution)["force"]
+    total = summary.totals(step.solution)["force"]
     return total[0], total[2]
 
 

@@ -1,0 +1,117 @@
+"""The tables of a case file that describe the body: mesh, materials, clamps, loads, springs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from mpi4py import MPI
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
+
+Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False, strict=True)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False, strict=True)]
+Vector = tuple[Number, Number, Number]
+Count = Annotated[int, Field(ge=1, strict=True)]
+
+
+AmplitudeTable = Annotated[tuple[tuple[Number, Number], ...], Field(min_length=1)]
+"""Rows [time, factor]: what a load is multiplied by in the course of a history, linear in between."""
+
+
+class Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class MeshTable(Table):
+    """A box, lengths in metres; or a file, .msh (gmsh) or .xdmf, and how many metres its unit of length has."""
+
+    box: tuple[Positive, Positive, Positive] | None = None
+    cells: tuple[Count, Count, Count] | None = None
+    cell: Literal["hexahedron", "tetrahedron"] = "hexahedron"
+    file: str | None = None
+    scale: Positive = 1.0
+    facets: str | None = None
+    cell_groups: str | None = None
+    names: dict[str, Annotated[int, Field(strict=True)]] = {}
+    cell_names: dict[str, Annotated[int, Field(strict=True)]] = {}
+
+    @model_validator(mode="after")
+    def _one_mesh(self) -> MeshTable:
+        if (self.box is None) == (self.file is None):
+            raise ValueError("give either box (with cells) or file, one of the two")
+        for_box, of_xdmf = {"cells", "cell"}, {"facets", "cell_groups", "names", "cell_names"}
+        kind = "box" if self.file is None else Path(self.file).suffix
+        if kind not in ("box", ".msh", ".xdmf"):
+            raise ValueError(f"file must end in .msh (gmsh) or .xdmf, but is {self.file!r}")
+        misplaced = (
+            self.model_fields_set & {"box": of_xdmf | {"scale"}, ".msh": for_box | of_xdmf, ".xdmf": for_box}[kind]
+        )
+        if misplaced:
+            raise ValueError(f"{', '.join(sorted(misplaced))} does not go with a {kind} mesh")
+        if self.box is not None and self.cells is None:
+            raise ValueError("cells is missing: a box needs the numbers of cells along x, y, z")
+        return self
+
+    def mesh(self, comm: MPI.Comm) -> NamedMesh:
+        """What the table describes.
+
+        Raises:
+            ValueError: On every rank, if the file cannot be read or used.
+        """
+        if self.file is None:
+            assert self.box is not None and self.cells is not None
+            return box(self.box, self.cells, self.cell, comm)
+        if self.file.endswith(".msh"):
+            return read_gmsh(self.file, self.scale, comm)
+        return read_xdmf(self.file, self.facets, self.cell_groups, self.names, self.cell_names, self.scale, comm)
+
+
+class MaterialTable(Table):
+    """Young's modulus in pascals, Poisson's ratio."""
+
+    young: Positive
+    poisson: Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
+
+
+class GroupMaterialTable(MaterialTable):
+    """The same, of a group of cells."""
+
+    cells: str
+
+
+ONE, SEVERAL = "one [material]", "several [[material]]"
+MaterialTables = Annotated[
+    Annotated[MaterialTable, Tag(ONE)] | Annotated[tuple[GroupMaterialTable, ...], Tag(SEVERAL)],
+    Discriminator(lambda given: SEVERAL if isinstance(given, list | tuple) else ONE),
+]
+
+
+class ClampTable(Table):
+    """Prescribed displacement in metres on a face."""
+
+    face: str
+    components: Literal["x", "y", "z", "xy", "xz", "yz", "xyz"] = "xyz"
+    value: Vector = (0.0, 0.0, 0.0)
+    amplitude: AmplitudeTable | None = None
+
+
+class TractionTable(Table):
+    """Surface load in pascals on a face."""
+
+    face: str
+    value: Vector
+    amplitude: AmplitudeTable | None = None
+
+
+def _along_axes(stiffness: Any) -> Any:
+    return [stiffness] * 3 if isinstance(stiffness, int | float) and not isinstance(stiffness, bool) else stiffness
+
+
+class SpringTable(Table):
+    """Elastic support of a face, stiffness in N/m^3: one number, or three along x, y, z."""
+
+    face: str
+    stiffness: Annotated[tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(_along_axes)]

@@ -1,0 +1,214 @@
+"""What a mesh file holds, inspected on one rank before DOLFINx sees it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..arrays import FloatArray
+
+IntArray = npt.NDArray[np.int64]
+
+FACETS = {
+    4: ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
+    8: ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+"""Nodes of every facet, in order round it, of a tetrahedron (4 nodes) and a hexahedron (8), as gmsh and VTK number."""
+
+_EDGES_AT = {
+    4: ((0, 1, 2, 3),),
+    8: (
+        *((0, 1, 3, 4), (1, 2, 0, 5), (2, 3, 1, 6), (3, 0, 2, 7)),
+        *((4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3)),
+    ),
+}
+"""A corner and its three neighbours, right-handed, for every corner where the Jacobian is looked at."""
+
+FLAT = 1e-12
+"""Least Jacobian of a cell, over the cube of its longest edge from a corner."""
+
+QUADRATIC = (
+    "contact needs first-order cells: the nodal areas that turn contact forces into pressures are zero at the vertices "
+    "of quadratic triangles and negative at those of eight-node quadrilaterals; export the mesh with first-order "
+    "elements (in gmsh: Mesh.ElementOrder = 1) and refine it instead"
+)
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A first-order mesh of one cell type as a file has it.
+
+    Attributes:
+        path: The file, for messages.
+        points: Coordinates, shape (p, 3).
+        cells: Points of every cell in gmsh's (and VTK's) order, shape (c, 4) or (c, 8).
+        cell_groups: Cells of every group of cells, by name.
+        face_groups: Points of every facet of every group of facets, by name, shape (k, 3) or (k, 4).
+    """
+
+    path: str
+    points: FloatArray
+    cells: IntArray
+    cell_groups: dict[str, IntArray]
+    face_groups: dict[str, IntArray]
+
+
+@dataclass(frozen=True)
+class InspectedMesh:
+    """The same, found sound: without points that belong to no cell; of the groups of facets the sound ones.
+
+    Attributes:
+        points: Coordinates in metres, shape (p, 3).
+        cells: As in the file.
+        cell_groups: As in the file.
+        face_groups: Points of every facet, sorted in each row, by name.
+        refused: Why the other groups of facets cannot be used, by name.
+    """
+
+    points: FloatArray
+    cells: IntArray
+    cell_groups: dict[str, IntArray]
+    face_groups: dict[str, IntArray]
+    refused: dict[str, str]
+
+
+def inspect(file: MeshFile, scale: float) -> InspectedMesh:
+    """Look at everything that would make the finite elements wrong.
+
+    A group of facets that does not lie on the boundary is no fault of the mesh, until somebody asks for it.
+
+    Args:
+        file: What was read.
+        scale: Metres per unit of length of the file.
+
+    Raises:
+        ValueError: If a coordinate is not finite, a cell flat or inside out, a part not joined to the rest.
+    """
+
+    def refuse(fault: str) -> NoReturn:
+        raise ValueError(f"{file.path}: {fault}")
+
+    cells = file.cells
+    if len(cells) and not (0 <= cells.min() and cells.max() < len(file.points)):
+        refuse("a cell has a node that the file does not define; is it whole?")
+    used, inverse = np.unique(cells, return_inverse=True)
+    points, cells = scale * file.points[used], inverse.reshape(cells.shape).astype(np.int64)
+    if not np.all(np.isfinite(points)):
+        refuse("has coordinates that are not finite")
+
+    flat, tangled = _jacobians(points, cells)
+    for bad, fault in ((flat, "no volume"), (tangled, "a Jacobian that changes its sign: it is turned inside out")):
+        if np.any(bad):
+            refuse(f"{_seen(bad, points, cells)} {fault}; repair the mesh where it was made")
+    facets, of_cell = _all_facets(cells)
+    rows, number, count = _distinct(np.sort(facets, axis=1))
+    if np.any(count > 2):
+        bad = (count > 2)[number].reshape(len(cells), -1).any(axis=1)
+        refuse(f"{_seen(bad, points, cells)} a facet with more than one neighbour: cells are doubled or overlap")
+    order = np.argsort(number, kind="stable")
+    first = np.concatenate([[0], np.cumsum(count)])[:-1][count == 2]
+    one, other = order[first], order[first + 1]
+    folded = _folded(points, cells, facets[one], of_cell[one], of_cell[other])
+    if np.any(folded):
+        bad = np.zeros(len(cells), dtype=bool)
+        bad[of_cell[other][folded]] = True
+        refuse(f"{_seen(bad, points, cells)} been folded over a neighbour, inside out; repair the mesh")
+    ones = np.ones(len(one), dtype=np.int8)
+    graph = coo_matrix((ones, (of_cell[one], of_cell[other])), shape=(len(cells), len(cells)))
+    parts, part = connected_components(graph, directed=False)
+    if parts > 1:
+        sizes = np.sort(np.bincount(part))[::-1]
+        refuse(
+            f"its cells make {parts} bodies that share no facets ({', '.join(map(str, sizes[:5]))} cells"
+            f"{', ...' if parts > 5 else ''}), but coulomb computes one; join them with matching nodes (in gmsh: "
+            "BooleanFragments or Coherence), or export one"
+        )
+
+    position = np.full(len(file.points), -1, dtype=np.int64)
+    position[used] = np.arange(len(used))
+    faces, refused = {}, {}
+    for name, group in file.face_groups.items():
+        found, fault = _on_boundary(position, group, rows, count)
+        if fault:
+            refused[name] = f"face group {name!r} of {file.path} {fault}"
+        else:
+            faces[name] = found
+    return InspectedMesh(points, cells, file.cell_groups, faces, refused)
+
+
+def _jacobians(points: FloatArray, cells: IntArray) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Which cells are flat, and which change the sign of their Jacobian from corner to corner."""
+    values = []
+    for corner, i, j, k in _EDGES_AT[cells.shape[1]]:
+        edges = points[cells[:, [i, j, k]]] - points[cells[:, [corner]]]
+        longest = np.max(np.linalg.norm(edges, axis=2), axis=1)
+        values.append(np.linalg.det(edges) / np.where(longest > 0.0, longest, 1.0) ** 3)
+    least, greatest = np.min(values, axis=0), np.max(values, axis=0)
+    flat = np.min(np.abs(values), axis=0) < FLAT
+    return flat, ~flat & (np.sign(least) != np.sign(greatest))
+
+
+def _all_facets(cells: IntArray) -> tuple[IntArray, IntArray]:
+    """The facets of all cells, cell by cell, and the cell of each."""
+    table = np.array(FACETS[cells.shape[1]])
+    return cells[:, table].reshape(-1, table.shape[1]), np.repeat(np.arange(len(cells)), len(table))
+
+
+def _distinct(rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Distinct rows in lexicographic order, for every row the number of its own, and how often each occurs."""
+    order = np.lexsort(rows.T[::-1])
+    ordered = rows[order]
+    new = np.concatenate([[True], np.any(ordered[1:] != ordered[:-1], axis=1)])
+    number = np.empty(len(rows), dtype=np.int64)
+    number[order] = np.cumsum(new) - 1
+    return ordered[new], number, np.bincount(number).astype(np.int64)
+
+
+def _folded(
+    points: FloatArray, cells: IntArray, facets: IntArray, one: IntArray, other: IntArray
+) -> npt.NDArray[np.bool_]:
+    """Whether two cells lie on the same side of the facet between them."""
+    corners = points[facets]
+    middle = corners.mean(axis=1)
+    last = corners[:, 3] if facets.shape[1] == 4 else corners[:, 0]
+    normal = np.cross(corners[:, 2] - corners[:, 0], last - corners[:, 1])
+    centre = points[cells].mean(axis=1)
+    side = [np.einsum("ki,ki->k", normal, centre[cell] - middle) for cell in (one, other)]
+    folded: npt.NDArray[np.bool_] = side[0] * side[1] >= 0.0
+    return folded
+
+
+def _on_boundary(position: IntArray, group: IntArray, rows: IntArray, count: IntArray) -> tuple[IntArray, str]:
+    """Facets of a group by points of the body, sorted; and what is wrong with them, or nothing."""
+    nothing = np.empty((0, rows.shape[1]), dtype=np.int64)
+    if len(group) == 0:
+        return nothing, "is empty"
+    if group.shape[1] != rows.shape[1]:
+        return nothing, f"has facets of {group.shape[1]} nodes, but the cells have facets of {rows.shape[1]}"
+    mine = np.unique(np.sort(position[group], axis=1), axis=0)
+    if np.any(mine < 0):
+        return nothing, "has facets whose nodes belong to no cell"
+    _, number, times = _distinct(np.vstack([rows, mine]))
+    of_row = np.full(len(times), -1, dtype=np.int64)
+    of_row[number[: len(rows)]] = np.arange(len(rows))
+    found = of_row[number[len(rows) :]]
+    if np.any(found < 0):
+        return nothing, f"has {np.sum(found < 0)} of {len(mine)} facets that are a side of no cell"
+    inside = int(np.sum(count[found] == 2))
+    if inside:
+        return (
+            nothing,
+            f"lies inside the body with {inside} of its {len(mine)} facets; a face must be on the boundary",
+        )
+    return mine, ""
+
+
+def _seen(bad: npt.NDArray[np.bool_], points: FloatArray, cells: IntArray) -> str:
+    place = points[cells[np.argmax(bad)]].mean(axis=0)
+    where = f"(first seen at x = {', '.join(f'{c:.6g}' for c in place)})"
+    return f"{int(bad.sum())} of {len(cells)} cells {where} {'has' if bad.sum() == 1 else 'have'}"

@@ -1,0 +1,186 @@
+"""XDMF meshes with numbered groups of facets and cells, as DOLFINx and meshio write them (XML and HDF5)."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from ..arrays import FloatArray
+from .mesh_file import QUADRATIC, IntArray, MeshFile
+
+_WIDTH = {"tetrahedron": 4, "hexahedron": 8, "triangle": 3, "quadrilateral": 4}
+_FACE_OF = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
+_OTHER_CELLS = ("wedge", "pyramid", "mixed")
+_HIGHER = ("tet_", "tetrahedron_", "hex_", "hexahedron_", "tri_", "triangle_", "quad_", "quadrilateral_")
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """A Grid of a file: what it is made of, the points it counts by, and the whole numbers on its cells."""
+
+    where: str
+    kind: str
+    rows: IntArray
+    points: FloatArray
+    numbers: dict[str, IntArray]
+
+
+def read(
+    path: str,
+    facets: str | None,
+    cells: str | None,
+    names: Mapping[str, int],
+    cell_names: Mapping[str, int],
+) -> MeshFile:
+    """Read a mesh on this rank.
+
+    Args:
+        path: The mesh; the first Grid of tetrahedra or hexahedra.
+        facets: File with numbers on facets; by default the same file, if it has such.
+        cells: File with numbers on cells; by default the same file, if it has such.
+        names: Names of groups of facets, with their numbers.
+        cell_names: Names of groups of cells.
+
+    Raises:
+        OSError: If a file cannot be read.
+        ValueError: If a file is no XDMF, not whole, or has not what is asked for.
+    """
+    mesh, *others = _grids(path, tuple(_FACE_OF), "cells in 3D")
+    if any(grid.kind != mesh.kind for grid in others):
+        raise ValueError(f"{path}: has tetrahedra and hexahedra; it must have hexahedra alone or tetrahedra alone")
+    numbered = [grid for grid in (mesh, *others) if grid.kind == mesh.kind and grid.numbers]
+    if cells is not None:
+        numbered = _grids(cells, (mesh.kind,), "cells of the mesh's kind", mesh)
+    cell_groups = _groups(numbered, cells, cell_names, "cell_names", _rows_of_cells, mesh)
+    face = _FACE_OF[mesh.kind]
+    marked = _grids(facets or path, (face,), "facets", mesh, optional=facets is None)
+    face_groups = _groups([grid for grid in marked if grid.numbers], facets, names, "names", _in_mesh, mesh)
+    return MeshFile(path, mesh.points, mesh.rows, cell_groups, face_groups)
+
+
+_RowsOf = Callable[[_Grid, _Grid], IntArray]
+
+
+def _groups(
+    grids: list[_Grid], asked: str | None, names: Mapping[str, int], key: str, rows_of: _RowsOf, mesh: _Grid
+) -> dict[str, IntArray]:
+    """Rows of every group, by name or else by number."""
+    sources = [(grid, name) for grid in grids for name in grid.numbers]
+    if len(sources) > 1:  # meshio writes gmsh's own numbers beside the physical ones
+        sources = [source for source in sources if source[1] == "gmsh:physical"] or sources
+    if len(sources) > 1:
+        listed = ", ".join(name for _, name in sources)
+        raise ValueError(
+            f"{sources[0][0].where}: has several sets of numbers ({listed}), but needs one; write one only"
+        )
+    if not sources:
+        if asked is not None or names:
+            raise ValueError(f"{asked or mesh.where}: has no whole numbers on its facets or cells, to go by {key}")
+        return {}
+    grid, attribute = sources[0]
+    rows, numbers = rows_of(grid, mesh), grid.numbers[attribute]
+    if len(numbers) != len(grid.rows):
+        raise ValueError(f"{grid.where}: {attribute} has {len(numbers)} numbers for {len(grid.rows)} entities")
+    present = np.unique(numbers).tolist()
+    for name, number in names.items():
+        if number not in present:
+            listed = ", ".join(map(str, present))
+            raise ValueError(f"{grid.where}: {key} has {name!r} = {number}, but the numbers there are {listed}")
+    title = {number: name for name, number in names.items()}
+    return {title.get(number, str(number)): rows[numbers == number] for number in present}
+
+
+def _in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:
+    """The grid's rows by points of the mesh; where the two do not count alike, points are matched by place."""
+    if grid.points.shape == mesh.points.shape and np.array_equal(grid.points, mesh.points):
+        return grid.rows
+    used, inverse = np.unique(grid.rows, return_inverse=True)
+    distance, number = cKDTree(mesh.points).query(grid.points[used])
+    if np.max(distance) > 1e-9 * float(np.max(np.ptp(mesh.points, axis=0))):
+        raise ValueError(f"{grid.where}: has points that are none of the mesh {mesh.where}")
+    return np.asarray(number, dtype=np.int64)[inverse].reshape(grid.rows.shape)
+
+
+def _rows_of_cells(grid: _Grid, mesh: _Grid) -> IntArray:
+    """Numbers of the mesh's cells for the cells of a grid."""
+    if grid is mesh:
+        return np.arange(len(mesh.rows))
+    both = np.sort(np.vstack([mesh.rows, _in_mesh(grid, mesh)]), axis=1)
+    _, first, number = np.unique(both, axis=0, return_index=True, return_inverse=True)
+    cell: IntArray = first[number.ravel()][len(mesh.rows) :]
+    if np.any(cell >= len(mesh.rows)):
+        raise ValueError(f"{grid.where}: has cells that are none of the mesh {mesh.where}")
+    return cell
+
+
+def _grids(
+    path: str, kinds: tuple[str, ...], what: str, mesh: _Grid | None = None, optional: bool = False
+) -> list[_Grid]:
+    """The Grids of these kinds in a file; without points of their own, they count by those of the mesh."""
+    try:
+        tree = ElementTree.fromstring(Path(path).read_bytes())
+    except ElementTree.ParseError as error:
+        raise ValueError(f"{path}: is not XDMF, or cut short: {error}") from None
+    if tree.tag != "Xdmf":
+        raise ValueError(f"{path}: is not XDMF: it begins with <{tree.tag}>")
+    found: list[_Grid] = []
+    seen: list[str] = []
+    points: FloatArray = mesh.points if mesh is not None else np.empty((0, 3))
+    for grid in tree.iter("Grid"):
+        geometry, topology = grid.find("Geometry"), grid.find("Topology")
+        if geometry is not None:
+            points = _array(path, geometry).astype(np.float64)
+        if topology is None:
+            continue
+        kind = (topology.get("TopologyType") or topology.get("Type") or "").lower()
+        seen.append(kind)
+        if kind in _OTHER_CELLS:
+            raise ValueError(f"{path}: has cells of kind {kind}; it must have hexahedra alone or tetrahedra alone")
+        if kind.startswith(_HIGHER):
+            raise ValueError(f"{path}: has cells of kind {kind}, but {QUADRATIC}")
+        if kind not in kinds:
+            continue
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise ValueError(f"{path}: has points in {points.shape[-1]}D, but a body in 3D is needed")
+        rows = _array(path, topology).astype(np.int64).reshape(-1, _WIDTH[kind])
+        if len(rows) and not (0 <= rows.min() and rows.max() < len(points)):
+            raise ValueError(f"{path}: has a cell or facet with a point that the file does not define")
+        numbers = {}
+        for attribute in grid.findall("Attribute"):
+            values = np.ravel(_array(path, attribute))
+            if attribute.get("Center") == "Cell" and values.dtype.kind in "iu":
+                numbers[attribute.get("Name") or "unnamed"] = values.astype(np.int64)
+        found.append(_Grid(path, kind, rows, points, numbers))
+    if not found and not optional:
+        raise ValueError(f"{path}: has no {what} ({', '.join(kinds)}); it has {', '.join(seen) or 'nothing'}")
+    return found
+
+
+def _array(path: str, parent: ElementTree.Element) -> npt.NDArray[Any]:
+    """The numbers of an element's DataItem."""
+    item = parent.find("DataItem")
+    if item is None or item.text is None:
+        raise ValueError(f"{path}: a {parent.tag} has no DataItem")
+    form = (item.get("Format") or "XML").upper()
+    try:
+        if form == "HDF":
+            name, _, inside = item.text.strip().partition(":")
+            with h5py.File(Path(path).parent / name, "r") as file:
+                return np.asarray(file[inside])
+        if form == "XML":
+            shape = [int(n) for n in (item.get("Dimensions") or "-1").split()]
+            whole = (item.get("NumberType") or item.get("DataType") or "Float") in ("Int", "UInt", "Char", "UChar")
+            return np.array(item.text.split(), dtype=np.int64 if whole else np.float64).reshape(shape)
+    except (OSError, KeyError) as error:
+        raise ValueError(f"{path}: the data {item.text.strip()} cannot be read: {error}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: a {parent.tag} is damaged: {error}") from None
+    raise ValueError(f"{path}: has data in the format {form}; write HDF or XML")

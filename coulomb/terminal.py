@@ -1,0 +1,97 @@
+"""What a run says on the terminal; only rank 0 speaks."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from .console import errors
+from .problem import ContactProblem
+from .solution import Solution
+from .solvers.reductions import Reductions
+from .solvers.results import Progress
+
+
+def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
+    unknowns = problem.unknowns
+    over = Reductions(problem.comm)
+    values = sorted({over.min(problem.coefficient), over.max(problem.coefficient)})
+    shown = " to ".join(f"{value:g}" for value in values)
+    law = f"Coulomb friction {shown}" if problem.coulomb else f"Tresca friction {shown} Pa"
+    console.print(
+        f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
+        f"{problem.comm.size} {'rank' if problem.comm.size == 1 else 'ranks'}",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+class Display:
+    """Progress: one line that changes on a terminal, a line for each Tresca problem (or PF step) elsewhere.
+
+    Args:
+        console: Where to.
+        by_step: Whether somebody else speaks of load steps: no lines then.
+    """
+
+    def __init__(self, console: Console, by_step: bool = False):
+        self._console, self._by_step = console, by_step
+        self._status = console.status("K^-1 and A") if console.is_terminal and not console.quiet else None
+        self._last: Progress | None = None
+
+    def __enter__(self) -> Display:
+        if self._status is not None:
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._status is not None:
+            self._status.stop()
+        self._line()
+
+    def __call__(self, progress: Progress) -> None:
+        if self._status is not None:
+            self._status.update(_describe(progress))
+        if self._last is not None and (progress.outer != self._last.outer or progress.outer == 0):
+            self._line()
+        self._last = progress
+
+    def _line(self) -> None:
+        if self._last is not None and self._status is None and not self._by_step:
+            self._console.print(_describe(self._last))
+
+
+def _describe(progress: Progress) -> str:
+    outer = f"outer {progress.outer:3d}  " if progress.outer else ""
+    return f"{outer}path following {progress.path_following:3d}  residual {progress.residual:.1e}"
+
+
+def report(console: Console, solution: Solution, contents: dict[str, Any], target: Path, total: float) -> None:
+    iterations, nodes = contents["iterations"], contents["nodes"]
+    force = contents["force_on_body"]
+    outer = f"{iterations['outer']} Tresca problems, " if iterations["outer"] else ""
+    rate = contents["contraction"]
+    contraction = f", contraction {rate:.2g}" if rate is not None and np.isfinite(rate) else ""
+    seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
+    lines = (
+        f"{contents['status']} ({contents['method']['solver']}): residual {contents['residual']:.1e}, {outer}"
+        f"{iterations['path_following']} path-following steps, {iterations['products']} products{contraction}",
+        f"force on the body: normal {force['normal']:.9g} N, tangential "
+        f"({', '.join(f'{value:.9g}' for value in force['tangential'])}) N",
+        f"contact nodes {nodes['contact']}: open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}; "
+        f"greatest pressure {contents['maximum']['contact_pressure']:.6g} Pa",
+        str(solution.certificate),
+        f"seconds: {seconds}; {total:.2f} in all",
+    )
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
+    for warning in solution.small_strain.warnings:
+        errors.print(f"warning: {warning}", markup=False)
+    picture = contents.get("picture", "")
+    if "could not" in picture:
+        errors.print(f"warning: picture.png {picture}", markup=False)
+    console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)

@@ -1,0 +1,254 @@
+"""Load steps: slip that is remembered, energy, a step that fails, a run that is killed."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from conftest import ROOT, STEEL, run_coulomb
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, OneLoop, Sphere
+from coulomb.check import check
+from coulomb.load_history import StepFailed
+
+RUBBER = Material(1e7, 0.3)
+UP = [(0.0, 0.0), (1.0, 1.0)]
+TO_AND_FRO = [(1.0, 0.0), (2.0, 1.0), (4.0, -1.0), (5.0, 0.0)]
+
+
+def rubbed(cells=4, sway=2e-3, friction=0.4, material=RUBBER):
+    """A block of rubber, its top pressed down by 1 mm until time 1, and moved to and fro along x until time 5."""
+    top = [
+        Clamp("top", value=(0.0, 0.0, -1e-3), amplitude=UP),
+        Clamp("top", "x", (sway, 0.0, 0.0), TO_AND_FRO),
+    ]
+    mesh = coulomb.box((0.1, 0.1, 0.05), (cells, cells, cells))
+    return ContactProblem(mesh, material, top, Contact("bottom", friction))
+
+
+def test_a_step_remembers_slip():
+    """Back at its place after a slip, the plate feels a force: the body has not gone back with it."""
+    cork = Material(1e7, 0.0)  # does not swell sideways: all nodes slip along x
+    steps = list(LoadHistory([1, 2, 3, 4, 5]).steps(rubbed(material=cork)))
+    assert [step.solution.certificate.passed for step in steps] == [True] * 5
+    force = [step.row["force_x"] for step in steps]
+    normal = [step.row["normal_force"] for step in steps]
+    assert abs(force[0]) <= 1e-6 * normal[0]  # symmetric
+    assert force[1] == pytest.approx(-0.4 * normal[1], rel=1e-6)  # slips as a whole: F N
+    assert force[3] == pytest.approx(+0.4 * normal[3], rel=1e-6)  # and back
+    assert abs(force[2]) < 0.4 * normal[2]  # on the way back, the plate at x = 0: sticks for the greater part
+    at_once = rubbed(material=cork).at(3.0).solve()  # without memory, this would be the symmetric answer
+    assert abs(coulomb.summary.summary(at_once)["force_on_body"]["vector"][0]) <= 1e-6 * normal[2]
+
+
+def test_slip_increments_are_judged_as_such():
+    """The certificate counts slip from the step before; with the origin forgotten it must fail."""
+    steps = list(LoadHistory([1, 2, 2.5]).steps(rubbed()))
+    last = steps[-1].solution
+    assert last.certificate.passed
+    forgotten = last.problem.at(2.5, np.zeros_like(last.problem.slip_origin))
+    certificate = coulomb.certify(forgotten, last.contact_force, last.displacement, last.slip_bound)
+    assert not certificate["slip inside the cone"].passed
+
+
+def test_energy():
+    """Friction dissipates in every step; the imbalance is the error of finite steps, of first order at least."""
+    imbalance = []
+    for n in (1, 2, 4):
+        energies = [step.state.energy for step in LoadHistory(np.linspace(0, 5, 5 * n + 1)[1:]).steps(rubbed())]
+        dissipated = np.diff([0.0] + [energy.dissipated for energy in energies])
+        assert np.all(dissipated >= -1e-12 * energies[-1].dissipated)
+        imbalance.append(energies[-1].imbalance / energies[-1].dissipated)
+    assert abs(imbalance[1]) <= 0.55 * abs(imbalance[0]) and abs(imbalance[2]) <= 0.55 * abs(imbalance[1])
+
+
+def test_without_friction_all_work_is_kept():
+    """Elastic, and linear while no node opens or closes: the trapezoidal rule is exact."""
+    last = list(LoadHistory([1, 2, 3]).steps(rubbed(friction=0.0)))[-1].state.energy
+    assert last.dissipated == 0.0
+    assert last.prescribed == pytest.approx(last.elastic, rel=1e-7)
+
+
+@pytest.mark.parametrize("foundation", [None, Sphere((0.05, 0.05, -1.0), 1.0)])
+def test_moving_the_foundation_is_moving_the_body(foundation):
+    """The same relative motion: the same forces; friction does its work on the other side."""
+    mesh = coulomb.box((0.1, 0.1, 0.05), (4, 4, 4))
+    times = [0.5, 1.0, 1.5, 2.0, 3.0]
+    path = [(0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1e-3), (2.0, 2e-3, 1e-3, 1e-3), (3.0, -1e-3, 0.0, 1e-3)]
+    moving = ContactProblem(mesh, RUBBER, [Clamp("top")], Contact("bottom", 0.4, foundation=foundation, motion=path))
+    shift = [Clamp("top", c, tuple(-np.eye(3)[k]), [(r[0], r[1 + k]) for r in path]) for k, c in enumerate("xyz")]
+    body = ContactProblem(mesh, RUBBER, shift, Contact("bottom", 0.4, foundation=foundation))
+    for one, other in zip(LoadHistory(times).steps(moving), LoadHistory(times).steps(body), strict=True):
+        x, y = one.solution.contact_force, other.solution.contact_force
+        # a node on the sphere keeps its own normal on a moving body, but meets another place of a moving sphere
+        tolerance = 1e-6 if foundation is None else 2e-2
+        assert np.linalg.norm(x - y) <= tolerance * np.linalg.norm(x)
+        assert one.state.energy.elastic == pytest.approx(other.state.energy.elastic, rel=tolerance)
+        assert one.state.energy.foundation == pytest.approx(other.state.energy.prescribed, rel=tolerance)
+
+
+def test_a_turned_compliance_is_the_one_of_the_turned_frames():
+    sphere, motion = Sphere((0.05, 0.05, -0.5), 0.5), [(0.0, 0.0, 0.0, 0.0), (1.0, 0.02, 0.01, 0.001)]
+    mesh = coulomb.box((0.1, 0.1, 0.05), (3, 3, 3))
+    contact = Contact("bottom", 0.4, foundation=sphere, motion=motion)
+    later = ContactProblem(mesh, RUBBER, [Clamp("top")], contact).at(1.0)
+    anew = ContactProblem(mesh, RUBBER, [Clamp("top")], contact, time=1.0)
+    assert np.allclose(later.A.matrix.getDenseArray(), anew.A.matrix.getDenseArray(), rtol=1e-9, atol=1e-20)
+    assert np.array_equal(later.surface.frames, anew.surface.frames)
+    assert np.allclose(later.b, anew.b, atol=1e-12)
+
+
+@dataclass(frozen=True)
+class Fussy:
+    """Fails when called for one of these."""
+
+    failures: tuple[int, ...]
+    tolerance: float = 1e-8
+    calls: list = field(default_factory=list)
+
+    def solve(self, problem, *, progress=None):
+        self.calls.append(len(self.calls))
+        result = OneLoop(self.tolerance).solve(problem, progress=progress)
+        if self.calls[-1] in self.failures:
+            raise NotConverged("fussy", result)
+        return result
+
+
+def test_a_step_that_fails_is_halved():
+    history = LoadHistory([1.0, 2.0], solver=Fussy((1, 2)))
+    steps = list(history.steps(rubbed()))
+    assert [step.state.time for step in steps] == [1.0, 1.25, 1.5, 2.0]
+    assert [step.halvings for step in steps] == [0, 2, 0, 0]
+
+
+def test_a_step_that_always_fails_keeps_those_before(tmp_path):
+    history = LoadHistory([1.0, 2.0], solver=Fussy(tuple(range(1, 99))), halvings=3)
+    with pytest.raises(StepFailed, match=r"load step from 1 to 1\.125 failed, halved 3 times: fussy") as failure:
+        history.run(rubbed(), tmp_path)
+    assert failure.value.problem.time == 1.125
+    assert (tmp_path / "steps" / "0001" / "summary.json").exists() and not (tmp_path / "steps" / "0002").exists()
+    rows = LoadHistory([1.0, 2.0]).run(rubbed(), tmp_path, resume=True)
+    assert [row["time"] for row in rows] == [1.0, 2.0]
+
+
+def cube(clamp=None, motion=None):
+    mesh = coulomb.box((1, 1, 1), (1, 1, 1))
+    return ContactProblem(mesh, STEEL, [clamp or Clamp("top")], Contact("bottom", 0.1, motion=motion))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: LoadHistory([]), "times must increase"),
+        (lambda: LoadHistory([1.0, 1.0]), "times must increase from start = 0"),
+        (lambda: LoadHistory([1.0], halvings=-1), "halvings must be at least 0"),
+        (
+            lambda: cube(Clamp("top", amplitude=[(1, 0), (0, 1)])),
+            r"clamp on 'top': amplitude: the times of the table must increase, but are \[1.0, 0.0\]",
+        ),
+        (
+            lambda: cube(Clamp("top", amplitude=[(1, 0, 0)])),
+            r"clamp on 'top': amplitude must be a table of rows \[time, factor\]",
+        ),
+        (
+            lambda: cube(Clamp("top", amplitude=lambda t: 1 / t)),
+            "clamp on 'top': the amplitude failed at time 0: float division by zero",
+        ),
+        (lambda: cube(Clamp("top", amplitude=lambda t: np.nan)), "the amplitude at time 0 is nan"),
+        (
+            lambda: cube(motion=lambda t: (t, 0)),
+            "contact: foundation: the motion at time 0 must be three finite numbers",
+        ),
+        (lambda: cube(motion=[(0, 0, 0)]), r"motion must be a table of rows \[time, x, y, z\]"),
+    ],
+)
+def test_bad_input(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+CASE = ROOT / "demos" / "history.toml"
+SMALL = ("--set", "mesh.cells=[5,5,3]", "--set", "output.picture=false", "--set", "solver.tolerance=1e-11")
+
+
+def numbers(directory):
+    """history.csv without what an answer does not consist of: counts and residuals of the solver."""
+    with (directory / "history.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    skip = {"path_following", "residual", "certified", "energy_imbalance"}
+    return np.array([[float(row[key]) for key in row if key not in skip] for row in rows]), rows
+
+
+def close(one, other, tolerance):
+    scale = np.abs(one).max(axis=0)
+    scale[1:4] = scale[1:4].max()  # force components, moments: of the greatest
+    return np.all(np.abs(one - other) <= tolerance * np.maximum(scale, scale.max() * 1e-300))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A history in one go."""
+    directory = tmp_path_factory.mktemp("whole")
+    done = run_coulomb("run", CASE, *SMALL, "--output", directory)
+    assert done.returncode == 0, done.stderr
+    return directory
+
+
+def killed(directory, after):
+    """The same, killed without warning once so many steps are there."""
+    command = [sys.executable, "-m", "coulomb", "run", str(CASE), *SMALL, "--output", str(directory)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True) as process:
+        while not (directory / "steps" / f"{after:04d}" / "summary.json").exists():
+            assert process.poll() is None
+            time.sleep(0.01)
+        os.killpg(process.pid, signal.SIGKILL)
+    left = len(list((directory / "steps").glob("*/summary.json")))
+    assert after <= left < 24
+    return left
+
+
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_a_killed_run_resumes_with_the_same_numbers(whole, tmp_path, ranks):
+    left = killed(tmp_path, after=5)
+    done = run_coulomb("resume", tmp_path, ranks=ranks, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert f"step {left + 1:3d}" in done.stdout and f"step {left:3d}" not in done.stdout
+    (ours, rows), (expected, _) = numbers(tmp_path), numbers(whole)
+    assert len(rows) == 24
+    force = np.abs(expected[:, 2:5]).max()
+    assert np.abs(ours[:, 2:5] - expected[:, 2:5]).max() <= 1e-10 * force
+    for name in ("normal_force", "contact_area", "energy_elastic", "energy_dissipated", "energy_prescribed"):
+        column = [[float(row[name]) for row in numbers(d)[1]] for d in (tmp_path, whole)]
+        assert np.allclose(*column, rtol=1e-10, atol=1e-10 * np.abs(column).max())
+    assert check(tmp_path / "steps" / "0024").passed
+
+
+def test_a_second_run_does_not_overwrite(whole):
+    done = run_coulomb("run", CASE, *SMALL, "--output", whole)
+    assert done.returncode == 2 and "already holds 24 load steps" in done.stderr
+    again = run_coulomb("resume", whole)
+    assert again.returncode == 0 and len(numbers(whole)[1]) == 24
+
+
+def test_the_time_series(whole):
+    pyvista = pytest.importorskip("pyvista")
+    reader = pyvista.get_reader(str(whole / "contact.xdmf"))
+    assert np.allclose(reader.time_values, 0.25 * np.arange(1, 25))
+    _, rows = numbers(whole)
+    for index in (4, 9, 23):
+        reader.set_active_time_point(index)
+        grid = reader.read()
+        total = np.asarray(grid["contact_force"]).sum(axis=0)
+        expected = [float(rows[index][f"force_{axis}"]) for axis in "xyz"]
+        assert np.allclose(total, expected, rtol=1e-5, atol=1e-5 * abs(expected[2]))
+
+
+def test_nothing_to_resume(tmp_path):
+    done = run_coulomb("resume", tmp_path)
+    assert done.returncode == 2 and "no case to resume" in done.stderr
