@@ -7,18 +7,17 @@ import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, ValidationError, model_validator
 
 from .case_body import (
     ONE,
     SEVERAL,
     AmplitudeTable,
     ClampTable,
-    Count,
     MaterialTable,
     MaterialTables,
     MeshTable,
@@ -27,8 +26,8 @@ from .case_body import (
     TractionTable,
     Vector,
 )
-from .case_contact import ContactTable, HistoryTable
-from .contact import Contact
+from .case_contact import FACE, FACES, ContactTable, ContactTables, HistoryTable
+from .case_solver import OutputTable, SolverTable
 from .fem.body import Material
 from .fem.elasticity import Clamp, Spring, Traction
 from .fem.meshes import BOX_FACES
@@ -56,34 +55,6 @@ _NEWTON: dict[str, type[NewtonSystem]] = {
 }
 
 
-class SolverTable(Table):
-    """Accuracy, and the methods where the choice by size is not wanted; newton = "condensed" works matrix-free."""
-
-    tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
-    linear_solver: Literal["auto", "direct", "iterative"] = "auto"
-    compliance: Literal["auto", "explicit", "matrix-free"] = "auto"
-    method: Literal["auto", "one-loop", "fixed-point"] = "auto"
-    newton: Literal["recycling", "augmented", "schur", "dense", "condensed"] = "recycling"
-    max_outer: Count | None = None
-
-    @model_validator(mode="after")
-    def _belongs_together(self) -> SolverTable:
-        if self.max_outer is not None and self.method != "fixed-point":
-            raise ValueError('max_outer counts Tresca problems: it needs method = "fixed-point"')
-        if self.method == "one-loop" and self.newton in ("augmented", "schur"):
-            raise ValueError(f'newton = "{self.newton}" is for Tresca problems: it needs method = "fixed-point"')
-        if self.newton == "condensed" and self.compliance == "explicit":
-            raise ValueError('newton = "condensed" works with K in place of A: leave compliance at "auto"')
-        return self
-
-
-class OutputTable(Table):
-    """Where results go, and whether to draw them."""
-
-    directory: str = "results"
-    picture: bool = True
-
-
 class Case(Table):
     """A whole case file."""
 
@@ -94,7 +65,7 @@ class Case(Table):
     body_force: Vector = (0.0, 0.0, 0.0)
     body_force_amplitude: AmplitudeTable | None = None
     spring: tuple[SpringTable, ...] = ()
-    contact: ContactTable
+    contact: ContactTables
     history: HistoryTable | None = None
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
@@ -108,19 +79,11 @@ class Case(Table):
         if self.solver.newton == "dense" and comm.size > 1:
             raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
         condensed = self.solver.newton == "condensed"
-        foundation = self.contact.foundation
         problem = ContactProblem(
             self.mesh.mesh(comm),
             self.materials(),
             [Clamp(table.face, table.components, table.value, table.amplitude or 1.0) for table in self.clamp],
-            Contact(
-                self.contact.face,
-                self.contact.coefficient("friction"),
-                self.contact.coefficient("slip_stress"),
-                foundation.foundation() if foundation is not None else None,
-                self.contact.normals,
-                self.contact.motion,
-            ),
+            [table.contact() for table in self.contacts.values()],
             [Traction(table.face, table.value, table.amplitude or 1.0) for table in self.traction],
             self.body_force,
             [Spring(table.face, table.stiffness) for table in self.spring],
@@ -134,10 +97,23 @@ class Case(Table):
                 self.solver.compliance
             ],
         )
-        for number, region in enumerate(self.contact.region):
+        regions = {f"{key}.region.{k}": region for key, t in self.contacts.items() for k, region in enumerate(t.region)}
+        for key, region in regions.items():
             if not comm.allreduce(int(np.sum(region.holds(problem.surface.x.T))), op=MPI.SUM):
-                raise ValueError(f"contact.region.{number}: there is no contact node in its box {list(region.box)}")
+                raise ValueError(f"{key}: there is no contact node in its box {list(region.box)}")
         return problem
+
+    @property
+    def contacts(self) -> dict[str, ContactTable]:
+        """The contact faces, by their key in the case."""
+        if isinstance(self.contact, ContactTable):
+            return {"contact": self.contact}
+        return {f"contact.{k}": table for k, table in enumerate(self.contact)}
+
+    @property
+    def coulomb(self) -> bool:
+        """Whether friction is Coulomb's; else Tresca's."""
+        return next(iter(self.contacts.values())).friction is not None
 
     def materials(self) -> Material | dict[str, Material]:
         """One for the whole body, or by group of cells."""
@@ -158,7 +134,7 @@ class Case(Table):
             tables: dict[str, tuple[ClampTable | TractionTable | SpringTable, ...]]
             tables = {"clamp": self.clamp, "traction": self.traction, "spring": self.spring}
             faces = {f"{key}.{i}": entry.face for key, entries in tables.items() for i, entry in enumerate(entries)}
-            for key, face in (faces | {"contact": self.contact.face}).items():
+            for key, face in (faces | {key: table.face for key, table in self.contacts.items()}).items():
                 if face not in BOX_FACES:
                     *most, last = map(repr, BOX_FACES)
                     raise ValueError(f"{key}.face = {face!r}: should be {', '.join(most)} or {last}")
@@ -166,14 +142,17 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _method_fits_the_law(self) -> Case:
-        if self.contact.friction is None and self.solver.method != "auto":
+        if len({table.friction is None for table in self.contacts.values()}) > 1:
+            raise ValueError("contact: give all faces friction (Coulomb), or all slip_stress (Tresca)")
+        if not self.coulomb and self.solver.method != "auto":
             raise ValueError('solver.method is for Coulomb friction; with slip_stress leave it at "auto"')
         return self
 
     @model_validator(mode="after")
     def _time_needs_a_history(self) -> Case:
         if self.history is None:
-            timed = {"contact.motion": self.contact.motion, "body_force_amplitude": self.body_force_amplitude}
+            timed: dict[str, Any] = {f"{key}.motion": table.motion for key, table in self.contacts.items()}
+            timed |= {"body_force_amplitude": self.body_force_amplitude}
             timed |= {f"clamp.{k}.amplitude": table.amplitude for k, table in enumerate(self.clamp)}
             timed |= {f"traction.{k}.amplitude": table.amplitude for k, table in enumerate(self.traction)}
             for key, value in timed.items():
@@ -195,7 +174,7 @@ class Case(Table):
         """The solver the case asks for; a Newton system that is the paper's asks for successive Tresca."""
         table = self.solver
         path_following = PathFollowing(tolerance=table.tolerance, newton=_NEWTON[table.newton])
-        if self.contact.friction is None:
+        if not self.coulomb:
             return path_following
         if table.method == "fixed-point" or table.newton in ("augmented", "schur"):
             most = SuccessiveTresca.max_iterations if table.max_outer is None else table.max_outer
@@ -315,7 +294,7 @@ def _apply(tables: dict[str, Any], change: str) -> None:
 
 def _explain(entry: Any) -> str:
     """One fault of pydantic's in the words of the case file: key, value, what is allowed."""
-    location = tuple(part for part in entry["loc"] if part not in (ONE, SEVERAL))
+    location = tuple(part for part in entry["loc"] if part not in (ONE, SEVERAL, FACE, FACES))
     key = ".".join(map(str, location)) or "case"
     if entry["type"] == "extra_forbidden":
         allowed = _keys(location[:-1])

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from .arrays import FloatArray
 from .case_body import Count, NotNegative, Number, Positive, Table, Vector
+from .contact import Contact
 from .fem.fields import Coefficient
 from .fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
 from .load_history import LoadHistory
@@ -95,7 +96,18 @@ class ContactTable(Table):
                 raise ValueError(f"region.{number} must give {law}, as the contact does, and nothing else but its box")
         return self
 
-    def coefficient(self, law: Literal["friction", "slip_stress"]) -> Coefficient | None:
+    def contact(self) -> Contact:
+        """What it describes."""
+        return Contact(
+            self.face,
+            self._coefficient("friction"),
+            self._coefficient("slip_stress"),
+            self.foundation.foundation() if self.foundation is not None else None,
+            self.normals,
+            self.motion,
+        )
+
+    def _coefficient(self, law: Literal["friction", "slip_stress"]) -> Coefficient | None:
         """Of this law: nothing, a number, or a function of place by region; where regions overlap, the last counts."""
         base = getattr(self, law)
         if base is None or not self.region:
@@ -108,6 +120,13 @@ class ContactTable(Table):
             return values
 
         return by_region
+
+
+FACE, FACES = "one [contact]", "several [[contact]]"
+ContactTables = Annotated[
+    Annotated[ContactTable, Tag(FACE)] | Annotated[tuple[ContactTable, ...], Field(min_length=1), Tag(FACES)],
+    Discriminator(lambda given: FACES if isinstance(given, list | tuple) else FACE),
+]
 
 
 class HistoryTable(Table):

@@ -128,3 +128,57 @@ def test_no_clamp_is_a_floating_body():
 def test_contact_face_fully_clamped():
     with pytest.raises(ValueError, match="contact face 'left' is fully clamped"):
         read_case(BLOCK, ["contact.face=left", "mesh.cells=[3,1,1]"]).problem()
+
+
+JAWS = """
+[mesh]
+box = [0.1, 0.1, 0.05]
+cells = [3, 3, 2]
+[material]
+young = 1e7
+poisson = 0.3
+[[spring]]
+face = "left"
+stiffness = 1e4
+[[spring]]
+face = "right"
+stiffness = 1e4
+[[contact]]
+face = "bottom"
+friction = 0.4
+[[contact]]
+face = "top"
+friction = 0.2
+motion = [[0, 0, 0, 0], [1, 0, 0, -1e-3]]
+[contact.foundation]
+point = [0, 0, 0.05]
+normal = [0, 0, -1]
+[[contact.region]]
+box = [[0, 0, 0], [0.05, 0.1, 0.1]]
+friction = 0.1
+[history]
+times = [1.0]
+"""
+
+
+def test_several_faces(tmp_path):
+    path = tmp_path / "jaws.toml"
+    path.write_text(JAWS)
+    case = read_case(path)
+    problem = case.problem()
+    assert problem.surface.faces == ("bottom", "top") and problem.coulomb
+    top = problem.surface.part == 1
+    assert set(problem.coefficient[~top]) == {0.4} and set(problem.coefficient[top]) == {0.1, 0.2}
+    (step,) = case.load_history().steps(problem)
+    assert step.solution.certificate.passed
+    for change, message in (
+        ("contact.1.face='tip'", r"contact.1.face = 'tip': should be 'left'"),
+        ("contact.1.frictoin=1", r"contact.1.frictoin = 1: there is no such key; did you mean friction\?"),
+        ("contact=[]", r"contact = \[\]: .*at least 1"),
+        ("contact.1.region.0.box=[[9,9,9],[10,10,10]]", r"contact.1.region.0: there is no contact node in its box"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read_case(path, [change]).problem()
+    path.write_text(JAWS.replace("friction = 0.4", "slip_stress = 1e5"))
+    with pytest.raises(ValueError, match="give all faces friction"):
+        read_case(path)
