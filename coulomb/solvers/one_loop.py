@@ -173,7 +173,7 @@ class OneLoop:
                 run = replace(self, r_tol=precision * self.r_tol)
                 patient = (theta, precision) == _STARTS[-1]
                 results.append(run._steps(scaled, newton, run._start(scaled, theta), progress, history, patient))
-                if results[-1].status is Status.CONVERGED:
+                if results[-1].status in (Status.CONVERGED, Status.INTERRUPTED):
                     break
         finally:
             newton.destroy()
@@ -225,9 +225,11 @@ class OneLoop:
             history.append(
                 PathFollowingStep(iteration, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
             )
-            if progress is not None:
-                progress(Progress(0, iteration, residual))
+            stop = progress is not None and progress(Progress(0, iteration, residual))
             if residual <= self.tolerance:
+                break
+            if stop:
+                status = Status.INTERRUPTED
                 break
             if residual < 0.9 * best:
                 best, best_at = residual, iteration
