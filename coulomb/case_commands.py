@@ -14,7 +14,7 @@ from .case import Case, read_case
 from .console import console, errors
 from .estimate import estimate_of, gigabytes, refuse_too_large, refuse_too_many_cells
 from .fem.body import LOCKING_ABOVE, Material
-from .output import on_rank_0
+from .output import on_rank_0, refuse_full_disk, size_on_disk
 from .problem import ContactProblem
 from .running import bad_input, refuse_unwritable
 from .terminal import introduce
@@ -80,8 +80,9 @@ def check_case(
         steps = len(settings.history.ends)
         seconds += (steps - 1) * taken.seconds_a_step
         lines.append(f"{steps} load steps, each halved up to {settings.history.halvings} times where it fails")
+    disk = steps * size_on_disk(problem)
     lines.append(
-        f"about {gigabytes(taken.memory)} of memory and {about(seconds)}"
+        f"about {gigabytes(taken.memory)} of memory, {gigabytes(disk)} on disk and {about(seconds)}"
         f"{f' on {ranks} ranks, a core for each' if ranks > 1 else ' on one core'}, good to a factor of two on bodies "
         "like the block of docs/measurements.md"
     )
@@ -90,12 +91,12 @@ def check_case(
 
 
 def posed(settings: Case, target: Path, force: bool) -> ContactProblem:
-    """The problem of a case, once it is clear that there are memory and a place for its results; collective.
+    """The problem of a case, once it is clear that memory and disk have room for it; collective.
 
     Args:
         settings: The case.
         target: Where the results will go.
-        force: Not to mind the memory.
+        force: Not to mind memory and disk.
 
     Raises:
         ValueError: On every rank.
@@ -107,6 +108,11 @@ def posed(settings: Case, target: Path, force: bool) -> ContactProblem:
     problem = settings.problem(comm)
     if not force:
         refuse_too_large(problem)
+        steps = 1 if settings.history is None else len(settings.history.ends)
+        try:
+            refuse_full_disk(problem, target, steps)
+        except OSError as error:
+            raise ValueError(f"output {target}: {error.strerror}; --force runs all the same") from None
     return problem
 
 

@@ -34,7 +34,10 @@ def chosen(
         ValueError: If A is to be formed without a factorisation, or K to be factorised without MUMPS.
     """
     if explicit and linear_solver is IterativeSolver:
-        raise ValueError("explicit=True needs the factorised K: use linear_solver=DirectSolver")
+        raise ValueError(
+            'A can be formed (solver.compliance = "explicit", explicit=True) only where K is factorised: set '
+            'solver.linear_solver = "direct" (linear_solver=DirectSolver), or leave both to be chosen'
+        )
     mumps = PETSc.Sys.hasExternalPackage("mumps")
     if not mumps and (explicit or linear_solver is DirectSolver):
         raise ValueError(

@@ -87,9 +87,8 @@ def solve_once(session: Session, settings: Case, problem: ContactProblem, target
     try:
         contents = output.write(solution, target, settings.output.picture and not interrupted)
     except OSError as error:
-        errors.print(f"error: {target}: cannot be written: {error.strerror or error}", markup=False)
         contents, written = summary(solution), False
-        trouble = trouble or "the results could not be written"
+        trouble += f"{'; ' if trouble else ''}{target}: cannot be written: {error.strerror or error}"
     report(session.console, solution, contents, target if written else None, time.perf_counter() - began)
     if interrupted and written:
         trouble = f"interrupted: {trouble}; the answer so far is in {target}{os.sep}, marked so"
