@@ -123,7 +123,7 @@ def doubts(settings: Case) -> None:
     highest = max(material.poisson for material in given)
     if highest > LOCKING_ABOVE:
         errors.print(
-            f"warning: material: poisson = {highest:g} is near 0.5: above {LOCKING_ABOVE:g} first-order elements lock "
+            f"warning: material: poisson = {highest} is near 0.5: above {LOCKING_ABOVE:g} first-order elements lock "
             "and give far too stiff an answer, whatever the certificate says of the discrete problem",
             markup=False,
         )
