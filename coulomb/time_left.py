@@ -7,7 +7,7 @@ import math
 from .solvers.results import Progress
 
 _STEPS = 5  # the last steps, whose pace is taken
-_LEAST = 0.05  # decades a step: a residual that falls more slowly says nothing of the end
+_LEAST = 0.2  # decades a step: a residual that falls more slowly, as at first, says nothing of the end
 
 
 class TimeLeft:

@@ -145,12 +145,15 @@ def estimates(
     if MPI.COMM_WORLD.size > 1:
         errors.print("error: this benchmark runs on one rank", markup=False)
         raise typer.Exit(BAD_INPUT)
-    console.print("  p  method                 unknowns  contact   GB estimated  measured   s estimated  measured")
+    console.print(
+        "  p  method                 unknowns  contact   GB expected  measured   s expected  measured", soft_wrap=True
+    )
     try:
         for row in measure(sizes or SIZES):
             console.print(
-                f"{row.p:3d}  {row.method:21s}  {row.unknowns:8d}  {row.contact:7d}   {row.memory_estimated / 1e9:12.2f}  "
-                f"{row.memory_measured / 1e9:8.2f}   {row.seconds_estimated:11.1f}  {row.seconds_measured:8.1f}",
+                f"{row.p:3d}  {row.method:21s}  {row.unknowns:8d}  {row.contact:7d}   "
+                f"{row.memory_expected / 1e9:11.2f}  {row.memory_measured / 1e9:8.2f}   "
+                f"{row.seconds_expected:10.1f}  {row.seconds_measured:8.1f}",
                 soft_wrap=True,
             )
     except RuntimeError as error:

@@ -26,15 +26,15 @@ WAYS: tuple[tuple[str, LinearSolver, bool], ...] = (
 
 
 class Row(NamedTuple):
-    """A line of estimates.csv; bytes, and seconds of the processor, which others on the machine do not lengthen."""
+    """A line of the table; bytes, and seconds of the processor, which others on the machine do not lengthen."""
 
     p: int
     method: str
     unknowns: int
     contact: int
-    memory_estimated: float
+    memory_expected: float
     memory_measured: float
-    seconds_estimated: float
+    seconds_expected: float
     seconds_measured: float
 
 
