@@ -1,20 +1,18 @@
-"""The command line: `coulomb run CASE.toml`, `coulomb info`.  Only rank 0 speaks.
-
-Exit codes: 0 the certificate passed; 1 it did not, or the solver did not converge (results are written all the same,
-marked so); 2 the input is wrong.
-"""
+"""The command line: `coulomb run CASE.toml`, `coulomb info`.  Only rank 0 speaks; exit codes: console.py."""
 
 from __future__ import annotations
 
 import importlib.metadata
 import json
-import os
 import platform
+import signal
 import sys
 import time
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import scipy.sparse
@@ -24,92 +22,96 @@ from petsc4py import PETSc
 from rich.console import Console
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from . import output
 from .benchmarks.commands import benchmark
-from .case import Case, read_case, write_case, written_case
-from .console import BAD_INPUT, FAILED
+from .case import read_case, written_case
+from .case_commands import Changes, check_case, doubts, new, posed
+from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED
 from .console import console as _console
 from .console import errors as _errors
 from .fem import compat
-from .load_history import StepFailed
-from .load_step import LoadStep
-from .problem import ContactProblem
-from .solution import Solution
+from .interruption import Interruption
+from .log import Log
+from .running import Session, bad_input, solve_once, take_steps
 from .solvers.automatic import Automatic
 from .solvers.coulomb import CoulombSolver
 from .solvers.dense_system import DenseSystem
 from .solvers.fixed_point import SuccessiveTresca
 from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, NotConverged
-from .summary import summary
-from .terminal import Display, introduce, report
+from .terminal import introduce
 from .version import __version__
 
-app = typer.Typer(help=__doc__, add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+app = typer.Typer(
+    help="3D contact with Coulomb friction: solved, certified, written.  Begin with: coulomb new block",
+    epilog=EXIT_CODES,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
 app.add_typer(benchmark, name="benchmark")
 _comm = MPI.COMM_WORLD
+
+Quiet = Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")]
+LogFile = Annotated[
+    Path | None, typer.Option("--log", help="Add all that is said, and every step, to this file, with the time.")
+]
 
 
 @app.command()
 def run(
     case: Annotated[Path, typer.Argument(help="Case file, TOML.", metavar="CASE.toml")],
-    changes: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Replace a setting, for example mesh.cells=[18,6,6]; may be repeated."),
-    ] = None,
+    changes: Changes = None,
     directory: Annotated[
         Path | None, typer.Option("--output", help="Where the results go, in place of the case's output.directory.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")] = False,
+    quiet: Quiet = False,
+    log_file: LogFile = None,
+    force: Annotated[bool, typer.Option("--force", help="Run even if the memory seems too small.")] = False,
 ) -> None:
     """Solve a case, certify the answer, write the results."""
     began = time.perf_counter()
-    console = Console(quiet=True) if quiet else _console
-    with threadpool_limits(limits=1 if _comm.size > 1 else None):
-        try:
+    with threadpool_limits(limits=1 if _comm.size > 1 else None), _session(quiet, log_file) as session:
+        with bad_input():
             settings = read_case(case, changes or (), _comm)
             target = directory or Path(settings.output.directory)
-            problem = settings.problem(_comm)
-        except ValueError as error:
-            _errors.print(f"error: {error}", markup=False)
-            raise typer.Exit(BAD_INPUT) from None
-        introduce(console, case, problem)
+            problem = posed(settings, target, force)
+        introduce(session.console, case, problem)
+        doubts(settings)
         if settings.history is not None:
-            _take_steps(console, settings, problem, target, resume=False)
-            return
-        solution, trouble = _solve(console, settings, problem)
-        problem.seconds["total"] = time.perf_counter() - began
-        try:
-            contents = output.write(solution, target, settings.output.picture)
-        except OSError as error:
-            _errors.print(f"error: {target}: cannot be written: {error.strerror or error}", markup=False)
-            contents = summary(solution)
-            trouble = trouble or "the results could not be written"
-    report(console, solution, contents, target, time.perf_counter() - began)
-    if trouble:
-        _errors.print(f"error: {trouble}", markup=False)
-    if trouble or not solution.certificate.passed:
-        raise typer.Exit(FAILED)
+            take_steps(session, settings, problem, target, resume=False)
+        else:
+            solve_once(session, settings, problem, target, began)
 
 
 @app.command()
 def resume(
     directory: Annotated[Path, typer.Argument(help="Where a run with a [history] has left its steps.")],
-    quiet: Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")] = False,
+    quiet: Quiet = False,
+    log_file: LogFile = None,
+    force: Annotated[bool, typer.Option("--force", help="Run even if the memory seems too small.")] = False,
 ) -> None:
     """Continue a load history that was interrupted, from its last step, on as many ranks as you like."""
-    console = Console(quiet=True) if quiet else _console
-    with threadpool_limits(limits=1 if _comm.size > 1 else None):
-        try:
+    with threadpool_limits(limits=1 if _comm.size > 1 else None), _session(quiet, log_file) as session:
+        with bad_input():
             settings = written_case(directory, _comm)
             if settings.history is None:
                 raise ValueError(f"{directory} holds a single run, no load history: there is nothing to resume")
-            problem = settings.problem(_comm)
-        except ValueError as error:
-            _errors.print(f"error: {error}", markup=False)
-            raise typer.Exit(BAD_INPUT) from None
-        introduce(console, directory, problem)
-        _take_steps(console, settings, problem, directory, resume=True)
+            problem = posed(settings, directory, force)
+        introduce(session.console, directory, problem)
+        take_steps(session, settings, problem, directory, resume=True)
+
+
+app.command("new")(new)
+app.command("check-case")(check_case)
+
+
+@contextmanager
+def _session(quiet: bool, log_file: Path | None) -> Iterator[Session]:
+    console = Console(quiet=True) if quiet else _console
+    with bad_input():
+        log = Log(log_file, _comm)
+    with log.hearing(console, _errors), Interruption(_comm) as interruption:
+        log.line(" ".join(["coulomb", *sys.argv[1:]]))
+        yield Session(console, log, interruption)
 
 
 @app.command()
@@ -250,82 +252,14 @@ def _version(name: str) -> str:
             return "not installed"
 
 
-def _solve(console: Console, settings: Case, problem: ContactProblem) -> tuple[Solution, str]:
-    """The solution, converged or not, and what went wrong."""
-    display = Display(console)
-    try:
-        with display:
-            return problem.solve(solver=settings.contact_solver(), progress=display), ""
-    except NotConverged as failure:
-        return problem.solution(failure.result), str(failure)
-
-
-def _take_steps(console: Console, settings: Case, problem: ContactProblem, target: Path, resume: bool) -> None:
-    """Run a load history; ends the command with its exit code."""
-    began, trouble, display = time.perf_counter(), "", Display(console, by_step=True)
-
-    warned: tuple[str, ...] = ()
-
-    def say(step: LoadStep) -> None:
-        nonlocal warned
-        row = step.row
-        halved = f", halved {step.halvings} times" if step.halvings else ""
-        console.print(
-            f"step {row['step']:3d}  time {row['time']:<8.4g} normal {row['normal_force']:.6g} N, force "
-            f"({row['force_x']:.6g}, {row['force_y']:.6g}, {row['force_z']:.6g}) N, open {row['open']}, stick "
-            f"{row['stick']}, slip {row['slip']}, {row['path_following']} PF steps, residual {row['residual']:.1e}"
-            f"{'' if row['certified'] else ', certificate FAILED'}{halved}",
-            markup=False,
-            soft_wrap=True,
-        )
-        warnings = step.solution.small_strain.warnings
-        for warning in warnings if len(warnings) > len(warned) else ():
-            _errors.print(f"warning: step {row['step']}: {warning}", markup=False)
-        warned = max(warned, warnings, key=len)
-
-    rows: list[dict[str, Any]] = []
-    try:
-        if not resume:
-            write_case(settings, target, _comm)
-        with display:
-            rows = settings.load_history().run(problem, target, resume=resume, progress=display, on_step=say)
-    except ValueError as error:
-        _errors.print(f"error: {error}", markup=False)
-        raise typer.Exit(BAD_INPUT) from None
-    except StepFailed as failure:
-        trouble = str(failure)
-        try:
-            output.write(failure.problem.solution(failure.result), target / "failed", picture=False)
-            trouble += f"; what it got to is in {target / 'failed'}"
-        except OSError as error:
-            trouble += f"; what it got to could not be written: {error.strerror or error}"
-    except OSError as error:
-        trouble = f"{target}: cannot be written: {error.strerror or error}"
-    if rows:
-        last = rows[-1]
-        if settings.output.picture:
-            output.on_rank_0(_comm, lambda: output.draw(target / "steps" / f"{last['step']:04d}", target))
-        console.print(
-            f"energy in J: loads {last['energy_loads']:.6g}, prescribed displacements {last['energy_prescribed']:.6g}, "
-            f"foundation {last['energy_foundation']:.6g}; elastic {last['energy_elastic']:.6g}, friction "
-            f"{last['energy_dissipated']:.6g}, error of finite steps {last['energy_imbalance']:.2g}\n"
-            f"{len(rows)} steps, {time.perf_counter() - began:.2f} seconds; results in {target}{os.sep}",
-            markup=False,
-            soft_wrap=True,
-        )
-    if trouble:
-        _errors.print(f"error: {trouble}", markup=False)
-    if trouble or not all(row["certified"] for row in rows):
-        raise typer.Exit(FAILED)
-
-
 def main() -> None:
     """Entry point; what no rank foresaw ends all of them."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # at once, until a run has something to keep (interruption.py)
     try:
         app()
     except Exception:
-        if _comm.size == 1:
-            raise
         traceback.print_exc()
         sys.stderr.flush()
-        _comm.Abort(3)
+        if _comm.size > 1:
+            _comm.Abort(CRASHED)
+        sys.exit(CRASHED)

@@ -29,10 +29,10 @@ import numpy as np
 from . import output
 from .load_step import Energy, LoadStep, State
 from .problem import ContactProblem
-from .restart import nodal_vectors, read_step
+from .restart import nodal_vectors, read_row, read_step, steps_in
 from .solution import Solution
 from .solvers.coulomb import CoulombSolver
-from .solvers.results import NotConverged, ProgressCallback
+from .solvers.results import NotConverged, ProgressCallback, Status
 from .solvers.tresca import QPSolver
 
 SMALLEST = 1e-9
@@ -80,7 +80,7 @@ class LoadHistory:
         """One step after another, from a state (by default from the beginning); collective.
 
         Raises:
-                StepFailed: If a step fails however often it is halved.
+            StepFailed: If a step fails however often it is halved, or is interrupted.
         """
         state = state or self.beginning(problem)
         halved = 0
@@ -89,13 +89,17 @@ class LoadHistory:
             try:
                 solution = self._attempt(problem, state, time, progress)
             except NotConverged as failure:
+                posed = self._posed(problem, state, time)
+                if failure.result.status is Status.INTERRUPTED:
+                    text = f"interrupted in the load step from {state.time:g} to {time:g}, which is given up"
+                    raise StepFailed(text, failure.result, posed) from None
                 middle = 0.5 * (state.time + time)
                 halved += 1
                 if halved > self.halvings or time - state.time < 2.0 * SMALLEST * (self.times[-1] - self.start):
                     raise StepFailed(
                         f"the load step from {state.time:g} to {time:g} failed, halved {halved - 1} times: {failure}",
                         failure.result,
-                        self._posed(problem, state, time),
+                        posed,
                     ) from None
                 state = replace(state, pending=(*state.pending, middle))
                 continue
@@ -125,7 +129,7 @@ class LoadHistory:
         *,
         resume: bool = False,
         progress: ProgressCallback | None = None,
-        on_step: Callable[[LoadStep], None] | None = None,
+        on_step: Callable[[LoadStep], bool | None] | None = None,
     ) -> list[dict[str, Any]]:
         """Take all steps, and write each of them before the next.
 
@@ -137,7 +141,7 @@ class LoadHistory:
             directory: Where to.
             resume: Continue from the last step that is there.
             progress: Called after every path-following step.
-            on_step: Called after every load step, once it is on disk.
+            on_step: Called after every load step, once it is on disk; a true answer, the same on every rank, ends it.
 
         Returns:
             The lines of history.csv.
@@ -162,8 +166,8 @@ class LoadHistory:
             rows.append(step.row)
             output.write(step.solution, target, picture=False, extra={"step": _record(step, rows[-1])})
             output.on_rank_0(comm, lambda: _series(folder, rows))
-            if on_step is not None:
-                on_step(step)
+            if on_step is not None and on_step(step):
+                break
         return rows
 
 
@@ -176,19 +180,6 @@ class StepFailed(NotConverged):
 
 
 # --- on disk -----------------------------------------------------------------------------------------------------
-
-
-def steps_in(folder: Path) -> list[int]:
-    """Numbers of the complete steps in a directory, from 1 without a gap; a step is complete once it has a summary."""
-    found: list[int] = []
-    while (folder / "steps" / f"{len(found) + 1:04d}" / "summary.json").is_file():
-        found.append(len(found) + 1)
-    return found
-
-
-def read_row(folder: Path, number: int, comm: Any) -> list[dict[str, Any]]:
-    """The line of history.csv of a step, in a list."""
-    return [read_step(folder / "steps" / f"{number:04d}", comm)["row"]]
 
 
 def restored(problem: ContactProblem, folder: Path, number: int) -> State:

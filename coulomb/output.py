@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import csv
+import ctypes
+import errno
+import functools
 import json
 import math
 import os
@@ -23,6 +26,7 @@ from mpi4py import MPI
 from .arrays import FloatArray
 from .fem import compat
 from .fem.compat import fem
+from .problem import ContactProblem
 from .solution import Solution
 from .solvers.results import OuterStep, QPStep
 from .summary import HELD, OPEN, node_status, summary
@@ -47,25 +51,26 @@ def write(
     """
     comm, problem, began = solution.problem.comm, solution.problem, time.perf_counter()
     target = Path(directory)
-    partial = Path(on_rank_0(comm, lambda: _make_partial(target)))
+    folder = Path(on_rank_0(comm, lambda: _make_partial(target)))
     try:
-        _write_body(solution, str(partial / "solution.xdmf"))
-        _write_contact(solution, str(partial / "contact.xdmf"))
+        refuse_full_disk(problem, folder)
+        _write_body(solution, str(folder / "solution.xdmf"))
+        _write_contact(solution, str(folder / "contact.xdmf"))
         contents = {**summary(solution), **(extra or {})}
 
         def finish() -> str:
             for name in ("solution.xdmf", "contact.xdmf"):
-                _one_grid(partial / name, problem.time)
-            _write_history(solution.result.history, partial / "history.csv")
+                _one_grid(folder / name, problem.time)
+            _write_history(solution.result.history, folder / "history.csv")
             contents["seconds"]["output"] = time.perf_counter() - began
             contents["picture"] = "not asked for"
-            write_json(contents, partial / "summary.json")
+            write_json(contents, folder / "summary.json")
             if picture:
                 drawing = time.perf_counter()
-                contents["picture"] = _draw(partial) or "picture.png"
+                contents["picture"] = _draw(folder) or "picture.png"
                 contents["seconds"]["picture"] = time.perf_counter() - drawing
-                write_json(contents, partial / "summary.json")
-            for file in sorted(partial.iterdir()):
+                write_json(contents, folder / "summary.json")
+            for file in sorted(folder.iterdir()):
                 os.replace(file, target / file.name)
             return json.dumps(contents)
 
@@ -73,7 +78,7 @@ def write(
     finally:
         comm.barrier()
         if comm.rank == 0:
-            shutil.rmtree(partial, ignore_errors=True)
+            shutil.rmtree(folder, ignore_errors=True)
     problem.seconds.update(contents["seconds"])
     return contents
 
@@ -105,7 +110,7 @@ def _write_body(solution: Solution, path: str) -> None:
     given["spring"] = elasticity.spring
     functions = [u, elasticity.von_mises(u), elasticity.young, elasticity.poisson]
     functions += [elasticity.function(values.astype(float), name) for name, values in given.items()]
-    compat.write_mesh_and_functions(solution.problem.comm, path, elasticity.mesh.domain, functions)
+    _write_fields(solution.problem.comm, path, elasticity.mesh.domain, functions)
 
 
 def contact_fields(solution: Solution) -> dict[str, FloatArray]:
@@ -137,11 +142,81 @@ def contact_fields(solution: Solution) -> dict[str, FloatArray]:
     }
 
 
+def _write_fields(comm: MPI.Comm, path: str, domain: Any, functions: Sequence[Any]) -> None:
+    """A mesh and functions on it, one after another: where a rank fails, no other goes on to wait for it.
+
+    Raises:
+        OSError: On every rank.
+    """
+    file: Any = None
+
+    def open_() -> None:
+        nonlocal file
+        file = compat.xdmf_writer(comm, path)
+
+    actions: list[Callable[[], None]] = [open_, lambda: file.write_mesh(domain)]
+    for function in functions:
+        actions.append(functools.partial(lambda f: file.write_function(f), function))
+    actions.append(lambda: file.close())
+    for action in actions:
+        fault = ""
+        try:
+            action()
+        except RuntimeError as error:  # of HDF5, which does not say why
+            fault = str(error)
+        faults = [text for text in comm.allgather(fault) if text]
+        if faults:
+            # Closing it would fail again, in its destructor, and end the process: it is never destroyed.
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))
+            raise OSError(errno.EIO, f"{faults[0].rstrip('.')}; is the disk full?")
+
+
+def size_on_disk(problem: ContactProblem) -> float:
+    """Bytes that the fields of a solution take, nearly; collective."""
+    domain, comm = problem.mesh.domain, problem.comm
+    points, cells = (float(domain.topology.index_map(dim).size_global) for dim in (0, 3))
+    facets: int = comm.allreduce(len(_contact_facets(problem)), op=MPI.SUM)
+    width = float(compat.cell_geometry(domain).shape[1])
+    # coordinates and 5 vectors a point, 3 numbers a cell; on the face coordinates, 6 vectors and 7 numbers a node
+    return 5e4 + 24.0 * 6.0 * points + 8.0 * (width + 3.0) * cells + (24.0 * 7.0 + 56.0) * 1.5 * facets
+
+
+def refuse_full_disk(problem: ContactProblem, target: Path, times: int = 1) -> None:
+    """See beforehand that there is too little room; HDF5, when it finds out, says little of it and leaves a wreck.
+
+    Args:
+        problem: What will be written.
+        target: The directory, or where it will be.
+        times: How often.
+
+    Raises:
+        OSError: On every rank.
+    """
+    needed = times * size_on_disk(problem)
+
+    def look() -> str:
+        place = target.absolute()
+        while not place.exists():
+            place = place.parent
+        free = shutil.disk_usage(place).free
+        if free < needed:
+            told = f"no space left: the results take about {needed / 1e6:.3g} MB, and {free / 1e6:.3g} MB are free"
+            raise OSError(errno.ENOSPC, told)
+        return ""
+
+    on_rank_0(problem.comm, look)
+
+
+def _contact_facets(problem: ContactProblem) -> npt.NDArray[np.int32]:
+    """This rank's facets of all contact faces."""
+    return np.unique(np.concatenate([problem.mesh.facets(face, "contact") for face in problem.surface.faces]))
+
+
 def _write_contact(solution: Solution, path: str) -> None:
     """The fields of the contact nodes on a mesh of the contact face."""
     problem = solution.problem
     elasticity, domain = problem.elasticity, problem.mesh.domain
-    facets = np.unique(np.concatenate([problem.mesh.facets(face, "contact") for face in problem.surface.faces]))
+    facets = _contact_facets(problem)
     owned = facets[facets < domain.topology.index_map(2).size_local]
     sub, geometry_of = compat.submesh(domain, 2, np.sort(owned))
     node_of_geometry = np.empty(len(domain.geometry.x), dtype=np.int64)
@@ -157,7 +232,7 @@ def _write_contact(solution: Solution, path: str) -> None:
         function = fem.Function(vector if values.ndim == 2 else scalar, name=name)
         function.x.array[:] = (spread if values.ndim == 2 else spread[:, 0]).ravel()
         functions.append(function)
-    compat.write_mesh_and_functions(problem.comm, path, sub, functions)
+    _write_fields(problem.comm, path, sub, functions)
 
 
 def _one_grid(path: Path, time: float) -> None:

@@ -19,6 +19,7 @@ from .fem.elasticity import Clamp, Elasticity, Materials, Spring, Traction
 from .fem.fields import Amplitude, Field
 from .fem.meshes import NamedMesh
 from .fem.surface import ContactSurface
+from .methods import LinearSolver, chosen
 from .solution import Solution
 from .solvers import schur
 from .solvers.automatic import Automatic
@@ -29,17 +30,8 @@ from .solvers.kprgp import KPRGP
 from .solvers.one_loop import OneLoop
 from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, ProgressCallback, QPResult
-from .solvers.stiffness import DirectSolver, IterativeSolver, StiffnessSolver
+from .solvers.stiffness import DirectSolver, StiffnessSolver
 from .solvers.tresca import QPSolver, TrescaQP
-
-DIRECT_UP_TO = 50_000
-"""Displacement unknowns up to which K is factorised by default on one rank (measured: docs/measurements.md)."""
-
-DIRECT_IN_PARALLEL_UP_TO = 4_000
-"""The same on several ranks, where MUMPS gives no Schur complement through PETSc and A takes many solves."""
-
-EXPLICIT_UP_TO = 10_000
-"""Contact unknowns up to which A is formed by default, where K is factorised (measured: docs/measurements.md)."""
 
 
 class ContactProblem:
@@ -68,6 +60,8 @@ class ContactProblem:
         motions: Where their foundations are at this time, from where they were given, metres, shape (faces, 3).
         slip_origin: Displacement of the contact nodes at which they have not slipped, space vectors in metres, shape
             (m, 3): 0 at first, in a later load step that of the step before, carried along with the foundation.
+        linear_solver: The one taken for K^-1.
+        explicit: Whether A is formed.
         seconds: Wall time of each phase so far.
 
     Raises:
@@ -86,11 +80,10 @@ class ContactProblem:
         *,
         body_force_amplitude: Amplitude = 1.0,
         time: float = 0.0,
-        linear_solver: type[DirectSolver] | type[IterativeSolver] | None = None,
+        linear_solver: LinearSolver | None = None,
         explicit: bool | None = None,
     ):
-        if explicit and linear_solver is IterativeSolver:
-            raise ValueError("explicit=True needs the factorised K: use linear_solver=DirectSolver")
+        chosen(0, 0, mesh.comm.size, linear_solver, explicit)  # what cannot be is refused before the assembly
         self.mesh = mesh
         self.contacts = (contact,) if isinstance(contact, Contact) else tuple(contact)
         self.seconds: dict[str, float] = {}
@@ -105,14 +98,9 @@ class ContactProblem:
             self.slip_origin: FloatArray = np.zeros((len(self.surface.nodes), 3))
             self._move_foundations()
             self.coefficient: FloatArray = self._faces.coefficient(self.surface)
-        if linear_solver is None:
-            limit = DIRECT_UP_TO if self.comm.size == 1 else DIRECT_IN_PARALLEL_UP_TO
-            small = self.unknowns["displacement"] <= limit
-            linear_solver = DirectSolver if explicit or small else IterativeSolver
-        self._linear_solver = linear_solver
-        if explicit is None:
-            explicit = linear_solver is DirectSolver and self.unknowns["contact"] <= EXPLICIT_UP_TO
-        self._explicit = explicit
+        self.linear_solver, self.explicit = chosen(
+            self.unknowns["displacement"], self.unknowns["contact"], self.comm.size, linear_solver, explicit
+        )
 
     @property
     def comm(self) -> MPI.Comm:
@@ -187,16 +175,16 @@ class ContactProblem:
         """K^-1."""
         B = self.surface.B
         with self._timed("stiffness"):
-            if self._explicit and schur.available(B.getComm()):
+            if self.explicit and schur.available(B.getComm()):
                 return DirectSolver(self.elasticity.K, keep=np.unique(B.getValuesCSR()[1]).astype(np.int32))
-            return self._linear_solver(self.elasticity.K)
+            return self.linear_solver(self.elasticity.K)
 
     @cached_property
     def A(self) -> Compliance:
         """Compliance B K^-1 B^T of the contact nodes, metres per newton."""
         solver = self.stiffness_solver
         with self._timed("compliance"):
-            if self._explicit:
+            if self.explicit:
                 assert isinstance(solver, DirectSolver)
                 if solver.kept is not None:
                     return ExplicitCompliance.from_schur_complement(self.surface.B, solver)

@@ -71,3 +71,16 @@ def nodal_vectors(path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewher
         return values
 
     return on_all_ranks(read, str(path), comm)
+
+
+def steps_in(folder: Path) -> list[int]:
+    """Numbers of the complete steps in a directory, from 1 without a gap; a step is complete once it has a summary."""
+    found: list[int] = []
+    while (folder / "steps" / f"{len(found) + 1:04d}" / "summary.json").is_file():
+        found.append(len(found) + 1)
+    return found
+
+
+def read_row(folder: Path, number: int, comm: Any) -> list[dict[str, Any]]:
+    """The line of history.csv of a step, in a list."""
+    return [read_step(folder / "steps" / f"{number:04d}", comm)["row"]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from .problem import ContactProblem
 from .solution import Solution
 from .solvers.reductions import Reductions
 from .solvers.results import Progress
+from .time_left import TimeLeft, about
 
 
 def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
@@ -36,10 +38,12 @@ class Display:
     Args:
         console: Where to.
         by_step: Whether somebody else speaks of load steps: no lines then.
+        tolerance: Residual at which the solve ends, for the time left; 0 if that is not to be told.
     """
 
-    def __init__(self, console: Console, by_step: bool = False):
+    def __init__(self, console: Console, by_step: bool = False, tolerance: float = 0.0):
         self._console, self._by_step = console, by_step
+        self._time_left, self._expected = TimeLeft(tolerance), ""
         self._status = console.status("K^-1 and A") if console.is_terminal and not console.quiet else None
         self._last: Progress | None = None
 
@@ -54,23 +58,28 @@ class Display:
         self._line()
 
     def __call__(self, progress: Progress) -> None:
+        self._time_left.note(progress, time.perf_counter())
         if self._status is not None:
-            self._status.update(_describe(progress))
+            self._status.update(self._shown(progress))
         if self._last is not None and (progress.outer != self._last.outer or progress.outer == 0):
             self._line()
         self._last = progress
 
+    def expect(self, told: str) -> None:
+        """What is still to come, for the line that changes."""
+        self._expected = told
+
+    def _shown(self, progress: Progress) -> str:
+        left = self._time_left.seconds
+        expected = self._expected or (f"about {about(left)} left" if left is not None else "")
+        return f"{progress}{'  ' if expected else ''}{expected}"
+
     def _line(self) -> None:
         if self._last is not None and self._status is None and not self._by_step:
-            self._console.print(_describe(self._last))
+            self._console.print(str(self._last))
 
 
-def _describe(progress: Progress) -> str:
-    outer = f"outer {progress.outer:3d}  " if progress.outer else ""
-    return f"{outer}path following {progress.path_following:3d}  residual {progress.residual:.1e}"
-
-
-def report(console: Console, solution: Solution, contents: dict[str, Any], target: Path, total: float) -> None:
+def report(console: Console, solution: Solution, contents: dict[str, Any], target: Path | None, total: float) -> None:
     iterations, nodes = contents["iterations"], contents["nodes"]
     force = contents["force_on_body"]
     outer = f"{iterations['outer']} Tresca problems, " if iterations["outer"] else ""
@@ -94,4 +103,5 @@ def report(console: Console, solution: Solution, contents: dict[str, Any], targe
     picture = contents.get("picture", "")
     if "could not" in picture:
         errors.print(f"warning: picture.png {picture}", markup=False)
-    console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
+    if target is not None:
+        console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)

@@ -68,11 +68,25 @@ def test_bad_input_exits_2_and_touches_nothing(tmp_path, change, message):
     assert "Traceback" not in done.stderr and not (tmp_path / "out").exists()
 
 
-def test_output_that_cannot_be_written_still_reports(tmp_path):
+def test_output_that_cannot_be_written_is_seen_before(tmp_path):
     (tmp_path / "file").write_text("")
     done = run_coulomb("run", BLOCK, *SMALL, "--output", tmp_path / "file" / "out")
-    assert done.returncode == 1 and "cannot be written" in done.stderr
-    assert "certificate passed" in done.stdout  # what was computed is not lost
+    assert done.returncode == 2 and "out: cannot be written: " in done.stderr and "file is no directory" in done.stderr
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_output_that_cannot_be_written_in_the_end_still_reports(tmp_path, ranks):
+    script = tmp_path / "full.py"
+    script.write_text(
+        "import sys\nfrom coulomb import cli, output\n"
+        "def refuse(*_):\n    raise OSError(28, 'No space left on device')\n"
+        "output._write_contact = refuse\nsys.argv = ['coulomb', *sys.argv[1:]]\ncli.main()\n"
+    )
+    done = run_python(script, "run", BLOCK, *SMALL, "--output", tmp_path / "out", ranks=ranks, timeout=120)
+    assert done.returncode == 1 and "out: cannot be written: No space left on device" in done.stderr
+    assert "certificate passed" in done.stdout and "results in" not in done.stdout  # what was computed is not lost
+    assert not list((tmp_path / "out").iterdir())
 
 
 def test_info():

@@ -146,6 +146,32 @@ def scaling(
 
 
 @benchmark.command()
+def estimates(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+) -> None:
+    """What `coulomb check-case` expects of the block, beside what it takes."""
+    from .estimates import SIZES, measure
+
+    if MPI.COMM_WORLD.size > 1:
+        errors.print("error: this benchmark runs on one rank", markup=False)
+        raise typer.Exit(BAD_INPUT)
+    console.print(
+        "  p  method                 unknowns  contact   GB expected  measured   s expected  measured", soft_wrap=True
+    )
+    try:
+        for row in measure(sizes or SIZES):
+            console.print(
+                f"{row.p:3d}  {row.method:21s}  {row.unknowns:8d}  {row.contact:7d}   "
+                f"{row.memory_expected / 1e9:11.2f}  {row.memory_measured / 1e9:8.2f}   "
+                f"{row.seconds_expected:10.1f}  {row.seconds_measured:8.1f}",
+                soft_wrap=True,
+            )
+    except RuntimeError as error:
+        errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(FAILED) from None
+
+
+@benchmark.command()
 def peers(
     sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
     names: Annotated[list[str] | None, typer.Option("--peer", help="One of them, as GetFEM; repeat.")] = None,

@@ -14,6 +14,9 @@ from ..arrays import FloatArray
 from . import compat
 from .compat import fem, ufl
 
+LOCKING_ABOVE = 0.49
+"""Poisson's ratio from which on first-order elements hardly change their volume, and so hardly bend."""
+
 
 @dataclass(frozen=True)
 class Material:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -108,9 +107,6 @@ def read_mesh(comm: Any, path: str) -> Any:
         return file.read_mesh(name="mesh")
 
 
-def write_mesh_and_functions(comm: Any, path: str, domain: Any, functions: Sequence[Any]) -> None:
-    """One XDMF file (with its HDF5) of a mesh and functions on it."""
-    with io.XDMFFile(comm, path, "w") as file:
-        file.write_mesh(domain)
-        for function in functions:
-            file.write_function(function)
+def xdmf_writer(comm: Any, path: str) -> Any:
+    """An XDMF file (with its HDF5) to write a mesh and functions to."""
+    return io.XDMFFile(comm, path, "w")

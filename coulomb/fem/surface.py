@@ -247,7 +247,7 @@ def _plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArr
     point = comm.allreduce(area @ x, op=MPI.SUM) / total
     normal = comm.allreduce(outward.sum(axis=0), op=MPI.SUM) / total
     if not np.linalg.norm(normal) > 1.0 - 1e-8:
-        raise ValueError(f"contact face {face!r} is not plane: say which foundation it may touch")
+        raise ValueError(f"contact face {face!r} is not plane: say which foundation it may touch (contact.foundation)")
     normal[np.abs(normal) < 1e-12] = 0.0
     return Plane(tuple(point), tuple(-normal))
 
@@ -274,7 +274,10 @@ class _Refusal:
         self._comm, self._what = comm, what
 
     def where(self, condition: npt.NDArray[np.bool_], x: FloatArray, fault: str) -> None:
-        mine: Any = x[np.argmax(condition)].tolist() if np.any(condition) else None
+        mine: Any = None
+        if np.any(condition):
+            place = x[np.argmax(condition)]
+            mine = np.where(np.abs(place) < 1e-12 * np.max(np.abs(x)), 0.0, place).tolist()
         found = [point for point in self._comm.allgather(mine) if point is not None]
         if found:
             raise ValueError(f"{self._what} {fault} (first seen at x = {', '.join(f'{c:.6g}' for c in found[0])})")

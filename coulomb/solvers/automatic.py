@@ -8,7 +8,7 @@ from ..arrays import FloatArray
 from .coulomb import CoulombProblem
 from .fixed_point import SuccessiveTresca
 from .one_loop import OneLoop
-from .results import CoulombResult, NotConverged, ProgressCallback, check_constants
+from .results import CoulombResult, NotConverged, ProgressCallback, Status, check_constants
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,8 @@ class Automatic:
         except NotConverged as failure:
             assert isinstance(failure.result, CoulombResult)
             first = failure.result
+            if first.status is Status.INTERRUPTED:
+                raise NotConverged(str(failure), _chosen(first, "one loop")) from None
         try:
             result = SuccessiveTresca(self.tolerance).solve(problem, start=start, progress=progress)
         except NotConverged as failure:

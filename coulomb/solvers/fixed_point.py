@@ -139,6 +139,9 @@ class SuccessiveTresca:
             )
             if residual <= self.tolerance:
                 break
+            if last.status is Status.INTERRUPTED:
+                status, why = Status.INTERRUPTED, trouble
+                break
             if trouble and last.residual > 0.1 * residual:
                 status, why = Status.STAGNATED, trouble
                 break
@@ -186,9 +189,8 @@ class SuccessiveTresca:
             Its answer, the steps and Krylov iterations of both, and what went wrong, if anything.
         """
 
-        def report(p: Progress) -> None:
-            if progress is not None:
-                progress(replace(p, outer=outer))
+        def report(p: Progress) -> bool | None:
+            return progress is not None and progress(replace(p, outer=outer))
 
         steps = krylov = 0
         trouble = ""
@@ -201,7 +203,7 @@ class SuccessiveTresca:
                 result, trouble = failure.result, str(failure)
             steps += result.iterations
             krylov += sum(step.krylov for step in result.history)
-            if not trouble:
+            if not trouble or result.status is Status.INTERRUPTED:
                 break
         return result, steps, krylov, trouble
 
@@ -264,6 +266,7 @@ def _message(solver: SuccessiveTresca, result: CoulombResult, why: str) -> str:
         Status.OSCILLATING: "the slip bound swings between two states; damping=None or memory > 0 damps it",
         Status.DIVERGED: "the slip bound runs away: friction locks the body, or none of the states near is one of rest",
         Status.STAGNATED: "the slip bound does not settle; the one loop (method one-loop) does not need it to",
+        Status.INTERRUPTED: "",
         Status.MAX_ITERATIONS: "more Tresca problems (max_iterations), or the one loop (method one-loop)",
     }[result.status]
     return (

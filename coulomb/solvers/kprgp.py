@@ -88,7 +88,7 @@ class KPRGP:
         residual = qp.residual(x, gradient)
         history: list[ActiveSetStep] = []
         split = _split(qp, x, gradient, a)
-        p = split.phi
+        p, status = split.phi, Status.MAX_ITERATIONS
         while residual > tolerance and len(history) < self.max_iterations:
             reduced = (x - qp.project(x - a * split.phi.ravel())) / a
             krylov = 0
@@ -119,13 +119,14 @@ class KPRGP:
                 residual = qp.residual(x, gradient)
             stationarity = over.norm(split.phi + split.beta)
             history.append(ActiveSetStep(len(history) + 1, residual, krylov, kind, stationarity))
-            if progress is not None:
-                progress(Progress(0, len(history), residual))
+            if progress is not None and progress(Progress(0, len(history), residual)):
+                status = Status.INTERRUPTED
+                break
         result = QPResult(
             x=x,
             gradient=gradient,
             multipliers=_multipliers(qp, x, gradient),
-            status=verdict(residual, tolerance, Status.MAX_ITERATIONS),
+            status=verdict(residual, tolerance, status),
             iterations=len(history),
             products=qp.A.products - products,
             residual=residual,

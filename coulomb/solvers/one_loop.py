@@ -196,7 +196,7 @@ class OneLoop:
                 v = run._start(scaled, newton, x_n, y, theta)
                 patient = len(results) == len(starts) - 1
                 results.append(run._steps(scaled, newton, v, progress, history, patient))
-                if results[-1].status is Status.CONVERGED:
+                if results[-1].status in (Status.CONVERGED, Status.INTERRUPTED):
                     break
         finally:
             newton.destroy()
@@ -251,9 +251,11 @@ class OneLoop:
             history.append(
                 PathFollowingStep(iteration, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
             )
-            if progress is not None:
-                progress(Progress(0, iteration, residual))
+            stop = progress is not None and progress(Progress(0, iteration, residual))
             if residual <= self.tolerance:
+                break
+            if stop:
+                status = Status.INTERRUPTED
                 break
             if residual < 0.9 * best:
                 best, best_at = residual, iteration

@@ -156,7 +156,7 @@ class PathFollowing:
             while v is not None or thetas:
                 v = v or self._cold_start(problem, newton, thetas.pop(0))
                 results.append(self._steps(problem, newton, v, tolerance, progress, history, patient=not thetas))
-                if results[-1].status is Status.CONVERGED:
+                if results[-1].status in (Status.CONVERGED, Status.INTERRUPTED):
                     break
                 v = None
         finally:
@@ -212,9 +212,11 @@ class PathFollowing:
             history.append(
                 PathFollowingStep(iteration, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
             )
-            if progress is not None:
-                progress(Progress(0, iteration, residual))
+            stop = progress is not None and progress(Progress(0, iteration, residual))
             if residual <= tolerance:
+                break
+            if stop:
+                status = Status.INTERRUPTED
                 break
             if residual < 0.9 * best:
                 best, best_at = residual, iteration

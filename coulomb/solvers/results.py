@@ -18,6 +18,7 @@ class Status(Enum):
     OSCILLATING = "oscillating"
     DIVERGED = "diverged"
     MAX_ITERATIONS = "max_iterations"
+    INTERRUPTED = "interrupted"
 
 
 def check_constants(owner: object, bounds: Iterable[tuple[str, bool, str]]) -> None:
@@ -226,5 +227,10 @@ class Progress:
     path_following: int
     residual: float
 
+    def __str__(self) -> str:
+        outer = f"outer {self.outer:3d}  " if self.outer else ""
+        return f"{outer}path following {self.path_following:3d}  residual {self.residual:.1e}"
 
-ProgressCallback = Callable[[Progress], None]
+
+ProgressCallback = Callable[[Progress], bool | None]
+"""Called on every rank after every step; a true answer, the same on every rank, ends the solve as INTERRUPTED."""

@@ -1,0 +1,69 @@
+"""What `coulomb check-case` expects of a run, beside what it takes: the block, each run in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+
+from ..estimate import estimate
+from ..methods import LinearSolver
+from ..solvers.stiffness import DirectSolver, IterativeSolver
+
+SIZES = (8, 16, 24)
+
+WAYS: tuple[tuple[str, LinearSolver, bool], ...] = (
+    ("direct, A formed", DirectSolver, True),
+    ("direct, A matrix-free", DirectSolver, False),
+    ("multigrid", IterativeSolver, False),
+)
+
+
+class Row(NamedTuple):
+    """A line of the table; bytes, and seconds of the processor, which others on the machine do not lengthen."""
+
+    p: int
+    method: str
+    unknowns: int
+    contact: int
+    memory_expected: float
+    memory_measured: float
+    seconds_expected: float
+    seconds_measured: float
+
+
+def measure(sizes: Iterable[int]) -> Iterator[Row]:
+    """Rows as they are measured.
+
+    Raises:
+        RuntimeError: If a run ends badly.
+    """
+    case = str(resources.files("coulomb") / "templates" / "block.toml")
+    for p in sizes:
+        for name, solver, explicit in WAYS:
+            kind = "direct" if solver is DirectSolver else "iterative"
+            form = "explicit" if explicit else "matrix-free"
+            with tempfile.TemporaryDirectory() as directory:
+                command = [sys.executable, "-m", "coulomb", "run", case, "--quiet", "--force", "--output", directory]
+                for change in (
+                    f"mesh.cells=[{3 * p},{p},{p}]",
+                    f"solver={{linear_solver='{kind}', compliance='{form}'}}",
+                    "output.picture=false",
+                ):
+                    command += ["--set", change]
+                process = subprocess.Popen(command, env=os.environ | {"OMP_NUM_THREADS": "1"})
+                _, status, used = os.wait4(process.pid, 0)
+                process.returncode = os.waitstatus_to_exitcode(status)
+                if process.returncode != 0:
+                    raise RuntimeError(f"p = {p}, {name}: coulomb run ended with {process.returncode}")
+                told = json.loads((Path(directory) / "summary.json").read_text(encoding="utf-8"))
+            n, m = told["unknowns"]["displacement"], told["unknowns"]["contact"]
+            expected = estimate(n, m, 1, solver, explicit)
+            seconds = used.ru_utime + used.ru_stime
+            yield Row(p, name, n, m, expected.memory, 1024.0 * used.ru_maxrss, expected.seconds, seconds)

@@ -1,0 +1,156 @@
+"""What a run will take, in bytes and seconds, before it does: a law measured on the block.
+
+    coulomb benchmark estimates --p 8 --p 16 --p 24         # estimated and measured, side by side
+
+With n displacement and m contact unknowns.  Nested dissection of a body in 3D fills the factor with n^(4/3) numbers and
+takes n^2 operations.  A Schur complement on the contact nodes is a dense matrix m x m, of which copies are made, and
+takes m^3 more.  Multigrid is linear in n, and so nearly are its solves (docs/measurements.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+from .free_memory import free_memory
+from .methods import LinearSolver
+from .problem import ContactProblem
+from .solvers.stiffness import DirectSolver, IterativeSolver
+
+# bytes
+_BASE = 1.4e8  # of a rank before there is a mesh: Python, DOLFINx, PETSc
+_BODY = 2.5e3  # a displacement unknown: mesh, K, multigrid, fields
+_FACTOR = 215.0  # over n^(4/3): the factor of K
+_DENSE = 88.0  # over m^2: A, the Schur complement, its inverse, MUMPS's front
+_COLUMNS = 8.0 * 512.0 * 2.0  # over n: right-hand sides and solutions where there is no Schur complement
+
+# seconds on one core
+_START = 1.2  # Python, DOLFINx, PETSc
+_FIELDS = 3e-5  # over n: assembly, certificate, output
+_FACTORISE = 7e-10  # over n^2
+_COMPLEMENT = 1.7e-10  # over m^3: the Schur complement, and A from it
+_COLUMN = 4e-8  # over n^(4/3) m: A by right-hand sides
+_DENSE_STEPS = 1e-7  # over m^2: path following with A formed
+_FACTOR_STEPS = 5e-6  # over n^(4/3): path following where a product is a solve with the factor
+_MULTIGRID_STEPS = 2e-5  # over n^1.2: path following where it is a multigrid solve
+_SPEED_UP = 0.6  # of ranks, as a power: 1.5 on two
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a run is expected to take; good to a factor of two on the block and bodies like it.
+
+    Attributes:
+        memory: Bytes, of all ranks together.
+        seconds: Of a single run, start and output included, a core for each rank; without pictures.
+        seconds_a_step: Of every further load step, for which K is factorised already.
+    """
+
+    memory: float
+    seconds: float
+    seconds_a_step: float
+
+
+def estimate(displacement: int, contact: int, ranks: int, linear_solver: LinearSolver, explicit: bool) -> Estimate:
+    """Of a problem with so many unknowns, solved in this way.
+
+    Args:
+        displacement: Displacement unknowns, over all ranks.
+        contact: Contact unknowns, over all ranks.
+        ranks: How many.
+        linear_solver: The solver for K.
+        explicit: Whether A is formed.
+    """
+    n, m = float(displacement), float(contact)
+    memory, first, again = _BASE * ranks + _BODY * n, 0.0, _FIELDS * n
+    if linear_solver is DirectSolver:
+        memory += _FACTOR * n ** (4 / 3)
+        first += _FACTORISE * n**2
+        if not explicit:
+            again += _FACTOR_STEPS * n ** (4 / 3)
+        elif ranks == 1:
+            memory += _DENSE * m**2
+            first += _COMPLEMENT * m**3
+            again += _DENSE_STEPS * m**2
+        else:
+            memory += _COLUMNS * n + 8.0 * m**2
+            first += _COLUMN * n ** (4 / 3) * m
+            again += _DENSE_STEPS * m**2
+    else:
+        again += _MULTIGRID_STEPS * n**1.2
+    speed = ranks**_SPEED_UP
+    return Estimate(memory, _START + (first + again) / speed, again / speed)
+
+
+def estimate_of(problem: ContactProblem) -> Estimate:
+    """Of a problem that is set up, and not solved yet; collective."""
+    size = problem.unknowns
+    return estimate(size["displacement"], size["contact"], problem.comm.size, problem.linear_solver, problem.explicit)
+
+
+def refuse_too_large(problem: ContactProblem) -> None:
+    """Compare what the problem needs with the memory that is free, on every node; collective.
+
+    Raises:
+        ValueError: On every rank, if some node has too little; says what is needed, what there is, and what would fit.
+    """
+    comm, size = problem.comm, problem.unknowns
+    n, m = size["displacement"], size["contact"]
+    needed = estimate_of(problem).memory
+    share = _share_of_node(comm)
+    fits = _least_room(comm, share)
+    if needed <= fits:
+        return
+    way = "K factorised" if problem.linear_solver is DirectSolver else "multigrid"
+    way += ", A formed" if problem.explicit else ", A matrix-free"
+    others = (
+        (DirectSolver, False, 'solver.linear_solver = "direct" with solver.compliance = "matrix-free"'),
+        (IterativeSolver, False, 'solver.linear_solver = "iterative" with solver.compliance = "matrix-free"'),
+    )
+    would = [
+        f"{how} ({gigabytes(other)})"
+        for solver, explicit, how in others
+        if (other := estimate(n, m, comm.size, solver, explicit).memory) <= fits
+    ]
+    most = int(max(fits - _BASE * comm.size, 0.0) / _BODY)
+    advice = f"take {' or '.join(would)}" if would else f"by multigrid {most} displacement unknowns would fit"
+    raise ValueError(
+        f"too little memory: {n} displacement and {m} contact unknowns ({way}) need about {gigabytes(needed)}, and "
+        f"{gigabytes(fits)} are free; {advice}, a coarser mesh, or a larger machine; --force tries all the same"
+    )
+
+
+def refuse_too_many_cells(cells: tuple[int, int, int], comm: MPI.Comm) -> None:
+    """The same of a box that has not been made yet, by what any method needs; collective.
+
+    Raises:
+        ValueError: On every rank.
+    """
+    nodes = (cells[0] + 1) * (cells[1] + 1) * (cells[2] + 1)
+    needed, fits = _BASE * comm.size + _BODY * 3.0 * nodes, _least_room(comm, _share_of_node(comm))
+    if needed > fits:
+        raise ValueError(
+            f"too little memory: a mesh of {cells[0]} x {cells[1]} x {cells[2]} cells has {3 * nodes} displacement "
+            f"unknowns, which need at least {gigabytes(needed)}, and {gigabytes(fits)} are free; take fewer cells "
+            "(mesh.cells) or a larger machine; --force tries all the same"
+        )
+
+
+def gigabytes(size: float) -> str:
+    return f"{size / 1e9:.2g} GB" if size < 99.5e9 else f"{size / 1e9:.0f} GB"
+
+
+def _share_of_node(comm: MPI.Comm) -> float:
+    """The part of all ranks that runs on this rank's node; collective."""
+    node = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    here: int = node.size
+    node.Free()
+    return here / float(comm.size)
+
+
+def _least_room(comm: MPI.Comm, share: float) -> float:
+    """The memory that all ranks together may take until some node is full, bytes; inf if nobody knows."""
+    free = free_memory()
+    mine = float("inf") if free is None else free / share
+    return float(comm.allreduce(mine, op=MPI.MIN))

@@ -1,0 +1,190 @@
+"""A run from its problem to its exit code: solved, written, said, and stopped when somebody asks for it."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import typer
+from mpi4py import MPI
+from rich.console import Console
+
+from . import output
+from .case import Case, write_case
+from .console import BAD_INPUT, FAILED, INTERRUPTED, errors
+from .interruption import Interruption
+from .load_history import StepFailed
+from .load_step import LoadStep
+from .log import Log
+from .problem import ContactProblem
+from .restart import steps_in
+from .solution import Solution
+from .solvers.results import NotConverged, Progress, ProgressCallback, Status
+from .summary import summary
+from .terminal import Display, report
+from .time_left import about
+
+
+@dataclass(frozen=True)
+class Session:
+    """What accompanies a run: where it speaks, its log, and who may stop it."""
+
+    console: Console
+    log: Log
+    interruption: Interruption
+
+    def progress(self, display: Display) -> ProgressCallback:
+        """Shows a step, notes it in the log, and says whether to stop."""
+
+        def progress(at: Progress) -> bool:
+            display(at)
+            self.log.step(at)
+            return self.interruption.asked()
+
+        return progress
+
+
+@contextmanager
+def bad_input() -> Iterator[None]:
+    """A ValueError is the user's to mend: its text, and exit code 2."""
+    try:
+        yield
+    except ValueError as error:
+        errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+
+
+def refuse_unwritable(target: Path, comm: MPI.Comm) -> None:
+    """See beforehand that results could not be written.
+
+    Raises:
+        ValueError: On every rank, if the directory, or what would hold it, is none or does not let us in.
+    """
+
+    def fault() -> str:
+        place = target.absolute()
+        while not place.exists() and place != place.parent:
+            place = place.parent
+        if not place.is_dir():
+            return f"{place} is no directory"
+        return "" if os.access(place, os.W_OK | os.X_OK) else f"no permission to write in {place}"
+
+    found = output.on_rank_0(comm, fault)
+    if found:
+        raise ValueError(f"output {target}: cannot be written: {found}; choose another (--output)")
+
+
+def solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path, began: float) -> None:
+    """Solve, certify, write and report; ends the command with its exit code."""
+    solution, trouble = _solve(session, settings, problem)
+    interrupted = solution.result.status is Status.INTERRUPTED
+    problem.seconds["total"] = time.perf_counter() - began
+    written = True
+    try:
+        contents = output.write(solution, target, settings.output.picture and not interrupted)
+    except OSError as error:
+        contents, written = summary(solution), False
+        trouble += f"{'; ' if trouble else ''}{target}: cannot be written: {error.strerror or error}"
+    report(session.console, solution, contents, target if written else None, time.perf_counter() - began)
+    if interrupted and written:
+        trouble = f"interrupted: {trouble}; the answer so far is in {target}{os.sep}, marked so"
+    if trouble:
+        errors.print(f"error: {trouble}", markup=False)
+    if interrupted:
+        raise typer.Exit(INTERRUPTED)
+    if trouble or not solution.certificate.passed:
+        raise typer.Exit(FAILED)
+
+
+def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[Solution, str]:
+    """The solution, converged or not, and what went wrong."""
+    display = Display(session.console, tolerance=settings.solver.tolerance)
+    try:
+        with display:
+            return problem.solve(solver=settings.contact_solver(), progress=session.progress(display)), ""
+    except NotConverged as failure:
+        return problem.solution(failure.result), str(failure)
+
+
+def take_steps(session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool) -> None:
+    """Run a load history; ends the command with its exit code."""
+    console, comm = session.console, problem.comm
+    began, trouble, code = time.perf_counter(), "", FAILED
+    display = Display(console, by_step=True)
+    warned: tuple[str, ...] = ()
+    taken = 0
+
+    def say(step: LoadStep) -> bool:
+        nonlocal warned, taken
+        row, taken = step.row, taken + 1
+        halved = f", halved {step.halvings} times" if step.halvings else ""
+        console.print(
+            f"step {row['step']:3d}  time {row['time']:<8.4g} normal {row['normal_force']:.6g} N, force "
+            f"({row['force_x']:.6g}, {row['force_y']:.6g}, {row['force_z']:.6g}) N, open {row['open']}, stick "
+            f"{row['stick']}, slip {row['slip']}, {row['path_following']} PF steps, residual {row['residual']:.1e}"
+            f"{'' if row['certified'] else ', certificate FAILED'}{halved}",
+            markup=False,
+            soft_wrap=True,
+        )
+        warnings = step.solution.small_strain.warnings
+        for warning in warnings if len(warnings) > len(warned) else ():
+            errors.print(f"warning: step {row['step']}: {warning}", markup=False)
+        warned = max(warned, warnings, key=len)
+        left = len(step.state.pending)
+        if left:
+            told = f"{left} load steps left, about {about(left * (time.perf_counter() - began) / taken)}"
+            session.log.line(told)
+            display.expect(told)
+        return session.interruption.asked() and left > 0
+
+    rows: list[dict[str, Any]] = []
+    try:
+        if not resume:
+            write_case(settings, target, comm)
+        with display, bad_input():
+            progress = session.progress(display)
+            rows = settings.load_history().run(problem, target, resume=resume, progress=progress, on_step=say)
+        if rows[-1]["time"] < settings.load_history().times[-1]:
+            trouble, code = "interrupted between two load steps", INTERRUPTED
+    except StepFailed as failure:
+        trouble = str(failure)
+        if failure.result.status is Status.INTERRUPTED:
+            code = INTERRUPTED
+        else:
+            trouble += _keep_failed(failure, target / "failed")
+    except OSError as error:
+        trouble = (
+            f"{target}: cannot be written: {error.strerror or error}; free some space, then: coulomb resume {target}"
+        )
+    if rows:
+        last = rows[-1]
+        if settings.output.picture and code != INTERRUPTED:
+            output.on_rank_0(comm, lambda: output.draw(target / "steps" / f"{last['step']:04d}", target))
+        console.print(
+            f"energy in J: loads {last['energy_loads']:.6g}, prescribed displacements {last['energy_prescribed']:.6g}, "
+            f"foundation {last['energy_foundation']:.6g}; elastic {last['energy_elastic']:.6g}, friction "
+            f"{last['energy_dissipated']:.6g}, error of finite steps {last['energy_imbalance']:.2g}\n"
+            f"{len(rows)} steps, {time.perf_counter() - began:.2f} seconds; results in {target}{os.sep}",
+            markup=False,
+            soft_wrap=True,
+        )
+    if trouble:
+        if code == INTERRUPTED:
+            done = comm.bcast(len(steps_in(target)) if comm.rank == 0 else None)
+            trouble += f"; the {done} load steps before are in {target}{os.sep}; to go on: coulomb resume {target}"
+        errors.print(f"error: {trouble}", markup=False)
+    if trouble or not all(row["certified"] for row in rows):
+        raise typer.Exit(code)
+
+
+def _keep_failed(failure: StepFailed, target: Path) -> str:
+    try:
+        output.write(failure.problem.solution(failure.result), target, picture=False)
+    except OSError as error:
+        return f"; what it got to could not be written: {error.strerror or error}"
+    return f"; what it got to is in {target}"

@@ -1,0 +1,34 @@
+"""Wrong inputs: what is said of each, on one rank and on two, and that docs/errors.md says the same."""
+
+import re
+
+import pytest
+import wrong_inputs
+from conftest import run_python
+from wrong_inputs import ALL, DOCUMENT, Wrong, answer, document
+
+
+def test_there_are_forty():
+    assert len(ALL) >= 40 and len({wrong.what for wrong in ALL}) == len(ALL)
+
+
+@pytest.mark.parametrize("wrong", [w for w in ALL if w.alone is not None], ids=lambda wrong: wrong.what)
+def test_what_is_said(wrong: Wrong, tmp_path):
+    code, text = answer(wrong, tmp_path)
+    assert re.search(wrong.message, text), text
+    assert code == wrong.code and "Traceback" not in text
+    assert text.startswith("warning: " if code == 0 else "error: ")
+    left = {path.name for path in tmp_path.iterdir()}
+    if code == 2 and "ran." not in getattr(wrong.prepare, "__qualname__", ""):
+        assert "results" not in left  # nothing was begun
+
+
+def test_on_two_ranks():
+    """Every rank says the same, and none waits for another."""
+    done = run_python(wrong_inputs.__file__, ranks=2, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "the same on 2 ranks" in done.stdout
+
+
+def test_the_document_is_up_to_date():
+    assert document() == DOCUMENT.read_text(encoding="utf-8"), "run python tests/wrong_inputs.py"
