@@ -210,7 +210,10 @@ def refuse_full_disk(problem: ContactProblem, target: Path, times: int = 1) -> N
 
 def _contact_facets(problem: ContactProblem) -> npt.NDArray[np.int32]:
     """This rank's facets of all contact faces."""
-    return np.unique(np.concatenate([problem.mesh.facets(face, "contact") for face in problem.surface.faces]))
+    facets: npt.NDArray[np.int32] = np.unique(
+        np.concatenate([problem.mesh.facets(face, "contact") for face in problem.surface.faces])
+    )
+    return facets
 
 
 def _write_contact(solution: Solution, path: str) -> None:

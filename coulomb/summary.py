@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .fem.body import Material
+from .peak_memory import peak_memory
 from .problem import ContactProblem
 from .solution import Solution
 from .solvers.reductions import Reductions
@@ -107,6 +108,7 @@ def summary(solution: Solution) -> dict[str, Any]:
             "passed": certificate.passed,
         },
         "seconds": dict(problem.seconds),
+        "peak_memory_bytes": problem.comm.allreduce(peak_memory()),
     }
 
 

@@ -8,9 +8,9 @@ import sys
 
 import numpy as np
 
+from ...peak_memory import peak_memory
 from . import PEERS
 from .answer import Answer
-from .memory import peak_memory
 
 
 def main(name: str, p: int, output: str) -> dict[str, float | str]:

@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
+from ...peak_memory import peak_memory
 from .answer import FRICTION, LENGTHS, POISSON, TRACTIONS, YOUNG, Answer, Unsolved
-from .memory import peak_memory
 
 SLOPE = 1e20
 """Pressure over penetration, and shear stress over elastic slip, in Pa/m."""
