@@ -66,11 +66,14 @@ def check_case(
 ) -> None:
     """Validate a case without solving it, and estimate size, memory and time; 0 if it can be run, 2 if not.
 
-    All is done that a run does before it factorises K: mesh, clamps, loads and contact are looked at, K is assembled.
+    All is done that a run does before it factorises K: mesh, clamps, loads and contact are looked at, for every load
+    step, and K is assembled.
     """
     with bad_input():
         settings = read_case(case, changes or (), MPI.COMM_WORLD)
         problem = posed(settings, directory or Path(settings.output.directory), force=False)
+        for end in settings.history.ends if settings.history is not None else ():
+            problem.unsolved_at(end)
     introduce(console, case, problem)
     doubts(settings)
     taken, ranks = estimate_of(problem), problem.comm.size

@@ -123,12 +123,17 @@ class ContactProblem:
                 that other nodes than before can touch it.
         """
         self.stiffness_solver, self.A  # noqa: B018  (made once, shared by all times)
+        other = self.unsolved_at(time)
+        if slip_origin is not None:
+            other.slip_origin = slip_origin
+        return other
+
+    def unsolved_at(self, time: float) -> ContactProblem:
+        """The same, for who only wants to look at it: what was not made before is not shared."""
         other = copy.copy(self)
         other.seconds = {}
         for name in ("b", "_free_displacement"):
             other.__dict__.pop(name, None)
-        if slip_origin is not None:
-            other.slip_origin = slip_origin
         with other._timed("assembly"):
             other.elasticity = self.elasticity.at(time)
             other._move_foundations()

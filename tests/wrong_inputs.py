@@ -390,6 +390,15 @@ CONTACT = (
         r"contact face 'bottom' is turned away from the foundation: turn the normal round",
     ),
     Wrong(
+        "a foundation that moves to the other side",
+        (
+            *("check-case", "case.toml", "--set", "history={times=[1, 2]}"),
+            *("--set", "contact.foundation={shape='sphere', centre=[1.5,0.5,-9], radius=9}"),
+            *("--set", "contact.motion=[[1,0,0,0], [2,0,0,20]]"),
+        ),
+        r"contact face 'bottom' is turned away from the foundation",
+    ),
+    Wrong(
         "a plane without a direction",
         run("contact.foundation={point=[0,0,0], normal=[0,0,0]}"),
         r"plane: normal must not be zero",
