@@ -43,6 +43,7 @@ class NamedMesh:
 
     @property
     def comm(self) -> MPI.Comm:
+        """The ranks that share the mesh."""
         comm: MPI.Comm = self.domain.comm
         return comm
 
