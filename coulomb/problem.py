@@ -100,7 +100,8 @@ class ContactProblem:
             self.surface: ContactSurface = contact_surface(
                 self.elasticity, contact.face, contact.foundation, contact.normals
             )
-            self._foundation, self.motion = self.surface.foundation, np.zeros(3)
+            self._foundation = self.surface.foundation
+            self.motion: FloatArray = np.zeros(3)
             self.slip_origin: FloatArray = np.zeros((len(self.surface.nodes), 3))
             self._move_foundation()
             law, given = ("friction", contact.friction) if self.coulomb else ("slip_stress", contact.slip_stress)

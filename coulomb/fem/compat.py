@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import FloatArray
+
 # Debian 12's DOLFINx opens itself with RTLD_GLOBAL and leaves that on; VTK's wheels, imported later, then abort.
 _setdlopenflags = sys.setdlopenflags
 sys.setdlopenflags = lambda flags: None
@@ -95,7 +97,7 @@ def meshtags(domain: Any, dim: int, entities: npt.NDArray[np.int32], values: npt
     return mesh.meshtags(domain, dim, unique.astype(np.int32), values[first].astype(np.int32))
 
 
-def create_mesh(comm: Any, cell: str, cells: npt.NDArray[np.int64], x: npt.NDArray[np.float64]) -> Any:
+def create_mesh(comm: Any, cell: str, cells: npt.NDArray[np.int64], x: FloatArray) -> Any:
     """Distributed first-order mesh of the cells and points that this rank brings, in DOLFINx's order of points."""
     if not hasattr(basix, "ufl"):  # until 0.6
         return mesh.create_mesh(comm, cells, x, ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1)))
