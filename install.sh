@@ -1,8 +1,8 @@
 #!/bin/sh
 # Sets up coulomb: Debian's packages that are missing, a virtual environment .venv that sees them, and coulomb in it.
 # Run it as often as you like: with nothing to do it returns at once.  PYTHON=... chooses another Python with DOLFINx.
-#   ./install.sh              everything, the tools for the tests too
-#   ./install.sh --plain      without the tools for the tests
+#   ./install.sh              everything, the tools for tests and documentation too
+#   ./install.sh --plain      without these tools
 #   ./install.sh --packages   Debian's packages, and no more (for images in layers)
 set -eu
 cd "$(dirname "$0")"
@@ -10,7 +10,7 @@ cd "$(dirname "$0")"
 say() { printf 'install.sh: %s\n' "$*"; }
 die() { printf 'install.sh: %s\n' "$*" >&2; exit 1; }
 case "${1:-}" in
-    "") extras='[test]' ;;
+    "") extras='[test,docs]' ;;
     --plain | --packages) extras= ;;
     *) die "unknown option $1: there are --plain and --packages" ;;
 esac

@@ -16,6 +16,7 @@ from .load_history import Energy, LoadHistory, LoadStep, StepFailed
 from .problem import ContactProblem
 from .solution import Solution
 from .solvers.automatic import Automatic
+from .solvers.condensed import CondensedConeSystem, CondensedSystem
 from .solvers.cone_systems import DenseConeSystem, KrylovConeSystem
 from .solvers.coulomb import CoulombProblem
 from .solvers.dense_system import DenseSystem
@@ -36,6 +37,8 @@ __all__ = [
     "Certificate",
     "Check",
     "Clamp",
+    "CondensedConeSystem",
+    "CondensedSystem",
     "Contact",
     "ContactProblem",
     "ContactSurface",

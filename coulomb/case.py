@@ -36,32 +36,34 @@ from .load_history import LoadHistory
 from .output import on_rank_0
 from .problem import ContactProblem
 from .solvers.automatic import Automatic
+from .solvers.condensed import CondensedConeSystem, CondensedSystem
 from .solvers.cone_systems import DenseConeSystem
 from .solvers.coulomb import CoulombSolver
 from .solvers.dense_system import DenseSystem
 from .solvers.fixed_point import SuccessiveTresca
-from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
+from .solvers.newton_systems import AugmentedSystem, NewtonSystem, RecyclingSystem, SchurComplementSystem
 from .solvers.one_loop import OneLoop
 from .solvers.path_following import PathFollowing
 from .solvers.stiffness import DirectSolver, IterativeSolver
 from .solvers.tresca import QPSolver
 
-_NEWTON: dict[str, type[AugmentedSystem] | type[SchurComplementSystem] | type[DenseSystem]] = {
+_NEWTON: dict[str, type[NewtonSystem]] = {
     "recycling": RecyclingSystem,
     "augmented": AugmentedSystem,
     "schur": SchurComplementSystem,
     "dense": DenseSystem,
+    "condensed": CondensedSystem,
 }
 
 
 class SolverTable(Table):
-    """Accuracy, and the methods where the choice by size is not wanted."""
+    """Accuracy, and the methods where the choice by size is not wanted; newton = "condensed" works matrix-free."""
 
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
     linear_solver: Literal["auto", "direct", "iterative"] = "auto"
     compliance: Literal["auto", "explicit", "matrix-free"] = "auto"
     method: Literal["auto", "one-loop", "fixed-point"] = "auto"
-    newton: Literal["recycling", "augmented", "schur", "dense"] = "recycling"
+    newton: Literal["recycling", "augmented", "schur", "dense", "condensed"] = "recycling"
     max_outer: Count | None = None
 
     @model_validator(mode="after")
@@ -70,6 +72,8 @@ class SolverTable(Table):
             raise ValueError('max_outer counts Tresca problems: it needs method = "fixed-point"')
         if self.method == "one-loop" and self.newton in ("augmented", "schur"):
             raise ValueError(f'newton = "{self.newton}" is for Tresca problems: it needs method = "fixed-point"')
+        if self.newton == "condensed" and self.compliance == "explicit":
+            raise ValueError('newton = "condensed" works with K in place of A: leave compliance at "auto"')
         return self
 
 
@@ -103,6 +107,7 @@ class Case(Table):
         """
         if self.solver.newton == "dense" and comm.size > 1:
             raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
+        condensed = self.solver.newton == "condensed"
         foundation = self.contact.foundation
         problem = ContactProblem(
             self.mesh.mesh(comm),
@@ -120,10 +125,14 @@ class Case(Table):
             self.body_force,
             [Spring(table.face, table.stiffness) for table in self.spring],
             body_force_amplitude=self.body_force_amplitude or 1.0,
-            linear_solver={"auto": None, "direct": DirectSolver, "iterative": IterativeSolver}[
-                self.solver.linear_solver
+            linear_solver={
+                "auto": IterativeSolver if condensed else None,
+                "direct": DirectSolver,
+                "iterative": IterativeSolver,
+            }[self.solver.linear_solver],
+            explicit={"auto": False if condensed else None, "explicit": True, "matrix-free": False}[
+                self.solver.compliance
             ],
-            explicit={"auto": None, "explicit": True, "matrix-free": False}[self.solver.compliance],
         )
         for number, region in enumerate(self.contact.region):
             if not comm.allreduce(int(np.sum(region.holds(problem.surface.x.T))), op=MPI.SUM):
@@ -193,6 +202,8 @@ class Case(Table):
             return SuccessiveTresca(table.tolerance, path_following, max_iterations=most)
         if table.newton == "dense":
             return OneLoop(table.tolerance, newton=DenseConeSystem)
+        if table.newton == "condensed":
+            return OneLoop(table.tolerance, newton=CondensedConeSystem)
         return OneLoop(table.tolerance) if table.method == "one-loop" else Automatic(table.tolerance)
 
 

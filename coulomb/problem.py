@@ -300,7 +300,8 @@ class ContactProblem:
         Args:
             tolerance: Residual of the problem (Coulomb or Tresca) at which to stop.
             solver: In place of the default (and of its tolerance).  For Coulomb friction Automatic (the default),
-                OneLoop or SuccessiveTresca; for Tresca friction PathFollowing (the default) or KPRGP.
+                OneLoop or SuccessiveTresca; for Tresca friction PathFollowing (the default) or KPRGP.  Condensed Newton
+                systems of these need explicit=False.
             progress: Called after every path-following step.
 
         Raises:

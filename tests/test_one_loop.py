@@ -35,27 +35,27 @@ def scaled():
     y = rng.uniform(0.0, 0.99, NODES)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     y[2] = 0.0
     x_n, nu = 10.0 ** rng.uniform(-1, 1, NODES), 10.0 ** rng.uniform(-2, 1, (NODES, 2))
-    return scaled, ConeIterate(x_n, y, nu, scaled.apply_A(scaled.forces(x_n, y)))
+    return scaled, ConeIterate(x_n, y, nu, scaled.A.mult(scaled.forces(x_n, y)))
 
 
 def test_newton_direction_against_differences(scaled):
     """Along the step every equation changes as Newton's method demands, the cone's by finite differences."""
     scaled, v = scaled
     target = 0.1 * scaled.theta(v.nu, scaled.slack(v.x_n, v.y))
-    newton = DenseConeSystem(MPI.COMM_SELF, scaled.apply_A, scaled.diagonal)
+    newton = DenseConeSystem(scaled.A)
     step = OneLoop()._newton_step(scaled, newton, v, scaled.slack(v.x_n, v.y), target, 1e-12, 1.0)
     e, f = 1e-6, scaled.frictional
 
     def equations(v):
         z = scaled.slack(v.x_n, v.y)
-        fresh = v._replace(A_x=scaled.apply_A(scaled.forces(v.x_n, v.y)))
+        fresh = v._replace(A_x=scaled.A.mult(scaled.forces(v.x_n, v.y)))
         return scaled.gradient(fresh), np.where(np.column_stack([f | True, f]), v.nu * z - target, 0.0)
 
     (r, c), (r_plus, c_plus), (r_minus, c_minus) = (equations(step.at(t)) for t in (0.0, e, -e))
     scale = np.abs(r).max()
     assert np.allclose((r_plus - r_minus) / (2 * e), -r, atol=1e-6 * scale)
     assert np.allclose((c_plus - c_minus) / (2 * e), -c, atol=1e-6 * np.abs(c).max())
-    assert np.allclose(step.at(0.7).A_x, scaled.apply_A(scaled.forces(step.at(0.7).x_n, step.at(0.7).y)))
+    assert np.allclose(step.at(0.7).A_x, scaled.A.mult(scaled.forces(step.at(0.7).x_n, step.at(0.7).y)))
 
 
 def test_both_systems_solve_the_same(scaled):
@@ -63,11 +63,11 @@ def test_both_systems_solve_the_same(scaled):
     at = scaled.linearize(v)
     rhs = np.random.default_rng(72).standard_normal((NODES, 3))
     rhs[2, 1:] = 0.0
-    systems = [kind(MPI.COMM_SELF, scaled.apply_A, scaled.diagonal) for kind in (DenseConeSystem, KrylovConeSystem)]
+    systems = [kind(scaled.A) for kind in (DenseConeSystem, KrylovConeSystem)]
     dense, krylov = (s.solve(at, rhs, scaled.weight(v.x_n), 1e-13, np.inf) for s in systems)
     assert np.allclose(krylov.dx, dense.dx, rtol=1e-7, atol=1e-9 * np.abs(dense.dx).max())
     assert np.allclose(krylov.A_dx, dense.A_dx, rtol=1e-7, atol=1e-9 * np.abs(dense.A_dx).max())
-    A = np.array([scaled.apply_A(e.reshape(-1, 3)).ravel() for e in np.eye(3 * NODES)]).T
+    A = np.array([scaled.A.mult(e.reshape(-1, 3)).ravel() for e in np.eye(3 * NODES)]).T
     assert np.allclose(cone_matrix(A, at) @ dense.dx.ravel(), rhs.ravel(), atol=1e-8)
     for system in systems:
         system.destroy()
@@ -77,7 +77,7 @@ def test_preconditioner_is_the_inverse_it_claims_to_be(scaled):
     """P = rest(A) + C + U U^T, and with that P for A the system is solved in one iteration."""
     scaled, v = scaled
     at = scaled.linearize(v)
-    newton = KrylovConeSystem(MPI.COMM_SELF, scaled.apply_A, scaled.diagonal)
+    newton = KrylovConeSystem(scaled.A)
     rhs = np.random.default_rng(73).standard_normal((NODES, 3))
     rhs[2, 1:] = 0.0
     newton.solve(at, rhs, np.ones((NODES, 3)), 1e-3, np.inf)

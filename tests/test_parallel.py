@@ -9,7 +9,18 @@ from mesh_files import BoxFile
 from mpi4py import MPI
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, IterativeSolver, TrescaQP, output
+from coulomb import (
+    Clamp,
+    CondensedConeSystem,
+    CondensedSystem,
+    Contact,
+    ContactProblem,
+    IterativeSolver,
+    OneLoop,
+    PathFollowing,
+    TrescaQP,
+    output,
+)
 from coulomb.case import read_case
 from coulomb.solvers.reductions import Reductions
 from coulomb.summary import summary
@@ -64,8 +75,9 @@ def test_iterative_solver_gives_the_same_forces():
     assert np.linalg.norm(forces[0] - forces[1]) <= 1e-6 * np.linalg.norm(forces[0])
 
 
+@pytest.mark.parametrize("newton", ["default", "condensed"])
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
-def test_same_forces_on_any_number_of_ranks(law):
+def test_same_forces_on_any_number_of_ranks(law, newton):
     """Multigrid, matrix-free: to 1e-8 of what one rank gets by factorisation (each rank solves that for itself)."""
 
     def block(comm, **options):
@@ -78,8 +90,12 @@ def test_same_forces_on_any_number_of_ranks(law):
             **options,
         )
 
+    solver = None
+    if newton == "condensed":
+        one_loop = OneLoop(1e-10, newton=CondensedConeSystem)
+        solver = one_loop if law == "coulomb" else PathFollowing(1e-10, newton=CondensedSystem)
     alone = block(MPI.COMM_SELF).solve(1e-10)
-    together = block(comm, linear_solver=IterativeSolver, explicit=False).solve(1e-10)
+    together = block(comm, linear_solver=IterativeSolver, explicit=False).solve(1e-10, solver)
     expected = alone.contact_force.reshape(-1, 3)[np.lexsort(alone.problem.surface.x.round(9).T)]
     x = everywhere(together.problem.surface.x)
     force = everywhere(together.contact_force.reshape(-1, 3))[np.lexsort(x.round(9).T)]
@@ -134,6 +150,10 @@ def test_a_rank_without_contact_nodes():
     assert comm.size == 1 or min(nodes) == 0
     solution = problem.solve()
     assert solution.certificate.passed
+    condensed = ContactProblem(
+        problem.mesh, STEEL, [Clamp("top", value=(0.0, 0.0, -1e-3))], problem.contact, explicit=False
+    ).solve(solver=OneLoop(newton=CondensedConeSystem))
+    assert condensed.certificate.passed
     # a column between two plates, free to bulge: a force between those of free and of hindered bulging
     force = Reductions(comm).sum(solution.contact_force[0::3])
     E, nu = STEEL.young, STEEL.poisson
@@ -171,6 +191,8 @@ def test_input_that_is_wrong_on_one_rank_is_an_error_on_all():
         lambda: make_block(2, cells=(6, 2, 2), friction=0.3, explicit=True, linear_solver=IterativeSolver)
     )
     assert "explicit=True" in text
+    explicit = make_block(2, explicit=True)
+    assert "explicit=False" in same_error(lambda: explicit.solve(solver=OneLoop(newton=CondensedConeSystem)))
 
 
 def test_wrong_bodies_are_errors_on_all_ranks():

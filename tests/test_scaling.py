@@ -90,3 +90,14 @@ def test_benchmark_scaling(tmp_path):
     assert (tmp_path / "scaling.png").stat().st_size > 10_000
     done = run_coulomb("benchmark", "scaling", "--method", "magic")
     assert done.returncode == 2 and "--method is auto, direct or iterative" in done.stderr
+
+
+def test_benchmark_scaling_of_condensed_systems(tmp_path):
+    done = run_coulomb("benchmark", "scaling", "--p", 3, "--newton", "condensed", "--output", tmp_path)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "scaling.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert row["newton"] == "condensed" and row["certified"] == "True" and float(row["residual"]) <= 1e-7
+    assert int(row["krylov"]) > 5 * int(row["path_following"])  # whole multigrid cycles, not products by A
+    done = run_coulomb("benchmark", "scaling", "--newton", "magic")
+    assert done.returncode == 2 and "--newton is recycling or condensed, but is magic" in done.stderr

@@ -70,7 +70,7 @@ def measure(qp: TrescaQP, solver: PathFollowing | None = None) -> list[Spectra]:
 def scaled_matrix(qp: TrescaQP) -> FloatArray:
     """A in the variables in which the solver works, dense, shape (3 m, 3 m)."""
     problem = ScaledQP(qp)
-    columns = [problem.apply_A(e.reshape(-1, 3)).ravel() for e in np.eye(3 * problem.nodes)]
+    columns = [problem.A.mult(e.reshape(-1, 3)).ravel() for e in np.eye(3 * problem.nodes)]
     return np.array(columns).T
 
 

@@ -1,7 +1,7 @@
 """The block with Coulomb friction, larger and larger, beside one linear solve on the same mesh (the yardstick).
 
-Every size runs in a process of its own (`python -m coulomb.benchmarks.scaling P FRICTION TOLERANCE METHOD`), so that
-its peak memory is its own, under mpirun where ranks are asked for.
+Every size runs in a process of its own (`python -m coulomb.benchmarks.scaling P FRICTION TOLERANCE METHOD NEWTON`), so
+that its peak memory is its own, under mpirun where ranks are asked for.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from mpi4py import MPI
 
 from ..fem.elasticity import Clamp, Elasticity
 from ..problem import ContactProblem
+from ..solvers.condensed import CondensedConeSystem
+from ..solvers.one_loop import OneLoop
 from ..solvers.results import CoulombResult, NotConverged
 from ..solvers.stiffness import DirectSolver, IterativeSolver
 from .block import block
@@ -26,6 +28,7 @@ from .peers.memory import peak_memory
 
 SIZES = (8, 16, 24, 32, 46)
 METHODS = ("auto", "direct", "iterative")
+NEWTON = ("recycling", "condensed")
 
 
 class Row(NamedTuple):
@@ -44,10 +47,16 @@ class Row(NamedTuple):
     setup_seconds: float
     multigrid_iterations: int
     certified: bool
+    newton: str = "recycling"
 
 
 def measure(
-    sizes: Iterable[int], ranks: Sequence[int], friction: float, tolerance: float, method: str = "auto"
+    sizes: Iterable[int],
+    ranks: Sequence[int],
+    friction: float,
+    tolerance: float,
+    method: str = "auto",
+    newton: str = "recycling",
 ) -> Iterator[Row]:
     """Rows as they are measured, each in processes of its own.
 
@@ -64,6 +73,7 @@ def measure(
                 str(friction),
                 str(tolerance),
                 method,
+                newton,
             ]
             launcher = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX", "PRTE")
             environment = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
@@ -78,20 +88,25 @@ def measure(
             yield Row(**json.loads(done.stdout.strip().splitlines()[-1]))
 
 
-def run(p: int, friction: float, tolerance: float, method: str) -> Row:
-    """One size in this process; collective."""
+def run(p: int, friction: float, tolerance: float, method: str, newton: str) -> Row:
+    """One size in this process; collective.  Condensed systems work matrix-free, with multigrid by default."""
     comm = MPI.COMM_WORLD
     options: dict[str, dict[str, Any]] = {
         "auto": {},
         "direct": {"linear_solver": DirectSolver},
         "iterative": {"linear_solver": IterativeSolver, "explicit": False},
     }
+    solver = None
+    if newton == "condensed":
+        options["auto"] = options["iterative"]
+        options["direct"]["explicit"] = False
+        solver = OneLoop(tolerance, newton=CondensedConeSystem)
     body = block(p, friction, **options[method])
     yardstick = _yardstick(body)
     comm.barrier()
     began = time.perf_counter()
     try:
-        solution = body.solve(tolerance)
+        solution = body.solve(tolerance, solver)
     except NotConverged as failure:
         solution = body.solution(failure.result)
     comm.barrier()
@@ -112,6 +127,7 @@ def run(p: int, friction: float, tolerance: float, method: str) -> Row:
         setup_seconds=body.seconds["stiffness"],
         multigrid_iterations=body.stiffness_solver.iterations,
         certified=solution.certificate.passed,
+        newton=newton,
     )
 
 
@@ -140,6 +156,6 @@ def exponent(rows: Sequence[Row]) -> float:
 
 
 if __name__ == "__main__":
-    row = run(int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]), sys.argv[4])
+    row = run(int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]), *sys.argv[4:6])
     if MPI.COMM_WORLD.rank == 0:
         sys.stdout.write(json.dumps(row._asdict()) + "\n")

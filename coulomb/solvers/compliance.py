@@ -186,7 +186,7 @@ class MatrixFreeCompliance:
     name = "matrix-free"
 
     def __init__(self, B: PETSc.Mat, K: PETSc.Mat, solver: StiffnessSolver, probes: int = 4):
-        self._B, self._K, self._solver = B, K, solver
+        self.B, self.K, self._solver = B, K, solver
         self.exact = solver.tolerance == 0.0
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
@@ -199,31 +199,38 @@ class MatrixFreeCompliance:
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         self._x.array[:] = x
-        self._B.multTranspose(self._x, self._rhs)
+        self.B.multTranspose(self._x, self._rhs)
         self._solver.solve(self._rhs, self._u, tolerance)
-        self._B.mult(self._u, self._x)
+        self.B.mult(self._u, self._x)
         y[:] = self._x.array_r
         self.products += 1
 
     def follow(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         """K v = B^T x for v by a correction of the last v."""
         self._x.array[:] = x
-        self._B.multTranspose(self._x, self._rhs)
+        self.B.multTranspose(self._x, self._rhs)
         size = self._rhs.norm()
-        self._K.mult(self._followed, self._u)
+        self.K.mult(self._followed, self._u)
         self._rhs.axpy(-1.0, self._u)
         left = self._rhs.norm()
         if left > self._solver.tolerance * size:
             self._solver.solve(self._rhs, self._u, max(tolerance, self._solver.tolerance * size / left))
             self._followed.axpy(1.0, self._u)
-        self._B.mult(self._followed, self._x)
+        self.B.mult(self._followed, self._x)
         y[:] = self._x.array_r
         self.products += 1
 
-    def response(self, x: FloatArray) -> PETSc.Vec:
-        """K^-1 B^T x, as exact as can be; by a correction where `follow` has been near.  Not to be changed."""
-        self.follow(x, np.empty_like(x))
+    def response(self, x: FloatArray, tolerance: float = 0.0) -> PETSc.Vec:
+        """K^-1 B^T x, its change to a relative accuracy; by a correction where `follow` has been near.
+
+        Not to be changed.
+        """
+        self.follow(x, np.empty_like(x), tolerance)
         return self._followed
+
+    def guess(self, response: PETSc.Vec) -> None:
+        """What is known of K^-1 B^T x of the x to come: `follow` starts there."""
+        response.copy(self._followed)
 
     def diagonal(self) -> FloatArray:
         return self._diagonal

@@ -22,17 +22,18 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from .barrier import Barrier
 from .coulomb import CoulombProblem
-from .krylov import ScaledProduct
+from .scaled_compliance import ScaledCompliance
 from .scaling import nominal_force
 
 
 class ConeIterate(NamedTuple):
-    """x_n (m,), y (m, 2), nu (m, 2), and A x (m, 3), in scaled variables; x_n > 0, |y| < 1, nu > 0."""
+    """x_n (m,), y (m, 2), nu (m, 2), A x (m, 3) and its lag, in scaled variables; x_n > 0, |y| < 1, nu > 0."""
 
     x_n: FloatArray
     y: FloatArray
     nu: FloatArray
     A_x: FloatArray
+    lag: float = 0.0
 
 
 class ConeLinearization(NamedTuple):
@@ -97,17 +98,9 @@ class ScaledCoulomb(Barrier):
         self.problem, m = problem, self.nodes
         self._a = problem.mean_diagonal
         self._s = nominal_force(problem.A, problem.b, self._over)
-        self.apply_A = ScaledProduct(problem.A, np.ones((m, 3)), self._a)
+        self.A = ScaledCompliance(problem.A, np.ones((m, 3)), self._a, self._s)
         self._F = np.where(self.frictional, problem.friction, 1.0)
         self._b = problem.b.reshape(-1, 3) / (self._a * self._s)
-        self.diagonal = problem.A.diagonal().reshape(-1, 3) / self._a
-
-    def follow_A(self, x_n: FloatArray, y: FloatArray, tolerance: float = 0.0) -> FloatArray:
-        """A~ x of the next iterate (m, 3), its change to a relative accuracy; one product by A."""
-        x = self._s * self.forces(x_n, y)
-        image = np.empty(3 * self.nodes)
-        self.problem.A.follow(x.ravel(), image, tolerance)
-        return image.reshape(-1, 3) / (self._a * self._s)
 
     def forces(self, x_n: FloatArray, y: FloatArray) -> FloatArray:
         """x = (x_n, F x_n y), shape (m, 3)."""

@@ -13,37 +13,48 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .cone import ConeLinearization
 from .dense_system import formed
-from .krylov import CarryingKrylov, Product
+from .krylov import CarryingKrylov
 from .newton_systems import disc_inverse, like
 from .recycling import LearntCompliance, LowRankUpdate
+from .scaled_compliance import FreshImages, Image, ScaledCompliance
 
 _PRODUCT = (0.03, 0.1)  # accuracy of a product in FGMRES: the tolerance of the step, kept between these
 
 
 class ConeStep(NamedTuple):
-    """dx (m, 3), A dx (m, 3), and the Krylov iterations it took."""
+    """dx (m, 3), A dx (m, 3), the Krylov iterations it took, and the lag (`Image`) of A x after the whole step."""
 
     dx: FloatArray
     A_dx: FloatArray
     iterations: int
+    lag: float = 0.0
 
 
 class ConeSystem(Protocol):
     """Solves the system of one step after another; made once for a problem.
 
     Args of the constructor:
-        comm: The ranks of A.
-        apply_A: (x (m, 3), relative accuracy) -> A x (m, 3); every call is a product.
-        diagonal: diag(A), shape (m, 3).
+        A: The scaled compliance.
     """
 
-    def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray): ...
+    def __init__(self, A: ScaledCompliance): ...
+
+    def start(self, x: FloatArray, tolerance: float) -> Image:
+        """A x of the first iterate, see FreshImages."""
+        ...
+
+    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> Image:
+        """A x of the next iterate."""
+        ...
+
+    def judge(self, x: FloatArray) -> FloatArray:
+        """A x as exact as can be."""
+        ...
 
     def solve(
         self, at: ConeLinearization, rhs: FloatArray, weight: FloatArray, tolerance: float, cap: float
@@ -60,23 +71,24 @@ class ConeSystem(Protocol):
         ...
 
 
-class KrylovConeSystem:
+class KrylovConeSystem(FreshImages):
     """FGMRES, preconditioned by P from the right; the default."""
 
     rank = 100
     """Columns of U to keep in the preconditioner; 0 is diag(A) alone."""
 
-    def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray):
-        self._comm, self._A = comm, LearntCompliance(comm, diagonal, self.rank)
+    def __init__(self, A: ScaledCompliance):
+        super().__init__(A)
+        self._comm, self._A = A.comm, LearntCompliance(A.comm, A.diagonal, self.rank)
         self._accuracy = 0.0
 
         def recorded(x: FloatArray) -> FloatArray:
-            y = apply_A(x, self._accuracy)
+            y = A.mult(x, self._accuracy)
             self._A.record(x, y)
             return y
 
         self._krylov = CarryingKrylov(
-            comm, len(diagonal), 3, recorded, self._operator, self._precondition, PETSc.KSP.Type.FGMRES
+            A.comm, A.nodes, 3, recorded, self._operator, self._precondition, PETSc.KSP.Type.FGMRES
         )
 
     def solve(
@@ -131,15 +143,16 @@ class KrylovConeSystem:
         self._krylov.free()
 
 
-class DenseConeSystem:
+class DenseConeSystem(FreshImages):
     """A + C factorised (LU); on one rank, 3 m products to get A and (3 m)^3 work a step.
 
     Raises:
         ValueError: From the constructor, on more than one rank.
     """
 
-    def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray):
-        self._A = formed(comm, apply_A, diagonal.size)
+    def __init__(self, A: ScaledCompliance):
+        super().__init__(A)
+        self._A = formed(A)
 
     def solve(
         self, at: ConeLinearization, rhs: FloatArray, weight: FloatArray, tolerance: float, cap: float

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .krylov import Product
 from .newton_systems import Linearization, NewtonStep
+from .scaled_compliance import FreshImages, ScaledCompliance
 
 
 def augmented_matrix(A: FloatArray, at: Linearization) -> FloatArray:
@@ -31,19 +30,19 @@ def augmented_matrix(A: FloatArray, at: Linearization) -> FloatArray:
     return J
 
 
-def formed(comm: MPI.Comm, apply_A: Product, size: int) -> FloatArray:
-    """A as a dense matrix, by as many products.
+def formed(A: ScaledCompliance) -> FloatArray:
+    """A~ as a dense matrix, by as many products.
 
     Raises:
         ValueError: On more than one rank.
     """
-    if comm.size > 1:
+    if A.comm.size > 1:
         raise ValueError("dense Newton systems work on one rank; use a Krylov one: solver.newton of the case file")
-    A: FloatArray = np.array([apply_A(e.reshape(-1, 3), 0.0).ravel() for e in np.eye(size)]).T
-    return A
+    matrix: FloatArray = np.array([A.mult(e.reshape(-1, 3)).ravel() for e in np.eye(3 * A.nodes)]).T
+    return matrix
 
 
-class DenseSystem:
+class DenseSystem(FreshImages):
     """J_AM factorised (LU, scaled symmetrically); on one rank, 3 m products to get A and (5 m)^3 work a step.
 
     Slower than CG where that converges, and indifferent to the condition of A: rank-deficient problems with slip bounds
@@ -53,8 +52,9 @@ class DenseSystem:
         ValueError: From the constructor, on more than one rank.
     """
 
-    def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray):
-        self._A = formed(comm, apply_A, diagonal.size)
+    def __init__(self, A: ScaledCompliance):
+        super().__init__(A)
+        self._A = formed(A)
 
     def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep:
         """The step, as exact as rounding allows; tolerance and cap have no say."""

@@ -4,34 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from .compliance import Compliance
 
 NodalMap = Callable[[FloatArray], FloatArray]
-Product = Callable[[FloatArray, float], FloatArray]
-"""(x (m, 3), relative accuracy) -> A x (m, 3)."""
-
-
-class ScaledProduct:
-    """x -> W A W x / a, both (m, 3): the product of a scaled problem.
-
-    Args:
-        A: The compliance.
-        W: Weights, shape (m, 3).
-        a: Its scale, metres per newton.
-    """
-
-    def __init__(self, A: Compliance, W: FloatArray, a: float):
-        self._A, self._W, self._a = A, W, a
-
-    def __call__(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
-        y = np.empty(self._W.size)
-        self._A.mult((self._W * x).ravel(), y, tolerance)
-        return self._W * y.reshape(-1, 3) / self._a
 
 
 _RESTART = 100  # of FGMRES: far beyond the iterations of a step, unless the system is hopeless

@@ -22,22 +22,24 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .krylov import CarryingKrylov, NodalMap, Product
+from .krylov import CarryingKrylov, NodalMap
 from .recycling import LearntCompliance, LowRankUpdate
+from .scaled_compliance import FreshImages, Image, ScaledCompliance
 
 _LOOSE = 0.01  # accuracy of a product in CG, where it is a solve: no better than the tolerance of the step, or this
 
 
 class NewtonStep(NamedTuple):
-    """Solution of the Newton system: dx (m, 3), dnu (m, 2), A dx (m, 3), and the Krylov iterations it took."""
+    """Solution of the Newton system: dx (m, 3), dnu (m, 2), A dx (m, 3), Krylov iterations, and the lag (`Image`) of
+    A x after the whole step."""
 
     dx: FloatArray
     dnu: FloatArray
     A_dx: FloatArray
     iterations: int
+    lag: float = 0.0
 
 
 class Linearization(NamedTuple):
@@ -65,12 +67,22 @@ class NewtonSystem(Protocol):
     """Solves the system of one step after another; made once for a QP.
 
     Args of the constructor:
-        comm: The ranks of A.
-        apply_A: (x (m, 3), relative accuracy) -> A x (m, 3); every call is a product.
-        diagonal: diag(A), shape (m, 3).
+        A: The scaled compliance.
     """
 
-    def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray): ...
+    def __init__(self, A: ScaledCompliance): ...
+
+    def start(self, x: FloatArray, tolerance: float) -> Image:
+        """A x of the first iterate, see FreshImages."""
+        ...
+
+    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> Image:
+        """A x of the next iterate."""
+        ...
+
+    def judge(self, x: FloatArray) -> FloatArray:
+        """A x as exact as can be."""
+        ...
 
     def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep:
         """Solve to |residual| <= min(tolerance |right-hand side|, cap), the right-hand side that of J_SC."""
@@ -81,7 +93,7 @@ class NewtonSystem(Protocol):
         ...
 
 
-class _NodalCG(ABC):
+class _NodalCG(FreshImages, ABC):
     """What J_AM/P_AM and J_SC/P_SC share: the right-hand side of J_SC, by which both measure their residual, and the
     low-rank part of the preconditioner, if there is one."""
 
@@ -90,16 +102,17 @@ class _NodalCG(ABC):
     """Columns of U to keep in the preconditioner; 0 is the paper's, with diag(A) alone."""
     _at: Linearization
 
-    def __init__(self, comm: MPI.Comm, apply_A: Product, diagonal: FloatArray):
-        self._comm, self._accuracy = comm, 0.0
-        self._A = LearntCompliance(comm, diagonal, self.rank)
+    def __init__(self, A: ScaledCompliance):
+        super().__init__(A)
+        self._comm, self._accuracy = A.comm, 0.0
+        self._A = LearntCompliance(A.comm, A.diagonal, self.rank)
 
         def recorded(x: FloatArray) -> FloatArray:
-            y = apply_A(x, self._accuracy)
+            y = A.mult(x, self._accuracy)
             self._A.record(x, y)
             return y
 
-        self._cg = CarryingKrylov(comm, len(diagonal), self.block, recorded, self._operator, self._precondition)
+        self._cg = CarryingKrylov(A.comm, A.nodes, self.block, recorded, self._operator, self._precondition)
 
     @abstractmethod
     def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep: ...

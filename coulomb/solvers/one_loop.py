@@ -85,6 +85,7 @@ class _Step(NamedTuple):
     A_dx: FloatArray
     A_bend: FloatArray
     iterations: int
+    lag: float
 
     def at(self, alpha: float) -> ConeIterate:
         return ConeIterate(
@@ -92,6 +93,7 @@ class _Step(NamedTuple):
             self.v.y + alpha * self.dy,
             self.v.nu + alpha * self.dnu,
             self.v.A_x + alpha * self.A_dx + alpha**2 * self.A_bend,
+            (1.0 - alpha) * self.v.lag + alpha * self.lag,
         )
 
 
@@ -109,7 +111,8 @@ class OneLoop:
         sigma_min: Centring after an ordinary step, 0 < sigma_min <= sigma_max.
         sigma_max: Centring after a short step, at most 1/2.
         max_iterations: Newton steps of a start before the solver gives up.
-        newton: The linear system of a step: KrylovConeSystem, or DenseConeSystem for small problems.
+        newton: The linear system of a step: KrylovConeSystem, CondensedConeSystem, which works with K stiffened by
+            springs in place of A, or DenseConeSystem for small problems.
 
     Raises:
         ValueError: If a constant is outside its bounds.
@@ -165,14 +168,16 @@ class OneLoop:
     def _follow(self, problem: CoulombProblem, progress: ProgressCallback | None) -> CoulombResult:
         """One start after another, solved more precisely, then farther inside, until the steps do not block."""
         scaled = ScaledCoulomb(problem)
-        newton = self.newton(problem.A.comm, scaled.apply_A, scaled.diagonal)
+        newton = self.newton(scaled.A)
         history: list[PathFollowingStep] = []
         results: list[CoulombResult] = []
         try:
             for theta, precision in _STARTS:
                 run = replace(self, r_tol=precision * self.r_tol)
                 patient = (theta, precision) == _STARTS[-1]
-                results.append(run._steps(scaled, newton, run._start(scaled, theta), progress, history, patient))
+                results.append(
+                    run._steps(scaled, newton, run._start(scaled, newton, theta), progress, history, patient)
+                )
                 if results[-1].status is Status.CONVERGED:
                     break
         finally:
@@ -180,13 +185,12 @@ class OneLoop:
         best = min(results, key=lambda result: result.residual)
         return replace(best, path_following=len(history), history=tuple(history))
 
-    def _start(self, scaled: ScaledCoulomb, relative_theta: float) -> ConeIterate:
+    def _start(self, scaled: ScaledCoulomb, newton: ConeSystem, relative_theta: float) -> ConeIterate:
         """Equal pressure everywhere, no friction, and centred multipliers with theta so many times rms(A x - b)."""
         x_n, y = np.ones(scaled.nodes), np.zeros((scaled.nodes, 2))
-        A_x = scaled.follow_A(x_n, y, _FRESH)
-        zero = np.zeros((scaled.nodes, 2))
-        theta = relative_theta * max(scaled.rms(scaled.gradient(ConeIterate(x_n, y, zero, A_x))), 1e-3)
-        return ConeIterate(x_n, y, theta / scaled.safe(scaled.slack(x_n, y)), A_x)
+        v = ConeIterate(x_n, y, np.zeros((scaled.nodes, 2)), *newton.start(scaled.forces(x_n, y), _FRESH))
+        theta = relative_theta * max(scaled.rms(scaled.gradient(v)), 1e-3)
+        return v._replace(nu=theta / scaled.safe(scaled.slack(x_n, y)))
 
     def _steps(
         self,
@@ -214,13 +218,13 @@ class OneLoop:
                 status = Status.STAGNATED
                 break
             err = self._change(scaled, v, new)
-            v = new._replace(A_x=scaled.follow_A(new.x_n, new.y, _FRESH))
+            image = newton.carry(scaled.forces(new.x_n, new.y), None, alpha, _FRESH)
+            v = new._replace(A_x=image.A_x, lag=image.lag)
             z = scaled.slack(v.x_n, v.y)
             theta = scaled.theta(v.nu, z)
             residual = problem.residual(*scaled.unscaled(v))
             if residual <= self.tolerance:  # judge by a product as exact as can be
-                v = v._replace(A_x=scaled.follow_A(v.x_n, v.y))
-                residual = problem.residual(*scaled.unscaled(v))
+                residual = problem.residual(*scaled.unscaled(self._judged(scaled, newton, v)))
             gradient = self._infeasibility(scaled, v)
             history.append(
                 PathFollowingStep(iteration, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
@@ -235,8 +239,7 @@ class OneLoop:
             if iteration - best_at >= _PATIENCE or (blocked == 3 and not patient):
                 status = Status.STAGNATED
                 break
-        v = v._replace(A_x=scaled.follow_A(v.x_n, v.y))
-        x, gradient_of_x = scaled.unscaled(v)
+        x, gradient_of_x = scaled.unscaled(self._judged(scaled, newton, v))
         residual = problem.residual(x, gradient_of_x)
         return CoulombResult(
             x=x,
@@ -280,7 +283,7 @@ class OneLoop:
         dy = at.dy(step.dx)
         bend = np.column_stack([np.zeros(scaled.nodes), (at.F * step.dx[:, 0])[:, None] * dy])
         dnu = (at.constraints(step.dx) - r2) / at.D22
-        return _Step(v, step.dx[:, 0], dy, dnu, step.A_dx, newton.estimate(bend), step.iterations)
+        return _Step(v, step.dx[:, 0], dy, dnu, step.A_dx, newton.estimate(bend), step.iterations, step.lag)
 
     def _step_length(
         self, scaled: ScaledCoulomb, step: _Step, beta: float, theta: float, sigma: float
@@ -309,7 +312,10 @@ class OneLoop:
         return max(sigma, min(_WAIT * used, _SLOWEST))
 
     def _infeasibility(self, scaled: ScaledCoulomb, v: ConeIterate) -> float:
-        return scaled.rms(scaled.weight(v.x_n) * scaled.gradient(v))
+        return scaled.rms(scaled.weight(v.x_n) * scaled.gradient(v)) + v.lag
+
+    def _judged(self, scaled: ScaledCoulomb, newton: ConeSystem, v: ConeIterate) -> ConeIterate:
+        return v._replace(A_x=newton.judge(scaled.forces(v.x_n, v.y)), lag=0.0)
 
     def _change(self, scaled: ScaledCoulomb, old: ConeIterate, new: ConeIterate) -> float:
         """err = |v_new - v| / |v_new| of v = (x, nu, z)."""

@@ -44,12 +44,14 @@ class Iterate:
         nu: Multipliers of the bound and of the disc, shape (m, 2); 0 where there is no disc.
         z: Slacks -c(x), shape (m, 2); 0 where there is no disc.
         A_x: A x, shape (m, 3).
+        lag: What A x lacks (`Image`).
     """
 
     x: FloatArray
     nu: FloatArray
     z: FloatArray
     A_x: FloatArray
+    lag: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,8 @@ class PathFollowing:
         sigma_max: Centring after a blocked step, at most 1/2.
         max_iterations: Steps before the solver gives up.
         newton: The linear system of a step: RecyclingSystem (J_AM, P_AM with what was learnt of A), AugmentedSystem
-            (J_AM, P_AM), SchurComplementSystem (J_SC, P_SC) or DenseSystem (J_AM by LU).
+            (J_AM, P_AM), SchurComplementSystem (J_SC, P_SC), CondensedSystem (K stiffened by springs in place of A) or
+            DenseSystem (J_AM by LU).
 
     Raises:
         ValueError: If a constant is outside its bounds.
@@ -144,14 +147,14 @@ class PathFollowing:
         or never; a start far inside costs a few steps more.
         """
         problem = ScaledQP(qp)
-        newton = self.newton(qp.A.comm, problem.apply_A, problem.diagonal)
+        newton = self.newton(problem.A)
         history: list[PathFollowingStep] = []
         results: list[QPResult] = []
-        v = None if start is None else self._warm_start(problem, start, tolerance)
+        v = None if start is None else self._warm_start(problem, newton, start, tolerance)
         thetas = list(_COLD_THETA)
         try:
             while v is not None or thetas:
-                v = v or self._cold_start(problem, thetas.pop(0))
+                v = v or self._cold_start(problem, newton, thetas.pop(0))
                 results.append(self._steps(problem, newton, v, tolerance, progress, history, patient=not thetas))
                 if results[-1].status is Status.CONVERGED:
                     break
@@ -177,7 +180,7 @@ class PathFollowing:
         """
         first = len(history)
         theta = problem.theta(v.nu, v.z)
-        gradient = problem.rms(problem.gradient(v.x, v.nu, v.A_x))
+        gradient = self._infeasibility(problem, v)
         beta = max(self.beta, 10.0 * gradient / theta)
         err, krylov_tolerance, alpha = 1.0, self.r_tol / self.c_fact, 1.0
         best, best_at, blocked, residual = math.inf, first, 0, math.inf
@@ -198,14 +201,14 @@ class PathFollowing:
                 break
             err = problem.relative_change((v.x, v.nu, v.z), (new.x, new.nu, new.z))
             v, theta = new, problem.theta(new.nu, new.z)
-            if not problem.qp.A.exact:  # A x would add up what the products of CG leave out
-                v = replace(v, A_x=problem.follow_A(v.x, _FRESH))
-            gradient = problem.rms(problem.gradient(v.x, v.nu, v.A_x))
+            image = newton.carry(v.x, v.A_x, alpha, _FRESH)  # A x may add up what the products of CG leave out
+            v = replace(v, A_x=image.A_x, lag=image.lag)
+            gradient = self._infeasibility(problem, v)
             # (4) stop by the problem's own residual: err is proportional to alpha, a blocked step looks like the end
             residual = problem.residual(v.x, v.A_x)
             if residual <= tolerance:
-                v = replace(v, A_x=problem.follow_A(v.x))  # A x was accumulated: judge by a fresh product
-                residual = problem.residual(v.x, v.A_x)
+                judged = newton.judge(v.x)  # A x was accumulated: judge by a fresh product
+                residual = problem.residual(v.x, judged)
             history.append(
                 PathFollowingStep(iteration, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
             )
@@ -220,9 +223,9 @@ class PathFollowing:
                 status = Status.STAGNATED
                 break
         if residual > tolerance:
-            v = replace(v, A_x=problem.follow_A(v.x))
-            residual = problem.residual(v.x, v.A_x)
-        x, force_gradient, multipliers = problem.unscaled(v.x, v.nu, v.A_x)
+            judged = newton.judge(v.x)
+            residual = problem.residual(v.x, judged)
+        x, force_gradient, multipliers = problem.unscaled(v.x, v.nu, judged)
         return QPResult(
             x=x,
             gradient=force_gradient,
@@ -240,29 +243,30 @@ class PathFollowing:
         """Step (3); None if no step longer than 1e-10 will do.  Costs no product: A dx came with the step."""
         alpha = min(1.0, _TO_BOUNDARY * problem.distance_to_boundary(v.x, step.dx, v.nu, step.dnu))
         while alpha > 1e-10:
-            x, nu = v.x + alpha * step.dx, v.nu + alpha * step.dnu
-            z, A_x = problem.slack(x), v.A_x + alpha * step.A_dx
-            theta_new = problem.theta(nu, z)
+            x, lag = v.x + alpha * step.dx, (1.0 - alpha) * v.lag + alpha * step.lag
+            new = Iterate(x, v.nu + alpha * step.dnu, problem.slack(x), v.A_x + alpha * step.A_dx, lag)
+            theta_new = problem.theta(new.nu, new.z)
             in_neighbourhood = (
-                problem.smallest_product(nu, z) >= self.gamma * theta_new
-                and problem.rms(problem.gradient(x, nu, A_x)) <= beta * theta_new
+                problem.smallest_product(new.nu, new.z) >= self.gamma * theta_new
+                and self._infeasibility(problem, new) <= beta * theta_new
             )
             if in_neighbourhood and theta_new <= (1.0 - alpha * self.omega * (1.0 - sigma)) * theta:
-                return alpha, Iterate(x, nu, z, A_x)
+                return alpha, new
             alpha *= _BACKTRACK
         return alpha, None
 
-    def _cold_start(self, problem: ScaledQP, relative_theta: float) -> Iterate:
+    def _infeasibility(self, problem: ScaledQP, v: Iterate) -> float:
+        return problem.rms(problem.gradient(v.x, v.nu, v.A_x)) + v.lag
+
+    def _cold_start(self, problem: ScaledQP, newton: NewtonSystem, relative_theta: float) -> Iterate:
         """Equal pressure everywhere, no friction, and centred multipliers with theta so many times rms(A x - b)."""
         x = np.zeros((problem.nodes, 3))
         x[:, 0] = problem.lower + 1.0
-        A_x = problem.apply_A(x)
-        zero = np.zeros((problem.nodes, 2))
-        theta = relative_theta * max(problem.rms(problem.gradient(x, zero, A_x)), 1e-3)
-        z = problem.slack(x)
-        return Iterate(x, problem.on_constraints(theta / problem.safe(z)), z, A_x)
+        v = Iterate(x, np.zeros((problem.nodes, 2)), problem.slack(x), *newton.start(x, 0.0))
+        theta = relative_theta * max(problem.rms(problem.gradient(x, v.nu, v.A_x)), 1e-3)
+        return replace(v, nu=problem.on_constraints(theta / problem.safe(v.z)))
 
-    def _warm_start(self, problem: ScaledQP, start: QPResult, tolerance: float) -> Iterate | None:
+    def _warm_start(self, problem: ScaledQP, newton: NewtonSystem, start: QPResult, tolerance: float) -> Iterate | None:
         """The last answer, pushed back inside: its projection step x - w/d, projected smoothly with nu_i z_i = theta.
 
         theta follows how far that answer is from solving the present problem, and is not smaller than the tolerance
@@ -274,4 +278,4 @@ class PathFollowing:
         if distance > _FAR:
             return None
         x, nu = problem.smoothed_projection(q, max(distance**1.5, 0.1 * tolerance))
-        return Iterate(x, nu, problem.slack(x), problem.apply_A(x))
+        return Iterate(x, nu, problem.slack(x), *newton.start(x, 0.0))

@@ -18,9 +18,9 @@ import numpy as np
 from ..arrays import FloatArray
 from .barrier import Barrier
 from .compliance import Compliance
-from .krylov import ScaledProduct
 from .newton_systems import Linearization
 from .reductions import Reductions
+from .scaled_compliance import ScaledCompliance
 from .tresca import TrescaQP
 
 
@@ -50,10 +50,9 @@ class ScaledQP(Barrier):
         self._W = np.ones((m, 3))
         self._W[self.frictional, 1:] = np.minimum(g[self.frictional], 1.0)[:, None]
         self._g = np.where(self.frictional, np.maximum(g, 1.0), 1.0)
-        self.apply_A = ScaledProduct(qp.A, self._W, self._a)
+        self.A = ScaledCompliance(qp.A, self._W, self._a, self._s)
         self.lower = np.broadcast_to(np.asarray(qp.lower) / self._s, (m,))
         self._b = self._W * qp.b.reshape(-1, 3) / (self._a * self._s)
-        self.diagonal = self._W**2 * qp.A.diagonal().reshape(-1, 3) / self._a
 
     # --- between the scaled and the user's variables ------------------------------------------------------------
 
@@ -75,12 +74,6 @@ class ScaledQP(Barrier):
         return self.qp.residual(forces, gradient)
 
     # --- the pieces of F, J and N(gamma, beta) ------------------------------------------------------------------
-
-    def follow_A(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
-        """A~ x of the next iterate (m, 3), its change to a relative accuracy; one product by A."""
-        y = np.empty(3 * self.nodes)
-        self.qp.A.follow((self._s * self._W * x).ravel(), y, tolerance)
-        return self._W * y.reshape(-1, 3) / (self._a * self._s)
 
     def slack(self, x: FloatArray) -> FloatArray:
         """z = -c(x), shape (m, 2)."""
@@ -113,7 +106,7 @@ class ScaledQP(Barrier):
 
     @cached_property
     def _isotropic(self) -> FloatArray:
-        d = self.diagonal.copy()
+        d = self.A.diagonal.copy()
         d[:, 1:] = 0.5 * (d[:, 1:2] + d[:, 2:3])
         return d
 

@@ -53,15 +53,25 @@ def _options(prefix: str, values: Mapping[str, object]) -> Iterator[None]:
             database.delValue(key)
 
 
-def _ksp(
+def configured_ksp(
     K: PETSc.Mat,
     ksp_type: str,
     values: Mapping[str, object],
     before_setup: Callable[[PETSc.KSP], None] = lambda _: None,
+    operator: PETSc.Mat | None = None,
 ) -> PETSc.KSP:
+    """A KSP set up under options that are its own, and gone from PETSc's database afterwards.
+
+    Args:
+        K: What the preconditioner is made of.
+        ksp_type: PETSc's name of the method.
+        values: The options, without their prefix.
+        before_setup: Called when all but the set-up is done.
+        operator: The matrix of the system, where it is not K.
+    """
     prefix = next(_prefixes)
     ksp = PETSc.KSP().create(K.comm)
-    ksp.setOperators(K)
+    ksp.setOperators(K if operator is None else operator, K)
     ksp.setType(ksp_type)
     ksp.setErrorIfNotConverged(True)
     ksp.setOptionsPrefix(prefix)
@@ -95,7 +105,7 @@ class DirectSolver:
 
         # ICNTL(14): room for the fill that pivot delays and parallel fronts add to the estimate, in per cent.
         # ICNTL(7): METIS; what MUMPS chooses by itself beside a Schur complement takes up to twice as long.
-        self._ksp = _ksp(
+        self._ksp = configured_ksp(
             K,
             "preonly",
             {
@@ -143,7 +153,7 @@ class IterativeSolver:
 
     def __init__(self, K: PETSc.Mat, tolerance: float = 1e-11):
         self.tolerance, self.iterations = tolerance, 0
-        self._ksp = _ksp(
+        self._ksp = configured_ksp(
             K,
             "cg",
             {

@@ -1,0 +1,93 @@
+"""A in the variables of a scaled problem, and A x of the iterates of a path."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arrays import FloatArray
+from .compliance import Compliance
+
+
+class ScaledCompliance:
+    """A~ = W A W / a for forces x = s W x~: all that a Newton system needs to know of A.  Arrays are (m, 3).
+
+    Args:
+        A: The compliance.
+        W: Weights.
+        a: Its scale, metres per newton.
+        s: The scale of forces, newtons.
+
+    Attributes:
+        diagonal: diag(A~).
+    """
+
+    def __init__(self, A: Compliance, W: FloatArray, a: float, s: float):
+        self.A, self.W, self.a, self.s = A, W, a, s
+        self.comm, self.nodes = A.comm, A.nodes
+        self.diagonal: FloatArray = W**2 * A.diagonal().reshape(-1, 3) / a
+
+    def mult(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
+        """A~ x, to a relative accuracy; one product."""
+        y = np.empty(self.W.size)
+        self.A.mult((self.W * x).ravel(), y, tolerance)
+        return self.W * y.reshape(-1, 3) / self.a
+
+    def follow(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
+        """A~ x of the next iterate, its change to a relative accuracy; one product."""
+        y = np.empty(self.W.size)
+        self.A.follow(self.forces(x), y, tolerance)
+        return self.image(y)
+
+    def forces(self, x: FloatArray) -> FloatArray:
+        """s W x in newtons, shape (3 m,)."""
+        return (self.s * self.W * x).ravel()
+
+    def image(self, displacement: FloatArray) -> FloatArray:
+        """Displacements A x in metres (3 m,), as A~ x~."""
+        return self.W * displacement.reshape(-1, 3) / (self.a * self.s)
+
+
+class Image(NamedTuple):
+    """A~ x of an iterate (m, 3), and what it lacks.
+
+    Attributes:
+        A_x: B y for a y near K^-1 B^T x.
+        lag: Root mean square of B^T x - K y over the contact unknowns, in nominal forces; 0 where a product made A_x.
+    """
+
+    A_x: FloatArray
+    lag: float = 0.0
+
+
+class FreshImages:
+    """How a Newton system that works by products with A gets A x of the iterates: from products of their own.
+
+    Args:
+        A: The scaled compliance.
+    """
+
+    def __init__(self, A: ScaledCompliance):
+        self._scaled = A
+
+    def start(self, x: FloatArray, tolerance: float) -> Image:
+        """Of the first iterate, to a relative accuracy."""
+        return Image(self._scaled.follow(x, tolerance))
+
+    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> Image:
+        """Of the next iterate x, alpha along the last step.
+
+        Args:
+            x: Shape (m, 3).
+            predicted: A x + alpha A dx where the step is straight: good enough where products are exact.
+            alpha: Step length.
+            tolerance: Accuracy of a product, as a part of the change.
+        """
+        if predicted is not None and self._scaled.A.exact:
+            return Image(predicted)
+        return Image(self._scaled.follow(x, tolerance))
+
+    def judge(self, x: FloatArray) -> FloatArray:
+        """A x as exact as can be, shape (m, 3): what the residual that decides is computed with."""
+        return self._scaled.follow(x)

@@ -1,0 +1,208 @@
+"""Condensed Newton systems: their steps against dense ones, their answers against the default's, what they keep."""
+
+import functools
+
+import numpy as np
+import pytest
+from conftest import make_block, reference, solved_block
+
+import coulomb.solvers.condensed as condensed
+from coulomb import (
+    CondensedConeSystem,
+    CondensedSystem,
+    DenseConeSystem,
+    DenseSystem,
+    DirectSolver,
+    IterativeSolver,
+    OneLoop,
+    PathFollowing,
+    SuccessiveTresca,
+)
+from coulomb.case import Case
+from coulomb.solvers.cone import ConeIterate, ScaledCoulomb
+from coulomb.solvers.coulomb import CoulombProblem
+from coulomb.solvers.scaling import ScaledQP
+
+MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
+
+
+def friction(x):
+    """One that some nodes have none of."""
+    return np.where(x[0] > 2.4, 0.0, 0.3 + 0.2 * x[1])
+
+
+@functools.cache
+def body():
+    """The block with the factorised K, but without A: A x is exact, and y lags only if told to."""
+    return make_block(2, friction, linear_solver=DirectSolver, explicit=False)
+
+
+@pytest.fixture
+def exact(monkeypatch):
+    """Steps as exact as rounding allows, springs as stiff as they are."""
+    for name, value in (("_LOOSE", 1e-14), ("_TIGHT", 1e-14), ("_CONTRAST", 1e-13)):
+        monkeypatch.setattr(condensed, name, value)
+
+
+def lagging(system, x):
+    """An image of x by a y that is 0.7 K^-1 B^T x: A x misses three tenths, and R knows."""
+    system.start(x, 0.0)
+    system._y.scale(0.7)
+    return system._image(x)
+
+
+def close(values, expected, accuracy=1e-8):
+    return np.abs(values - expected).max() <= accuracy * np.abs(expected).max()
+
+
+def test_cone_step_is_the_dense_step(exact):
+    """From a carried y that lags, the step that the dense system makes of the true A x; and y + w is exact after it."""
+    rng = np.random.default_rng(81)
+    scaled = ScaledCoulomb(body().coulomb_problem)
+    m, f = scaled.nodes, scaled.frictional
+    assert 0 < f.sum() < m
+    angle = rng.uniform(0.0, 6.28, m)
+    y = (f * rng.uniform(0.0, 0.99, m))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    x_n, nu = 10.0 ** rng.uniform(-1, 1, m), 10.0 ** rng.uniform(-2, 1, (m, 2))
+    x, target = scaled.forces(x_n, y), 0.3
+    dense, system = DenseConeSystem(scaled.A), CondensedConeSystem(scaled.A)
+    v = ConeIterate(x_n, y, nu, scaled.A.mult(x))
+    image = lagging(system, x)
+    assert close(image.A_x, 0.7 * v.A_x) and image.lag > 0.01
+    z, loop = scaled.slack(x_n, y), OneLoop()
+    expected = loop._newton_step(scaled, dense, v, z, target, 1e-12, 1.0)
+    late = v._replace(A_x=image.A_x, lag=image.lag)
+    step = loop._newton_step(scaled, system, late, z, target, 1e-12, 1.0)
+    for name in ("dx_n", "dy", "dnu"):
+        assert close(getattr(step, name), getattr(expected, name))
+    dx = np.column_stack([step.dx_n, scaled.linearize(v).g[:, None] * step.dy])
+    dx[:, 1:] += (scaled._F * step.dx_n)[:, None] * y
+    assert not dx[~f, 1:].any()
+    carried = system.carry(x + dx, None, 1.0, 0.0)
+    assert close(carried.A_x, scaled.A.mult(x + dx)) and carried.lag < 1e-9
+    assert close(carried.A_x, image.A_x + step.A_dx)
+    half = x + dx
+    half[:, 0] *= 1.5  # a bend: in R, and in what judges, not in the carried A x
+    bent = system.carry(half, None, 0.0, 0.0)
+    assert close(bent.A_x, carried.A_x) and bent.lag > 1e-3
+    assert close(system.judge(half), scaled.A.mult(half))
+    system.destroy()
+
+
+def test_tresca_step_is_the_dense_step(exact):
+    rng = np.random.default_rng(82)
+    problem = body()
+    bound = 10.0 ** rng.uniform(3, 6, len(problem.surface.nodes))  # some much smaller than the forces: W is not 1
+    bound[::5] = 0.0
+    scaled = ScaledQP(problem.tresca(bound))
+    m, f = scaled.nodes, scaled.frictional
+    assert scaled.A.W.min() < 0.5
+    x = np.column_stack([rng.uniform(0.1, 2.0, m), np.zeros((m, 2))])
+    angle = rng.uniform(0.0, 6.28, m)
+    radius = f * rng.uniform(0.0, 0.99, m) * scaled._g
+    x[:, 1:] = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    nu = scaled.on_constraints(10.0 ** rng.uniform(-2, 1, (m, 2)))
+    z = scaled.slack(x)
+    at, r2 = scaled.linearize(x, nu, z), scaled.on_constraints(z - 0.3 / scaled.safe(nu))
+    dense, system = DenseSystem(scaled.A), CondensedSystem(scaled.A)
+    expected = dense.solve(at, -scaled.gradient(x, nu, scaled.A.mult(x)), r2, 0.0, 0.0)
+    image = lagging(system, x)
+    step = system.solve(at, -scaled.gradient(x, nu, image.A_x), r2, 0.0, 0.0)
+    assert close(step.dx, expected.dx) and close(step.dnu, expected.dnu)
+    carried = system.carry(x + step.dx, None, 1.0, 0.0)
+    assert close(carried.A_x, scaled.A.mult(x + step.dx)) and carried.lag < 1e-9
+    system.destroy()
+
+
+@pytest.mark.parametrize("law", ["0.3", "1.5", "tresca"])
+@pytest.mark.parametrize("p", [4, 6])
+def test_whole_answers(p, law):
+    """Those of the default on the factorised body, in as many steps, and no product by A in any of them."""
+    tresca = law == "tresca"
+    friction = None if tresca else float(law)
+    known = make_block(p, friction, slip_stress=1e7 if tresca else None).solve(1e-9)
+    solver = PathFollowing(1e-8, newton=CondensedSystem) if tresca else OneLoop(1e-8, newton=CondensedConeSystem)
+    problem = make_block(p, friction, slip_stress=1e7 if tresca else None, **MULTIGRID)
+    solution = problem.solve(solver=solver)
+    assert solution.certificate.passed and solution.result.residual <= 1e-8
+    assert np.linalg.norm(solution.contact_force - known.contact_force) <= 1e-7 * np.linalg.norm(known.contact_force)
+    history = solution.result.history
+    assert len(history) <= len(known.result.history) + 3
+    assert np.mean([step.krylov for step in history]) <= 15
+    assert solution.result.products <= 6
+    if p == 6 and law != "1.5":
+        totals, _ = reference(6, "tresca" if tresca else "coulomb")
+        assert solution.contact_force[0::3].sum() == pytest.approx(totals["total_normal_force_N"], rel=1e-6)
+
+
+def test_krylov_iterations_stay_bounded():
+    """Springs grow without bound as theta goes to 0; the iterations do not, on a finer mesh neither."""
+    for p, solver in ((8, OneLoop(1e-9, newton=CondensedConeSystem)), (4, OneLoop(1e-9, newton=CondensedConeSystem))):
+        history = make_block(p, **MULTIGRID).solve(solver=solver).result.history
+        assert len(history) <= 24
+        assert history[-1].theta < 1e-9 * history[0].theta
+        assert max(step.krylov for step in history) <= 25 and np.mean([step.krylov for step in history]) <= 15
+
+
+def test_multipliers_keep_their_digits():
+    """C^-1 by differences loses dnu where a node slips, D22 -> 0: the gradient stays at 1e-6."""
+    history = make_block(6, **MULTIGRID).solve(solver=OneLoop(1e-9, newton=CondensedConeSystem)).result.history
+    assert history[-1].gradient <= 1e-8 * history[0].gradient
+
+
+def test_successive_tresca_without_friction_somewhere():
+    problem = make_block(3, friction, **MULTIGRID)
+    known = make_block(3, friction).solve(1e-9)
+    for solver in (
+        OneLoop(1e-8, newton=CondensedConeSystem),
+        SuccessiveTresca(1e-8, PathFollowing(newton=CondensedSystem)),
+    ):
+        solution = problem.solve(solver=solver)
+        assert solution.certificate.passed
+        difference = np.linalg.norm(solution.contact_force - known.contact_force)
+        assert difference <= 1e-6 * np.linalg.norm(known.contact_force)
+
+
+def test_a_compliance_without_stiffness_is_refused():
+    block = solved_block(6).problem
+    with pytest.raises(ValueError, match=r"explicit compliance does not keep: use ContactProblem\(.*explicit=False"):
+        OneLoop(newton=CondensedConeSystem).solve(block.coulomb_problem)
+    with pytest.raises(ValueError, match="explicit=False"):
+        PathFollowing(newton=CondensedSystem).solve(block.tresca(np.full(len(block.surface.nodes), 1e4)))
+
+
+def test_what_is_kept():
+    """K's nonzeros once more, and vectors: nothing of m x m."""
+    problem = make_block(4, **MULTIGRID)
+    scaled = ScaledCoulomb(CoulombProblem(problem.A, problem.b, problem.coefficient))
+    system, m = CondensedConeSystem(scaled.A), scaled.nodes
+    K = problem.elasticity.K
+    system.start(np.ones((m, 3)), 0.1)
+    v = ConeIterate(np.ones(m), np.zeros((m, 2)), np.ones((m, 2)), np.zeros((m, 3)))
+    system.solve(scaled.linearize(v), np.ones((m, 3)), np.ones((m, 3)), 0.1, np.inf)
+    assert system._stiffened.getInfo()["nz_used"] == K.getInfo()["nz_used"]
+    arrays = [value for value in vars(system).values() if isinstance(value, np.ndarray)]
+    assert arrays and max(array.size for array in arrays) == 9 * m
+    system.destroy()
+
+
+def test_case_file():
+    tables = {
+        "mesh": {"box": (3.0, 1.0, 1.0), "cells": (6, 2, 2)},
+        "material": {"young": 2.1e11, "poisson": 0.3},
+        "clamp": [{"face": "left"}],
+        "traction": [{"face": "top", "value": (0.0, 1e7, -4e7)}],
+        "contact": {"face": "bottom", "friction": 0.3},
+        "solver": {"newton": "condensed"},
+    }
+    case = Case.model_validate(tables)
+    solver = case.contact_solver()
+    assert isinstance(solver, OneLoop) and solver.newton is CondensedConeSystem
+    problem = case.problem()
+    assert problem.solve(solver=solver).certificate.passed
+    assert problem.A.name == "matrix-free" and isinstance(problem.stiffness_solver, IterativeSolver)
+    tables["contact"] = {"face": "bottom", "slip_stress": 1e7}
+    assert Case.model_validate(tables).contact_solver().newton is CondensedSystem
+    tables["solver"]["compliance"] = "explicit"
+    with pytest.raises(ValueError, match='leave compliance at "auto"'):
+        Case.model_validate(tables)

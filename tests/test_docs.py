@@ -1,0 +1,92 @@
+"""The documentation says what is there: commands, keys, public names; and it builds."""
+
+import functools
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT, run_coulomb
+
+import coulomb
+from coulomb.case import Case
+
+
+@functools.cache
+def commands():
+    """What `coulomb --help` lists."""
+    return re.findall(r"^[│|] ([a-z][a-z-]+)\s", run_coulomb("--help").stdout, flags=re.M)
+
+
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+
+
+def test_every_public_name_is_in_the_api_page():
+    page = (ROOT / "docs" / "api.md").read_text()
+    named = {line.split(".")[-1] for line in page.splitlines() if line.startswith("::: ")}
+    assert named == set(coulomb.__all__) - {"__version__"}
+
+
+def test_every_public_name_has_a_docstring():
+    bare = [name for name in coulomb.__all__ if name != "__version__" and not getattr(coulomb, name).__doc__]
+    assert not bare
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.name)
+def test_commands_exist(page):
+    known = commands()
+    assert {"run", "check", "resume", "info"} <= set(known)
+    named = re.findall(r"(?:^    |`|bin/|-n \d+ )coulomb ([a-z][a-z-]+)", page.read_text(), flags=re.M)
+    blocks = re.findall(r"```bash\n(.*?)```", page.read_text(), flags=re.S)
+    named += re.findall(r"^coulomb ([a-z][a-z-]+)", "\n".join(blocks), flags=re.M)
+    assert set(named) <= set(known)
+
+
+def test_tutorial_shows_the_demo():
+    """Every setting of the tutorial's case stands in demos/foot.toml, and the other way round."""
+
+    def settings(text):
+        return {re.sub(r"\s+", " ", line.split("#")[0]).strip() for line in text.splitlines()} - {""}
+
+    blocks = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "tutorial.md").read_text(), flags=re.S)
+    demo = settings((ROOT / "demos" / "foot.toml").read_text())
+    assert settings("\n".join(blocks)) <= demo
+    assert demo - settings("\n".join(blocks)) == {"[output]", 'directory = "results/foot"'}
+
+
+def test_case_file_page_names_every_key():
+    page = (ROOT / "docs" / "case-files.md").read_text()
+    words = set(re.findall(r"[a-z_]+", page))
+    missing = []
+
+    def walk(model):
+        for name, field in model.model_fields.items():
+            if name not in words:
+                missing.append(f"{model.__name__}.{name}")
+            for part in [field.annotation, *_arguments(field.annotation)]:
+                if hasattr(part, "model_fields"):
+                    walk(part)
+
+    walk(Case)
+    assert not missing
+
+
+def _arguments(annotation):
+    for argument in getattr(annotation, "__args__", ()):
+        yield argument
+        yield from _arguments(argument)
+
+
+def test_it_builds(tmp_path):
+    pytest.importorskip("mkdocs")
+    pytest.importorskip("material")
+    pytest.importorskip("mkdocstrings")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    api = (tmp_path / "api" / "index.html").read_text()
+    assert "ContactProblem" in api and "slip_origin" in api
+    page = (tmp_path / "index.html").read_text()
+    assert not re.findall(r'(?:src|href)="https?://(?!squidfunk)[^"]*\.(?:js|css)', page)  # nothing fetched when read
