@@ -77,7 +77,8 @@ def cell_dofs(V: Any) -> npt.NDArray[np.int32]:
 
 def cell_geometry(domain: Any) -> npt.NDArray[np.int32]:
     """Geometry nodes of every local cell, ghosts included, shape (cells, nodes a cell)."""
-    return _rows(domain.geometry.dofmap)
+    dofmaps = getattr(domain.geometry, "dofmaps", None)
+    return dofmaps[0] if isinstance(dofmaps, Sequence) else _rows(domain.geometry.dofmap)  # a list from 0.11 on
 
 
 def interpolation_points(V: Any) -> Any:
