@@ -198,7 +198,11 @@ class LoadHistory:
     def _attempt(
         self, problem: ContactProblem, state: State, time: float, progress: ProgressCallback | None
     ) -> Solution:
-        return self._posed(problem, state, time).solve(self.tolerance, self.solver, progress)
+        posed = self._posed(problem, state, time)
+        start = None
+        if posed.coulomb and state.number > 0:  # from the forces before, in the frames of now
+            start = -posed.surface.components(state.on_body[posed.surface.nodes]).ravel()
+        return posed.solve(self.tolerance, self.solver, progress, start)
 
     def run(
         self,

@@ -294,6 +294,7 @@ class ContactProblem:
         tolerance: float = 1e-8,
         solver: CoulombSolver | QPSolver | None = None,
         progress: ProgressCallback | None = None,
+        start: FloatArray | None = None,
     ) -> Solution:
         """Solve, and certify the answer.
 
@@ -303,6 +304,8 @@ class ContactProblem:
                 OneLoop or SuccessiveTresca; for Tresca friction PathFollowing (the default) or KPRGP.  Condensed Newton
                 systems of these need explicit=False.
             progress: Called after every path-following step.
+            start: For Coulomb friction, forces in newtons to start from, shape (3 m,): those of a load step before, or
+                of a coarser mesh (`surface.interpolate`).
 
         Raises:
             NotConverged: If the residual stays above the tolerance; `solution(error.result)` has what there is.
@@ -315,7 +318,11 @@ class ContactProblem:
         chosen: Any = solver or (Automatic(tolerance) if self.coulomb else PathFollowing(tolerance=tolerance))
         problem: Any = self.coulomb_problem if self.coulomb else self.tresca(self.slip_bound(self.b))
         with self._timed("solve"):
-            result: CoulombResult | QPResult = chosen.solve(problem, progress=progress)
+            result: CoulombResult | QPResult = (
+                chosen.solve(problem, start=start, progress=progress)
+                if self.coulomb
+                else chosen.solve(problem, progress=progress)
+            )
         return self.solution(result)
 
     def solution(self, result: CoulombResult | QPResult) -> Solution:

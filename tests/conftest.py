@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import coulomb
@@ -113,3 +114,51 @@ def run_python(*arguments, ranks=None, cwd=None, timeout=600):
 @pytest.fixture(scope="session")
 def block6():
     return solved_block(6)
+
+
+def indentation(turn=None, order=(0, 1, 2), metre=1.0, newton=1.0, mirror=False, cell="hexahedron", **options):
+    """A rigid ball pressed into a steel block and dragged along it, by a history of four steps.
+
+    The same physics, written down in different ways.
+
+    Args:
+        turn: Rotation of the whole in space.
+        order: Which axis of the body each axis of the regular box becomes: another numbering of the mesh.
+        metre: What a metre is in the unit of length.
+        newton: What a newton is in the unit of force.
+        mirror: Of the whole in the plane half way along y.
+        cell: Of the mesh.
+        options: ContactProblem's, and comm.
+
+    Returns:
+        The problem, and its history.
+    """
+    turn, order = np.eye(3) if turn is None else turn, list(order)
+    lengths, cells, radius = metre * np.array([1.6, 1.0, 0.8]), np.array([8, 5, 4]), 3.0 * metre
+    faces = (("left", "right"), ("front", "back"), ("bottom", "top"))
+    bottom, top = faces[order.index(2)]
+    across = -1.0 if mirror else 1.0
+
+    def place(x):
+        body = np.empty_like(x)
+        body[order] = x
+        return turn @ body
+
+    def ball(x, y, z):
+        return turn @ (metre * np.array([x, across * y, z]))
+
+    centre = np.array([0.7, 0.5, 0.0]) * metre - [0.0, 0.0, radius]
+    way = [(0, ball(0, 0, 0)), (1, ball(0, 0, 0.04)), (2, ball(0.01, 0.006, 0.04)), (3, ball(-0.004, 0.02, 0.03))]
+    problem = coulomb.ContactProblem(
+        coulomb.box(lengths[order], cells[order], cell, place=place, comm=options.pop("comm", MPI.COMM_WORLD)),
+        coulomb.Material(STEEL.young * newton / metre**2, STEEL.poisson),
+        [coulomb.Clamp(top)],
+        coulomb.Contact(
+            bottom,
+            0.3,
+            foundation=coulomb.Sphere(tuple(turn @ centre), radius),
+            motion=[(time, *where) for time, where in way],
+        ),
+        **options,
+    )
+    return problem, coulomb.LoadHistory([1.0, 1.5, 2.0, 3.0], tolerance=1e-10)

@@ -112,7 +112,7 @@ class Fussy:
     tolerance: float = 1e-8
     calls: list = field(default_factory=list)
 
-    def solve(self, problem, *, progress=None):
+    def solve(self, problem, *, start=None, progress=None):
         self.calls.append(len(self.calls))
         result = OneLoop(self.tolerance).solve(problem, progress=progress)
         if self.calls[-1] in self.failures:

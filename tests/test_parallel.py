@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from conftest import STEEL, make_block, reference
+from conftest import STEEL, indentation, make_block, reference
 from mesh_files import BoxFile
 from mpi4py import MPI
 
@@ -100,6 +100,28 @@ def test_same_forces_on_any_number_of_ranks(law, newton):
     x = everywhere(together.problem.surface.x)
     force = everywhere(together.contact_force.reshape(-1, 3))[np.lexsort(x.round(9).T)]
     assert np.linalg.norm(force - expected) <= 1e-8 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"linear_solver": IterativeSolver, "explicit": False}], ids=["default", "multigrid"]
+)
+def test_same_history_on_any_number_of_ranks(options):
+    """A ball pressed in and dragged along: frames turn, slip counts from step to step, energies add up, to 1e-8."""
+    alone, history = indentation(comm=MPI.COMM_SELF)
+    together, _ = indentation(comm=comm, **options)
+    for expected, step in zip(history.steps(alone), history.steps(together), strict=True):
+        one, many = expected.solution, step.solution
+        forces = one.problem.surface.vectors(one.contact_force.reshape(-1, 3))
+        forces = forces[np.lexsort(one.problem.surface.x.round(9).T)]
+        surface = many.problem.surface
+        mine = everywhere(surface.vectors(many.contact_force.reshape(-1, 3)))
+        mine = mine[np.lexsort(everywhere(surface.x).round(9).T)]
+        assert np.linalg.norm(mine - forces) <= 1e-8 * np.linalg.norm(forces)
+        row, known = step.row, expected.row
+        for name in ("normal_force", "moment_x", "contact_area", "energy_foundation", "energy_elastic"):
+            assert row[name] == pytest.approx(known[name], rel=1e-8)
+        assert row["energy_dissipated"] == pytest.approx(known["energy_dissipated"], abs=1e-8 * known["energy_elastic"])
+        assert len(set(comm.allgather(json.dumps(row)))) == 1
 
 
 def test_a_function_that_fails_on_one_rank_fails_on_all():

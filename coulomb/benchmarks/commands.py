@@ -6,12 +6,16 @@ import csv
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from mpi4py import MPI
+from rich.table import Column, Table
 
 from ..console import BAD_INPUT, FAILED, console, errors
+
+if TYPE_CHECKING:
+    from .verification import Verified
 
 benchmark = typer.Typer(help="Measurements behind the choices.", no_args_is_help=True)
 
@@ -194,16 +198,72 @@ def conditioning(
     _write_table(directory, "conditioning", fields, rows)
 
 
+@benchmark.command()
+def verification(
+    names: Annotated[list[str] | None, typer.Option("--case", help="One of them, as hertz; repeat.")] = None,
+    directory: Annotated[Path | None, typer.Option("--output", help="For verification.csv and the pictures.")] = None,
+) -> None:
+    """Known answers: patch tests, SSNV128, Hertz, Cattaneo-Mindlin, a sliding block.  Exit code 1 if one is missed."""
+    from .verification import CASES
+
+    unknown = [name for name in names or () if name not in CASES]
+    if MPI.COMM_WORLD.size > 1 or unknown:
+        errors.print(f"error: this benchmark runs on one rank; its cases are {', '.join(CASES)}", markup=False)
+        raise typer.Exit(BAD_INPUT)
+    found = {}
+    for name in names or CASES:
+        found[name] = CASES[name]()
+        _print_verified(name, found[name])
+    lines = [
+        (name, row.quantity, row.formula, row.ours, row.error, row.tolerance, row.passed, row.why)
+        for name, verified in found.items()
+        for row in verified.rows
+    ]
+    if directory is not None:
+        from .verification.plotting import draw
+
+        fields = ("case", "quantity", "formula", "ours", "error", "tolerance", "passed", "why")
+        _write_csv(directory, "verification", fields, lines)
+        for name, verified in found.items():
+            draw(verified.panels, directory / f"{name}.png")
+        console.print(f"verification.csv and {len(found)} pictures in {directory}{os.sep}", soft_wrap=True)
+    failed = sum(not row.passed for verified in found.values() for row in verified.rows)
+    console.print(f"{len(lines) - failed} of {len(lines)} within their tolerance", soft_wrap=True)
+    if failed:
+        raise typer.Exit(FAILED)
+
+
+def _print_verified(name: str, verified: Verified) -> None:
+    """The table of a case, and the reasons for its tolerances."""
+    reasons = list(dict.fromkeys(row.why for row in verified.rows))
+    right = [
+        Column(head, justify="right", no_wrap=True) for head in ("formula", "ours", "error", "tolerance", "why", "")
+    ]
+    table = Table("quantity", *right, title=name, title_justify="left", box=None, padding=(0, 1))
+    for row in verified.rows:
+        numbers = (f"{row.formula:.5g}", f"{row.ours:.5g}", f"{row.error:.1e}", f"{row.tolerance:.1e}")
+        verdict = "ok" if row.passed else "FAILED"
+        table.add_row(row.quantity, *numbers, f"({reasons.index(row.why) + 1})", verdict)
+    console.print(table)
+    for number, reason in enumerate(reasons, 1):
+        console.print(f"({number}) {reason}", markup=False)
+    console.print()
+
+
 def _write_table(directory: Path | None, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     """name.csv and its figure name.png, where a directory is given."""
     if directory is None or MPI.COMM_WORLD.rank != 0 or not rows:
         return
     from .. import plotting
 
+    _write_csv(directory, name, fields, rows)
+    getattr(plotting, name)(directory / f"{name}.csv")
+    console.print(f"{name}.csv and {name}.png in {directory}{os.sep}", soft_wrap=True)
+
+
+def _write_csv(directory: Path, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     directory.mkdir(parents=True, exist_ok=True)
     with (directory / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(fields)
         writer.writerows(rows)
-    getattr(plotting, name)(directory / f"{name}.csv")
-    console.print(f"{name}.csv and {name}.png in {directory}{os.sep}", soft_wrap=True)

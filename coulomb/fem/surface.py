@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
 from .elasticity import Elasticity
@@ -57,6 +58,31 @@ class ContactSurface:
         """The space vectors (m, 3) of components n, t1, t2 (m, 3)."""
         vectors: FloatArray = np.einsum("kij,ki->kj", self.frames, components)
         return vectors
+
+
+def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurface) -> FloatArray:
+    """Nodal forces on another mesh of the same face: to start from there, not to be believed; collective.
+
+    Tractions are averaged over the four nearest nodes, weighted by the inverse squares of their distances.
+
+    Args:
+        x: Forces in newtons on the coarse mesh, shape (3 m,).
+        coarse: Its contact surface.
+        fine: That of the other mesh.
+
+    Returns:
+        Forces in newtons, shape (3 m',), of the other's nodes.
+    """
+    comm = fine.B.getComm().tompi4py()
+    tractions = coarse.vectors(x.reshape(-1, 3)) / coarse.area[:, None]
+    points, values = (np.concatenate(comm.allgather(part)) for part in (coarse.x, tractions))
+    distance, near = cKDTree(points).query(fine.x, k=min(4, len(points)))
+    distance, near = distance.reshape(len(fine.x), -1), near.reshape(len(fine.x), -1)
+    weight = 1.0 / np.maximum(distance, 1e-9 * np.max(distance, initial=1e-300)) ** 2
+    weight /= weight.sum(axis=1)[:, None]
+    averaged = np.einsum("ij,ijk->ik", weight, values[near])
+    forces: FloatArray = (fine.components(averaged) * fine.area[:, None]).ravel()
+    return forces
 
 
 def tangent_frames(n: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from ..arrays import FloatArray
 from .coulomb import CoulombProblem
 from .fixed_point import SuccessiveTresca
 from .one_loop import OneLoop
@@ -32,20 +33,31 @@ class Automatic:
     def __post_init__(self) -> None:
         check_constants(self, (("tolerance", self.tolerance > 0.0, "> 0"),))
 
-    def solve(self, problem: CoulombProblem, *, progress: ProgressCallback | None = None) -> CoulombResult:
+    def solve(
+        self,
+        problem: CoulombProblem,
+        *,
+        start: FloatArray | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> CoulombResult:
         """Solve a Coulomb problem.
+
+        Args:
+            problem: The problem.
+            start: Forces in newtons, shape (3 m,), of a nearby problem, for both ways.
+            progress: Called after every step.
 
         Raises:
             NotConverged: With the better answer of the two, and what both have to say, if neither gets there.
         """
         products = problem.A.products
         try:
-            return _chosen(OneLoop(self.tolerance).solve(problem, progress=progress), "one loop")
+            return _chosen(OneLoop(self.tolerance).solve(problem, start=start, progress=progress), "one loop")
         except NotConverged as failure:
             assert isinstance(failure.result, CoulombResult)
             first = failure.result
         try:
-            result = SuccessiveTresca(self.tolerance).solve(problem, progress=progress)
+            result = SuccessiveTresca(self.tolerance).solve(problem, start=start, progress=progress)
         except NotConverged as failure:
             assert isinstance(failure.result, CoulombResult)
             second = failure.result

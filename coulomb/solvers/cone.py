@@ -102,6 +102,14 @@ class ScaledCoulomb(Barrier):
         self._F = np.where(self.frictional, problem.friction, 1.0)
         self._b = problem.b.reshape(-1, 3) / (self._a * self._s)
 
+    def inside(self, x: FloatArray, least: float, most: float) -> tuple[FloatArray, FloatArray]:
+        """x_n (m,) >= least and y (m, 2), |y| <= most, nearest to forces in N (3 m,)."""
+        forces = x.reshape(-1, 3) / self._s
+        x_n = np.maximum(forces[:, 0], least)
+        y = np.where(self.frictional[:, None], forces[:, 1:] / (self._F * x_n)[:, None], 0.0)
+        size = np.linalg.norm(y, axis=1)
+        return x_n, y * (np.minimum(size, most) / np.where(size > 0.0, size, 1.0))[:, None]
+
     def forces(self, x_n: FloatArray, y: FloatArray) -> FloatArray:
         """x = (x_n, F x_n y), shape (m, 3)."""
         return np.column_stack([x_n, (self._F * x_n)[:, None] * y])

@@ -76,4 +76,10 @@ class CoulombSolver(Protocol):
     @property
     def tolerance(self) -> float: ...
 
-    def solve(self, problem: CoulombProblem, *, progress: ProgressCallback | None = None) -> CoulombResult: ...
+    def solve(
+        self,
+        problem: CoulombProblem,
+        *,
+        start: FloatArray | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> CoulombResult: ...

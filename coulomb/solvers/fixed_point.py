@@ -70,8 +70,19 @@ class SuccessiveTresca:
         )
         check_constants(self, bounds)
 
-    def solve(self, problem: CoulombProblem, *, progress: ProgressCallback | None = None) -> CoulombResult:
+    def solve(
+        self,
+        problem: CoulombProblem,
+        *,
+        start: FloatArray | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> CoulombResult:
         """Solve a Coulomb problem.
+
+        Args:
+            problem: The problem.
+            start: Forces in newtons, shape (3 m,), whose F x_n is the first g; 0 by default.
+            progress: Called after every path-following step.
 
         Returns:
             The answer, its Coulomb residual at most the tolerance; `history` has an OuterStep a Tresca problem.
@@ -83,7 +94,8 @@ class SuccessiveTresca:
         over, A = problem.reductions, problem.A
         products = A.products
         anderson = Anderson(self.memory, over)
-        g, old_g, old_wanted = np.zeros_like(problem.friction), None, None
+        g = np.zeros_like(problem.friction) if start is None else problem.slip_bound(start)
+        old_g, old_wanted = None, None
         last: QPResult | None = None
         best: tuple[float, QPResult, FloatArray] | None = None
         residual, damping = 1.0, self.damping or 1.0

@@ -67,9 +67,9 @@ _TO_BOUNDARY = 0.99  # fraction of the way to the boundary a step may go
 _BACKTRACK = 0.9  # the grid on which the largest step length is sought
 _WAIT = 3.0  # sigma over the part of N(gamma, beta) that the gradient takes up
 _SLOWEST = 0.9  # the greatest sigma, taken where theta must wait for the gradient
-_SHORT = 0.1  # after a step shorter than this the centring is sigma_max
 _BLOCKED = 1e-2  # a step this short, three times in a row, ends a start that is not the last
 _STARTS = ((0.1, 1.0), (0.1, 1e-3), (10.0, 1e-3), (1e3, 1e-3))  # theta over rms(A x - b) there, and r_tol, as parts
+_FLOOR, _INSIDE = 0.1, 0.9  # a warm start: x_n at least so many nominal forces, |y| at most so much
 _GRADIENT = 0.3  # the residual of a step's linear system, over the gradient that it is to take away
 _FRESH = 0.03  # accuracy of A x at a new iterate, as a part of its change
 _PATIENCE = 20  # steps without a better residual before the run is called stagnated
@@ -134,8 +134,21 @@ class OneLoop:
     def __post_init__(self) -> None:
         check_path_constants(self)
 
-    def solve(self, problem: CoulombProblem, *, progress: ProgressCallback | None = None) -> CoulombResult:
+    def solve(
+        self,
+        problem: CoulombProblem,
+        *,
+        start: FloatArray | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> CoulombResult:
         """Solve a Coulomb problem.
+
+        Args:
+            problem: The problem.
+            start: Forces in newtons, shape (3 m,), of a nearby problem, such as the load step before or a coarser mesh.
+                Taken well inside the cones, they save about a quarter of the steps; where steps get blocked from
+                there, the cold starts follow.
+            progress: Called after every step.
 
         Returns:
             The answer, its Coulomb residual at most the tolerance; `history` has a PathFollowingStep a Newton step.
@@ -144,7 +157,7 @@ class OneLoop:
             NotConverged: With the best answer so far, if the residual stays above the tolerance.
         """
         products = problem.A.products
-        result = self._open(problem) or self._follow(problem, progress)
+        result = self._open(problem) or self._follow(problem, start, progress)
         result = replace(result, products=problem.A.products - products)
         if result.status is not Status.CONVERGED:
             residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-3:])
@@ -165,19 +178,24 @@ class OneLoop:
         g = np.zeros_like(problem.friction)
         return CoulombResult(x, -problem.b, g, status, math.nan, 0, 0, 0, residual, (), self.name)
 
-    def _follow(self, problem: CoulombProblem, progress: ProgressCallback | None) -> CoulombResult:
+    def _follow(
+        self, problem: CoulombProblem, start: FloatArray | None, progress: ProgressCallback | None
+    ) -> CoulombResult:
         """One start after another, solved more precisely, then farther inside, until the steps do not block."""
         scaled = ScaledCoulomb(problem)
         newton = self.newton(scaled.A)
         history: list[PathFollowingStep] = []
         results: list[CoulombResult] = []
+        cold = (np.ones(scaled.nodes), np.zeros((scaled.nodes, 2)))
+        starts = [(*cold, theta, precision) for theta, precision in _STARTS]
+        if start is not None:
+            starts.insert(0, (*scaled.inside(start, _FLOOR, _INSIDE), *_STARTS[0]))
         try:
-            for theta, precision in _STARTS:
+            for x_n, y, theta, precision in starts:
                 run = replace(self, r_tol=precision * self.r_tol)
-                patient = (theta, precision) == _STARTS[-1]
-                results.append(
-                    run._steps(scaled, newton, run._start(scaled, newton, theta), progress, history, patient)
-                )
+                v = run._start(scaled, newton, x_n, y, theta)
+                patient = len(results) == len(starts) - 1
+                results.append(run._steps(scaled, newton, v, progress, history, patient))
                 if results[-1].status is Status.CONVERGED:
                     break
         finally:
@@ -185,9 +203,13 @@ class OneLoop:
         best = min(results, key=lambda result: result.residual)
         return replace(best, path_following=len(history), history=tuple(history))
 
-    def _start(self, scaled: ScaledCoulomb, newton: ConeSystem, relative_theta: float) -> ConeIterate:
-        """Equal pressure everywhere, no friction, and centred multipliers with theta so many times rms(A x - b)."""
-        x_n, y = np.ones(scaled.nodes), np.zeros((scaled.nodes, 2))
+    def _start(
+        self, scaled: ScaledCoulomb, newton: ConeSystem, x_n: FloatArray, y: FloatArray, relative_theta: float
+    ) -> ConeIterate:
+        """These forces, and centred multipliers with theta so many times rms(A x - b).
+
+        A cold start has equal pressure everywhere and no friction.
+        """
         v = ConeIterate(x_n, y, np.zeros((scaled.nodes, 2)), *newton.start(scaled.forces(x_n, y), _FRESH))
         theta = relative_theta * max(scaled.rms(scaled.gradient(v)), 1e-3)
         return v._replace(nu=theta / scaled.safe(scaled.slack(x_n, y)))
@@ -308,7 +330,7 @@ class OneLoop:
 
         theta must not run ahead of a gradient that inexact products keep from falling as fast.
         """
-        sigma = self.sigma_min if alpha > _SHORT else self.sigma_max
+        sigma = min(max((1.0 - alpha) ** 2, self.sigma_min), self.sigma_max)
         return max(sigma, min(_WAIT * used, _SLOWEST))
 
     def _infeasibility(self, scaled: ScaledCoulomb, v: ConeIterate) -> float:

@@ -1,0 +1,22 @@
+"""Problems whose answers are known, one a module: physics, formula, what we get, and the tolerance with its reason.
+
+`coulomb benchmark verification` prints the table; tests/verification asserts its rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from . import cattaneo_mindlin, hertz, patch, sliding_block, ssnv128
+from .table import Verified
+
+__all__ = ["CASES", "Verified"]
+
+CASES: dict[str, Callable[[], Verified]] = {
+    "patch": patch.verify,
+    "ssnv128": ssnv128.verify,
+    "hertz": hertz.verify,
+    "cattaneo-mindlin": cattaneo_mindlin.verify,
+    "sliding-block": sliding_block.verify,
+}
+"""What there is, by name."""

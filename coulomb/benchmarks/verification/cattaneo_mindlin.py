@@ -1,0 +1,307 @@
+"""Cattaneo and Mindlin: a sphere pressed onto an elastic block, then moved along it: partial slip, and its hysteresis.
+
+K. L. Johnson, Contact Mechanics, 7.2 and 7.4.  Under P (Hertz: a, p0) and Q < F P, the inside r < c sticks,
+
+    c = a (1 - Q/(F P))^(1/3),   q = F p0 sqrt(1 - r^2/a^2) - F p0 (c/a) sqrt(1 - r^2/c^2)   (the last for r < c)
+    delta = d (1 - (1 - Q/(F P))^(2/3)),   d = 3 F P/(16 a G*),   G* = G/(2 - nu)
+
+When Q goes back from Q*, slip the other way sets in at the edge, and all that changes is the same with twice F:
+
+    c' = a (1 - (Q* - Q)/(2 F P))^(1/3),   delta = d (2 (1 - (Q* - Q)/(2 F P))^(2/3) - (1 - Q*/(F P))^(2/3) - 1)
+
+Between Q* and -Q* this is a loop, which dissipates, with k = Q*/(F P),
+
+    W = 9 F^2 P^2/(10 a G*) (1 - (1 - k)^(5/3) - (5 k/6) (1 + (1 - k)^(2/3)))
+
+Half of the block of `hertz`, with its far face held; the sphere goes to delta = 0.85 d, to -0.85 d, and back.
+
+What the formulas leave out.  They are those of two equal bodies; with a rigid sphere, pressure also shifts the surface
+along itself (Dundurs' beta = (1 - 2 nu)/(2 - 2 nu), 0.29 here), and pressing alone would make shear and slip.  So the
+block is pressed without friction, and friction and slip are counted from there (`slip_origin`), as the theory has it.
+Shear then changes the pressure by beta F, 3 % at F = 0.1, up on one side and down on the other.  And slip is taken to
+be along x, while it is inclined by nu/(4 - 2 nu), 0.09: the traction has a part across of this order (Johnson, 7.2).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ... import summary
+from ...arrays import FloatArray
+from ...contact import Contact
+from ...fem.elasticity import Clamp
+from ...fem.meshes import box
+from ...fem.obstacles import Sphere
+from ...load_history import LoadHistory
+from ...problem import ContactProblem
+from ...solution import Solution
+from .hertz import RADIUS, STEEL, UNIFORM, WIDTH, A, Hertz, grading
+from .table import Curve, Panel, Verified, absolute, relative
+
+FRICTION = 0.1
+UNIFORM_CELLS = 6
+PRESSED, LOADED, UNLOADED, RELOADED = 1.0, 2.0, 4.0, 6.0
+"""Times of the ends."""
+
+
+@dataclass(frozen=True)
+class PartialSlip:
+    """The formulas; tangential forces over F P, displacements over d, radii and tractions over a and F p0.
+
+    Attributes:
+        hertz: The pressure.
+    """
+
+    hertz: Hertz
+
+    @property
+    def d(self) -> float:
+        """Displacement at which all slips."""
+        material = self.hertz.material
+        G_star = material.young / (2.0 * (1.0 + material.poisson) * (2.0 - material.poisson))
+        return 3.0 * FRICTION * self.hertz.P / (16.0 * self.hertz.a * G_star)
+
+    def radius(self, q: float) -> float:
+        """c/a under a first load q."""
+        return float(np.cbrt(1.0 - q))
+
+    def displacement(self, q: float) -> float:
+        """delta/d under a first load q."""
+        return float(1.0 - (1.0 - q) ** (2.0 / 3.0))
+
+    def traction(self, r: FloatArray, q: float) -> FloatArray:
+        """Under a first load q, r over a."""
+        c = self.radius(q)
+        inner: FloatArray = np.sqrt(np.maximum(c**2 - r**2, 0.0))
+        outer: FloatArray = np.sqrt(np.maximum(1.0 - r**2, 0.0))
+        return outer - inner
+
+    def loop_energy(self, q: float) -> float:
+        """W in joules of a loop between q and -q."""
+        rest = 1.0 - (1.0 - q) ** (5.0 / 3.0) - 5.0 * q / 6.0 * (1.0 + (1.0 - q) ** (2.0 / 3.0))
+        return float(4.8 * FRICTION * self.hertz.P * self.d * rest)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One step: forces over F P, displacements over d, radii over a, tractions over F p0.
+
+    Attributes:
+        time: When.
+        force: Q of the sphere on the block.
+        way: Of the sphere along x.
+        stick: Radius of a circle of the area of sticking nodes.
+        traction: On the block along x and y, shape (m, 2).
+        stick_by_moment: Radius from the mean square distance of F p - |q|, which is a Hertzian pressure of radius c.
+        dissipated: By both halves since the sphere was pressed on, joules.
+    """
+
+    time: float
+    force: float
+    way: float
+    stick: float
+    traction: FloatArray
+    stick_by_moment: float
+    dissipated: float
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The history, and its contact nodes: x over a, shape (m, 3), and areas, shape (m,)."""
+
+    theory: PartialSlip
+    x: FloatArray
+    area: FloatArray
+    moments: list[Moment]
+
+    @property
+    def r(self) -> FloatArray:
+        """Distances of the contact nodes from the centre, over a, shape (m,)."""
+        r: FloatArray = np.hypot(self.x[:, 0], self.x[:, 1])
+        return r
+
+    def mean_square(self, traction: FloatArray) -> float:
+        """Root mean square of tractions (m,), over that of the whole contact slipping."""
+        slipping = self.theory.traction(self.r, 1.0)
+        return math.sqrt(self.area @ traction**2 / (self.area @ slipping**2))
+
+
+def half_block(friction: float, motion: Sequence[tuple[float, float, float, float]]) -> ContactProblem:
+    """Half of the block over the sphere, which begins to move when it has been pressed on."""
+    place, cells = grading(UNIFORM_CELLS, 2 * UNIFORM_CELLS, WIDTH), 2 * UNIFORM_CELLS
+    middle = np.array([[cells], [0.0], [0.0]])
+    return ContactProblem(
+        box((2 * cells, cells, cells), (2 * cells, cells, cells), place=lambda x: place(x - middle)),
+        STEEL,
+        [Clamp("front", "y"), Clamp("top")],
+        Contact("bottom", friction, foundation=Sphere((0.0, 0.0, -RADIUS), RADIUS), motion=motion),
+        time=PRESSED,
+    )
+
+
+def experiment() -> Experiment:
+    """Press without friction; from there, with friction, right, left and right."""
+    up = A**2 / RADIUS
+    normal = half_block(0.0, [(0.0, 0.0, 0.0, 0.0), (PRESSED, 0.0, 0.0, up)]).solve()
+    hertz = Hertz(2.0 * float(normal.contact_force[0::3].sum()), RADIUS, STEEL)
+    theory, surface = PartialSlip(hertz), normal.problem.surface
+
+    far = 0.85 * theory.d
+    ends = [(PRESSED, 0.0, 0.0, up), (LOADED, far, 0.0, up), (UNLOADED, -far, 0.0, up), (RELOADED, far, 0.0, up)]
+    block = half_block(FRICTION, ends)
+    history = LoadHistory([PRESSED + k / 4 for k in range(1, 21)], start=PRESSED)
+    pressed_on = replace(
+        history.beginning(block),
+        displacement=normal.displacement,
+        on_body=-normal.problem.nodal_contact_force(normal.contact_force),
+    )
+    moments = [
+        _moment(step.state.time, step.solution, theory, 2.0 * step.state.energy.dissipated)
+        for step in history.steps(block, pressed_on)
+    ]
+    return Experiment(theory, surface.x / hertz.a, surface.area, moments)
+
+
+def _moment(time: float, solution: Solution, theory: PartialSlip, dissipated: float) -> Moment:
+    surface, hertz = solution.problem.surface, theory.hertz
+    sticking = summary.node_status(solution) == summary.STICK
+    friction = -solution.contact_force.reshape(-1, 3)[:, 1:]
+    unused = FRICTION * solution.contact_force[0::3] - np.hypot(friction[:, 0], friction[:, 1])
+    spread = unused @ np.sum(surface.x[:, :2] ** 2, axis=1) / unused.sum()
+    return Moment(
+        time,
+        force=2.0 * summary.totals(solution)["force"][0] / (FRICTION * hertz.P),
+        way=float(solution.problem.motion[0]) / theory.d,
+        stick=math.sqrt(2.0 * surface.area[sticking].sum() / math.pi) / hertz.a,
+        traction=friction / surface.area[:, None] / (FRICTION * hertz.p0),
+        stick_by_moment=math.sqrt(2.5 * spread) / hertz.a,
+        dissipated=dissipated,
+    )
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the formulas say of a moment with its force, in the same units."""
+
+    way: float
+    stick: float
+    traction: FloatArray
+
+
+def known(theory: PartialSlip, moment: Moment, r: FloatArray, greatest: float) -> Known:
+    """Loading, unloading or reloading, by the time; r over a, shape (m,); `greatest` is Q*/(F P)."""
+    q = moment.force
+    if moment.time <= LOADED:
+        return Known(theory.displacement(q), theory.radius(q), theory.traction(r, q))
+    sign = 1.0 if moment.time <= UNLOADED else -1.0  # reloading is the mirror image of unloading
+    back = 0.5 * (greatest - sign * q)
+    return Known(
+        sign * (theory.displacement(greatest) - 2.0 * theory.displacement(back)),
+        theory.radius(back),
+        sign * (theory.traction(r, greatest) - 2.0 * theory.traction(r, back)),
+    )
+
+
+def verify() -> Verified:
+    """The whole loop."""
+    run = experiment()
+    theory, nu = run.theory, STEEL.poisson
+    at = {moment.time: moment for moment in run.moments}
+    q = at[LOADED].force
+    formulas = [known(theory, moment, run.r, q) for moment in run.moments]
+    pairs = list(zip(run.moments, formulas, strict=True))
+    size = UNIFORM / A / UNIFORM_CELLS
+    held = A / WIDTH * (3.0 - 2.0 * nu) / (math.pi * (2.0 - nu))
+    beta = (1.0 - 2.0 * nu) / (2.0 - 2.0 * nu)
+    inclined = nu / (4.0 - 2.0 * nu)
+    edge = f"h/a = {size:.2g}: a boundary of zones lies somewhere in a cell"
+    smooth = f"(h/a)^2 = {size**2:.2g}: integrals are of second order"
+    upright = f"h/a = {size:.2g}: the last cell cannot follow the upright tangents at r = c and a"
+    ways = f"the half space goes on behind the held face: Cerruti's displacement, {held:.1%}; (h/a)^2 = {size**2:.2g}"
+    odd = (beta * FRICTION) ** 2
+    even = f"(beta F)^2 = {odd:.1g}: what shear changes of the pressure is odd in x, and acts on Q in second order"
+    loading = [pair for pair in pairs if pair[0].time <= LOADED]
+    later = [pair for pair in pairs if pair[0].time > LOADED]
+
+    def stick_off(chosen: list[tuple[Moment, Known]]) -> float:
+        return max(abs(ours.stick - formula.stick) for ours, formula in chosen)
+
+    def traction_off(chosen: list[tuple[Moment, Known]]) -> float:
+        return max(run.mean_square(ours.traction[:, 0] - formula.traction) for ours, formula in chosen)
+
+    def way_off(chosen: list[tuple[Moment, Known]]) -> float:
+        return max(abs(ours.way - formula.way) for ours, formula in chosen)
+
+    by_moment = max(abs(ours.stick_by_moment - formula.stick) for ours, formula in loading)
+    loop = theory.loop_energy(q)
+    spent = at[RELOADED].dissipated - at[LOADED].dissipated
+    rows = (
+        absolute("loading: stick radius by area, worst error over a", 0.0, stick_off(loading), size, edge),
+        absolute("loading: stick radius by second moment, worst error over a", 0.0, by_moment, size**2, smooth),
+        absolute("loop: stick radius by area, worst error over a", 0.0, stick_off(later), size, edge),
+        absolute("loading: traction along x, worst root mean square error", 0.0, traction_off(loading), size, upright),
+        absolute("loop: traction along x, worst root mean square error", 0.0, traction_off(later), size, upright),
+        absolute(
+            "traction across, worst root mean square",
+            0.0,
+            max(run.mean_square(ours.traction[:, 1]) for ours in run.moments),
+            inclined,
+            f"nu/(4 - 2 nu) = {inclined:.2g}: slip is inclined by as much, the formulas leave it out",
+        ),
+        absolute("loading: delta/d, worst error", 0.0, way_off(loading), held + size**2, ways),
+        absolute("loop: delta/d, worst error", 0.0, way_off(later), held + size**2, ways),
+        relative("energy dissipated in the loop W, J", loop, spent, held + size**2, ways),
+        relative("at the other end: Q over the greatest Q", -1.0, at[UNLOADED].force / q, odd, even),
+        relative("the loop closes: Q over the greatest Q", 1.0, at[RELOADED].force / q, odd, even),
+    )
+    return Verified(rows, _panels(run, pairs, q))
+
+
+def _panels(run: Experiment, pairs: list[tuple[Moment, Known]], q: float) -> tuple[Panel, ...]:
+    middle = (run.x[:, 1] < 1e-9) & (np.abs(run.x[:, 0]) < 1.4)
+    x, fine = run.x[middle, 0], np.linspace(-1.4, 1.4, 561)
+    profiles = []
+    for label, time in (("greatest Q", LOADED), ("on the way back", 2.75)):
+        moment = next(ours for ours, _ in pairs if ours.time == time)
+        formula = known(run.theory, moment, np.abs(fine), q)
+        profiles.append(Curve(f"formula, {label}", fine, formula.traction, formula=True))
+        profiles.append(Curve(f"coulomb, {label}", x, moment.traction[middle, 0]))
+    grid = np.linspace(-1.0, 1.0, 201) * q
+    back = [run.theory.displacement(q) - 2.0 * run.theory.displacement(0.5 * (q - g)) for g in grid]
+    first = np.linspace(0.0, q, 101)
+    ours, formulas = zip(*pairs, strict=True)
+    loads = np.linspace(0.0, 1.0, 201)
+    since = 1.0 - np.array([formula.stick for formula in formulas]) ** 3
+    return (
+        Panel(
+            "traction on y = 0",
+            "x / a",
+            "q / (F p0)",
+            tuple(profiles),
+        ),
+        Panel(
+            "hysteresis",
+            "delta / d",
+            "Q / (F P)",
+            (
+                Curve("Mindlin", np.array([run.theory.displacement(g) for g in first]), first, formula=True),
+                Curve("", np.array(back), grid, formula=True),
+                Curve("", -np.array(back), -grid, formula=True),
+                Curve("coulomb", np.array([m.way for m in ours]), np.array([m.force for m in ours])),
+            ),
+        ),
+        Panel(
+            "stick radius",
+            "Q/(F P) of a first load; since the last turn, half of its change",
+            "c / a",
+            (
+                Curve("formula", loads, np.cbrt(1.0 - loads), formula=True),
+                Curve("coulomb, by area", since, np.array([m.stick for m in ours])),
+                Curve("coulomb, by second moment", since[:4], np.array([m.stick_by_moment for m in ours[:4]])),
+            ),
+        ),
+    )

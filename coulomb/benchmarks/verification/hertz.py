@@ -1,0 +1,265 @@
+"""Hertz: a rigid sphere presses into a flat elastic block, without friction.
+
+K. L. Johnson, Contact Mechanics, 4.2: with E* = E/(1 - nu^2), the radius R and the force P,
+
+    a^3 = 3 P R/(4 E*),   p(r) = p0 sqrt(1 - r^2/a^2),   p0 = 3 P/(2 pi a^2),   approach a^2/R
+
+The block is a quarter of one of 32 a x 32 a x 16 a: two planes of symmetry, its far face held along the sphere's
+motion; a/R = 1/100, so that the sphere is a paraboloid to 1e-4.  The sphere comes from below by a given way; P follows,
+and with it the formulas.  Cells have the size h up to 4 a/3 from the centre and grow beyond.  A body of finite size L
+bends the surface under the contact by (a/L)^3 of the sphere's curvature, less than the mesh errs; its approach it
+changes by a/L.
+
+What the mesh resolves.  The pressure ends like a square root, with an upright tangent.  Nodal pressures cannot follow
+it in the last cell: their error in the mean square is of order h, and a radius taken from the area of the pressing
+nodes is uncertain by a cell.  Integrals of the pressure are better: displacements err by h in the energy norm, linear
+functionals of the answer by h^2.  Such a one is the mean square distance from the centre, 2 a^2/5 in theory, which
+gives a second radius.  Errors are root mean squares over twelve loads, since the edge falls differently into the cells.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ... import summary
+from ...arrays import FloatArray
+from ...contact import Contact
+from ...fem.body import Material
+from ...fem.elasticity import Clamp
+from ...fem.meshes import box
+from ...fem.obstacles import Sphere
+from ...problem import ContactProblem
+from ...solution import Solution
+from .table import Curve, Panel, Row, Verified, absolute, order, relative
+
+STEEL = Material(young=2.1e11, poisson=0.3)
+RADIUS, A = 0.1, 1e-3
+"""Of the sphere, and of the contact it is to make; metres."""
+
+WIDTH = 16.0 * A
+UNIFORM = 4.0 / 3.0 * A
+"""Half width of the block, and of its part with cells of one size."""
+
+LOADS = tuple((0.84 + 0.03 * k) ** 2 for k in range(12))
+"""Ways of the sphere over a^2/R: the edge of the contact moves by a cell of the coarsest mesh, a/3."""
+
+
+@dataclass(frozen=True)
+class Hertz:
+    """The formulas for a force P in newtons."""
+
+    P: float
+    R: float
+    material: Material
+
+    @property
+    def E_star(self) -> float:
+        return self.material.young / (1.0 - self.material.poisson**2)
+
+    @property
+    def a(self) -> float:
+        return float(np.cbrt(0.75 * self.P * self.R / self.E_star))
+
+    @property
+    def p0(self) -> float:
+        return 1.5 * self.P / (math.pi * self.a**2)
+
+    @property
+    def approach(self) -> float:
+        return self.a**2 / self.R
+
+    def pressure(self, r: FloatArray) -> FloatArray:
+        """At the distances r (k,) from the centre, shape (k,)."""
+        pressure: FloatArray = self.p0 * np.sqrt(np.maximum(1.0 - (r / self.a) ** 2, 0.0))
+        return pressure
+
+
+def grading(uniform: int, cells: int, width: float) -> Callable[[FloatArray], FloatArray]:
+    """Where the k-th of `cells` cells from the centre begins: the first `uniform` fill UNIFORM, the others grow."""
+    outer = width - UNIFORM * cells / uniform
+
+    def place(k: FloatArray) -> FloatArray:
+        beyond: FloatArray = np.maximum(np.abs(k) - uniform, 0.0) / (cells - uniform)
+        side: FloatArray = np.sign(k)
+        where: FloatArray = side * (UNIFORM * np.abs(k) / uniform + outer * beyond**3)
+        return where
+
+    return place
+
+
+def problem(uniform: int, width: float = WIDTH) -> ContactProblem:
+    """A quarter of the block over the sphere; at the time t, the sphere has come by t a^2/R."""
+    cells = 2 * uniform + (uniform // 2 if width > WIDTH else 0)
+    place = grading(uniform, cells, width)
+    return ContactProblem(
+        box((cells, cells, cells), (cells, cells, cells), place=place),
+        STEEL,
+        [Clamp("left", "x"), Clamp("front", "y"), Clamp("top", "z")],
+        Contact(
+            "bottom",
+            friction=0.0,
+            foundation=Sphere((0.0, 0.0, -RADIUS), RADIUS),
+            motion=lambda time: (0.0, 0.0, time * A**2 / RADIUS),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """One answer beside the formulas for its force.
+
+    Attributes:
+        theory: Of the whole sphere's force.
+        r: Distances of the contact nodes from the centre, shape (m,).
+        pressure: There, shape (m,).
+        profile: Error of the pressure in the mean square over the face, over the mean square of the formula.
+        by_area: Radius of a circle of the area of the pressing nodes.
+        by_moment: Radius from the mean square distance, each node with its force.
+        way: Of the sphere.
+        moment: Of the forces on the quarter about the sphere's centre, over P a.
+    """
+
+    theory: Hertz
+    r: FloatArray
+    pressure: FloatArray
+    profile: float
+    by_area: float
+    by_moment: float
+    way: float
+    moment: float
+
+
+def pressed(solution: Solution) -> Pressed:
+    """What a solution of the quarter says."""
+    surface, force = solution.problem.surface, solution.contact_force[0::3]
+    theory = Hertz(4.0 * float(force.sum()), RADIUS, STEEL)
+    r, pressure = np.hypot(surface.x[:, 0], surface.x[:, 1]), force / surface.area
+    known, total = theory.pressure(r), summary.totals(solution)
+    centre = solution.problem.motion - [0.0, 0.0, RADIUS]
+    moment = np.array(total["moment"]) - np.cross(centre, total["force"])
+    return Pressed(
+        theory,
+        r,
+        pressure,
+        profile=math.sqrt(surface.area @ (pressure - known) ** 2 / (surface.area @ known**2)),
+        by_area=math.sqrt(4.0 * total["contact_area"] / math.pi),
+        by_moment=math.sqrt(2.5 * (force @ r**2) / force.sum()),
+        way=float(solution.problem.motion[2]),
+        moment=float(np.linalg.norm(moment)) / (theory.P * theory.a),
+    )
+
+
+def verify(meshes: tuple[int, ...] = (4, 6, 8)) -> Verified:
+    """On several meshes, given by their cells in 4 a/3; and on one of them in a block twice as large."""
+    found = {uniform: _series(problem(uniform)) for uniform in meshes}
+    h = np.array([UNIFORM / A / uniform for uniform in meshes])
+    profile = _rms([[answer.profile for answer in answers] for answers in found.values()])
+    by_area = _rms([[answer.by_area / answer.theory.a - 1.0 for answer in answers] for answers in found.values()])
+    by_moment = _rms([[answer.by_moment / answer.theory.a - 1.0 for answer in answers] for answers in found.values()])
+    fine, size = found[meshes[-1]][5], float(h[-1])
+    middle = meshes[len(meshes) // 2]
+    small = _too_near(found[middle])
+    large = _too_near(_series(problem(middle, 2.0 * WIDTH)))
+    coarse = UNIFORM / A / middle
+    edge = f"h/a = {size:.3g}: the last cell cannot follow the upright tangent at the edge"
+    smooth = f"(h/a)^2 = {size**2:.2g}: integrals and smooth parts are of second order"
+    orders = "1 from the edge, more from smooth parts; twelve loads leave their mean square uncertain by a tenth or two"
+    rows = (
+        relative(
+            "pressure at the centre p0, Pa", fine.theory.p0, float(fine.pressure[np.argmin(fine.r)]), size**2, smooth
+        ),
+        absolute("pressure profile, root mean square error", 0.0, float(profile[-1]), size, edge),
+        absolute("contact radius by area, error over a", 0.0, float(by_area[-1]), size, edge),
+        absolute("contact radius by second moment, error over a", 0.0, float(by_moment[-1]), size**2, smooth),
+        _at_least("order of the pressure profile, at least", 1.0, order(h, profile), orders),
+        _at_least("order of the radius by area, at least", 1.0, order(h, by_area), orders),
+        absolute(
+            "order of the radius by second moment",
+            2.0,
+            order(h, by_moment),
+            0.5,
+            "2 for a linear functional; uncertain as the others, over meshes that differ by no more than 2",
+        ),
+        absolute(
+            "moment about the sphere's centre, over P a",
+            0.0,
+            fine.moment,
+            1e-10,
+            "forces along the normals of a sphere pass through its centre, on any mesh: rounding, 1e-16 R/a a node",
+        ),
+        absolute("approach: (way of the sphere)/(a^2/R) - 1", 0.0, small, _held_face(WIDTH) + coarse**2, _HELD),
+        absolute("the same in a block twice as large", 0.0, large, _held_face(2.0 * WIDTH) + coarse**2, _HELD),
+        absolute(
+            "the same extrapolated to an infinite block",
+            0.0,
+            2.0 * large - small,
+            coarse**2,
+            f"(h/a)^2 = {coarse**2:.2g}; of the block, a/L squared is left",
+        ),
+    )
+    return Verified(rows, _panels(fine, h, profile, by_area, by_moment))
+
+
+_HELD = "the half space goes on behind the held face: its displacement there, under a point load; and (h/a)^2"
+
+
+def _held_face(width: float) -> float:
+    """Displacement of the half space at the depth of the held face, over the approach; Boussinesq's P at the origin.
+
+    u_z = P (1 + nu)(3 - 2 nu)/(2 pi E L) and P = 4 E* a^3/(3 R).
+    """
+    nu = STEEL.poisson
+    return 4.0 / 3.0 * A / width * (3.0 - 2.0 * nu) / (2.0 * math.pi * (1.0 - nu))
+
+
+def _series(block: ContactProblem) -> list[Pressed]:
+    return [pressed(block.at(time).solve()) for time in LOADS]
+
+
+def _rms(errors: list[list[float]]) -> FloatArray:
+    """Root mean square over the loads, for each mesh."""
+    mean: FloatArray = np.sqrt(np.mean(np.square(errors), axis=1))
+    return mean
+
+
+def _too_near(answers: list[Pressed]) -> float:
+    return float(np.mean([answer.way / answer.theory.approach - 1.0 for answer in answers]))
+
+
+def _at_least(quantity: str, least: float, ours: float, why: str) -> Row:
+    return Row(quantity, least, ours, max(0.0, least - ours), 0.25, why)
+
+
+def _panels(
+    fine: Pressed, h: FloatArray, profile: FloatArray, by_area: FloatArray, by_moment: FloatArray
+) -> tuple[Panel, ...]:
+    r = np.linspace(0.0, 1.4 * fine.theory.a, 400)
+    near = fine.r < r[-1]
+    return (
+        Panel(
+            f"pressure, h = {h[-1]:.2g} a",
+            "r, mm",
+            "pressure, MPa",
+            (
+                Curve("Hertz", 1e3 * r, fine.theory.pressure(r) / 1e6, formula=True),
+                Curve("coulomb", 1e3 * fine.r[near], fine.pressure[near] / 1e6),
+            ),
+        ),
+        Panel(
+            "errors on three meshes",
+            "h / a",
+            "relative error",
+            (
+                Curve("order 1", h, profile[0] * h / h[0], formula=True),
+                Curve("order 2", h, by_moment[0] * (h / h[0]) ** 2, formula=True),
+                Curve("pressure profile", h, profile),
+                Curve("radius by area", h, by_area),
+                Curve("radius by second moment", h, by_moment),
+            ),
+            logarithmic=True,
+        ),
+    )

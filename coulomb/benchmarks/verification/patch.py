@@ -1,0 +1,149 @@
+"""Patch tests: a cube on a rigid plane in a uniform state of stress, which linear elements hold exactly.
+
+The unit cube carries the traction (tau, 0, -p) on its top; on its sides the displacements of the exact solution are
+prescribed.  Sticking throughout (|tau| < F p):
+
+    u = ((tau/G) z, 0, -p z/M),   M = E (1 - nu)/((1 + nu)(1 - 2 nu)),   contact traction (-tau, 0, p)
+
+Sliding throughout, by s0 > 0 along x (sigma_xx = 0, sigma_yy = -nu p, sigma_zz = -p, sigma_xz = F p):
+
+    u = (s0 + (nu (1 + nu) p/E) x + (F p/G) z, 0, -((1 - nu^2) p/E) z),   contact traction (-F p, 0, p)
+
+Each on hexahedra and on tetrahedra, upright and turned in space with its plane, so that no axis is a coordinate axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ... import summary
+from ...arrays import FloatArray
+from ...contact import Contact
+from ...fem.body import Material
+from ...fem.elasticity import Clamp, Traction
+from ...fem.meshes import box
+from ...fem.obstacles import Plane
+from ...problem import ContactProblem
+from ...solution import Solution
+from ...solvers.compliance import MatrixCompliance
+from .table import Curve, Panel, Row, Verified, absolute, relative
+
+STEEL = Material(young=2.119e11, poisson=0.277)
+PRESSURE, SHEAR, FRICTION, SLIP = 4e7, 1e7, 0.3, 1e-4
+CELLS = (4, 5, 3)
+RESIDUAL = 1e-10
+
+TURN = np.linalg.qr(np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.1], [0.48, 0.64, 0.7]]))[0]
+TURN *= np.linalg.det(TURN)
+"""A rotation that leaves no axis where it was."""
+
+
+@dataclass(frozen=True)
+class Patch:
+    """One of the patch tests.
+
+    Attributes:
+        sliding: Sliding throughout, or sticking throughout.
+        cell: "hexahedron" or "tetrahedron".
+        turn: Rotation of everything, shape (3, 3).
+    """
+
+    sliding: bool
+    cell: str
+    turn: FloatArray
+
+    @property
+    def shear(self) -> float:
+        """Shear traction on the top, pascals."""
+        return FRICTION * PRESSURE if self.sliding else SHEAR
+
+    def exact(self, x: FloatArray) -> FloatArray:
+        """Displacement at the points x (3, k), shape (3, k)."""
+        E, nu = STEEL.young, STEEL.poisson
+        G, M = E / (2.0 * (1.0 + nu)), E * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
+        x, y, z = self.turn.T @ x
+        across = SLIP + nu * (1.0 + nu) * PRESSURE / E * x if self.sliding else 0.0 * x
+        down = -(1.0 - nu**2) * PRESSURE / E * z if self.sliding else -PRESSURE / M * z
+        u: FloatArray = self.turn @ np.stack([across + self.shear / G * z, 0.0 * y, down])
+        return u
+
+    def problem(self) -> ContactProblem:
+        normal = self.turn[:, 2]
+        return ContactProblem(
+            box((1.0, 1.0, 1.0), CELLS, self.cell, place=lambda x: self.turn @ x),
+            STEEL,
+            [Clamp(face, value=self.exact) for face in ("left", "right", "front", "back")],
+            Contact("bottom", FRICTION, foundation=Plane((0.0, 0.0, 0.0), tuple(normal))),
+            [Traction("top", tuple(self.turn @ (self.shear, 0.0, -PRESSURE)))],
+        )
+
+
+def verify() -> Verified:
+    """All eight of them."""
+    rows: list[Row] = []
+    shears = []
+    for sliding in (False, True):
+        for cell in ("hexahedron", "tetrahedron"):
+            for where, turn in (("upright", np.eye(3)), ("turned", TURN)):
+                patch = Patch(sliding, cell, turn)
+                solution = patch.problem().solve(RESIDUAL)
+                name = f"{'sliding' if sliding else 'sticking'}, {cell}, {where}"
+                rows += _rows(name, patch, solution)
+                shears.append((patch, _traction(patch, solution)))
+    return Verified(tuple(rows), _panels(shears))
+
+
+def _traction(patch: Patch, solution: Solution) -> FloatArray:
+    """Contact traction on the body in the axes of the cube, shape (m, 3), pascals."""
+    surface = solution.problem.surface
+    force = -surface.vectors(solution.contact_force.reshape(-1, 3))
+    traction: FloatArray = force @ patch.turn / surface.area[:, None]
+    return traction
+
+
+def _rows(name: str, patch: Patch, solution: Solution) -> list[Row]:
+    problem = solution.problem
+    allowed = RESIDUAL * _amplification(problem)
+    why = "exact for linear elements: the residual 1e-10 times (1 + L)/m, m and L the extreme eigenvalues of A over a"
+    traction = _traction(patch, solution)
+    expected = np.array([-patch.shear, 0.0, PRESSURE])
+    worst = traction[np.argmax(np.linalg.norm(traction - expected, axis=1))]
+    exact = patch.exact(problem.elasticity.x.T).T
+    off = np.abs(solution.displacement - exact).max() / np.abs(exact).max()
+    counts = summary.summary(solution)["nodes"]
+    alike = counts["slip" if patch.sliding else "stick"] / counts["contact"]
+    return [
+        relative(f"{name}: pressure, worst node, Pa", expected[2], worst[2], allowed, why),
+        relative(f"{name}: shear, worst node, Pa", expected[0], worst[0], allowed * PRESSURE / patch.shear, why),
+        absolute(f"{name}: displacement, worst node, over the greatest", 0.0, off, allowed, why),
+        absolute(f"{name}: share of nodes that do so", 1.0, alike, 0.0, "a count: all of them"),
+    ]
+
+
+def _amplification(problem: ContactProblem) -> float:
+    """What an error is at most over the natural residual: (1 + L)/m for a strongly monotone problem."""
+    assert isinstance(problem.A, MatrixCompliance)
+    eigenvalues = np.linalg.eigvalsh(problem.A.matrix.getDenseArray()) / problem.mean_compliance
+    return float((1.0 + eigenvalues[-1]) / eigenvalues[0])
+
+
+def _panels(shears: list[tuple[Patch, FloatArray]]) -> tuple[Panel, ...]:
+    panels = []
+    for sliding in (False, True):
+        chosen = [(patch, traction) for patch, traction in shears if patch.sliding is sliding]
+        nodes = np.arange(len(chosen[0][1]), dtype=float)
+        ends = nodes[[0, -1]]
+        curves = [
+            Curve("p", ends, np.full(2, PRESSURE / 1e6), formula=True),
+            Curve("F p" if sliding else "tau", ends, np.full(2, chosen[0][0].shear / 1e6), formula=True),
+        ]
+        for number, (patch, traction) in enumerate(chosen):
+            upright = np.array_equal(patch.turn, np.eye(3))
+            label = f"{patch.cell}, {'upright' if upright else 'turned'}"
+            both = np.concatenate([traction[:, 2], -traction[:, 0]]) / 1e6
+            curves.append(Curve(label, np.tile(nodes + 0.2 * number, 2), both))
+        title = "sliding throughout" if sliding else "sticking throughout"
+        panels.append(Panel(title, "contact node", "pressure and shear, MPa", tuple(curves)))
+    return tuple(panels)

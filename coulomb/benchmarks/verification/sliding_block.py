@@ -1,0 +1,192 @@
+"""A block drawn over a plane until it slides, and back: friction is F times the normal force, not about that.
+
+A cube of 1 m of steel stands on a rigid plane.  Its top, held flat, is pressed down by 0.2 mm, then drawn to the right
+by s(t), and back.  Friction grows while the block shears, node after node slips, and from then on, by Coulomb's law
+summed over the nodes, all of which slip the same way,
+
+    T = -F N sign(ds/dt)
+
+whatever the mesh.  Sliding by ds dissipates F N ds; after the reversal the block sticks at first, and the force falls
+as steeply as if its base were bonded to the plane; sliding back, all is the mirror image of sliding forth.
+
+The slip of a step is taken with the friction of its end (backward Euler).  While a node slips, its friction changes by
+dg along a step, and the energy dissipated errs by dg ds/2: over n steps, by something that falls at least like 1/n.
+Pressing alone is proportional loading: slip and friction grow together, n steps dissipate (1 + 1/n) times the energy of
+infinitely many, and the imbalance of the energy is exactly n times less than that of one step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ... import summary
+from ...arrays import FloatArray
+from ...contact import Contact
+from ...fem.body import Material
+from ...fem.elasticity import Clamp, Elasticity
+from ...fem.meshes import box
+from ...load_history import LoadHistory, LoadStep
+from ...problem import ContactProblem
+from ...solvers.stiffness import DirectSolver
+from .table import Curve, Panel, Row, Verified, order, relative
+
+STEEL = Material(young=2.1e11, poisson=0.3)
+FRICTION, DOWN = 0.3, 2e-4
+CELLS = (6, 6, 6)
+RESIDUAL = 1e-10
+
+SHEARED, RIGHT, RETURNED, LEFT = 2.0, 7.0, 8.0, 13.0
+"""Times: the top has gone 0.5 mm; slid on 20 mm; come back 0.5 mm; slid back 20 mm."""
+
+WAY = ((0.0, 0.0), (1.0, 0.0), (SHEARED, 5e-4), (RIGHT, 20.5e-3), (RETURNED, 20e-3), (LEFT, 0.0))
+"""Way of the top along x in metres."""
+
+
+def problem() -> ContactProblem:
+    """The block: pressed down until t = 1, drawn to the right until t = 7, then to the left."""
+    return ContactProblem(
+        box((1.0, 1.0, 1.0), CELLS),
+        STEEL,
+        [Clamp("top", "z", (0.0, 0.0, -DOWN), ((0.0, 0.0), (1.0, 1.0))), Clamp("top", "xy", (1.0, 0.0, 0.0), WAY)],
+        Contact("bottom", FRICTION),
+    )
+
+
+def bonded_stiffness() -> float:
+    """Force on the top along x per metre of its way, the base bonded to the plane, N/m: linear elasticity alone."""
+    body = Elasticity(
+        box((1.0, 1.0, 1.0), CELLS), STEEL, [Clamp("bottom"), Clamp("top", "yz"), Clamp("top", "x", (1.0, 0.0, 0.0))]
+    )
+    u = body.K.createVecRight()
+    DirectSolver(body.K).solve(body.f, u)
+    return float(body.internal_force(u.array.reshape(-1, 3))[body.nodes("top", "reaction"), 0].sum())
+
+
+def verify() -> Verified:
+    """The whole history, and its beginning in more and more steps."""
+    block = problem()
+    times = [
+        *(1.0 + k / 10 for k in range(11)),
+        *(SHEARED + k for k in range(1, 6)),
+        *(RIGHT + k / 10 for k in range(1, 11)),
+        *(RETURNED + k for k in range(1, 6)),
+    ]
+    steps = list(LoadHistory(times, tolerance=RESIDUAL).steps(block))
+    at = dict(zip(times, steps, strict=True))
+    right, left, before, turned = at[RIGHT], at[LEFT], at[RIGHT - 1.0], at[RIGHT + 0.1]
+    T, N = force(right)
+    bonded = bonded_stiffness()
+    slid, retreat = way(RIGHT) - way(RIGHT - 1.0), way(RIGHT) - way(RIGHT + 0.1)
+
+    rest = (1.0 + slid * bonded / (FRICTION * N)) ** -5.0
+    steady = (
+        "exact on any mesh once sliding is steady; of what is not, each of five steps of 4 mm leaves at most "
+        "1/(1 + ds k/(F N)), k the bonded stiffness"
+    )
+    stuck = "all nodes stick in that step: a linear problem, solved to the residual 1e-10"
+    press = [abs(_last(block, [k / n for k in range(1, n + 1)]).state.energy.imbalance) for n in (1, 8)]
+    parts = np.array([4, 8, 16, 32])
+    shear = np.array([_imbalance_of_shearing(block, n) for n in parts])
+    p = order(1.0 / parts, shear)
+
+    def done(name: str) -> float:
+        now, then = right.state.energy, before.state.energy
+        return float(getattr(now, name) - getattr(then, name))
+
+    rows = (
+        relative("sliding right: T/(F N)", -1.0, T / (FRICTION * N), 10.0 * RESIDUAL + rest**2, steady + ", squared"),
+        relative("sliding left: T/(F N)", 1.0, _ratio(left), 10.0 * RESIDUAL + rest**2, steady + ", squared"),
+        relative("sliding left: N over N of sliding right", 1.0, force(left)[1] / N, rest, "mirror images; " + steady),
+        relative("reversed by 0.05 mm: dT/ds, N/m", bonded, (force(turned)[0] - T) / retreat, 1e-7, stuck),
+        relative("4 mm of sliding: dissipated F N ds, J", FRICTION * N * slid, done("dissipated"), rest, steady),
+        relative("4 mm of sliding: work of the clamp F N ds, J", FRICTION * N * slid, done("prescribed"), rest, steady),
+        relative(
+            "pressing: energy imbalance of 1 step over that of 8",
+            8.0,
+            press[0] / press[1],
+            1e-6,
+            "proportional loading: exact, to the residual 1e-10 over the part of slip in the energy, 1e-3 and less",
+        ),
+        Row(
+            "shearing: order of the energy imbalance in the step, at least",
+            1.0,
+            p,
+            max(0.0, 1.0 - p),
+            0.0,
+            "backward Euler errs by dg ds/2 a step, first order; more where dg of different nodes cancel",
+        ),
+    )
+    return Verified(rows, _panels(times, steps, bonded, parts, shear))
+
+
+def way(time: float) -> float:
+    """Of the top along x, metres."""
+    return float(np.interp(time, *np.transpose(WAY)))
+
+
+def force(step: LoadStep) -> tuple[float, float]:
+    """Of the plane on the block, along x and along z, newtons: T and N."""
+    total = summary.totals(step.solution)["force"]
+    return total[0], total[2]
+
+
+def _ratio(step: LoadStep) -> float:
+    T, N = force(step)
+    return T / (FRICTION * N)
+
+
+def _last(block: ContactProblem, times: Sequence[float]) -> LoadStep:
+    *_, last = LoadHistory(times, tolerance=RESIDUAL).steps(block)
+    return last
+
+
+def _imbalance_of_shearing(block: ContactProblem, n: int) -> float:
+    """Of the energy between t = 1 and 2 in n steps, joules."""
+    first, *_, last = LoadHistory([1.0 + k / n for k in range(n + 1)], tolerance=RESIDUAL).steps(block)
+    return abs(last.state.energy.imbalance - first.state.energy.imbalance)
+
+
+def _panels(
+    times: Sequence[float], steps: Sequence[LoadStep], bonded: float, parts: FloatArray, shear: FloatArray
+) -> tuple[Panel, ...]:
+    ways, ratios = np.array([way(t) for t in times]), np.array([_ratio(step) for step in steps])
+    reversed_at = times.index(RIGHT)
+    _, N = force(steps[reversed_at])
+    full = np.array([0.0, way(RIGHT)])
+    rise = 2.0 * FRICTION * N / bonded
+    loop = (
+        Curve("sliding: -F N, F N", full, np.array([-1.0, -1.0]), formula=True),
+        Curve("", full, np.array([1.0, 1.0]), formula=True),
+    )
+    bond = Curve("bonded base", way(RIGHT) - np.array([0.0, rise]), np.array([-1.0, 1.0]), formula=True)
+    near = ways > way(RIGHT) - 6e-4
+    near[:reversed_at] = False
+    return (
+        Panel(
+            "drawn right, and back", "way of the top, mm", "T / (F N)", _scaled((*loop, Curve("coulomb", ways, ratios)))
+        ),
+        Panel(
+            "the reversal",
+            "way of the top, mm",
+            "T / (F N)",
+            _scaled((bond, Curve("coulomb", ways[near], ratios[near]))),
+        ),
+        Panel(
+            "energy imbalance of shearing",
+            "steps",
+            "imbalance, J",
+            (
+                Curve("first order", parts, shear[0] * parts[0] / parts, formula=True),
+                Curve("coulomb", parts, shear),
+            ),
+            logarithmic=True,
+        ),
+    )
+
+
+def _scaled(curves: Sequence[Curve]) -> tuple[Curve, ...]:
+    """With x in millimetres."""
+    return tuple(replace(curve, x=1e3 * curve.x) for curve in curves)

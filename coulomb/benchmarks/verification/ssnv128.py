@@ -1,0 +1,109 @@
+"""SSNV128 of code_aster: a square plate, pressed onto a rigid line and pushed along it from the side.
+
+Validation manual V6.04.128, plane strain (here one layer of cells with u_y = 0): 40 x 40 mm, E = 1.3e11 Pa, nu = 0.2,
+F = 1; 5e7 Pa on top, 15e7 Pa on the left, symmetry u_x = 0 on the right, the corner (40 mm, 0) held.  There is no
+closed solution: the manual gives numbers, tangential displacements of the contact line and the pressure at 38.75 mm.
+
+A clamp holds a face, not an edge: the corner is the end of the line, a sliver of 0.01 mm whose bottom is held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...arrays import FloatArray
+from ...contact import Contact
+from ...fem import compat
+from ...fem.body import Material
+from ...fem.elasticity import Clamp, Traction
+from ...fem.meshes import NamedMesh, box
+from ...problem import ContactProblem
+from .table import Curve, Panel, Verified, relative
+
+EDGE, SLIVER = 0.04, 1e-5
+PLACES = (0.0, 1.25e-3, 5e-3, 7.5e-3, 11.25e-3)
+DISPLACEMENTS = (2.86e-5, 2.72e-5, 2.28e-5, 1.98e-5, 1.50e-5)
+PRESSURE_AT, PRESSURE = 38.75e-3, 8.389e7
+CELLS = 32
+
+
+def plate() -> NamedMesh:
+    """32 x 32 squares of 1.25 mm, and the sliver, whose bottom is the face "corner"."""
+
+    def place(x: FloatArray) -> FloatArray:
+        column = np.rint(x[0])
+        across = np.where(column == CELLS, EDGE - SLIVER, np.minimum(column, CELLS) * EDGE / CELLS)
+        return np.stack([across, x[1], x[2]])
+
+    mesh = box((CELLS + 1.0, EDGE / CELLS, EDGE), (CELLS + 1, 1, CELLS), place=place)
+    corner = compat.mesh.locate_entities_boundary(
+        mesh.domain, 2, lambda x: (x[0] > EDGE - 1.5 * SLIVER) & (x[2] < 1e-6 * EDGE)
+    )
+    return replace(mesh, faces={**mesh.faces, "corner": corner})
+
+
+def problem() -> ContactProblem:
+    """The plate with its loads."""
+    return ContactProblem(
+        plate(),
+        Material(young=1.3e11, poisson=0.2),
+        [Clamp("front", "y"), Clamp("back", "y"), Clamp("right", "x"), Clamp("corner", "xz")],
+        Contact("bottom", friction=1.0),
+        [Traction("top", (0.0, 0.0, -5e7)), Traction("left", (15e7, 0.0, 0.0))],
+    )
+
+
+def verify() -> Verified:
+    """Displacements at the five places, and the pressure near the corner."""
+    solution = problem().solve()
+    surface = solution.problem.surface
+    middle = surface.x[:, 1] < 0.5 * EDGE / CELLS  # one of the two lines of nodes: both have the same
+    x, nodes = surface.x[middle, 0], surface.nodes[middle]
+    along = np.argsort(x)
+    x, u = x[along], solution.displacement[nodes[along], 0]
+    pressure = (solution.contact_force[0::3] / surface.area)[middle][along]
+    why = (
+        "5 %, the tolerance given with the reference values, numerical ones themselves: contact and sticking begin "
+        "somewhere in a cell of 1.25 mm, 3 % of the edge"
+    )
+    rows = [
+        relative(f"u_x at x = {1e3 * place:g} mm, m", known, float(u[np.argmin(np.abs(x - place))]), 0.05, why)
+        for place, known in zip(PLACES, DISPLACEMENTS, strict=True)
+    ]
+    near = float(pressure[np.argmin(np.abs(x - PRESSURE_AT))])
+    rows.append(relative("pressure at x = 38.75 mm, Pa", PRESSURE, near, 0.05, why))
+    panels = (
+        Panel(
+            "displacement of the contact line",
+            "x, mm",
+            "u_x, micrometres",
+            (
+                Curve(
+                    "code_aster's manual",
+                    1e3 * np.array(PLACES),
+                    1e6 * np.array(DISPLACEMENTS),
+                    formula=True,
+                    line=False,
+                ),
+                Curve("coulomb, 32 x 32", 1e3 * x, 1e6 * u),
+            ),
+        ),
+        Panel(
+            "contact pressure",
+            "x, mm",
+            "pressure, MPa",
+            (
+                Curve(
+                    "code_aster's manual",
+                    np.array([1e3 * PRESSURE_AT]),
+                    np.array([PRESSURE / 1e6]),
+                    formula=True,
+                    line=False,
+                ),
+                Curve("coulomb, 32 x 32", 1e3 * x, pressure / 1e6),
+            ),
+        ),
+    )
+    return Verified(tuple(rows), panels)
