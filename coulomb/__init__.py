@@ -12,7 +12,8 @@ from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
 from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
 from .fem.surface import ContactSurface
 from .general import solve_coulomb, solve_tresca
-from .load_history import Energy, LoadHistory, LoadStep, StepFailed
+from .load_history import LoadHistory, StepFailed
+from .load_step import Energy, LoadStep
 from .problem import ContactProblem
 from .solution import Solution
 from .solvers.automatic import Automatic

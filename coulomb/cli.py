@@ -31,7 +31,8 @@ from .console import BAD_INPUT, FAILED
 from .console import console as _console
 from .console import errors as _errors
 from .fem import compat
-from .load_history import LoadStep, StepFailed
+from .load_history import StepFailed
+from .load_step import LoadStep
 from .problem import ContactProblem
 from .solution import Solution
 from .solvers.automatic import Automatic

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
-from .fem.fields import Coefficient, Motion
-from .fem.obstacles import RigidFoundation
-from .fem.surface import Normals
+from .arrays import FloatArray
+from .fem.elasticity import Elasticity
+from .fem.fields import Coefficient, Motion, evaluate_motion, evaluate_numbers, on_all_ranks
+from .fem.obstacles import Moved, RigidFoundation
+from .fem.surface import ContactSurface, Normals, contact_surface, joined
 
 
 @dataclass(frozen=True)
@@ -41,3 +45,61 @@ class Contact:
         for name, value in (("friction", self.friction), ("slip_stress", self.slip_stress)):
             if value is not None and not callable(value) and not (np.isfinite(value) and value >= 0.0):
                 raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
+
+    @property
+    def coulomb(self) -> bool:
+        """Whether friction is Coulomb's; else Tresca's."""
+        return self.friction is not None
+
+
+class ContactFaces:
+    """The contact faces of a body: their foundations at any time, and the surface that they make together.
+
+    Args:
+        contacts: The faces.
+        comm: The ranks.
+        foundations: Those of the contacts, by default; None is the face's own plane.
+
+    Raises:
+        ValueError: If there is none, or two have different laws.
+    """
+
+    def __init__(
+        self,
+        contacts: Sequence[Contact],
+        comm: MPI.Comm,
+        foundations: Sequence[RigidFoundation | None] | None = None,
+    ):
+        if not contacts or len({contact.coulomb for contact in contacts}) > 1:
+            raise ValueError("contact: give one face or several, all with friction (Coulomb) or all with slip_stress")
+        self._contacts, self._comm = contacts, comm
+        self._foundations = [contact.foundation for contact in contacts] if foundations is None else foundations
+
+    def against(self, foundations: Sequence[RigidFoundation]) -> ContactFaces:
+        """The same faces against other foundations."""
+        return ContactFaces(self._contacts, self._comm, foundations)
+
+    def motions(self, time: float) -> FloatArray:
+        """Translations of the foundations at a time in metres, shape (faces, 3); collective."""
+        motions: FloatArray = on_all_ranks(
+            lambda: np.array([evaluate_motion(c.motion, time, "contact: foundation") for c in self._contacts]),
+            "",
+            self._comm,
+        )
+        return motions
+
+    def surface(self, elasticity: Elasticity, motions: FloatArray) -> ContactSurface:
+        """Nodes, frames and gaps with the foundations moved so far; collective."""
+        moved = [Moved(f, m) if f and np.any(m) else f for f, m in zip(self._foundations, motions, strict=True)]
+        faces = zip(self._contacts, moved, strict=True)
+        return joined(elasticity, [contact_surface(elasticity, c.face, f, c.normals) for c, f in faces])
+
+    def coefficient(self, surface: ContactSurface) -> FloatArray:
+        """Friction, or slip stress in pascals, at this rank's contact nodes, shape (m,); collective."""
+        values: FloatArray = np.empty(len(surface.nodes))
+        for part, contact in enumerate(self._contacts):
+            law, given = ("friction", contact.friction) if contact.coulomb else ("slip_stress", contact.slip_stress)
+            assert given is not None
+            here = surface.part == part
+            values[here] = evaluate_numbers(given, surface.x[here], f"contact: {law}", self._comm)
+        return values

@@ -27,103 +27,16 @@ from typing import Any
 import numpy as np
 
 from . import output
-from .arrays import FloatArray
+from .load_step import Energy, LoadStep, State
 from .problem import ContactProblem
 from .restart import nodal_vectors, read_step
 from .solution import Solution
 from .solvers.coulomb import CoulombSolver
-from .solvers.reductions import Reductions
 from .solvers.results import NotConverged, ProgressCallback
 from .solvers.tresca import QPSolver
-from .summary import summary, totals
 
 SMALLEST = 1e-9
 """Step, as a part of the whole history, under which halving ends."""
-
-
-@dataclass(frozen=True)
-class Energy:
-    """In joules, from the start of the history.
-
-    Attributes:
-        loads: Work of tractions and body force.
-        prescribed: Work of the reactions at prescribed displacements.
-        foundation: Work that the moving foundation does on the body.
-        elastic: Energy kept in the body and in its elastic supports.
-        dissipated: By friction.
-    """
-
-    loads: float = 0.0
-    prescribed: float = 0.0
-    foundation: float = 0.0
-    elastic: float = 0.0
-    dissipated: float = 0.0
-
-    @property
-    def imbalance(self) -> float:
-        """Work done, less what is kept and what is dissipated: the error of finite steps."""
-        return self.loads + self.prescribed + self.foundation - self.elastic - self.dissipated
-
-
-@dataclass(frozen=True)
-class State:
-    """What a step leaves to the next; this rank's part.
-
-    Attributes:
-        number: Of the step, from 1; 0 before the first.
-        time: When.
-        displacement: Metres, shape (k, 3).
-        on_body: Nodal contact forces on the body in newtons, shape (k, 3).
-        energy: Since the start.
-        pending: Times still to be reached, the next one last.
-    """
-
-    number: int
-    time: float
-    displacement: FloatArray
-    on_body: FloatArray
-    energy: Energy
-    pending: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class LoadStep:
-    """One step that has been taken.
-
-    Attributes:
-        solution: The answer at its end; `solution.problem` has the loads of that time.
-        state: What it leaves to the next.
-        halvings: How often its interval had to be halved.
-    """
-
-    solution: Solution
-    state: State
-    halvings: int
-
-    @property
-    def row(self) -> dict[str, Any]:
-        """Its line of history.csv; collective."""
-        told, energy = summary(self.solution), self.state.energy
-        face = told["totals"]
-        centre = face["centre_of_pressure"] or [math.nan] * 3
-        axes = ("x", "y", "z")
-        return {
-            "step": self.state.number,
-            "time": self.state.time,
-            **{f"force_{a}": value for a, value in zip(axes, face["force"], strict=True)},
-            **{f"moment_{a}": value for a, value in zip(axes, face["moment"], strict=True)},
-            "normal_force": told["force_on_body"]["normal"],
-            "contact_area": face["contact_area"],
-            **{f"centre_of_pressure_{a}": value for a, value in zip(axes, centre, strict=True)},
-            "greatest_slip": face["greatest_slip"],
-            "greatest_pressure": told["maximum"]["contact_pressure"],
-            **{name: told["nodes"][name] for name in ("open", "stick", "slip")},
-            **{f"energy_{name}": value for name, value in asdict(energy).items()},
-            "energy_imbalance": energy.imbalance,
-            "path_following": told["iterations"]["path_following"],
-            "residual": told["residual"],
-            "certified": told["certificate"]["passed"],
-        }
 
 
 @dataclass(frozen=True)
@@ -186,14 +99,15 @@ class LoadHistory:
                     ) from None
                 state = replace(state, pending=(*state.pending, middle))
                 continue
-            state = _after(state, solution)
+            state = state.after(solution)
             yield LoadStep(solution, state, halved)
             halved = 0
 
     def _posed(self, problem: ContactProblem, state: State, time: float) -> ContactProblem:
         """The step from a state to a time, as a problem."""
-        moved = problem.motion_at(time) - problem.motion_at(state.time)
-        return problem.at(time, state.displacement[problem.surface.nodes] + moved)
+        moved = problem.motions_at(time) - problem.motions_at(state.time)
+        surface = problem.surface
+        return problem.at(time, state.displacement[surface.nodes] + moved[surface.part])
 
     def _attempt(
         self, problem: ContactProblem, state: State, time: float, progress: ProgressCallback | None
@@ -259,29 +173,6 @@ class StepFailed(NotConverged):
     def __init__(self, message: str, result: Any, problem: ContactProblem):
         super().__init__(message, result)
         self.problem = problem
-
-
-def _after(before: State, solution: Solution) -> State:
-    """The state at the end of a step, energies brought up to date; collective."""
-    problem, u = solution.problem, solution.displacement
-    over, elasticity = Reductions(problem.comm), problem.elasticity
-    then = elasticity.at(before.time)
-    on_body = -problem.nodal_contact_force(solution.contact_force)
-    change = u - before.displacement
-    kept, kept_then = (elasticity.internal_force(v) - elasticity.spring_force(v) for v in (u, before.displacement))
-    reactions = np.where(elasticity.fixed, kept - elasticity.load - on_body, 0.0)
-    reactions += np.where(elasticity.fixed, kept_then - then.load - before.on_body, 0.0)
-    moved = problem.motion - problem.motion_at(before.time)
-    dissipated = totals(solution)["dissipated_energy"]
-    total = 0.5 * over.total((on_body + before.on_body).sum(axis=0))
-    energy = Energy(
-        loads=before.energy.loads + 0.5 * over.dot(elasticity.load + then.load, change),
-        prescribed=before.energy.prescribed + 0.5 * over.dot(reactions, change),
-        foundation=before.energy.foundation + float(total @ moved),
-        elastic=0.5 * over.dot(u, kept),
-        dissipated=before.energy.dissipated + dissipated,
-    )
-    return State(before.number + 1, problem.time, u, on_body, energy, before.pending[:-1])
 
 
 # --- on disk -----------------------------------------------------------------------------------------------------

@@ -141,7 +141,7 @@ def _write_contact(solution: Solution, path: str) -> None:
     """The fields of the contact nodes on a mesh of the contact face."""
     problem = solution.problem
     elasticity, domain = problem.elasticity, problem.mesh.domain
-    facets = problem.mesh.facets(problem.surface.face, "contact")
+    facets = np.unique(np.concatenate([problem.mesh.facets(face, "contact") for face in problem.surface.faces]))
     owned = facets[facets < domain.topology.index_map(2).size_local]
     sub, geometry_of = compat.submesh(domain, 2, np.sort(owned))
     node_of_geometry = np.empty(len(domain.geometry.x), dtype=np.int64)

@@ -14,12 +14,11 @@ import numpy as np
 from mpi4py import MPI
 
 from .arrays import FloatArray
-from .contact import Contact
+from .contact import Contact, ContactFaces
 from .fem.elasticity import Clamp, Elasticity, Materials, Spring, Traction
-from .fem.fields import Amplitude, Field, evaluate_motion, evaluate_numbers, on_all_ranks
+from .fem.fields import Amplitude, Field
 from .fem.meshes import NamedMesh
-from .fem.obstacles import Moved
-from .fem.surface import ContactSurface, contact_surface
+from .fem.surface import ContactSurface
 from .solution import Solution
 from .solvers import schur
 from .solvers.automatic import Automatic
@@ -52,7 +51,7 @@ class ContactProblem:
         mesh: The body.
         material: Its material, or a mapping of cell groups to theirs.
         clamps: Prescribed displacements; they and the springs must leave it no rigid motion.
-        contact: The contact face, its foundation and friction.
+        contact: The contact face, its foundation and friction; or several, which share no node and have one law.
         tractions: Surface loads.
         body_force: Force per volume in N/m^3.
         springs: Elastic supports.
@@ -65,7 +64,8 @@ class ContactProblem:
         elasticity: K, f and what belongs to them.
         surface: The contact nodes.
         coefficient: Friction F, or slip stress in pascals, at this rank's contact nodes, shape (m,).
-        motion: Where the foundation is at this time, from where it was given, metres, shape (3,).
+        contacts: The contact faces.
+        motions: Where their foundations are at this time, from where they were given, metres, shape (faces, 3).
         slip_origin: Displacement of the contact nodes at which they have not slipped, space vectors in metres, shape
             (m, 3): 0 at first, in a later load step that of the step before, carried along with the foundation.
         seconds: Wall time of each phase so far.
@@ -79,7 +79,7 @@ class ContactProblem:
         mesh: NamedMesh,
         material: Materials,
         clamps: Sequence[Clamp],
-        contact: Contact,
+        contact: Contact | Sequence[Contact],
         tractions: Sequence[Traction] = (),
         body_force: Field = (0.0, 0.0, 0.0),
         springs: Sequence[Spring] = (),
@@ -91,22 +91,20 @@ class ContactProblem:
     ):
         if explicit and linear_solver is IterativeSolver:
             raise ValueError("explicit=True needs the factorised K: use linear_solver=DirectSolver")
-        self.mesh, self.contact = mesh, contact
+        self.mesh = mesh
+        self.contacts = (contact,) if isinstance(contact, Contact) else tuple(contact)
         self.seconds: dict[str, float] = {}
         with self._timed("assembly"):
             self.elasticity = Elasticity(
                 mesh, material, clamps, tractions, body_force, springs, body_force_amplitude, time
             )
-            self.surface: ContactSurface = contact_surface(
-                self.elasticity, contact.face, contact.foundation, contact.normals
-            )
-            self._foundation = self.surface.foundation
-            self.motion: FloatArray = np.zeros(3)
+            self._faces = ContactFaces(self.contacts, self.comm)
+            self.motions: FloatArray = np.zeros((len(self.contacts), 3))
+            self.surface: ContactSurface = self._faces.surface(self.elasticity, self.motions)
+            self._faces = self._faces.against(self.surface.foundations)  # where none was given, the face's own plane
             self.slip_origin: FloatArray = np.zeros((len(self.surface.nodes), 3))
-            self._move_foundation()
-            law, given = ("friction", contact.friction) if self.coulomb else ("slip_stress", contact.slip_stress)
-            assert given is not None
-            self.coefficient = evaluate_numbers(given, self.surface.x, f"contact: {law}", self.comm)
+            self._move_foundations()
+            self.coefficient: FloatArray = self._faces.coefficient(self.surface)
         if linear_solver is None:
             limit = DIRECT_UP_TO if self.comm.size == 1 else DIRECT_IN_PARALLEL_UP_TO
             small = self.unknowns["displacement"] <= limit
@@ -146,25 +144,20 @@ class ContactProblem:
             other.slip_origin = slip_origin
         with other._timed("assembly"):
             other.elasticity = self.elasticity.at(time)
-            other._move_foundation()
+            other._move_foundations()
         return other
 
-    def motion_at(self, time: float) -> FloatArray:
-        """Translation of the foundation at a time in metres, shape (3,); collective."""
-        translation: FloatArray = on_all_ranks(
-            lambda: evaluate_motion(self.contact.motion, time, "contact: foundation"), "", self.comm
-        )
-        return translation
+    def motions_at(self, time: float) -> FloatArray:
+        """Translations of the foundations of all contact faces at a time in metres, shape (faces, 3); collective."""
+        return self._faces.motions(time)
 
-    def _move_foundation(self) -> None:
-        """Gaps, and where they turn also frames, B and A, for where the foundation is at this time."""
-        where = self.motion_at(self.time)
-        if np.array_equal(where, self.motion):
+    def _move_foundations(self) -> None:
+        """Gaps, and where they turn also frames, B and A, for where the foundations are at this time."""
+        where = self.motions_at(self.time)
+        if np.array_equal(where, self.motions):
             return
-        self.motion, before = where, self.surface
-        after = contact_surface(
-            self.elasticity, self.contact.face, Moved(self._foundation, where), self.contact.normals
-        )
+        self.motions, before = where, self.surface
+        after = self._faces.surface(self.elasticity, where)
         if not self.comm.allreduce(np.array_equal(before.nodes, after.nodes), op=MPI.LAND):
             raise ValueError(f"contact: at time {self.time:g} the foundation has turned its normals to other nodes")
         turned = not np.allclose(before.frames, after.frames, rtol=0.0, atol=1e-14)
@@ -278,7 +271,7 @@ class ContactProblem:
     @property
     def coulomb(self) -> bool:
         """Whether friction is Coulomb's; else Tresca's."""
-        return self.contact.friction is not None
+        return self.contacts[0].coulomb
 
     @property
     def coulomb_problem(self) -> CoulombProblem:

@@ -12,7 +12,6 @@ import numpy as np
 
 from .arrays import FloatArray
 from .fem.fields import on_all_ranks
-from .fem.obstacles import Moved
 from .solvers.reductions import Reductions
 
 if TYPE_CHECKING:
@@ -74,20 +73,21 @@ def small_strain(problem: ContactProblem, x: FloatArray, u: FloatArray) -> Small
         u: Displacement in metres, this rank's nodes, shape (k, 3).
     """
     surface, over = problem.surface, Reductions(problem.comm)
-    foundation = surface.foundation
     pressing = x[0::3] > _PRESSING * max(over.max(x[0::3]), 0.0)
     before, moved = surface.x[pressing], surface.x[pressing] + u[surface.nodes][pressing]
 
     def measure() -> tuple[FloatArray, FloatArray]:
-        if len(before) == 0:
-            return np.empty(0), np.empty(0)
-        cosine = np.einsum("ki,ki->k", foundation.normal(before), foundation.normal(moved))
-        turn: FloatArray = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        return foundation.signed_distance(moved), np.where(turn < 1e-5, 0.0, turn)
+        distance, turn = np.zeros(len(before)), np.zeros(len(before))
+        for number, foundation in enumerate(surface.foundations):
+            at = surface.part[pressing] == number
+            if np.any(at):
+                cosine = np.einsum("ki,ki->k", foundation.normal(before[at]), foundation.normal(moved[at]))
+                turn[at] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+                distance[at] = foundation.signed_distance(moved[at])
+        return distance, np.where(turn < 1e-5, 0.0, turn)
 
     distance, turn = on_all_ranks(measure, "contact: foundation", problem.comm)
-    motion = foundation.translation if isinstance(foundation, Moved) else np.zeros(3)
-    closure = surface.components(u[surface.nodes] - motion)[pressing]
+    closure = surface.components(u[surface.nodes] - problem.motions[surface.part])[pressing]
     internal = problem.elasticity.internal_force(u)
     forces = over.sum(np.linalg.norm(internal, axis=1))
     deformation = 2.0 * over.dot(u, internal) / forces if forces > 0.0 else 0.0

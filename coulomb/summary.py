@@ -85,6 +85,7 @@ def summary(solution: Solution) -> dict[str, Any]:
             "vector": [over.sum(on_body[:, k]) for k in range(3)],
         },
         "totals": totals(solution),
+        "faces": [totals(solution, part) for part in range(len(surface.faces))],
         "small_strain": {**asdict(strain), "warnings": list(strain.warnings)},
         "spring_force_on_body": [over.sum(spring_force[:, k]) for k in range(3)],
         "nodes": {
@@ -109,27 +110,31 @@ def summary(solution: Solution) -> dict[str, Any]:
     }
 
 
-def totals(solution: Solution) -> dict[str, Any]:
-    """What the contact face does as a whole; newtons and metres; collective, the same on every rank.
+def totals(solution: Solution, part: int | None = None) -> dict[str, Any]:
+    """What the contact does as a whole, or one of its faces; newtons and metres; collective, the same on every rank.
 
     Force and moment (about the origin) are those on the body.  The centre of pressure is the mean place of the normal
     forces, null without any.  Slip and dissipated energy count from `ContactProblem.slip_origin`.
     """
     problem, surface = solution.problem, solution.problem.surface
+    here = surface.part == part if part is not None else np.ones(len(surface.nodes), dtype=bool)
     over, x = Reductions(problem.comm), solution.contact_force.reshape(-1, 3)
-    on_body = -surface.vectors(x)
-    open_, _ = _open_and_slip(solution)
+    on_body = -surface.vectors(x)[here]
+    closed = ~_open_and_slip(solution)[0] & here
     slip = problem.closure(solution.displacement)[:, 1:]
-    pressing = over.sum(x[:, 0])
+    pressing = over.sum(x[here, 0])
     moving = np.hypot(slip[:, 0], slip[:, 1])
+    centre = over.total(x[here, 0] @ surface.x[here]) / pressing if pressing > 0.0 else None
     return {
-        "face": surface.face,
+        "faces": list(surface.faces) if part is None else [surface.faces[part]],
         "force": over.total(on_body.sum(axis=0)).tolist(),
-        "moment": over.total(np.cross(surface.x, on_body).sum(axis=0)).tolist(),
-        "contact_area": over.sum(surface.area[~open_]),
-        "centre_of_pressure": (over.total(x[:, 0] @ surface.x) / pressing).tolist() if pressing > 0.0 else None,
-        "greatest_slip": max(over.max(moving[~open_]), 0.0),
-        "dissipated_energy": over.sum(np.sum(x[:, 1:] * slip, axis=1)),
+        "moment": over.total(np.cross(surface.x[here], on_body).sum(axis=0)).tolist(),
+        "normal_force": pressing,
+        "contact_area": over.sum(surface.area[closed]),
+        "centre_of_pressure": None if centre is None else centre.tolist(),
+        "greatest_slip": max(over.max(moving[closed]), 0.0),
+        "greatest_pressure": over.max(x[here, 0] / surface.area[here]),
+        "dissipated_energy": over.sum(np.sum((x[:, 1:] * slip)[here], axis=1)),
     }
 
 

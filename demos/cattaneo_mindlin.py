@@ -58,7 +58,7 @@ pressed = replace(
 )
 ways, forces = [], []
 for step in history.steps(problem, pressed):
-    ways.append(step.solution.problem.motion[0] / d)
+    ways.append(step.solution.problem.motions[0, 0] / d)
     forces.append(2 * totals(step.solution)["force"][0] / (F * P))
     print(f"way {ways[-1]:+.3f} d, Q = {forces[-1]:+.4f} F P, {step.row['stick']} nodes stick, {step.row['slip']} slip")
 print(step.solution.certificate)

@@ -173,7 +173,7 @@ def test_a_rank_without_contact_nodes():
     solution = problem.solve()
     assert solution.certificate.passed
     condensed = ContactProblem(
-        problem.mesh, STEEL, [Clamp("top", value=(0.0, 0.0, -1e-3))], problem.contact, explicit=False
+        problem.mesh, STEEL, [Clamp("top", value=(0.0, 0.0, -1e-3))], problem.contacts, explicit=False
     ).solve(solver=OneLoop(newton=CondensedConeSystem))
     assert condensed.certificate.passed
     # a column between two plates, free to bulge: a force between those of free and of hindered bulging

@@ -105,19 +105,21 @@ def scaling(
     tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-7,
     method: Annotated[str, typer.Option("--method", help="auto, direct or iterative.")] = "auto",
     newton: Annotated[str, typer.Option("--newton", help="Newton systems: recycling or condensed.")] = "recycling",
+    start: Annotated[str, typer.Option("--start", help="cold, or coarse: from half as many cells.")] = "cold",
     directory: Annotated[Path | None, typer.Option("--output", help="For scaling.csv and scaling.png.")] = None,
 ) -> None:
     """Coulomb friction up to a million unknowns, beside one linear solve on the same mesh (the yardstick)."""
-    from .scaling import METHODS, NEWTON, SIZES, Row, exponent, measure
+    from .scaling import METHODS, NEWTON, SIZES, STARTS, Row, exponent, measure
 
     if MPI.COMM_WORLD.size > 1 or method not in METHODS:
         errors.print("error: this benchmark runs on one rank, and starts others; --method is auto, direct or iterative")
         raise typer.Exit(BAD_INPUT)
-    if newton not in NEWTON:
-        errors.print(f"error: --newton is recycling or condensed, but is {newton}", markup=False)
+    if newton not in NEWTON or start not in STARTS:
+        errors.print("error: --newton is recycling or condensed, --start is cold or coarse", markup=False)
         raise typer.Exit(BAD_INPUT)
     rows: list[Row] = []
-    results, failed = measure(sizes or SIZES, ranks or (1,), coefficient, tolerance, method, newton), False
+    failed = False
+    results = measure(sizes or SIZES, ranks or (1,), coefficient, tolerance, method, newton, start)
     while True:
         try:
             row = next(results)

@@ -1,7 +1,7 @@
 """The block with Coulomb friction, larger and larger, beside one linear solve on the same mesh (the yardstick).
 
-Every size runs in a process of its own (`python -m coulomb.benchmarks.scaling P FRICTION TOLERANCE METHOD NEWTON`), so
-that its peak memory is its own, under mpirun where ranks are asked for.
+Every size runs in a process of its own (`python -m coulomb.benchmarks.scaling P FRICTION TOLERANCE METHOD NEWTON
+START`), so that its peak memory is its own, under mpirun where ranks are asked for.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from mpi4py import MPI
 
+from ..arrays import FloatArray
 from ..fem.elasticity import Clamp, Elasticity
+from ..fem.surface import interpolated_forces
 from ..problem import ContactProblem
 from ..solvers.condensed import CondensedConeSystem
 from ..solvers.one_loop import OneLoop
@@ -29,6 +31,8 @@ from .peers.memory import peak_memory
 SIZES = (8, 16, 24, 32, 46)
 METHODS = ("auto", "direct", "iterative")
 NEWTON = ("recycling", "condensed")
+STARTS = ("cold", "coarse")
+"""Where a run starts: from nothing, or from the forces on a mesh of half as many cells along each edge."""
 
 
 class Row(NamedTuple):
@@ -48,6 +52,8 @@ class Row(NamedTuple):
     multigrid_iterations: int
     certified: bool
     newton: str = "recycling"
+    start: str = "cold"
+    coarse_seconds: float = 0.0
 
 
 def measure(
@@ -57,6 +63,7 @@ def measure(
     tolerance: float,
     method: str = "auto",
     newton: str = "recycling",
+    start: str = "cold",
 ) -> Iterator[Row]:
     """Rows as they are measured, each in processes of its own.
 
@@ -74,6 +81,7 @@ def measure(
                 str(tolerance),
                 method,
                 newton,
+                start,
             ]
             launcher = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX", "PRTE")
             environment = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
@@ -88,8 +96,11 @@ def measure(
             yield Row(**json.loads(done.stdout.strip().splitlines()[-1]))
 
 
-def run(p: int, friction: float, tolerance: float, method: str, newton: str) -> Row:
-    """One size in this process; collective.  Condensed systems work matrix-free, with multigrid by default."""
+def run(p: int, friction: float, tolerance: float, method: str, newton: str, start: str) -> Row:
+    """One size in this process; collective.  Condensed systems work matrix-free, with multigrid by default.
+
+    The seconds of a coarse start are those of the coarser mesh too.
+    """
     comm = MPI.COMM_WORLD
     options: dict[str, dict[str, Any]] = {
         "auto": {},
@@ -105,8 +116,10 @@ def run(p: int, friction: float, tolerance: float, method: str, newton: str) -> 
     yardstick = _yardstick(body)
     comm.barrier()
     began = time.perf_counter()
+    forces = _coarse_forces(p, friction, tolerance, body) if start == "coarse" else None
+    coarse = time.perf_counter() - began
     try:
-        solution = body.solve(tolerance, solver)
+        solution = body.solve(tolerance, solver, start=forces)
     except NotConverged as failure:
         solution = body.solution(failure.result)
     comm.barrier()
@@ -128,7 +141,16 @@ def run(p: int, friction: float, tolerance: float, method: str, newton: str) -> 
         multigrid_iterations=body.stiffness_solver.iterations,
         certified=solution.certificate.passed,
         newton=newton,
+        start=start,
+        coarse_seconds=coarse,
     )
+
+
+def _coarse_forces(p: int, friction: float, tolerance: float, body: ContactProblem) -> FloatArray:
+    """The answer with half as many cells along each edge, to a tenth of the accuracy, on the nodes of the body."""
+    coarse = block(p // 2, friction)
+    solution = coarse.solve(10.0 * tolerance)
+    return interpolated_forces(solution.contact_force, coarse.surface, body.surface)
 
 
 def _yardstick(body: ContactProblem) -> float:
@@ -156,6 +178,6 @@ def exponent(rows: Sequence[Row]) -> float:
 
 
 if __name__ == "__main__":
-    row = run(int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]), *sys.argv[4:6])
+    row = run(int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]), *sys.argv[4:7])
     if MPI.COMM_WORLD.rank == 0:
         sys.stdout.write(json.dumps(row._asdict()) + "\n")

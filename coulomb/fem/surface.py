@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -30,24 +30,26 @@ class ContactSurface:
     """Contact nodes of this rank (perhaps none), in the order of their rows in B.
 
     Attributes:
-        face: Name of the contact face.
+        faces: Names of the contact faces.
+        part: Which of them a node is on, shape (m,); nodes are in the order of the faces.
         nodes: Their numbers among this rank's nodes, shape (m,).
         x: Coordinates in metres, shape (m, 3).
         frames: Orthonormal rows n, t1, t2 of every node, shape (m, 3, 3); n points into the foundation.
         gap: Distance to the foundation along n before deformation in metres, shape (m,).
         area: Integral of the hat function over the face in m^2, shape (m,).
         B: Rows n, t1, t2 of every contact node; columns the displacements.  Shape (3 m, n), distributed.
-        foundation: What the gaps are measured to.
+        foundations: What the gaps of each face are measured to.
     """
 
-    face: str
+    faces: tuple[str, ...]
+    part: npt.NDArray[np.int64]
     nodes: npt.NDArray[np.int32]
     x: FloatArray
     frames: FloatArray
     gap: FloatArray
     area: FloatArray
     B: PETSc.Mat
-    foundation: RigidFoundation
+    foundations: tuple[RigidFoundation, ...]
 
     def components(self, vectors: FloatArray) -> FloatArray:
         """Space vectors (m, 3) in the frames: n, t1, t2."""
@@ -174,7 +176,38 @@ def contact_surface(
     if normals == "body":
         gap = on_all_ranks(lambda: _way_along(n, x, gap, foundation), f"contact face {face!r}: foundation", comm)
     frames = tangent_frames(n)
-    return ContactSurface(face, nodes, x, frames, gap, area, _contact_matrix(elasticity, nodes, frames), foundation)
+    B = _contact_matrix(elasticity, nodes, frames)
+    return ContactSurface((face,), np.zeros(len(nodes), dtype=np.int64), nodes, x, frames, gap, area, B, (foundation,))
+
+
+def joined(elasticity: Elasticity, surfaces: Sequence[ContactSurface]) -> ContactSurface:
+    """Several contact faces as one surface; collective.
+
+    Raises:
+        ValueError: On every rank, if two faces share a node: its six forces could not be told apart.
+    """
+    if len(surfaces) == 1:
+        return surfaces[0]
+    nodes = np.concatenate([surface.nodes for surface in surfaces])
+    x = np.concatenate([surface.x for surface in surfaces])
+    order = np.argsort(nodes, kind="stable")
+    twice = np.zeros(len(nodes), dtype=bool)
+    twice[order[1:]] = nodes[order][1:] == nodes[order][:-1]
+    faces = tuple(face for surface in surfaces for face in surface.faces)
+    refuse = _Refusal(elasticity.mesh.comm, f"contact faces {', '.join(map(repr, faces))}: a node")
+    refuse.where(twice, x, "is on two of them; end one face before the other")
+    frames = np.concatenate([surface.frames for surface in surfaces])
+    return ContactSurface(
+        faces,
+        np.repeat(np.arange(len(surfaces)), [len(surface.nodes) for surface in surfaces]),
+        nodes,
+        x,
+        frames,
+        np.concatenate([surface.gap for surface in surfaces]),
+        np.concatenate([surface.area for surface in surfaces]),
+        _contact_matrix(elasticity, nodes, frames),
+        tuple(foundation for surface in surfaces for foundation in surface.foundations),
+    )
 
 
 def _evaluate(

@@ -175,7 +175,7 @@ def _moment(time: float, solution: Solution, theory: PartialSlip, dissipated: fl
     return Moment(
         time,
         force=2.0 * summary.totals(solution)["force"][0] / (FRICTION * hertz.P),
-        way=float(solution.problem.motion[0]) / theory.d,
+        way=float(solution.problem.motions[0, 0]) / theory.d,
         stick=math.sqrt(2.0 * surface.area[sticking].sum() / math.pi) / hertz.a,
         traction=friction / surface.area[:, None] / (FRICTION * hertz.p0),
         stick_by_moment=math.sqrt(2.5 * spread) / hertz.a,

@@ -139,7 +139,7 @@ def pressed(solution: Solution) -> Pressed:
     theory = Hertz(4.0 * float(force.sum()), RADIUS, STEEL)
     r, pressure = np.hypot(surface.x[:, 0], surface.x[:, 1]), force / surface.area
     known, total = theory.pressure(r), summary.totals(solution)
-    centre = solution.problem.motion - [0.0, 0.0, RADIUS]
+    centre = solution.problem.motions[0] - [0.0, 0.0, RADIUS]
     moment = np.array(total["moment"]) - np.cross(centre, total["force"])
     return Pressed(
         theory,
@@ -148,7 +148,7 @@ def pressed(solution: Solution) -> Pressed:
         profile=math.sqrt(surface.area @ (pressure - known) ** 2 / (surface.area @ known**2)),
         by_area=math.sqrt(4.0 * total["contact_area"] / math.pi),
         by_moment=math.sqrt(2.5 * (force @ r**2) / force.sum()),
-        way=float(solution.problem.motion[2]),
+        way=float(solution.problem.motions[0, 2]),
         moment=float(np.linalg.norm(moment)) / (theory.P * theory.a),
     )
 

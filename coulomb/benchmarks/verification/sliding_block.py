@@ -28,7 +28,8 @@ from ...contact import Contact
 from ...fem.body import Material
 from ...fem.elasticity import Clamp, Elasticity
 from ...fem.meshes import box
-from ...load_history import LoadHistory, LoadStep
+from ...load_history import LoadHistory
+from ...load_step import LoadStep
 from ...problem import ContactProblem
 from ...solvers.stiffness import DirectSolver
 from .table import Curve, Panel, Row, Verified, order, relative

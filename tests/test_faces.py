@@ -1,0 +1,89 @@
+"""Several contact faces: a block between two jaws."""
+
+import numpy as np
+import pytest
+from conftest import STEEL
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, Sphere, Spring
+from coulomb.check import check
+from coulomb.output import write
+from coulomb.summary import totals
+
+CORK = Material(1e7, 0.0)
+CLOSING = [(0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, -1e-3), (2.0, 2e-3, 0.0, -1e-3)]
+
+
+def jaws(friction=(0.4, 0.4), motion=CLOSING, **options):
+    """A block of cork, on soft springs, between a floor and a plate that comes down by 1 mm and then moves by 2 mm."""
+    return ContactProblem(
+        coulomb.box((0.1, 0.1, 0.05), (4, 4, 4)),
+        CORK,
+        [],
+        [
+            Contact("bottom", friction[0]),
+            Contact("top", friction[1], foundation=Plane((0, 0, 0.05), (0, 0, -1)), motion=motion),
+        ],
+        springs=[Spring("left", 1e3), Spring("right", 1e3)],
+        **options,
+    )
+
+
+def test_squeezed_and_sheared():
+    """E d/h on each face; the plate drags the block with it by friction, all nodes slip on the weaker face."""
+    first, second = (step.solution for step in LoadHistory([1.0, 2.0], tolerance=1e-10).steps(jaws((0.4, 0.2))))
+    assert first.certificate.passed and second.certificate.passed
+    bottom, top = totals(first, 0), totals(first, 1)
+    pressed = 1e7 * 1e-3 / 0.05 * 0.01  # N
+    assert bottom["force"] == pytest.approx([0.0, 0.0, pressed], rel=1e-4, abs=1e-6 * pressed)  # springs take 1e-5
+    assert top["force"] == pytest.approx([0.0, 0.0, -pressed], rel=1e-4, abs=1e-6 * pressed)
+    assert totals(first)["force"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-4 * pressed)
+    assert totals(first)["contact_area"] == pytest.approx(0.02) and bottom["contact_area"] == pytest.approx(0.01)
+    bottom, top = totals(second, 0), totals(second, 1)
+    assert top["force"][0] == pytest.approx(0.2 * top["normal_force"], rel=1e-8)  # along with the plate
+    assert bottom["force"][0] == pytest.approx(-top["force"][0], rel=1e-3)
+    assert bottom["faces"] == ["bottom"] and totals(second)["faces"] == ["bottom", "top"]
+
+
+def test_the_order_of_the_faces_does_not_matter():
+    one = jaws(motion=CLOSING[:2])
+    other = ContactProblem(one.mesh, CORK, [], one.contacts[::-1], springs=[Spring("left", 1e3), Spring("right", 1e3)])
+    a, b = (next(iter(LoadHistory([1.0], tolerance=1e-10).steps(problem))).solution for problem in (one, other))
+    assert np.allclose(a.displacement, b.displacement, atol=1e-9 * np.abs(a.displacement).max())
+    assert totals(a, 0)["normal_force"] == pytest.approx(totals(b, 1)["normal_force"], rel=1e-8)
+
+
+def test_matrix_free_and_written(tmp_path):
+    """The same forces by multigrid; the files certify themselves; a line of history.csv has both faces."""
+    direct, free = jaws(), jaws(linear_solver=coulomb.IterativeSolver, explicit=False)
+    rows = LoadHistory([1.0, 1.5], tolerance=1e-10).run(direct, tmp_path)
+    *_, last = LoadHistory([1.0, 1.5], tolerance=1e-10).steps(free)
+    assert rows[-1]["top_force_x"] == pytest.approx(totals(last.solution, 1)["force"][0], rel=1e-7)
+    assert rows[-1]["bottom_force_x"] + rows[-1]["top_force_x"] == pytest.approx(rows[-1]["force_x"], abs=1e-6)
+    assert check(tmp_path / "steps" / "0002").passed
+    write(last.solution, tmp_path / "single", picture=False)
+    assert check(tmp_path / "single").passed
+
+
+def test_energy_with_one_jaw_moving():
+    """The plate does the work; the floor none."""
+    *_, last = LoadHistory(np.linspace(0, 2, 17)[1:]).steps(jaws())
+    energy = last.state.energy
+    assert energy.loads == energy.prescribed == 0.0
+    assert abs(energy.imbalance) <= 0.02 * energy.foundation
+
+
+@pytest.mark.parametrize(
+    ("contacts", "message"),
+    [
+        ([], "contact: give one face or several, all with friction"),
+        ([Contact("bottom", 0.3), Contact("top", slip_stress=1e5)], "all with friction .* or all with slip_stress"),
+        ([Contact("bottom", 0.3), Contact("right", 0.3)], "contact faces 'bottom', 'right': a node is on two of them"),
+        ([Contact("bottom", 0.3), Contact("bottom", 0.3)], "'bottom', 'bottom': a node is on two of them"),
+        ([Contact("bottom", 0.3), Contact("top", 0.3, foundation=Sphere((0, 0, -5), 1))], "'top' is turned away"),
+    ],
+)
+def test_bad_faces(contacts, message):
+    mesh = coulomb.box((1.0, 1.0, 1.0), (2, 2, 2))
+    with pytest.raises(ValueError, match=message):
+        ContactProblem(mesh, STEEL, [Clamp("left")], contacts)
