@@ -1,11 +1,19 @@
 #!/bin/sh
 # Sets up coulomb: Debian's packages that are missing, a virtual environment .venv that sees them, and coulomb in it.
 # Run it as often as you like: with nothing to do it returns at once.  PYTHON=... chooses another Python with DOLFINx.
+#   ./install.sh              everything, the tools for tests and documentation too
+#   ./install.sh --plain      without these tools
+#   ./install.sh --packages   Debian's packages, and no more (for images in layers)
 set -eu
 cd "$(dirname "$0")"
 
 say() { printf 'install.sh: %s\n' "$*"; }
 die() { printf 'install.sh: %s\n' "$*" >&2; exit 1; }
+case "${1:-}" in
+    "") extras='[test,docs]' ;;
+    --plain | --packages) extras= ;;
+    *) die "unknown option $1: there are --plain and --packages" ;;
+esac
 installed() { dpkg-query -W -f '${Status}\n' "$@" 2>/dev/null | grep -c '^install ok installed$' || true; }
 
 # --- 1. the platform ---------------------------------------------------------------------------------------------
@@ -44,6 +52,7 @@ elif grep -qs '^ID=debian$' /etc/os-release; then
 else
     python=$(command -v python3) || die "no python3 found"
 fi
+[ "${1:-}" != --packages ] || exit 0
 if ! why=$("$python" -c 'import numpy, scipy, h5py, mpi4py.MPI, petsc4py.PETSc, dolfinx' 2>&1); then
     printf '%s\n' "$why" >&2
     [ -z "${PETSC_DIR:-}" ] || say "PETSC_DIR is set ($PETSC_DIR): Debian's DOLFINx then looks for PETSc there; unset it" >&2
@@ -53,7 +62,7 @@ activate its environment or name its Python in PYTHON=..., and call this script 
 fi
 
 # --- 2. the virtual environment ----------------------------------------------------------------------------------
-stamp="$(cat install.sh pyproject.toml | cksum) $(pwd) $python $("$python" --version)"
+stamp="$(cat install.sh pyproject.toml | cksum) $(pwd) $python $("$python" --version) $extras"
 if [ -x .venv/bin/coulomb ] && [ "$(cat .venv/installed 2>/dev/null)" = "$stamp" ]; then
     say "nothing to do"
     exit 0
@@ -70,6 +79,6 @@ for name in ("numpy", "scipy", "h5py", "mpi4py", "petsc4py"):
     except metadata.PackageNotFoundError:
         pass
 PY
-.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint .venv/platform.txt --editable '.[test,docs]'
+.venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint .venv/platform.txt --editable ".$extras"
 printf '%s' "$stamp" > .venv/installed
 say "done: .venv/bin/coulomb"

@@ -46,6 +46,7 @@ class Check:
 
     @property
     def passed(self) -> bool:
+        """Whether the answer is within the limit; nan is not."""
         return bool(self.value <= self.limit)  # False for nan
 
 
@@ -63,6 +64,7 @@ class Certificate:
 
     @property
     def passed(self) -> bool:
+        """Whether every condition holds."""
         return all(check.passed for check in self.checks)
 
     def __getitem__(self, name: str) -> Check:

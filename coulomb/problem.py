@@ -104,6 +104,7 @@ class ContactProblem:
 
     @property
     def comm(self) -> MPI.Comm:
+        """The ranks that share the problem."""
         return self.mesh.comm
 
     @property

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import FloatArray
+
 # Debian 12's DOLFINx opens itself with RTLD_GLOBAL and leaves that on; VTK's wheels, imported later, then abort.
 _setdlopenflags = sys.setdlopenflags
 sys.setdlopenflags = lambda flags: None
@@ -74,7 +76,8 @@ def cell_dofs(V: Any) -> npt.NDArray[np.int32]:
 
 def cell_geometry(domain: Any) -> npt.NDArray[np.int32]:
     """Geometry nodes of every local cell, ghosts included, shape (cells, nodes a cell)."""
-    return _rows(domain.geometry.dofmap)
+    dofmaps = getattr(domain.geometry, "dofmaps", None)
+    return dofmaps[0] if isinstance(dofmaps, Sequence) else _rows(domain.geometry.dofmap)  # a list from 0.11 on
 
 
 def interpolation_points(V: Any) -> Any:
@@ -94,7 +97,7 @@ def meshtags(domain: Any, dim: int, entities: npt.NDArray[np.int32], values: npt
     return mesh.meshtags(domain, dim, unique.astype(np.int32), values[first].astype(np.int32))
 
 
-def create_mesh(comm: Any, cell: str, cells: npt.NDArray[np.int64], x: npt.NDArray[np.float64]) -> Any:
+def create_mesh(comm: Any, cell: str, cells: npt.NDArray[np.int64], x: FloatArray) -> Any:
     """Distributed first-order mesh of the cells and points that this rank brings, in DOLFINx's order of points."""
     if not hasattr(basix, "ufl"):  # until 0.6
         return mesh.create_mesh(comm, cells, x, ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1)))

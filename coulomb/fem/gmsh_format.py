@@ -142,7 +142,8 @@ def _blocks_22(stream: _Stream, count: int) -> Iterator[tuple[int, IntArray, Int
             count -= number
         return
     words = stream.rest()
-    values, at = words.tolist(), 0
+    values: Any = words.tolist()  # integers; numpy 2 would not rule out nested lists
+    at = 0
     starts: dict[tuple[int, int], list[int]] = {}
     for _ in range(count):
         if at + 3 > len(values):
@@ -219,7 +220,7 @@ class _Stream:
             if header[3] != b"8" or one not in (b"\x01\0\0\0", b"\0\0\0\x01"):
                 raise self.damaged()
         self.int32, self.uint64, self.float64 = (np.dtype(order + code) for code in ("i4", "u8", "f8"))
-        self._words = np.empty(0)
+        self._words: FloatArray = np.empty(0)
 
     def damaged(self) -> ValueError:
         return ValueError(f"{self.path}: is damaged or cut short, in section ${self._section}")

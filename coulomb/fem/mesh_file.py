@@ -108,7 +108,7 @@ def inspect(file: MeshFile, scale: float) -> InspectedMesh:
     facets, of_cell = _all_facets(cells)
     rows, number, count = _distinct(np.sort(facets, axis=1))
     if np.any(count > 2):
-        bad = (count > 2)[number].reshape(len(cells), -1).any(axis=1)
+        bad = np.any((count > 2)[number].reshape(len(cells), -1), axis=1)
         refuse(f"{_seen(bad, points, cells)} a facet with more than one neighbour: cells are doubled or overlap")
     order = np.argsort(number, kind="stable")
     first = np.concatenate([[0], np.cumsum(count)])[:-1][count == 2]

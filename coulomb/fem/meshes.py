@@ -43,6 +43,7 @@ class NamedMesh:
 
     @property
     def comm(self) -> MPI.Comm:
+        """The ranks that share the mesh."""
         comm: MPI.Comm = self.domain.comm
         return comm
 
@@ -181,7 +182,8 @@ def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[
         raise ValueError(fault)
     told = (sound.cells.shape[1], sound.face_groups, sound.cell_groups, sound.refused) if sound is not None else None
     width, face_groups, cell_groups, refused = comm.bcast(told)
-    cells, points = np.empty((0, width), dtype=np.int64), np.empty((0, 3))
+    cells: IntArray = np.empty((0, width), dtype=np.int64)
+    points: FloatArray = np.empty((0, 3))
     if sound is not None:  # DOLFINx counts the corners of a hexahedron like those of a grid, gmsh goes round
         cells = sound.cells[:, [0, 1, 3, 2, 4, 5, 7, 6]] if width == 8 else sound.cells
         points = sound.points

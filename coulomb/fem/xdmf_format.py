@@ -89,7 +89,7 @@ def _groups(
     rows, numbers = rows_of(grid, mesh), grid.numbers[attribute]
     if len(numbers) != len(grid.rows):
         raise ValueError(f"{grid.where}: {attribute} has {len(numbers)} numbers for {len(grid.rows)} entities")
-    present = np.unique(numbers).tolist()
+    present: list[int] = list(map(int, np.unique(numbers)))
     for name, number in names.items():
         if number not in present:
             listed = ", ".join(map(str, present))
@@ -153,7 +153,7 @@ def _grids(
         rows = _array(path, topology).astype(np.int64).reshape(-1, _WIDTH[kind])
         if len(rows) and not (0 <= rows.min() and rows.max() < len(points)):
             raise ValueError(f"{path}: has a cell or facet with a point that the file does not define")
-        numbers = {}
+        numbers: dict[str, IntArray] = {}
         for attribute in grid.findall("Attribute"):
             values = np.ravel(_array(path, attribute))
             if attribute.get("Center") == "Cell" and values.dtype.kind in "iu":

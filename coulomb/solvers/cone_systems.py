@@ -66,7 +66,9 @@ class ConeSystem(Protocol):
         """A x from what is known of A, without a product; (m, 3)."""
         ...
 
-    def destroy(self) -> None: ...
+    def destroy(self) -> None:
+        """Give back what it holds of PETSc."""
+        ...
 
 
 class KrylovConeSystem(FreshImages):

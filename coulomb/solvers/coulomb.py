@@ -54,6 +54,7 @@ class CoulombProblem:
         return bound
 
     def tresca(self, slip_bound: FloatArray) -> TrescaQP:
+        """The Tresca problem with these slip bounds in newtons, shape (m,)."""
         return TrescaQP(self.A, self.b, slip_bound)
 
     def residual(self, x: FloatArray, gradient: FloatArray | None = None) -> float:

@@ -88,7 +88,9 @@ class NewtonSystem(Protocol):
         """Solve to |residual| <= min(tolerance |right-hand side|, cap), the right-hand side that of J_SC."""
         ...
 
-    def destroy(self) -> None: ...
+    def destroy(self) -> None:
+        """Give back what it holds of PETSc."""
+        ...
 
 
 class _NodalCG(FreshImages, ABC):

@@ -186,7 +186,7 @@ class OneLoop:
         newton = self.newton(scaled.A)
         history: list[PathFollowingStep] = []
         results: list[CoulombResult] = []
-        cold = (np.ones(scaled.nodes), np.zeros((scaled.nodes, 2)))
+        cold: tuple[FloatArray, FloatArray] = (np.ones(scaled.nodes), np.zeros((scaled.nodes, 2)))
         starts = [(*cold, theta, precision) for theta, precision in _STARTS]
         if start is not None:
             starts.insert(0, (*scaled.inside(start, _FLOOR, _INSIDE), *_STARTS[0]))

@@ -35,7 +35,9 @@ class StiffnessSolver(Protocol):
         """u <- K^-1 rhs, to |K u - rhs| <= tolerance |rhs| where that is more than the solver's own tolerance."""
         ...
 
-    def destroy(self) -> None: ...
+    def destroy(self) -> None:
+        """Give back what it holds of PETSc."""
+        ...
 
 
 @contextmanager

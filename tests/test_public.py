@@ -1,0 +1,81 @@
+"""What the package promises: public names and their documentation, one version, types, imports without warnings."""
+
+import inspect
+import re
+import tomllib
+from pathlib import Path
+from types import FunctionType
+
+import pytest
+from conftest import ROOT, run_python
+
+import coulomb
+from coulomb.fem.obstacles import RigidFoundation
+from coulomb.solvers.cone_systems import ConeSystem
+from coulomb.solvers.newton_systems import NewtonSystem
+from coulomb.solvers.stiffness import StiffnessSolver
+
+PROTOCOLS = (ConeSystem, NewtonSystem, RigidFoundation, StiffnessSolver)  # they say what their methods do, once
+NAMES = [name for name in coulomb.__all__ if name != "__version__"]
+PLATFORM = ("dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py", "numpy", "scipy", "h5py", "cffi", "pyvista", "vtk")
+
+
+def test_the_public_names_are_few_and_there():
+    assert sorted(coulomb.__all__) == sorted(set(coulomb.__all__))
+    assert len(coulomb.__all__) <= 50
+    assert all(hasattr(coulomb, name) for name in coulomb.__all__)
+
+
+def members(value):
+    """What a public class defines for its users: methods and properties with public names."""
+    for base in inspect.getmro(value):
+        if base.__module__.startswith("coulomb"):
+            for name, member in vars(base).items():
+                if not name.startswith("_") and isinstance(member, FunctionType | property | classmethod):
+                    yield name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_public_name_is_documented(name):
+    value = getattr(coulomb, name)
+    text = value.__doc__ or ""
+    assert text.strip() and not text.startswith(f"{name}("), "no docstring, or the one that dataclass makes up"
+    if inspect.isclass(value):
+        places = (value, *PROTOCOLS)
+        for member in members(value):
+            assert any(inspect.getdoc(getattr(place, member, None)) for place in places if hasattr(place, member)), (
+                member
+            )
+
+
+def test_the_version_has_one_source_and_the_others_agree():
+    version = coulomb.__version__
+    assert re.fullmatch(r"(0|[1-9]\d*)\.(0|[1-9]\d*)\.(0|[1-9]\d*)(\.dev\d+)?", version)
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert re.search(r'^version: "?([^"\n]+)"?$', citation, re.M)[1] == version
+    newest = re.search(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.M)[1]
+    assert newest == "Unreleased" if ".dev" in version else newest.split()[0] == version
+    assert "version" in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dynamic"]
+
+
+def test_the_package_says_that_it_is_typed():
+    assert Path(coulomb.__file__).with_name("py.typed").exists()
+
+
+def test_no_import_is_deprecated():
+    """Every module, with deprecations as errors; what the packages of the platform do among themselves is theirs."""
+    done = run_python(
+        "-c",
+        f"""
+import importlib, pkgutil, warnings
+for category in (DeprecationWarning, PendingDeprecationWarning, FutureWarning):
+    warnings.filterwarnings("error", category=category)
+    for name in {PLATFORM!r}:
+        warnings.filterwarnings("ignore", category=category, module=name + r"(\\.|$)")
+import coulomb
+for module in pkgutil.walk_packages(coulomb.__path__, "coulomb."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+""",
+    )
+    assert done.returncode == 0, done.stderr
