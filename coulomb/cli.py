@@ -6,31 +6,27 @@ marked so); 2 the input is wrong.
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import os
-import platform
 import sys
 import time
 import traceback
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import scipy.sparse
 import typer
 from mpi4py import MPI
-from petsc4py import PETSc
 from rich.console import Console
-from threadpoolctl import threadpool_info, threadpool_limits
+from threadpoolctl import threadpool_limits
 
 from . import output
 from .benchmarks.commands import benchmark
 from .case import Case, read_case, write_case, written_case
+from .commands_pictures import register, write_report
 from .console import BAD_INPUT, FAILED
 from .console import console as _console
 from .console import errors as _errors
-from .fem import compat
 from .load_history import LoadStep, StepFailed
 from .problem import ContactProblem
 from .solution import Solution
@@ -42,10 +38,11 @@ from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, NotConverged
 from .summary import summary
 from .terminal import Display, introduce, report
-from .version import __version__
+from .versions import details
 
 app = typer.Typer(help=__doc__, add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 app.add_typer(benchmark, name="benchmark")
+register(app)
 _comm = MPI.COMM_WORLD
 
 
@@ -59,6 +56,7 @@ def run(
     directory: Annotated[
         Path | None, typer.Option("--output", help="Where the results go, in place of the case's output.directory.")
     ] = None,
+    page: Annotated[bool, typer.Option("--report", help="Write report.html too, as output.report = true.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")] = False,
 ) -> None:
     """Solve a case, certify the answer, write the results."""
@@ -66,7 +64,7 @@ def run(
     console = Console(quiet=True) if quiet else _console
     with threadpool_limits(limits=1 if _comm.size > 1 else None):
         try:
-            settings = read_case(case, changes or (), _comm)
+            settings = read_case(case, [*(changes or ()), *(["output.report=true"] if page else ())], _comm)
             target = directory or Path(settings.output.directory)
             problem = settings.problem(_comm)
         except ValueError as error:
@@ -79,12 +77,14 @@ def run(
         solution, trouble = _solve(console, settings, problem)
         problem.seconds["total"] = time.perf_counter() - began
         try:
-            contents = output.write(solution, target, settings.output.picture)
+            contents = output.write(solution, target, settings.output.picture, {"message": trouble})
+            write_case(settings, target, _comm)
         except OSError as error:
             _errors.print(f"error: {target}: cannot be written: {error.strerror or error}", markup=False)
             contents = summary(solution)
             trouble = trouble or "the results could not be written"
     report(console, solution, contents, target, time.perf_counter() - began)
+    _report_page(settings, target)
     if trouble:
         _errors.print(f"error: {trouble}", markup=False)
     if trouble or not solution.certificate.passed:
@@ -114,31 +114,7 @@ def resume(
 @app.command()
 def info() -> None:
     """Versions and PETSc's packages, for a bug report."""
-    known = (
-        "mumps",
-        "scalapack",
-        "hypre",
-        "superlu_dist",
-        "suitesparse",
-        "metis",
-        "parmetis",
-        "scotch",
-        "ptscotch",
-        "ml",
-    )
-    petsc = ".".join(map(str, PETSc.Sys.getVersion()))
-    rows = {
-        "coulomb": __version__,
-        "Python": f"{platform.python_version()} ({sys.executable})",
-        "platform": platform.platform(),
-        "DOLFINx": compat.VERSION,
-        "PETSc": f"{petsc}, {np.dtype(PETSc.ScalarType).name}, {8 * np.dtype(PETSc.IntType).itemsize} bit integers",
-        "PETSc's packages": ", ".join(name for name in known if PETSc.Sys.hasExternalPackage(name)),
-        "MPI": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0"),
-        "BLAS": ", ".join(sorted({str(e.get("filepath")) for e in threadpool_info() if e["user_api"] == "blas"})),
-        **{name: _version(name) for name in ("numpy", "scipy", "mpi4py", "petsc4py", "h5py", "pyvista", "vtk")},
-    }
-    for name, value in rows.items():
+    for name, value in details().items():
         _console.print(f"{name:<18}{value}", markup=False, soft_wrap=True)
 
 
@@ -239,16 +215,6 @@ def check(directory: Annotated[Path, typer.Argument(help="Where a run has left i
         raise typer.Exit(FAILED)
 
 
-def _version(name: str) -> str:
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        try:
-            return str(__import__(name).__version__)
-        except ImportError:
-            return "not installed"
-
-
 def _solve(console: Console, settings: Case, problem: ContactProblem) -> tuple[Solution, str]:
     """The solution, converged or not, and what went wrong."""
     display = Display(console)
@@ -304,6 +270,7 @@ def _take_steps(console: Console, settings: Case, problem: ContactProblem, targe
         last = rows[-1]
         if settings.output.picture:
             output.on_rank_0(_comm, lambda: output.draw(target / "steps" / f"{last['step']:04d}", target))
+        _report_page(settings, target)
         console.print(
             f"energy in J: loads {last['energy_loads']:.6g}, prescribed displacements {last['energy_prescribed']:.6g}, "
             f"foundation {last['energy_foundation']:.6g}; elastic {last['energy_elastic']:.6g}, friction "
@@ -316,6 +283,12 @@ def _take_steps(console: Console, settings: Case, problem: ContactProblem, targe
         _errors.print(f"error: {trouble}", markup=False)
     if trouble or not all(row["certified"] for row in rows):
         raise typer.Exit(FAILED)
+
+
+def _report_page(settings: Case, target: Path) -> None:
+    """Write report.html if the case asks for it."""
+    if settings.output.report and (trouble := write_report(target, _comm)):
+        _errors.print(f"warning: {trouble}", markup=False)
 
 
 def main() -> None:
