@@ -37,16 +37,16 @@ def convergence(run: Run) -> str:
     tolerance = ((run.case or {}).get("solver") or {}).get("tolerance", 1e-8)
     if run.case is not None:
         left.axhline(tolerance, color=_THIRD, linewidth=1, linestyle=":")
-        left.annotate("tolerance", (0.99, tolerance), xycoords=("axes fraction", "data"), ha="right", va="bottom", color=_THIRD)
+        where = ("axes fraction", "data")
+        left.annotate("tolerance", (0.02, tolerance), xycoords=where, va="bottom", color=_THIRD)
     left.set(xlabel=what, ylabel="relative measure")
-    left.legend(loc="lower left" if len(rows) > 3 else "best")
+    _legend(left)
     right.bar(number, _column(rows, "krylov"), color=_FIRST, width=0.7, label="CG iterations")
     if outer:
         right.bar(number, _column(rows, "path_following"), color=_SECOND, width=0.4, label="path-following steps")
-        right.legend()
+        _legend(right)
     right.set(xlabel=what, ylabel="number" if outer else "CG iterations")
-    for axis in (left, right):
-        axis.xaxis.get_major_locator().set_params(integer=True)
+    _whole(left.xaxis, right.xaxis, right.yaxis)
     return _svg(figure, "Convergence: residuals by step, and CG iterations by step")
 
 
@@ -60,16 +60,16 @@ def _measured_rate(axis: Any, number: Any, residual: Any, rate: float | None) ->
 
 
 def forces(run: Run) -> str:
-    """Of a load history: force on the body, energies, and zones against time."""
+    """Of a load history: force on the body and energies against time."""
     rows, time = run.rows, _column(run.rows, "time")
-    figure, axes = _figure(3)
+    figure, axes = _figure(2)
     parts = [_column(rows, f"force_{axis}") for axis in "xyz"]
     factor, unit = scale_of(max(float(np.max(np.abs(part))) for part in parts), "N")
     for part, axis, style in zip(parts, "xyz", ("o-", "s-", "^-"), strict=True):
         colour = {"x": _SECOND, "y": _THIRD, "z": _FIRST}[axis]
         axes[0].plot(time, part / factor, style, color=colour, markersize=3, label=f"along {axis}")
     axes[0].set(xlabel="time", ylabel=f"contact force on the body, {unit}")
-    names = {"loads": "loads", "prescribed": "prescribed displacements", "foundation": "moving foundation"}
+    names = {"loads": "loads", "prescribed": "clamps", "foundation": "foundation"}
     curves = {names.get(name, name): _column(rows, f"energy_{name}") for name in (*names, "elastic", "dissipated")}
     factor, unit = scale_of(max(float(np.max(np.abs(curve))) for curve in curves.values()), "J")
     for (name, curve), colour in zip(curves.items(), ("#8a8a8a", _FOURTH, "#8a8a8a", _FIRST, _SECOND), strict=True):
@@ -78,14 +78,34 @@ def forces(run: Run) -> str:
             label = f"work of {name}" if work else f"{name} energy"
             axes[1].plot(time, curve / factor, "--" if work else "-", color=colour, label=label)
     axes[1].set(xlabel="time", ylabel=f"energy, {unit}")
+    for axis in axes:
+        _legend(axis)
+        axis.margins(x=0.02)
+    return _svg(figure, "Force and energy against time")
+
+
+def surface(run: Run) -> str:
+    """Of a load history: zones, and the greatest pressure and slip, against time."""
+    rows, time = run.rows, _column(run.rows, "time")
+    figure, (left, right) = _figure(2)
     zones = [(name, colour) for name, colour in ZONES.values() if name in rows[0]]
     stacked = [_column(rows, name) for name, _ in zones]
-    axes[2].stackplot(time, stacked, colors=[colour for _, colour in zones], labels=[name for name, _ in zones], step="pre")
-    axes[2].set(xlabel="time", ylabel="contact nodes", ylim=(0, None))
-    for axis in axes:
-        axis.legend(loc="best")
-        axis.margins(x=0.02)
-    return _svg(figure, "Force, energy and zones against time")
+    left.stackplot(time, stacked, colors=[colour for _, colour in zones], labels=[name for name, _ in zones], step="pre")
+    left.set(xlabel="time", ylabel="contact nodes", ylim=(0, None))
+    _legend(left)
+    pressure, slip = _column(rows, "greatest_pressure"), _column(rows, "greatest_slip")
+    factor, unit = scale_of(float(np.max(np.abs(pressure))), "Pa")
+    right.plot(time, pressure / factor, "o-", color=_FIRST, markersize=3)
+    right.set(xlabel="time", ylabel=f"greatest contact pressure, {unit}")
+    right.yaxis.label.set_color(_FIRST)
+    factor, unit = scale_of(float(np.max(np.abs(slip))), "m")
+    other = right.twinx()
+    other.plot(time, slip / factor, "s--", color=_SECOND, markersize=3)
+    other.set(ylabel=f"greatest slip of the step, {unit}", ylim=(0, None))
+    other.yaxis.label.set_color(_SECOND)
+    other.spines[["top", "left"]].set_visible(False)
+    other.tick_params(colors=_INK)
+    return _svg(figure, "Zones, greatest pressure and slip against time")
 
 
 def force_displacement(run: Run) -> str:
@@ -136,7 +156,21 @@ def effort(run: Run) -> str:
     left.set(xlabel="load step", ylabel="path-following steps")
     right.semilogy(number, _column(run.rows, "residual"), "o", color=_FIRST, markersize=4)
     right.set(xlabel="load step", ylabel="residual at its end")
+    _whole(left.xaxis, left.yaxis, right.xaxis)
     return _svg(figure, "Path-following steps and residuals by load step")
+
+
+def _legend(axis: Any) -> None:
+    """Above the axes, where no curve is."""
+    longest = max(len(label) for label in axis.get_legend_handles_labels()[1])
+    shape = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4 if longest < 9 else 2, "borderaxespad": 0.2}
+    axis.legend(frameon=False, labelcolor=_INK, fontsize=8.5, columnspacing=1.2, **shape)
+
+
+def _whole(*axes: Any) -> None:
+    """Ticks at whole numbers alone."""
+    for axis in axes:
+        axis.get_major_locator().set_params(integer=True)
 
 
 def _column(rows: Rows, name: str) -> Any:
@@ -146,10 +180,9 @@ def _column(rows: Rows, name: str) -> Any:
 def _figure(count: int) -> tuple[Any, Any]:
     from matplotlib.figure import Figure
 
-    style = {"text.color": _INK, "axes.labelcolor": _INK, "axes.edgecolor": _INK, "xtick.color": _INK}
-    style |= {"ytick.color": _INK, "font.size": "9", "legend.frameon": "False", "legend.fontsize": "8"}
-    with matplotlib.rc_context({**matplotlib.rcParams, **{k: v for k, v in style.items() if "." in k}}):
-        figure = Figure(figsize=(4.3 * count, 3.2), layout="constrained", facecolor="none")
+    colours = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _INK)
+    with matplotlib.rc_context({**colours, "font.size": 9.5}):
+        figure = Figure(figsize=(4.3 * count, 3.3), layout="constrained", facecolor="none")
         axes = figure.subplots(1, count)
     for axis in axes:
         axis.set_facecolor("none")
@@ -163,12 +196,6 @@ def _svg(figure: Any, title: str) -> str:
     """A figure as an element of the page: no address, no ground, colours of the text; it scales."""
     with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": title}):
         file = io.StringIO()
-        for axis in figure.axes:
-            legend = axis.get_legend()
-            for text in [*(legend.get_texts() if legend else [])]:
-                text.set_color(_INK)
-            for text in (axis.xaxis.label, axis.yaxis.label):
-                text.set_color(_INK)
         figure.savefig(file, format="svg", transparent=True)
     drawn = file.getvalue()
     drawn = drawn[drawn.index("<svg") :]

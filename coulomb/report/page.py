@@ -143,7 +143,7 @@ def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
 def _png(shot: Shot) -> str:
     """A picture inside the page."""
     file = io.BytesIO()
-    Image.fromarray(shot.pixels).quantize(colors=256, method=Image.Quantize.FASTOCTREE).save(file, "png", optimize=True)
+    Image.fromarray(shot.pixels).save(file, "png", optimize=True)
     return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")
 
 
@@ -156,7 +156,8 @@ def _axes(shot: Shot) -> list[tuple[str, str, float, float]]:
 def _charts(run: Run) -> dict[str, str]:
     found = {"convergence": charts.convergence(run)}
     if run.is_history:
-        found |= {"forces": charts.forces(run), "driven": charts.force_displacement(run), "effort": charts.effort(run)}
+        found |= {"forces": charts.forces(run), "driven": charts.force_displacement(run)}
+        found |= {"surface": charts.surface(run), "effort": charts.effort(run)}
     return found
 
 

@@ -38,9 +38,13 @@ def number(value: float, digits: int = 4) -> str:
     if not math.isfinite(value):
         return "–"
     shown = f"{value:.{digits}g}"
+    if "e+" in shown and abs(value) < 1e6:
+        shown = f"{float(shown):.0f}"
+    shown = shown.replace("-", "−")
     if "e" not in shown:
         return shown
     mantissa, power = shown.split("e")
+    power = power.replace("−", "-")
     raised = str(int(power)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
     return f"{mantissa}×10{raised}"
 

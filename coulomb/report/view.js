@@ -61,23 +61,23 @@
 
   // --- geometry of a state ---------------------------------------------------------------------------------------
 
-  /** A flat arrow at every chosen node, three triangles each, hovering over the surface; their corners. */
-  function arrowCorners(points) {
+  /** Flat arrows hovering over the surface, three triangles each, wider all around by a margin; their corners. */
+  function arrowCorners(points, margin) {
     const vectors = steps[state.step].arrows;
     const corners = [];
     for (let node = 0; node < vectors.length / 3; node += told.arrow.every) {
       const at = (array) => [array[3 * node], array[3 * node + 1], array[3 * node + 2]];
-      const along = at(vectors).map((entry) => (entry / told.arrow.greatest) * told.arrow.length);
-      const length = Math.hypot(...along);
-      if (length < 0.02 * told.arrow.length) continue;
-      const normal = at(normals);
-      const foot = at(points).map((entry, k) => entry + 0.004 * told.size * normal[k]);
-      const side = unit(cross(normal, along)).map((entry) => entry * told.arrow.length);
-      const place = (part, wide) => foot.map((entry, k) => entry + part * along[k] + wide * side[k]);
-      const neck = Math.max(0, 1 - (0.3 * told.arrow.length) / length);
-      const shaft = [place(0, -0.028), place(0, 0.028), place(neck, 0.028), place(neck, -0.028)];
+      const length = Math.hypot(...at(vectors)) / told.arrow.greatest; // over the greatest arrow, as all that follows
+      if (length < 0.04) continue;
+      const along = unit(at(vectors));
+      const side = cross(at(normals), along);
+      const foot = at(points).map((entry, k) => entry + 0.004 * told.size * at(normals)[k]);
+      const place = (forth, wide) => foot.map((entry, k) => entry + told.arrow.length * (forth * along[k] + wide * side[k]));
+      const head = Math.min(0.3, 0.45 * length);
+      const [neck, wide, wing, tip] = [length - head, 0.1 * head + margin, 0.38 * head + 2 * margin, length + 2 * margin];
+      const shaft = [place(-margin, -wide), place(-margin, wide), place(neck, wide), place(neck, -wide)];
       corners.push(shaft[0], shaft[1], shaft[2], shaft[0], shaft[2], shaft[3]);
-      corners.push(place(neck, -0.11), place(neck, 0.11), place(1, 0));
+      corners.push(place(neck - margin, -wing), place(neck - margin, wing), place(tip, 0));
     }
     return new Float32Array(corners.flat());
   }
@@ -89,7 +89,8 @@
       points,
       values: steps[state.step].values[state.field.name],
       outline: moved(outline.points, steps[state.step].outline),
-      arrows: state.arrows ? arrowCorners(points) : new Float32Array(0),
+      halos: state.arrows ? arrowCorners(points, 0.025) : new Float32Array(0),
+      arrows: state.arrows ? arrowCorners(points, 0) : new Float32Array(0),
     };
   }
 
@@ -100,6 +101,8 @@
     return colours[Math.round(part * (colours.length - 1))];
   };
   const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
+
+  const [WHITE, BLACK] = [[1, 1, 1], [0.08, 0.08, 0.08]]; // arrows are black with a white rim: seen on every colour
 
   // --- drawing with WebGL ----------------------------------------------------------------------------------------
 
@@ -143,7 +146,7 @@
     gl.clearColor(0, 0, 0, 0);
     const place = (name) => gl.getUniformLocation(program, name);
     const indices = [surface.triangles, surface.edges, outline.lines].map((array) => buffer(gl.ELEMENT_ARRAY_BUFFER, array));
-    const arrays = Object.fromEntries(["points", "colours", "zones", "outline", "arrows"].map((name) => [name, gl.createBuffer()]));
+    const arrays = Object.fromEntries(["points", "colours", "zones", "outline", "halos", "arrows"].map((name) => [name, gl.createBuffer()]));
 
     function buffer(target, array, of = gl.createBuffer()) {
       gl.bindBuffer(target, of);
@@ -161,7 +164,7 @@
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, index);
       gl.drawElements(kind, count, gl.UNSIGNED_INT, 0);
     }
-    let drawn = { arrows: [] };
+    let drawn = null;
 
     return {
       kind: "webgl",
@@ -173,9 +176,10 @@
         buffer(gl.ARRAY_BUFFER, colours, arrays.colours);
         buffer(gl.ARRAY_BUFFER, what.values, arrays.zones);
         buffer(gl.ARRAY_BUFFER, what.outline, arrays.outline);
+        buffer(gl.ARRAY_BUFFER, what.halos, arrays.halos);
         buffer(gl.ARRAY_BUFFER, what.arrows, arrays.arrows);
       },
-      draw(reach, ink) {
+      draw(reach) {
         gl.viewport(0, 0, canvas.width, canvas.height);
         gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
         const [right, up, towards] = state.turn;
@@ -200,9 +204,11 @@
         elements(gl.LINES, indices[1], surface.edges.length);
         attribute("point", arrays.outline, 3);
         elements(gl.LINES, indices[2], outline.lines.length);
-        attribute("point", arrays.arrows, 3);
-        paint([...ink, 1], 0.001);
-        gl.drawArrays(gl.TRIANGLES, 0, drawn.arrows.length / 3);
+        for (const [name, colour, lift] of [["halos", WHITE, 0.001], ["arrows", BLACK, 0.0014]]) {
+          attribute("point", arrays[name], 3);
+          paint([...colour, 1], lift);
+          gl.drawArrays(gl.TRIANGLES, 0, drawn[name].length / 3);
+        }
       },
       /** Number of pixels that are not empty. */
       painted() {
@@ -221,7 +227,7 @@
     return {
       kind: "canvas",
       load: (what) => (drawn = what),
-      draw(reach, ink) {
+      draw(reach) {
         pen.clearRect(0, 0, canvas.width, canvas.height);
         const seen = (points) => project(points, reach).map(([x, y, z]) => [x * canvas.width, y * canvas.height, z]);
         const path = (corners) => {
@@ -245,9 +251,11 @@
         pen.strokeStyle = "#808080";
         lines(places, surface.edges);
         lines(seen(drawn.outline), outline.lines);
-        const corners = seen(drawn.arrows);
-        pen.fillStyle = `rgb(${ink.map((part) => 255 * part).join()})`;
-        for (let k = 0; k < corners.length; k += 3) path(corners.slice(k, k + 3)), pen.fill();
+        for (const [name, colour] of [["halos", WHITE], ["arrows", BLACK]]) {
+          const corners = seen(drawn[name]);
+          pen.fillStyle = `rgb(${colour.map((part) => 255 * part).join()})`;
+          for (let k = 0; k < corners.length; k += 3) path(corners.slice(k, k + 3)), pen.fill();
+        }
       },
       painted: () => pen.getImageData(0, 0, canvas.width, canvas.height).data.filter((v, k) => k % 4 === 3 && v > 0).length,
     };
@@ -266,9 +274,16 @@
   const stage = (told.flat ? null : webgl()) || flat();
   let current = scene();
 
+  /** Width and height of what is seen at the start, in metres. */
+  const extent = [0, 1].map((k) => {
+    const all = [...project(current.points, [1, 1]), ...project(current.outline, [1, 1])];
+    return 4 * all.reduce((most, place) => Math.max(most, Math.abs(place[k] - 0.5)), 0) || told.size;
+  });
+
+  /** What a metre is on the canvas, whose half width and half height are 1. */
   function reach() {
-    const each = (2.1 * state.zoom * Math.min(canvas.width, 1.9 * canvas.height)) / (1.9 * told.size);
-    return [each / canvas.width, each / canvas.height];
+    const pixels = 0.92 * state.zoom * Math.min(canvas.width / extent[0], canvas.height / extent[1]);
+    return [(2 * pixels) / canvas.width, (2 * pixels) / canvas.height];
   }
   function refresh() {
     current = scene();
@@ -279,8 +294,7 @@
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
     canvas.width = Math.max(1, Math.round(canvas.clientWidth * ratio));
     canvas.height = Math.max(1, Math.round(canvas.clientHeight * ratio));
-    const ink = getComputedStyle(root).color.match(/[\d.]+/g).slice(0, 3).map((part) => part / 255);
-    stage.draw(reach(), ink);
+    stage.draw(reach());
   }
 
   // --- the reader's hand -------------------------------------------------------------------------------------------
@@ -397,7 +411,6 @@
   part("reset").addEventListener("click", home);
   canvas.addEventListener("dblclick", home);
   new ResizeObserver(redraw).observe(canvas);
-  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
 
   legend();
   refresh();
