@@ -1,4 +1,4 @@
-"""`page DIRECTORY FILE`, or `plot DIRECTORY FIELD SCALE VIEW SAVE STEP`; called by the command line, in a process apart.
+"""`page DIRECTORY FILE`, or `plot DIRECTORY FIELD SCALE VIEW SAVE STEP`: what the command line calls, apart.
 
 Exit code 2 and a line of standard error if the input is wrong.
 """

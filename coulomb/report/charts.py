@@ -32,7 +32,9 @@ def convergence(run: Run) -> str:
     if "theta" in rows[0]:
         left.semilogy(number, _column(rows, "theta"), "s--", color=_SECOND, markersize=3.5, label="θ, duality measure")
     if outer:
-        left.semilogy(number, _column(rows, "change"), "s--", color=_SECOND, markersize=3.5, label="change of slip bound")
+        left.semilogy(
+            number, _column(rows, "change"), "s--", color=_SECOND, markersize=3.5, label="change of slip bound"
+        )
         _measured_rate(left, number, _column(rows, "residual"), run.summary.get("contraction"))
     tolerance = ((run.case or {}).get("solver") or {}).get("tolerance", 1e-8)
     if run.case is not None:
@@ -90,7 +92,9 @@ def surface(run: Run) -> str:
     figure, (left, right) = _figure(2)
     zones = [(name, colour) for name, colour in ZONES.values() if name in rows[0]]
     stacked = [_column(rows, name) for name, _ in zones]
-    left.stackplot(time, stacked, colors=[colour for _, colour in zones], labels=[name for name, _ in zones], step="pre")
+    left.stackplot(
+        time, stacked, colors=[colour for _, colour in zones], labels=[name for name, _ in zones], step="pre"
+    )
     left.set(xlabel="time", ylabel="contact nodes", ylim=(0, None))
     _legend(left)
     pressure, slip = _column(rows, "greatest_pressure"), _column(rows, "greatest_slip")

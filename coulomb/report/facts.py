@@ -84,7 +84,9 @@ def _contact(run: Run) -> Facts:
     if foundation:
         shape = foundation.get("shape", "plane")
         more = [f"{key} {vector(value, 'm')}" for key in ("point", "centre") if (value := foundation.get(key))]
-        more += [f"{key} ({', '.join(map(number, foundation[key]))})" for key in ("normal", "axis") if key in foundation]
+        more += [
+            f"{key} ({', '.join(map(number, foundation[key]))})" for key in ("normal", "axis") if key in foundation
+        ]
         more += [f"radius {quantity(foundation['radius'], 'm')}"] if "radius" in foundation else []
         facts.append(("foundation", f"{shape}{', hollow' if foundation.get('hollow') else ''}: {', '.join(more)}"))
     elif run.case is not None:
@@ -95,7 +97,12 @@ def _contact(run: Run) -> Facts:
     if run.is_history:
         facts.append(("history", f"{len(run.rows)} load steps to time {number(run.rows[-1]['time'])}"))
     method = run.summary.get("method", {})
-    facts.append(("method", f"{method.get('solver', '–')}; K⁻¹ by {method.get('stiffness', '–')}; A {method.get('compliance', '–')}"))
+    facts.append(
+        (
+            "method",
+            f"{method.get('solver', '–')}; K⁻¹ by {method.get('stiffness', '–')}; A {method.get('compliance', '–')}",
+        )
+    )
     return facts
 
 
@@ -172,11 +179,13 @@ def in_words(run: Run) -> str:
     failed = [row for row in rows if not row["passed"]]
     if failed:
         worst = max(failed, key=lambda row: row["decades"])
-        beyond = "is no number" if worst["value"].startswith("–") else f"is {number(10.0 ** worst['decades'], 2)} times its limit"
+        factor = number(10.0 ** worst["decades"], 2)
+        beyond = "is no number" if worst["value"].startswith("–") else f"is {factor} times its limit"
         return f"{len(failed)} of {len(rows)} conditions fail. The worst is the {worst['name']}, which {beyond}."
     if not run.certified:
         return "The last step passes, but an earlier one does not."
     nearest = max(rows, key=lambda row: row["decades"])
     margin = number(10.0 ** -nearest["decades"], 2)
     each = " at the last step, and at every step before" if run.is_history else ""
-    return f"All {len(rows)} conditions hold{each}. The nearest to its limit is the {nearest['name']}, {margin} times below."
+    name = nearest["name"]
+    return f"All {len(rows)} conditions hold{each}. The nearest to its limit is the {name}, {margin} times below."

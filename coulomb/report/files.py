@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
 import math
 from dataclasses import dataclass
@@ -34,9 +35,15 @@ class Step:
         """
         path = self.directory / f"{file}.xdmf"
         try:
-            return read_grid(path)
+            return _read_once(path, path.stat().st_mtime_ns)
         except (OSError, KeyError, SyntaxError) as error:
             raise ValueError(f"{path}: cannot be read: {error}") from None
+
+
+@functools.lru_cache(maxsize=4)
+def _read_once(path: Path, written: int) -> Grid:
+    """A run has few large files, which many pictures need; a history has many small ones."""
+    return read_grid(path)
 
 
 @dataclass(frozen=True)
@@ -76,7 +83,9 @@ def read_run(directory: str | Path) -> Run:
     told = _json(folder / "summary.json")
     if told is None:
         raise ValueError(f"{folder}: holds no run: there is no summary.json")
-    steps, rows, last = (Step(folder, None),), [], told
+    steps: tuple[Step, ...] = (Step(folder, None),)
+    rows: Rows = []
+    last = told
     if "steps" in told:
         rows, last = _rows(folder / "history.csv"), told["last"]
         steps = tuple(Step(folder / "steps" / f"{int(row['step']):04d}", row["time"]) for row in rows)

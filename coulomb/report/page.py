@@ -124,7 +124,7 @@ def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
     for name, view in PICTURES:
         field = named(name)
         limits = limits_of(run, field)
-        shot = cropped([shoot(step, Look(field, limits, scale, view), (1150, 850))])[0]
+        shot = cropped([shoot(step, Look(field, limits, scale, view), (1050, 780))])[0]
         factor, unit = scale_of(max(map(abs, limits)), field.unit)
         entry: dict[str, Any] = {"name": name, "title": field.title[0].upper() + field.title[1:], "source": _png(shot)}
         entry |= {"axes": _axes(shot), "zones": []}
@@ -143,7 +143,7 @@ def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
 def _png(shot: Shot) -> str:
     """A picture inside the page."""
     file = io.BytesIO()
-    Image.fromarray(shot.pixels).save(file, "png", optimize=True)
+    Image.fromarray(shot.pixels).save(file, "png", compress_level=6)
     return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")
 
 

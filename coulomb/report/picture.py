@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from .fields import named
-from .files import Run, read_run
+from .files import read_run
 from .scene import VIEWS, Look, automatic_scale, caption, cropped, limits_of, paint, plotter_for, shoot
 from .sheet import Pixels, pixels_of, sheet, zone_counts
 

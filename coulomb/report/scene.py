@@ -40,7 +40,7 @@ class Look:
         limits: Range of the colours, in the bare unit of the field.
         scale: Of the displacement.
         view: One of `VIEWS`.
-        caption: At the top of a window, with colour bar and axes; without it there are none: `sheet` or the page has them.
+        caption: At the top of a window, with colour bar and axes; empty for what `sheet` or the page surrounds.
     """
 
     field: Field

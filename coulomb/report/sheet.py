@@ -57,7 +57,7 @@ def sheet(
         orientation="horizontal",
     )
     bar.set_label(f"{field.title}, {unit}" if unit else field.title, fontsize=11, color=_INK)
-    bar.outline.set_visible(False)
+    bar.ax.spines["outline"].set_visible(False)
     greatest = limits[1] / factor
     if field.unit:
         figure.text(0.87, 0.1, f"max {greatest:.4g}", fontsize=10, color=_INK, va="center")

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..plotting import ZONES, FloatArray, Grid, match, renderer, skin_of
 from .fields import Field, named
 from .files import Run, Step
-from .scene import limits_of, looking_at, outward, thinned
+from .scene import limits_of, looking_at, outward
 from .units import number, scale_of
 
 IntArray = npt.NDArray[np.int64]
@@ -45,7 +45,9 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
     direction, up = looking_at(outward(first))
     fields = [_field(run, name) for name in SHOWN]
     arrows = first.fields["friction_traction"]
-    greatest = max(float(np.linalg.norm(step.grid("contact").fields["friction_traction"], axis=1).max()) for step in run.steps)
+    greatest = max(
+        float(np.linalg.norm(step.grid("contact").fields["friction_traction"], axis=1).max()) for step in run.steps
+    )
     every = max(1, -(-len(nodes) // MOST_ARROWS))
     cell = float(np.sqrt(np.sum(first.fields["area"]) / max(1, len(nodes) // every)))
     assert arrows.shape[1] == 3
@@ -96,9 +98,7 @@ def _step(
         "surface": _packed(displacement[on_body]),
         "outline": _packed(displacement[outline]),
         "arrows": _packed(contact.fields["friction_traction"][nodes]),
-        "values": {
-            entry["name"]: _packed(entry["field"].values(contact)[nodes] / entry["factor"]) for entry in fields
-        },
+        "values": {entry["name"]: _packed(entry["field"].values(contact)[nodes] / entry["factor"]) for entry in fields},
     }
 
 
