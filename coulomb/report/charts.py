@@ -11,7 +11,7 @@ import numpy as np
 
 from ..plotting import ZONES
 from .files import Rows, Run
-from .scene import thinned
+from .scene import thinned, zone_counts
 from .units import scale_of
 
 _INK = "#010203"  # becomes the page's own colour
@@ -90,8 +90,9 @@ def surface(run: Run) -> str:
     """Of a load history: zones, and the greatest pressure and slip, against time."""
     rows, time = run.rows, _column(run.rows, "time")
     figure, (left, right) = _figure(2)
-    zones = [(name, colour) for name, colour in ZONES.values() if name in rows[0]]
-    stacked = [_column(rows, name) for name, _ in zones]
+    counts = [zone_counts(step.grid("contact")) for step in run.steps]
+    zones = [(name, colour) for name, colour in ZONES.values() if any(count[name] for count in counts)]
+    stacked = [np.array([count[name] for count in counts]) for name, _ in zones]
     left.stackplot(
         time, stacked, colors=[colour for _, colour in zones], labels=[name for name, _ in zones], step="pre"
     )
@@ -137,19 +138,21 @@ def force_displacement(run: Run) -> str:
 
 
 def _drive(run: Run) -> tuple[Any, str]:
-    """Displacement that drives a history at every step, (steps, 3), and what it is: of clamps, or of the foundation."""
+    """What moves most in a history, at every step, (steps, 3), and what it is: clamps or the foundation."""
+    found: list[tuple[Any, str]] = []
     prescribed = [step.grid("solution").fields.get("prescribed") for step in run.steps]
     if all(given is not None for given in prescribed):
         table = np.stack([np.asarray(given) for given in prescribed])
-        driven = np.any(table != 0.0, axis=(0, 2))
+        driven = np.any(np.ptp(table, axis=0) > 0.0, axis=1)
         if driven.any():
-            return table[:, driven].mean(axis=1), "prescribed displacement"
+            found.append((table[:, driven].mean(axis=1), "prescribed displacement"))
     motion = ((run.case or {}).get("contact") or {}).get("motion")
     if motion:
-        rows, times = np.array(motion, dtype=float), [step.time for step in run.steps]
-        moved = np.column_stack([np.interp(np.array(times, dtype=float), rows[:, 0], rows[:, k]) for k in (1, 2, 3)])
-        return moved, "displacement of the foundation"
-    return None, ""
+        rows, times = np.array(motion, dtype=float), np.array([step.time for step in run.steps], dtype=float)
+        moved = np.column_stack([np.interp(times, rows[:, 0], rows[:, k]) for k in (1, 2, 3)])
+        found.append((moved, "displacement of the foundation"))
+    found = [entry for entry in found if np.any(np.ptp(entry[0], axis=0) > 0.0)]
+    return max(found, key=lambda entry: float(np.max(np.ptp(entry[0], axis=0))), default=(None, ""))
 
 
 def effort(run: Run) -> str:

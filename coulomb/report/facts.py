@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .files import Run
-from .scene import friction_in_words
+from .scene import friction_in_words, zone_counts
 from .units import number, quantity, vector
 
 Facts = list[tuple[str, str]]
@@ -108,7 +108,7 @@ def _contact(run: Run) -> Facts:
 
 def totals(run: Run) -> Facts:
     """What the contact face does as a whole, at the end of the run."""
-    summary, nodes, greatest = run.summary, run.summary["nodes"], run.summary["maximum"]
+    summary, nodes, greatest = run.summary, zone_counts(run.steps[-1].grid("contact")), run.summary["maximum"]
     told = summary.get("totals") or {}
     face = [
         ("contact force on the body", vector(summary["force_on_body"]["vector"], "N", 5)),

@@ -6,9 +6,10 @@ import difflib
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import matplotlib
 import numpy as np
 
-from ..plotting import FloatArray, Grid
+from ..plotting import ZONES, FloatArray, Grid
 
 SEQUENTIAL, SHARE, SIGNED = "viridis", "cividis", "RdBu_r"
 """Colour maps of magnitudes, of shares of one, and of what has a sign; all are safe for the colour-blind."""
@@ -100,3 +101,11 @@ def named(name: str) -> Field:
     hint = f"; did you mean {close[0]}?" if close else ""
     shown = ", ".join(field.name + ("[_x|_y|_z]" if field.vector else "") for field in FIELDS)
     raise ValueError(f"there is no field {name!r}{hint} (known: {shown})")
+
+
+def ramp(field: Field, count: int = 65) -> list[str]:
+    """Colours of a field from its least to its greatest value, as #rrggbb; of the zones theirs."""
+    if field.zones:
+        return [colour for _, colour in ZONES.values()]
+    colours = matplotlib.colormaps[field.colours](np.linspace(0.0, 1.0, count))
+    return [matplotlib.colors.to_hex(colour) for colour in colours]

@@ -9,15 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+import numpy as np
 from PIL import Image
 
 from ..plotting import ZONES
 from . import charts, facts
-from .fields import named
+from .fields import named, ramp
 from .files import Run, read_run
-from .scene import Look, Shot, automatic_scale, cropped, limits_of, shoot
-from .sheet import zone_counts
-from .surface_view import ramp, surface_view
+from .scene import Look, Shot, automatic_scale, cropped, limits_of, shoot, zone_counts
+from .sheet import AXES
+from .surface_view import surface_view
 from .units import number, quantity, scale_of, vector
 
 PICTURES = (
@@ -101,7 +102,7 @@ def _unfinished(run: Run) -> str:
 
 def _tiles(run: Run) -> list[tuple[str, str]]:
     """The numbers one looks for first."""
-    summary, nodes = run.summary, run.summary["nodes"]
+    summary, nodes = run.summary, zone_counts(run.steps[-1].grid("contact"))
     told = summary.get("totals") or {}
     normal = summary["force_on_body"]["normal"]
     along = sum(value**2 for value in summary["force_on_body"]["tangential"]) ** 0.5
@@ -147,10 +148,16 @@ def _png(shot: Shot) -> str:
     return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")
 
 
-def _axes(shot: Shot) -> list[tuple[str, str, float, float]]:
-    """Name, colour and end of each axis on a square from -1 to 1, down positive, as SVG has it."""
-    colours = ("#d55e00", "#009e73", "#0b84d8")
-    return [(name, c, float(r), -float(u)) for name, c, (r, u) in zip("xyz", colours, shot.axes, strict=True)]
+def _axes(shot: Shot) -> list[dict[str, Any]]:
+    """Name, colour, end and place of the name of each axis on a square from -1.7 to 1.7, down positive as in SVG."""
+    found = []
+    for name, colour, (right, up) in zip("xyz", AXES, shot.axes, strict=True):
+        length = float(np.hypot(right, up))
+        away = (right / length, up / length) if length > 0.1 else (0.7, 0.7)  # else it points at the camera
+        place = [1.25 * length * v + 0.38 * w for v, w in zip((right, up), away, strict=True)] if length > 0.1 else away
+        ends = {"x": float(right), "y": -float(up), "name_x": float(place[0]), "name_y": 0.17 - float(place[1])}
+        found.append({"name": name, "colour": colour, **ends})
+    return found
 
 
 def _charts(run: Run) -> dict[str, str]:
@@ -169,13 +176,13 @@ def _table(run: Run) -> list[list[str]]:
             number(row["time"]),
             vector([row["force_x"], row["force_y"], row["force_z"]], "N"),
             quantity(row["greatest_pressure"], "Pa"),
-            f"{int(row['open'])} / {int(row['stick'])} / {int(row['slip'])}",
+            " / ".join(str(zone_counts(step.grid("contact"))[zone]) for zone in ("open", "stick", "slip")),
             quantity(row["energy_dissipated"], "J"),
             f"{int(row['path_following'])}",
             number(row["residual"], 2),
             "passed" if row["certified"] else "FAILED",
         ]
-        for row in run.rows
+        for row, step in zip(run.rows, run.steps, strict=True)
     ]
 
 

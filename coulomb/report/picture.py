@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from .fields import named
+from .fields import Field, named, ramp
 from .files import read_run
-from .scene import VIEWS, Look, automatic_scale, caption, cropped, limits_of, paint, plotter_for, shoot
-from .sheet import Pixels, pixels_of, sheet, zone_counts
+from .scene import VIEWS, Look, automatic_scale, caption, cropped, limits_of, paint, plotter_for, shoot, zone_counts
+from .sheet import AXES, Pixels, pixels_of, sheet
 
 PICTURES, ANIMATIONS = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
 
@@ -52,7 +52,7 @@ def plot(
         raise ValueError("a film shows all steps: leave out either the step or the film")
     if step is not None and not 1 <= step <= len(run.steps):
         raise ValueError(f"{directory}: there is no step {step}; there are {len(run.steps)}")
-    writer = film_writer(save) if film and save is not None else None
+    writer = film_writer(save, chosen) if film and save is not None else None
 
     steps = run.steps if film else run.steps[(step or 0) - 1 :][:1]
     used = automatic_scale(run) if scale is None else scale
@@ -76,14 +76,14 @@ def plot(
     return str(save)
 
 
-def film_writer(save: Path) -> Any:
+def film_writer(save: Path, field: Field) -> Any:
     """What writes frames as a film; asked for before anything is drawn.
 
     Raises:
         ValueError: For .mp4, if there is nothing that writes it: what to install.
     """
     if save.suffix.lower() == ".gif":
-        return lambda frames: _gif(frames, save)
+        return lambda frames: _gif(frames, field, save)
     try:
         import imageio_ffmpeg
     except ImportError:
@@ -102,10 +102,14 @@ def film_writer(save: Path) -> Any:
     return write
 
 
-def _gif(frames: list[Pixels], save: Path) -> None:
-    """All frames in the colours of the last and the middle one together: no flicker."""
+def _gif(frames: list[Pixels], field: Field, save: Path) -> None:
+    """All frames in the same 256 colours, so that nothing flickers: the field's own, greys, and what else they need."""
     sample = Image.fromarray(np.concatenate([frames[len(frames) // 2], frames[-1]]))
-    palette = sample.quantize(colors=255, dither=Image.Dither.NONE)
+    own = [int(colour[k : k + 2], 16) for colour in (*ramp(field, 140), *AXES) for k in (1, 3, 5)]
+    greys = [grey for grey in np.linspace(0, 255, 27).round().astype(int).tolist() for _ in "rgb"]
+    rest = sample.quantize(colors=80, dither=Image.Dither.NONE).getpalette() or []
+    palette = Image.new("P", (1, 1))
+    palette.putpalette((own + greys + rest)[: 3 * 256])
     images = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     held = [round(1000 * _SECONDS)] * (len(images) - 1) + [1200]
     images[0].save(save, save_all=True, append_images=images[1:], duration=held, loop=0, optimize=False)

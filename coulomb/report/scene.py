@@ -221,6 +221,12 @@ def looking_at(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     return normal + 0.25 * along + 0.6 * across, -across
 
 
+def zone_counts(contact: Grid) -> dict[str, int]:
+    """Number of nodes in every zone, by its name."""
+    status = np.rint(contact.fields["status"]).astype(int)
+    return {name: int(np.count_nonzero(status == code)) for code, (name, _) in ZONES.items()}
+
+
 def caption(run: Run, step: Step, scale: float) -> str:
     """Friction, time and the scale of the displacement, in a line."""
     parts = [f"{run.directory.resolve().name}: {friction_in_words(run.summary)}"]

@@ -8,7 +8,7 @@ import matplotlib
 import numpy as np
 import numpy.typing as npt
 
-from ..plotting import ZONES, Grid
+from ..plotting import ZONES
 from .fields import Field
 from .scene import Shot
 from .units import scale_of
@@ -17,6 +17,9 @@ Pixels = npt.NDArray[np.uint8]
 
 SIZE = (8.8, 6.4)
 """Of a sheet in inches; 150 pixels each, even numbers, as films need them."""
+
+AXES = ("#d55e00", "#009e73", "#0b84d8")
+"""Colours of x, y and z."""
 
 _INK, _ALARM = "#202020", "#b3261e"
 
@@ -68,7 +71,7 @@ def directions(axes: Any, shot: Shot) -> None:
     """The axes x, y, z as the camera saw them."""
     axes.set(xlim=(-1.35, 1.35), ylim=(-1.35, 1.35), aspect="equal")
     axes.set_axis_off()
-    for name, (right, up), colour in zip("xyz", shot.axes, ("#d55e00", "#009e73", "#0072b2"), strict=True):
+    for name, (right, up), colour in zip("xyz", shot.axes, AXES, strict=True):
         if np.hypot(right, up) < 0.1:  # it points at the camera, or away
             axes.plot(0, 0, "o", color=colour, markersize=4)
             axes.text(0.14, 0.1, name, color=colour, fontsize=10)
@@ -76,12 +79,6 @@ def directions(axes: Any, shot: Shot) -> None:
         axes.annotate("", (right, up), (0, 0), arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.4})
         reach = 1.0 + 0.22 / np.hypot(right, up)
         axes.text(reach * right, reach * up, name, color=colour, fontsize=10, ha="center", va="center")
-
-
-def zone_counts(contact: Grid) -> dict[str, int]:
-    """Number of nodes in every zone, by its name."""
-    status = np.rint(contact.fields["status"]).astype(int)
-    return {name: int(np.count_nonzero(status == code)) for code, (name, _) in ZONES.items()}
 
 
 def pixels_of(figure: Any) -> Pixels:

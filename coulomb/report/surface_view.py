@@ -6,12 +6,11 @@ import base64
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib
 import numpy as np
 import numpy.typing as npt
 
 from ..plotting import ZONES, FloatArray, Grid, match, renderer, skin_of
-from .fields import Field, named
+from .fields import named, ramp
 from .files import Run, Step
 from .scene import limits_of, looking_at, outward
 from .units import number, scale_of
@@ -100,12 +99,6 @@ def _step(
         "arrows": _packed(contact.fields["friction_traction"][nodes]),
         "values": {entry["name"]: _packed(entry["field"].values(contact)[nodes] / entry["factor"]) for entry in fields},
     }
-
-
-def ramp(field: Field, count: int = 65) -> list[str]:
-    """Colours of a field from its least to its greatest value, as #rrggbb."""
-    colours = matplotlib.colormaps[field.colours](np.linspace(0.0, 1.0, count))
-    return [matplotlib.colors.to_hex(colour) for colour in colours]
 
 
 def thinned_surface(contact: Grid, most: int) -> tuple[IntArray, IntArray]:
