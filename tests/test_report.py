@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,8 +17,9 @@ from PIL import Image
 
 from coulomb import apart, output
 from coulomb.plotting import ZONES, Grid, read_grid
-from coulomb.report import page
+from coulomb.report import charts, page
 from coulomb.report.fields import named
+from coulomb.report.files import read_run
 from coulomb.report.picture import plot
 from coulomb.report.surface_view import thinned_surface
 from coulomb.report.units import number, quantity, scale_of, vector
@@ -128,6 +130,15 @@ def test_page_of_a_history(history):
     greatest = float(row[(history / "history.csv").read_text().splitlines()[0].split(",").index("greatest_pressure")])
     shown = numbers(data["steps"][2]["values"]["pressure"]) * data["fields"][0]["factor"]
     assert shown.max() == pytest.approx(greatest, rel=1e-6)
+
+
+def test_force_is_drawn_against_what_moves_most(history):
+    run = read_run(history)
+    assert "against prescribed displacement" in charts.force_displacement(run)
+    moved = replace(run, case={"contact": {"motion": [[0.0, 0.0, 0.0, 0.0], [6.0, 0.1, 0.0, 0.0]]}})
+    assert "against displacement of the foundation" in charts.force_displacement(moved)
+    still = replace(run, steps=run.steps[-1:], rows=run.rows[-1:])
+    assert charts.force_displacement(still) == ""
 
 
 def test_a_history_that_did_not_end_says_so(history, tmp_path):
