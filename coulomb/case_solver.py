@@ -31,7 +31,8 @@ class SolverTable(Table):
 
 
 class OutputTable(Table):
-    """Where results go, and whether to draw them."""
+    """Where results go, whether to draw them, and whether to write a page about them."""
 
     directory: str = "results"
     picture: bool = True
+    report: bool = False

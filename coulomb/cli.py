@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
-import platform
 import signal
 import sys
 import time
@@ -14,21 +12,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import scipy.sparse
 import typer
 from mpi4py import MPI
-from petsc4py import PETSc
 from rich.console import Console
-from threadpoolctl import threadpool_info, threadpool_limits
+from threadpoolctl import threadpool_limits
 
 from .benchmarks.commands import benchmark
 from .case import read_case, written_case
 from .case_commands import Changes, check_case, doubts, new, posed
+from .commands_pictures import register
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED
 from .console import console as _console
 from .console import errors as _errors
-from .fem import compat
 from .interruption import Interruption
 from .log import Log
 from .running import Session, bad_input, solve_once, take_steps
@@ -39,7 +35,7 @@ from .solvers.fixed_point import SuccessiveTresca
 from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, NotConverged
 from .terminal import introduce
-from .version import __version__
+from .versions import details
 
 app = typer.Typer(
     help="3D contact with Coulomb friction: solved, certified, written.  Begin with: coulomb new block",
@@ -48,6 +44,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(benchmark, name="benchmark")
+register(app)
 _comm = MPI.COMM_WORLD
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")]
@@ -63,6 +60,7 @@ def run(
     directory: Annotated[
         Path | None, typer.Option("--output", help="Where the results go, in place of the case's output.directory.")
     ] = None,
+    page: Annotated[bool, typer.Option("--report", help="Write report.html too, as output.report = true.")] = False,
     quiet: Quiet = False,
     log_file: LogFile = None,
     force: Annotated[bool, typer.Option("--force", help="Run even if the memory seems too small.")] = False,
@@ -71,7 +69,7 @@ def run(
     began = time.perf_counter()
     with threadpool_limits(limits=1 if _comm.size > 1 else None), _session(quiet, log_file) as session:
         with bad_input():
-            settings = read_case(case, changes or (), _comm)
+            settings = read_case(case, [*(changes or ()), *(["output.report=true"] if page else ())], _comm)
             target = directory or Path(settings.output.directory)
             problem = posed(settings, target, force)
         introduce(session.console, case, problem)
@@ -117,31 +115,7 @@ def _session(quiet: bool, log_file: Path | None) -> Iterator[Session]:
 @app.command()
 def info() -> None:
     """Versions and PETSc's packages, for a bug report."""
-    known = (
-        "mumps",
-        "scalapack",
-        "hypre",
-        "superlu_dist",
-        "suitesparse",
-        "metis",
-        "parmetis",
-        "scotch",
-        "ptscotch",
-        "ml",
-    )
-    petsc = ".".join(map(str, PETSc.Sys.getVersion()))
-    rows = {
-        "coulomb": __version__,
-        "Python": f"{platform.python_version()} ({sys.executable})",
-        "platform": platform.platform(),
-        "DOLFINx": compat.VERSION,
-        "PETSc": f"{petsc}, {np.dtype(PETSc.ScalarType).name}, {8 * np.dtype(PETSc.IntType).itemsize} bit integers",
-        "PETSc's packages": ", ".join(name for name in known if PETSc.Sys.hasExternalPackage(name)),
-        "MPI": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0"),
-        "BLAS": ", ".join(sorted({str(e.get("filepath")) for e in threadpool_info() if e["user_api"] == "blas"})),
-        **{name: _version(name) for name in ("numpy", "scipy", "mpi4py", "petsc4py", "h5py", "pyvista", "vtk")},
-    }
-    for name, value in rows.items():
+    for name, value in details().items():
         _console.print(f"{name:<18}{value}", markup=False, soft_wrap=True)
 
 
@@ -240,16 +214,6 @@ def check(directory: Annotated[Path, typer.Argument(help="Where a run has left i
     _console.print(f"{certificate}\nrecorded by the run: certificate {verdict}", markup=False, soft_wrap=True)
     if not certificate.passed:
         raise typer.Exit(FAILED)
-
-
-def _version(name: str) -> str:
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        try:
-            return str(__import__(name).__version__)
-        except ImportError:
-            return "not installed"
 
 
 def main() -> None:

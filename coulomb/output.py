@@ -10,8 +10,6 @@ import json
 import math
 import os
 import shutil
-import subprocess
-import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ElementTree
@@ -24,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from . import apart
 from .arrays import FloatArray
 from .fem import compat
 from .fem.compat import fem
@@ -71,6 +70,8 @@ def write(
                 contents["picture"] = _draw(folder) or "picture.png"
                 contents["seconds"]["picture"] = time.perf_counter() - drawing
                 write_json(contents, folder / "summary.json")
+            for name in ("case.json", "report.html"):  # of other results; who has a case writes it afterwards
+                (target / name).unlink(missing_ok=True)
             for file in sorted(folder.iterdir()):
                 os.replace(file, target / file.name)
             return json.dumps(contents)
@@ -302,19 +303,8 @@ def draw(directory: Path, target: Path) -> str:
 
 def _draw(directory: Path) -> str:
     """Draw picture.png; what went wrong, or nothing.  In a process of its own: a renderer may take it down."""
-    script = Path(__file__).with_name("plotting.py")
-    launcher = ("OMPI_", "PMIX_", "PMI_", "HYDRA_", "SLURM_")
-    environment = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
-    try:
-        done = subprocess.run(
-            [sys.executable, str(script), str(directory)], env=environment, capture_output=True, text=True, timeout=600
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        return f"could not be drawn: {error}"
-    if done.returncode == 0:
-        return ""
-    last = (done.stderr.strip().splitlines() or [f"the renderer ended with code {done.returncode}"])[-1]
-    return f"could not be drawn: {last}"
+    code, said = apart.run("coulomb.plotting", [str(directory)])
+    return f"could not be drawn: {said}" if code else ""
 
 
 def _finite(value: Any) -> Any:

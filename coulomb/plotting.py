@@ -1,7 +1,4 @@
-"""Pictures from the files of a run.  Knows neither DOLFINx nor the solvers, so that it also runs as a script:
-
-python plotting.py DIRECTORY
-"""
+"""Pictures from the files of a run.  Knows neither DOLFINx nor the solvers: it draws in a process apart."""
 
 from __future__ import annotations
 
@@ -63,19 +60,19 @@ def picture(directory: str | Path) -> Path:
     Returns:
         The picture's path.
     """
-    pyvista = _pyvista()
+    pyvista = renderer()
     directory = Path(directory)
     body, contact = read_grid(directory / "solution.xdmf"), read_grid(directory / "contact.xdmf")
     displacement = body.fields["displacement"]
     size = float(np.linalg.norm(np.ptp(body.points, axis=0)))
     greatest = float(np.linalg.norm(displacement, axis=1).max())
-    scale = _nice(0.05 * size / greatest) if greatest > 0.0 else 1.0
+    scale = nice(0.05 * size / greatest) if greatest > 0.0 else 1.0
 
-    in_contact = _match(contact.points, body.points)
+    in_contact = match(contact.points, body.points)
     lower = contact.points + scale * displacement[in_contact]
-    face = pyvista.PolyData(lower, _polygons(contact.cells))
+    face = pyvista.PolyData(lower, polygons(contact.cells))
     face.point_data["pressure"] = contact.fields["pressure"] / 1e6
-    skin = _without(_skin(pyvista, body, body.points + scale * displacement), in_contact)
+    skin = without(skin_of(pyvista, body, body.points + scale * displacement), in_contact)
     normal = np.mean(face.compute_normals(auto_orient_normals=False)["Normals"], axis=0)
     normal *= np.sign(normal @ (face.center_of_mass() - np.mean(skin.points, axis=0)))
 
@@ -100,7 +97,7 @@ def picture(directory: str | Path) -> Path:
     for code, (name, colour) in ZONES.items():
         chosen = status == code
         if chosen.any():
-            plotter.add_mesh(_patches(pyvista, contact.cells, lower, chosen), color=colour, lighting=False)
+            plotter.add_mesh(patches(pyvista, contact.cells, lower, chosen), color=colour, lighting=False)
             legend.append([f"{name}: {np.count_nonzero(chosen)} nodes", colour])
     lines = face.extract_all_edges().translate(1e-3 * size * normal)  # in front of the zones
     plotter.add_mesh(lines, color="#8a8a8a", line_width=1)
@@ -113,7 +110,7 @@ def picture(directory: str | Path) -> Path:
     return path
 
 
-def _pyvista() -> Any:
+def renderer() -> Any:
     """pyvista, set to draw without a display where there is none."""
     if not os.environ.get("DISPLAY"):
         window = "vtkOSOpenGLRenderWindow" if ctypes.util.find_library("OSMesa") else "vtkEGLRenderWindow"
@@ -123,20 +120,20 @@ def _pyvista() -> Any:
     return pyvista
 
 
-def _polygons(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def polygons(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Cells (k, corners) in VTK's way: the number of corners, then the corners."""
     return np.column_stack([np.full(len(cells), cells.shape[1]), cells]).ravel()
 
 
-def _skin(pyvista: Any, body: Grid, points: FloatArray) -> Any:
+def skin_of(pyvista: Any, body: Grid, points: FloatArray) -> Any:
     """Boundary of the body."""
     types = np.full(len(body.cells), _VTK_TYPES[body.cell], dtype=np.uint8)
-    solid = pyvista.UnstructuredGrid(_polygons(body.cells), types, points)
+    solid = pyvista.UnstructuredGrid(polygons(body.cells), types, points)
     solid.point_data["node"] = np.arange(len(points))
     return solid.extract_surface(algorithm=None)
 
 
-def _match(points: FloatArray, nodes: FloatArray) -> npt.NDArray[np.int64]:
+def match(points: FloatArray, nodes: FloatArray) -> npt.NDArray[np.int64]:
     """The node of the body at every point of the contact face."""
     from scipy.spatial import cKDTree
 
@@ -144,20 +141,20 @@ def _match(points: FloatArray, nodes: FloatArray) -> npt.NDArray[np.int64]:
     return found
 
 
-def _without(skin: Any, nodes: npt.NDArray[np.int64]) -> Any:
+def without(skin: Any, nodes: npt.NDArray[np.int64]) -> Any:
     """The skin but for the faces whose corners are all among these nodes."""
     corners = skin.regular_faces
     inside = np.isin(skin.point_data["node"], nodes)[corners].all(axis=1)
-    return type(skin)(skin.points, _polygons(corners[~inside]))
+    return type(skin)(skin.points, polygons(corners[~inside]))
 
 
-def _patches(pyvista: Any, cells: npt.NDArray[np.int64], points: FloatArray, chosen: npt.NDArray[np.bool_]) -> Any:
+def patches(pyvista: Any, cells: npt.NDArray[np.int64], points: FloatArray, chosen: npt.NDArray[np.bool_]) -> Any:
     """The part of the surface nearest to the chosen nodes: every facet is cut into a piece for each corner."""
     corners = points[cells]
     middle = 0.5 * (corners + np.roll(corners, -1, axis=1))
     centre = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
     pieces = np.stack([corners, middle, centre, np.roll(middle, 1, axis=1)], axis=2)[chosen[cells]]
-    return pyvista.PolyData(pieces.reshape(-1, 3), _polygons(np.arange(4 * len(pieces)).reshape(-1, 4)))
+    return pyvista.PolyData(pieces.reshape(-1, 3), polygons(np.arange(4 * len(pieces)).reshape(-1, 4)))
 
 
 def _look_at(plotter: Any, normal: FloatArray) -> None:
@@ -180,7 +177,7 @@ def _caption(directory: Path) -> str:
     return law if contents["certificate"]["passed"] else f"{law}: NOT CERTIFIED"
 
 
-def _nice(value: float) -> float:
+def nice(value: float) -> float:
     """The nearest of 1, 2, 5 times a power of ten below."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * max(step for step in (1, 2, 5) if step * power <= value * (1.0 + 1e-12)))

@@ -16,6 +16,7 @@ from rich.console import Console
 
 from . import output
 from .case import Case, write_case
+from .commands_pictures import write_report
 from .console import BAD_INPUT, FAILED, INTERRUPTED, errors
 from .interruption import Interruption
 from .load_history import StepFailed
@@ -86,11 +87,15 @@ def solve_once(session: Session, settings: Case, problem: ContactProblem, target
     problem.seconds["total"] = time.perf_counter() - began
     written = True
     try:
-        contents = output.write(solution, target, settings.output.picture and not interrupted)
+        picture = settings.output.picture and not interrupted
+        contents = output.write(solution, target, picture, {"message": trouble})
+        write_case(settings, target, problem.comm)
     except OSError as error:
         contents, written = summary(solution), False
         trouble += f"{'; ' if trouble else ''}{target}: cannot be written: {error.strerror or error}"
     report(session.console, solution, contents, target if written else None, time.perf_counter() - began)
+    if written:
+        _write_page(settings, target, problem.comm)
     if interrupted and written:
         trouble = f"interrupted: {trouble}; the answer so far is in {target}{os.sep}, marked so"
     if trouble:
@@ -165,6 +170,7 @@ def take_steps(session: Session, settings: Case, problem: ContactProblem, target
         last = rows[-1]
         if settings.output.picture and code != INTERRUPTED:
             output.on_rank_0(comm, lambda: output.draw(target / "steps" / f"{last['step']:04d}", target))
+        _write_page(settings, target, comm)
         console.print(
             f"energy in J: loads {last['energy_loads']:.6g}, prescribed displacements {last['energy_prescribed']:.6g}, "
             f"foundation {last['energy_foundation']:.6g}; elastic {last['energy_elastic']:.6g}, friction "
@@ -180,6 +186,12 @@ def take_steps(session: Session, settings: Case, problem: ContactProblem, target
         errors.print(f"error: {trouble}", markup=False)
     if trouble or not all(row["certified"] for row in rows):
         raise typer.Exit(code)
+
+
+def _write_page(settings: Case, target: Path, comm: MPI.Comm) -> None:
+    """Write report.html if the case asks for it."""
+    if settings.output.report and (trouble := write_report(target, comm)):
+        errors.print(f"warning: {trouble}", markup=False)
 
 
 def _keep_failed(failure: StepFailed, target: Path) -> str:

@@ -15,6 +15,7 @@ from .solution import Solution
 from .solvers.reductions import Reductions
 from .solvers.results import CoulombResult
 from .version import __version__
+from .versions import versions
 
 OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
 """Status of a node in contact.xdmf; HELD: on the contact face, but clamped, so no contact node (all fields 0)."""
@@ -102,11 +103,15 @@ def summary(solution: Solution) -> dict[str, Any]:
         },
         "certificate": {
             **{
-                check.name.replace(" ", "_"): {"value": check.value, "limit": check.limit, "passed": check.passed}
+                check.name.replace(" ", "_"): {
+                    **{"value": check.value, "limit": check.limit, "passed": check.passed},
+                    **{"unit": check.unit, "meaning": check.meaning},
+                }
                 for check in certificate.checks
             },
             "passed": certificate.passed,
         },
+        "versions": versions(),
         "seconds": dict(problem.seconds),
         "peak_memory_bytes": problem.comm.allreduce(peak_memory()),
     }

@@ -46,18 +46,24 @@ def test_only_compat_imports_dolfinx(path):
 def test_only_compat_asks_for_the_version(path):
     text = path.read_text()
     assert "dolfinx.__version__" not in text
-    assert path.name == "cli.py" or "compat.VERSION" not in text  # the command line prints it
+    assert path.name == "versions.py" or "compat.VERSION" not in text  # it tells which one it was
 
 
 def test_package_imports_neither_plotting_nor_command_line():
     assert not uses(PACKAGE / "__init__.py", "coulomb.plotting", "coulomb.cli", "pyvista", "typer")
     for path in FILES:
-        if path.name != "plotting.py":
+        if path.name != "plotting.py" and path.parent.name != "report":
             assert not uses(path, "pyvista", "vtk", "vtkmodules", "matplotlib"), path
 
 
-def test_plotting_stands_alone():
-    assert not uses(PACKAGE / "plotting.py", "coulomb", "dolfinx", "petsc4py", "mpi4py")
+@pytest.mark.parametrize(
+    "path", [PACKAGE / "plotting.py", *sorted((PACKAGE / "report").glob("*.py"))], ids=lambda p: p.name
+)
+def test_what_draws_stands_alone(path):
+    """It runs without the package's `__init__` (coulomb.apart), and may use no other part of it."""
+    own = ("coulomb.plotting", "coulomb.report")
+    assert not uses(path, "dolfinx", "petsc4py", "mpi4py")
+    assert not [name for name in uses(path, "coulomb") if name != "coulomb" and not name.startswith(own)]
 
 
 def test_nothing_prints_outside_the_command_line():

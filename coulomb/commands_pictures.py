@@ -1,0 +1,96 @@
+"""`coulomb plot` and `coulomb report`: pictures and a page from the files of a run, drawn in a process apart."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from mpi4py import MPI
+
+from . import apart
+from .console import BAD_INPUT, FAILED, console, errors
+
+PAGE = "report.html"
+"""Name of the report in the directory of its run."""
+
+Directory = Annotated[Path, typer.Argument(help="Where a run has left its results.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the command line."""
+    app.command()(plot)
+    app.command()(report)
+
+
+def plot(
+    directory: Directory,
+    field: Annotated[
+        str,
+        typer.Option(
+            help="pressure, friction_traction, friction_use, status, slip, gap, displacement, von_mises_stress; "
+            "with _x, _y or _z a component."
+        ),
+    ] = "pressure",
+    scale: Annotated[float | None, typer.Option(help="Of the displacement; by default such that it shows.")] = None,
+    view: Annotated[
+        str | None, typer.Option(help="contact, iso, below, top, bottom, front, back, left, right.")
+    ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option(help="FILE.png, .jpg, .pdf or .svg; of a load history also .gif or .mp4. Without it: a window."),
+    ] = None,
+    step: Annotated[int | None, typer.Option(help="Of a load history, from 1; the last by default.")] = None,
+) -> None:
+    """Show or save a picture of a run, or a film of a load history."""
+    _one_rank("plot")
+    if save is None and not _display():
+        save = Path("plot.png")
+        console.print("there is no display: the picture goes to a file", markup=False)
+    chosen = [str(directory), field, scale, view, save, step]
+    _apart("plot", ["-" if choice is None else str(choice) for choice in chosen], seconds=None)
+
+
+def report(
+    directory: Directory,
+    save: Annotated[Path | None, typer.Option(help=f"The page; DIRECTORY/{PAGE} by default.")] = None,
+) -> None:
+    """Write one HTML page about a run, certified or not: case, certificate, pictures, convergence, a 3D view."""
+    _one_rank("report")
+    _apart("page", [str(directory), str(save or directory / PAGE)], seconds=None)
+
+
+def write_report(directory: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> str:
+    """Write the report of a run that has just been written; collective.
+
+    Returns:
+        What went wrong, or nothing: a run does not fail for its report.
+    """
+    trouble = ""
+    if comm.rank == 0:
+        code, said = apart.run("coulomb.report", ["page", str(directory), str(directory / PAGE)])
+        trouble = f"{PAGE} could not be written: {said}" if code else ""
+    return str(comm.bcast(trouble))
+
+
+def _apart(kind: str, arguments: list[str], seconds: float | None) -> None:
+    code, said = apart.run("coulomb.report", [kind, *arguments], seconds)
+    if code == 0:
+        if said:
+            console.print(said, markup=False, soft_wrap=True)
+        return
+    errors.print(f"error: {said}", markup=False)
+    raise typer.Exit(BAD_INPUT if code == BAD_INPUT else FAILED)
+
+
+def _one_rank(command: str) -> None:
+    if MPI.COMM_WORLD.size > 1:
+        errors.print(f"error: coulomb {command} runs on one rank", markup=False)
+        raise typer.Exit(BAD_INPUT)
+
+
+def _display() -> bool:
+    """Whether a window can be opened."""
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))

@@ -1,0 +1,213 @@
+"""Line charts of a run, as SVG that takes the colour of the page's text."""
+
+from __future__ import annotations
+
+import io
+import re
+from typing import Any
+
+import matplotlib
+import numpy as np
+
+from ..plotting import ZONES
+from .files import Rows, Run
+from .scene import thinned, zone_counts
+from .units import scale_of
+
+_INK = "#010203"  # becomes the page's own colour
+_FIRST, _SECOND, _THIRD, _FOURTH = "#0b84d8", "#e06c00", "#009e73", "#b05ea5"
+"""Okabe and Ito's colours for the colour-blind, a little brighter: they stand on white and on black."""
+
+
+def convergence(run: Run) -> str:
+    """How the (last) solve came to its end: residuals, measured rate, theta, CG iterations."""
+    rows = run.iterations
+    if not rows:
+        return ""
+    outer = "change" in rows[0]
+    figure, (left, right) = _figure(2)
+    number = _column(rows, "iteration")
+    left.semilogy(number, _column(rows, "residual"), "o-", color=_FIRST, markersize=4, label="residual")
+    what = "Tresca problem" if outer else "path-following step" if "theta" in rows[0] else "step"
+    if "theta" in rows[0]:
+        left.semilogy(number, _column(rows, "theta"), "s--", color=_SECOND, markersize=3.5, label="θ, duality measure")
+    if outer:
+        left.semilogy(
+            number, _column(rows, "change"), "s--", color=_SECOND, markersize=3.5, label="change of slip bound"
+        )
+        _measured_rate(left, number, _column(rows, "residual"), run.summary.get("contraction"))
+    tolerance = ((run.case or {}).get("solver") or {}).get("tolerance", 1e-8)
+    if run.case is not None:
+        left.axhline(tolerance, color=_THIRD, linewidth=1, linestyle=":")
+        where = ("axes fraction", "data")
+        left.annotate("tolerance", (0.02, tolerance), xycoords=where, va="bottom", color=_THIRD)
+    left.set(xlabel=what, ylabel="relative measure")
+    _legend(left)
+    right.bar(number, _column(rows, "krylov"), color=_FIRST, width=0.7, label="CG iterations")
+    if outer:
+        right.bar(number, _column(rows, "path_following"), color=_SECOND, width=0.4, label="path-following steps")
+        _legend(right)
+    right.set(xlabel=what, ylabel="number" if outer else "CG iterations")
+    _whole(left.xaxis, right.xaxis, right.yaxis)
+    return _svg(figure, "Convergence: residuals by step, and CG iterations by step")
+
+
+def _measured_rate(axis: Any, number: Any, residual: Any, rate: float | None) -> None:
+    """A line that falls by the measured rate, from the last residual backwards."""
+    if rate is None or not 0.0 < rate or len(number) < 2:
+        return
+    shown = residual[-1] * rate ** (number - number[-1])
+    label = f"measured rate {rate:.2g} a problem"
+    axis.semilogy(number, shown, ":", color=_FOURTH, linewidth=1.5, label=label, scaley=False)
+
+
+def forces(run: Run) -> str:
+    """Of a load history: force on the body and energies against time."""
+    rows, time = run.rows, _column(run.rows, "time")
+    figure, axes = _figure(2)
+    parts = [_column(rows, f"force_{axis}") for axis in "xyz"]
+    factor, unit = scale_of(max(float(np.max(np.abs(part))) for part in parts), "N")
+    for part, axis, style in zip(parts, "xyz", ("o-", "s-", "^-"), strict=True):
+        colour = {"x": _SECOND, "y": _THIRD, "z": _FIRST}[axis]
+        axes[0].plot(time, part / factor, style, color=colour, markersize=3, label=f"along {axis}")
+    axes[0].set(xlabel="time", ylabel=f"contact force on the body, {unit}")
+    names = {"loads": "loads", "prescribed": "clamps", "foundation": "foundation"}
+    curves = {names.get(name, name): _column(rows, f"energy_{name}") for name in (*names, "elastic", "dissipated")}
+    factor, unit = scale_of(max(float(np.max(np.abs(curve))) for curve in curves.values()), "J")
+    for (name, curve), colour in zip(curves.items(), ("#8a8a8a", _FOURTH, "#8a8a8a", _FIRST, _SECOND), strict=True):
+        if np.any(curve):
+            work = name not in ("elastic", "dissipated")
+            label = f"work of {name}" if work else f"{name} energy"
+            axes[1].plot(time, curve / factor, "--" if work else "-", color=colour, label=label)
+    axes[1].set(xlabel="time", ylabel=f"energy, {unit}")
+    for axis in axes:
+        _legend(axis)
+        axis.margins(x=0.02)
+    return _svg(figure, "Force and energy against time")
+
+
+def surface(run: Run) -> str:
+    """Of a load history: zones, and the greatest pressure and slip, against time."""
+    rows, time = run.rows, _column(run.rows, "time")
+    figure, (left, right) = _figure(2)
+    counts = [zone_counts(step.grid("contact")) for step in run.steps]
+    zones = [(name, colour) for name, colour in ZONES.values() if any(count[name] for count in counts)]
+    stacked = [np.array([count[name] for count in counts]) for name, _ in zones]
+    left.stackplot(
+        time, stacked, colors=[colour for _, colour in zones], labels=[name for name, _ in zones], step="pre"
+    )
+    left.set(xlabel="time", ylabel="contact nodes", ylim=(0, None))
+    _legend(left)
+    pressure, slip = _column(rows, "greatest_pressure"), _column(rows, "greatest_slip")
+    factor, unit = scale_of(float(np.max(np.abs(pressure))), "Pa")
+    right.plot(time, pressure / factor, "o-", color=_FIRST, markersize=3)
+    right.set(xlabel="time", ylabel=f"greatest contact pressure, {unit}")
+    right.yaxis.label.set_color(_FIRST)
+    factor, unit = scale_of(float(np.max(np.abs(slip))), "m")
+    other = right.twinx()
+    other.plot(time, slip / factor, "s--", color=_SECOND, markersize=3)
+    other.set(ylabel=f"greatest slip of the step, {unit}", ylim=(0, None))
+    other.yaxis.label.set_color(_SECOND)
+    other.spines[["top", "left"]].set_visible(False)
+    other.tick_params(colors=_INK)
+    return _svg(figure, "Zones, greatest pressure and slip against time")
+
+
+def force_displacement(run: Run) -> str:
+    """Of a load history: contact force against the displacement that drives it; nothing if none is prescribed."""
+    drive, what = _drive(run)
+    if drive is None:
+        return ""
+    axis = int(np.argmax(np.ptp(drive, axis=0)))
+    figure, (tangential, normal) = _figure(2)
+    way = drive[:, axis]
+    length, length_unit = scale_of(float(np.max(np.abs(way))), "m")
+    along = _column(run.rows, f"force_{'xyz'[axis]}")
+    pressing = _column(run.rows, "normal_force")
+    for panel, force, label, colour in (
+        (tangential, along, f"contact force along {'xyz'[axis]}", _SECOND),
+        (normal, pressing, "normal contact force", _FIRST),
+    ):
+        factor, unit = scale_of(float(np.max(np.abs(force))), "N")
+        panel.plot(way / length, force / factor, "o-", color=colour, markersize=3)
+        for k in thinned(len(way), 8)[:-1]:
+            ends = [(way[j] / length, force[j] / factor) for j in (k, min(k + 1, len(way) - 1))]
+            panel.annotate("", ends[1], ends[0], arrowprops={"arrowstyle": "->", "color": colour})
+        panel.set(xlabel=f"{what} along {'xyz'[axis]}, {length_unit}", ylabel=f"{label}, {unit}")
+    return _svg(figure, f"Contact force against {what}")
+
+
+def _drive(run: Run) -> tuple[Any, str]:
+    """What moves most in a history, at every step, (steps, 3), and what it is: clamps or the foundation."""
+    found: list[tuple[Any, str]] = []
+    prescribed = [step.grid("solution").fields.get("prescribed") for step in run.steps]
+    if all(given is not None for given in prescribed):
+        table = np.stack([np.asarray(given) for given in prescribed])
+        driven = np.any(np.ptp(table, axis=0) > 0.0, axis=1)
+        if driven.any():
+            found.append((table[:, driven].mean(axis=1), "prescribed displacement"))
+    motion = ((run.case or {}).get("contact") or {}).get("motion")
+    if motion:
+        rows, times = np.array(motion, dtype=float), np.array([step.time for step in run.steps], dtype=float)
+        moved = np.column_stack([np.interp(times, rows[:, 0], rows[:, k]) for k in (1, 2, 3)])
+        found.append((moved, "displacement of the foundation"))
+    found = [entry for entry in found if np.any(np.ptp(entry[0], axis=0) > 0.0)]
+    return max(found, key=lambda entry: float(np.max(np.ptp(entry[0], axis=0))), default=(None, ""))
+
+
+def effort(run: Run) -> str:
+    """Of a load history: path-following steps and residual of every load step."""
+    figure, (left, right) = _figure(2)
+    number = _column(run.rows, "step")
+    left.bar(number, _column(run.rows, "path_following"), color=_FIRST, width=0.7)
+    left.set(xlabel="load step", ylabel="path-following steps")
+    right.semilogy(number, _column(run.rows, "residual"), "o", color=_FIRST, markersize=4)
+    right.set(xlabel="load step", ylabel="residual at its end")
+    _whole(left.xaxis, left.yaxis, right.xaxis)
+    return _svg(figure, "Path-following steps and residuals by load step")
+
+
+def _legend(axis: Any) -> None:
+    """Above the axes, where no curve is."""
+    longest = max(len(label) for label in axis.get_legend_handles_labels()[1])
+    shape = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4 if longest < 9 else 2, "borderaxespad": 0.2}
+    axis.legend(frameon=False, labelcolor=_INK, fontsize=8.5, columnspacing=1.2, **shape)
+
+
+def _whole(*axes: Any) -> None:
+    """Ticks at whole numbers alone."""
+    for axis in axes:
+        axis.get_major_locator().set_params(integer=True)
+
+
+def _column(rows: Rows, name: str) -> Any:
+    return np.array([row.get(name, np.nan) for row in rows])
+
+
+def _figure(count: int) -> tuple[Any, Any]:
+    from matplotlib.figure import Figure
+
+    colours = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _INK)
+    with matplotlib.rc_context({**colours, "font.size": 9.5}):
+        figure = Figure(figsize=(4.3 * count, 3.3), layout="constrained", facecolor="none")
+        axes = figure.subplots(1, count)
+    for axis in axes:
+        axis.set_facecolor("none")
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.grid(alpha=0.25, color=_INK, linewidth=0.6)
+        axis.set_axisbelow(True)
+    return figure, axes
+
+
+def _svg(figure: Any, title: str) -> str:
+    """A figure as an element of the page: no address, no ground, colours of the text; it scales."""
+    with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": title}):
+        file = io.StringIO()
+        figure.savefig(file, format="svg", transparent=True)
+    drawn = file.getvalue()
+    drawn = drawn[drawn.index("<svg") :]
+    drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.DOTALL)
+    drawn = re.sub(r' xmlns(:\w+)?="[^"]*"', "", drawn)
+    drawn = re.sub(r' (width|height)="[\d.]+pt"', "", drawn, count=2)
+    drawn = drawn.replace("xlink:href", "href").replace(_INK, "currentColor")
+    return drawn.replace("<svg", f'<svg role="img" aria-label="{title}"', 1)

@@ -1,0 +1,111 @@
+"""The fields of a run that can be shown: where they are, their units and colours."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import matplotlib
+import numpy as np
+
+from ..plotting import ZONES, FloatArray, Grid
+
+SEQUENTIAL, SHARE, SIGNED = "viridis", "cividis", "RdBu_r"
+"""Colour maps of magnitudes, of shares of one, and of what has a sign; all are safe for the colour-blind."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of contact.xdmf or solution.xdmf.
+
+    Attributes:
+        name: In the file.
+        file: "contact" or "solution".
+        title: In words.
+        unit: Without prefix.
+        colours: Matplotlib's name of the colour map.
+        vector: Whether it has three components; its magnitude is shown, or one of them.
+        component: 0, 1, 2, of a vector; None for the magnitude.
+    """
+
+    name: str
+    file: Literal["contact", "solution"]
+    title: str
+    unit: str = ""
+    colours: str = SEQUENTIAL
+    vector: bool = False
+    component: int | None = None
+
+    @property
+    def zones(self) -> bool:
+        """Whether its values are the codes of `plotting.ZONES`."""
+        return self.name == "status"
+
+    @property
+    def signed(self) -> bool:
+        return self.component is not None
+
+    def values(self, grid: Grid) -> FloatArray:
+        """Of a grid, one number a point or cell.
+
+        Raises:
+            ValueError: If the file does not have the field.
+        """
+        if self.name not in grid.fields:
+            raise ValueError(f"{self.file}.xdmf has no field {self.name}; it has {', '.join(sorted(grid.fields))}")
+        found: FloatArray = np.asarray(grid.fields[self.name], dtype=np.float64)
+        if not self.vector:
+            return found
+        magnitude: FloatArray = np.linalg.norm(found, axis=-1)
+        return magnitude if self.component is None else found[:, self.component]
+
+    def limits(self, values: FloatArray) -> tuple[float, float]:
+        """Range of the colours: symmetric for what has a sign, from 0 for magnitudes, 0 to 1 for a share."""
+        if self.colours == SHARE:
+            return 0.0, 1.0
+        least, greatest = float(np.min(values)), float(np.max(values))
+        if self.signed:
+            most = max(abs(least), abs(greatest)) or 1.0
+            return -most, most
+        return 0.0, greatest if greatest > 0.0 else 1.0
+
+
+FIELDS = (
+    Field("pressure", "contact", "contact pressure", "Pa"),
+    Field("friction_traction", "contact", "friction traction", "Pa", vector=True),
+    Field("friction_use", "contact", "friction use (friction over its bound)", "", SHARE),
+    Field("status", "contact", "zones"),
+    Field("slip", "contact", "slip", "m", vector=True),
+    Field("gap", "contact", "remaining gap", "m"),
+    Field("displacement", "solution", "displacement", "m", vector=True),
+    Field("von_mises_stress", "solution", "von Mises stress", "Pa"),
+)
+
+
+def named(name: str) -> Field:
+    """The field of this name; of a vector `_x`, `_y` or `_z` chooses a component.
+
+    Raises:
+        ValueError: If there is none: the known ones, and the nearest.
+    """
+    known = {field.name: field for field in FIELDS}
+    for field in FIELDS:
+        if field.vector:
+            for number, axis in enumerate("xyz"):
+                title = f"{field.title} along {axis}"
+                known[f"{field.name}_{axis}"] = replace(field, title=title, component=number, colours=SIGNED)
+    if name in known:
+        return known[name]
+    close = difflib.get_close_matches(name, known, n=1)
+    hint = f"; did you mean {close[0]}?" if close else ""
+    shown = ", ".join(field.name + ("[_x|_y|_z]" if field.vector else "") for field in FIELDS)
+    raise ValueError(f"there is no field {name!r}{hint} (known: {shown})")
+
+
+def ramp(field: Field, count: int = 65) -> list[str]:
+    """Colours of a field from its least to its greatest value, as #rrggbb; of the zones theirs."""
+    if field.zones:
+        return [colour for _, colour in ZONES.values()]
+    colours = matplotlib.colormaps[field.colours](np.linspace(0.0, 1.0, count))
+    return [matplotlib.colors.to_hex(colour) for colour in colours]

@@ -1,0 +1,192 @@
+"""The report of a run: one page of HTML that needs nothing but itself."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from PIL import Image
+
+from ..plotting import ZONES
+from . import charts, facts
+from .fields import named, ramp
+from .files import Run, read_run
+from .scene import Look, Shot, automatic_scale, cropped, limits_of, shoot, zone_counts
+from .sheet import AXES
+from .surface_view import surface_view
+from .units import number, quantity, scale_of, vector
+
+PICTURES = (
+    ("pressure", "contact"),
+    ("friction_traction", "contact"),
+    ("status", "contact"),
+    ("friction_use", "contact"),
+    ("displacement", "iso"),
+    ("von_mises_stress", "iso"),
+)
+"""Fields and from where one looks at them."""
+
+
+def write(directory: str | Path, save: str | Path) -> Path:
+    """Write the report of a run.
+
+    Args:
+        directory: Of the run, single or a load history; converged or not.
+        save: The page.
+
+    Raises:
+        ValueError: If the directory holds no run, or a file of it cannot be read, or the page not be written.
+    """
+    page = render(read_run(directory))
+    try:
+        Path(save).write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise ValueError(f"{save}: cannot be written: {error.strerror}") from None
+    return Path(save)
+
+
+def render(run: Run) -> str:
+    """The page as text."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    scale = automatic_scale(run)
+    data, omitted = surface_view(run, scale)
+    here = Path(__file__).parent
+    return environment.get_template("page.html").render(
+        title=run.directory.resolve().name,
+        passed=run.certified and not _unfinished(run),
+        verdict=facts.in_words(run),
+        message=run.summary.get("message", "") or _unfinished(run),
+        warnings=(run.summary.get("small_strain") or {}).get("warnings", []),
+        run=run,
+        status=run.summary["status"].replace("_", " "),
+        residual=number(run.summary.get("residual") or float("nan"), 2),
+        tiles=_tiles(run),
+        scale=number(scale),
+        facts={
+            "geometry": facts.geometry(run),
+            "totals": facts.totals(run),
+            "effort": facts.effort(run),
+            "seconds": facts.seconds(run),
+            "versions": list(run.summary.get("versions", {"coulomb": run.summary.get("coulomb", "–")}).items()),
+        },
+        checks=facts.checks(run),
+        pictures=_pictures(run, scale),
+        charts=_charts(run),
+        steps=_table(run),
+        omitted=omitted,
+        data=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
+        style=(here / "page.css").read_text(encoding="utf-8"),
+        script=(here / "view.js").read_text(encoding="utf-8"),
+    )
+
+
+def _unfinished(run: Run) -> str:
+    """What a history has still to do, in words; empty if it came to its end."""
+    pending = (run.summary.get("step") or {}).get("pending") if run.is_history else None
+    if not pending:
+        return ""
+    reached, end = run.rows[-1]["time"], pending[0]
+    return f"The history ended at time {number(reached)}, before its end at {number(end)}."
+
+
+def _tiles(run: Run) -> list[tuple[str, str]]:
+    """The numbers one looks for first."""
+    summary, nodes = run.summary, zone_counts(run.steps[-1].grid("contact"))
+    told = summary.get("totals") or {}
+    normal = summary["force_on_body"]["normal"]
+    along = sum(value**2 for value in summary["force_on_body"]["tangential"]) ** 0.5
+    tiles = [
+        ("normal force", quantity(normal, "N")),
+        ("friction force", quantity(along, "N")),
+        ("greatest pressure", quantity(summary["maximum"]["contact_pressure"], "Pa")),
+    ]
+    if told:
+        tiles.append(("greatest slip", quantity(told["greatest_slip"], "m")))
+    if run.is_history:
+        tiles.append(("dissipated in all", quantity(run.rows[-1]["energy_dissipated"], "J")))
+    return [*tiles, ("open / stick / slip", f"{nodes['open']} / {nodes['stick']} / {nodes['slip']}")]
+
+
+def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
+    """Pictures of the last step, with what their colours mean."""
+    found = []
+    step = run.steps[-1]
+    for name, view in PICTURES:
+        field = named(name)
+        limits = limits_of(run, field)
+        shot = cropped([shoot(step, Look(field, limits, scale, view), (1050, 780))])[0]
+        factor, unit = scale_of(max(map(abs, limits)), field.unit)
+        entry: dict[str, Any] = {"name": name, "title": field.title[0].upper() + field.title[1:], "source": _png(shot)}
+        entry |= {"axes": _axes(shot), "zones": []}
+        if field.zones:
+            counts = zone_counts(step.grid("contact"))
+            entry["zones"] = [(zone, colour, counts[zone]) for zone, colour in ZONES.values()]
+        else:
+            entry["ramp"] = ", ".join(ramp(field, 17))
+            low, high = (bound / factor for bound in limits)
+            entry["ticks"] = [number(low + part * (high - low), 3) for part in (0.0, 0.25, 0.5, 0.75, 1.0)]
+            entry["unit"] = unit
+        found.append(entry)
+    return found
+
+
+def _png(shot: Shot) -> str:
+    """A picture inside the page."""
+    file = io.BytesIO()
+    Image.fromarray(shot.pixels).save(file, "png", compress_level=6)
+    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")
+
+
+def _axes(shot: Shot) -> list[dict[str, Any]]:
+    """Name, colour, end and place of the name of each axis on a square from -1.7 to 1.7, down positive as in SVG."""
+    found = []
+    for name, colour, (right, up) in zip("xyz", AXES, shot.axes, strict=True):
+        length = float(np.hypot(right, up))
+        away = (right / length, up / length) if length > 0.1 else (0.7, 0.7)  # else it points at the camera
+        place = [1.25 * length * v + 0.38 * w for v, w in zip((right, up), away, strict=True)] if length > 0.1 else away
+        ends = {"x": float(right), "y": -float(up), "name_x": float(place[0]), "name_y": 0.17 - float(place[1])}
+        found.append({"name": name, "colour": colour, **ends})
+    return found
+
+
+def _charts(run: Run) -> dict[str, str]:
+    found = {"convergence": charts.convergence(run)}
+    if run.is_history:
+        found |= {"forces": charts.forces(run), "driven": charts.force_displacement(run)}
+        found |= {"surface": charts.surface(run), "effort": charts.effort(run)}
+    return found
+
+
+def _table(run: Run) -> list[list[str]]:
+    """Of a load history: time, force, zones, energy of friction, certificate; a row for each step."""
+    return [
+        [
+            f"{int(row['step'])}",
+            number(row["time"]),
+            vector([row["force_x"], row["force_y"], row["force_z"]], "N"),
+            quantity(row["greatest_pressure"], "Pa"),
+            " / ".join(str(zone_counts(step.grid("contact"))[zone]) for zone in ("open", "stick", "slip")),
+            quantity(row["energy_dissipated"], "J"),
+            f"{int(row['path_following'])}",
+            number(row["residual"], 2),
+            "passed" if row["certified"] else "FAILED",
+        ]
+        for row, step in zip(run.rows, run.steps, strict=False)  # a single run has no rows
+    ]
+
+
+def main(arguments: list[str]) -> str:
+    """DIRECTORY FILE."""
+    directory, save = arguments
+    return str(write(directory, save))

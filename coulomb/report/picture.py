@@ -1,0 +1,129 @@
+"""One picture of a run, or an animation of a load history."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from .fields import Field, named, ramp
+from .files import read_run
+from .scene import VIEWS, Look, automatic_scale, caption, cropped, limits_of, paint, plotter_for, shoot, zone_counts
+from .sheet import AXES, Pixels, pixels_of, sheet
+
+PICTURES, ANIMATIONS = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
+
+_SECONDS = 0.15  # that a frame stays
+
+
+def plot(
+    directory: Path, field: str, scale: float | None, view: str | None, save: Path | None, step: int | None
+) -> str:
+    """Draw a run.
+
+    Args:
+        directory: Of the run.
+        field: One of `fields.FIELDS`, of vectors also with _x, _y, _z.
+        scale: Of the displacement; None chooses one that shows.
+        view: One of `VIEWS`; None chooses by the field.
+        save: Where to: a picture, or for a load history an animation; None opens a window.
+        step: Of a load history, from 1; None for the last.
+
+    Returns:
+        What to say about it.
+
+    Raises:
+        ValueError: If the directory holds no run, or field, view, step or the ending of `save` is not known.
+    """
+    chosen = named(field)
+    if view is not None and view not in VIEWS:
+        raise ValueError(f"there is no view {view!r} (known: {', '.join(VIEWS)})")
+    if save is not None and save.suffix.lower() not in PICTURES + ANIMATIONS:
+        raise ValueError(
+            f"{save}: must end in {', '.join(PICTURES)} for a picture, {' or '.join(ANIMATIONS)} for a film"
+        )
+    run = read_run(directory)
+    film = save is not None and save.suffix.lower() in ANIMATIONS
+    if film and not run.is_history:
+        raise ValueError(f"{directory} holds a single run: a film needs a load history; save a picture (.png)")
+    if film and step is not None:
+        raise ValueError("a film shows all steps: leave out either the step or the film")
+    if step is not None and not 1 <= step <= len(run.steps):
+        raise ValueError(f"{directory}: there is no step {step}; there are {len(run.steps)}")
+    writer = film_writer(save, chosen) if film and save is not None else None
+
+    steps = run.steps if film else run.steps[(step or 0) - 1 :][:1]
+    used = automatic_scale(run) if scale is None else scale
+    view = view or ("iso" if chosen.file == "solution" else "contact")
+    limits = limits_of(run, chosen)
+    if save is None:
+        plotter = plotter_for((1280, 880), window=True)
+        paint(plotter, steps[0], Look(chosen, limits, used, view, caption(run, steps[0], used)))
+        plotter.show(title=f"coulomb: {directory}")
+        return ""
+    shots = cropped([shoot(state, Look(chosen, limits, used, view)) for state in steps])
+    alarm = "" if run.certified else "NOT CERTIFIED"
+    sheets = [
+        sheet(shot, chosen, limits, caption(run, state, used), alarm, zone_counts(state.grid("contact")))
+        for state, shot in zip(steps, shots, strict=True)
+    ]
+    if writer is not None:
+        writer([pixels_of(figure) for figure in sheets])
+        return f"{save}: {len(sheets)} steps"
+    sheets[0].savefig(save, dpi=150)
+    return str(save)
+
+
+def film_writer(save: Path, field: Field) -> Any:
+    """What writes frames as a film; asked for before anything is drawn.
+
+    Raises:
+        ValueError: For .mp4, if there is nothing that writes it: what to install.
+    """
+    if save.suffix.lower() == ".gif":
+        return lambda frames: _gif(frames, field, save)
+    try:
+        import imageio_ffmpeg
+    except ImportError:
+        raise ValueError(
+            f"{save}: MP4 needs the package imageio-ffmpeg (pip install imageio-ffmpeg); or save a .gif"
+        ) from None
+
+    def write(frames: list[Pixels]) -> None:
+        height, width, _ = frames[0].shape
+        target = imageio_ffmpeg.write_frames(str(save), (width, height), fps=1.0 / _SECONDS, macro_block_size=2)
+        target.send(None)
+        for frame in frames:
+            target.send(np.ascontiguousarray(frame))
+        target.close()
+
+    return write
+
+
+def _gif(frames: list[Pixels], field: Field, save: Path) -> None:
+    """All frames in the same 256 colours, so that nothing flickers: the field's own, greys, and what else they need."""
+    sample = Image.fromarray(np.concatenate([frames[len(frames) // 2], frames[-1]]))
+    own = [int(colour[k : k + 2], 16) for colour in (*ramp(field, 140), *AXES) for k in (1, 3, 5)]
+    greys = [grey for grey in np.linspace(0, 255, 27).round().astype(int).tolist() for _ in "rgb"]
+    rest = sample.quantize(colors=80, dither=Image.Dither.NONE).getpalette() or []
+    palette = Image.new("P", (1, 1))
+    palette.putpalette((own + greys + rest)[: 3 * 256])
+    images = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    held = [round(1000 * _SECONDS)] * (len(images) - 1) + [1200]
+    images[0].save(save, save_all=True, append_images=images[1:], duration=held, loop=0, optimize=False)
+
+
+def main(arguments: list[str]) -> str:
+    """DIRECTORY FIELD SCALE VIEW SAVE STEP; "-" where nothing is chosen."""
+    directory, field, scale, view, save, step = (None if given == "-" else given for given in arguments)
+    assert directory is not None and field is not None
+    return plot(
+        Path(directory),
+        field,
+        None if scale is None else float(scale),
+        view,
+        None if save is None else Path(save),
+        None if step is None else int(step),
+    )

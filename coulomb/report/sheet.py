@@ -1,0 +1,91 @@
+"""A picture with what it needs to be read: caption, directions, colour bar with its unit, or the names of the zones."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+
+from ..plotting import ZONES
+from .fields import Field
+from .scene import Shot
+from .units import scale_of
+
+Pixels = npt.NDArray[np.uint8]
+
+SIZE = (8.8, 6.4)
+"""Of a sheet in inches; 150 pixels each, even numbers, as films need them."""
+
+AXES = ("#d55e00", "#009e73", "#0b84d8")
+"""Colours of x, y and z."""
+
+_INK, _ALARM = "#202020", "#b3261e"
+
+
+def sheet(
+    shot: Shot, field: Field, limits: tuple[float, float], caption: str, alarm: str, zones: dict[str, int]
+) -> Any:
+    """A matplotlib figure: the picture in the middle, words around it.
+
+    Args:
+        shot: The picture, cropped.
+        field: What its colours mean.
+        limits: Their range, in the bare unit.
+        caption: At the top.
+        alarm: Below it, in red.
+        zones: Of every zone the number of nodes, for the field `status`.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    figure = Figure(figsize=SIZE, facecolor="white")
+    stage = figure.add_axes((0.03, 0.19, 0.94, 0.71))
+    stage.imshow(shot.pixels, interpolation="antialiased")
+    stage.set_axis_off()
+    figure.text(0.03, 0.955, caption, fontsize=11, color=_INK, va="center")
+    if alarm:
+        figure.text(0.03, 0.915, alarm, fontsize=11, color=_ALARM, weight="bold", va="center")
+    directions(figure.add_axes((0.02, 0.02, 0.11, 0.15)), shot)
+    if field.zones:
+        patches = [Patch(color=colour, label=f"{name}: {zones[name]} nodes") for name, colour in ZONES.values()]
+        figure.legend(handles=patches, loc="center", bbox_to_anchor=(0.55, 0.08), ncols=4, frameon=False, fontsize=11)
+        return figure
+    factor, unit = scale_of(max(map(abs, limits)), field.unit)
+    norm = matplotlib.colors.Normalize(limits[0] / factor, limits[1] / factor)
+    bar = figure.colorbar(
+        matplotlib.cm.ScalarMappable(norm, field.colours),
+        cax=figure.add_axes((0.2, 0.085, 0.66, 0.03)),
+        orientation="horizontal",
+    )
+    bar.set_label(f"{field.title}, {unit}" if unit else field.title, fontsize=11, color=_INK)
+    bar.ax.spines["outline"].set_visible(False)
+    greatest = limits[1] / factor
+    if field.unit:
+        figure.text(0.87, 0.1, f"max {greatest:.4g}", fontsize=10, color=_INK, va="center")
+    return figure
+
+
+def directions(axes: Any, shot: Shot) -> None:
+    """The axes x, y, z as the camera saw them."""
+    axes.set(xlim=(-1.35, 1.35), ylim=(-1.35, 1.35), aspect="equal")
+    axes.set_axis_off()
+    for name, (right, up), colour in zip("xyz", shot.axes, AXES, strict=True):
+        if np.hypot(right, up) < 0.1:  # it points at the camera, or away
+            axes.plot(0, 0, "o", color=colour, markersize=4)
+            axes.text(0.14, 0.1, name, color=colour, fontsize=10)
+            continue
+        axes.annotate("", (right, up), (0, 0), arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.4})
+        reach = 1.0 + 0.22 / np.hypot(right, up)
+        axes.text(reach * right, reach * up, name, color=colour, fontsize=10, ha="center", va="center")
+
+
+def pixels_of(figure: Any) -> Pixels:
+    """A sheet as pixels, (height, width, 3)."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure.set_dpi(150)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba(), dtype=np.uint8)[:, :, :3]

@@ -1,0 +1,164 @@
+"""What the interactive view of the contact surface shows, as data inside the page (`view.js` draws it)."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..plotting import ZONES, FloatArray, Grid, match, renderer, skin_of
+from .fields import named, ramp
+from .files import Run, Step
+from .scene import limits_of, looking_at, outward
+from .units import number, scale_of
+
+IntArray = npt.NDArray[np.int64]
+
+SHOWN = ("pressure", "friction_traction", "friction_use", "status", "slip", "gap")
+
+MOST_NODES, MOST_VALUES, MOST_ARROWS = 40_000, 1_500_000, 900
+"""What a page holds: nodes of the surface, numbers over all nodes and steps, arrows."""
+
+_A_NODE = len(SHOWN) + 6  # numbers of a node in a step: fields, displacement, traction
+
+
+def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
+    """The data, and what had to be left out, in words (or nothing).
+
+    Args:
+        run: The run.
+        scale: Of the displacement, where the slider begins.
+    """
+    first, body = run.steps[-1].grid("contact"), run.steps[-1].grid("solution")
+    nodes, cells = thinned_surface(first, MOST_NODES)
+    most_steps = max(1, MOST_VALUES // (_A_NODE * len(nodes)))
+    numbers = np.unique(np.round(np.linspace(0, len(run.steps) - 1, min(most_steps, len(run.steps)))).astype(int))
+    if most_steps == 1:
+        numbers = np.array([len(run.steps) - 1])
+    points, size = first.points[nodes], float(np.linalg.norm(np.ptp(body.points, axis=0)))
+    on_body = match(points, body.points)
+    outline_nodes, lines = _outline(body)
+    direction, up = looking_at(outward(first))
+    fields = [_field(run, name) for name in SHOWN]
+    arrows = first.fields["friction_traction"]
+    greatest = max(
+        float(np.linalg.norm(step.grid("contact").fields["friction_traction"], axis=1).max()) for step in run.steps
+    )
+    every = max(1, -(-len(nodes) // MOST_ARROWS))
+    cell = float(np.sqrt(np.sum(first.fields["area"]) / max(1, len(nodes) // every)))
+    assert arrows.shape[1] == 3
+    length_factor, length_unit = scale_of(size, "m")
+    data = {
+        "points": _packed(points),
+        "normals": _packed(first.fields["normal"][nodes]),
+        "triangles": _packed(_triangles(cells), np.uint32),
+        "edges": _packed(_edges(cells), np.uint32),
+        "outline": {"points": _packed(body.points[outline_nodes]), "lines": _packed(lines, np.uint32)},
+        "centre": (0.5 * (body.points.min(axis=0) + body.points.max(axis=0))).tolist(),
+        "size": size,
+        "scale": scale,
+        "length": {"factor": length_factor, "unit": length_unit},
+        "direction": direction.tolist(),
+        "up": up.tolist(),
+        "arrow": {"every": every, "greatest": greatest or 1.0, "length": 1.5 * cell},
+        "fields": [{key: value for key, value in entry.items() if key != "field"} for entry in fields],
+        "steps": [_step(run.steps[k], fields, nodes, on_body, outline_nodes) for k in numbers],
+        "flat": False,
+    }
+    notes = []
+    if len(nodes) < len(first.points):
+        notes.append(f"{len(nodes)} of {len(first.points)} nodes are shown")
+    if len(numbers) < len(run.steps):
+        notes.append(f"{len(numbers)} of {len(run.steps)} steps are shown")
+    return data, "; ".join(notes)
+
+
+def _field(run: Run, name: str) -> dict[str, Any]:
+    """A field as the chooser offers it; values come divided by `factor`."""
+    field = named(name)
+    low, high = limits_of(run, field)
+    factor, unit = scale_of(max(abs(low), abs(high)), field.unit)
+    entry: dict[str, Any] = {"name": name, "title": field.title, "unit": unit, "factor": factor, "field": field}
+    entry |= {"low": low / factor, "high": high / factor, "colours": ramp(field)}
+    if field.zones:
+        entry["zones"] = [{"name": zone, "colour": colour} for zone, colour in ZONES.values()]
+    return entry
+
+
+def _step(
+    step: Step, fields: Sequence[dict[str, Any]], nodes: IntArray, on_body: IntArray, outline: IntArray
+) -> dict[str, Any]:
+    contact, displacement = step.grid("contact"), step.grid("solution").fields["displacement"]
+    return {
+        "label": "" if step.time is None else f"time {number(step.time)}",
+        "surface": _packed(displacement[on_body]),
+        "outline": _packed(displacement[outline]),
+        "arrows": _packed(contact.fields["friction_traction"][nodes]),
+        "values": {entry["name"]: _packed(entry["field"].values(contact)[nodes] / entry["factor"]) for entry in fields},
+    }
+
+
+def thinned_surface(contact: Grid, most: int) -> tuple[IntArray, IntArray]:
+    """A surface with at most about so many nodes: of each cube of a grid the node nearest to the others' mean.
+
+    Values stay those of nodes, none is averaged.
+
+    Returns:
+        Numbers of the nodes kept (k,), and the cells between them, by their places in that list; corners of cells of a
+        thinned surface may coincide.
+    """
+    points, cells = contact.points, np.asarray(contact.cells, dtype=np.int64)
+    everything: IntArray = np.arange(len(points))
+    if len(points) <= most:
+        return everything, cells
+    extent = np.ptp(points, axis=0)
+    edge = float(np.sqrt(max(np.sort(extent)[1:].prod(), 1e-300) / most))
+    while True:
+        cube = np.floor((points - points.min(axis=0)) / edge).astype(np.int64)
+        _, cluster = np.unique(cube, axis=0, return_inverse=True)
+        cluster = np.ravel(cluster)
+        if cluster.max() < most:
+            break
+        edge *= 1.1
+    count = np.bincount(cluster)
+    mean = np.column_stack([np.bincount(cluster, points[:, k]) / count for k in range(3)])
+    order = np.lexsort((np.linalg.norm(points - mean[cluster], axis=1), cluster))
+    kept = order[np.searchsorted(cluster[order], np.arange(len(count)))]
+    smaller = cluster[cells]
+    different = np.array([len(set(corners)) >= 3 for corners in smaller.tolist()])
+    return kept, np.unique(smaller[different], axis=0)
+
+
+def _triangles(cells: IntArray) -> IntArray:
+    """Of triangles and quadrilaterals, without those whose corners coincide."""
+    parts = [cells[:, :3]] if cells.shape[1] == 3 else [cells[:, :3], cells[:, [0, 2, 3]]]
+    found = np.concatenate(parts)
+    proper = (found[:, 0] != found[:, 1]) & (found[:, 1] != found[:, 2]) & (found[:, 2] != found[:, 0])
+    kept: IntArray = found[proper]
+    return kept
+
+
+def _edges(cells: IntArray) -> IntArray:
+    """Every edge of the cells once."""
+    pairs = np.stack([cells, np.roll(cells, 1, axis=1)], axis=2).reshape(-1, 2)
+    found: IntArray = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
+    return found
+
+
+def _outline(body: Grid) -> tuple[IntArray, IntArray]:
+    """Nodes and segments of the body's sharp edges."""
+    skin = skin_of(renderer(), body, body.points)
+    sharp = skin.extract_feature_edges(40.0, manifold_edges=False)
+    if sharp.n_points == 0:  # a ball has none
+        return np.empty(0, dtype=np.int64), np.empty((0, 2), dtype=np.int64)
+    nodes: IntArray = np.asarray(sharp.point_data["node"], dtype=np.int64)
+    return nodes, np.asarray(sharp.lines, dtype=np.int64).reshape(-1, 3)[:, 1:]
+
+
+def _packed(values: FloatArray | IntArray, kind: type[np.generic] = np.float32) -> str:
+    """Numbers as text for the page: little endian, base64."""
+    little = np.dtype(kind).newbyteorder("<")
+    return base64.b64encode(np.ascontiguousarray(values, dtype=little).tobytes()).decode("ascii")

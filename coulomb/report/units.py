@@ -1,0 +1,65 @@
+"""Numbers with their units, in prefixes of the SI."""
+
+from __future__ import annotations
+
+import math
+
+NARROW = "\u202f"
+"""Between a number and its unit: no line ends here."""
+
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+_AREAS = ((1.0, "m²"), (1e-4, "cm²"), (1e-6, "mm²"), (1e-12, "µm²"))
+
+
+def scale_of(greatest: float, unit: str) -> tuple[float, str]:
+    """The unit in which numbers up to `greatest` read well.
+
+    Args:
+        greatest: In the bare unit; its sign does not count.
+        unit: "Pa", "m", "m²", ...; "" has no prefixes.
+
+    Returns:
+        The factor to divide by, and the unit with its prefix: (1e6, "MPa").
+    """
+    size = abs(greatest)
+    if not unit or unit == "°" or size == 0.0 or not math.isfinite(size):
+        return 1.0, unit
+    if unit == "m²":
+        return next((pair for pair in _AREAS if size >= 0.9995 * pair[0]), _AREAS[-1])
+    power = 3 * math.floor(math.log10(size * 1.0005) / 3.0)  # 999.96 reads 1000: the next prefix
+    power = min(max(power, min(_PREFIXES)), 3 if unit == "s" else max(_PREFIXES))
+    if unit == "s":
+        power = min(power, 0)
+    return 10.0**power, _PREFIXES[power] + unit
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number in few digits; very large and small ones as 1.2×10⁻⁸, what is not one as a dash."""
+    if not math.isfinite(value):
+        return "–"
+    shown = f"{value:.{digits}g}"
+    if "e+" in shown and abs(value) < 1e6:
+        shown = f"{float(shown):.0f}"
+    shown = shown.replace("-", "−")
+    if "e" not in shown:
+        return shown
+    mantissa, power = shown.split("e")
+    power = power.replace("−", "-")
+    raised = str(int(power)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{mantissa}×10{raised}"
+
+
+def quantity(value: float | None, unit: str = "", digits: int = 4) -> str:
+    """A number with its unit: 151.3 MPa."""
+    if value is None:
+        return "–"
+    factor, prefixed = scale_of(value, unit)
+    return f"{number(value / factor, digits)}{NARROW}{prefixed}" if prefixed else number(value, digits)
+
+
+def vector(values: list[float] | tuple[float, ...], unit: str, digits: int = 4) -> str:
+    """Components with one unit: (−14.7, −22.5, 104) MN; what is rounding beside the greatest is 0."""
+    greatest = max((abs(value) for value in values), default=0.0)
+    factor, prefixed = scale_of(greatest, unit)
+    shown = ", ".join(number(0.0 if abs(v) <= 1e-9 * greatest else v / factor, digits) for v in values)
+    return f"({shown}){NARROW}{prefixed}"
