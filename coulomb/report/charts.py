@@ -146,8 +146,10 @@ def _drive(run: Run) -> tuple[Any, str]:
         driven = np.any(np.ptp(table, axis=0) > 0.0, axis=1)
         if driven.any():
             found.append((table[:, driven].mean(axis=1), "prescribed displacement"))
-    motion = ((run.case or {}).get("contact") or {}).get("motion")
-    if motion:
+    given = (run.case or {}).get("contact") or {}
+    for motion in (contact.get("motion") for contact in (given if isinstance(given, list) else [given])):
+        if not motion:
+            continue
         rows, times = np.array(motion, dtype=float), np.array([step.time for step in run.steps], dtype=float)
         moved = np.column_stack([np.interp(times, rows[:, 0], rows[:, k]) for k in (1, 2, 3)])
         found.append((moved, "displacement of the foundation"))

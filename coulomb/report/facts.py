@@ -76,24 +76,14 @@ def _of_fields(run: Run) -> Facts:
 
 
 def _contact(run: Run) -> Facts:
-    contact = (run.case or {}).get("contact", {})
-    face = contact.get("face", (run.summary.get("totals") or {}).get("face", ""))
-    facts = [("contact face", f"{face}, {run.summary['nodes']['contact']} contact nodes")]
+    given = (run.case or {}).get("contact", {})
+    contacts = given if isinstance(given, list) else [given]
+    faces = (run.summary.get("totals") or {}).get("faces") or [contact.get("face", "") for contact in contacts]
+    named = f"contact {'faces' if len(faces) > 1 else 'face'}"
+    facts = [(named, f"{', '.join(faces)}; {run.summary['nodes']['contact']} contact nodes")]
     facts.append(("friction", friction_in_words(run.summary)))
-    foundation = contact.get("foundation")
-    if foundation:
-        shape = foundation.get("shape", "plane")
-        more = [f"{key} {vector(value, 'm')}" for key in ("point", "centre") if (value := foundation.get(key))]
-        more += [
-            f"{key} ({', '.join(map(number, foundation[key]))})" for key in ("normal", "axis") if key in foundation
-        ]
-        more += [f"radius {quantity(foundation['radius'], 'm')}"] if "radius" in foundation else []
-        facts.append(("foundation", f"{shape}{', hollow' if foundation.get('hollow') else ''}: {', '.join(more)}"))
-    elif run.case is not None:
-        facts.append(("foundation", "the plane of the face"))
-    if contact.get("motion"):
-        ways = [f"{vector(row[1:], 'm')} at {number(row[0])}" for row in contact["motion"][:6]]
-        facts.append(("motion of the foundation", ", ".join(ways) + (", …" if len(contact["motion"]) > 6 else "")))
+    for contact in contacts if run.case is not None else ():
+        facts += _foundation(contact, f" at {contact['face']}" if len(contacts) > 1 else "")
     if run.is_history:
         facts.append(("history", f"{len(run.rows)} load steps to time {number(run.rows[-1]['time'])}"))
     method = run.summary.get("method", {})
@@ -103,6 +93,28 @@ def _contact(run: Run) -> Facts:
             f"{method.get('solver', '–')}; K⁻¹ by {method.get('stiffness', '–')}; A {method.get('compliance', '–')}",
         )
     )
+    return facts
+
+
+def _foundation(contact: dict[str, Any], where: str) -> Facts:
+    """What a contact face of the case may touch, and how that moves."""
+    facts: Facts = []
+    foundation = contact.get("foundation")
+    if foundation:
+        shape = foundation.get("shape", "plane")
+        more = [f"{key} {vector(value, 'm')}" for key in ("point", "centre") if (value := foundation.get(key))]
+        more += [
+            f"{key} ({', '.join(map(number, foundation[key]))})" for key in ("normal", "axis") if key in foundation
+        ]
+        more += [f"radius {quantity(foundation['radius'], 'm')}"] if "radius" in foundation else []
+        hollow = ", hollow" if foundation.get("hollow") else ""
+        facts.append((f"foundation{where}", f"{shape}{hollow}: {', '.join(more)}"))
+    else:
+        facts.append((f"foundation{where}", "the plane of the face"))
+    if contact.get("motion"):
+        ways = [f"{vector(row[1:], 'm')} at {number(row[0])}" for row in contact["motion"][:6]]
+        more_ways = ", …" if len(contact["motion"]) > 6 else ""
+        facts.append((f"motion of the foundation{where}", ", ".join(ways) + more_ways))
     return facts
 
 
