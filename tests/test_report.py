@@ -21,6 +21,7 @@ from coulomb.report import charts, page
 from coulomb.report.fields import named
 from coulomb.report.files import read_run
 from coulomb.report.picture import plot
+from coulomb.report.scene import Look, paint, plotter_for
 from coulomb.report.surface_view import thinned_surface
 from coulomb.report.units import number, quantity, scale_of, vector
 
@@ -243,9 +244,18 @@ addEventListener("load", () => setTimeout(() => {
       if (pixels[k + 3] > 0 && (!wanted || wanted.every((v, c) => Math.abs(v - pixels[k + c]) < 4))) found++;
     return found;
   };
-  const tell = (name, value) => (document.body.dataset[name] = value);
+  const tell = (name, value) => document.body.setAttribute("data-" + name, value);
   tell("by", canvas.dataset.by);
   tell("drawn", canvas.dataset.drawn);
+  const box = canvas.getBoundingClientRect();
+  canvas.setPointerCapture = () => {};
+  const at = (kind, x, y) =>
+    canvas.dispatchEvent(new PointerEvent(kind, { pointerId: 1, clientX: box.left + x, clientY: box.top + y }));
+  const drag = (x, y) => (at("pointerdown", 100, 100), at("pointermove", 100 + x, 100 + y), at("pointerup", 100, 100));
+  tell("arrowsInFront", count("#141414"));
+  drag(314, 0);
+  tell("arrowsBehind", count("#141414"));
+  part("reset").click();
   part("arrows").click();
   const choose = (k) => ((part("field").selectedIndex = k), part("field").dispatchEvent(new Event("change")));
   tell("blue0", count("#2166ac") + count("#f4a582"));
@@ -256,11 +266,7 @@ addEventListener("load", () => setTimeout(() => {
   tell("far", count());
   part("reset").click();
   tell("home", count());
-  const box = canvas.getBoundingClientRect();
-  const at = (kind, x, y) =>
-    canvas.dispatchEvent(new PointerEvent(kind, { pointerId: 1, clientX: box.left + x, clientY: box.top + y }));
-  canvas.setPointerCapture = () => {};
-  at("pointerdown", 100, 100), at("pointermove", 100, 100 + 157), at("pointerup", 100, 257);
+  drag(0, 157);
   tell("turned", count("#f4a582"));
   part("reset").click();
   let tip = "";
@@ -293,6 +299,7 @@ def test_the_view_draws(block, tmp_path):
     told, console = open_page(page_of(block), tmp_path)
     assert not console
     assert told["by"] == "webgl" and int(told["drawn"]) > 50_000
+    assert int(told["arrowsinfront"]) > 500 > 50 > int(told["arrowsbehind"])  # the surface hides them from behind
     counts = [int(told[f"zone{code}"]) for code in range(4)]
     assert int(told["blue0"]) < 100 < min(counts)  # zones show only when they are asked for, each in its colour
     assert counts[2] > 5 * max(counts[0], counts[1], counts[3])  # most of the surface slips
@@ -350,6 +357,20 @@ def test_scale_and_view_change_the_picture(block, tmp_path):
         images.append(pixels(tmp_path / "gap.png"))
     assert images[0].shape == images[1].shape == images[2].shape == (960, 1320, 3)
     assert np.abs(images[0] - images[1]).max() > 50 < np.abs(images[0] - images[2]).max()
+
+
+def test_the_contact_face_moves_with_the_body(block):
+    step = read_run(block).steps[0]
+    body, contact = step.grid("solution"), step.grid("contact")
+    order = [int(np.argmin(np.linalg.norm(body.points - point, axis=1))) for point in contact.points]
+    plotter = plotter_for((300, 200))
+    paint(plotter, step, Look(named("gap"), (0.0, 1e-3), 1000.0, "bottom"))
+    meshes = [actor.mapper.dataset for actor in plotter.actors.values()]
+    face = next(mesh for mesh in meshes if "shown" in mesh.point_data)
+    moved = contact.points + 1000.0 * body.fields["displacement"][order]
+    assert np.allclose(face.points, moved, atol=1e-5) and np.abs(moved - contact.points).max() > 0.3
+    assert np.allclose(face["shown"], contact.fields["gap"] * 1e3)  # in mm
+    plotter.close()
 
 
 def test_plot_without_a_display_writes_a_file(block, failed, tmp_path, monkeypatch):
