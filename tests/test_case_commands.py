@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from pathlib import PurePath
 
 import pytest
 import typer.testing
@@ -54,7 +55,8 @@ def test_new_replaces_nothing_unasked(tmp_path):
 
 def test_templates_are_in_the_package():
     described = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    assert "templates/*.toml" in described["tool"]["setuptools"]["package-data"]["coulomb"]
+    patterns = described["tool"]["setuptools"]["package-data"]["coulomb"]
+    assert any(PurePath("templates/block.toml").match(pattern) for pattern in patterns)
 
 
 def test_check_case_solves_and_writes_nothing(tmp_path):

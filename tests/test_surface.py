@@ -100,7 +100,10 @@ def test_bad_input(clamps, face, foundation, message):
         (lambda: Contact("bottom", slip_stress=float("inf")), "slip_stress must be a number >= 0"),
         (lambda: Plane((0, 0, 0), (0, 0, 0)), "normal must not be zero"),
         (lambda: Plane((0, 0, float("nan")), (0, 0, 1)), "point must be three finite numbers"),
-        (lambda: make_block(2, explicit=True, linear_solver=coulomb.IterativeSolver), "explicit=True.* only where K is factorised"),
+        (
+            lambda: make_block(2, explicit=True, linear_solver=coulomb.IterativeSolver),
+            "explicit=True.* only where K is factorised",
+        ),
     ],
 )
 def test_bad_contact(make, message):
