@@ -71,7 +71,7 @@ def test_check_case_solves_and_writes_nothing(tmp_path):
 
 
 def test_check_case_on_two_ranks_and_in_vain(tmp_path):
-    done = run_coulomb("check-case", ROOT / "demos" / "block.toml", ranks=2, cwd=tmp_path, timeout=60)
+    done = run_coulomb("check-case", ROOT / "demos" / "block.toml", ranks=2, cwd=tmp_path, timeout=240)
     assert done.returncode == 0 and "K iterative (CG, GAMG), A matrix-free" in done.stdout
     assert "on 2 ranks, a core for each" in done.stdout
     done = run_coulomb("check-case", ROOT / "demos" / "block.toml", "--set", "clamp=[]", cwd=tmp_path)
@@ -196,7 +196,7 @@ def test_force_runs_where_memory_seems_too_small(tmp_path):
         tmp_path / "out",
     )
     for ranks in (None, 2):
-        done = run_python(*command, ranks=ranks, timeout=60)
+        done = run_python(*command, ranks=ranks, timeout=240)
         assert done.returncode == 2 and done.stderr.count("too little memory") == 1
         assert not (tmp_path / "out").exists()
     done = run_python(*command, "--force", "--set", "output.picture=false")

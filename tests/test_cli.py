@@ -83,7 +83,7 @@ def test_output_that_cannot_be_written_in_the_end_still_reports(tmp_path, ranks)
         "def refuse(*_):\n    raise OSError(28, 'No space left on device')\n"
         "output._write_contact = refuse\nsys.argv = ['coulomb', *sys.argv[1:]]\ncli.main()\n"
     )
-    done = run_python(script, "run", BLOCK, *SMALL, "--output", tmp_path / "out", ranks=ranks, timeout=120)
+    done = run_python(script, "run", BLOCK, *SMALL, "--output", tmp_path / "out", ranks=ranks, timeout=300)
     assert done.returncode == 1 and "out: cannot be written: No space left on device" in done.stderr
     assert "certificate passed" in done.stdout and "results in" not in done.stdout  # what was computed is not lost
     assert not list((tmp_path / "out").iterdir())
@@ -109,7 +109,7 @@ def test_ranks_give_the_same_forces(tmp_path, ranks):
 
 
 def test_bad_input_ends_all_ranks():
-    done = run_coulomb("run", BLOCK, "--set", "clamp=[]", ranks=3, timeout=120)
+    done = run_coulomb("run", BLOCK, "--set", "clamp=[]", ranks=3, timeout=300)
     assert done.returncode == 2 and done.stderr.count("error: the body floats") == 1
 
 
@@ -123,7 +123,7 @@ def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path):
         "    MPI.COMM_WORLD.barrier()\n"
         "cli.read_case = read_case\nsys.argv = ['coulomb', 'run', 'x.toml']\ncli.main()\n"
     )
-    done = run_python(script, ranks=2, timeout=120)
+    done = run_python(script, ranks=2, timeout=300)
     assert done.returncode != 0 and "unforeseen" in done.stderr
 
 
@@ -166,7 +166,7 @@ def test_benchmark_conditioning(tmp_path):
 
 
 def test_dense_systems_are_refused_on_two_ranks(tmp_path):
-    done = run_coulomb("run", BLOCK, *SMALL, "--set", "solver.newton=dense", "--output", tmp_path, ranks=2, timeout=60)
+    done = run_coulomb("run", BLOCK, *SMALL, "--set", "solver.newton=dense", "--output", tmp_path, ranks=2, timeout=240)
     assert done.returncode == 2 and 'error: solver.newton = "dense" works on one rank' in done.stderr
     assert "Traceback" not in done.stderr
 

@@ -25,7 +25,7 @@ def test_what_is_said(wrong: Wrong, tmp_path):
 
 def test_on_two_ranks():
     """Every rank says the same, and none waits for another."""
-    done = run_python(wrong_inputs.__file__, ranks=2, timeout=300)
+    done = run_python(wrong_inputs.__file__, ranks=2, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "the same on 2 ranks" in done.stdout
 

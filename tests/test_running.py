@@ -89,7 +89,7 @@ def signalled(command, log, number, at):
     while process.poll() is None and time.monotonic() < until and not (log.exists() and at in log.read_text()):
         time.sleep(0.01)
     process.send_signal(number)
-    return process.wait(timeout=60), process.stderr.read()
+    return process.wait(timeout=240), process.stderr.read()
 
 
 @pytest.mark.parametrize(("number", "ranks"), [(signal.SIGINT, 1), (signal.SIGTERM, 1), (signal.SIGUSR1, 2)])
@@ -137,7 +137,7 @@ def test_a_signal_to_one_rank_stops_all(tmp_path):
         "        steps = set(comm.allgather((failure.result.status.value, failure.result.path_following)))\n"
         "        sys.exit(0 if len(steps) == 1 and steps <= {('interrupted', 3), ('interrupted', 4)} else 9)\n"
     )
-    done = run_python(script, ranks=2, timeout=60)
+    done = run_python(script, ranks=2, timeout=240)
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("stopping after this step") == 1
 
@@ -150,7 +150,7 @@ def test_the_second_signal_ends_it_at_once(tmp_path):
         "    os.kill(os.getpid(), signal.SIGINT)\n    assert interruption.asked() and interruption.asked()\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n    print('still here')\n"
     )
-    done = run_python(script, timeout=60)
+    done = run_python(script, timeout=240)
     assert done.returncode == -signal.SIGINT and "still here" not in done.stdout
 
 
@@ -268,5 +268,5 @@ def test_a_crash_is_exit_code_3(tmp_path):
         "import sys\nfrom coulomb import cli\ndef read_case(*_):\n    raise RuntimeError('unforeseen')\n"
         "cli.read_case = read_case\nsys.argv = ['coulomb', 'run', 'x.toml']\ncli.main()\n"
     )
-    done = run_python(script, timeout=60)
+    done = run_python(script, timeout=240)
     assert done.returncode == 3 and "RuntimeError: unforeseen" in done.stderr
