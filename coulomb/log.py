@@ -6,8 +6,9 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
+from io import RawIOBase
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from mpi4py import MPI
 from rich.console import Console, ConsoleRenderable, RenderHook
@@ -65,19 +66,20 @@ class Log(RenderHook):
             return
         now, since = datetime.now().isoformat(sep=" ", timespec="milliseconds"), time.perf_counter() - self._began
         try:
-            self._file.writelines(f"{now} {since:9.2f} s  {line}\n" for line in text.splitlines())
-            self._file.flush()
+            lines = "".join(f"{now} {since:9.2f} s  {line}\n" for line in text.splitlines())
+            self._file.write(lines.encode())
         except OSError as error:  # a full disk: the run is worth more than its log
+            self._file.close()
             self._file = None
             errors.print(f"warning: the log {self._path} ends here: {error.strerror or error}", markup=False)
 
 
-def _opened(path: Path, comm: MPI.Comm) -> TextIO | None:
+def _opened(path: Path, comm: MPI.Comm) -> RawIOBase | None:
     opened: list[Any] = []
 
     def open_() -> str:
         path.parent.mkdir(parents=True, exist_ok=True)
-        opened.append(path.open("a", encoding="utf-8"))
+        opened.append(path.open("ab", buffering=0))  # nothing is left to be written when it fails
         return ""
 
     try:
