@@ -9,7 +9,7 @@ import pytest
 import pyvista
 from conftest import make_block, solved_block
 
-from coulomb import SuccessiveTresca, output
+from coulomb import SuccessiveTresca, apart, output
 from coulomb.plotting import read_grid
 from coulomb.summary import HELD, OPEN, SLIP, STICK, summary
 
@@ -144,7 +144,7 @@ def test_results_are_replaced_only_when_complete(tmp_path, monkeypatch):
 
 
 def test_a_picture_that_cannot_be_drawn_loses_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(output.sys, "executable", "/nonexistent/python")
+    monkeypatch.setattr(apart.sys, "executable", "/nonexistent/python")
     contents = output.write(solved_block(4), tmp_path)
     assert contents["picture"].startswith("could not be drawn")
     assert json.loads((tmp_path / "summary.json").read_text())["certificate"]["passed"]

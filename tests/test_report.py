@@ -10,6 +10,7 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, run_coulomb, solved_block
@@ -22,7 +23,7 @@ from coulomb.report.fields import named
 from coulomb.report.files import read_run
 from coulomb.report.picture import plot
 from coulomb.report.scene import Look, paint, plotter_for
-from coulomb.report.surface_view import thinned_surface
+from coulomb.report.surface_view import surface_view, thinned_surface
 from coulomb.report.units import number, quantity, scale_of, vector
 
 BLOCK, HISTORY = ROOT / "demos" / "block.toml", ROOT / "demos" / "history.toml"
@@ -181,6 +182,26 @@ def test_data_of_the_view_are_those_of_the_files(block):
         numbers(data["steps"][0]["arrows"]).reshape(-1, 3), contact.fields["friction_traction"], rtol=1e-5
     )
     assert len(numbers(data["outline"]["lines"], "<u4")) >= 2 * 4 * (12 + 4 + 4)  # twelve edges of the block
+
+
+def test_nodes_may_be_in_another_order_in_every_step(history, tmp_path):
+    """As after a resume on other ranks."""
+    shutil.copytree(history, tmp_path / "h")
+    before, _ = surface_view(read_run(tmp_path / "h"), 1.0)
+    for name in ("contact", "solution"):
+        path = tmp_path / "h" / "steps" / "0003" / f"{name}.h5"
+        with h5py.File(path, "r+") as file:
+            count = len(file["Mesh/mesh/geometry"])
+            order = np.random.default_rng(11).permutation(count)
+            cells = np.argsort(order)[file["Mesh/mesh/topology"][()]]
+            file["Mesh/mesh/topology"][...] = cells
+            file["Mesh/mesh/geometry"][...] = file["Mesh/mesh/geometry"][()][order]
+            for group in file["Function"].values():
+                for data in group.values():
+                    if len(data) == count:
+                        data[...] = data[()][order]
+    after, _ = surface_view(read_run(tmp_path / "h"), 1.0)
+    assert after["steps"] == before["steps"]
 
 
 def test_a_large_surface_is_thinned():

@@ -9,7 +9,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from ..plotting import ZONES
+from ..plotting import ZONES, match
 from .files import Rows, Run
 from .scene import thinned, zone_counts
 from .units import scale_of
@@ -140,9 +140,11 @@ def force_displacement(run: Run) -> str:
 def _drive(run: Run) -> tuple[Any, str]:
     """What moves most in a history, at every step, (steps, 3), and what it is: clamps or the foundation."""
     found: list[tuple[Any, str]] = []
-    prescribed = [step.grid("solution").fields.get("prescribed") for step in run.steps]
-    if all(given is not None for given in prescribed):
-        table = np.stack([np.asarray(given) for given in prescribed])
+    body = run.steps[0].grid("solution")
+    if "held" in body.fields and "prescribed" in body.fields:
+        held = body.points[np.any(body.fields["held"] > 0.5, axis=1)]
+        bodies = (step.grid("solution") for step in run.steps)
+        table = np.stack([body.fields["prescribed"][match(held, body.points)] for body in bodies])
         driven = np.any(np.ptp(table, axis=0) > 0.0, axis=1)
         if driven.any():
             found.append((table[:, driven].mean(axis=1), "prescribed displacement"))

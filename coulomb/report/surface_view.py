@@ -39,17 +39,14 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
     if most_steps == 1:
         numbers = np.array([len(run.steps) - 1])
     points, size = first.points[nodes], float(np.linalg.norm(np.ptp(body.points, axis=0)))
-    on_body = match(points, body.points)
     outline_nodes, lines = _outline(body)
     direction, up = looking_at(outward(first))
     fields = [_field(run, name) for name in SHOWN]
-    arrows = first.fields["friction_traction"]
     greatest = max(
         float(np.linalg.norm(step.grid("contact").fields["friction_traction"], axis=1).max()) for step in run.steps
     )
     every = max(1, -(-len(nodes) // MOST_ARROWS))
     cell = float(np.sqrt(np.sum(first.fields["area"]) / max(1, len(nodes) // every)))
-    assert arrows.shape[1] == 3
     length_factor, length_unit = scale_of(size, "m")
     data = {
         "points": _packed(points),
@@ -65,7 +62,7 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
         "up": up.tolist(),
         "arrow": {"every": every, "greatest": greatest or 1.0, "length": 1.5 * cell},
         "fields": [{key: value for key, value in entry.items() if key != "field"} for entry in fields],
-        "steps": [_step(run.steps[k], fields, nodes, on_body, outline_nodes) for k in numbers],
+        "steps": [_step(run.steps[k], fields, points, body.points[outline_nodes]) for k in numbers],
         "flat": False,
     }
     notes = []
@@ -88,14 +85,14 @@ def _field(run: Run, name: str) -> dict[str, Any]:
     return entry
 
 
-def _step(
-    step: Step, fields: Sequence[dict[str, Any]], nodes: IntArray, on_body: IntArray, outline: IntArray
-) -> dict[str, Any]:
-    contact, displacement = step.grid("contact"), step.grid("solution").fields["displacement"]
+def _step(step: Step, fields: Sequence[dict[str, Any]], points: FloatArray, outline: FloatArray) -> dict[str, Any]:
+    """What changes in a step, at these points: a history resumed on other ranks has its nodes in another order."""
+    contact, body = step.grid("contact"), step.grid("solution")
+    displacement, nodes = body.fields["displacement"], match(points, contact.points)
     return {
         "label": "" if step.time is None else f"time {number(step.time)}",
-        "surface": _packed(displacement[on_body]),
-        "outline": _packed(displacement[outline]),
+        "surface": _packed(displacement[match(points, body.points)]),
+        "outline": _packed(displacement[match(outline, body.points)]),
         "arrows": _packed(contact.fields["friction_traction"][nodes]),
         "values": {entry["name"]: _packed(entry["field"].values(contact)[nodes] / entry["factor"]) for entry in fields},
     }
