@@ -58,13 +58,13 @@ def plot(
     used = automatic_scale(run) if scale is None else scale
     view = view or ("iso" if chosen.file == "solution" else "contact")
     limits = limits_of(run, chosen)
+    alarm = "" if run.certified else "NOT CERTIFIED"
     if save is None:
         plotter = plotter_for((1280, 880), window=True)
-        paint(plotter, steps[0], Look(chosen, limits, used, view, caption(run, steps[0], used)))
+        paint(plotter, steps[0], Look(chosen, limits, used, view, f"{caption(run, steps[0], used)} {alarm}"))
         plotter.show(title=f"coulomb: {directory}")
         return ""
     shots = cropped([shoot(state, Look(chosen, limits, used, view)) for state in steps])
-    alarm = "" if run.certified else "NOT CERTIFIED"
     sheets = [
         sheet(shot, chosen, limits, caption(run, state, used), alarm, zone_counts(state.grid("contact")))
         for state, shot in zip(steps, shots, strict=True)

@@ -181,7 +181,7 @@ def _zones(plotter: Any, contact: Grid, points: FloatArray, legend: bool) -> Non
             part = patches(pyvista, contact.cells, points, chosen)
             part.cell_data["zone"] = np.full(part.n_cells, float(code))
             parts.append(part)
-    bar = {**_bar(named("status"), "nodes"), "n_labels": 0, "title": "zones, number of nodes\n\n"}
+    bar = {**_bar(named("status"), "nodes"), "n_labels": 0, "position_y": 0.07, "title": "zones, number of nodes\n\n"}
     colours: dict[str, Any] = {"cmap": [colour for _, colour in ZONES.values()], "clim": (-0.5, 3.5)}
     colours |= {"annotations": names, "scalar_bar_args": bar, "show_scalar_bar": legend}
     plotter.add_mesh(parts.combine().extract_surface(algorithm=None), scalars="zone", lighting=False, **colours)
