@@ -106,7 +106,7 @@ def _gif(frames: list[Pixels], field: Field, save: Path) -> None:
     """All frames in the same 256 colours, so that nothing flickers: the field's own, greys, and what else they need."""
     sample = Image.fromarray(np.concatenate([frames[len(frames) // 2], frames[-1]]))
     own = [int(colour[k : k + 2], 16) for colour in (*ramp(field, 140), *AXES) for k in (1, 3, 5)]
-    greys = [grey for grey in np.linspace(0, 255, 27).round().astype(int).tolist() for _ in "rgb"]
+    greys = [int(grey) for grey in np.linspace(0, 255, 27).round() for _ in "rgb"]
     rest = sample.quantize(colors=80, dither=Image.Dither.NONE).getpalette() or []
     palette = Image.new("P", (1, 1))
     palette.putpalette((own + greys + rest)[: 3 * 256])
