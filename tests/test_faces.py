@@ -51,7 +51,8 @@ def test_the_order_of_the_faces_does_not_matter():
     a, b = (next(iter(LoadHistory([1.0], tolerance=1e-10).steps(problem))).solution for problem in (one, other))
     # 2000 N pass by springs of 10 N/m in all: 1e-10 of the forces moves the block by 2e-8 m
     assert np.allclose(a.displacement, b.displacement, rtol=0.0, atol=2e-8)
-    assert totals(a, 0)["normal_force"] == pytest.approx(totals(b, 1)["normal_force"], rel=1e-8)
+    # and the springs make the mean of diag(A), by which the residual is measured, 1e4 times what the cork makes it
+    assert totals(a, 0)["normal_force"] == pytest.approx(totals(b, 1)["normal_force"], rel=1e-5)
 
 
 def test_matrix_free_and_written(tmp_path):
