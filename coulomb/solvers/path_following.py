@@ -1,7 +1,7 @@
 """Algorithm PF: the path-following interior-point method for Tresca problems.
 
-R. Kucera, J. Machalova, H. Netuka, P. Zencak: Interior point method for 3D contact problems with friction, and their
-An interior-point algorithm for the minimization arising from 3D contact problems with friction, Optim. Methods Softw.
+R. Kucera, J. Machalova, H. Netuka, P. Zencak: An interior-point algorithm for the minimization arising from 3D contact
+problems with friction, Optimization Methods and Software.
 """
 
 from __future__ import annotations
