@@ -104,7 +104,8 @@ class DirectSolver:
                 schur.eliminate_all_but(pc.getFactorMatrix(), keep)
 
         # ICNTL(14): room for the fill that pivot delays and parallel fronts add to the estimate, in per cent.
-        # ICNTL(7): METIS; what MUMPS chooses by itself beside a Schur complement takes up to twice as long.
+        # ICNTL(7): METIS; where MUMPS has none, as Debian's, it takes PORD, and AMD beside a Schur complement.  Its own
+        # choice (7) took up to twice as long there.
         self._ksp = configured_ksp(
             K,
             "preonly",
