@@ -12,6 +12,7 @@ import time
 
 import pytest
 from conftest import ROOT, make_block, run_coulomb, run_python
+from mpi4py import MPI
 from rich.console import Console
 from test_load_history import rubbed
 
@@ -92,7 +93,16 @@ def signalled(command, log, number, at):
     return process.wait(timeout=240), process.stderr.read()
 
 
-@pytest.mark.parametrize(("number", "ranks"), [(signal.SIGINT, 1), (signal.SIGTERM, 1), (signal.SIGUSR1, 2)])
+MPIRUN_PASSES_ON = pytest.mark.skipif(
+    MPI.get_vendor()[0] == "Open MPI" and MPI.get_vendor()[1] >= (5,),
+    reason="mpirun of Open MPI 5 does not always wait for its ranks after SIGUSR1",
+)
+
+
+@pytest.mark.parametrize(
+    ("number", "ranks"),
+    [(signal.SIGINT, 1), (signal.SIGTERM, 1), pytest.param(signal.SIGUSR1, 2, marks=MPIRUN_PASSES_ON)],
+)
 def test_a_signal_stops_a_run_with_everything_kept(tmp_path, number, ranks):
     log, out = tmp_path / "log.txt", tmp_path / "out"
     command = [sys.executable, "-m", "coulomb", "run", BLOCK, *SLOW, "--output", out, "--log", log]
