@@ -95,7 +95,7 @@ def signalled(command, log, number, at):
 
 MPIRUN_PASSES_ON = pytest.mark.skipif(
     MPI.get_vendor()[0] == "Open MPI" and MPI.get_vendor()[1] >= (5,),
-    reason="with Open MPI 5, once in ten runs, on a busy machine, mpirun ended with code 0 after SIGUSR1: cause unknown",
+    reason="with Open MPI 5 and a busy machine mpirun ended with code 0, once in ten runs: cause unknown",
 )
 
 
