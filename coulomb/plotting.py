@@ -162,7 +162,13 @@ def _look_at(plotter: Any, normal: FloatArray) -> None:
     along = np.eye(3)[np.argmin(np.abs(normal))]
     across = np.cross(normal, along)
     plotter.view_vector(normal + 0.25 * along + 0.6 * across, viewup=-across)
-    plotter.camera.zoom(1.5)
+    # pyvista shows the ball round the body whole; closer, as far as the corners of its box stay inside
+    low, high = np.array(plotter.bounds).reshape(3, 2).T
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T - 0.5 * (low + high)
+    up = np.array(plotter.camera.up)
+    right = np.cross(plotter.camera.direction, up)
+    reach = max(np.abs(corners @ up).max(), np.abs(corners @ right).max() / 1.5)
+    plotter.camera.zoom(float(min(1.5, 0.85 * np.linalg.norm(corners, axis=1).max() / reach)))
 
 
 def _caption(directory: Path) -> str:

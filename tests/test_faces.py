@@ -38,6 +38,8 @@ def test_squeezed_and_sheared():
     assert bottom["force"] == pytest.approx([0.0, 0.0, pressed], rel=1e-4, abs=1e-6 * pressed)  # springs take 1e-5
     assert top["force"] == pytest.approx([0.0, 0.0, -pressed], rel=1e-4, abs=1e-6 * pressed)
     assert totals(first)["force"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-4 * pressed)
+    assert bottom["centre_of_pressure"] == pytest.approx([0.05, 0.05, 0.0], abs=1e-6)
+    assert bottom["moment"] == pytest.approx([0.05 * pressed, -0.05 * pressed, 0.0], rel=1e-4, abs=1e-6 * pressed)
     assert totals(first)["contact_area"] == pytest.approx(0.02) and bottom["contact_area"] == pytest.approx(0.01)
     bottom, top = totals(second, 0), totals(second, 1)
     assert top["force"][0] == pytest.approx(0.2 * top["normal_force"], rel=1e-8)  # along with the plate

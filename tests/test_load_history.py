@@ -13,7 +13,18 @@ import pytest
 from conftest import ROOT, STEEL, run_coulomb
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, OneLoop, Sphere
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    LoadHistory,
+    Material,
+    NotConverged,
+    OneLoop,
+    Plane,
+    Sphere,
+    Traction,
+)
 from coulomb.check import check
 from coulomb.load_history import StepFailed
 
@@ -73,6 +84,17 @@ def test_without_friction_all_work_is_kept():
     last = list(LoadHistory([1, 2, 3]).steps(rubbed(friction=0.0)))[-1].state.energy
     assert last.dissipated == 0.0
     assert last.prescribed == pytest.approx(last.elastic, rel=1e-7)
+
+
+def test_work_of_loads():
+    """A load that grows from nothing on a body that touches nothing: Clapeyron's half of force times displacement."""
+    far = Contact("bottom", 0.4, foundation=Plane((0, 0, -1.0), (0, 0, 1)))
+    pull = [Traction("top", (3e3, 0.0, -1e4), UP)]
+    problem = ContactProblem(coulomb.box((0.1, 0.1, 0.05), (3, 3, 3)), RUBBER, [Clamp("left")], far, pull)
+    *_, last = LoadHistory([0.25, 1.0]).steps(problem)
+    energy, solution = last.state.energy, last.solution
+    half = 0.5 * np.vdot(solution.problem.elasticity.load, solution.displacement)
+    assert energy.loads == pytest.approx(half, rel=1e-9) and energy.elastic == pytest.approx(half, rel=1e-9)
 
 
 @pytest.mark.parametrize("foundation", [None, Sphere((0.05, 0.05, -1.0), 1.0)])

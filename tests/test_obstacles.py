@@ -133,5 +133,11 @@ def test_leaving_the_theory_is_said():
     contact = Contact("bottom", 0.1, foundation=Sphere((0.05, 0.05, -0.05), 0.05))
     press = Clamp("top", value=(0.01, 0.0, -0.02))
     solution = ContactProblem(mesh, coulomb.Material(1e6, 0.3), [press], contact).solve()
-    said = " ".join(solution.small_strain.warnings)
+    surface, u, measured = solution.problem.surface, solution.displacement, solution.small_strain
+    place = (surface.x + u[surface.nodes])[solution.contact_force[0::3] > 1e-6 * solution.contact_force.max()]
+    off = np.abs(np.linalg.norm(place - [0.05, 0.05, -0.05], axis=1) - 0.05).max()
+    internal = solution.problem.elasticity.internal_force(u)
+    mean_way = 2.0 * np.vdot(u, internal) / np.linalg.norm(internal, axis=1).sum()
+    assert measured.gap_error == pytest.approx(off / mean_way, rel=1e-9)
+    said = " ".join(measured.warnings)
     assert "curvature" in said and "turns by" in said and "no longer small" in said
