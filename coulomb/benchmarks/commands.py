@@ -27,9 +27,7 @@ def compliance(
     """Three ways to the compliance A on one rank, seconds: what the default choice rests on."""
     from .compliance import measure
 
-    if MPI.COMM_WORLD.size > 1:
-        errors.print("error: this benchmark runs on one rank", markup=False)
-        raise typer.Exit(BAD_INPUT)
+    _one_rank()
     console.print(
         "  p  contact    Schur  many right-hand sides  product explicit  matrix-free  difference", soft_wrap=True
     )
@@ -152,9 +150,7 @@ def estimates(
     """What `coulomb check-case` expects of the block, beside what it takes."""
     from .estimates import SIZES, measure
 
-    if MPI.COMM_WORLD.size > 1:
-        errors.print("error: this benchmark runs on one rank", markup=False)
-        raise typer.Exit(BAD_INPUT)
+    _one_rank()
     console.print(
         "  p  method                 unknowns  contact   GB expected  measured   s expected  measured", soft_wrap=True
     )
@@ -180,9 +176,7 @@ def peers(
     """The block by coulomb and by other packages, each in a process of its own, on one thread."""
     from .peers import Row, Skipped, measure
 
-    if MPI.COMM_WORLD.size > 1:
-        errors.print("error: this benchmark runs on one rank", markup=False)
-        raise typer.Exit(BAD_INPUT)
+    _one_rank()
     rows: list[Row] = []
     try:
         for row in measure(sizes or (10,), names):
@@ -276,6 +270,12 @@ def _print_verified(name: str, verified: Verified) -> None:
     for number, reason in enumerate(reasons, 1):
         console.print(f"({number}) {reason}", markup=False)
     console.print()
+
+
+def _one_rank() -> None:
+    if MPI.COMM_WORLD.size > 1:
+        errors.print("error: this benchmark runs on one rank", markup=False)
+        raise typer.Exit(BAD_INPUT)
 
 
 def _write_table(directory: Path | None, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
