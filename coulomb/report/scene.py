@@ -71,7 +71,9 @@ def outward(contact: Grid) -> FloatArray:
     """Mean outward normal of the body on its contact face, (3,), of length 1."""
     mean: FloatArray = np.sum(contact.fields["normal"], axis=0)
     length = float(np.linalg.norm(mean))
-    normal: FloatArray = mean / length if length > 0.0 else np.array([0.0, 0.0, -1.0])
+    if length == 0.0:
+        return np.array([0.0, 0.0, -1.0])
+    normal: FloatArray = mean / length
     return normal
 
 
