@@ -177,7 +177,7 @@ def export(
 ) -> None:
     """Write the contact problem of a case, condensed to its contact nodes, for other solvers to read."""
     from .fclib import FCLIBProblem, write_fclib
-    from .solvers.compliance import ExplicitCompliance
+    from .solvers.compliance import SchurCompliance
 
     try:
         if _comm.size > 1:
@@ -185,11 +185,11 @@ def export(
         problem = read_case(case, changes or (), _comm).problem(_comm)
         if not problem.coulomb:
             raise ValueError("FCLIB's problems have Coulomb friction; this case has a slip stress")
-        if not isinstance(problem.A, ExplicitCompliance):
+        if not isinstance(problem.A, SchurCompliance):
             raise ValueError('A is not formed for a problem of this size; set solver.compliance="explicit"')
         mu = problem.coefficient
-        W = problem.A.matrix.getDenseArray()
-        write_fclib(file, FCLIBProblem(scipy.sparse.csr_matrix(W), -problem.b, mu, case.stem))
+        W = scipy.sparse.csr_matrix(problem.A.dense())
+        write_fclib(file, FCLIBProblem(W, -problem.b, mu, case.stem))
     except (ValueError, OSError) as error:
         _errors.print(f"error: {error}", markup=False)
         raise typer.Exit(BAD_INPUT) from None

@@ -6,11 +6,11 @@ from petsc4py import PETSc
 
 from .solvers.stiffness import DirectSolver, IterativeSolver
 
-DIRECT_UP_TO = 50_000
+DIRECT_UP_TO = 100_000
 """Displacement unknowns up to which K is factorised by default on one rank (measured: docs/measurements.md)."""
 
 DIRECT_IN_PARALLEL_UP_TO = 4_000
-"""The same on several ranks, where MUMPS gives no Schur complement through PETSc and A takes many solves."""
+"""The same on several ranks, where there is no Schur complement and A takes many solves."""
 
 EXPLICIT_UP_TO = 10_000
 """Contact unknowns up to which A is formed by default, where K is factorised (measured: docs/measurements.md)."""
@@ -31,7 +31,7 @@ def chosen(
         explicit: What was asked for, if anything.
 
     Raises:
-        ValueError: If A is to be formed without a factorisation, or K to be factorised without MUMPS.
+        ValueError: If A is to be formed without a factorisation, or K to be factorised by MUMPS where there is none.
     """
     if explicit and linear_solver is IterativeSolver:
         raise ValueError(
@@ -39,14 +39,18 @@ def chosen(
             'solver.linear_solver = "direct" (linear_solver=DirectSolver), or leave both to be chosen'
         )
     mumps = PETSc.Sys.hasExternalPackage("mumps")
-    if not mumps and (explicit or linear_solver is DirectSolver):
-        raise ValueError(
-            "this PETSc was built without MUMPS, which factorises K: leave solver.linear_solver and solver.compliance "
-            'at "auto", which then is multigrid, or use a PETSc with MUMPS (coulomb info lists its packages)'
-        )
+    asked = linear_solver is DirectSolver or bool(explicit)
     if linear_solver is None:
         small = displacement <= (DIRECT_UP_TO if ranks == 1 else DIRECT_IN_PARALLEL_UP_TO)
-        linear_solver = DirectSolver if explicit or (small and mumps) else IterativeSolver
+        linear_solver = DirectSolver if explicit or small else IterativeSolver
     if explicit is None:
         explicit = linear_solver is DirectSolver and contact <= EXPLICIT_UP_TO
+    if linear_solver is DirectSolver and not mumps and not (explicit and ranks == 1):
+        if asked:
+            raise ValueError(
+                "this PETSc was built without MUMPS, which factorises K on several ranks and where A is not formed: "
+                'leave solver.linear_solver and solver.compliance at "auto", which then is multigrid, or use a PETSc '
+                "with MUMPS (coulomb info lists its packages)"
+            )
+        linear_solver, explicit = IterativeSolver, False
     return linear_solver, explicit

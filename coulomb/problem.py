@@ -21,12 +21,12 @@ from .fem.meshes import NamedMesh
 from .fem.surface import ContactSurface
 from .methods import LinearSolver, chosen
 from .solution import Solution
-from .solvers import schur
 from .solvers.automatic import Automatic
-from .solvers.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance
+from .solvers.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance, SchurCompliance
 from .solvers.coulomb import CoulombProblem, CoulombSolver
 from .solvers.fixed_point import SuccessiveTresca
 from .solvers.kprgp import KPRGP
+from .solvers.multifrontal import MultifrontalSolver
 from .solvers.one_loop import OneLoop
 from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, ProgressCallback, QPResult
@@ -161,7 +161,9 @@ class ContactProblem:
         if "A" in self.__dict__:
             turn = np.einsum("kij,klj->kil", after.frames, before.frames)
             A = self.A
-            if isinstance(A, ExplicitCompliance):
+            if isinstance(A, SchurCompliance):
+                self.A = A.turned(after.B)
+            elif isinstance(A, ExplicitCompliance):
                 self.A = A.turned(turn)
             else:
                 self.A = MatrixFreeCompliance(after.B, self.elasticity.K, self.stiffness_solver)
@@ -179,10 +181,9 @@ class ContactProblem:
     @cached_property
     def stiffness_solver(self) -> StiffnessSolver:
         """K^-1."""
-        B = self.surface.B
         with self._timed("stiffness"):
-            if self.explicit and schur.available(B.getComm()):
-                return DirectSolver(self.elasticity.K, keep=np.unique(B.getValuesCSR()[1]).astype(np.int32))
+            if self.explicit and self.comm.size == 1:
+                return MultifrontalSolver(self.elasticity.K, self.elasticity.x, np.sort(self.surface.nodes))
             return self.linear_solver(self.elasticity.K)
 
     @cached_property
@@ -190,10 +191,10 @@ class ContactProblem:
         """Compliance B K^-1 B^T of the contact nodes, metres per newton."""
         solver = self.stiffness_solver
         with self._timed("compliance"):
+            if isinstance(solver, MultifrontalSolver):
+                return SchurCompliance(self.surface.B, solver)
             if self.explicit:
                 assert isinstance(solver, DirectSolver)
-                if solver.kept is not None:
-                    return ExplicitCompliance.from_schur_complement(self.surface.B, solver)
                 return ExplicitCompliance.from_stiffness(self.surface.B, solver)
             return MatrixFreeCompliance(self.surface.B, self.elasticity.K, solver)
 

@@ -106,16 +106,17 @@ def test_estimates_follow_the_method():
     assert gigabytes(2.34e8) == "0.23 GB" and gigabytes(1.234e11) == "123 GB"
 
 
-def test_without_mumps_the_choice_is_multigrid(monkeypatch):
+def test_without_mumps_the_choice_is_multigrid_where_mumps_would_be_needed(monkeypatch):
     monkeypatch.setattr(
         "coulomb.methods.PETSc", type("P", (), {"Sys": type("S", (), {"hasExternalPackage": lambda _: False})})
     )
-    assert chosen(100, 30, 1, None, None) == (IterativeSolver, False)
-    problem = make_block(2)
-    assert problem.stiffness_solver.name.startswith("iterative") and problem.solve().certificate.passed
-    for asked in ({"linear_solver": DirectSolver}, {"explicit": True}):
+    assert chosen(100, 30, 2, None, None) == (IterativeSolver, False)
+    assert chosen(90_000, 10_001, 1, None, None) == (IterativeSolver, False)
+    for asked in ((2, DirectSolver, None), (2, None, True), (1, DirectSolver, False)):
         with pytest.raises(ValueError, match="without MUMPS"):
-            make_block(2, **asked)
+            chosen(100, 30, *asked)
+    problem = make_block(2)  # on one rank the Schur complement needs none
+    assert problem.explicit and problem.solve().certificate.passed
 
 
 def test_the_choice_by_size():

@@ -49,7 +49,7 @@ def test_the_history_has_what_must_not_change():
     assert sum(row["stick"] > 5 for row in rows) == 3 and rows[-1]["stick"] == 0
     assert min(abs(rows[-1][f"force_{axis}"]) for axis in "xy") > 0.05 * rows[-1]["normal_force"]
     problem = indented()[0].solution.problem
-    eigenvalues = np.linalg.eigvalsh(problem.A.matrix.getDenseArray()) / problem.mean_compliance
+    eigenvalues = np.linalg.eigvalsh(problem.A.dense()) / problem.mean_compliance
     assert 1e-10 * (1.0 + eigenvalues[-1]) / eigenvalues[0] <= AGREE
 
 

@@ -121,7 +121,7 @@ def test_a_turned_compliance_is_the_one_of_the_turned_frames():
     contact = Contact("bottom", 0.4, foundation=sphere, motion=motion)
     later = ContactProblem(mesh, RUBBER, [Clamp("top")], contact).at(1.0)
     anew = ContactProblem(mesh, RUBBER, [Clamp("top")], contact, time=1.0)
-    assert np.allclose(later.A.matrix.getDenseArray(), anew.A.matrix.getDenseArray(), rtol=1e-9, atol=1e-20)
+    assert np.allclose(later.A.dense(), anew.A.dense(), rtol=1e-9, atol=1e-20)
     assert np.array_equal(later.surface.frames, anew.surface.frames)
     assert np.allclose(later.b, anew.b, atol=1e-12)
 

@@ -134,7 +134,7 @@ def test_accepted_iterates_decrease_theta_and_the_residual_decides():
 
 def test_units_do_not_matter():
     block = solved_block(6).problem
-    A = np.array(block.A.matrix.getDenseArray())
+    A = np.array(block.A.dense())
     counts = []
     for force, length in ((1.0, 1.0), (1e-3, 1e3), (1e6, 1e-6)):
         problem = CoulombProblem(dense_compliance(A * length / force), block.b * length, block.coefficient)

@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from ..problem import ContactProblem
-from ..solvers.compliance import MatrixCompliance, estimated_diagonal
+from ..solvers.compliance import SchurCompliance, estimated_diagonal
 from ..solvers.kprgp import KPRGP
+from ..solvers.multifrontal import MultifrontalSolver
 from ..solvers.newton_systems import AugmentedSystem
 from ..solvers.path_following import PathFollowing
 from ..solvers.results import NotConverged
@@ -95,8 +96,8 @@ def measure(sizes: Iterable[int] = SIZES, names: Iterable[str] | None = None) ->
             yield Row(name, p, n, m, result.iterations, result.products, seconds, result.residual)
 
 
-def _with_estimated_diagonal(problem: ContactProblem) -> MatrixCompliance:
+def _with_estimated_diagonal(problem: ContactProblem) -> SchurCompliance:
     """The same A, with its diagonal as a matrix-free A would have it."""
-    assert isinstance(problem.A, MatrixCompliance)
+    assert isinstance(problem.stiffness_solver, MultifrontalSolver)
     diagonal = estimated_diagonal(problem.A, problem.surface.B, problem.elasticity.K)
-    return MatrixCompliance(problem.A.matrix, diagonal)
+    return SchurCompliance(problem.surface.B, problem.stiffness_solver, diagonal)

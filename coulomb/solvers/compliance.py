@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.linalg.blas import dtrsv
+from scipy.linalg.lapack import dtrtri
 
 from ..arrays import FloatArray
+from .multifrontal import MultifrontalSolver
 from .reductions import Reductions
 from .stiffness import DirectSolver, StiffnessSolver
 
@@ -70,20 +74,19 @@ class MatrixCompliance:
 
     Args:
         matrix: Symmetric positive definite, 3 rows a contact node, those of a node on one rank.
-        diagonal: What to give out as its diagonal, in place of the exact one, shape (3 m,).
     """
 
     name = "matrix"
     exact = True
 
-    def __init__(self, matrix: PETSc.Mat, diagonal: FloatArray | None = None):
+    def __init__(self, matrix: PETSc.Mat):
         self.matrix = matrix
         self.comm: MPI.Comm = matrix.getComm().tompi4py()
         self.nodes = matrix.getLocalSize()[0] // 3
         self.products = 0
         self._y, self._x = matrix.createVecs("left"), matrix.createVecs("right")
         d = matrix.getDiagonal()
-        self._diagonal: FloatArray = d.array.copy() if diagonal is None else diagonal
+        self._diagonal: FloatArray = d.array.copy()
         d.destroy()
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
@@ -98,28 +101,16 @@ class MatrixCompliance:
     def diagonal(self) -> FloatArray:
         return self._diagonal
 
+    def dense(self) -> FloatArray:
+        """This rank's rows as an array, shape (3 m, all columns); not to be changed."""
+        rows: FloatArray = self.matrix.getDenseArray()
+        return rows
+
 
 class ExplicitCompliance(MatrixCompliance):
     """A = B K^-1 B^T, formed as a dense matrix."""
 
     name = "explicit"
-
-    @classmethod
-    def from_schur_complement(cls, B: PETSc.Mat, solver: DirectSolver) -> ExplicitCompliance:
-        """A = B S^-1 B^T with S the Schur complement of K on the contact nodes; on one rank.
-
-        Takes about half the time of `from_stiffness` with its factorisation (docs/measurements.md).
-
-        Args:
-            B: Contact matrix, 3 rows a contact node.
-            solver: The factorised K, which kept the columns of B.
-        """
-        indptr, indices, values = B.getValuesCSR()
-        rows = scipy.sparse.csr_matrix((values, indices, indptr), shape=B.getSize())[:, solver.kept]
-        A = np.asfortranarray((rows @ (rows @ solver.inverse_of_schur_complement()).T).T)
-        matrix = PETSc.Mat().createDense(A.shape, array=A, comm=B.getComm())
-        matrix.assemble()
-        return cls(matrix)
 
     def turned(self, turn: FloatArray) -> ExplicitCompliance:
         """The same in other frames: R A R^T with R the nodal matrices `turn` (m, 3, 3), from old to new components."""
@@ -169,6 +160,69 @@ class ExplicitCompliance(MatrixCompliance):
         every_column.destroy()
         A.assemble()
         return cls(A)
+
+
+class SchurCompliance:
+    """A = B S^-1 B^T with S = L L^T the Schur complement of K on the contact nodes; on one rank.
+
+    A product takes two solves with the dense triangle L, which cost what a product with the dense A would.
+
+    Args:
+        B: Contact matrix, 3 rows a contact node.
+        solver: The factorised K, with the nodes of B's columns last.
+        diagonal: What to give out as its diagonal, in place of the exact one, shape (3 m,).
+    """
+
+    name = "explicit"
+    exact = True
+
+    def __init__(self, B: PETSc.Mat, solver: MultifrontalSolver, diagonal: FloatArray | None = None):
+        self.comm: MPI.Comm = B.getComm().tompi4py()
+        self.nodes = B.getLocalSize()[0] // 3
+        self.products = 0
+        self._solver, self._given_diagonal = solver, diagonal
+        indptr, indices, values = B.getValuesCSR()
+        columns = (3 * solver.last[:, None] + np.arange(3)).ravel()
+        self._B = scipy.sparse.csr_matrix((values, indices, indptr), shape=B.getSize())[:, columns]
+
+    def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        L = self._solver.schur_factor
+        z = dtrsv(L, self._B.T @ x, lower=1, overwrite_x=1)
+        y[:] = self._B @ dtrsv(L, z, lower=1, trans=1, overwrite_x=1)
+        self.products += 1
+
+    def follow(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        self.mult(x, y)
+
+    def diagonal(self) -> FloatArray:
+        return self._diagonal
+
+    @cached_property
+    def _diagonal(self) -> FloatArray:
+        if self._given_diagonal is not None:
+            return self._given_diagonal
+        half = self._inverse_factor()
+        columns = [half[i:, i : i + 3] for i in range(0, len(half), 3)]
+        nodal = scipy.sparse.block_diag([c.T @ c for c in columns], format="csr")  # all that a row of B sees of S^-1
+        diagonal: FloatArray = np.asarray((self._B @ nodal).multiply(self._B).sum(axis=1)).ravel()
+        return diagonal
+
+    def dense(self) -> FloatArray:
+        """A as an array, shape (3 m, 3 m)."""
+        half = self._B @ np.tril(self._inverse_factor()).T
+        whole: FloatArray = half @ half.T
+        return whole
+
+    def _inverse_factor(self) -> FloatArray:
+        """L^-1, with zeros above the diagonal of its nodal blocks, and anything above these."""
+        inverse: FloatArray = dtrtri(self._solver.schur_factor, lower=1)[0]
+        for i in range(0, len(inverse), 3):
+            inverse[i, i + 1 : i + 3] = inverse[i + 1, i + 2] = 0.0
+        return inverse
+
+    def turned(self, B: PETSc.Mat) -> SchurCompliance:
+        """The same in other frames: those of another B."""
+        return SchurCompliance(B, self._solver)
 
 
 class MatrixFreeCompliance:

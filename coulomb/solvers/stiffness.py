@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-import scipy.linalg
 from petsc4py import PETSc
-
-from ..arrays import FloatArray
-from . import schur
 
 _prefixes = (f"coulomb_{number}_" for number in itertools.count())
 
@@ -57,7 +51,6 @@ def configured_ksp(
     K: PETSc.Mat,
     ksp_type: str,
     values: Mapping[str, object],
-    before_setup: Callable[[PETSc.KSP], None] = lambda _: None,
     operator: PETSc.Mat | None = None,
 ) -> PETSc.KSP:
     """A KSP set up under options that are its own, and gone from PETSc's database afterwards.
@@ -66,7 +59,6 @@ def configured_ksp(
         K: What the preconditioner is made of.
         ksp_type: PETSc's name of the method.
         values: The options, without their prefix.
-        before_setup: Called when all but the set-up is done.
         operator: The matrix of the system, where it is not K.
     """
     prefix = next(_prefixes)
@@ -77,7 +69,6 @@ def configured_ksp(
     ksp.setOptionsPrefix(prefix)
     with _options(prefix, values):
         ksp.setFromOptions()
-        before_setup(ksp)
         ksp.setUp()
     return ksp
 
@@ -87,25 +78,16 @@ class DirectSolver:
 
     Args:
         K: Symmetric positive definite, assembled.
-        keep: Rows of which the Schur complement is wanted as well, ascending; needs `schur.available`.
     """
 
     name = "direct (MUMPS Cholesky)"
     tolerance = 0.0
     iterations = 0
 
-    def __init__(self, K: PETSc.Mat, keep: npt.NDArray[np.int32] | None = None):
-        self.kept = keep
-
-        def stop_at_kept_rows(ksp: PETSc.KSP) -> None:
-            if keep is not None:
-                pc = ksp.getPC()
-                pc.setFactorSetUpSolverType()
-                schur.eliminate_all_but(pc.getFactorMatrix(), keep)
-
+    def __init__(self, K: PETSc.Mat):
         # ICNTL(14): room for the fill that pivot delays and parallel fronts add to the estimate, in per cent.
-        # ICNTL(7): METIS; where MUMPS has none, as Debian's, it takes PORD, and AMD beside a Schur complement.  Its own
-        # choice (7) took up to twice as long there.
+        # ICNTL(7): METIS; where MUMPS has none, as Debian's, it takes PORD.  Its own choice (7) took up to twice as
+        # long.
         self._ksp = configured_ksp(
             K,
             "preonly",
@@ -115,22 +97,12 @@ class DirectSolver:
                 "mat_mumps_icntl_14": 60,
                 "mat_mumps_icntl_7": 5,
             },
-            stop_at_kept_rows,
         )
-        # Fetched at once: the first solve overwrites PETSc's Schur complement by its factor.
-        self._schur = None if keep is None else schur.schur_complement(self.factor)
 
     @property
     def factor(self) -> PETSc.Mat:
         """The factored matrix, for many right-hand sides at once (MatMatSolve)."""
         return self._ksp.getPC().getFactorMatrix()
-
-    def inverse_of_schur_complement(self) -> FloatArray:
-        """The block of K^-1 on the kept rows, shape (k, k)."""
-        factor, _ = scipy.linalg.lapack.dpotrf(self._schur, lower=1)
-        inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
-        whole: FloatArray = np.tril(inverse) + np.tril(inverse, -1).T
-        return whole
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         self._ksp.solve(rhs, u)

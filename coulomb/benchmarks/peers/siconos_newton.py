@@ -33,7 +33,7 @@ def solve(p: int) -> Answer:
 def by_right_hand_sides(problem: ContactProblem) -> FloatArray:
     """W column by column."""
     solver = DirectSolver(problem.elasticity.K)
-    W: FloatArray = ExplicitCompliance.from_stiffness(problem.surface.B, solver).matrix.getDenseArray()
+    W: FloatArray = ExplicitCompliance.from_stiffness(problem.surface.B, solver).dense()
     return W
 
 

@@ -17,5 +17,5 @@ def solve(p: int) -> Answer:
 
 def _ours(problem: ContactProblem) -> FloatArray:
     A: Any = problem.A
-    W: FloatArray = A.matrix.getDenseArray()
+    W: FloatArray = A.dense()
     return W

@@ -27,7 +27,7 @@ from ...fem.meshes import box
 from ...fem.obstacles import Plane
 from ...problem import ContactProblem
 from ...solution import Solution
-from ...solvers.compliance import MatrixCompliance
+from ...solvers.compliance import SchurCompliance
 from .table import Curve, Panel, Row, Verified, absolute, relative
 
 STEEL = Material(young=2.119e11, poisson=0.277)
@@ -124,8 +124,8 @@ def _rows(name: str, patch: Patch, solution: Solution) -> list[Row]:
 
 def _amplification(problem: ContactProblem) -> float:
     """What an error is at most over the natural residual: (1 + L)/m for a strongly monotone problem."""
-    assert isinstance(problem.A, MatrixCompliance)
-    eigenvalues = np.linalg.eigvalsh(problem.A.matrix.getDenseArray()) / problem.mean_compliance
+    assert isinstance(problem.A, SchurCompliance)
+    eigenvalues = np.linalg.eigvalsh(problem.A.dense()) / problem.mean_compliance
     return float((1.0 + eigenvalues[-1]) / eigenvalues[0])
 
 

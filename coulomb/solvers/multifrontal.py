@@ -1,0 +1,180 @@
+"""K = L L^T on one rank by nested dissection, the contact nodes last: K^-1, and their Schur complement as a factor.
+
+The multifrontal method (Duff and Reid 1983) with dense fronts, all of whose operations are LAPACK's.  MUMPS does the
+same and more; but beside a Schur complement it takes only orders that other libraries make (METIS, SCOTCH), Debian's is
+built without them, and AMD, which is left, costs 2.3 times the operations at p = 16 (docs/measurements.md).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from petsc4py import PETSc
+from scipy.linalg.blas import dsyrk, dtrsm, dtrsv
+from scipy.linalg.lapack import dpotrf
+
+from ..arrays import FloatArray
+from .nested_dissection import Front, Nodes, dissect
+
+
+class MultifrontalSolver:
+    """Cholesky factorisation of K on one rank, some of its nodes last.
+
+    Args:
+        K: Symmetric positive definite, assembled, 3 rows a node, on one rank.
+        points: The nodes' coordinates, shape (k, 3).
+        last: Nodes to eliminate last, ascending.
+
+    Attributes:
+        last: The same nodes, in the order of `schur_factor`.
+
+    Raises:
+        ValueError: If K is not positive definite.
+    """
+
+    name = "direct (nested dissection, LAPACK Cholesky)"
+    tolerance = 0.0
+    iterations = 0
+
+    def __init__(self, K: PETSc.Mat, points: FloatArray, last: npt.NDArray[np.integer[Any]]):
+        indptr, indices, values = K.getValuesCSR()
+        blocks = scipy.sparse.csr_matrix((values, indices, indptr), shape=K.getSize()).tobsr((3, 3))
+        nodes = len(points)
+        graph = scipy.sparse.csr_matrix((np.empty(len(blocks.indices), np.int8), blocks.indices, blocks.indptr))
+        graph.resize(nodes, nodes)
+        self._fronts = dissect(graph, points, last.astype(np.int64))
+        self._factors = _factorised(blocks, self._fronts)
+        self.last: Nodes = self._fronts[-1].own
+
+    @property
+    def schur_factor(self) -> FloatArray:
+        """L of the Schur complement S = L L^T on the nodes `last`: lower triangle, shape (3 m, 3 m), Fortran order.
+
+        What lies above the diagonal means nothing.  The block of K^-1 on these nodes is S^-1.
+        """
+        return self._factors[-1][0]
+
+    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
+        x = rhs.array_r.reshape(-1, 3).copy()
+        for front, (head, below) in zip(self._fronts, self._factors, strict=True):
+            if len(front.own):
+                y = dtrsv(head, x[front.own].ravel(), lower=1)
+                x[front.own] = y.reshape(-1, 3)
+                x[front.border] -= (below @ y).reshape(-1, 3)
+        for front, (head, below) in zip(reversed(self._fronts), reversed(self._factors), strict=True):
+            if len(front.own):
+                y = x[front.own].ravel() - below.T @ x[front.border].ravel()
+                x[front.own] = dtrsv(head, y, lower=1, trans=1).reshape(-1, 3)
+        u.array[:] = x.ravel()
+
+    def destroy(self) -> None:
+        self._fronts, self._factors = [], []
+
+
+def _factorised(blocks: scipy.sparse.bsr_matrix, fronts: list[Front]) -> list[tuple[FloatArray, FloatArray]]:
+    """Of every front the columns of L: head (own, own), a lower triangle, and below (border, own)."""
+    place = np.full(blocks.shape[0] // 3, -1, dtype=np.int64)
+    updates: dict[int, FloatArray] = {}
+    workspace = _Workspace(fronts)
+    factors = []
+    for number, front in enumerate(fronts):
+        e, b = 3 * len(front.own), 3 * len(front.border)
+        head, below = np.zeros((e, e), order="F"), np.zeros((b, e), order="F")
+        update = workspace.push(number, front)
+        _assemble(blocks, front, place, head, below)
+        for child in front.children:
+            _add(updates.pop(child), fronts[child], head, below, update)
+            workspace.pop(child, fronts[child])
+        if e:
+            head, failed = dpotrf(head, lower=1, clean=0, overwrite_a=1)
+            if failed:
+                raise ValueError(
+                    "the stiffness matrix is not positive definite to rounding: the body can move without resistance, "
+                    "or its materials and springs are too far apart; clamp it, or give it stiffer springs"
+                )
+        if e and b:
+            below = dtrsm(1.0, head, below, side=1, lower=1, trans_a=1, overwrite_b=1)
+            update = dsyrk(-1.0, below, beta=1.0, c=update, lower=1, overwrite_c=1)
+        factors.append((head, below))
+        updates[number] = update
+    return factors
+
+
+def _assemble(blocks: scipy.sparse.bsr_matrix, front: Front, place: Nodes, head: FloatArray, below: FloatArray) -> None:
+    """The entries of K between the front's own nodes and all that are not eliminated yet.
+
+    Args:
+        blocks: K.
+        front: The front.
+        place: Of every node, -1; the same afterwards.
+        head: Gets those among the own nodes.
+        below: Gets those with the border.
+    """
+    own, border = len(front.own), len(front.border)
+    place[front.own], place[front.border] = np.arange(own), own + np.arange(border)
+    first, count = blocks.indptr[front.own], np.diff(blocks.indptr)[front.own]
+    entries = np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
+    column, row = place[blocks.indices[entries]], np.repeat(np.arange(own), count)
+    inside, outside = (column >= 0) & (column < own), column >= own
+    values = blocks.data.transpose(0, 2, 1)  # K is symmetric: its rows are the front's columns
+    head.reshape((3, own, 3, own), order="F")[:, column[inside], :, row[inside]] = values[entries[inside]]
+    below.reshape((3, border, 3, own), order="F")[:, column[outside] - own, :, row[outside]] = values[entries[outside]]
+    place[front.own] = place[front.border] = -1
+
+
+def _add(child: FloatArray, front: Front, head: FloatArray, below: FloatArray, update: FloatArray) -> None:
+    """Add what the elimination of a child's front left on its border (a lower triangle), run by run."""
+    own = len(head)
+    pieces = [(slice(i, i + n), slice(j, j + n)) for i, j, n in (3 * front.runs).tolist()]
+    for k, (rows, to) in enumerate(pieces):
+        beyond = slice(to.start - own, to.stop - own)
+        for columns, at in pieces[: k + 1]:
+            if to.start < own:
+                head[to, at] += child[rows, columns]
+            elif at.start < own:
+                below[beyond, at] += child[rows, columns]
+            else:
+                update[beyond, at.start - own : at.stop - own] += child[rows, columns]
+
+
+class _Workspace:
+    """Memory for what the fronts leave on their borders, used again: fresh memory costs more than the sums made in it.
+
+    Where a front is made, its children's are the last that were made at their depth or an even number of levels away
+    from it: so fronts of even and of odd depth have a stack each.
+    """
+
+    def __init__(self, fronts: list[Front]):
+        depth = [0] * len(fronts)
+        for number in reversed(range(len(fronts))):
+            for child in fronts[number].children:
+                depth[child] = depth[number] + 1
+        self._side = [d % 2 for d in depth]
+        self._top = [0, 0]
+        height = [0, 0]
+        for number, front in enumerate(fronts):
+            side = self._side[number]
+            self._top[side] += self._size(front)
+            height[side] = max(height[side], self._top[side])
+            for child in front.children:
+                self._top[1 - side] -= self._size(fronts[child])
+        self._memory = [np.empty(size) for size in height]
+
+    @staticmethod
+    def _size(front: Front) -> int:
+        return (3 * len(front.border)) ** 2
+
+    def push(self, number: int, front: Front) -> FloatArray:
+        """Zeros for the border of a front, a square in Fortran order."""
+        side, size = self._side[number], self._size(front)
+        zeros = self._memory[side][self._top[side] : self._top[side] + size]
+        self._top[side] += size
+        zeros.fill(0.0)
+        return zeros.reshape((3 * len(front.border),) * 2, order="F")
+
+    def pop(self, number: int, front: Front) -> None:
+        """The square that was pushed last on this side is not used any more."""
+        self._top[self._side[number]] -= self._size(front)

@@ -1,0 +1,168 @@
+"""Nested dissection of a body by planes: an order of elimination that ends on the contact nodes.
+
+A plane cuts the nodes into two halves and a separator, which is eliminated after both; the halves are cut in turn
+(George 1973; by coordinates: Heath and Raghavan 1995).  The contact nodes are the last separator, so that what is left
+before them is their Schur complement.  In a multifrontal factorisation (Duff and Reid 1983) each separator has a front:
+the nodes eliminated there, and its border, the nodes coupled with these or with what went before, eliminated later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from ..arrays import FloatArray
+
+Nodes = npt.NDArray[np.int64]
+
+LEAF = 80
+"""Nodes at most that are not cut any more (60 to 150 take the same time)."""
+
+_BLOCK = 8  # nodes that the order along separators leaves as they are
+
+
+@dataclass(frozen=True)
+class Front:
+    """A separator, or a part of the body that is not cut any more.
+
+    Attributes:
+        own: Nodes eliminated here.
+        border: Nodes coupled with them or with what was eliminated below, and eliminated later; in the parent's order.
+        children: Fronts whose borders are assembled here, by their numbers.
+        runs: Where the border goes in the parent, as runs of nodes that are neighbours in both: first in the border,
+            first in the parent's (own, border), and how many, shape (k, 3).  None crosses from own to border.
+    """
+
+    own: Nodes
+    border: Nodes
+    children: tuple[int, ...]
+    runs: Nodes
+
+
+def dissect(graph: scipy.sparse.csr_matrix, points: FloatArray, last: Nodes, leaf: int = LEAF) -> list[Front]:
+    """Fronts in the order of elimination, children before parents.
+
+    Args:
+        graph: Which nodes are coupled, symmetric, shape (k, k); the values do not matter.
+        points: The nodes' coordinates, shape (k, 3).  They decide about the work, not about the result.
+        last: Nodes of the last front, which has no border.
+        leaf: Nodes at most that are not cut any more.
+    """
+    tree = _Tree(graph, points, leaf)
+    rest = np.ones(len(points), dtype=bool)
+    rest[last] = False
+    tree.grow(np.flatnonzero(rest))
+    if rest.any():
+        tree.own.append(last)
+        tree.children.append((len(tree.own) - 2,))
+    else:
+        tree.own, tree.children = [last], [()]
+    return _in_order(tree.own, _borders(graph, tree.own, tree.children), tree.children, points)
+
+
+class _Tree:
+    """Separators in the order of elimination: the nodes of each, and its children."""
+
+    def __init__(self, graph: scipy.sparse.csr_matrix, points: FloatArray, leaf: int):
+        self.graph, self.points, self.leaf = graph, points, leaf
+        self.own: list[Nodes] = []
+        self.children: list[tuple[int, ...]] = []
+        self._side = np.zeros(len(points), dtype=np.int8)
+
+    def grow(self, nodes: Nodes) -> tuple[int, ...]:
+        """Cut these nodes, down to the leaves; the number of their front, or nothing if there are no nodes."""
+        if len(nodes) == 0:
+            return ()
+        parts = self._cut(nodes) if len(nodes) > self.leaf else None
+        low, high, own = parts or (nodes[:0], nodes[:0], nodes)
+        self.children.append(self.grow(low) + self.grow(high))
+        self.own.append(own)
+        return (len(self.own) - 1,)
+
+    def _cut(self, nodes: Nodes) -> tuple[Nodes, Nodes, Nodes] | None:
+        """Two parts that are not coupled, and the smallest of some separators between them; or None."""
+        coupled = self.graph[nodes]
+        row = np.repeat(np.arange(len(nodes)), np.diff(coupled.indptr))
+        best = None
+        for high in self._halves(self.points[nodes]):
+            self._side[nodes] = np.where(high, 2, 1)
+            across = self._side[coupled.indices] == np.where(high, 1, 2)[row]
+            touching = np.zeros(len(nodes), dtype=bool)
+            touching[row[across]] = True
+            for separator in (touching & high, touching & ~high):
+                if best is None or np.count_nonzero(separator) < np.count_nonzero(best[1]):
+                    best = (high, separator)
+        self._side[nodes] = 0
+        if best is None:
+            return None
+        high, separator = best
+        return nodes[~high & ~separator], nodes[high & ~separator], nodes[separator]
+
+    @staticmethod
+    def _halves(x: FloatArray) -> Iterator[npt.NDArray[np.bool_]]:
+        """Which nodes lie beyond the middle, along the axes of coordinates and the longest principal one."""
+        centred = x - x.mean(axis=0)
+        _, principal = np.linalg.eigh(centred.T @ centred)
+        for along in (*centred.T, centred @ principal[:, 2]):
+            extent = np.ptp(along)
+            high = along > np.median(along) + 1e-9 * extent
+            if 4 * np.count_nonzero(high) < len(along):  # many on the median itself
+                high = along > np.median(along) - 1e-9 * extent
+            if high.any() and not high.all():
+                yield high
+
+
+def _borders(graph: scipy.sparse.csr_matrix, own: list[Nodes], children: list[tuple[int, ...]]) -> list[Nodes]:
+    """Of every front, ascending."""
+    eliminated = np.zeros(graph.shape[0], dtype=bool)
+    borders: list[Nodes] = []
+    for nodes, below in zip(own, children, strict=True):
+        eliminated[nodes] = True
+        coupled = np.unique(np.concatenate([graph[nodes].indices, *(borders[child] for child in below)]))
+        borders.append(coupled[~eliminated[coupled]])
+    return borders
+
+
+def _in_order(
+    own: list[Nodes], borders: list[Nodes], children: list[tuple[int, ...]], points: FloatArray
+) -> list[Front]:
+    """The fronts, with nodes in an order in which the border of each is few runs in its parent.
+
+    Neighbours in space are neighbours in every front: its own nodes as `_along_space` has them, its border as the
+    parent has them.
+    """
+    place = np.empty(len(points), dtype=np.int64)
+    order_of_border, runs = list(borders), [np.empty((0, 3), dtype=np.int64)] * len(own)
+    fronts: list[Front] = []
+    for number in reversed(range(len(own))):
+        mine = own[number] if not children[number] else _along_space(own[number], points)
+        both = np.concatenate([mine, order_of_border[number]])
+        place[both] = np.arange(len(both))
+        for child in children[number]:
+            border = borders[child][np.argsort(place[borders[child]])]
+            order_of_border[child], runs[child] = border, _runs(place[border], len(mine))
+        fronts.append(Front(mine, order_of_border[number], children[number], runs[number]))
+    return fronts[::-1]
+
+
+def _runs(places: Nodes, own: int) -> Nodes:
+    """Ascending places, as (first of the run, its place, how many), cut where they leave the parent's own nodes."""
+    if len(places) == 0:
+        return np.empty((0, 3), dtype=np.int64)
+    crossing = (places[:-1] < own) & (places[1:] >= own)
+    first = np.concatenate([[0], np.flatnonzero((np.diff(places) != 1) | crossing) + 1])
+    return np.column_stack([first, places[first], np.diff(first, append=len(places))])
+
+
+def _along_space(nodes: Nodes, points: FloatArray) -> Nodes:
+    """The nodes by halves, quarters and so on of their longest extents."""
+    if len(nodes) <= _BLOCK:
+        return nodes
+    x = points[nodes]
+    nodes = nodes[np.argsort(x[:, np.argmax(np.ptp(x, axis=0))], kind="stable")]
+    half = len(nodes) // 2
+    return np.concatenate([_along_space(nodes[:half], points), _along_space(nodes[half:], points)])
