@@ -6,7 +6,7 @@ from petsc4py import PETSc
 
 from .solvers.stiffness import DirectSolver, IterativeSolver
 
-DIRECT_UP_TO = 100_000
+DIRECT_UP_TO = 50_000
 """Displacement unknowns up to which K is factorised by default on one rank (measured: docs/measurements.md)."""
 
 DIRECT_IN_PARALLEL_UP_TO = 4_000

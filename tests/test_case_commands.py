@@ -111,7 +111,7 @@ def test_without_mumps_the_choice_is_multigrid_where_mumps_would_be_needed(monke
         "coulomb.methods.PETSc", type("P", (), {"Sys": type("S", (), {"hasExternalPackage": lambda _: False})})
     )
     assert chosen(100, 30, 2, None, None) == (IterativeSolver, False)
-    assert chosen(90_000, 10_001, 1, None, None) == (IterativeSolver, False)
+    assert chosen(40_000, 10_001, 1, None, None) == (IterativeSolver, False)
     for asked in ((2, DirectSolver, None), (2, None, True), (1, DirectSolver, False)):
         with pytest.raises(ValueError, match="without MUMPS"):
             chosen(100, 30, *asked)

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Protocol
 
+import numpy as np
+import scipy.sparse
 from petsc4py import PETSc
 
 _prefixes = (f"coulomb_{number}_" for number in itertools.count())
@@ -73,6 +75,29 @@ def configured_ksp(
     return ksp
 
 
+def symmetric_blocks(K: PETSc.Mat) -> PETSc.Mat:
+    """K as its upper triangle in 3 x 3 blocks (PETSc's SBAIJ): a product reads a third of the memory; collective.
+
+    PETSc's own conversion takes fifty times as long.
+
+    Args:
+        K: Symmetric, assembled, 3 rows a node, those of a node on one rank.
+    """
+    indptr, indices, values = K.getValuesCSR()
+    rows = (len(indptr) - 1) // 3
+    blocks = scipy.sparse.csr_matrix((values, indices, indptr), shape=(3 * rows, K.getSize()[1])).tobsr((3, 3))
+    row = np.repeat(np.arange(rows), np.diff(blocks.indptr))
+    upper = blocks.indices >= row + K.getOwnershipRange()[0] // 3
+    counts = np.bincount(row[upper], minlength=rows)
+    pointers = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
+    matrix = PETSc.Mat().create(comm=K.comm)
+    matrix.setSizes(K.getSizes(), 3)
+    matrix.setType(PETSc.Mat.Type.SBAIJ)
+    matrix.setPreallocationCSR((pointers, blocks.indices[upper].astype(PETSc.IntType), blocks.data[upper]))
+    matrix.assemble()
+    return matrix
+
+
 class DirectSolver:
     """Cholesky factorisation by MUMPS, on all ranks.
 
@@ -126,6 +151,10 @@ class IterativeSolver:
 
     def __init__(self, K: PETSc.Mat, tolerance: float = 1e-11):
         self.tolerance, self.iterations = tolerance, 0
+        # Products with the finest matrix are nearly all of the work: CG and the smoother (pc_use_amat) have it in
+        # blocks.  Every solve starts from the best of the last 20 solutions' space (Fischer 1998, in the norm of the
+        # residual): a fourth fewer iterations.
+        self._blocks = symmetric_blocks(K)
         self._ksp = configured_ksp(
             K,
             "cg",
@@ -134,11 +163,15 @@ class IterativeSolver:
                 "ksp_atol": 0.0,
                 "ksp_max_it": 1000,
                 "ksp_norm_type": "unpreconditioned",
+                "ksp_guess_type": "fischer",
+                "ksp_guess_fischer_model": "2,20",
                 "pc_type": "gamg",
                 "pc_gamg_threshold": 0.02,
                 "mg_levels_ksp_type": "chebyshev",
                 "mg_levels_pc_type": "jacobi",
+                "pc_use_amat": True,
             },
+            self._blocks,
         )
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
@@ -148,3 +181,4 @@ class IterativeSolver:
 
     def destroy(self) -> None:
         self._ksp.destroy()
+        self._blocks.destroy()
