@@ -78,7 +78,7 @@ def check_case(
     doubts(settings)
     taken, ranks = estimate_of(problem), problem.comm.size
     seconds, steps = taken.seconds, 1
-    lines = [f"K {problem.linear_solver.name}, A {'explicit' if problem.explicit else 'matrix-free'}"]
+    lines = [f"K {problem.stiffness_method}, A {'explicit' if problem.explicit else 'matrix-free'}"]
     if settings.history is not None:
         steps = len(settings.history.ends)
         seconds += (steps - 1) * taken.seconds_a_step

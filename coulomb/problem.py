@@ -60,7 +60,7 @@ class ContactProblem:
         motions: Where their foundations are at this time, from where they were given, metres, shape (faces, 3).
         slip_origin: Displacement of the contact nodes at which they have not slipped, space vectors in metres, shape
             (m, 3): 0 at first, in a later load step that of the step before, carried along with the foundation.
-        linear_solver: The one taken for K^-1.
+        linear_solver: The one taken for K^-1 (DirectSolver also stands for MultifrontalSolver: `stiffness_method`).
         explicit: Whether A is formed.
         seconds: Wall time of each phase so far.
 
@@ -178,11 +178,20 @@ class ContactProblem:
             "contact": self.comm.allreduce(contact, op=MPI.SUM),
         }
 
+    @property
+    def stiffness_method(self) -> str:
+        """Name of the solver for K^-1: where A is formed on one rank, it gives the Schur complement as well."""
+        return MultifrontalSolver.name if self._condensed else self.linear_solver.name
+
+    @property
+    def _condensed(self) -> bool:
+        return self.explicit and self.comm.size == 1
+
     @cached_property
     def stiffness_solver(self) -> StiffnessSolver:
         """K^-1."""
         with self._timed("stiffness"):
-            if self.explicit and self.comm.size == 1:
+            if self._condensed:
                 return MultifrontalSolver(self.elasticity.K, self.elasticity.x, np.sort(self.surface.nodes))
             return self.linear_solver(self.elasticity.K)
 

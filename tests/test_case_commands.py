@@ -64,7 +64,7 @@ def test_check_case_solves_and_writes_nothing(tmp_path):
     assert done.returncode == 0, done.stderr
     first, *others = done.stdout.splitlines()
     assert first.endswith("1815 displacement and 363 contact unknowns, Coulomb friction 0.5, 1 rank")
-    assert others[0] == "K direct (MUMPS Cholesky), A explicit"
+    assert others[0] == "K direct (nested dissection, LAPACK Cholesky), A explicit"
     assert others[1].startswith("24 load steps, each halved up to 6 times")
     assert re.match(r"about 0\.1\d GB of memory, 0\.0\d+ GB on disk and \d s on one core", others[2])
     assert not list(tmp_path.iterdir())

@@ -448,8 +448,9 @@ RESOURCES = (
     ),
     Wrong(
         "a factorisation without MUMPS",
-        run("solver.linear_solver='direct'"),
-        r'this PETSc was built without MUMPS, which factorises K: leave .* at "auto", which then is multigrid',
+        run("solver={linear_solver='direct', compliance='matrix-free'}"),
+        r"this PETSc was built without MUMPS, which factorises K on several ranks and where A is not formed: leave .* "
+        r'at "auto", which then is multigrid',
         patch=without_mumps,
     ),
     Wrong(

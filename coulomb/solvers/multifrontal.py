@@ -18,6 +18,7 @@ from scipy.linalg.lapack import dpotrf
 
 from ..arrays import FloatArray
 from .nested_dissection import Front, Nodes, dissect
+from .nodal_blocks import nodal_blocks
 
 
 class MultifrontalSolver:
@@ -40,8 +41,7 @@ class MultifrontalSolver:
     iterations = 0
 
     def __init__(self, K: PETSc.Mat, points: FloatArray, last: npt.NDArray[np.integer[Any]]):
-        indptr, indices, values = K.getValuesCSR()
-        blocks = scipy.sparse.csr_matrix((values, indices, indptr), shape=K.getSize()).tobsr((3, 3))
+        blocks = nodal_blocks(K)
         nodes = len(points)
         graph = scipy.sparse.csr_matrix((np.empty(len(blocks.indices), np.int8), blocks.indices, blocks.indptr))
         graph.resize(nodes, nodes)

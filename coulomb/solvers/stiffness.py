@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Protocol
 
-import numpy as np
-import scipy.sparse
 from petsc4py import PETSc
+
+from .nodal_blocks import symmetric_blocks
 
 _prefixes = (f"coulomb_{number}_" for number in itertools.count())
 
@@ -73,29 +73,6 @@ def configured_ksp(
         ksp.setFromOptions()
         ksp.setUp()
     return ksp
-
-
-def symmetric_blocks(K: PETSc.Mat) -> PETSc.Mat:
-    """K as its upper triangle in 3 x 3 blocks (PETSc's SBAIJ): a product reads a third of the memory; collective.
-
-    PETSc's own conversion takes fifty times as long.
-
-    Args:
-        K: Symmetric, assembled, 3 rows a node, those of a node on one rank.
-    """
-    indptr, indices, values = K.getValuesCSR()
-    rows = (len(indptr) - 1) // 3
-    blocks = scipy.sparse.csr_matrix((values, indices, indptr), shape=(3 * rows, K.getSize()[1])).tobsr((3, 3))
-    row = np.repeat(np.arange(rows), np.diff(blocks.indptr))
-    upper = blocks.indices >= row + K.getOwnershipRange()[0] // 3
-    counts = np.bincount(row[upper], minlength=rows)
-    pointers = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
-    matrix = PETSc.Mat().create(comm=K.comm)
-    matrix.setSizes(K.getSizes(), 3)
-    matrix.setType(PETSc.Mat.Type.SBAIJ)
-    matrix.setPreallocationCSR((pointers, blocks.indices[upper].astype(PETSc.IntType), blocks.data[upper]))
-    matrix.assemble()
-    return matrix
 
 
 class DirectSolver:
