@@ -82,10 +82,14 @@ def _factorised(blocks: scipy.sparse.bsr_matrix, fronts: list[Front]) -> list[tu
     factors = []
     for number, front in enumerate(fronts):
         e, b = 3 * len(front.own), 3 * len(front.border)
-        head, below = np.zeros((e, e), order="F"), np.zeros((b, e), order="F")
-        update = workspace.push(number, front)
+        children = list(front.children)
+        if b == 0 and len(children) == 1 and len(fronts[children[0]].border) == len(front.own):
+            head = updates.pop(children.pop())  # the last front: nothing to add to but this
+        else:
+            head = np.zeros((e, e), order="F")
+        below, update = np.zeros((b, e), order="F"), workspace.push(number, front)
         _assemble(blocks, front, place, head, below)
-        for child in front.children:
+        for child in children:
             _add(updates.pop(child), fronts[child], head, below, update)
             workspace.pop(child, fronts[child])
         if e:
@@ -104,7 +108,7 @@ def _factorised(blocks: scipy.sparse.bsr_matrix, fronts: list[Front]) -> list[tu
 
 
 def _assemble(blocks: scipy.sparse.bsr_matrix, front: Front, place: Nodes, head: FloatArray, below: FloatArray) -> None:
-    """The entries of K between the front's own nodes and all that are not eliminated yet.
+    """Add the entries of K between the front's own nodes and all that are not eliminated yet.
 
     Args:
         blocks: K.
@@ -120,8 +124,8 @@ def _assemble(blocks: scipy.sparse.bsr_matrix, front: Front, place: Nodes, head:
     column, row = place[blocks.indices[entries]], np.repeat(np.arange(own), count)
     inside, outside = (column >= 0) & (column < own), column >= own
     values = blocks.data.transpose(0, 2, 1)  # K is symmetric: its rows are the front's columns
-    head.reshape((3, own, 3, own), order="F")[:, column[inside], :, row[inside]] = values[entries[inside]]
-    below.reshape((3, border, 3, own), order="F")[:, column[outside] - own, :, row[outside]] = values[entries[outside]]
+    head.reshape((3, own, 3, own), order="F")[:, column[inside], :, row[inside]] += values[entries[inside]]
+    below.reshape((3, border, 3, own), order="F")[:, column[outside] - own, :, row[outside]] += values[entries[outside]]
     place[front.own] = place[front.border] = -1
 
 
