@@ -3,8 +3,8 @@
     coulomb benchmark estimates --p 8 --p 16 --p 24         # estimated and measured, side by side
 
 With n displacement and m contact unknowns.  Nested dissection of a body in 3D fills the factor with n^(4/3) numbers and
-takes n^2 operations.  A Schur complement on the contact nodes is a dense matrix m x m, of which copies are made, and
-takes m^3 more.  Multigrid is linear in n, and so nearly are its solves (docs/measurements.md).
+takes n^2 operations.  The Schur complement on the contact nodes is a dense matrix m x m and takes m^3 more.  Multigrid is
+linear in n, and so nearly are its solves (docs/measurements.md).
 """
 
 from __future__ import annotations
@@ -21,20 +21,22 @@ from .solvers.stiffness import DirectSolver, IterativeSolver
 # bytes
 _BASE = 1.4e8  # of a rank before there is a mesh: Python, DOLFINx, PETSc
 _BODY = 2.5e3  # a displacement unknown: mesh, K, multigrid, fields
-_FACTOR = 215.0  # over n^(4/3): the factor of K
-_DENSE = 88.0  # over m^2: A, the Schur complement, its inverse, MUMPS's front
+_MULTIGRID = 600.0  # a displacement unknown: K in blocks, the last solutions
+_FACTOR = 215.0  # over n^(4/3): the factor of K by MUMPS
+_FRONTS = 260.0  # the same by nested dissection, and what fronts leave to others
+_DENSE = 12.0  # over m^2: the Schur complement and the inverse of its factor
 _COLUMNS = 8.0 * 512.0 * 2.0  # over n: right-hand sides and solutions where there is no Schur complement
 
 # seconds on one core
-_START = 1.2  # Python, DOLFINx, PETSc
+_START = 1.0  # Python, DOLFINx, PETSc
 _FIELDS = 3e-5  # over n: assembly, certificate, output
 _FACTORISE = 7e-10  # over n^2
-_COMPLEMENT = 1.7e-10  # over m^3: the Schur complement, and A from it
+_COMPLEMENT = 2.7e-11  # over m^3: the Schur complement and its factor
 _COLUMN = 4e-8  # over n^(4/3) m: A by right-hand sides
 _DENSE_STEPS = 1e-7  # over m^2: path following with A formed
-_FACTOR_STEPS = 5e-6  # over n^(4/3): path following where a product is a solve with the factor
-_MULTIGRID_STEPS = 2e-5  # over n^1.2: path following where it is a multigrid solve
-_SPEED_UP = 0.6  # of ranks, as a power: 1.5 on two
+_FACTOR_STEPS = 4e-6  # over n^(4/3): path following where a product is a solve with the factor
+_MULTIGRID_STEPS = 9e-6  # over n^1.2: path following where it is a multigrid solve
+_SPEED_UP = 0.75  # of ranks, as a power: 1.7 on two
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ def estimate(displacement: int, contact: int, ranks: int, linear_solver: LinearS
     n, m = float(displacement), float(contact)
     memory, first, again = _BASE * ranks + _BODY * n, 0.0, _FIELDS * n
     if linear_solver is DirectSolver:
-        memory += _FACTOR * n ** (4 / 3)
+        memory += (_FRONTS if explicit and ranks == 1 else _FACTOR) * n ** (4 / 3)
         first += _FACTORISE * n**2
         if not explicit:
             again += _FACTOR_STEPS * n ** (4 / 3)
@@ -78,6 +80,7 @@ def estimate(displacement: int, contact: int, ranks: int, linear_solver: LinearS
             first += _COLUMN * n ** (4 / 3) * m
             again += _DENSE_STEPS * m**2
     else:
+        memory += _MULTIGRID * n
         again += _MULTIGRID_STEPS * n**1.2
     speed = ranks**_SPEED_UP
     return Estimate(memory, _START + (first + again) / speed, again / speed)
@@ -113,7 +116,7 @@ def refuse_too_large(problem: ContactProblem) -> None:
         for solver, explicit, how in others
         if (other := estimate(n, m, comm.size, solver, explicit).memory) <= fits
     ]
-    most = int(max(fits - _BASE * comm.size, 0.0) / _BODY)
+    most = int(max(fits - _BASE * comm.size, 0.0) / (_BODY + _MULTIGRID))
     advice = f"take {' or '.join(would)}" if would else f"by multigrid {most} displacement unknowns would fit"
     raise ValueError(
         f"too little memory: {n} displacement and {m} contact unknowns ({way}) need about {gigabytes(needed)}, and "
