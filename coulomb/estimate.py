@@ -3,8 +3,8 @@
     coulomb benchmark estimates --p 8 --p 16 --p 24         # estimated and measured, side by side
 
 With n displacement and m contact unknowns.  Nested dissection of a body in 3D fills the factor with n^(4/3) numbers and
-takes n^2 operations.  The Schur complement on the contact nodes is a dense matrix m x m and takes m^3 more.  Multigrid is
-linear in n, and so nearly are its solves (docs/measurements.md).
+takes n^2 operations.  The Schur complement on the contact nodes is a dense matrix m x m and takes m^3 more.  Multigrid
+is linear in n, and so nearly are its solves (docs/measurements.md).
 """
 
 from __future__ import annotations

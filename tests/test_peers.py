@@ -33,6 +33,13 @@ def test_agrees(name):
     assert row.seconds > 0.0 and row.iterations > 0 and row.peak_memory_bytes > 1e7
 
 
+def test_the_least_time_of_some_runs_counts(monkeypatch):
+    runs = iter([3.0, 1.0, 2.0])
+    monkeypatch.setattr(peers, "_run", lambda *_: peers._Run(next(runs), 5, 10**8, np.zeros((1, 3)), np.ones((1, 3))))
+    (row,) = measure([2], [OURS], repeats=3)
+    assert row.seconds == 1.0
+
+
 def test_what_is_not_installed_is_said(monkeypatch):
     monkeypatch.setitem(PEERS, "Absent", peers.Peer("absent", "no_such_module", "Debian's no-such-package"))
     skipped = only("Absent")

@@ -171,6 +171,7 @@ def estimates(
 def peers(
     sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
     names: Annotated[list[str] | None, typer.Option("--peer", help="One of them, as GetFEM; repeat.")] = None,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Runs of each; the least time counts.")] = 1,
     directory: Annotated[Path | None, typer.Option("--output", help="For peers.csv and peers.png.")] = None,
 ) -> None:
     """The block by coulomb and by other packages, each in a process of its own, on one thread."""
@@ -179,7 +180,7 @@ def peers(
     _one_rank()
     rows: list[Row] = []
     try:
-        for row in measure(sizes or (10,), names):
+        for row in measure(sizes or (10,), names, repeats):
             if isinstance(row, Skipped):
                 console.print(f"p {row.p:3d}  {row.peer:16s} skipped: {row.reason}", markup=False, soft_wrap=True)
                 continue

@@ -2,7 +2,7 @@
 
 The multifrontal method (Duff and Reid 1983) with dense fronts, all of whose operations are LAPACK's.  MUMPS does the
 same and more; but beside a Schur complement it takes only orders that other libraries make (METIS, SCOTCH), Debian's is
-built without them, and AMD, which is left, costs 2.3 times the operations at p = 16 (docs/measurements.md).
+built without them, and AMD, which is left, costs twice the operations at p = 16 (docs/measurements.md).
 """
 
 from __future__ import annotations

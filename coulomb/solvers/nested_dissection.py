@@ -55,12 +55,8 @@ def dissect(graph: scipy.sparse.csr_matrix, points: FloatArray, last: Nodes, lea
     tree = _Tree(graph, points, leaf)
     rest = np.ones(len(points), dtype=bool)
     rest[last] = False
-    tree.grow(np.flatnonzero(rest))
-    if rest.any():
-        tree.own.append(last)
-        tree.children.append((len(tree.own) - 2,))
-    else:
-        tree.own, tree.children = [last], [()]
+    tree.children.append(tree.grow(np.flatnonzero(rest)))
+    tree.own.append(last)
     return _in_order(tree.own, _borders(graph, tree.own, tree.children), tree.children, points)
 
 

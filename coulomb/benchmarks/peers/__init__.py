@@ -79,12 +79,13 @@ class Skipped(NamedTuple):
     reason: str
 
 
-def measure(sizes: Iterable[int], names: Sequence[str] | None = None) -> Iterator[Row | Skipped]:
+def measure(sizes: Iterable[int], names: Sequence[str] | None = None, repeats: int = 1) -> Iterator[Row | Skipped]:
     """Rows as they are measured, coulomb's first: its answer is what the others are compared with.
 
     Args:
         sizes: Cells a metre.
         names: Of PEERS, all by default; coulomb always takes part.
+        repeats: How often each is run; the least time counts.
 
     Raises:
         ValueError: If a name is not of PEERS.
@@ -94,15 +95,15 @@ def measure(sizes: Iterable[int], names: Sequence[str] | None = None) -> Iterato
     for name in chosen:
         if name not in PEERS:
             raise ValueError(f"there is no peer {name!r}; the peers are {', '.join(PEERS)}")
-    return _measure(list(sizes), [OURS] + [name for name in chosen if name != OURS])
+    return _measure(list(sizes), [OURS] + [name for name in chosen if name != OURS], repeats)
 
 
-def _measure(sizes: Sequence[int], names: Sequence[str]) -> Iterator[Row | Skipped]:
+def _measure(sizes: Sequence[int], names: Sequence[str], repeats: int) -> Iterator[Row | Skipped]:
     with tempfile.TemporaryDirectory() as directory:
         for p in sizes:
             ours: _Run | None = None
             for name in names:
-                run = missing(name) or _beyond(name, p) or _run(name, p, Path(directory) / "answer.npz")
+                run = missing(name) or _beyond(name, p) or _least(name, p, Path(directory) / "answer.npz", repeats)
                 if isinstance(run, str):
                     if name == OURS:
                         raise RuntimeError(f"p = {p}: {run}")
@@ -132,6 +133,17 @@ class _Run(NamedTuple):
     peak_memory_bytes: int
     points: FloatArray
     forces: FloatArray
+
+
+def _least(name: str, p: int, output: Path, repeats: int) -> _Run | str:
+    """The fastest of some runs, or why one of them failed."""
+    best = _run(name, p, output)
+    for _ in range(repeats - 1):
+        if isinstance(best, str):
+            break
+        again = _run(name, p, output)
+        best = again if isinstance(again, str) else min(best, again, key=lambda run: run.seconds)
+    return best
 
 
 def _run(name: str, p: int, output: Path) -> _Run | str:
