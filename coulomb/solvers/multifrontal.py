@@ -114,18 +114,19 @@ def _assemble(blocks: scipy.sparse.bsr_matrix, front: Front, place: Nodes, head:
         blocks: K.
         front: The front.
         place: Of every node, -1; the same afterwards.
-        head: Gets those among the own nodes.
+        head: Gets those among the own nodes, its lower triangle.
         below: Gets those with the border.
     """
     own, border = len(front.own), len(front.border)
     place[front.own], place[front.border] = np.arange(own), own + np.arange(border)
     first, count = blocks.indptr[front.own], np.diff(blocks.indptr)[front.own]
     entries = np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
-    column, row = place[blocks.indices[entries]], np.repeat(np.arange(own), count)
-    inside, outside = (column >= 0) & (column < own), column >= own
-    values = blocks.data.transpose(0, 2, 1)  # K is symmetric: its rows are the front's columns
-    head.reshape((3, own, 3, own), order="F")[:, column[inside], :, row[inside]] += values[entries[inside]]
-    below.reshape((3, border, 3, own), order="F")[:, column[outside] - own, :, row[outside]] += values[entries[outside]]
+    column, row = np.repeat(np.arange(own), count), place[blocks.indices[entries]]  # K is symmetric: rows as columns
+    for matrix, chosen, start in ((head, (row >= column) & (row < own), 0), (below, row >= own, own)):
+        height = len(matrix)
+        corner = 3 * (row[chosen] - start) + 3 * height * column[chosen]
+        inside = np.arange(3) + height * np.arange(3)[:, None]
+        matrix.T.reshape(-1)[corner[:, None, None] + inside] += blocks.data[entries[chosen]]
     place[front.own] = place[front.border] = -1
 
 
