@@ -62,6 +62,7 @@ def assemble_matrix(form: Any) -> PETSc.Mat:
     """Assembled matrix of a bilinear form without boundary conditions."""
     A = dolfinx.fem.petsc.assemble_matrix(form)
     A.assemble()
+    A.setAttr("form", form)  # keeps the mesh alive, and with it the communicator, without which 0.9's matrices crash
     return A
 
 
