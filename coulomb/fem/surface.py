@@ -264,6 +264,7 @@ def _contact_matrix(elasticity: Elasticity, nodes: npt.NDArray[np.int32], frames
         comm=elasticity.mesh.comm,
     )
     B.assemble()
+    B.setAttr("mesh", elasticity.mesh)  # keeps it alive: see compat.assemble_matrix
     return B
 
 

@@ -177,18 +177,19 @@ class SchurCompliance:
     exact = True
 
     def __init__(self, B: PETSc.Mat, solver: MultifrontalSolver, diagonal: FloatArray | None = None):
+        self.B = B  # not only its entries: the communicator lives as long as it
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
         self.products = 0
         self._solver, self._given_diagonal = solver, diagonal
         indptr, indices, values = B.getValuesCSR()
         columns = (3 * solver.last[:, None] + np.arange(3)).ravel()
-        self._B = scipy.sparse.csr_matrix((values, indices, indptr), shape=B.getSize())[:, columns]
+        self._rows = scipy.sparse.csr_matrix((values, indices, indptr), shape=B.getSize())[:, columns]
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         L = self._solver.schur_factor
-        z = dtrsv(L, self._B.T @ x, lower=1, overwrite_x=1)
-        y[:] = self._B @ dtrsv(L, z, lower=1, trans=1, overwrite_x=1)
+        z = dtrsv(L, self._rows.T @ x, lower=1, overwrite_x=1)
+        y[:] = self._rows @ dtrsv(L, z, lower=1, trans=1, overwrite_x=1)
         self.products += 1
 
     def follow(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
@@ -204,12 +205,12 @@ class SchurCompliance:
         half = self._inverse_factor()
         columns = [half[i:, i : i + 3] for i in range(0, len(half), 3)]
         nodal = scipy.sparse.block_diag([c.T @ c for c in columns], format="csr")  # all that a row of B sees of S^-1
-        diagonal: FloatArray = np.asarray((self._B @ nodal).multiply(self._B).sum(axis=1)).ravel()
+        diagonal: FloatArray = np.asarray((self._rows @ nodal).multiply(self._rows).sum(axis=1)).ravel()
         return diagonal
 
     def dense(self) -> FloatArray:
         """A as an array, shape (3 m, 3 m)."""
-        half = self._B @ np.tril(self._inverse_factor()).T
+        half = self._rows @ np.tril(self._inverse_factor()).T
         whole: FloatArray = half @ half.T
         return whole
 
