@@ -73,8 +73,7 @@ def outward(contact: Grid) -> FloatArray:
     length = float(np.linalg.norm(mean))
     if length == 0.0:
         return np.array([0.0, 0.0, -1.0])
-    normal: FloatArray = mean / length
-    return normal
+    return np.asarray(mean / length, dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ def _factorised(blocks: scipy.sparse.bsr_matrix, fronts: list[Front]) -> list[tu
     place = np.full(blocks.shape[0] // 3, -1, dtype=np.int64)
     updates: dict[int, FloatArray] = {}
     workspace = _Workspace(fronts)
-    factors = []
+    factors: list[tuple[FloatArray, FloatArray]] = []
     for number, front in enumerate(fronts):
         e, b = 3 * len(front.own), 3 * len(front.border)
         children = list(front.children)
@@ -87,7 +87,8 @@ def _factorised(blocks: scipy.sparse.bsr_matrix, fronts: list[Front]) -> list[tu
             head = updates.pop(children.pop())  # the last front: nothing to add to but this
         else:
             head = np.zeros((e, e), order="F")
-        below, update = np.zeros((b, e), order="F"), workspace.push(number, front)
+        below: FloatArray = np.zeros((b, e), order="F")
+        update = workspace.push(number, front)
         _assemble(blocks, front, place, head, below)
         for child in children:
             _add(updates.pop(child), fronts[child], head, below, update)
@@ -133,7 +134,8 @@ def _assemble(blocks: scipy.sparse.bsr_matrix, front: Front, place: Nodes, head:
 def _add(child: FloatArray, front: Front, head: FloatArray, below: FloatArray, update: FloatArray) -> None:
     """Add what the elimination of a child's front left on its border (a lower triangle), run by run."""
     own = len(head)
-    pieces = [(slice(i, i + n), slice(j, j + n)) for i, j, n in (3 * front.runs).tolist()]
+    runs: Any = (3 * front.runs).tolist()
+    pieces = [(slice(i, i + n), slice(j, j + n)) for i, j, n in runs]
     for k, (rows, to) in enumerate(pieces):
         beyond = slice(to.start - own, to.stop - own)
         for columns, at in pieces[: k + 1]:

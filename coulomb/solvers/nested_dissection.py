@@ -132,7 +132,8 @@ def _in_order(
     parent has them.
     """
     place = np.empty(len(points), dtype=np.int64)
-    order_of_border, runs = list(borders), [np.empty((0, 3), dtype=np.int64)] * len(own)
+    order_of_border = list(borders)
+    runs: list[Nodes] = [np.empty((0, 3), dtype=np.int64)] * len(own)
     fronts: list[Front] = []
     for number in reversed(range(len(own))):
         mine = own[number] if not children[number] else _along_space(own[number], points)
