@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from mpi4py import MPI
 
 from .free_memory import free_memory
-from .methods import LinearSolver
+from .methods import LinearSolver, contact_last
 from .problem import ContactProblem
 from .solvers.stiffness import DirectSolver, IterativeSolver
 
@@ -67,11 +67,11 @@ def estimate(displacement: int, contact: int, ranks: int, linear_solver: LinearS
     n, m = float(displacement), float(contact)
     memory, first, again = _BASE * ranks + _BODY * n, 0.0, _FIELDS * n
     if linear_solver is DirectSolver:
-        memory += (_FRONTS if explicit and ranks == 1 else _FACTOR) * n ** (4 / 3)
+        memory += (_FRONTS if contact_last(explicit, ranks) else _FACTOR) * n ** (4 / 3)
         first += _FACTORISE * n**2
         if not explicit:
             again += _FACTOR_STEPS * n ** (4 / 3)
-        elif ranks == 1:
+        elif contact_last(explicit, ranks):
             memory += _DENSE * m**2
             first += _COMPLEMENT * m**3
             again += _DENSE_STEPS * m**2

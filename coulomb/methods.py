@@ -18,6 +18,11 @@ EXPLICIT_UP_TO = 10_000
 LinearSolver = type[DirectSolver] | type[IterativeSolver]
 
 
+def contact_last(explicit: bool, ranks: int) -> bool:
+    """Whether K is factorised by nested dissection down to the contact nodes: where A is formed, on one rank."""
+    return explicit and ranks == 1
+
+
 def chosen(
     displacement: int, contact: int, ranks: int, linear_solver: LinearSolver | None, explicit: bool | None
 ) -> tuple[LinearSolver, bool]:
@@ -45,7 +50,7 @@ def chosen(
         linear_solver = DirectSolver if explicit or small else IterativeSolver
     if explicit is None:
         explicit = linear_solver is DirectSolver and contact <= EXPLICIT_UP_TO
-    if linear_solver is DirectSolver and not mumps and not (explicit and ranks == 1):
+    if linear_solver is DirectSolver and not mumps and not contact_last(explicit, ranks):
         if asked:
             raise ValueError(
                 "this PETSc was built without MUMPS, which factorises K on several ranks and where A is not formed: "

@@ -19,7 +19,7 @@ from .fem.elasticity import Clamp, Elasticity, Materials, Spring, Traction
 from .fem.fields import Amplitude, Field
 from .fem.meshes import NamedMesh
 from .fem.surface import ContactSurface
-from .methods import LinearSolver, chosen
+from .methods import LinearSolver, chosen, contact_last
 from .solution import Solution
 from .solvers.automatic import Automatic
 from .solvers.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance, SchurCompliance
@@ -181,17 +181,13 @@ class ContactProblem:
     @property
     def stiffness_method(self) -> str:
         """Name of the solver for K^-1: where A is formed on one rank, it gives the Schur complement as well."""
-        return MultifrontalSolver.name if self._condensed else self.linear_solver.name
-
-    @property
-    def _condensed(self) -> bool:
-        return self.explicit and self.comm.size == 1
+        return MultifrontalSolver.name if contact_last(self.explicit, self.comm.size) else self.linear_solver.name
 
     @cached_property
     def stiffness_solver(self) -> StiffnessSolver:
         """K^-1."""
         with self._timed("stiffness"):
-            if self._condensed:
+            if contact_last(self.explicit, self.comm.size):
                 return MultifrontalSolver(self.elasticity.K, self.elasticity.x, np.sort(self.surface.nodes))
             return self.linear_solver(self.elasticity.K)
 
