@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
+from skips import pytest_addoption, pytest_sessionfinish, pytest_terminal_summary  # noqa: F401  # hooks of pytest
 
 import coulomb
 from coulomb.solvers.compliance import ExplicitCompliance
