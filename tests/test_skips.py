@@ -73,7 +73,7 @@ def test_a_line_counts_on_its_platform():
 
 
 def test_a_line_without_a_reason_is_refused():
-    with pytest.raises(ValueError, match="line 1: needs platform, test and reason"):
+    with pytest.raises(ValueError, match="line 1: needs a platform, a test and a reason"):
         allowed("any  test_a.py", "debian-12")
 
 
