@@ -19,7 +19,7 @@ from .certificate import Certificate, Evidence, judge
 from .fem import compat
 from .fem.body import ElasticBody
 from .fem.surface import tangent_frames
-from .summary import HELD
+from .nodal_answer import HELD
 
 
 def check(directory: str | Path) -> Certificate:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from .arrays import FloatArray
 from .solution import Solution
@@ -37,6 +38,52 @@ class Energy:
         """Work done, less what is kept and what is dissipated: the error of finite steps."""
         return self.loads + self.prescribed + self.foundation - self.elastic - self.dissipated
 
+    def after(
+        self,
+        then: Forces,
+        now: Forces,
+        fixed: npt.NDArray[np.bool_],
+        moved: FloatArray,
+        dissipated: float,
+        over: Reductions,
+    ) -> Energy:
+        """The energy at the end of a step; collective.
+
+        Args:
+            then: At its beginning.
+            now: At its end.
+            fixed: Which components of this rank's nodes are prescribed, shape (k, 3).
+            moved: Way of the foundation in the step at the contact nodes in metres, 0 elsewhere, shape (k, 3).
+            dissipated: By friction in the step, joules.
+            over: The ranks.
+        """
+        change = now.displacement - then.displacement
+        reactions = sum(np.where(fixed, at.kept - at.load - at.on_body, 0.0) for at in (then, now))
+        return Energy(
+            loads=self.loads + 0.5 * over.dot(now.load + then.load, change),
+            prescribed=self.prescribed + 0.5 * over.dot(np.asarray(reactions), change),
+            foundation=self.foundation + 0.5 * over.dot(now.on_body + then.on_body, moved),
+            elastic=0.5 * over.dot(now.displacement, now.kept),
+            dissipated=self.dissipated + dissipated,
+        )
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Displacement and forces at this rank's k nodes at one time, shapes (k, 3); metres and newtons.
+
+    Attributes:
+        displacement: Of the nodes.
+        load: Of tractions and body force.
+        kept: Of the stress, and what the springs resist with.
+        on_body: Contact forces on the body.
+    """
+
+    displacement: FloatArray
+    load: FloatArray
+    kept: FloatArray
+    on_body: FloatArray
+
 
 @dataclass(frozen=True)
 class State:
@@ -60,25 +107,18 @@ class State:
 
     def after(self, solution: Solution) -> State:
         """The state at the end of the next step, energies brought up to date; collective."""
-        problem, u = solution.problem, solution.displacement
-        over, elasticity = Reductions(problem.comm), problem.elasticity
-        then = elasticity.at(self.time)
-        on_body = -problem.nodal_contact_force(solution.contact_force)
-        change = u - self.displacement
-        kept, kept_then = (elasticity.internal_force(v) - elasticity.spring_force(v) for v in (u, self.displacement))
-        reactions = np.where(elasticity.fixed, kept - elasticity.load - on_body, 0.0)
-        reactions += np.where(elasticity.fixed, kept_then - then.load - self.on_body, 0.0)
-        moved = (problem.motions - problem.motions_at(self.time))[problem.surface.part]
+        problem, elasticity = solution.problem, solution.problem.elasticity
+
+        def forces(u: FloatArray, load: FloatArray, on_body: FloatArray) -> Forces:
+            return Forces(u, load, elasticity.internal_force(u) - elasticity.spring_force(u), on_body)
+
+        then = forces(self.displacement, elasticity.at(self.time).load, self.on_body)
+        now = forces(solution.displacement, elasticity.load, -problem.nodal_contact_force(solution.contact_force))
+        moved = np.zeros_like(now.displacement)
+        moved[problem.surface.nodes] = (problem.motions - problem.motions_at(self.time))[problem.surface.part]
         dissipated = totals(solution)["dissipated_energy"]
-        touching = 0.5 * (on_body + self.on_body)[problem.surface.nodes]
-        energy = Energy(
-            loads=self.energy.loads + 0.5 * over.dot(elasticity.load + then.load, change),
-            prescribed=self.energy.prescribed + 0.5 * over.dot(reactions, change),
-            foundation=self.energy.foundation + over.dot(touching, moved),
-            elastic=0.5 * over.dot(u, kept),
-            dissipated=self.energy.dissipated + dissipated,
-        )
-        return State(self.number + 1, problem.time, u, on_body, energy, self.pending[:-1])
+        energy = self.energy.after(then, now, elasticity.fixed, moved, dissipated, Reductions(problem.comm))
+        return State(self.number + 1, problem.time, now.displacement, now.on_body, energy, self.pending[:-1])
 
 
 @dataclass(frozen=True)
@@ -98,30 +138,34 @@ class LoadStep:
     @property
     def row(self) -> dict[str, Any]:
         """Its line of history.csv; collective."""
-        told, energy = summary(self.solution), self.state.energy
-        face = told["totals"]
-        centre = face["centre_of_pressure"] or [math.nan] * 3
-        axes = ("x", "y", "z")
-        several = told["faces"] if len(told["faces"]) > 1 else []
-        return {
-            "step": self.state.number,
-            "time": self.state.time,
-            **{f"force_{a}": value for a, value in zip(axes, face["force"], strict=True)},
-            **{f"moment_{a}": value for a, value in zip(axes, face["moment"], strict=True)},
-            "normal_force": told["force_on_body"]["normal"],
-            "contact_area": face["contact_area"],
-            **{f"centre_of_pressure_{a}": value for a, value in zip(axes, centre, strict=True)},
-            "greatest_slip": face["greatest_slip"],
-            "greatest_pressure": told["maximum"]["contact_pressure"],
-            **{name: told["nodes"][name] for name in ("open", "stick", "slip")},
-            **{
-                f"{part['faces'][0]}_force_{a}": value
-                for part in several
-                for a, value in zip(axes, part["force"], strict=True)
-            },
-            **{f"energy_{name}": value for name, value in asdict(energy).items()},
-            "energy_imbalance": energy.imbalance,
-            "path_following": told["iterations"]["path_following"],
-            "residual": told["residual"],
-            "certified": told["certificate"]["passed"],
-        }
+        return row(summary(self.solution), self.state.number, self.state.time, self.state.energy)
+
+
+def row(told: dict[str, Any], number: int, time: float, energy: Energy) -> dict[str, Any]:
+    """The line of history.csv of a step: from its summary, its number and time, and the energy since the start."""
+    face = told["totals"]
+    centre = face["centre_of_pressure"] or [math.nan] * 3
+    axes = ("x", "y", "z")
+    several = told["faces"] if len(told["faces"]) > 1 else []
+    return {
+        "step": number,
+        "time": time,
+        **{f"force_{a}": value for a, value in zip(axes, face["force"], strict=True)},
+        **{f"moment_{a}": value for a, value in zip(axes, face["moment"], strict=True)},
+        "normal_force": told["force_on_body"]["normal"],
+        "contact_area": face["contact_area"],
+        **{f"centre_of_pressure_{a}": value for a, value in zip(axes, centre, strict=True)},
+        "greatest_slip": face["greatest_slip"],
+        "greatest_pressure": told["maximum"]["contact_pressure"],
+        **{name: told["nodes"][name] for name in ("open", "stick", "slip")},
+        **{
+            f"{part['faces'][0]}_force_{a}": value
+            for part in several
+            for a, value in zip(axes, part["force"], strict=True)
+        },
+        **{f"energy_{name}": value for name, value in asdict(energy).items()},
+        "energy_imbalance": energy.imbalance,
+        "path_following": told["iterations"]["path_following"],
+        "residual": told["residual"],
+        "certified": told["certificate"]["passed"],
+    }

@@ -26,10 +26,11 @@ from . import apart
 from .arrays import FloatArray
 from .fem import compat
 from .fem.compat import fem
+from .nodal_answer import HELD, NodalAnswer
 from .problem import ContactProblem
 from .solution import Solution
 from .solvers.results import OuterStep, QPStep
-from .summary import HELD, OPEN, node_status, summary
+from .summary import summary
 
 
 def write(
@@ -116,32 +117,8 @@ def _write_body(solution: Solution, path: str) -> None:
 
 
 def contact_fields(solution: Solution) -> dict[str, FloatArray]:
-    """Fields on this rank's contact nodes, scalars (m,) and space vectors (m, 3); Pa, m, N.
-
-    Those behind friction_use are what `coulomb check` judges the rest by.
-    """
-    problem, surface = solution.problem, solution.problem.surface
-    x = solution.contact_force.reshape(-1, 3)
-    closure = problem.closure(solution.displacement)
-    tangential, slip = x.copy(), closure.copy()
-    tangential[:, 0] = slip[:, 0] = 0.0
-    bound = problem.slip_bound(solution.contact_force)
-    used = np.hypot(x[:, 1], x[:, 2])
-    return {
-        "pressure": x[:, 0] / surface.area,
-        "friction_traction": -surface.vectors(tangential) / surface.area[:, None],
-        "slip": surface.vectors(slip),
-        "gap": surface.gap - closure[:, 0],
-        "status": node_status(solution).astype(float),
-        "friction_use": np.where(node_status(solution) == OPEN, 0.0, used / np.where(bound > 0.0, bound, np.inf)),
-        "contact_force": -surface.vectors(x),
-        "normal": surface.frames[:, 0],
-        "initial_gap": surface.gap,
-        "area": surface.area,
-        "coefficient": problem.coefficient,
-        "slip_bound": solution.slip_bound,
-        "slip_origin": problem.slip_origin,
-    }
+    """Fields on this rank's contact nodes: `NodalAnswer.fields`; collective."""
+    return NodalAnswer.of(solution).fields()
 
 
 def _write_fields(comm: MPI.Comm, path: str, domain: Any, functions: Sequence[Any]) -> None:
@@ -179,8 +156,8 @@ def size_on_disk(problem: ContactProblem) -> float:
     points, cells = (float(domain.topology.index_map(dim).size_global) for dim in (0, 3))
     facets: int = comm.allreduce(len(_contact_facets(problem)), op=MPI.SUM)
     width = float(compat.cell_geometry(domain).shape[1])
-    # coordinates and 5 vectors a point, 3 numbers a cell; on the face coordinates, 6 vectors and 7 numbers a node
-    return 5e4 + 24.0 * 6.0 * points + 8.0 * (width + 3.0) * cells + (24.0 * 7.0 + 56.0) * 1.5 * facets
+    # coordinates and 5 vectors a point, 3 numbers a cell; on the face coordinates, 6 vectors and 8 numbers per node
+    return 5e4 + 24.0 * 6.0 * points + 8.0 * (width + 3.0) * cells + (24.0 * 7.0 + 64.0) * 1.5 * facets
 
 
 def refuse_full_disk(problem: ContactProblem, target: Path, times: int = 1) -> None:

@@ -20,6 +20,7 @@ from .fem.fields import Amplitude, Field
 from .fem.meshes import NamedMesh
 from .fem.surface import ContactSurface
 from .methods import LinearSolver, chosen, contact_last
+from .nodal_answer import closure, slip_bound
 from .solution import Solution
 from .solvers.automatic import Automatic
 from .solvers.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance, SchurCompliance
@@ -215,9 +216,7 @@ class ContactProblem:
 
     def closure(self, u: FloatArray) -> FloatArray:
         """What u (k, 3) does to the gaps: u_n, and slip along t1 and t2, metres, shape (m, 3)."""
-        closure = self.surface.components(u[self.surface.nodes])
-        closure[:, 1:] -= self.surface.components(self.slip_origin)[:, 1:]
-        return closure
+        return closure(self.surface.frames, u[self.surface.nodes], self.slip_origin)
 
     @cached_property
     def mean_compliance(self) -> float:
@@ -264,8 +263,7 @@ class ContactProblem:
 
     def slip_bound(self, x: FloatArray) -> FloatArray:
         """g in newtons at the forces x: F x_n for Coulomb, slip stress times area for Tresca; shape (m,)."""
-        bound: FloatArray = self.coefficient * (np.maximum(x[0::3], 0.0) if self.coulomb else self.surface.area)
-        return bound
+        return slip_bound(self.coulomb, self.coefficient, x[0::3], self.surface.area)
 
     @property
     def coulomb(self) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .fem.body import Material
+from .nodal_answer import NodalAnswer
 from .peak_memory import peak_memory
 from .problem import ContactProblem
 from .solution import Solution
@@ -17,43 +18,16 @@ from .solvers.results import CoulombResult
 from .version import __version__
 from .versions import versions
 
-OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
-"""Status of a node in contact.xdmf; HELD: on the contact face, but clamped, so no contact node (all fields 0)."""
-
-OPEN_BELOW = 1e-6
-"""A node is open if its normal force is at most this part of the greatest."""
-
-SLIP_ABOVE = 0.999
-"""A node slips if its friction is at least this part of its bound."""
-
 
 def node_status(solution: Solution) -> npt.NDArray[np.int64]:
-    """OPEN, STICK or SLIP of this rank's contact nodes, shape (m,)."""
-    open_, slip = _open_and_slip(solution)
-    return np.where(open_, OPEN, np.where(slip, SLIP, STICK))
-
-
-def _open_and_slip(solution: Solution) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    over = Reductions(solution.problem.comm)
-    x = solution.contact_force.reshape(-1, 3)
-    open_ = x[:, 0] <= OPEN_BELOW * over.max(x[:, 0])
-    slip = np.hypot(x[:, 1], x[:, 2]) >= SLIP_ABOVE * solution.problem.slip_bound(solution.contact_force)
-    return open_, slip
+    """OPEN, STICK or SLIP of this rank's contact nodes, shape (m,); collective."""
+    return NodalAnswer.of(solution).status
 
 
 def summary(solution: Solution) -> dict[str, Any]:
     """What `summary.json` holds; collective, the same on every rank."""
     problem, result = solution.problem, solution.result
-    over, surface = Reductions(problem.comm), problem.surface
-    x = solution.contact_force.reshape(-1, 3)
-    on_body = -surface.vectors(x)
-    coulomb = problem.coulomb
-    open_, slip = _open_and_slip(solution)
-    if coulomb:  # without pressure there is no friction; Tresca friction acts on open nodes too
-        slip = slip & ~open_
-        stick = ~slip & ~open_
-    else:
-        stick = ~slip
+    over, at_nodes = Reductions(problem.comm), NodalAnswer.of(solution)
     history: Any = result.history
     krylov = sum(step.krylov for step in history)
     certificate, strain = solution.certificate, solution.small_strain
@@ -61,9 +35,7 @@ def summary(solution: Solution) -> dict[str, Any]:
     return {
         "coulomb": __version__,
         "status": result.status.value,
-        "law": "coulomb" if coulomb else "tresca",
-        "friction": _range(problem) if coulomb else None,
-        "slip_stress": None if coulomb else _range(problem),
+        **at_nodes.numbers(),
         "material": _materials(problem),
         "mean_compliance": problem.mean_compliance,
         "unknowns": problem.unknowns,
@@ -76,28 +48,15 @@ def summary(solution: Solution) -> dict[str, Any]:
         "residual": result.residual,
         "contraction": result.contraction if isinstance(result, CoulombResult) else None,
         "iterations": {
-            "outer": result.iterations if coulomb else 0,
+            "outer": result.iterations if problem.coulomb else 0,
             "path_following": result.path_following if isinstance(result, CoulombResult) else result.iterations,
             "products": result.products,
             "krylov": krylov,
         },
-        "force_on_body": {
-            "normal": over.sum(x[:, 0]),
-            "tangential": [-over.sum(x[:, 1]), -over.sum(x[:, 2])],
-            "vector": [over.sum(on_body[:, k]) for k in range(3)],
-        },
-        "totals": totals(solution),
-        "faces": [totals(solution, part) for part in range(len(surface.faces))],
         "small_strain": {**asdict(strain), "warnings": list(strain.warnings)},
         "spring_force_on_body": [over.sum(spring_force[:, k]) for k in range(3)],
-        "nodes": {
-            "contact": int(over.sum(float(len(x)))),
-            "open": int(over.sum(open_.astype(float))),
-            "stick": int(over.sum(stick.astype(float))),
-            "slip": int(over.sum(slip.astype(float))),
-        },
         "maximum": {
-            "contact_pressure": over.max(x[:, 0] / surface.area),
+            "contact_pressure": at_nodes.totals()["greatest_pressure"],
             "displacement": over.max(np.linalg.norm(solution.displacement, axis=1)),
             "penetration": certificate.penetration,
         },
@@ -118,31 +77,8 @@ def summary(solution: Solution) -> dict[str, Any]:
 
 
 def totals(solution: Solution, part: int | None = None) -> dict[str, Any]:
-    """What the contact does as a whole, or one of its faces; newtons and metres; collective, the same on every rank.
-
-    Force and moment (about the origin) are those on the body.  The centre of pressure is the mean place of the normal
-    forces, null without any.  Slip and dissipated energy count from `ContactProblem.slip_origin`.
-    """
-    problem, surface = solution.problem, solution.problem.surface
-    here = surface.part == part if part is not None else np.ones(len(surface.nodes), dtype=bool)
-    over, x = Reductions(problem.comm), solution.contact_force.reshape(-1, 3)
-    on_body = -surface.vectors(x)[here]
-    closed = ~_open_and_slip(solution)[0] & here
-    slip = problem.closure(solution.displacement)[:, 1:]
-    pressing = over.sum(x[here, 0])
-    moving = np.hypot(slip[:, 0], slip[:, 1])
-    centre = over.total(x[here, 0] @ surface.x[here]) / pressing if pressing > 0.0 else None
-    return {
-        "faces": list(surface.faces) if part is None else [surface.faces[part]],
-        "force": over.total(on_body.sum(axis=0)).tolist(),
-        "moment": over.total(np.cross(surface.x[here], on_body).sum(axis=0)).tolist(),
-        "normal_force": pressing,
-        "contact_area": over.sum(surface.area[closed]),
-        "centre_of_pressure": None if centre is None else centre.tolist(),
-        "greatest_slip": max(over.max(moving[closed]), 0.0),
-        "greatest_pressure": over.max(x[here, 0] / surface.area[here]),
-        "dissipated_energy": over.sum(np.sum((x[:, 1:] * slip)[here], axis=1)),
-    }
+    """What the contact does as a whole, or one of its faces: `NodalAnswer.totals`; collective."""
+    return NodalAnswer.of(solution).totals(part)
 
 
 def _materials(problem: ContactProblem) -> list[dict[str, Any]]:
@@ -150,10 +86,3 @@ def _materials(problem: ContactProblem) -> list[dict[str, Any]]:
     given = problem.elasticity.materials
     groups = [(None, given)] if isinstance(given, Material) else list(given.items())
     return [{"cells": name, "young": material.young, "poisson": material.poisson} for name, material in groups]
-
-
-def _range(problem: ContactProblem) -> float | dict[str, float]:
-    """Friction or slip stress: a number, or its least and greatest value."""
-    over = Reductions(problem.comm)
-    least, greatest = over.min(problem.coefficient), over.max(problem.coefficient)
-    return least if least == greatest else {"min": least, "max": greatest}

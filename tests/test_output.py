@@ -10,8 +10,9 @@ import pyvista
 from conftest import make_block, solved_block
 
 from coulomb import SuccessiveTresca, apart, output
+from coulomb.nodal_answer import HELD, OPEN, SLIP, STICK
 from coulomb.plotting import read_grid
-from coulomb.summary import HELD, OPEN, SLIP, STICK, summary
+from coulomb.summary import summary
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +50,7 @@ def test_vtk_reads_the_contact_surface(run):
     grid = grid if isinstance(grid, pyvista.DataSet) else grid[0]
     assert grid.n_cells == 18 * 6 and grid.n_points == 19 * 7
     names = {"pressure", "friction_traction", "slip", "gap", "status", "friction_use"}
-    names |= {"contact_force", "normal", "initial_gap", "area", "coefficient", "slip_bound", "slip_origin"}
+    names |= {"contact_force", "normal", "initial_gap", "area", "coefficient", "slip_bound", "slip_origin", "face"}
     assert set(grid.point_data.keys()) == names
     surface, x = solution.problem.surface, solution.contact_force.reshape(-1, 3)
     held = np.isclose(grid.points[:, 0], 0.0)

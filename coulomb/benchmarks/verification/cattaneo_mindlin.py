@@ -37,6 +37,7 @@ from ...fem.elasticity import Clamp
 from ...fem.meshes import box
 from ...fem.obstacles import Sphere
 from ...load_history import LoadHistory
+from ...nodal_answer import STICK
 from ...problem import ContactProblem
 from ...solution import Solution
 from .hertz import RADIUS, STEEL, UNIFORM, WIDTH, A, Hertz, grading
@@ -168,7 +169,7 @@ def experiment() -> Experiment:
 
 def _moment(time: float, solution: Solution, theory: PartialSlip, dissipated: float) -> Moment:
     surface, hertz = solution.problem.surface, theory.hertz
-    sticking = summary.node_status(solution) == summary.STICK
+    sticking = summary.node_status(solution) == STICK
     friction = -solution.contact_force.reshape(-1, 3)[:, 1:]
     unused = FRICTION * solution.contact_force[0::3] - np.hypot(friction[:, 0], friction[:, 1])
     spread = unused @ np.sum(surface.x[:, :2] ** 2, axis=1) / unused.sum()
