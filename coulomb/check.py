@@ -64,6 +64,7 @@ def check(directory: str | Path) -> Certificate:
     return judge(
         Evidence(
             comm=MPI.COMM_SELF,
+            x=body.x,
             displacement=u,
             internal=body.internal_force(u),
             load=load,
@@ -75,7 +76,6 @@ def check(directory: str | Path) -> Certificate:
             closure=_closure(frames, u[of_node], at["slip_origin"]),
             gap=at["initial_gap"],
             bound=at["coefficient"] * pressing,
-            solver_bound=at["slip_bound"],
             compliance=told["mean_compliance"],
         )
     )

@@ -60,6 +60,9 @@ class ContactFaces:
         comm: The ranks.
         foundations: Those of the contacts, by default; None is the face's own plane.
 
+    Attributes:
+        foundations: Where they were given, before any motion.
+
     Raises:
         ValueError: If there is none, or two have different laws.
     """
@@ -73,7 +76,7 @@ class ContactFaces:
         if not contacts or len({contact.coulomb for contact in contacts}) > 1:
             raise ValueError("contact: give one face or several, all with friction (Coulomb) or all with slip_stress")
         self._contacts, self._comm = contacts, comm
-        self._foundations = [contact.foundation for contact in contacts] if foundations is None else foundations
+        self.foundations = [contact.foundation for contact in contacts] if foundations is None else foundations
 
     def against(self, foundations: Sequence[RigidFoundation]) -> ContactFaces:
         """The same faces against other foundations."""
@@ -90,7 +93,7 @@ class ContactFaces:
 
     def surface(self, elasticity: Elasticity, motions: FloatArray) -> ContactSurface:
         """Nodes, frames and gaps with the foundations moved so far; collective."""
-        moved = [Moved(f, m) if f and np.any(m) else f for f, m in zip(self._foundations, motions, strict=True)]
+        moved = [Moved(f, m) if f and np.any(m) else f for f, m in zip(self.foundations, motions, strict=True)]
         faces = zip(self._contacts, moved, strict=True)
         return joined(elasticity, [contact_surface(elasticity, c.face, f, c.normals) for c, f in faces])
 

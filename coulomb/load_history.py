@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from . import output
+from .certificate import certify
 from .load_step import Energy, LoadStep, State
 from .problem import ContactProblem
 from .restart import nodal_vectors, read_row, read_step, steps_in
@@ -103,6 +104,9 @@ class LoadHistory:
                     ) from None
                 state = replace(state, pending=(*state.pending, middle))
                 continue
+            # Judged from what the step before has left, not from the slip origin that the solver was given.
+            judged = certify(solution.problem, solution.contact_force, solution.displacement, state)
+            solution = replace(solution, certificate=judged)
             state = state.after(solution)
             yield LoadStep(solution, state, halved)
             halved = 0

@@ -18,6 +18,7 @@ from .contact import Contact, ContactFaces
 from .fem.elasticity import Clamp, Elasticity, Materials, Spring, Traction
 from .fem.fields import Amplitude, Field
 from .fem.meshes import NamedMesh
+from .fem.obstacles import RigidFoundation
 from .fem.surface import ContactSurface
 from .methods import LinearSolver, chosen, contact_last
 from .nodal_answer import closure, slip_bound
@@ -140,6 +141,11 @@ class ContactProblem:
             other.elasticity = self.elasticity.at(time)
             other._move_foundations()
         return other
+
+    @property
+    def foundations(self) -> tuple[RigidFoundation, ...]:
+        """Of all contact faces, where they were given; of a face without one, its own plane."""
+        return tuple(foundation for foundation in self._faces.foundations if foundation is not None)
 
     def motions_at(self, time: float) -> FloatArray:
         """Translations of the foundations of all contact faces at a time in metres, shape (faces, 3); collective."""
@@ -323,7 +329,7 @@ class ContactProblem:
             u = self.displacement(result.x)
         g = result.slip_bound if isinstance(result, CoulombResult) else self.slip_bound(result.x)
         with self._timed("certificate"):
-            certificate = certify(self, result.x, u, g)
+            certificate = certify(self, result.x, u)
         return Solution(self, result.x, u, g, result, certificate)
 
     @contextmanager

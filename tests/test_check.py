@@ -95,7 +95,6 @@ def one_node(data):
         ("contact.h5", "coefficient", lambda F: 1.1 * F, "slip inside the cone"),
         ("contact.h5", "initial_gap", lambda gap: gap - 1e-5, "penetration"),
         ("contact.h5", "initial_gap", lambda gap: gap + 1e-5, "complementarity"),
-        ("contact.h5", "slip_bound", lambda g: 1.001 * g, "slip bound"),
     ],
 )
 def test_what_was_tampered_with_fails(copy, file, field, function, failing):

@@ -64,7 +64,7 @@ def test_slip_increments_are_judged_as_such():
     last = steps[-1].solution
     assert last.certificate.passed
     forgotten = last.problem.at(2.5, np.zeros_like(last.problem.slip_origin))
-    certificate = coulomb.certify(forgotten, last.contact_force, last.displacement, last.slip_bound)
+    certificate = coulomb.certify(forgotten, last.contact_force, last.displacement)
     assert not certificate["slip inside the cone"].passed
 
 

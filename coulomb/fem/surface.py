@@ -174,7 +174,7 @@ def contact_surface(
     n = n[keep]
     gap = _evaluate(foundation.signed_distance, x, 1, comm, face)
     if normals == "body":
-        gap = on_all_ranks(lambda: _way_along(n, x, gap, foundation), f"contact face {face!r}: foundation", comm)
+        gap = on_all_ranks(lambda: way_along(n, x, gap, foundation), f"contact face {face!r}: foundation", comm)
     frames = tangent_frames(n)
     B = _contact_matrix(elasticity, nodes, frames)
     return ContactSurface((face,), np.zeros(len(nodes), dtype=np.int64), nodes, x, frames, gap, area, B, (foundation,))
@@ -224,7 +224,7 @@ def _evaluate(
     return on_all_ranks(evaluate, f"contact face {face!r}: foundation", comm)
 
 
-def _way_along(n: FloatArray, x: FloatArray, distance: FloatArray, foundation: RigidFoundation) -> FloatArray:
+def way_along(n: FloatArray, x: FloatArray, distance: FloatArray, foundation: RigidFoundation) -> FloatArray:
     """Way in metres from x along n to the foundation (k,); Newton's method along each ray.
 
     Where a ray misses, it is that to the tangent plane of the foundation's point nearest to x.

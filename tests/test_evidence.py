@@ -1,0 +1,168 @@
+"""The certificate judges by the problem as it was given: a node, a motion or a slip that got lost is seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import make_block
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Sphere
+from coulomb.evidence import evidence
+from coulomb.fem import surface as surfaces
+
+RUBBER = Material(1e7, 0.3)
+
+
+def failed(certificate):
+    return {check.name for check in certificate.checks if not check.passed}
+
+
+def lose(monkeypatch, lost):
+    """Contact nodes at which `lost(x)` is true are no longer found."""
+    whole = surfaces.contact_surface
+
+    def part(elasticity, face, *arguments):
+        found = whole(elasticity, face, *arguments)
+        keep = ~lost(found.x)
+        B = surfaces._contact_matrix(elasticity, found.nodes[keep], found.frames[keep])
+        fields = ("part", "nodes", "x", "frames", "gap", "area")
+        return replace(found, B=B, **{name: getattr(found, name)[keep] for name in fields})
+
+    monkeypatch.setattr("coulomb.contact.contact_surface", part)
+
+
+@pytest.mark.parametrize("slip_stress", [None, 1e7], ids=["coulomb", "tresca"])
+def test_nodes_that_the_surface_has_lost_are_judged(monkeypatch, slip_stress):
+    lose(monkeypatch, lambda x: (x[:, 0] > 1.0 + 1e-9) & (x[:, 0] < 2.0 - 1e-9))
+    solution = make_block(4, slip_stress=slip_stress).solve()
+    assert "penetration" in failed(solution.certificate)
+    assert solution.certificate.penetration > 1e-4
+    assert solution.certificate["equilibrium"].passed
+
+
+def test_one_lost_node_is_enough(monkeypatch):
+    lose(monkeypatch, lambda x: np.abs(x - (3.0, 0.5, 0.0)).max(axis=1) < 1e-9)
+    assert "penetration" in failed(make_block(4).solve().certificate)
+
+
+def test_prescribed_nodes_are_excused():
+    """The nodes of the clamped edge cannot touch: they are the only ones of the face that are not judged."""
+    problem = make_block(3)
+    x = np.zeros(3 * len(problem.surface.nodes))
+    judged = evidence(problem, x, problem.displacement(x))
+    on_face = problem.elasticity.nodes("bottom", "test")
+    assert len(judged.gap) == len(on_face) - 4 == len(problem.surface.nodes)
+
+
+@pytest.mark.parametrize("components", ["x", "y"])
+def test_held_along_a_tangent_is_not_excused(monkeypatch, components):
+    """A clamp that leaves the normal free does not explain why a node is no contact node."""
+    lose(monkeypatch, lambda x: x[:, 0] < 1e-9)
+    problem = ContactProblem(
+        coulomb.box((0.1, 0.1, 0.05), (3, 3, 3)),
+        RUBBER,
+        [Clamp("top", value=(0.0, 0.0, -1e-3)), Clamp("left", components)],
+        Contact("bottom", 0.3),
+    )
+    assert "penetration" in failed(problem.solve().certificate)
+
+
+PATH = [(0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1e-3), (2.0, 2e-3, 1e-3, 1e-3), (3.0, -1e-3, 0.0, 1e-3)]
+
+
+def moving(normals="foundation", foundation=None):
+    """A block of rubber on a foundation that presses it and then rubs to and fro."""
+    contact = Contact("bottom", 0.4, foundation=foundation, normals=normals, motion=PATH)
+    return ContactProblem(coulomb.box((0.1, 0.1, 0.05), (3, 3, 2)), RUBBER, [Clamp("top")], contact)
+
+
+def dragged():
+    """The same block on a foundation at rest, its top pressed and rubbed."""
+    press = Clamp("top", value=(0.0, 0.0, -1e-3), amplitude=[(0.0, 0.0), (1.0, 1.0)])
+    rub = Clamp("top", "x", (2e-3, 0.0, 0.0), amplitude=[(1.0, 0.0), (2.0, 1.0), (3.0, -0.5)])
+    return ContactProblem(coulomb.box((0.1, 0.1, 0.05), (3, 3, 2)), RUBBER, [press, rub], Contact("bottom", 0.4))
+
+
+def certificates(problem, times=(1.0, 2.0, 3.0)):
+    return [step.solution.certificate for step in LoadHistory(times).steps(problem)]
+
+
+BALL = Sphere((0.05, 0.05, -0.5), 0.5)
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [dragged, moving, lambda: moving("foundation", BALL), lambda: moving("body", BALL)],
+    ids=["dragged", "moving plane", "moving ball", "moving ball, the body's normals"],
+)
+def test_right_steps_pass(problem):
+    for certificate in certificates(problem()):
+        assert certificate.passed, certificate
+
+
+def forget_origin(monkeypatch):
+    """Every step believes that no node has slipped before."""
+    at = ContactProblem.at
+    monkeypatch.setattr(ContactProblem, "at", lambda self, time, slip_origin=None: at(self, time, None))
+
+
+def forget_motion_in_origin(monkeypatch):
+    """The origin is not carried along with the foundation."""
+
+    def posed(self, problem, state, time):
+        return problem.at(time, state.displacement[problem.surface.nodes])
+
+    monkeypatch.setattr(LoadHistory, "_posed", posed)
+
+
+def forget_origin_in_b(monkeypatch):
+    def closure(self, u):
+        return self.surface.components(u[self.surface.nodes])
+
+    monkeypatch.setattr(ContactProblem, "closure", closure)
+
+
+def wrong_sign_of_origin(monkeypatch):
+    at = ContactProblem.at
+    monkeypatch.setattr(ContactProblem, "at", lambda self, time, slip_origin: at(self, time, -slip_origin))
+
+
+@pytest.mark.parametrize("forget", [forget_origin, forget_origin_in_b, wrong_sign_of_origin])
+def test_a_forgotten_slip_origin_fails(monkeypatch, forget):
+    forget(monkeypatch)
+    first, second, third = certificates(dragged())
+    assert first.passed  # nothing to be remembered yet
+    assert not second.passed and not third.passed
+    assert failed(third) & {"slip inside the cone", "slip angle"}
+
+
+def test_an_origin_left_behind_by_the_foundation_fails(monkeypatch):
+    forget_motion_in_origin(monkeypatch)
+    assert not any(certificate.passed for certificate in certificates(moving())[1:])
+
+
+def test_a_foundation_that_was_not_moved_fails(monkeypatch):
+    problem = moving()
+    monkeypatch.setattr(ContactProblem, "_move_foundations", lambda self: None)
+    (pressed,) = certificates(problem, [1.0])
+    assert "penetration" in failed(pressed)
+
+
+def test_motions_that_are_forgotten_fail(monkeypatch):
+    problem = moving()
+    monkeypatch.setattr(ContactProblem, "motions_at", lambda self, time: np.zeros((1, 3)))
+    (pressed,) = certificates(problem, [1.0])
+    assert "penetration" in failed(pressed)
+
+
+def test_normals_of_a_moved_ball_that_stay_fail(monkeypatch):
+    problem = moving("foundation", BALL)
+    monkeypatch.setattr("coulomb.fem.obstacles.Moved.normal", lambda self, x: self.foundation.normal(x))
+    assert not any(certificate.passed for certificate in certificates(problem)[1:])
+
+
+def test_the_coefficient_is_the_one_that_was_given():
+    problem = make_block(3)
+    problem.coefficient = 0.99 * problem.coefficient
+    assert "slip inside the cone" in failed(problem.solve().certificate)
