@@ -16,7 +16,6 @@ the same numbers (`coulomb resume`), on as many ranks as one likes.
 from __future__ import annotations
 
 import csv
-import json
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -25,12 +24,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from . import output
 from .certificate import certify
+from .history_summary import Told, added, whole
 from .load_step import Energy, LoadStep, State
 from .problem import ContactProblem
-from .restart import nodal_vectors, read_row, read_step, steps_in
+from .restart import nodal_vectors, read_step, read_summary, steps_in
 from .solution import Solution
 from .solvers.coulomb import CoulombSolver
 from .solvers.results import NotConverged, ProgressCallback, Status
@@ -92,16 +93,14 @@ class LoadHistory:
             except NotConverged as failure:
                 posed = self._posed(problem, state, time)
                 if failure.result.status is Status.INTERRUPTED:
-                    text = f"interrupted in the load step from {state.time:g} to {time:g}, which is given up"
+                    text = f"interrupted in the load step from {state.time:g} s to {time:g} s, which is given up"
                     raise StepFailed(text, failure.result, posed) from None
                 middle = 0.5 * (state.time + time)
                 halved += 1
                 if halved > self.halvings or time - state.time < 2.0 * SMALLEST * (self.times[-1] - self.start):
-                    raise StepFailed(
-                        f"the load step from {state.time:g} to {time:g} failed, halved {halved - 1} times: {failure}",
-                        failure.result,
-                        posed,
-                    ) from None
+                    interval = f"from {state.time:g} s to {time:g} s"
+                    text = f"the load step {interval} failed, halved {halved - 1} times: {failure}"
+                    raise StepFailed(text, failure.result, posed) from None
                 state = replace(state, pending=(*state.pending, middle))
                 continue
             # Judged from what the step before has left, not from the slip origin that the solver was given.
@@ -162,14 +161,18 @@ class LoadHistory:
                 "or choose another directory"
             )
         state = self.beginning(problem)
-        rows = [row for number in found for row in read_row(folder, number, comm)]
+        told = [read_summary(folder / "steps" / f"{number:04d}", comm) for number in found]
+        rows, history = [summary["step"]["row"] for summary in told], whole(told)
         if found:
             state = restored(problem, folder, found[-1])
         for step in self.steps(problem, state, progress):
             target = folder / "steps" / f"{step.state.number:04d}"
             rows.append(step.row)
-            output.write(step.solution, target, picture=False, extra={"step": _record(step, rows[-1])})
-            output.on_rank_0(comm, lambda: _series(folder, rows))
+            if len(rows) == len(found) + 1:  # assembly and factorisation, done once, are in the seconds of this step
+                _add(problem.seconds, to=step.solution.problem.seconds)
+            contents = output.write(step.solution, target, picture=False, extra={"step": _record(step, rows[-1])})
+            history = added(history, contents)
+            _write_series(folder, rows, history, contents, comm)
             if on_step is not None and on_step(step):
                 break
         return rows
@@ -218,8 +221,24 @@ def _record(step: LoadStep, row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _series(folder: Path, rows: list[dict[str, Any]]) -> str:
-    """history.csv, and the time series over the steps' own files, replaced whole."""
+def _add(seconds: dict[str, float], to: dict[str, float]) -> None:
+    for name, value in seconds.items():
+        to[name] = to.get(name, 0.0) + value
+
+
+def _write_series(
+    folder: Path, rows: list[dict[str, Any]], history: Told, last: dict[str, Any], comm: MPI.Comm
+) -> None:
+    """What speaks of all steps so far; collective.
+
+    Raises:
+        OSError: On every rank, if it cannot be written.
+    """
+    output.on_rank_0(comm, lambda: _series(folder, rows, history, last))
+
+
+def _series(folder: Path, rows: list[dict[str, Any]], history: Told, last: dict[str, Any]) -> str:
+    """history.csv, the time series over the steps' own files, and the summary, replaced whole."""
     partial = folder / ".history.csv"
     with partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]))
@@ -232,7 +251,8 @@ def _series(folder: Path, rows: list[dict[str, Any]]) -> str:
         "steps": len(rows),
         "time": rows[-1]["time"],
         "certificate": {"passed": all(row["certified"] for row in rows)},
-        "last": json.loads((folder / "steps" / f"{rows[-1]['step']:04d}" / "summary.json").read_text("utf-8")),
+        "history": history,
+        "last": last,
     }
     output.write_json(contents, folder / "summary.json")
     return ""

@@ -28,6 +28,7 @@ from .fem import compat
 from .fem.compat import fem
 from .nodal_answer import HELD, NodalAnswer
 from .problem import ContactProblem
+from .provenance import moment, now, provenance
 from .solution import Solution
 from .solvers.results import OuterStep, QPStep
 from .summary import summary
@@ -58,6 +59,7 @@ def write(
         _write_body(solution, str(folder / "solution.xdmf"))
         _write_contact(solution, str(folder / "contact.xdmf"))
         contents = {**summary(solution), **(extra or {})}
+        contents["run"] = provenance(problem.started, comm)
 
         def finish() -> str:
             for name in ("solution.xdmf", "contact.xdmf"):
@@ -65,11 +67,13 @@ def write(
             _write_history(solution.result.history, folder / "history.csv")
             contents["seconds"]["output"] = time.perf_counter() - began
             contents["picture"] = "not asked for"
+            contents["run"]["ended"] = moment(now())
             write_json(contents, folder / "summary.json")
             if picture:
                 drawing = time.perf_counter()
                 contents["picture"] = _draw(folder) or "picture.png"
                 contents["seconds"]["picture"] = time.perf_counter() - drawing
+                contents["run"]["ended"] = moment(now())
                 write_json(contents, folder / "summary.json")
             for name in ("case.json", "report.html"):  # of other results; who has a case writes it afterwards
                 (target / name).unlink(missing_ok=True)

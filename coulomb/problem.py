@@ -22,6 +22,7 @@ from .fem.obstacles import RigidFoundation
 from .fem.surface import ContactSurface
 from .methods import LinearSolver, chosen, contact_last
 from .nodal_answer import closure, slip_bound
+from .provenance import now
 from .solution import Solution
 from .solvers.automatic import Automatic
 from .solvers.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance, SchurCompliance
@@ -65,6 +66,7 @@ class ContactProblem:
         linear_solver: The one taken for K^-1 (DirectSolver also stands for MultifrontalSolver: `stiffness_method`).
         explicit: Whether A is formed.
         seconds: Wall time of each phase so far.
+        started: When the work on it began.
 
     Raises:
         ValueError: If the input does not make a problem, on every rank; the text says what would be right.
@@ -89,6 +91,7 @@ class ContactProblem:
         self.mesh = mesh
         self.contacts = (contact,) if isinstance(contact, Contact) else tuple(contact)
         self.seconds: dict[str, float] = {}
+        self.started = now()
         with self._timed("assembly"):
             self.elasticity = Elasticity(
                 mesh, material, clamps, tractions, body_force, springs, body_force_amplitude, time

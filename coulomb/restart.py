@@ -24,14 +24,27 @@ def read_step(directory: Path, comm: MPI.Comm) -> dict[str, Any]:
         ValueError: On every rank, if it cannot be read.
     """
 
+    record: dict[str, Any] = read_summary(directory, comm)["step"]
+    return record
+
+
+def read_summary(directory: Path, comm: MPI.Comm) -> dict[str, Any]:
+    """The summary of a load step, the same on every rank.
+
+    Raises:
+        ValueError: On every rank, if it cannot be read, or is none of a load step.
+    """
+
     def read() -> dict[str, Any]:
         if comm.rank > 0:
             return {}
-        record: dict[str, Any] = json.loads((directory / "summary.json").read_text(encoding="utf-8"))["step"]
-        return record
+        told: dict[str, Any] = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+        if "row" not in told.get("step", {}):
+            raise KeyError("summary.json has no step")
+        return told
 
-    record: dict[str, Any] = comm.bcast(on_all_ranks(read, f"{directory}: is no load step", comm))
-    return record
+    shared: dict[str, Any] = comm.bcast(on_all_ranks(read, f"{directory}: is no load step", comm))
+    return shared
 
 
 def nodal_vectors(path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewhere: float | None = None) -> FloatArray:
@@ -73,14 +86,18 @@ def nodal_vectors(path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewher
     return on_all_ranks(read, str(path), comm)
 
 
+def history_in(folder: Path) -> dict[str, Any] | None:
+    """The entry `history` of the summary of a load history; None where there is none, or it cannot be read."""
+    try:
+        told: dict[str, Any] | None = json.loads((folder / "summary.json").read_text(encoding="utf-8")).get("history")
+    except (OSError, ValueError):
+        return None
+    return told
+
+
 def steps_in(folder: Path) -> list[int]:
     """Numbers of the complete steps in a directory, from 1 without a gap; a step is complete once it has a summary."""
     found: list[int] = []
     while (folder / "steps" / f"{len(found) + 1:04d}" / "summary.json").is_file():
         found.append(len(found) + 1)
     return found
-
-
-def read_row(folder: Path, number: int, comm: Any) -> list[dict[str, Any]]:
-    """The line of history.csv of a step, in a list."""
-    return [read_step(folder / "steps" / f"{number:04d}", comm)["row"]]

@@ -6,7 +6,8 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -23,21 +24,23 @@ from .load_history import StepFailed
 from .load_step import LoadStep
 from .log import Log
 from .problem import ContactProblem
-from .restart import steps_in
+from .provenance import now
+from .restart import history_in, steps_in
 from .solution import Solution
 from .solvers.results import NotConverged, Progress, ProgressCallback, Status
 from .summary import summary
-from .terminal import Display, report
+from .terminal import Display, report, report_history
 from .time_left import about
 
 
 @dataclass(frozen=True)
 class Session:
-    """What accompanies a run: where it speaks, its log, and who may stop it."""
+    """What accompanies a run: where it speaks, its log, who may stop it, and when it began."""
 
     console: Console
     log: Log
     interruption: Interruption
+    started: datetime = field(default_factory=now)
 
     def progress(self, display: Display) -> ProgressCallback:
         """Shows a step, notes it in the log, and says whether to stop."""
@@ -82,6 +85,7 @@ def refuse_unwritable(target: Path, comm: MPI.Comm) -> None:
 
 def solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path, began: float) -> None:
     """Solve, certify, write and report; ends the command with its exit code."""
+    problem.started = session.started
     solution, trouble = _solve(session, settings, problem)
     interrupted = solution.result.status is Status.INTERRUPTED
     problem.seconds["total"] = time.perf_counter() - began
@@ -118,7 +122,7 @@ def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[S
 
 def take_steps(session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool) -> None:
     """Run a load history; ends the command with its exit code."""
-    console, comm = session.console, problem.comm
+    console, comm, problem.started = session.console, problem.comm, session.started
     began, trouble, code = time.perf_counter(), "", FAILED
     display = Display(console, by_step=True)
     warned: tuple[str, ...] = ()
@@ -128,8 +132,9 @@ def take_steps(session: Session, settings: Case, problem: ContactProblem, target
         nonlocal warned, taken
         row, taken = step.row, taken + 1
         halved = f", halved {step.halvings} times" if step.halvings else ""
+        when = f"{row['time']:.4g} s"
         console.print(
-            f"step {row['step']:3d}  time {row['time']:<8.4g} normal {row['normal_force']:.6g} N, force "
+            f"step {row['step']:3d}  time {when:<9} normal {row['normal_force']:.6g} N, force "
             f"({row['force_x']:.6g}, {row['force_y']:.6g}, {row['force_z']:.6g}) N, open {row['open']}, stick "
             f"{row['stick']}, slip {row['slip']}, {row['path_following']} PF steps, residual {row['residual']:.1e}"
             f"{'' if row['certified'] else ', certificate FAILED'}{halved}",
@@ -166,19 +171,12 @@ def take_steps(session: Session, settings: Case, problem: ContactProblem, target
         trouble = (
             f"{target}: cannot be written: {error.strerror or error}; free some space, then: coulomb resume {target}"
         )
-    if rows:
-        last = rows[-1]
+    told = comm.bcast(history_in(target) if comm.rank == 0 else None)
+    if told is not None:
         if settings.output.picture and code != INTERRUPTED:
-            output.on_rank_0(comm, lambda: output.draw(target / "steps" / f"{last['step']:04d}", target))
+            output.on_rank_0(comm, lambda: output.draw(target / "steps" / f"{told['steps']:04d}", target))
         _write_page(settings, target, comm)
-        console.print(
-            f"energy in J: loads {last['energy_loads']:.6g}, prescribed displacements {last['energy_prescribed']:.6g}, "
-            f"foundation {last['energy_foundation']:.6g}; elastic {last['energy_elastic']:.6g}, friction "
-            f"{last['energy_dissipated']:.6g}, error of finite steps {last['energy_imbalance']:.2g}\n"
-            f"{len(rows)} steps, {time.perf_counter() - began:.2f} seconds; results in {target}{os.sep}",
-            markup=False,
-            soft_wrap=True,
-        )
+        report_history(console, told, taken, time.perf_counter() - began, target)
     if trouble:
         if code == INTERRUPTED:
             done = comm.bcast(len(steps_in(target)) if comm.rank == 0 else None)

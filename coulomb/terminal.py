@@ -92,7 +92,7 @@ def report(console: Console, solution: Solution, contents: dict[str, Any], targe
         f"force on the body: normal {force['normal']:.9g} N, tangential "
         f"({', '.join(f'{value:.9g}' for value in force['tangential'])}) N",
         f"contact nodes {nodes['contact']}: open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}; "
-        f"greatest pressure {contents['maximum']['contact_pressure']:.6g} Pa",
+        f"largest pressure {contents['maximum']['contact_pressure']:.6g} Pa",
         str(solution.certificate),
         f"seconds: {seconds}; {total:.2f} in all",
     )
@@ -105,3 +105,35 @@ def report(console: Console, solution: Solution, contents: dict[str, Any], targe
         errors.print(f"warning: picture.png {picture}", markup=False)
     if target is not None:
         console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
+
+
+def report_history(console: Console, told: dict[str, Any], taken: int, seconds: float, target: Path) -> None:
+    """The last lines of a load history: figures of all its steps, each said to be so.
+
+    Args:
+        console: Where to.
+        told: The entry `history` of its summary (`history_summary`).
+        taken: Load steps of this run; the others were there before (`coulomb resume`).
+        seconds: Of this run.
+        target: Where the results are.
+    """
+    energy, done, largest = told["energy"], told["iterations"], told["maximum"]
+    pressure, slip, residual = largest["contact_pressure"], largest["slip_in_a_step"], told["residual"]
+    before = f", {told['steps'] - taken} were there before" if taken < told["steps"] else ""
+    lines = (
+        f"all {told['steps']} steps: largest pressure {pressure['value']:.6g} Pa (step {pressure['step']}), "
+        f"largest slip in one step {slip['value']:.6g} m (step {slip['step']}); "
+        f"{done['path_following']} path-following steps, {done['products']} products, "
+        f"largest residual {_figure(residual['value'])} (step {residual['step']})",
+        f"energy in J since the start: loads {energy['loads']:.6g}, prescribed displacements "
+        f"{energy['prescribed']:.6g}, foundation {energy['foundation']:.6g}; elastic {energy['elastic']:.6g}, friction "
+        f"{energy['dissipated']:.6g}, error of finite steps {energy['imbalance']:.2g}",
+        f"{taken} steps in this run{before}, {seconds:.2f} seconds; results in {target}{os.sep}",
+    )
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
+
+
+def _figure(value: float | None) -> str:
+    """A residual; files have null for what is no number."""
+    return "nan" if value is None else f"{value:.1e}"

@@ -67,7 +67,7 @@ def test_a_load_history_stops_and_goes_on(tmp_path):
     history = LoadHistory([1.0, 2.0, 3.0])
     whole = history.run(rubbed(3), tmp_path / "whole")
     first = whole[0]["path_following"]
-    with pytest.raises(StepFailed, match="interrupted in the load step from 1 to 2, which is given up") as failure:
+    with pytest.raises(StepFailed, match="interrupted in the load step from 1 s to 2 s, which is given up") as failure:
         history.run(rubbed(3), tmp_path / "stopped", progress=Stop(first + 3))
     assert failure.value.result.status is Status.INTERRUPTED
     assert len(list((tmp_path / "stopped" / "steps").iterdir())) == 1

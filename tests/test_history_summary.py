@@ -1,0 +1,155 @@
+"""Whose figures the summary of a load history gives: sums and largest values of all its steps, and who made it."""
+
+import csv
+import json
+import platform
+import re
+from datetime import datetime
+
+import pytest
+from conftest import ROOT, run_coulomb
+
+from coulomb import provenance
+from coulomb.history_summary import added, whole
+from coulomb.version import __version__
+
+HISTORY = ROOT / "demos" / "history.toml"
+SMALL = ("--set", "mesh.cells=[4,4,2]", "--set", "history={end=4.0, steps=4}", "--set", "output.picture=false")
+
+
+def summaries(directory):
+    files = sorted((directory / "steps").glob("*/summary.json"))
+    return [json.loads(file.read_text()) for file in files]
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("history")
+    said = run_coulomb("run", HISTORY, *SMALL, "--output", directory)
+    assert said.returncode == 0, said.stderr
+    return directory, said.stdout
+
+
+def test_sums_and_largest_values_are_of_all_steps(done):
+    directory, _ = done
+    told, steps = json.loads((directory / "summary.json").read_text()), summaries(directory)
+    history = told["history"]
+    assert told["steps"] == history["steps"] == history["certified_steps"] == len(steps) == 4
+    assert told["last"] == steps[-1]
+    for name in ("path_following", "products", "krylov"):
+        assert history["iterations"][name] == sum(step["iterations"][name] for step in steps)
+    assert history["iterations"]["products"] > 2 * steps[-1]["iterations"]["products"]
+    for name in ("solve", "output", "certificate", "stiffness"):
+        assert history["seconds"][name] == pytest.approx(sum(step["seconds"].get(name, 0.0) for step in steps))
+    assert steps[0]["seconds"]["stiffness"] > 0.0 and "stiffness" not in steps[1]["seconds"]
+    for name in ("contact_pressure", "displacement", "penetration"):
+        values = [step["maximum"][name] for step in steps]
+        found = history["maximum"][name]
+        assert found["value"] == max(values) and values[found["step"] - 1] == max(values)
+        assert found["time"] == pytest.approx(found["step"])
+    assert history["maximum"]["slip_in_a_step"]["value"] == max(step["totals"]["greatest_slip"] for step in steps)
+    for name, check in history["certificate"].items():
+        if isinstance(check, dict):
+            assert check["value"] == max(step["certificate"][name]["value"] for step in steps), name
+    assert history["residual"]["value"] == max(step["residual"] for step in steps)
+
+
+def test_energy_of_the_history_is_the_sum_over_its_steps(done):
+    """What friction dissipated in all, not in the last step."""
+    directory, said = done
+    told, steps = json.loads((directory / "summary.json").read_text()), summaries(directory)
+    dissipated = [step["totals"]["dissipated_energy"] for step in steps]
+    assert told["history"]["energy"]["dissipated"] == pytest.approx(sum(dissipated)) != dissipated[-1]
+    rows = list(csv.DictReader((directory / "history.csv").open()))
+    assert float(rows[-1]["energy_dissipated"]) == pytest.approx(sum(dissipated))
+    assert f"friction {sum(dissipated):.6g}, error of finite steps" in said
+
+
+def test_terminal_says_what_its_figures_are_of(done):
+    directory, said = done
+    history = json.loads((directory / "summary.json").read_text())["history"]
+    pressure, slip = history["maximum"]["contact_pressure"], history["maximum"]["slip_in_a_step"]
+    assert f"all 4 steps: largest pressure {pressure['value']:.6g} Pa (step {pressure['step']})" in said
+    assert f"largest slip in one step {slip['value']:.6g} m (step {slip['step']})" in said
+    assert f"{history['iterations']['products']} products" in said and "energy in J since the start" in said
+    assert "4 steps in this run, " in said and re.search(r"step   2  time 2 s ", said)
+
+
+def test_a_history_that_was_resumed_has_the_same_figures_and_both_runs(done, tmp_path):
+    directory, _ = done
+    assert run_coulomb("run", HISTORY, *SMALL, "--output", tmp_path).returncode == 0
+    for number in (3, 4):  # as if it had been killed after the second step
+        for file in (tmp_path / "steps" / f"{number:04d}").iterdir():
+            file.unlink()
+    said = run_coulomb("resume", tmp_path)
+    assert said.returncode == 0, said.stderr
+    before, after = (json.loads((folder / "summary.json").read_text())["history"] for folder in (directory, tmp_path))
+    for name in ("steps", "iterations", "certified_steps"):
+        assert after[name] == before[name], name
+    assert after["energy"]["dissipated"] == pytest.approx(before["energy"]["dissipated"], rel=1e-9)
+    pressures = [history["maximum"]["contact_pressure"]["value"] for history in (before, after)]
+    assert pressures[0] == pytest.approx(pressures[1], rel=1e-9)
+    assert [(run["first_step"], run["last_step"]) for run in after["runs"]] == [(1, 2), (3, 4)]
+    assert after["runs"][1]["command"] == f"coulomb resume {tmp_path}"
+    assert "2 steps in this run, 2 were there before, " in said.stdout
+
+
+def test_a_run_says_where_when_and_how_it_was_made(done):
+    directory, _ = done
+    (run,) = json.loads((directory / "summary.json").read_text())["history"]["runs"]
+    assert run["hosts"] == [platform.node()] and run["ranks"] == 1 and run["coulomb"] == __version__
+    assert run["command"].startswith(f"coulomb run {HISTORY} --set 'mesh.cells=[4,4,2]'")
+    started, ended = (datetime.fromisoformat(run[name]) for name in ("started", "ended"))
+    assert started.tzinfo is not None and 0.0 < (ended - started).total_seconds() < 600.0
+    step = summaries(directory)[0]
+    assert step["run"]["started"] == run["started"] and datetime.fromisoformat(step["run"]["ended"]) <= ended
+    assert (
+        sum(json.loads((directory / "summary.json").read_text())["history"]["seconds"].values())
+        <= (ended - started).total_seconds() + 0.01
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "shown"),
+    [
+        (["/usr/bin/coulomb", "run", "a case.toml"], "coulomb run 'a case.toml'"),
+        (["/usr/lib/python3/coulomb/__main__.py", "run", "c.toml"], "coulomb run c.toml"),
+        (["demos/block.py"], "python demos/block.py"),
+        ([""], "python"),
+        (["-c", "x"], "-c"),
+    ],
+)
+def test_command_is_what_one_would_type(monkeypatch, arguments, shown):
+    monkeypatch.setattr("sys.argv", arguments)
+    assert provenance.command() == shown
+
+
+def step(number, passed=True, **changes):
+    """The summary of a step, as far as the history's needs it."""
+    value = changes.pop("value", 1e-8)
+    strain = dict.fromkeys(("gap_error", "turn", "slip_over_cell", "gradient"), 0.0)
+    row = {f"energy_{name}": 1.0 for name in ("loads", "dissipated", "imbalance")}
+    return {
+        "step": {"number": number, "time": float(number), "halvings": 1, "row": row, "energy": {"loads": 1.0}},
+        "certificate": {"adhesion": {"value": value, "limit": 1e-6, "passed": passed}, "passed": passed},
+        "maximum": {"contact_pressure": 2.0},
+        "totals": {"greatest_slip": 0.0},
+        "small_strain": {**strain, "gradient": changes.pop("gradient", 0.0), "warnings": []},
+        "residual": value,
+        "iterations": {"products": 1},
+        "seconds": {"solve": 1.0},
+        "peak_memory_bytes": changes.pop("memory", 5),
+        "run": {"started": "s", "hosts": ["h"], "command": "c", "ended": str(number)},
+    }
+
+
+def test_one_step_that_failed_is_the_history_s():
+    """An earlier step that failed is not hidden by a last one that passed, nor a warning, nor a value that is none."""
+    told = whole([step(1), step(2, passed=False, value=3e-5, gradient=0.2, memory=9), step(3)])
+    assert told["certificate"]["passed"] is False and told["certified_steps"] == 2 and told["halvings"] == 3
+    assert told["certificate"]["adhesion"]["step"] == 2 and not told["certificate"]["adhesion"]["passed"]
+    assert told["peak_memory_bytes"] == 9 and told["seconds"]["solve"] == 3.0
+    assert len(told["warnings"]) == 1 and "0.2" in told["warnings"][0]
+    nothing = added(told, step(4, passed=False, value=None))
+    assert nothing["certificate"]["adhesion"]["step"] == 4 and nothing["residual"]["value"] is None
+    assert added(nothing, step(5, value=1e9))["residual"]["step"] == 4  # null stays the worst
