@@ -29,7 +29,7 @@ from .case_body import (
 from .case_contact import FACE, FACES, ContactTable, ContactTables, HistoryTable
 from .case_solver import OutputTable, SolverTable
 from .fem.body import Material
-from .fem.elasticity import Clamp, Spring, Traction
+from .fem.loaded_body import Clamp, LoadedBody, Spring, Traction
 from .fem.meshes import BOX_FACES
 from .load_history import LoadHistory
 from .output import on_rank_0
@@ -79,14 +79,15 @@ class Case(Table):
         if self.solver.newton == "dense" and comm.size > 1:
             raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
         condensed = self.solver.newton == "condensed"
+        clamps, tractions, springs = self._acting
         problem = ContactProblem(
             self.mesh.mesh(comm),
             self.materials(),
-            [Clamp(table.face, table.components, table.value, table.amplitude or 1.0) for table in self.clamp],
+            clamps,
             [table.contact() for table in self.contacts.values()],
-            [Traction(table.face, table.value, table.amplitude or 1.0) for table in self.traction],
+            tractions,
             self.body_force,
-            [Spring(table.face, table.stiffness) for table in self.spring],
+            springs,
             body_force_amplitude=self.body_force_amplitude or 1.0,
             linear_solver={
                 "auto": IterativeSolver if condensed else None,
@@ -102,6 +103,22 @@ class Case(Table):
             if not comm.allreduce(int(np.sum(region.holds(problem.surface.x.T))), op=MPI.SUM):
                 raise ValueError(f"{key}: there is no contact node in its box {list(region.box)}")
         return problem
+
+    def body(self, comm: MPI.Comm) -> LoadedBody:
+        """The body of the case alone, with all that acts on it but the foundation, at time 0; without K.
+
+        Raises:
+            ValueError: If the parts do not fit together, on every rank.
+        """
+        clamps, tractions, springs = self._acting
+        amplitude = self.body_force_amplitude or 1.0
+        return LoadedBody(
+            self.mesh.mesh(comm), self.materials(), clamps, tractions, self.body_force, springs, amplitude
+        )
+
+    @property
+    def _acting(self) -> tuple[list[Clamp], list[Traction], list[Spring]]:
+        return [t.clamp() for t in self.clamp], [t.traction() for t in self.traction], [t.spring() for t in self.spring]
 
     @property
     def contacts(self) -> dict[str, ContactTable]:

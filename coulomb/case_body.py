@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from mpi4py import MPI
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
+from .fem.loaded_body import Clamp, Spring, Traction
 from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
 
 Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
@@ -97,6 +98,10 @@ class ClampTable(Table):
     value: Vector = (0.0, 0.0, 0.0)
     amplitude: AmplitudeTable | None = None
 
+    def clamp(self) -> Clamp:
+        """What it describes."""
+        return Clamp(self.face, self.components, self.value, self.amplitude or 1.0)
+
 
 class TractionTable(Table):
     """Surface load in pascals on a face."""
@@ -104,6 +109,10 @@ class TractionTable(Table):
     face: str
     value: Vector
     amplitude: AmplitudeTable | None = None
+
+    def traction(self) -> Traction:
+        """What it describes."""
+        return Traction(self.face, self.value, self.amplitude or 1.0)
 
 
 def _along_axes(stiffness: Any) -> Any:
@@ -115,3 +124,7 @@ class SpringTable(Table):
 
     face: str
     stiffness: Annotated[tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(_along_axes)]
+
+    def spring(self) -> Spring:
+        """What it describes."""
+        return Spring(self.face, self.stiffness)

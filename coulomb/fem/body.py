@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -97,6 +98,20 @@ class ElasticBody:
         size.interpolate(fem.Expression(ufl.sqrt(ufl.inner(slope, slope)), compat.interpolation_points(W)))
         values = size.x.array
         return float(self.domain.comm.allreduce(float(np.max(values)) if len(values) else 0.0, op=MPI.MAX))
+
+    def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
+        """Integral of every hat function over boundary facets in m^2, this rank's nodes, shape (k,)."""
+        one = self.function(np.ones((self._owned, 3)))
+        return self._assemble(fem.form(ufl.inner(one, self._test) * self._ds(facets)))[:, 0]
+
+    def normal_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
+        """Integral of the outward normal against every hat function over boundary facets, m^2, shape (k, 3)."""
+        n = ufl.FacetNormal(self.domain)
+        return self._assemble(fem.form(ufl.inner(n, self._test) * self._ds(facets)))
+
+    def _ds(self, facets: npt.NDArray[np.int32]) -> Any:
+        tags = compat.meshtags(self.domain, 2, facets, np.ones(len(facets), dtype=np.int32))
+        return ufl.Measure("ds", domain=self.domain, subdomain_data=tags, subdomain_id=1)
 
     def _assemble(self, form: Any) -> FloatArray:
         vector = fem.petsc.assemble_vector(form)

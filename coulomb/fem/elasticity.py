@@ -1,108 +1,25 @@
-"""Linear elasticity of one body: stiffness K, load f, near-nullspace, internal forces, stress."""
+"""Linear elasticity of one body: stiffness K, load f, near-nullspace."""
 
 from __future__ import annotations
 
-import copy
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..arrays import FloatArray
 from . import compat
-from .body import ElasticBody, Material, strain
+from .body import strain
 from .compat import fem, ufl
-from .fields import Amplitude, Field, evaluate_amplitude, evaluate_vectors, on_all_ranks
+from .fields import Amplitude, Field
+from .loaded_body import Clamp, LoadedBody, Materials, Spring, Traction
 from .meshes import NamedMesh
 
-_MODES = (
-    *("translation along x", "translation along y", "translation along z"),
-    *("rotation about x", "rotation about y", "rotation about z"),
-)
+__all__ = ["Clamp", "Elasticity", "Materials", "Spring", "Traction"]
 
 
-@dataclass(frozen=True)
-class Clamp:
-    """Prescribed displacement on a face.
-
-    Attributes:
-        face: Name of the face.
-        components: Which components are held, letters of "xyz".
-        value: Displacement in metres, a vector or a function of x; components not held are ignored.
-        amplitude: What the value is multiplied by in the course of time.
-
-    Raises:
-        ValueError: If components is not made of different letters of "xyz".
-    """
-
-    face: str
-    components: str = "xyz"
-    value: Field = (0.0, 0.0, 0.0)
-    amplitude: Amplitude = 1.0
-
-    def __post_init__(self) -> None:
-        letters = set(self.components)
-        if not letters or len(letters) != len(self.components) or letters - set("xyz"):
-            raise ValueError(
-                f"clamp on {self.face!r}: components must be letters of 'xyz', but are {self.components!r}"
-            )
-
-
-@dataclass(frozen=True)
-class Traction:
-    """Surface load on a face.
-
-    Attributes:
-        face: Name of the face.
-        value: Traction in pascals, a vector or a function of x.
-        amplitude: What the value is multiplied by in the course of time.
-    """
-
-    face: str
-    value: Field
-    amplitude: Amplitude = 1.0
-
-
-@dataclass(frozen=True)
-class Spring:
-    """Elastic support of a face, towards where it is before deformation (Winkler's foundation).
-
-    Attributes:
-        face: Name of the face.
-        stiffness: Force per area and displacement in N/m^3, along x, y and z; one number for all three.
-
-    Raises:
-        ValueError: If there are not one or three numbers, finite, >= 0, and one > 0.
-    """
-
-    face: str
-    stiffness: float | Sequence[float]
-
-    def __post_init__(self) -> None:
-        if np.shape(self.stiffness) not in ((), (3,)) or not (
-            np.all(np.isfinite(self.along_axes)) and np.all(self.along_axes >= 0.0) and np.any(self.along_axes > 0.0)
-        ):
-            raise ValueError(
-                f"spring on {self.face!r}: stiffness must be a number or three (along x, y, z), in N/m^3, "
-                f">= 0 and not all 0, but is {self.stiffness}"
-            )
-
-    @property
-    def along_axes(self) -> FloatArray:
-        """Shape (3,)."""
-        return np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (3,))
-
-
-Materials = Material | Mapping[str, Material]
-"""One for the whole body, or one for every group of cells, by its name."""
-
-
-class Elasticity(ElasticBody):
+class Elasticity(LoadedBody):
     """K u = f on trilinear hexahedra or linear tetrahedra, with clamps and springs built in.
 
     Constrained rows and columns of K are zero but for the diagonal, which is the mean diagonal of the free ones (a 1
@@ -111,21 +28,12 @@ class Elasticity(ElasticBody):
     without tilting.
 
     Attributes:
-        mesh: The body.
-        materials: What it is made of: a Material, or a mapping of cell groups to theirs.
-        V: Its space of displacements.
-        K: Stiffness, N/m; block size 3, symmetric positive definite, with the rigid body modes as its near-nullspace.
+        K: Stiffness, N/m; block size 3, symmetric positive definite, with the rigid body modes as its near-nullspace;
+            it does not change with time.
         f: Load in newtons, with the prescribed displacements built in.
-        load: The load alone, this rank's part, shape (k, 3), newtons.
-        fixed: Which components are prescribed, this rank's nodes, shape (k, 3).
-        prescribed: Their values in metres, 0 elsewhere, shape (k, 3).
-        spring: Stiffness of the springs at this rank's nodes along x, y, z in N/m, shape (k, 3).
-        dragged: Which components are prescribed to be other than 0 at some time, shape (k, 3).
-        time: The time of load, prescribed and f; K does not change.
 
     Raises:
-        ValueError: If a face is unknown, a value not finite, a cell without a material or with two, or if clamps and
-            springs leave the body a rigid motion.
+        ValueError: As `LoadedBody`, or if the springs that hold the body are too soft to be told from rounding.
     """
 
     def __init__(
@@ -139,74 +47,31 @@ class Elasticity(ElasticBody):
         body_force_amplitude: Amplitude = 1.0,
         time: float = 0.0,
     ):
-        super().__init__(mesh.domain, *material_of_cells(mesh, materials))
-        self.mesh, self.materials = mesh, materials
-        self.fixed, self.dragged = np.zeros((2, self._owned, 3), dtype=bool)
-        self._clamps = [self._prescribe(clamp) for clamp in clamps]
-        self._support(springs)
-        self._refuse_floating_body()
-        self._loads = self._assemble_loads(tractions, body_force, body_force_amplitude)
-
+        super().__init__(mesh, materials, clamps, tractions, body_force, springs, body_force_amplitude, time)
         trial = ufl.TrialFunction(self.V)
         self.K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * ufl.dx))
         self._add_springs()
         self._held = self._eliminate_fixed()
         self._attach_rigid_body_modes()
-        self._load_at(time)
+        self._build_in()
 
-    def at(self, time: float) -> Elasticity:
+    def at(self, time: float) -> Self:
         """The same body and K under the loads and prescribed displacements of another time; collective.
 
         Raises:
             ValueError: On every rank, if an amplitude has no finite value at that time.
         """
-        other = copy.copy(self)
-        other._load_at(time)
+        other = super().at(time)
+        other._build_in()
         return other
 
-    def _load_at(self, time: float) -> None:
-        self.time = time
-        self.load: FloatArray = np.zeros((self._owned, 3))
-        for amplitude, what, load in self._loads:
-            self.load += self._factor(amplitude, time, what) * load
-        self.prescribed: FloatArray = np.zeros((self._owned, 3))
-        for clamp, nodes, values in self._clamps:
-            factor = self._factor(clamp.amplitude, time, f"clamp on {clamp.face!r}")
-            for component in map("xyz".index, clamp.components):
-                self.prescribed[nodes, component] = factor * values[:, component]
+    def _build_in(self) -> None:
+        """f: the load, and the prescribed displacements."""
         self.f = self.K.createVecRight()
         free = self.load
         if self.mesh.comm.allreduce(bool(np.any(self.prescribed)), op=MPI.LOR):
             free = self.load - self.internal_force(self.prescribed)
         self.f.array[:] = np.where(self.fixed, self._held * self.prescribed, free).ravel()
-
-    def _factor(self, amplitude: Amplitude, time: float, what: str) -> float:
-        factor: float = on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)
-        return factor
-
-    # --- constraints and loads ----------------------------------------------------------------------------------
-
-    def _prescribe(self, clamp: Clamp) -> tuple[Clamp, npt.NDArray[np.int32], FloatArray]:
-        nodes = self.nodes(clamp.face, "clamp")
-        values = evaluate_vectors(clamp.value, self.x[nodes], f"clamp on {clamp.face!r}", self.mesh.comm)
-        for component in map("xyz".index, clamp.components):
-            self.fixed[nodes, component] = True
-            self.dragged[nodes, component] = values[:, component] != 0.0
-        return clamp, nodes, values
-
-    def _support(self, springs: Sequence[Spring]) -> None:
-        self.spring = np.zeros((self._owned, 3))
-        for spring in springs:
-            self.spring += self.nodal_area(spring.face, "spring")[:, None] * spring.along_axes
-
-    def _refuse_floating_body(self) -> None:
-        held = 1.0 * (self.fixed | (self.spring > 0.0))
-        free = self._rigid_motions(held, 1e-10 * self.mesh.comm.allreduce(float(held.sum()), op=MPI.SUM))
-        if free:
-            raise ValueError(
-                f"the body floats: its clamps and springs leave it {free}; hold these by a clamp or a spring, "
-                "contact alone does not make the stiffness invertible"
-            )
 
     def _add_springs(self) -> None:
         comm = self.mesh.comm
@@ -222,44 +87,6 @@ class Elasticity(ElasticBody):
                 f"the springs are too soft to be told from rounding errors: against {free} the nodes have less than "
                 "1e-12 of the body's own stiffness; make the springs stiffer, or hold the body by a clamp"
             )
-
-    def _rigid_motions(self, weight: FloatArray, limit: float) -> str:
-        """Names of the rigid motions, of size 1 at a node, against which weights (k, 3) at the nodes have no energy."""
-        comm, x = self.mesh.comm, self.x
-        count = comm.allreduce(len(x), op=MPI.SUM)
-        centre = comm.allreduce(x.sum(axis=0), op=MPI.SUM) / count
-        r = x - centre
-        size = math.sqrt(comm.allreduce(float(np.sum(r**2)), op=MPI.SUM) / count)
-        modes = np.zeros((*x.shape, 6))
-        for k in range(3):
-            i, j = (k + 1) % 3, (k + 2) % 3
-            modes[:, k, k] = 1.0
-            modes[:, i, 3 + k], modes[:, j, 3 + k] = -r[:, j] / size, r[:, i] / size
-        gram = comm.allreduce(np.einsum("kci,kc,kcj->ij", modes, weight, modes), op=MPI.SUM)
-        eigenvalues, vectors = np.linalg.eigh(gram)
-        free = vectors[:, eigenvalues <= limit]
-        return ", ".join(name for name, row in zip(_MODES, free, strict=True) if np.linalg.norm(row) > 0.3)
-
-    def _assemble_loads(
-        self, tractions: Sequence[Traction], body_force: Field, body_force_amplitude: Amplitude
-    ) -> list[tuple[Amplitude, str, FloatArray]]:
-        """Every load with its amplitude, and what it is called in errors."""
-        loads = [(body_force_amplitude, "body_force", self._integrate(body_force, "body_force", ufl.dx))]
-        for traction in tractions:
-            facets, what = self.mesh.facets(traction.face, "traction"), f"traction on {traction.face!r}"
-            loads.append((traction.amplitude, what, self._integrate(traction.value, what, self._ds(facets))))
-        return loads
-
-    def _integrate(self, field: Field, what: str, measure: Any) -> FloatArray:
-        """Integral of field . v for every hat function, this rank's part, shape (k, 3)."""
-        density = fem.Function(self.V)
-        density.x.array[: 3 * self._owned] = evaluate_vectors(field, self.x, what, self.mesh.comm).ravel()
-        density.x.scatter_forward()
-        return self._assemble(fem.form(ufl.inner(density, self._test) * measure))
-
-    def _ds(self, facets: npt.NDArray[np.int32]) -> Any:
-        tags = compat.meshtags(self.mesh.domain, 2, facets, np.ones(len(facets), dtype=np.int32))
-        return ufl.Measure("ds", domain=self.mesh.domain, subdomain_data=tags, subdomain_id=1)
 
     def _eliminate_fixed(self) -> float:
         """Zero the rows and columns of the fixed components; what stands on their diagonal then."""
@@ -284,50 +111,3 @@ class Elasticity(ElasticBody):
         self.K.setNearNullSpace(modes)
         modes.destroy()
         coordinates.destroy()
-
-    # --- what others ask ----------------------------------------------------------------------------------------
-
-    def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
-        """This rank's nodes on a face, sorted; ValueError if there is no such face."""
-        facets = self.mesh.facets(face, what)
-        dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
-        owned: npt.NDArray[np.int32] = dofs[dofs < self._owned].astype(np.int32)
-        return owned
-
-    def nodal_area(self, face: str, what: str = "contact") -> FloatArray:
-        """Integral of every hat function over a face in m^2, this rank's nodes, shape (k,)."""
-        return self._integrate((1.0, 1.0, 1.0), "area", self._ds(self.mesh.facets(face, what)))[:, 0]
-
-    def nodal_normal(self, face: str) -> FloatArray:
-        """Integral of the body's outward normal against every hat function over a face, m^2, shape (k, 3)."""
-        n = ufl.FacetNormal(self.mesh.domain)
-        return self._assemble(fem.form(ufl.inner(n, self._test) * self._ds(self.mesh.facets(face, "contact"))))
-
-    def spring_force(self, u: FloatArray) -> FloatArray:
-        """Forces of the springs on the body at displacements u, newtons; shapes (k, 3)."""
-        return -self.spring * u
-
-
-def material_of_cells(mesh: NamedMesh, materials: Materials) -> tuple[FloatArray, FloatArray]:
-    """Young's modulus and Poisson's ratio of this rank's own cells, shapes (c,).
-
-    Raises:
-        ValueError: On every rank, if a group is unknown, or a cell of any rank is in no group given or in two.
-    """
-    count = mesh.domain.topology.index_map(3).size_local
-    if isinstance(materials, Material):
-        return np.full(count, materials.young), np.full(count, materials.poisson)
-    young, poisson, times = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.int64)
-    for name, material in materials.items():
-        cells = mesh.group(name, "material")
-        young[cells], poisson[cells] = material.young, material.poisson
-        times[cells] += 1
-    for wrong, fault in ((times == 0, "without a material"), (times > 1, "in more than one of these groups")):
-        bad = mesh.comm.allreduce(int(wrong.sum()), op=MPI.SUM)
-        if bad:
-            all_cells = mesh.comm.allreduce(count, op=MPI.SUM)
-            raise ValueError(
-                f"material: {bad} of {all_cells} cells are {fault}; materials are given for {', '.join(materials)}, "
-                f"the mesh has the cell groups {', '.join(mesh.cells) or '(none)'}; every cell needs exactly one"
-            )
-    return young, poisson

@@ -1,0 +1,267 @@
+"""A body with all that acts on it but the foundation: clamps, springs and loads, in the course of time; without K."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from .body import ElasticBody, Material
+from .compat import fem, ufl
+from .fields import Amplitude, Field, evaluate_amplitude, evaluate_vectors, on_all_ranks
+from .meshes import NamedMesh
+
+_MODES = (
+    *("translation along x", "translation along y", "translation along z"),
+    *("rotation about x", "rotation about y", "rotation about z"),
+)
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """Prescribed displacement on a face.
+
+    Attributes:
+        face: Name of the face.
+        components: Which components are held, letters of "xyz".
+        value: Displacement in metres, a vector or a function of x; components not held are ignored.
+        amplitude: What the value is multiplied by in the course of time.
+
+    Raises:
+        ValueError: If components is not made of different letters of "xyz".
+    """
+
+    face: str
+    components: str = "xyz"
+    value: Field = (0.0, 0.0, 0.0)
+    amplitude: Amplitude = 1.0
+
+    def __post_init__(self) -> None:
+        letters = set(self.components)
+        if not letters or len(letters) != len(self.components) or letters - set("xyz"):
+            raise ValueError(
+                f"clamp on {self.face!r}: components must be letters of 'xyz', but are {self.components!r}"
+            )
+
+
+@dataclass(frozen=True)
+class Traction:
+    """Surface load on a face.
+
+    Attributes:
+        face: Name of the face.
+        value: Traction in pascals, a vector or a function of x.
+        amplitude: What the value is multiplied by in the course of time.
+    """
+
+    face: str
+    value: Field
+    amplitude: Amplitude = 1.0
+
+
+@dataclass(frozen=True)
+class Spring:
+    """Elastic support of a face, towards where it is before deformation (Winkler's foundation).
+
+    Attributes:
+        face: Name of the face.
+        stiffness: Force per area and displacement in N/m^3, along x, y and z; one number for all three.
+
+    Raises:
+        ValueError: If there are not one or three numbers, finite, >= 0, and one > 0.
+    """
+
+    face: str
+    stiffness: float | Sequence[float]
+
+    def __post_init__(self) -> None:
+        if np.shape(self.stiffness) not in ((), (3,)) or not (
+            np.all(np.isfinite(self.along_axes)) and np.all(self.along_axes >= 0.0) and np.any(self.along_axes > 0.0)
+        ):
+            raise ValueError(
+                f"spring on {self.face!r}: stiffness must be a number or three (along x, y, z), in N/m^3, "
+                f">= 0 and not all 0, but is {self.stiffness}"
+            )
+
+    @property
+    def along_axes(self) -> FloatArray:
+        """Shape (3,)."""
+        return np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (3,))
+
+
+Materials = Material | Mapping[str, Material]
+"""One for the whole body, or one for every group of cells, by its name."""
+
+
+class LoadedBody(ElasticBody):
+    """An elastic body with its clamps, springs and loads.
+
+    Attributes:
+        mesh: The body.
+        materials: What it is made of: a Material, or a mapping of cell groups to theirs.
+        V: Its space of displacements.
+        load: The load in newtons, this rank's part, shape (k, 3).
+        fixed: Which components are prescribed, this rank's nodes, shape (k, 3).
+        prescribed: Their values in metres, 0 elsewhere, shape (k, 3).
+        spring: Stiffness of the springs at this rank's nodes along x, y, z in N/m, shape (k, 3).
+        dragged: Which components are prescribed to be other than 0 at some time, shape (k, 3).
+        time: The time of load and prescribed.
+
+    Raises:
+        ValueError: If a face is unknown, a value not finite, a cell without a material or with two, or if clamps and
+            springs leave the body a rigid motion.
+    """
+
+    def __init__(
+        self,
+        mesh: NamedMesh,
+        materials: Materials,
+        clamps: Sequence[Clamp],
+        tractions: Sequence[Traction] = (),
+        body_force: Field = (0.0, 0.0, 0.0),
+        springs: Sequence[Spring] = (),
+        body_force_amplitude: Amplitude = 1.0,
+        time: float = 0.0,
+    ):
+        super().__init__(mesh.domain, *material_of_cells(mesh, materials))
+        self.mesh, self.materials = mesh, materials
+        self.fixed, self.dragged = np.zeros((2, self._owned, 3), dtype=bool)
+        self._clamps = [self._prescribe(clamp) for clamp in clamps]
+        self._support(springs)
+        self._refuse_floating_body()
+        self._loads = self._assemble_loads(tractions, body_force, body_force_amplitude)
+        self._load_at(time)
+
+    def at(self, time: float) -> Self:
+        """The same body under the loads and prescribed displacements of another time; collective.
+
+        Raises:
+            ValueError: On every rank, if an amplitude has no finite value at that time.
+        """
+        other = copy.copy(self)
+        other._load_at(time)
+        return other
+
+    def _load_at(self, time: float) -> None:
+        self.time = time
+        self.load: FloatArray = np.zeros((self._owned, 3))
+        for amplitude, what, load in self._loads:
+            self.load += self._factor(amplitude, time, what) * load
+        self.prescribed: FloatArray = np.zeros((self._owned, 3))
+        for clamp, nodes, values in self._clamps:
+            factor = self._factor(clamp.amplitude, time, f"clamp on {clamp.face!r}")
+            for component in map("xyz".index, clamp.components):
+                self.prescribed[nodes, component] = factor * values[:, component]
+
+    def _factor(self, amplitude: Amplitude, time: float, what: str) -> float:
+        factor: float = on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)
+        return factor
+
+    def _prescribe(self, clamp: Clamp) -> tuple[Clamp, npt.NDArray[np.int32], FloatArray]:
+        nodes = self.nodes(clamp.face, "clamp")
+        values = evaluate_vectors(clamp.value, self.x[nodes], f"clamp on {clamp.face!r}", self.mesh.comm)
+        for component in map("xyz".index, clamp.components):
+            self.fixed[nodes, component] = True
+            self.dragged[nodes, component] = values[:, component] != 0.0
+        return clamp, nodes, values
+
+    def _support(self, springs: Sequence[Spring]) -> None:
+        self.spring = np.zeros((self._owned, 3))
+        for spring in springs:
+            self.spring += self.nodal_area(spring.face, "spring")[:, None] * spring.along_axes
+
+    def _refuse_floating_body(self) -> None:
+        held = 1.0 * (self.fixed | (self.spring > 0.0))
+        free = self._rigid_motions(held, 1e-10 * self.mesh.comm.allreduce(float(held.sum()), op=MPI.SUM))
+        if free:
+            raise ValueError(
+                f"the body floats: its clamps and springs leave it {free}; hold these by a clamp or a spring, "
+                "contact alone does not make the stiffness invertible"
+            )
+
+    def _rigid_motions(self, weight: FloatArray, limit: float) -> str:
+        """Names of the rigid motions, of size 1 at a node, against which weights (k, 3) at the nodes have no energy."""
+        comm, x = self.mesh.comm, self.x
+        count = comm.allreduce(len(x), op=MPI.SUM)
+        centre = comm.allreduce(x.sum(axis=0), op=MPI.SUM) / count
+        r = x - centre
+        size = math.sqrt(comm.allreduce(float(np.sum(r**2)), op=MPI.SUM) / count)
+        modes = np.zeros((*x.shape, 6))
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            modes[:, k, k] = 1.0
+            modes[:, i, 3 + k], modes[:, j, 3 + k] = -r[:, j] / size, r[:, i] / size
+        gram = comm.allreduce(np.einsum("kci,kc,kcj->ij", modes, weight, modes), op=MPI.SUM)
+        eigenvalues, vectors = np.linalg.eigh(gram)
+        free = vectors[:, eigenvalues <= limit]
+        return ", ".join(name for name, row in zip(_MODES, free, strict=True) if np.linalg.norm(row) > 0.3)
+
+    def _assemble_loads(
+        self, tractions: Sequence[Traction], body_force: Field, body_force_amplitude: Amplitude
+    ) -> list[tuple[Amplitude, str, FloatArray]]:
+        """Every load with its amplitude, and what it is called in errors."""
+        loads = [(body_force_amplitude, "body_force", self._integrate(body_force, "body_force", ufl.dx))]
+        for traction in tractions:
+            facets, what = self.mesh.facets(traction.face, "traction"), f"traction on {traction.face!r}"
+            loads.append((traction.amplitude, what, self._integrate(traction.value, what, self._ds(facets))))
+        return loads
+
+    def _integrate(self, field: Field, what: str, measure: Any) -> FloatArray:
+        """Integral of field . v for every hat function, this rank's part, shape (k, 3)."""
+        density = fem.Function(self.V)
+        density.x.array[: 3 * self._owned] = evaluate_vectors(field, self.x, what, self.mesh.comm).ravel()
+        density.x.scatter_forward()
+        return self._assemble(fem.form(ufl.inner(density, self._test) * measure))
+
+    # --- what others ask ----------------------------------------------------------------------------------------
+
+    def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
+        """This rank's nodes on a face, sorted; ValueError if there is no such face."""
+        facets = self.mesh.facets(face, what)
+        dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
+        owned: npt.NDArray[np.int32] = dofs[dofs < self._owned].astype(np.int32)
+        return owned
+
+    def nodal_area(self, face: str, what: str = "contact") -> FloatArray:
+        """Integral of every hat function over a face in m^2, this rank's nodes, shape (k,)."""
+        return self.area_of(self.mesh.facets(face, what))
+
+    def nodal_normal(self, face: str) -> FloatArray:
+        """Integral of the body's outward normal against every hat function over a face, m^2, shape (k, 3)."""
+        return self.normal_of(self.mesh.facets(face, "contact"))
+
+    def spring_force(self, u: FloatArray) -> FloatArray:
+        """Forces of the springs on the body at displacements u, newtons; shapes (k, 3)."""
+        return -self.spring * u
+
+
+def material_of_cells(mesh: NamedMesh, materials: Materials) -> tuple[FloatArray, FloatArray]:
+    """Young's modulus and Poisson's ratio of this rank's own cells, shapes (c,).
+
+    Raises:
+        ValueError: On every rank, if a group is unknown, or a cell of any rank is in no group given or in two.
+    """
+    count = mesh.domain.topology.index_map(3).size_local
+    if isinstance(materials, Material):
+        return np.full(count, materials.young), np.full(count, materials.poisson)
+    young, poisson, times = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.int64)
+    for name, material in materials.items():
+        cells = mesh.group(name, "material")
+        young[cells], poisson[cells] = material.young, material.poisson
+        times[cells] += 1
+    for wrong, fault in ((times == 0, "without a material"), (times > 1, "in more than one of these groups")):
+        bad = mesh.comm.allreduce(int(wrong.sum()), op=MPI.SUM)
+        if bad:
+            all_cells = mesh.comm.allreduce(count, op=MPI.SUM)
+            raise ValueError(
+                f"material: {bad} of {all_cells} cells are {fault}; materials are given for {', '.join(materials)}, "
+                f"the mesh has the cell groups {', '.join(mesh.cells) or '(none)'}; every cell needs exactly one"
+            )
+    return young, poisson
