@@ -44,9 +44,11 @@ def test_other_storages(tmp_path, storage):
     assert abs(read_fclib(tmp_path / "small.hdf5").W - problem.W).max() <= 1e-15
 
 
-def test_global_form_is_condensed(tmp_path):
+@pytest.mark.parametrize("storage", ["triplets", "compressed columns", "compressed rows"])
+def test_global_form_is_condensed(tmp_path, storage):
     rng = np.random.default_rng(112)
     M, H = random_spd(12, 10.0, rng), rng.standard_normal((12, 6))
+    H[rng.uniform(size=H.shape) < 0.3] = 0.0
     f, w = rng.standard_normal(12), rng.standard_normal(6)
     with h5py.File(tmp_path / "global.hdf5", "w") as file:
         group = file.create_group("fclib_global")
@@ -55,7 +57,13 @@ def test_global_form_is_condensed(tmp_path):
                 group[f"{name}/{key}"] = [value]
             group[f"{name}/x"], group[f"{name}/i"], group[f"{name}/p"] = matrix.data, matrix.indices, matrix.indptr
         rows, columns = np.nonzero(H)
-        for key, value in (("i", rows), ("p", columns), ("x", H[rows, columns]), ("nz", [len(rows)])):  # triplets
+        by_rows = scipy.sparse.csr_matrix(H)
+        kept = {
+            "triplets": {"i": rows, "p": columns, "x": H[rows, columns], "nz": [len(rows)]},
+            "compressed columns": {},
+            "compressed rows": {"i": by_rows.indices, "p": by_rows.indptr, "x": by_rows.data, "nz": [-2]},
+        }[storage]
+        for key, value in kept.items():
             del group[f"H/{key}"]
             group[f"H/{key}"] = value
         group["vectors/f"], group["vectors/w"], group["vectors/mu"], group["spacedim"] = f, w, [0.3, 0.4], [3]

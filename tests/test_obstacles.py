@@ -47,6 +47,7 @@ def test_distance_and_normal(foundation):
     assert np.allclose(ahead - distance, 1e-3, rtol=1e-9)  # its gradient, and out of the foundation
     moved = Moved(foundation, np.array([1.0, 2.0, 3.0]))
     assert np.allclose(moved.signed_distance(POINTS + [1.0, 2.0, 3.0]), distance)
+    assert np.allclose(moved.normal(POINTS + [1.0, 2.0, 3.0]), normal)
 
 
 def test_a_function_need_not_be_a_distance():

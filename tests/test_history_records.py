@@ -1,0 +1,107 @@
+"""What a load step starts from, and what is written of it: warm start, energy, slip of the step, small strain."""
+
+import dataclasses
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from conftest import STEEL
+from test_load_history import RUBBER, UP, rubbed
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, OneLoop, Plane, Sphere, Spring, Traction, output
+from coulomb.restart import nodal_vectors
+from coulomb.summary import totals
+
+
+@dataclass(frozen=True)
+class Noting:
+    """The one loop; notes the forces that it was given to start from."""
+
+    tolerance: float = 1e-8
+    starts: list = field(default_factory=list)
+
+    def solve(self, problem, *, start=None, progress=None):
+        self.starts.append(start)
+        return OneLoop(self.tolerance).solve(problem, start=start, progress=progress)
+
+
+def test_a_step_starts_from_the_forces_before():
+    """In their own sense, and in the frames of now, which a moved ball has turned."""
+    ball = Sphere((0.05, 0.05, -0.5), 0.5)
+    contact = Contact("bottom", 0.4, foundation=ball, motion=[(0, 0, 0, 0), (1, 0, 0, 1e-3), (2, 0.02, 0.01, 1e-3)])
+    problem = ContactProblem(coulomb.box((0.1, 0.1, 0.05), (4, 4, 3)), RUBBER, [Clamp("top")], contact)
+    solver = Noting()
+    one, two = (step.solution for step in LoadHistory([1.0, 2.0], solver=solver).steps(problem))
+    assert solver.starts[0] is None
+    before = one.problem.surface.vectors(one.contact_force.reshape(-1, 3))
+    started = two.problem.surface.vectors(solver.starts[1].reshape(-1, 3))
+    assert np.abs(two.problem.surface.frames - one.problem.surface.frames).max() > 0.01
+    assert np.allclose(started, before, rtol=0.0, atol=1e-12 * np.abs(before).max())
+
+
+def test_springs_keep_energy():
+    """A body on springs that touches nothing: half of force times displacement, most of it in the springs."""
+    far = Contact("bottom", 0.4, foundation=Plane((0, 0, -1.0), (0, 0, 1)))
+    pull = [Traction("top", (3e3, 0.0, -1e4), UP)]
+    mesh = coulomb.box((0.1, 0.1, 0.05), (3, 3, 3))
+    problem = ContactProblem(mesh, RUBBER, [], far, pull, springs=[Spring("left", 1e7)])
+    *_, last = LoadHistory([0.5, 1.0]).steps(problem)
+    u, elasticity = last.solution.displacement, last.solution.problem.elasticity
+    half = 0.5 * np.vdot(elasticity.load, u)
+    assert last.state.energy.elastic == pytest.approx(half, rel=1e-9)
+    assert last.state.energy.loads == pytest.approx(half, rel=1e-9)
+    assert 0.5 * np.vdot(elasticity.spring * u, u) > 0.1 * half
+
+
+def test_slip_is_written_as_that_of_the_step(tmp_path):
+    """From where the step before has left the nodes, moved along with the foundation."""
+    way = [(0, 0, 0, 0), (1, 0, 0, 1e-3), (2, 2e-3, 0, 1e-3)]
+    contact = Contact("bottom", 0.3, foundation=Plane((0, 0, 0), (0, 0, 1)), motion=way)
+    problem = ContactProblem(coulomb.box((0.1, 0.1, 0.05), (4, 4, 3)), RUBBER, [Clamp("top")], contact)
+    before, step = LoadHistory([1.5, 2.0]).steps(problem)
+    output.write(step.solution, tmp_path, picture=False)
+    elasticity, nodes = step.solution.problem.elasticity, step.solution.problem.surface.nodes
+    written = nodal_vectors(tmp_path / "contact.h5", "slip", elasticity.x, problem.comm, elsewhere=0.0)[nodes]
+    slip = (step.solution.displacement - before.solution.displacement)[nodes] - [1e-3, 0.0, 0.0]
+    slip[:, 2] = 0.0
+    assert np.allclose(written, slip, rtol=0.0, atol=1e-6 * np.abs(slip).max())
+    assert np.abs(before.solution.displacement[nodes, :2]).max() > 0.1 * np.abs(slip).max()
+    assert step.row["greatest_slip"] == pytest.approx(np.linalg.norm(slip, axis=1).max(), rel=1e-6)
+
+
+def test_the_largest_slip_is_that_of_a_closed_node():
+    """A beam pressed down near its clamped end; the free end is lifted and swings sideways, farther than what touches."""
+    pressed = Traction("top", lambda x: np.stack([0 * x[0], 0 * x[0], np.where(x[0] < 0.9, -3e7, 0.0)]))
+    solution = ContactProblem(
+        coulomb.box((2.0, 0.5, 0.5), (8, 2, 2)),
+        STEEL,
+        [Clamp("left")],
+        Contact("bottom", 0.1),
+        [Traction("right", (0.0, 5e6, 2e6)), pressed],
+    ).solve()
+    x = solution.contact_force.reshape(-1, 3)
+    way = np.linalg.norm(solution.displacement[solution.problem.surface.nodes][:, :2], axis=1)
+    closed = x[:, 0] > 1e-6 * x[:, 0].max()
+    assert 0 < closed.sum() < len(closed) and way[~closed].max() > 1.5 * way[closed].max()
+    assert totals(solution)["greatest_slip"] == pytest.approx(way[closed].max(), rel=1e-9)
+
+
+def test_way_along_a_moving_foundation():
+    """A ball of 1 m drawn away under a body by 30 mm: the nodes go 30 mm along it, as if the body had been moved."""
+    ball, mesh = Sphere((0.05, 0.05, -1.0), 1.0), coulomb.box((0.1, 0.1, 0.05), (4, 4, 3))
+    drawn = Contact("bottom", 0.0, foundation=ball, motion=[(0, 0, 0, 0), (1, 0.03, 0, 2e-3)])
+    measured = ContactProblem(mesh, RUBBER, [Clamp("top")], drawn, time=1.0).solve()
+    surface, x = measured.problem.surface, measured.contact_force.reshape(-1, 3)
+    pressing = x[:, 0] > 1e-6 * x[:, 0].max()
+    way = measured.displacement[surface.nodes] - [0.03, 0.0, 2e-3]
+    way -= np.einsum("ki,ki->k", way, surface.frames[:, 0])[:, None] * surface.frames[:, 0]
+    expected = (np.linalg.norm(way, axis=1) / np.sqrt(surface.area))[pressing].max()
+    assert measured.small_strain.slip_over_cell == pytest.approx(expected, rel=1e-9)
+    assert expected > 1.0 and any("cells along a curved foundation" in text for text in measured.small_strain.warnings)
+
+
+def test_the_slip_bound_written_is_the_solvers(tmp_path):
+    solution = rubbed(cells=2).at(1.0).solve()
+    told = dataclasses.replace(solution, slip_bound=1.25 * solution.slip_bound)
+    assert np.array_equal(output.contact_fields(told)["slip_bound"], 1.25 * solution.slip_bound)
