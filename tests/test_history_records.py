@@ -71,7 +71,7 @@ def test_slip_is_written_as_that_of_the_step(tmp_path):
 
 
 def test_the_largest_slip_is_that_of_a_closed_node():
-    """A beam pressed down near its clamped end; the free end is lifted and swings sideways, farther than what touches."""
+    """A beam pressed down near its clamped end; the free end is lifted and swings out, farther than what touches."""
     pressed = Traction("top", lambda x: np.stack([0 * x[0], 0 * x[0], np.where(x[0] < 0.9, -3e7, 0.0)]))
     solution = ContactProblem(
         coulomb.box((2.0, 0.5, 0.5), (8, 2, 2)),

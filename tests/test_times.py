@@ -21,7 +21,7 @@ WAYS = {
 
 
 def problem(time, **options):
-    """Everything changes in the course of time but K: loads, a clamp, and a ball that turns its normals at the nodes."""
+    """Everything changes in time but K: loads, a clamp, and a ball that turns its normals at the nodes."""
     return ContactProblem(
         MESH,
         RUBBER,
