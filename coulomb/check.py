@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from .arrays import FloatArray
 from .certificate import Certificate, Evidence, judge
+from .evidence import rounding_forces
 from .fem import compat
 from .fem.body import ElasticBody
 from .fem.surface import tangent_frames
@@ -68,7 +69,7 @@ def check(directory: str | Path) -> Certificate:
             displacement=u,
             internal=body.internal_force(u),
             load=load,
-            spring=-on_body["spring"][node] * u,
+            spring=on_body["spring"][node],
             fixed=fixed,
             prescribed=on_body["prescribed"][node],
             on_body=everywhere,
@@ -76,6 +77,7 @@ def check(directory: str | Path) -> Certificate:
             closure=_closure(frames, u[of_node], at["slip_origin"]),
             gap=at["initial_gap"],
             bound=at["coefficient"] * pressing,
+            rounding=rounding_forces(body, u),
             compliance=told["mean_compliance"],
         )
     )

@@ -16,8 +16,10 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from .arrays import FloatArray
+from .fem.body import ElasticBody
 from .fem.fields import evaluate_motion, evaluate_numbers, on_all_ranks
 from .fem.surface import tangent_frames, way_along
+from .solvers.reductions import Reductions
 
 if TYPE_CHECKING:
     from .contact import Contact
@@ -39,7 +41,7 @@ class Evidence:
         displacement: Shape (k, 3).
         internal: Nodal forces of its stress, assembled anew, shape (k, 3).
         load: Shape (k, 3).
-        spring: Forces of the springs on the body, shape (k, 3).
+        spring: Stiffness of the springs along x, y and z in N/m, shape (k, 3).
         fixed: Which components are prescribed, shape (k, 3).
         prescribed: Their values, shape (k, 3).
         on_body: Contact forces on the body, shape (k, 3).
@@ -47,6 +49,7 @@ class Evidence:
         closure: Displacement of the contact nodes along n, and their slip along t1, t2, shape (m, 3).
         gap: Before deformation, shape (m,).
         bound: Slip bound of the law at these forces, shape (m,).
+        rounding: Nodal forces that rounding the displacement may make (`rounding_forces`), shape (k, 3).
         compliance: Mean diagonal of A, metres per newton.
     """
 
@@ -63,6 +66,7 @@ class Evidence:
     closure: FloatArray
     gap: FloatArray
     bound: FloatArray
+    rounding: FloatArray
     compliance: float
 
 
@@ -104,7 +108,7 @@ def evidence(problem: ContactProblem, x: FloatArray, u: FloatArray, before: Befo
         displacement=u,
         internal=elasticity.internal_force(u),
         load=elasticity.load,
-        spring=elasticity.spring_force(u),
+        spring=elasticity.spring,
         fixed=elasticity.fixed,
         prescribed=elasticity.prescribed,
         on_body=on_body,
@@ -112,8 +116,22 @@ def evidence(problem: ContactProblem, x: FloatArray, u: FloatArray, before: Befo
         closure=closure,
         gap=gap,
         bound=radius * np.maximum(force[:, 0], 0.0) if problem.coulomb else radius,
+        rounding=rounding_forces(elasticity, u),
         compliance=problem.mean_compliance,
     )
+
+
+def rounding_forces(body: ElasticBody, u: FloatArray) -> FloatArray:
+    """Nodal forces in newtons of a change of the displacement u by one rounding, shapes (k, 3); collective.
+
+    2^-52 of the largest component of u, with signs that change from node to node.
+    """
+    motion = Reductions(body.domain.comm).max(np.abs(u))
+    size = Reductions(body.domain.comm).max(np.abs(body.x)) or 1.0
+    signs = np.where(
+        np.sin(body.x / size @ np.array([[1e4, 2e4, 3e4], [5e4, 4e4, 7e4], [9e4, 8e4, 6e4]])) > 0, 1.0, -1.0
+    )
+    return body.internal_force(2.0**-52 * motion * signs)
 
 
 def _face(

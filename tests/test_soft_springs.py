@@ -1,0 +1,71 @@
+"""A body that only soft springs keep from moving: a drift of the whole is seen, however large the internal forces."""
+
+import numpy as np
+import pytest
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, Material, Spring, Traction, certify
+
+
+def failed(certificate):
+    return {check.name for check in certificate.checks if not check.passed}
+
+
+def block(stiffness, friction=0.0, clamps=()):
+    """A block of steel pressed on a plane by a load off its middle, on springs all round."""
+    return ContactProblem(
+        coulomb.box((3.0, 1.0, 1.0), (6, 3, 2)),
+        Material(2e11, 0.3),
+        list(clamps),
+        Contact("bottom", friction),
+        [Traction("top", lambda x: np.array([0 * x[0], 0 * x[0], -1e6 * (1.0 + 0.2 * x[0])]))],
+        springs=[Spring("left", stiffness), Spring("right", stiffness)],
+    )
+
+
+def drifted(problem, way, turn=0.0):
+    """The certificate of the answer, moved along the plane by a part of its displacement there, and turned on it."""
+    solution = problem.solve(tolerance=1e-10)
+    u, x = solution.displacement.copy(), problem.elasticity.x
+    along = np.abs(u[:, :2]).max()
+    u[:, 0] += way * along - turn * along * (x[:, 1] - 0.5)
+    u[:, 1] += turn * along * (x[:, 0] - 1.5)
+    return solution, certify(problem, solution.contact_force, u)
+
+
+@pytest.mark.parametrize("stiffness", [1e5, 1e6, 1e7])
+def test_right_answers_pass(stiffness):
+    solution, certificate = drifted(block(stiffness), 0.0)
+    assert failed(solution.certificate) <= {"complementarity", "penetration"}  # soft springs ask for more of the solver
+    assert certificate["rigid motion"].value <= 1e-7
+
+
+@pytest.mark.parametrize("stiffness", [1e5, 1e6, 1e7])
+@pytest.mark.parametrize(("way", "turn"), [(1e-5, 0.0), (-1e-5, 0.0), (0.1, 0.0), (0.0, 1e-5), (0.0, 0.1)])
+def test_a_drift_fails(stiffness, way, turn):
+    _, certificate = drifted(block(stiffness), way, turn)
+    assert certificate["rigid motion"].value > 1e-6
+    assert "rigid motion" in failed(certificate)
+
+
+def test_the_drift_was_not_seen_by_the_internal_forces():
+    """Why equilibrium and balance of all forces are not enough."""
+    _, certificate = drifted(block(1e5), 0.1)
+    for name in ("equilibrium", "force balance"):
+        assert certificate[name].passed
+
+
+def test_what_clamps_hold_is_not_judged_by_springs():
+    """A clamp along y and z leaves free only the motion along x: the other five move clamped components."""
+    problem = block(1e6, clamps=[Clamp("top", "yz")])
+    solution, certificate = drifted(problem, 1e-3)
+    assert solution.certificate["rigid motion"].value <= 1e-9
+    assert "rigid motion" in failed(certificate)
+    held = block(1e6, clamps=[Clamp("top")])
+    assert held.solve().certificate["rigid motion"].value == 0.0
+
+
+def test_a_drift_of_a_rubbing_block_fails():
+    """With friction as well: what the springs carry is compared, not the forces of the contact."""
+    _, certificate = drifted(block(1e6, friction=0.3), 0.1)
+    assert "rigid motion" in failed(certificate)
