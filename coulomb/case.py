@@ -203,7 +203,7 @@ class Case(Table):
         return OneLoop(table.tolerance) if table.method == "one-loop" else Automatic(table.tolerance)
 
 
-_FILES = {"file", "facets", "cell_groups"}
+FILES = {"file", "facets", "cell_groups"}
 """Keys of the mesh that name files."""
 
 
@@ -251,7 +251,7 @@ def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:
     def write() -> str:
         directory.mkdir(parents=True, exist_ok=True)
         tables = case.model_dump(mode="json", exclude_unset=True)
-        for key in _FILES.intersection(tables["mesh"]):
+        for key in FILES.intersection(tables["mesh"]):
             tables["mesh"][key] = str(Path(tables["mesh"][key]).absolute())
         (directory / "case.json").write_text(json.dumps(tables, indent=2) + "\n", encoding="utf-8")
         return ""
@@ -283,7 +283,7 @@ def written_case(directory: Path, comm: MPI.Comm) -> Case:
 def _beside(case: Path, tables: dict[str, Any]) -> None:
     """Names of mesh files, relative to the case's directory."""
     mesh = tables.get("mesh")
-    for key in _FILES:
+    for key in FILES:
         if isinstance(mesh, dict) and isinstance(mesh.get(key), str):
             mesh[key] = str(case.parent / mesh[key])
 

@@ -14,6 +14,7 @@ from .case import Case, read_case
 from .console import console, errors
 from .estimate import estimate_of, gigabytes, refuse_too_large, refuse_too_many_cells
 from .fem.body import LOCKING_ABOVE, Material
+from .lock import refuse_in_use
 from .output import on_rank_0, refuse_full_disk, size_on_disk
 from .problem import ContactProblem
 from .running import bad_input, refuse_unwritable
@@ -71,7 +72,7 @@ def check_case(
     """
     with bad_input():
         settings = read_case(case, changes or (), MPI.COMM_WORLD)
-        problem = posed(settings, directory or Path(settings.output.directory), force=False)
+        problem = posed(settings, directory or Path(settings.output.directory), force=False, now=False)
         for end in settings.history.ends if settings.history is not None else ():
             problem.unsolved_at(end)
     introduce(console, case, problem)
@@ -93,19 +94,22 @@ def check_case(
         console.print(line, markup=False, soft_wrap=True)
 
 
-def posed(settings: Case, target: Path, force: bool) -> ContactProblem:
+def posed(settings: Case, target: Path, force: bool, now: bool = True) -> ContactProblem:
     """The problem of a case, once it is clear that memory and disk have room for it; collective.
 
     Args:
         settings: The case.
         target: Where the results will go.
         force: Not to mind memory and disk.
+        now: Whether it is to run at once, so that the directory must be free.
 
     Raises:
         ValueError: On every rank.
     """
     comm = MPI.COMM_WORLD
     refuse_unwritable(target, comm)
+    if now:
+        refuse_in_use(target, comm)
     if settings.mesh.cells is not None and not force:
         refuse_too_many_cells(settings.mesh.cells, comm)
     problem = settings.problem(comm)

@@ -18,7 +18,7 @@ from __future__ import annotations
 import csv
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from . import output
 from .certificate import certify
 from .history_summary import Told, added, whole
 from .load_step import Energy, LoadStep, State
+from .lock import locked
 from .problem import ContactProblem
 from .restart import nodal_vectors, read_step, read_summary, steps_in
 from .solution import Solution
@@ -133,6 +134,7 @@ class LoadHistory:
         resume: bool = False,
         progress: ProgressCallback | None = None,
         on_step: Callable[[LoadStep], bool | None] | None = None,
+        record: Mapping[str, Any] | None = None,
     ) -> list[dict[str, Any]]:
         """Take all steps, and write each of them before the next.
 
@@ -145,21 +147,32 @@ class LoadHistory:
             resume: Continue from the last step that is there.
             progress: Called after every path-following step.
             on_step: Called after every load step, once it is on disk; a true answer, the same on every rank, ends it.
+            record: What is being computed, kept in the summary of every step under step.case (`case_record`).
 
         Returns:
             The lines of history.csv.
 
         Raises:
-            ValueError: On every rank, if there are steps and `resume` is not asked for, or they do not fit.
+            ValueError: On every rank, if there are steps and `resume` is not asked for, or they do not fit, or another
+                run is at work in the directory.
             StepFailed: As `steps`; all steps before are kept.
         """
-        folder, comm = Path(directory), problem.comm
+        with locked(directory, problem.comm):
+            return self._run(problem, Path(directory), resume, progress, on_step, record)
+
+    def _run(
+        self,
+        problem: ContactProblem,
+        folder: Path,
+        resume: bool,
+        progress: ProgressCallback | None,
+        on_step: Callable[[LoadStep], bool | None] | None,
+        record: Mapping[str, Any] | None,
+    ) -> list[dict[str, Any]]:
+        comm = problem.comm
         found = comm.bcast(steps_in(folder) if comm.rank == 0 else None)
-        if found and not resume:
-            raise ValueError(
-                f"{folder} already holds {len(found)} load steps: continue with `coulomb resume {folder}`, remove it, "
-                "or choose another directory"
-            )
+        if not resume:
+            refuse_steps(folder, len(found))
         state = self.beginning(problem)
         told = [read_summary(folder / "steps" / f"{number:04d}", comm) for number in found]
         rows, history = [summary["step"]["row"] for summary in told], whole(told)
@@ -170,7 +183,8 @@ class LoadHistory:
             rows.append(step.row)
             if len(rows) == len(found) + 1:  # assembly and factorisation, done once, are in the seconds of this step
                 _add(problem.seconds, to=step.solution.problem.seconds)
-            contents = output.write(step.solution, target, picture=False, extra={"step": _record(step, rows[-1])})
+            extra = {"step": _record(step, rows[-1], record)}
+            contents = output.write(step.solution, target, picture=False, extra=extra)
             history = added(history, contents)
             _write_series(folder, rows, history, contents, comm)
             if on_step is not None and on_step(step):
@@ -184,6 +198,19 @@ class StepFailed(NotConverged):
     def __init__(self, message: str, result: Any, problem: ContactProblem):
         super().__init__(message, result)
         self.problem = problem
+
+
+def refuse_steps(folder: Path, found: int) -> None:
+    """Not to begin a history where another one is.
+
+    Raises:
+        ValueError: If there are load steps.
+    """
+    if found:
+        raise ValueError(
+            f"{folder} already holds {found} load steps: continue with `coulomb resume {folder}`, remove it, "
+            "or choose another directory"
+        )
 
 
 # --- on disk -----------------------------------------------------------------------------------------------------
@@ -208,10 +235,12 @@ def restored(problem: ContactProblem, folder: Path, number: int) -> State:
     )
 
 
-def _record(step: LoadStep, row: dict[str, Any]) -> dict[str, Any]:
+def _record(step: LoadStep, row: dict[str, Any], of: Mapping[str, Any] | None) -> dict[str, Any]:
     """What summary.json of a step keeps for going on."""
     state = step.state
+    case = {} if of is None else {"case": dict(of)}
     return {
+        **case,
         "number": state.number,
         "time": state.time,
         "halvings": step.halvings,

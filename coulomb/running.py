@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -17,11 +17,13 @@ from rich.console import Console
 
 from . import output
 from .case import Case, write_case
+from .case_record import case_record, refuse_another_case
 from .commands_pictures import write_report
 from .console import BAD_INPUT, FAILED, INTERRUPTED, errors
 from .interruption import Interruption
-from .load_history import StepFailed
+from .load_history import StepFailed, refuse_steps
 from .load_step import LoadStep
+from .lock import locked
 from .log import Log
 from .problem import ContactProblem
 from .provenance import now
@@ -83,9 +85,26 @@ def refuse_unwritable(target: Path, comm: MPI.Comm) -> None:
         raise ValueError(f"output {target}: cannot be written: {found}; choose another (--output)")
 
 
+@contextmanager
+def _holding(target: Path, comm: MPI.Comm) -> Iterator[None]:
+    """The directory of the results is ours; ends the command where it is another's, or cannot be made."""
+    with ExitStack() as stack:
+        with bad_input():
+            try:
+                stack.enter_context(locked(target, comm))
+            except OSError as error:
+                raise ValueError(f"output {target}: cannot be written: {error.strerror or error}") from None
+        yield
+
+
 def solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path, began: float) -> None:
     """Solve, certify, write and report; ends the command with its exit code."""
     problem.started = session.started
+    with _holding(target, problem.comm):
+        _solve_once(session, settings, problem, target, began)
+
+
+def _solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path, began: float) -> None:
     solution, trouble = _solve(session, settings, problem)
     interrupted = solution.result.status is Status.INTERRUPTED
     problem.seconds["total"] = time.perf_counter() - began
@@ -122,6 +141,21 @@ def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[S
 
 def take_steps(session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool) -> None:
     """Run a load history; ends the command with its exit code."""
+    with _holding(target, problem.comm):
+        with bad_input():
+            record = case_record(settings, problem.comm)
+            done = problem.comm.bcast(len(steps_in(target)) if problem.comm.rank == 0 else None)
+            changed = refuse_another_case(settings, target, done, problem.comm) if resume and done else []
+            if not resume:
+                refuse_steps(target, done)
+        for change in changed:
+            errors.print(f"warning: from step {done + 1} on {change}", markup=False)
+        _take_steps(session, settings, problem, target, resume, record)
+
+
+def _take_steps(
+    session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool, record: dict[str, Any]
+) -> None:
     console, comm, problem.started = session.console, problem.comm, session.started
     began, trouble, code = time.perf_counter(), "", FAILED
     display = Display(console, by_step=True)
@@ -158,7 +192,9 @@ def take_steps(session: Session, settings: Case, problem: ContactProblem, target
             write_case(settings, target, comm)
         with display, bad_input():
             progress = session.progress(display)
-            rows = settings.load_history().run(problem, target, resume=resume, progress=progress, on_step=say)
+            rows = settings.load_history().run(
+                problem, target, resume=resume, progress=progress, on_step=say, record=record
+            )
         if rows[-1]["time"] < settings.load_history().times[-1]:
             trouble, code = "interrupted between two load steps", INTERRUPTED
     except StepFailed as failure:

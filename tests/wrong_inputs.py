@@ -137,6 +137,18 @@ def edit_written_case():
     path.write_text(json.dumps(written))
 
 
+def another_run():
+    Path("results").mkdir()
+    told = {
+        "pid": 7,
+        "host": "elsewhere",
+        "started": "boot 1",
+        "since": "2026-01-01 12:00:00",
+        "command": "coulomb run",
+    }
+    Path("results/run.lock").write_text(json.dumps(told))
+
+
 def cut(path):
     return lambda: Path(path).write_bytes(Path(path).read_bytes()[:2000])
 
@@ -487,8 +499,17 @@ COMMANDS = (
     Wrong(
         "resume with another mesh",
         ("resume", "results"),
-        r"solution\.h5: belongs to another mesh, or is not whole",
+        r"results: the case is no longer the one that its 2 load steps were computed from: mesh\.cells\.0 is 4, was 3; "
+        r"put that back \(case\.json\), or run the changed case in another directory",
         ran(*STEPS[1::2], then=edit_written_case),
+    ),
+    Wrong(
+        "a directory that belongs to another run",
+        run(),
+        r"results is in use by process 7 on elsewhere, since .* \(coulomb run\), which cannot be seen from .*; if that "
+        r"run is known to have ended, remove results/run\.lock",
+        another_run,
+        library="cannot be seen from ",
     ),
     Wrong(
         "resume with a step cut short",

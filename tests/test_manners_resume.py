@@ -1,0 +1,160 @@
+"""`coulomb resume` goes on with the case that was computed, and with no other."""
+
+import json
+import shutil
+
+import pytest
+from conftest import run_coulomb
+from mesh_files import BoxFile
+from mpi4py import MPI
+
+from coulomb.case import read_case, write_case, written_case
+from coulomb.case_record import case_record, refuse_another_case
+from coulomb.load_history import LoadHistory
+
+comm = MPI.COMM_WORLD
+
+CASE = """\
+body_force = [0.0, 0.0, 0.0]
+[mesh]
+file = "part.msh"
+[material]
+young = 2e11
+poisson = 0.3
+[[clamp]]
+face = "top"
+value = [0.0, 0.0, -1e-4]
+amplitude = [[0, 0], [1, 1]]
+[contact]
+face = "bottom"
+friction = 0.3
+[history]
+times = [0.5, 1.0]
+[output]
+picture = false
+"""
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory):
+    """A history of two steps of which one is taken."""
+    home = tmp_path_factory.mktemp("stopped")
+    BoxFile().write(home / "part.msh")
+    (home / "case.toml").write_text(CASE)
+    case = read_case(home / "case.toml")
+    write_case(case, home / "out", comm)
+    rows = case.load_history().run(
+        case.problem(comm), home / "out", on_step=lambda _: True, record=case_record(case, comm)
+    )
+    assert len(rows) == 1
+    return home
+
+
+@pytest.fixture
+def copy(stopped, tmp_path):
+    """Of it, the mesh file moved along."""
+    shutil.copytree(stopped, tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+def edit(home, **tables):
+    path = home / "out" / "case.json"
+    case = json.loads(path.read_text())
+    case["mesh"]["file"] = str(home / "part.msh")
+    for table, keys in tables.items():
+        if isinstance(keys, dict):
+            case.setdefault(table, {}).update(keys)
+        else:
+            case[table] = keys
+    path.write_text(json.dumps(case))
+
+
+def refused(home):
+    case = written_case(home / "out", comm)
+    with pytest.raises(ValueError) as fault:
+        refuse_another_case(case, home / "out", 1, comm)
+    return str(fault.value)
+
+
+@pytest.mark.parametrize(
+    ("tables", "named"),
+    [
+        ({"contact": {"friction": 0.5}}, "contact.friction is 0.5, was 0.3;"),
+        ({"contact": {"motion": [[0, 0, 0, 0], [1, 1, 0, 0]]}}, "contact.motion is [[0.0, 0.0, 0.0, 0.0], [1.0, 1.0"),
+        ({"material": {"young": 1e11}}, "material.young is 100000000000.0, was 200000000000.0;"),
+        ({"clamp": [{"face": "top"}]}, "clamp.0.value.2 is 0.0, was -0.0001; clamp.0.amplitude is not given, was [[0"),
+        ({"history": {"times": [0.5, 1.5]}}, "history.times.1 is 1.5, was 1.0;"),
+        ({"history": {"times": [0.5]}}, "history.times is [0.5], was [0.5, 1.0];"),
+        ({"body_force": [0, 0, 1]}, "body_force.2 is 1.0, was 0.0;"),
+        ({"mesh": {"scale": 2.0}}, "mesh.scale is 2.0, was 1.0;"),
+        ({"spring": [{"face": "left", "stiffness": 1.0}]}, "spring is "),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_an_edited_case_is_refused_by_name(copy, tables, named):
+    edit(copy, **tables)
+    said = refused(copy)
+    assert "the case is no longer the one that its 1 load steps were computed from: " in said and named in said
+    assert "put that back (case.json), or run the changed case in another directory" in said
+
+
+def test_an_edited_mesh_is_refused(copy):
+    edit(copy)
+    other = BoxFile()
+    other.points *= [1.0, 1.0, 1.01]
+    other.write(copy / "part.msh")
+    assert "computed from: the contents of mesh.file; " in refused(copy)
+
+
+def test_what_does_not_change_the_problem_may_change(copy):
+    """Another place of the same mesh and of the results, another method, a case written out in full."""
+    edit(copy, output={"report": True}, solver={"method": "one-loop"}, history={"halvings": 3}, contact={"region": []})
+    told = refuse_another_case(written_case(copy / "out", comm), copy / "out", 1, comm)
+    assert sorted(told) == ["history.halvings is 3, was 6", 'solver.method is "one-loop", was "auto"']
+
+
+def test_steps_that_do_not_say_are_refused(copy):
+    step = copy / "out" / "steps" / "0001" / "summary.json"
+    told = json.loads(step.read_text())
+    del told["step"]["case"]
+    step.write_text(json.dumps(told))
+    edit(copy)
+    assert "does not say from which case it was computed" in refused(copy)
+
+
+def test_the_command(copy):
+    edit(copy, contact={"friction": 0.5})
+    before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
+    done = run_coulomb("resume", copy / "out")
+    assert done.returncode == 2 and "contact.friction is 0.5, was 0.3" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before
+    edit(copy, contact={"friction": 0.3}, solver={"tolerance": 1e-9})
+    done = run_coulomb("resume", copy / "out")
+    assert done.returncode == 0 and done.stderr == "warning: from step 2 on solver.tolerance is 1e-09, was 1e-08\n"
+
+
+def test_a_refused_run_leaves_the_case_of_the_history(copy):
+    """A changed case, run by mistake where a history is: what is there stays whole, its case too."""
+    edit(copy)
+    before = (copy / "out" / "case.json").read_bytes()
+    done = run_coulomb("run", copy / "case.toml", "--set", "contact.friction=0.7", "--output", copy / "out")
+    assert done.returncode == 2 and "already holds 1 load steps" in done.stderr
+    assert (copy / "out" / "case.json").read_bytes() == before
+
+
+def test_python_keeps_no_case(tmp_path, stopped):
+    case = read_case(stopped / "case.toml")
+    LoadHistory([0.5]).run(case.problem(comm), tmp_path / "out")
+    told = json.loads((tmp_path / "out" / "steps" / "0001" / "summary.json").read_text())
+    assert "case" not in told["step"]
+
+
+def test_the_digest_of_an_xdmf_mesh_covers_its_data(tmp_path):
+    from coulomb.case_record import _digest
+
+    (tmp_path / "part.xdmf").write_text('<Xdmf><DataItem Format="HDF">part.h5:/Mesh/x</DataItem></Xdmf>')
+    (tmp_path / "part.h5").write_bytes(b"one")
+    first = _digest(tmp_path / "part.xdmf")
+    (tmp_path / "part.h5").write_bytes(b"two")
+    assert _digest(tmp_path / "part.xdmf") != first
