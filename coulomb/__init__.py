@@ -4,32 +4,40 @@ u = K^-1 (f - B^T x),   A = B K^-1 B^T,   b = B K^-1 f - c
 min 1/2 x^T A x - b^T x   subject to   x_n >= 0,  |x_t| <= g,   with g = F x_n at the solution
 """
 
-from .certificate import Certificate, Check, certify
-from .contact import Contact
-from .fem.body import Material
-from .fem.elasticity import Clamp, Elasticity, Spring, Traction
-from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
-from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
-from .fem.surface import ContactSurface
-from .general import solve_coulomb, solve_tresca
-from .load_history import LoadHistory, StepFailed
-from .load_step import Energy, LoadStep
-from .problem import ContactProblem
-from .solution import Solution
-from .solvers.automatic import Automatic
-from .solvers.condensed import CondensedConeSystem, CondensedSystem
-from .solvers.cone_systems import DenseConeSystem, KrylovConeSystem
-from .solvers.coulomb import CoulombProblem
-from .solvers.dense_system import DenseSystem
-from .solvers.fixed_point import SuccessiveTresca
-from .solvers.kprgp import KPRGP
-from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
-from .solvers.one_loop import OneLoop
-from .solvers.path_following import PathFollowing
-from .solvers.results import CoulombResult, NotConverged, Progress, QPResult, Status
-from .solvers.stiffness import DirectSolver, IterativeSolver
-from .solvers.tresca import TrescaQP
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from .version import __version__
+
+if TYPE_CHECKING:
+    from .certificate import Certificate, Check, certify
+    from .contact import Contact
+    from .fem.body import Material
+    from .fem.elasticity import Elasticity
+    from .fem.loaded_body import Clamp, Spring, Traction
+    from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
+    from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
+    from .fem.surface import ContactSurface
+    from .general import solve_coulomb, solve_tresca
+    from .load_history import LoadHistory, StepFailed
+    from .load_step import Energy, LoadStep
+    from .problem import ContactProblem
+    from .solution import Solution
+    from .solvers.automatic import Automatic
+    from .solvers.condensed import CondensedConeSystem, CondensedSystem
+    from .solvers.cone_systems import DenseConeSystem, KrylovConeSystem
+    from .solvers.coulomb import CoulombProblem
+    from .solvers.dense_system import DenseSystem
+    from .solvers.fixed_point import SuccessiveTresca
+    from .solvers.kprgp import KPRGP
+    from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
+    from .solvers.one_loop import OneLoop
+    from .solvers.path_following import PathFollowing
+    from .solvers.results import CoulombResult, NotConverged, Progress, QPResult, Status
+    from .solvers.stiffness import DirectSolver, IterativeSolver
+    from .solvers.tresca import TrescaQP
 
 __all__ = [
     "KPRGP",
@@ -82,3 +90,49 @@ __all__ = [
     "solve_coulomb",
     "solve_tresca",
 ]
+
+_PUBLIC = {
+    "certificate": ("Certificate", "Check", "certify"),
+    "contact": ("Contact",),
+    "fem.body": ("Material",),
+    "fem.elasticity": ("Elasticity",),
+    "fem.loaded_body": ("Clamp", "Spring", "Traction"),
+    "fem.meshes": ("NamedMesh", "box", "read_gmsh", "read_xdmf"),
+    "fem.obstacles": ("Cylinder", "Plane", "SignedDistance", "Sphere"),
+    "fem.surface": ("ContactSurface",),
+    "general": ("solve_coulomb", "solve_tresca"),
+    "load_history": ("LoadHistory", "StepFailed"),
+    "load_step": ("Energy", "LoadStep"),
+    "problem": ("ContactProblem",),
+    "solution": ("Solution",),
+    "solvers.automatic": ("Automatic",),
+    "solvers.condensed": ("CondensedConeSystem", "CondensedSystem"),
+    "solvers.cone_systems": ("DenseConeSystem", "KrylovConeSystem"),
+    "solvers.coulomb": ("CoulombProblem",),
+    "solvers.dense_system": ("DenseSystem",),
+    "solvers.fixed_point": ("SuccessiveTresca",),
+    "solvers.kprgp": ("KPRGP",),
+    "solvers.newton_systems": ("AugmentedSystem", "RecyclingSystem", "SchurComplementSystem"),
+    "solvers.one_loop": ("OneLoop",),
+    "solvers.path_following": ("PathFollowing",),
+    "solvers.results": ("CoulombResult", "NotConverged", "Progress", "QPResult", "Status"),
+    "solvers.stiffness": ("DirectSolver", "IterativeSolver"),
+    "solvers.tresca": ("TrescaQP",),
+}
+"""The public names by their module, which is loaded when one of them is first asked for; as imported above."""
+
+_HOMES = {name: home for home, names in _PUBLIC.items() for name in names}
+
+
+if not TYPE_CHECKING:  # a checker would take every name for one of ours
+
+    def __getattr__(name: str) -> object:
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value: object = getattr(import_module(f".{_HOMES[name]}", __name__), name)
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    return sorted(globals().keys() | _HOMES.keys())

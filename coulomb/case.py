@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from mpi4py import MPI
 from pydantic import BaseModel, ValidationError, model_validator
 
 from .case_body import (
@@ -28,31 +28,18 @@ from .case_body import (
 )
 from .case_contact import FACE, FACES, ContactTable, ContactTables, HistoryTable
 from .case_solver import OutputTable, SolverTable
-from .fem.body import Material
-from .fem.loaded_body import Clamp, LoadedBody, Spring, Traction
-from .fem.meshes import BOX_FACES
-from .load_history import LoadHistory
-from .output import on_rank_0
-from .problem import ContactProblem
-from .solvers.automatic import Automatic
-from .solvers.condensed import CondensedConeSystem, CondensedSystem
-from .solvers.cone_systems import DenseConeSystem
-from .solvers.coulomb import CoulombSolver
-from .solvers.dense_system import DenseSystem
-from .solvers.fixed_point import SuccessiveTresca
-from .solvers.newton_systems import AugmentedSystem, NewtonSystem, RecyclingSystem, SchurComplementSystem
-from .solvers.one_loop import OneLoop
-from .solvers.path_following import PathFollowing
-from .solvers.stiffness import DirectSolver, IterativeSolver
-from .solvers.tresca import QPSolver
+from .fem.box_faces import BOX_FACES
+from .ranks import launched, on_rank_0
 
-_NEWTON: dict[str, type[NewtonSystem]] = {
-    "recycling": RecyclingSystem,
-    "augmented": AugmentedSystem,
-    "schur": SchurComplementSystem,
-    "dense": DenseSystem,
-    "condensed": CondensedSystem,
-}
+if TYPE_CHECKING:  # what needs DOLFINx or PETSc is loaded when a case that is right becomes a problem
+    from mpi4py import MPI
+
+    from .fem.body import Material
+    from .fem.loaded_body import Clamp, LoadedBody, Spring, Traction
+    from .load_history import LoadHistory
+    from .problem import ContactProblem
+    from .solvers.coulomb import CoulombSolver
+    from .solvers.tresca import QPSolver
 
 
 class Case(Table):
@@ -70,12 +57,18 @@ class Case(Table):
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
 
-    def problem(self, comm: MPI.Comm = MPI.COMM_WORLD) -> ContactProblem:
-        """Mesh and problem of the case.
+    def problem(self, comm: MPI.Comm | None = None) -> ContactProblem:
+        """Mesh and problem of the case, on these ranks, by default all.
 
         Raises:
             ValueError: If the parts do not fit together, on every rank.
         """
+        from mpi4py import MPI
+
+        from .problem import ContactProblem
+        from .solvers.stiffness import DirectSolver, IterativeSolver
+
+        comm = comm or MPI.COMM_WORLD
         if self.solver.newton == "dense" and comm.size > 1:
             raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
         condensed = self.solver.newton == "condensed"
@@ -110,6 +103,8 @@ class Case(Table):
         Raises:
             ValueError: If the parts do not fit together, on every rank.
         """
+        from .fem.loaded_body import LoadedBody
+
         clamps, tractions, springs = self._acting
         amplitude = self.body_force_amplitude or 1.0
         return LoadedBody(
@@ -134,6 +129,8 @@ class Case(Table):
 
     def materials(self) -> Material | dict[str, Material]:
         """One for the whole body, or by group of cells."""
+        from .fem.body import Material
+
         if isinstance(self.material, MaterialTable):
             return Material(self.material.young, self.material.poisson)
         return {table.cells: Material(table.young, table.poisson) for table in self.material}
@@ -179,6 +176,8 @@ class Case(Table):
 
     def load_history(self) -> LoadHistory:
         """The load steps of a case with a [history]."""
+        from .load_history import LoadHistory
+
         assert self.history is not None
         return LoadHistory(
             self.history.ends,
@@ -188,46 +187,28 @@ class Case(Table):
         )
 
     def contact_solver(self) -> CoulombSolver | QPSolver:
-        """The solver the case asks for; a Newton system that is the paper's asks for successive Tresca."""
-        table = self.solver
-        path_following = PathFollowing(tolerance=table.tolerance, newton=_NEWTON[table.newton])
-        if not self.coulomb:
-            return path_following
-        if table.method == "fixed-point" or table.newton in ("augmented", "schur"):
-            most = SuccessiveTresca.max_iterations if table.max_outer is None else table.max_outer
-            return SuccessiveTresca(table.tolerance, path_following, max_iterations=most)
-        if table.newton == "dense":
-            return OneLoop(table.tolerance, newton=DenseConeSystem)
-        if table.newton == "condensed":
-            return OneLoop(table.tolerance, newton=CondensedConeSystem)
-        return OneLoop(table.tolerance) if table.method == "one-loop" else Automatic(table.tolerance)
+        """The solver the case asks for."""
+        return self.solver.contact_solver(self.coulomb)
 
 
 FILES = {"file", "facets", "cell_groups"}
 """Keys of the mesh that name files."""
 
 
-def read_case(path: str | Path, changes: Sequence[str] = (), comm: MPI.Comm = MPI.COMM_WORLD) -> Case:
+def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
     """Read a case file; rank 0 reads, all ranks get the same case or the same error.
 
     Args:
         path: The TOML file; the names of mesh files in it are relative to its directory.
         changes: Settings "key.key=value" that replace or add to those of the file, values in TOML.
-        comm: The ranks.
 
     Raises:
         ValueError: If the file cannot be read, is no TOML, or does not describe a case: key, value, what is allowed.
     """
-    text, fault = "", ""
-    if comm.rank == 0:
-        try:
-            text = Path(path).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else str(error)
-            fault = f"{path}: cannot be read: {reason}"
-    text, fault = comm.bcast((text, fault))
-    if fault:
-        raise ValueError(fault)
+    try:
+        text = on_rank_0(launched(), lambda: _text(Path(path)))
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -259,25 +240,30 @@ def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:
     on_rank_0(comm, write)
 
 
-def written_case(directory: Path, comm: MPI.Comm) -> Case:
+def written_case(directory: Path) -> Case:
     """The case that a run has kept in its directory; the same on every rank.
 
     Raises:
         ValueError: On every rank, if there is none or it cannot be read.
     """
-    text, fault = "", ""
-    if comm.rank == 0:
-        try:
-            text = (directory / "case.json").read_text(encoding="utf-8")
-        except OSError as error:
-            fault = f"{directory}: no case to resume: case.json cannot be read: {error.strerror}"
-    text, fault = comm.bcast((text, fault))
-    if fault:
-        raise ValueError(fault)
+    try:
+        text = on_rank_0(launched(), lambda: _text(directory / "case.json"))
+    except OSError as error:
+        raise ValueError(
+            f"{directory}: no case to resume: case.json cannot be read: {error.strerror or error}"
+        ) from None
     try:
         return Case.model_validate_json(text)
     except ValidationError as error:
         raise ValueError("\n".join(f"{directory}/case.json: {_explain(e)}" for e in error.errors())) from None
+
+
+def _text(path: Path) -> str:
+    """What a file says; whatever it cannot be read for is an OSError."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise OSError(errno.EILSEQ, str(error)) from None
 
 
 def _beside(case: Path, tables: dict[str, Any]) -> None:

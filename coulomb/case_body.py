@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from mpi4py import MPI
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from .fem.loaded_body import Clamp, Spring, Traction
-from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from .fem.loaded_body import Clamp, Spring, Traction
+    from .fem.meshes import NamedMesh
 
 Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False, strict=True)]
@@ -62,6 +64,8 @@ class MeshTable(Table):
         Raises:
             ValueError: On every rank, if the file cannot be read or used.
         """
+        from .fem.meshes import box, read_gmsh, read_xdmf
+
         if self.file is None:
             assert self.box is not None and self.cells is not None
             return box(self.box, self.cells, self.cell, comm)
@@ -100,6 +104,8 @@ class ClampTable(Table):
 
     def clamp(self) -> Clamp:
         """What it describes."""
+        from .fem.loaded_body import Clamp
+
         return Clamp(self.face, self.components, self.value, self.amplitude or 1.0)
 
 
@@ -112,6 +118,8 @@ class TractionTable(Table):
 
     def traction(self) -> Traction:
         """What it describes."""
+        from .fem.loaded_body import Traction
+
         return Traction(self.face, self.value, self.amplitude or 1.0)
 
 
@@ -127,4 +135,6 @@ class SpringTable(Table):
 
     def spring(self) -> Spring:
         """What it describes."""
+        from .fem.loaded_body import Spring
+
         return Spring(self.face, self.stiffness)

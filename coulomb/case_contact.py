@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from .arrays import FloatArray
 from .case_body import Count, NotNegative, Number, Positive, Table, Vector
-from .contact import Contact
-from .fem.fields import Coefficient
 from .fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
-from .load_history import LoadHistory
+from .times import HALVINGS, refuse_times
+
+if TYPE_CHECKING:
+    from .contact import Contact
+    from .fem.fields import Coefficient
 
 
 class FoundationTable(Table):
@@ -98,6 +100,8 @@ class ContactTable(Table):
 
     def contact(self) -> Contact:
         """What it describes."""
+        from .contact import Contact
+
         return Contact(
             self.face,
             self._coefficient("friction"),
@@ -135,13 +139,13 @@ class HistoryTable(Table):
     times: tuple[Number, ...] | None = None
     end: Positive | None = None
     steps: Count | None = None
-    halvings: Annotated[int, Field(ge=0, le=30, strict=True)] = LoadHistory.halvings
+    halvings: Annotated[int, Field(ge=0, le=30, strict=True)] = HALVINGS
 
     @model_validator(mode="after")
     def _times_or_steps(self) -> HistoryTable:
         if (self.times is None) == (self.end is None or self.steps is None):
             raise ValueError("give either times, a list that increases from 0, or end and steps")
-        LoadHistory(self.ends)
+        refuse_times(0.0, self.ends)
         return self
 
     @property

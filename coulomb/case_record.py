@@ -13,7 +13,7 @@ from mpi4py import MPI
 from pydantic import ValidationError
 
 from .case import FILES, Case
-from .output import on_rank_0
+from .ranks import on_rank_0
 from .restart import read_step
 
 _FREE = ("output", "solver", "history.halvings")

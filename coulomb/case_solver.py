@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from .case_body import Count, Table
+
+if TYPE_CHECKING:
+    from .solvers.coulomb import CoulombSolver
+    from .solvers.newton_systems import NewtonSystem
+    from .solvers.tresca import QPSolver
 
 
 class SolverTable(Table):
@@ -28,6 +33,40 @@ class SolverTable(Table):
         if self.newton == "condensed" and self.compliance == "explicit":
             raise ValueError('newton = "condensed" works with K in place of A: leave compliance at "auto"')
         return self
+
+    def contact_solver(self, coulomb: bool) -> CoulombSolver | QPSolver:
+        """What the table asks for; a Newton system that is the paper's asks for successive Tresca.
+
+        Args:
+            coulomb: Whether friction is Coulomb's; else Tresca's.
+        """
+        from .solvers.automatic import Automatic
+        from .solvers.condensed import CondensedConeSystem, CondensedSystem
+        from .solvers.cone_systems import DenseConeSystem
+        from .solvers.dense_system import DenseSystem
+        from .solvers.fixed_point import SuccessiveTresca
+        from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
+        from .solvers.one_loop import OneLoop
+        from .solvers.path_following import PathFollowing
+
+        systems: dict[str, type[NewtonSystem]] = {
+            "recycling": RecyclingSystem,
+            "augmented": AugmentedSystem,
+            "schur": SchurComplementSystem,
+            "dense": DenseSystem,
+            "condensed": CondensedSystem,
+        }
+        path_following = PathFollowing(tolerance=self.tolerance, newton=systems[self.newton])
+        if not coulomb:
+            return path_following
+        if self.method == "fixed-point" or self.newton in ("augmented", "schur"):
+            most = SuccessiveTresca.max_iterations if self.max_outer is None else self.max_outer
+            return SuccessiveTresca(self.tolerance, path_following, max_iterations=most)
+        if self.newton == "dense":
+            return OneLoop(self.tolerance, newton=DenseConeSystem)
+        if self.newton == "condensed":
+            return OneLoop(self.tolerance, newton=CondensedConeSystem)
+        return OneLoop(self.tolerance) if self.method == "one-loop" else Automatic(self.tolerance)
 
 
 class OutputTable(Table):

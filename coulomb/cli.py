@@ -1,51 +1,56 @@
-"""The command line: `coulomb run CASE.toml`, `coulomb info`.  Only rank 0 speaks; exit codes: console.py."""
+"""The command line: `coulomb run CASE.toml`, `coulomb info`.  Only rank 0 speaks; exit codes: console.py.
+
+What needs MPI, PETSc or DOLFINx is imported by the command that needs it, when it runs: help, and what is said of a
+wrong case, come at once.
+"""
 
 from __future__ import annotations
 
 import json
 import signal
 import sys
-import time
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import scipy.sparse
 import typer
-from mpi4py import MPI
-from rich.console import Console
-from threadpoolctl import threadpool_limits
 
 from .benchmarks.commands import benchmark
 from .case import read_case, written_case
-from .case_commands import Changes, check_case, doubts, new, posed
+from .case_commands import Changes, check_case, new
 from .commands_pictures import register
-from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED
+from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks
 from .console import console as _console
 from .console import errors as _errors
-from .interruption import Interruption
-from .log import Log
-from .running import Session, bad_input, solve_once, take_steps
-from .solvers.automatic import Automatic
-from .solvers.coulomb import CoulombSolver
-from .solvers.dense_system import DenseSystem
-from .solvers.fixed_point import SuccessiveTresca
-from .solvers.path_following import PathFollowing
-from .solvers.results import CoulombResult, NotConverged
-from .terminal import introduce
-from .versions import details
+from .ranks import launched
+from .version import __version__
+
+if TYPE_CHECKING:
+    from .solvers.coulomb import CoulombSolver
 
 app = typer.Typer(
-    help="3D contact with Coulomb friction: solved, certified, written.  Begin with: coulomb new block",
     epilog=EXIT_CODES,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
 app.add_typer(benchmark, name="benchmark")
 register(app)
-_comm = MPI.COMM_WORLD
+
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        _console.print(f"coulomb {__version__}", markup=False)
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Say which version this is.", is_eager=True, callback=_tell_version)
+    ] = False,
+) -> None:
+    """3D contact with Coulomb friction: solved, certified, written.  Begin with: coulomb new block"""
+
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")]
 LogFile = Annotated[
@@ -66,18 +71,15 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Run even if the memory seems too small.")] = False,
 ) -> None:
     """Solve a case, certify the answer, write the results."""
-    began = time.perf_counter()
-    with threadpool_limits(limits=1 if _comm.size > 1 else None), _session(quiet, log_file) as session:
+    from .session import opened
+
+    with opened(quiet, log_file) as session:
         with bad_input():
-            settings = read_case(case, [*(changes or ()), *(["output.report=true"] if page else ())], _comm)
-            target = directory or Path(settings.output.directory)
-            problem = posed(settings, target, force)
-        introduce(session.console, case, problem)
-        doubts(settings)
-        if settings.history is not None:
-            take_steps(session, settings, problem, target, resume=False)
-        else:
-            solve_once(session, settings, problem, target, began)
+            settings = read_case(case, [*(changes or ()), *(["output.report=true"] if page else ())])
+
+        from .running import compute
+
+        compute(session, settings, case, directory or Path(settings.output.directory), force)
 
 
 @app.command()
@@ -88,33 +90,28 @@ def resume(
     force: Annotated[bool, typer.Option("--force", help="Run even if the memory seems too small.")] = False,
 ) -> None:
     """Continue a load history that was interrupted, from its last step, on as many ranks as you like."""
-    with threadpool_limits(limits=1 if _comm.size > 1 else None), _session(quiet, log_file) as session:
+    from .session import opened
+
+    with opened(quiet, log_file) as session:
         with bad_input():
-            settings = written_case(directory, _comm)
+            settings = written_case(directory)
             if settings.history is None:
                 raise ValueError(f"{directory} holds a single run, no load history: there is nothing to resume")
-            problem = posed(settings, directory, force)
-        introduce(session.console, directory, problem)
-        take_steps(session, settings, problem, directory, resume=True)
+
+        from .running import compute
+
+        compute(session, settings, directory, directory, force, resume=True)
 
 
 app.command("new")(new)
 app.command("check-case")(check_case)
 
 
-@contextmanager
-def _session(quiet: bool, log_file: Path | None) -> Iterator[Session]:
-    console = Console(quiet=True) if quiet else _console
-    with bad_input():
-        log = Log(log_file, _comm)
-    with log.hearing(console, _errors), Interruption(_comm) as interruption:
-        log.line(" ".join(["coulomb", *sys.argv[1:]]))
-        yield Session(console, log, interruption)
-
-
 @app.command()
 def info() -> None:
     """Versions and PETSc's packages, for a bug report."""
+    from .versions import details
+
     for name, value in details().items():
         _console.print(f"{name:<18}{value}", markup=False, soft_wrap=True)
 
@@ -127,12 +124,16 @@ def fclib(
     dense: Annotated[bool, typer.Option("--dense", help="Newton systems by dense algebra: hard, small ones.")] = False,
 ) -> None:
     """Solve a friction problem from elsewhere, and report the residual its community uses."""
+    refuse_ranks("coulomb fclib")
+
     from .fclib import read_fclib
     from .general import solve_coulomb
+    from .solvers.automatic import Automatic
+    from .solvers.dense_system import DenseSystem
+    from .solvers.fixed_point import SuccessiveTresca
+    from .solvers.path_following import PathFollowing
+    from .solvers.results import CoulombResult, NotConverged
 
-    if _comm.size > 1:
-        _errors.print("error: coulomb fclib runs on one rank", markup=False)
-        raise typer.Exit(BAD_INPUT)
     trouble = ""
     solver: CoulombSolver = Automatic(tolerance)
     if dense:
@@ -176,13 +177,18 @@ def export(
     changes: Annotated[list[str] | None, typer.Option("--set", help="Replace a setting; may be repeated.")] = None,
 ) -> None:
     """Write the contact problem of a case, condensed to its contact nodes, for other solvers to read."""
+    refuse_ranks("coulomb export")
+
+    with bad_input():
+        settings = read_case(case, changes or ())
+
+    import scipy.sparse
+
     from .fclib import FCLIBProblem, write_fclib
     from .solvers.compliance import SchurCompliance
 
     try:
-        if _comm.size > 1:
-            raise ValueError("coulomb export runs on one rank")
-        problem = read_case(case, changes or (), _comm).problem(_comm)
+        problem = settings.problem()
         if not problem.coulomb:
             raise ValueError("FCLIB's problems have Coulomb friction; this case has a slip stress")
         if not isinstance(problem.A, SchurCompliance):
@@ -199,12 +205,11 @@ def export(
 @app.command()
 def check(directory: Annotated[Path, typer.Argument(help="Where a run has left its results.")]) -> None:
     """Certify results from their files alone: 0 if the certificate passes, 1 if not, 2 if it cannot be read."""
+    refuse_ranks("coulomb check")
+
     from .check import check as check_files
     from .check import recorded
 
-    if _comm.size > 1:
-        _errors.print("error: coulomb check runs on one rank", markup=False)
-        raise typer.Exit(BAD_INPUT)
     try:
         certificate, before = check_files(directory), recorded(directory)
     except ValueError as error:
@@ -224,6 +229,7 @@ def main() -> None:
     except Exception:
         traceback.print_exc()
         sys.stderr.flush()
-        if _comm.size > 1:
-            _comm.Abort(CRASHED)
+        comm = launched()
+        if comm is not None and comm.size > 1:
+            comm.Abort(CRASHED)
         sys.exit(CRASHED)

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from mpi4py import MPI
 
 from . import apart
-from .console import BAD_INPUT, FAILED, console, errors
+from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
+from .ranks import launched, on_rank_0
 
 PAGE = "report.html"
 """Name of the report in the directory of its run."""
@@ -45,7 +45,7 @@ def plot(
     step: Annotated[int | None, typer.Option(help="Of a load history, from 1; the last by default.")] = None,
 ) -> None:
     """Show or save a picture of a run, or a film of a load history."""
-    _one_rank("plot")
+    refuse_ranks("coulomb plot")
     if save is None and not _display():
         save = Path("plot.png")
         console.print("there is no display: the picture goes to a file", markup=False)
@@ -58,21 +58,22 @@ def report(
     save: Annotated[Path | None, typer.Option(help=f"The page; DIRECTORY/{PAGE} by default.")] = None,
 ) -> None:
     """Write one HTML page about a run, certified or not: case, certificate, pictures, convergence, a 3D view."""
-    _one_rank("report")
+    refuse_ranks("coulomb report")
     _apart("page", [str(directory), str(save or directory / PAGE)], seconds=None)
 
 
-def write_report(directory: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> str:
+def write_report(directory: Path) -> str:
     """Write the report of a run that has just been written; collective.
 
     Returns:
         What went wrong, or nothing: a run does not fail for its report.
     """
-    trouble = ""
-    if comm.rank == 0:
+
+    def write() -> str:
         code, said = apart.run("coulomb.report", ["page", str(directory), str(directory / PAGE)])
-        trouble = f"{PAGE} could not be written: {said}" if code else ""
-    return str(comm.bcast(trouble))
+        return f"{PAGE} could not be written: {said}" if code else ""
+
+    return on_rank_0(launched(), write)
 
 
 def _apart(kind: str, arguments: list[str], seconds: float | None) -> None:
@@ -83,12 +84,6 @@ def _apart(kind: str, arguments: list[str], seconds: float | None) -> None:
         return
     errors.print(f"error: {said}", markup=False)
     raise typer.Exit(BAD_INPUT if code == BAD_INPUT else FAILED)
-
-
-def _one_rank(command: str) -> None:
-    if MPI.COMM_WORLD.size > 1:
-        errors.print(f"error: coulomb {command} runs on one rank", markup=False)
-        raise typer.Exit(BAD_INPUT)
 
 
 def _display() -> bool:

@@ -1,7 +1,14 @@
 """Where the command line speaks: on rank 0 alone; and the exit codes."""
 
-from mpi4py import MPI
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
 from rich.console import Console
+
+from . import ranks
 
 FAILED, BAD_INPUT, CRASHED, INTERRUPTED = 1, 2, 3, 130
 """Exit codes; 0: the certificate passed."""
@@ -19,5 +26,28 @@ EXIT_CODES = """Exit codes:
 130  interrupted by Ctrl-C, SIGTERM or SIGUSR1; everything is kept, marked so
 """
 
-console = Console(quiet=MPI.COMM_WORLD.rank != 0, highlight=False)
-errors = Console(quiet=MPI.COMM_WORLD.rank != 0, highlight=False, stderr=True, soft_wrap=True)
+_all = ranks.launched()
+_silent = _all is not None and _all.rank != 0
+console = Console(quiet=_silent, highlight=False)
+errors = Console(quiet=_silent, highlight=False, stderr=True, soft_wrap=True)
+
+
+@contextmanager
+def bad_input() -> Iterator[None]:
+    """A ValueError is the user's to mend: its text, and exit code 2."""
+    try:
+        yield
+    except ValueError as error:
+        errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+
+
+def refuse_ranks(what: str) -> None:
+    """End a command that works on one rank where there are more.
+
+    Args:
+        what: Who says so, as "coulomb plot".
+    """
+    if ranks.several():
+        errors.print(f"error: {what} runs on one rank", markup=False)
+        raise typer.Exit(BAD_INPUT)

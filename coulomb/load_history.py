@@ -16,7 +16,6 @@ the same numbers (`coulomb resume`), on as many ranks as one likes.
 from __future__ import annotations
 
 import csv
-import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -32,11 +31,13 @@ from .history_summary import Told, added, whole
 from .load_step import Energy, LoadStep, State
 from .lock import locked
 from .problem import ContactProblem
+from .ranks import on_rank_0
 from .restart import nodal_vectors, read_step, read_summary, steps_in
 from .solution import Solution
 from .solvers.coulomb import CoulombSolver
 from .solvers.results import NotConverged, ProgressCallback, Status
 from .solvers.tresca import QPSolver
+from .times import HALVINGS, refuse_times
 
 SMALLEST = 1e-9
 """Step, as a part of the whole history, under which halving ends."""
@@ -63,12 +64,10 @@ class LoadHistory:
     start: float = 0.0
     tolerance: float = 1e-8
     solver: CoulombSolver | QPSolver | None = None
-    halvings: int = 6
+    halvings: int = HALVINGS
 
     def __post_init__(self) -> None:
-        times = [self.start, *self.times]
-        if len(times) < 2 or not all(math.isfinite(t) for t in times) or any(np.diff(times) <= 0.0):
-            raise ValueError(f"history: times must increase from start = {self.start:g}, but are {list(self.times)}")
+        refuse_times(self.start, self.times)
         if self.halvings < 0:
             raise ValueError(f"history: halvings must be at least 0, but is {self.halvings}")
 
@@ -263,7 +262,7 @@ def _write_series(
     Raises:
         OSError: On every rank, if it cannot be written.
     """
-    output.on_rank_0(comm, lambda: _series(folder, rows, history, last))
+    on_rank_0(comm, lambda: _series(folder, rows, history, last))
 
 
 def _series(folder: Path, rows: list[dict[str, Any]], history: Told, last: dict[str, Any]) -> str:

@@ -24,7 +24,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from .output import on_rank_0
+from .ranks import on_rank_0
 
 NAME = "run.lock"
 """Of the file, in the directory of a run for as long as it runs."""

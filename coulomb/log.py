@@ -8,15 +8,17 @@ from contextlib import contextmanager
 from datetime import datetime
 from io import RawIOBase
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 from rich.console import Console, ConsoleRenderable, RenderHook
 from rich.text import Text
 
 from .console import errors
-from .output import on_rank_0
-from .solvers.results import Progress
+from .ranks import on_rank_0
+
+if TYPE_CHECKING:
+    from .solvers.results import Progress
 
 
 class Log(RenderHook):

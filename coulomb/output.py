@@ -29,6 +29,7 @@ from .fem.compat import fem
 from .nodal_answer import HELD, NodalAnswer
 from .problem import ContactProblem
 from .provenance import moment, now, provenance
+from .ranks import on_rank_0
 from .solution import Solution
 from .solvers.results import OuterStep, QPStep
 from .summary import summary
@@ -88,21 +89,6 @@ def write(
             shutil.rmtree(folder, ignore_errors=True)
     problem.seconds.update(contents["seconds"])
     return contents
-
-
-def on_rank_0(comm: MPI.Comm, action: Callable[[], str]) -> str:
-    """Result of an action of rank 0 on every rank; its OSError is raised on every rank."""
-    result: str = ""
-    fault: OSError | None = None
-    if comm.rank == 0:
-        try:
-            result = action()
-        except OSError as error:
-            fault = error
-    result, fault = comm.bcast((result, fault))
-    if fault is not None:
-        raise fault
-    return result
 
 
 def _make_partial(target: Path) -> str:

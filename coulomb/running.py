@@ -6,83 +6,53 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import typer
 from mpi4py import MPI
-from rich.console import Console
+from threadpoolctl import threadpool_limits
 
 from . import output
 from .case import Case, write_case
 from .case_record import case_record, refuse_another_case
 from .commands_pictures import write_report
-from .console import BAD_INPUT, FAILED, INTERRUPTED, errors
-from .interruption import Interruption
+from .console import FAILED, INTERRUPTED, bad_input, errors
 from .load_history import StepFailed, refuse_steps
 from .load_step import LoadStep
 from .lock import locked
-from .log import Log
+from .posing import doubts, posed
 from .problem import ContactProblem
-from .provenance import now
+from .ranks import on_rank_0
 from .restart import history_in, steps_in
+from .session import Session
 from .solution import Solution
-from .solvers.results import NotConverged, Progress, ProgressCallback, Status
+from .solvers.results import NotConverged, Status
 from .summary import summary
-from .terminal import Display, report, report_history
+from .terminal import Display, introduce, report, report_history
 from .time_left import about
 
 
-@dataclass(frozen=True)
-class Session:
-    """What accompanies a run: where it speaks, its log, who may stop it, and when it began."""
+def compute(session: Session, settings: Case, source: Path, target: Path, force: bool, resume: bool = False) -> None:
+    """Pose the problem of a case and solve it, or go on with its load history; ends the command with its exit code.
 
-    console: Console
-    log: Log
-    interruption: Interruption
-    started: datetime = field(default_factory=now)
-
-    def progress(self, display: Display) -> ProgressCallback:
-        """Shows a step, notes it in the log, and says whether to stop."""
-
-        def progress(at: Progress) -> bool:
-            display(at)
-            self.log.step(at)
-            return self.interruption.asked()
-
-        return progress
-
-
-@contextmanager
-def bad_input() -> Iterator[None]:
-    """A ValueError is the user's to mend: its text, and exit code 2."""
-    try:
-        yield
-    except ValueError as error:
-        errors.print(f"error: {error}", markup=False)
-        raise typer.Exit(BAD_INPUT) from None
-
-
-def refuse_unwritable(target: Path, comm: MPI.Comm) -> None:
-    """See beforehand that results could not be written.
-
-    Raises:
-        ValueError: On every rank, if the directory, or what would hold it, is none or does not let us in.
+    Args:
+        session: What accompanies the run.
+        settings: The case.
+        source: Where it comes from, as the user says it.
+        target: Where the results go.
+        force: Not to mind memory and disk.
+        resume: To go on from the load steps in `target`.
     """
-
-    def fault() -> str:
-        place = target.absolute()
-        while not place.exists() and place != place.parent:
-            place = place.parent
-        if not place.is_dir():
-            return f"{place} is no directory"
-        return "" if os.access(place, os.W_OK | os.X_OK) else f"no permission to write in {place}"
-
-    found = output.on_rank_0(comm, fault)
-    if found:
-        raise ValueError(f"output {target}: cannot be written: {found}; choose another (--output)")
+    with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None):
+        with bad_input():
+            problem = posed(settings, target, force)
+        introduce(session.console, source, problem)
+        doubts(settings)
+        if settings.history is not None:
+            take_steps(session, settings, problem, target, resume)
+        else:
+            solve_once(session, settings, problem, target)
 
 
 @contextmanager
@@ -97,17 +67,17 @@ def _holding(target: Path, comm: MPI.Comm) -> Iterator[None]:
         yield
 
 
-def solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path, began: float) -> None:
+def solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path) -> None:
     """Solve, certify, write and report; ends the command with its exit code."""
     problem.started = session.started
     with _holding(target, problem.comm):
-        _solve_once(session, settings, problem, target, began)
+        _solve_once(session, settings, problem, target)
 
 
-def _solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path, began: float) -> None:
+def _solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path) -> None:
     solution, trouble = _solve(session, settings, problem)
     interrupted = solution.result.status is Status.INTERRUPTED
-    problem.seconds["total"] = time.perf_counter() - began
+    problem.seconds["total"] = time.perf_counter() - session.began
     written = True
     try:
         picture = settings.output.picture and not interrupted
@@ -116,7 +86,7 @@ def _solve_once(session: Session, settings: Case, problem: ContactProblem, targe
     except OSError as error:
         contents, written = summary(solution), False
         trouble += f"{'; ' if trouble else ''}{target}: cannot be written: {error.strerror or error}"
-    report(session.console, solution, contents, target if written else None, time.perf_counter() - began)
+    report(session.console, solution, contents, target if written else None, time.perf_counter() - session.began)
     if written:
         _write_page(settings, target, problem.comm)
     if interrupted and written:
@@ -210,7 +180,7 @@ def _take_steps(
     told = comm.bcast(history_in(target) if comm.rank == 0 else None)
     if told is not None:
         if settings.output.picture and code != INTERRUPTED:
-            output.on_rank_0(comm, lambda: output.draw(target / "steps" / f"{told['steps']:04d}", target))
+            on_rank_0(comm, lambda: output.draw(target / "steps" / f"{told['steps']:04d}", target))
         _write_page(settings, target, comm)
         report_history(console, told, taken, time.perf_counter() - began, target)
     if trouble:
@@ -224,7 +194,7 @@ def _take_steps(
 
 def _write_page(settings: Case, target: Path, comm: MPI.Comm) -> None:
     """Write report.html if the case asks for it."""
-    if settings.output.report and (trouble := write_report(target, comm)):
+    if settings.output.report and (trouble := write_report(target)):
         errors.print(f"warning: {trouble}", markup=False)
 
 

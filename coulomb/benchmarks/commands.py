@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from mpi4py import MPI
 from rich.table import Column, Table
 
-from ..console import BAD_INPUT, FAILED, console, errors
+from ..console import BAD_INPUT, FAILED, console, errors, refuse_ranks
+from ..ranks import several
 
 if TYPE_CHECKING:
     from .verification import Verified
@@ -27,7 +27,7 @@ def compliance(
     """Three ways to the compliance A on one rank, seconds: what the default choice rests on."""
     from .compliance import measure
 
-    _one_rank()
+    refuse_ranks("this benchmark")
     console.print(
         "  p  contact    Schur  many right-hand sides  product explicit  matrix-free  difference", soft_wrap=True
     )
@@ -109,7 +109,7 @@ def scaling(
     """Coulomb friction up to a million unknowns, beside one linear solve on the same mesh (the yardstick)."""
     from .scaling import METHODS, NEWTON, SIZES, STARTS, Row, exponent, measure
 
-    if MPI.COMM_WORLD.size > 1 or method not in METHODS:
+    if several() or method not in METHODS:
         errors.print("error: this benchmark runs on one rank, and starts others; --method is auto, direct or iterative")
         raise typer.Exit(BAD_INPUT)
     if newton not in NEWTON or start not in STARTS:
@@ -150,7 +150,7 @@ def estimates(
     """What `coulomb check-case` expects of the block, beside what it takes."""
     from .estimates import SIZES, measure
 
-    _one_rank()
+    refuse_ranks("this benchmark")
     console.print(
         "  p  method                 unknowns  contact   GB expected  measured   s expected  measured", soft_wrap=True
     )
@@ -177,7 +177,7 @@ def peers(
     """The block by coulomb and by other packages, each in a process of its own, on one thread."""
     from .peers import Row, Skipped, measure
 
-    _one_rank()
+    refuse_ranks("this benchmark")
     rows: list[Row] = []
     try:
         for row in measure(sizes or (10,), names, repeats):
@@ -230,7 +230,7 @@ def verification(
     from .verification import CASES
 
     unknown = [name for name in names or () if name not in CASES]
-    if MPI.COMM_WORLD.size > 1 or unknown:
+    if several() or unknown:
         errors.print(f"error: this benchmark runs on one rank; its cases are {', '.join(CASES)}", markup=False)
         raise typer.Exit(BAD_INPUT)
     found = {}
@@ -273,15 +273,9 @@ def _print_verified(name: str, verified: Verified) -> None:
     console.print()
 
 
-def _one_rank() -> None:
-    if MPI.COMM_WORLD.size > 1:
-        errors.print("error: this benchmark runs on one rank", markup=False)
-        raise typer.Exit(BAD_INPUT)
-
-
 def _write_table(directory: Path | None, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     """name.csv and its figure name.png, where a directory is given."""
-    if directory is None or MPI.COMM_WORLD.rank != 0 or not rows:
+    if directory is None or console.quiet or not rows:
         return
     from .. import plotting
 

@@ -15,12 +15,10 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from . import compat, gmsh_format, xdmf_format
+from .box_faces import BOX_FACES
 from .compat import mesh
 from .fields import evaluate_vectors
 from .mesh_file import InspectedMesh, IntArray, MeshFile, inspect
-
-BOX_FACES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "bottom": (2, 0), "top": (2, 1)}
-"""Faces of a box: axis, and whether at its lower (0) or upper (1) end."""
 
 CELLS = {"hexahedron": mesh.CellType.hexahedron, "tetrahedron": mesh.CellType.tetrahedron}
 

@@ -1,0 +1,25 @@
+"""The ends of load steps, and how often a step may be halved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+HALVINGS = 6
+"""How often the interval of a load step that fails is halved, by default."""
+
+
+def refuse_times(start: float, times: Sequence[float]) -> None:
+    """See that load steps end one after another.
+
+    Args:
+        start: Where the history begins.
+        times: Ends of the steps.
+
+    Raises:
+        ValueError: If there are none, or they do not increase from `start`.
+    """
+    ends = [start, *times]
+    if len(ends) < 2 or not all(math.isfinite(t) for t in ends) or any(b <= a for a, b in pairwise(ends)):
+        raise ValueError(f"history: times must increase from start = {start:g}, but are {list(times)}")

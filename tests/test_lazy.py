@@ -1,0 +1,85 @@
+"""What is said at once is said without what takes long to load; and nobody but the renderer loads what draws."""
+
+import ast
+import json
+
+import pytest
+from conftest import ROOT, run_coulomb, run_python
+
+import coulomb
+
+PICTURES = {"pyvista", "vtk", "vtkmodules", "matplotlib", "PIL", "jinja2"}
+SLOW = PICTURES | {"mpi4py", "petsc4py", "dolfinx", "ufl", "basix", "scipy", "h5py", "threadpoolctl"}
+
+AND_TELL = """
+import atexit, json, sys
+atexit.register(lambda: sys.stderr.write("\\n" + json.dumps(sorted({name.partition(".")[0] for name in sys.modules}))))
+"""
+
+
+def loaded(code, *arguments, ranks=None):
+    """Exit code and output of Python code in a process of its own, and the packages it has loaded by its end."""
+    done = run_python("-c", AND_TELL + code, *arguments, ranks=ranks)
+    return done, set(json.loads(done.stderr.splitlines()[-1]))
+
+
+def command(*words):
+    return loaded("from coulomb.cli import main\nmain()", *words)
+
+
+def test_the_package_loads_nothing_until_it_is_used():
+    _, packages = loaded("import coulomb; coulomb.__version__; dir(coulomb)")
+    assert "coulomb" in packages and not packages & (SLOW | {"numpy", "typer", "pydantic"})
+
+
+def test_a_public_name_brings_what_it_needs_and_no_pictures():
+    done, packages = loaded("from coulomb import ContactProblem, solve_coulomb; print(ContactProblem.__name__)")
+    assert done.stdout.strip() == "ContactProblem" and {"dolfinx", "petsc4py"} <= packages
+    assert not packages & (PICTURES | {"typer", "pydantic"})
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["--help"], 0, "Exit codes:"),
+        (["--version"], 0, f"coulomb {coulomb.__version__}"),
+        (["run", "--help"], 0, "CASE.toml"),
+        (["check-case", "none.toml"], 2, "error: none.toml: cannot be read: No such file"),
+        (["check-case", "WRONG"], 2, "wrong.toml: material.yuong = 1: there is no such key; did you mean young?"),
+        (["new", "sphere"], 2, "'sphere' is not one of"),
+        (["plot", "--help"], 0, "--field"),
+        (["benchmark", "--help"], 0, "table1"),
+    ],
+)
+def test_what_needs_no_computing_needs_nothing_that_computes(tmp_path, words, code, said):
+    text = (ROOT / "demos" / "block.toml").read_text().replace("young = ", "yuong = 1 # ")
+    (tmp_path / "wrong.toml").write_text(text)
+    done, packages = command(*(str(tmp_path / "wrong.toml") if word == "WRONG" else word for word in words))
+    assert done.returncode == code and said in done.stdout + done.stderr
+    assert "typer" in packages and not packages & SLOW
+
+
+def test_a_run_draws_in_another_process(tmp_path):
+    done, packages = command(
+        *("run", str(ROOT / "demos" / "block.toml"), "--set", "mesh.cells=[3,1,1]", "--output", str(tmp_path))
+    )
+    assert done.returncode == 0 and (tmp_path / "picture.png").exists()
+    assert "dolfinx" in packages and not packages & PICTURES
+
+
+def test_one_rank_speaks_where_a_launcher_has_started_several():
+    for words, said in ((["--version"], "coulomb "), (["check-case", "none.toml"], "error: none.toml: cannot be read")):
+        done = run_coulomb(*words, ranks=2)
+        assert (done.stdout + done.stderr).count(said) == 1
+
+
+def test_lazy_names_are_the_public_ones():
+    """What a type checker sees, what is loaded when asked for, and what `*` imports."""
+    tree = ast.parse((ROOT / "coulomb" / "__init__.py").read_text())
+    checked = next(node for node in tree.body if isinstance(node, ast.If))
+    seen = {node.module: tuple(alias.name for alias in node.names) for node in checked.body}
+    assert seen == coulomb._PUBLIC
+    assert sorted(coulomb.__all__) == sorted(["__version__", *(name for names in seen.values() for name in names)])
+    assert set(coulomb.__all__) <= set(dir(coulomb))
+    with pytest.raises(AttributeError, match="module 'coulomb' has no attribute 'Block'"):
+        coulomb.Block  # noqa: B018
