@@ -2,7 +2,8 @@
 # Sets up coulomb: Debian's packages that are missing, a virtual environment .venv that sees them, and coulomb in it.
 # Run it as often as you like: with nothing to do it returns at once.  PYTHON=... chooses another Python with DOLFINx.
 #   ./install.sh              everything, the tools for tests and documentation too
-#   ./install.sh --plain      without these tools
+#   ./install.sh --plain      without these tools: runs, pictures, films and reports
+#   ./install.sh --cluster    without pictures, films and reports as well: runs, certificates, files for ParaView
 #   ./install.sh --packages   Debian's packages, and no more (for images in layers)
 set -eu
 cd "$(dirname "$0")"
@@ -10,9 +11,10 @@ cd "$(dirname "$0")"
 say() { printf 'install.sh: %s\n' "$*"; }
 die() { printf 'install.sh: %s\n' "$*" >&2; exit 1; }
 case "${1:-}" in
-    "") extras='[test,docs]' ;;
-    --plain | --packages) extras= ;;
-    *) die "unknown option $1: there are --plain and --packages" ;;
+    "") extras='[pictures,video,test,docs]' ;;
+    --plain | --packages) extras='[pictures,video]' ;;
+    --cluster) extras= ;;
+    *) die "unknown option $1: there are --plain, --cluster and --packages" ;;
 esac
 installed() { dpkg-query -W -f '${Status}\n' "$@" 2>/dev/null | grep -c '^install ok installed$' || true; }
 
@@ -22,7 +24,7 @@ installed() { dpkg-query -W -f '${Status}\n' "$@" 2>/dev/null | grep -c '^instal
 needed="python3-dolfinx-real python3-petsc4py-real python3-mpi4py python3-numpy python3-scipy python3-h5py
         python3-venv python3-dev gcc libc6-dev mpi-default-bin libopenblas0-pthread"
 
-drawing() { [ "$(installed libosmesa6)" = 1 ] || [ "$(installed libegl1 libgl1-mesa-dri)" = 2 ]; }
+drawing() { [ -z "$extras" ] || [ "$(installed libosmesa6)" = 1 ] || [ "$(installed libegl1 libgl1-mesa-dri)" = 2 ]; }
 
 debian_packages() {
     # shellcheck disable=SC2086  # the list is meant to be split

@@ -14,6 +14,16 @@ import types
 from collections.abc import Sequence
 from pathlib import Path
 
+PACKAGES = {
+    "matplotlib": "matplotlib",
+    "PIL": "pillow",
+    "jinja2": "jinja2",
+    "pyvista": "pyvista",
+    "vtk": "vtk",
+    "vtkmodules": "vtk",
+}
+"""What only pictures need (the extra `pictures` of pyproject.toml): modules, and the packages that hold them."""
+
 LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "HYDRA_", "SLURM_")
 """Variables by which MPI's launcher speaks to its processes; this one is none of them."""
 
@@ -41,6 +51,15 @@ def run(module: str, arguments: Sequence[str], seconds: float | None = 600.0) ->
     return done.returncode, said[-1] if said else f"the renderer ended with code {done.returncode}"
 
 
+def missing(error: ModuleNotFoundError) -> str:
+    """What to install where a package of PACKAGES is missing; nothing if it is another one."""
+    module = (error.name or "").partition(".")[0]
+    if module not in PACKAGES:
+        return ""
+    every = " ".join(dict.fromkeys(PACKAGES.values()))
+    return f"{PACKAGES[module]} is not installed, and pictures need it: ./install.sh, or pip install {every}"
+
+
 def _bare_package() -> None:
     """`coulomb` as a place where modules lie, and nothing else."""
     here = Path(__file__).resolve().parent
@@ -53,4 +72,9 @@ def _bare_package() -> None:
 if __name__ == "__main__":
     _bare_package()
     del sys.argv[0]
-    runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+    try:
+        runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+    except ModuleNotFoundError as error:
+        if not missing(error):
+            raise
+        sys.exit(missing(error))

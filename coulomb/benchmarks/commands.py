@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Column, Table
 
+from ..apart import missing
 from ..console import BAD_INPUT, FAILED, console, errors, refuse_ranks
 from ..ranks import several
 
@@ -243,13 +245,16 @@ def verification(
         for row in verified.rows
     ]
     if directory is not None:
-        from .verification.plotting import draw
-
         fields = ("case", "quantity", "formula", "ours", "error", "tolerance", "passed", "why")
         _write_csv(directory, "verification", fields, lines)
-        for name, verified in found.items():
-            draw(verified.panels, directory / f"{name}.png")
-        console.print(f"verification.csv and {len(found)} pictures in {directory}{os.sep}", soft_wrap=True)
+        drawn = ""
+        with _figures():
+            from .verification.plotting import draw
+
+            for name, verified in found.items():
+                draw(verified.panels, directory / f"{name}.png")
+            drawn = f" and {len(found)} pictures"
+        console.print(f"verification.csv{drawn} in {directory}{os.sep}", soft_wrap=True)
     failed = sum(not row.passed for verified in found.values() for row in verified.rows)
     console.print(f"{len(lines) - failed} of {len(lines)} within their tolerance", soft_wrap=True)
     if failed:
@@ -280,8 +285,21 @@ def _write_table(directory: Path | None, name: str, fields: Sequence[str], rows:
     from .. import plotting
 
     _write_csv(directory, name, fields, rows)
-    getattr(plotting, name)(directory / f"{name}.csv")
-    console.print(f"{name}.csv and {name}.png in {directory}{os.sep}", soft_wrap=True)
+    files = [f"{name}.csv"]
+    with _figures():
+        files.append(getattr(plotting, name)(directory / f"{name}.csv").name)
+    console.print(f"{' and '.join(files)} in {directory}{os.sep}", soft_wrap=True)
+
+
+@contextmanager
+def _figures() -> Iterator[None]:
+    """What was measured is kept without its figure where nothing is there to draw it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if not missing(error):
+            raise
+        errors.print(f"warning: no figure: {missing(error)}", markup=False)
 
 
 def _write_csv(directory: Path, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:

@@ -1,0 +1,72 @@
+"""A cluster need not have what only pictures need: the run goes on, and one line says what to install."""
+
+import re
+import tomllib
+
+import pytest
+from conftest import ROOT, run_coulomb
+
+from coulomb.apart import PACKAGES
+
+SMALL = ("run", ROOT / "demos" / "block.toml", "--set", "mesh.cells=[3,1,1]")
+EVERY = " ".join(dict.fromkeys(PACKAGES.values()))
+
+
+@pytest.fixture
+def without(monkeypatch, tmp_path):
+    """Takes modules away from the processes that a test starts."""
+
+    def take(*modules):
+        place = tmp_path / "missing"
+        place.mkdir()
+        for name in modules:
+            error = f"ModuleNotFoundError(\"No module named '{name}'\", name={name!r})"
+            (place / f"{name}.py").write_text(f"raise {error}\n")
+        monkeypatch.setenv("PYTHONPATH", f"{place}:{ROOT}")
+
+    return take
+
+
+def test_the_extra_is_what_is_named():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert {re.match(r"[\w-]+", entry)[0] for entry in extras["pictures"]} == set(PACKAGES.values())
+    needed = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    assert not {re.match(r"[\w-]+", entry)[0] for entry in needed} & set(PACKAGES.values())
+
+
+def test_a_run_goes_on_without_its_picture_and_its_report(tmp_path, without):
+    without(*PACKAGES)
+    done = run_coulomb(*SMALL, "--report", "--output", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    said = [line for line in done.stderr.splitlines() if line]
+    assert len(said) == 2
+    for line, name in zip(said, ("picture.png", "report.html"), strict=True):
+        assert re.fullmatch(
+            rf"warning: {name} could not be (drawn|written): \w+ is not installed, and pictures need it: "
+            rf"\./install\.sh, or pip install {EVERY}",
+            line,
+        )
+        assert not (tmp_path / "out" / name).exists()
+    assert "certificate passed" in done.stdout
+
+
+@pytest.mark.parametrize("command", ["plot", "report"])
+@pytest.mark.parametrize("module", ["pyvista", "PIL"])
+def test_what_draws_says_what_to_install(tmp_path, without, command, module):
+    done = run_coulomb(*SMALL, "--set", "output.picture=false", "--output", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    without(module)
+    save = tmp_path / ("x.png" if command == "plot" else "x.html")
+    done = run_coulomb(command, tmp_path / "out", "--save", save)
+    assert done.returncode == 1 and not save.exists()
+    assert done.stderr == (
+        f"error: {PACKAGES[module]} is not installed, and pictures need it: ./install.sh, or pip install {EVERY}\n"
+    )
+
+
+def test_a_benchmark_keeps_its_table_without_its_figure(tmp_path, without):
+    without("matplotlib")
+    done = run_coulomb("benchmark", "conditioning", "--p", 1, "--output", tmp_path)
+    assert done.returncode == 0 and "warning: no figure: matplotlib is not installed" in done.stderr
+    assert (tmp_path / "conditioning.csv").exists() and not (tmp_path / "conditioning.png").exists()
+    assert f"conditioning.csv in {tmp_path}" in done.stdout
