@@ -214,8 +214,8 @@ def verify(meshes: tuple[int, ...] = (4, 6, 8)) -> Verified:
 
 
 _HELD = (
-    "the half space goes on behind the held face: its displacement there, under a point load; and (h/a)^2/6, the mean gap "
-    "of a node"
+    "the half space goes on behind the held face: its displacement there, under a point load; and (h/a)^2/6, the "
+    "mean gap of a node"
 )
 
 

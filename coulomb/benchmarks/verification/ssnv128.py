@@ -33,8 +33,8 @@ REFINED = 1e-3
 
 _PRINTED = "half a unit of the last digit printed, and what halving the cells changes of ours, less than 0.1 %"
 _OTHERS = (
-    "5 %, the tolerance given with the reference values, numerical ones themselves; ours stays when the cells are halved, "
-    "by less than 0.1 %"
+    "5 %, the tolerance given with the reference values, numerical ones themselves; ours stays when the cells "
+    "are halved, to less than 0.1 %"
 )
 
 
