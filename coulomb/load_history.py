@@ -185,7 +185,7 @@ class LoadHistory:
             extra = {"step": _record(step, rows[-1], record)}
             contents = output.write(step.solution, target, picture=False, extra=extra)
             history = added(history, contents)
-            _write_series(folder, rows, history, contents, comm)
+            _write_series(folder, rows, {"start": self.start, **history}, contents, comm)
             if on_step is not None and on_step(step):
                 break
         return rows

@@ -117,6 +117,38 @@ def block6():
     return solved_block(6)
 
 
+SMALL_BLOCK = ("--set", "mesh.cells=[12,4,4]", "--set", "output.picture=false")
+
+
+@pytest.fixture(scope="session")
+def block(tmp_path_factory):
+    """Directory of a small block's run, with its report."""
+    directory = tmp_path_factory.mktemp("runs") / "block"
+    done = run_coulomb("run", ROOT / "demos" / "block.toml", *SMALL_BLOCK, "--report", "--output", directory)
+    assert done.returncode == 0, done.stderr
+    return directory
+
+
+@pytest.fixture(scope="session")
+def failed(tmp_path_factory):
+    """The same of a solver that was not given the steps it needs."""
+    directory = tmp_path_factory.mktemp("runs") / "failed"
+    given = ("--set", "solver={method='fixed-point', max_outer=3}", "--set", "output.report=true")
+    done = run_coulomb("run", ROOT / "demos" / "block.toml", *SMALL_BLOCK, *given, "--output", directory)
+    assert done.returncode == 1
+    return directory
+
+
+@pytest.fixture(scope="session")
+def history(tmp_path_factory):
+    """Directory of a load history of six steps, with its report."""
+    directory = tmp_path_factory.mktemp("runs") / "history"
+    small = ("--set", "mesh.cells=[4,4,2]", "--set", "history={end=6.0, steps=6}", "--set", "output.picture=false")
+    done = run_coulomb("run", ROOT / "demos" / "history.toml", *small, "--report", "--output", directory)
+    assert done.returncode == 0, done.stderr
+    return directory
+
+
 def indentation(turn=None, order=(0, 1, 2), metre=1.0, newton=1.0, mirror=False, cell="hexahedron", **options):
     """A rigid ball pressed into a steel block and dragged along it, by a history of four steps.
 

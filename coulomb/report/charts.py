@@ -43,6 +43,7 @@ def convergence(run: Run) -> str:
         left.annotate("tolerance", (0.02, tolerance), xycoords=where, va="bottom", color=_THIRD)
     left.set(xlabel=what, ylabel="relative measure")
     _legend(left)
+    _decades(left)
     right.bar(number, _column(rows, "krylov"), color=_FIRST, width=0.7, label="CG iterations")
     if outer:
         right.bar(number, _column(rows, "path_following"), color=_SECOND, width=0.4, label="path-following steps")
@@ -57,7 +58,7 @@ def _measured_rate(axis: Any, number: Any, residual: Any, rate: float | None) ->
     if rate is None or not 0.0 < rate or len(number) < 2:
         return
     shown = residual[-1] * rate ** (number - number[-1])
-    label = f"measured rate {rate:.2g} a problem"
+    label = f"measured rate {rate:.2g} per problem"
     axis.semilogy(number, shown, ":", color=_FOURTH, linewidth=1.5, label=label, scaley=False)
 
 
@@ -70,7 +71,7 @@ def forces(run: Run) -> str:
     for part, axis, style in zip(parts, "xyz", ("o-", "s-", "^-"), strict=True):
         colour = {"x": _SECOND, "y": _THIRD, "z": _FIRST}[axis]
         axes[0].plot(time, part / factor, style, color=colour, markersize=3, label=f"along {axis}")
-    axes[0].set(xlabel="time", ylabel=f"contact force on the body, {unit}")
+    axes[0].set(xlabel="time, s", ylabel=f"contact force on the body, {unit}")
     names = {"loads": "loads", "prescribed": "clamps", "foundation": "foundation"}
     curves = {names.get(name, name): _column(rows, f"energy_{name}") for name in (*names, "elastic", "dissipated")}
     factor, unit = scale_of(max(float(np.max(np.abs(curve))) for curve in curves.values()), "J")
@@ -79,7 +80,7 @@ def forces(run: Run) -> str:
             work = name not in ("elastic", "dissipated")
             label = f"work of {name}" if work else f"{name} energy"
             axes[1].plot(time, curve / factor, "--" if work else "-", color=colour, label=label)
-    axes[1].set(xlabel="time", ylabel=f"energy, {unit}")
+    axes[1].set(xlabel="time, s", ylabel=f"energy since the start, {unit}")
     for axis in axes:
         _legend(axis)
         axis.margins(x=0.02)
@@ -87,30 +88,30 @@ def forces(run: Run) -> str:
 
 
 def surface(run: Run) -> str:
-    """Of a load history: zones, and the greatest pressure and slip, against time."""
+    """Of a load history: zones, and the largest pressure and slip, against time."""
     rows, time = run.rows, _column(run.rows, "time")
     figure, (left, right) = _figure(2)
     counts = [zone_counts(step.grid("contact")) for step in run.steps]
     zones = [(name, colour) for name, colour in ZONES.values() if any(count[name] for count in counts)]
     stacked = [np.array([count[name] for count in counts]) for name, _ in zones]
-    left.stackplot(
-        time, stacked, colors=[colour for _, colour in zones], labels=[name for name, _ in zones], step="pre"
-    )
-    left.set(xlabel="time", ylabel="contact nodes", ylim=(0, None))
+    ends = np.concatenate([[run.history.get("start", 0.0)], time])  # each step is as wide as it is long, the first too
+    wide = [np.concatenate([counted[:1], counted]) for counted in stacked]
+    left.stackplot(ends, wide, colors=[colour for _, colour in zones], labels=[name for name, _ in zones], step="pre")
+    left.set(xlabel="time, s", ylabel="contact nodes", ylim=(0, None))
     _legend(left)
     pressure, slip = _column(rows, "greatest_pressure"), _column(rows, "greatest_slip")
     factor, unit = scale_of(float(np.max(np.abs(pressure))), "Pa")
     right.plot(time, pressure / factor, "o-", color=_FIRST, markersize=3)
-    right.set(xlabel="time", ylabel=f"greatest contact pressure, {unit}")
+    right.set(xlabel="time, s", ylabel=f"largest contact pressure, {unit}")
     right.yaxis.label.set_color(_FIRST)
     factor, unit = scale_of(float(np.max(np.abs(slip))), "m")
     other = right.twinx()
     other.plot(time, slip / factor, "s--", color=_SECOND, markersize=3)
-    other.set(ylabel=f"greatest slip of the step, {unit}", ylim=(0, None))
+    other.set(ylabel=f"largest slip in the step, {unit}", ylim=(0, None))
     other.yaxis.label.set_color(_SECOND)
     other.spines[["top", "left"]].set_visible(False)
     other.tick_params(colors=_INK)
-    return _svg(figure, "Zones, greatest pressure and slip against time")
+    return _svg(figure, "Zones, largest pressure and slip against time")
 
 
 def force_displacement(run: Run) -> str:
@@ -166,7 +167,8 @@ def effort(run: Run) -> str:
     left.bar(number, _column(run.rows, "path_following"), color=_FIRST, width=0.7)
     left.set(xlabel="load step", ylabel="path-following steps")
     right.semilogy(number, _column(run.rows, "residual"), "o", color=_FIRST, markersize=4)
-    right.set(xlabel="load step", ylabel="residual at its end")
+    right.set(xlabel="load step", ylabel="residual at the end of the step")
+    _decades(right)
     _whole(left.xaxis, left.yaxis, right.xaxis)
     return _svg(figure, "Path-following steps and residuals by load step")
 
@@ -176,6 +178,12 @@ def _legend(axis: Any) -> None:
     longest = max(len(label) for label in axis.get_legend_handles_labels()[1])
     shape = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4 if longest < 9 else 2, "borderaxespad": 0.2}
     axis.legend(frameon=False, labelcolor=_INK, fontsize=8.5, columnspacing=1.2, **shape)
+
+
+def _decades(axis: Any) -> None:
+    """A logarithmic axis from one power of ten to another, so that it always has ticks that name one."""
+    low, high = axis.get_ylim()
+    axis.set_ylim(10.0 ** np.floor(np.log10(low)), 10.0 ** np.ceil(np.log10(high)))
 
 
 def _whole(*axes: Any) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from datetime import datetime
 from typing import Any
 
 import numpy as np
 
 from .files import Run
 from .scene import friction_in_words, zone_counts
-from .units import number, quantity, vector
+from .units import in_seconds, number, quantity, vector
 
 Facts = list[tuple[str, str]]
 
@@ -40,7 +41,7 @@ def _of_case(case: dict[str, Any]) -> Facts:
     facts: Facts = []
     for clamp in case.get("clamp", ()):
         value = clamp.get("value", [0.0] * 3)
-        moved = f" moved by {vector(value, 'm')}" if any(value) else ""
+        moved = f", moved by {vector(value, 'm')}" if any(value) else ""
         held = f"components {clamp.get('components', 'xyz')} held{moved}"
         facts.append((f"clamp on {clamp['face']}", held + _in_time(clamp.get("amplitude"))))
     for spring in case.get("spring", ()):
@@ -59,8 +60,8 @@ def _in_time(amplitude: list[list[float]] | None) -> str:
     """Rows [time, factor] in words."""
     if not amplitude:
         return ""
-    shown = ", ".join(f"{number(factor)} at {number(time)}" for time, factor in amplitude[:8])
-    return f", times {shown}{', …' if len(amplitude) > 8 else ''}"
+    shown = ", ".join(f"{number(factor)} at {in_seconds(time)}" for time, factor in amplitude[:8])
+    return f", factor {shown}{', …' if len(amplitude) > 8 else ''}"
 
 
 def _of_fields(run: Run) -> Facts:
@@ -85,7 +86,7 @@ def _contact(run: Run) -> Facts:
     for contact in contacts if run.case is not None else ():
         facts += _foundation(contact, f" at {contact['face']}" if len(contacts) > 1 else "")
     if run.is_history:
-        facts.append(("history", f"{len(run.rows)} load steps to time {number(run.rows[-1]['time'])}"))
+        facts.append(("history", f"{len(run.rows)} load steps to time {in_seconds(run.rows[-1]['time'])}"))
     method = run.summary.get("method", {})
     facts.append(
         (
@@ -112,60 +113,146 @@ def _foundation(contact: dict[str, Any], where: str) -> Facts:
     else:
         facts.append((f"foundation{where}", "the plane of the face"))
     if contact.get("motion"):
-        ways = [f"{vector(row[1:], 'm')} at {number(row[0])}" for row in contact["motion"][:6]]
+        ways = [f"{vector(row[1:], 'm')} at {in_seconds(row[0])}" for row in contact["motion"][:6]]
         more_ways = ", …" if len(contact["motion"]) > 6 else ""
         facts.append((f"motion of the foundation{where}", ", ".join(ways) + more_ways))
     return facts
 
 
 def totals(run: Run) -> Facts:
-    """What the contact face does as a whole, at the end of the run."""
-    summary, nodes, greatest = run.summary, zone_counts(run.steps[-1].grid("contact")), run.summary["maximum"]
+    """What the contact does as a whole, at the end of the run."""
+    summary, nodes, largest = run.summary, zone_counts(run.steps[-1].grid("contact")), run.summary["maximum"]
     told = summary.get("totals") or {}
-    face = [
+    rows = [
         ("contact force on the body", vector(summary["force_on_body"]["vector"], "N", 5)),
         ("normal force", quantity(summary["force_on_body"]["normal"], "N", 6)),
-        ("greatest contact pressure", quantity(greatest["contact_pressure"], "Pa", 5)),
-        ("greatest displacement", quantity(greatest["displacement"], "m", 5)),
+        ("largest contact pressure", quantity(largest["contact_pressure"], "Pa", 5)),
+        ("largest displacement", quantity(largest["displacement"], "m", 5)),
     ]
     if told:
-        face[2:2] = [("moment about the origin", vector(told["moment"], "N m", 5))]
-        face += [
+        rows[1:1] = [("moment about the origin", vector(told["moment"], "N m", 5))]
+        rows += [
             ("area in contact", quantity(told["contact_area"], "m²")),
             ("centre of pressure", vector(told["centre_of_pressure"], "m") if told["centre_of_pressure"] else "–"),
-            ("greatest slip", quantity(told["greatest_slip"], "m")),
-            ("energy dissipated by friction", quantity(told["dissipated_energy"], "J")),
+        ]
+        in_step = " in the last step" if run.is_history else ""
+        rows += [
+            (f"largest slip{in_step}", quantity(told["greatest_slip"], "m")),
+            (f"energy dissipated by friction{in_step}", quantity(told["dissipated_energy"], "J")),
         ]
     springs = summary.get("spring_force_on_body") or []
     if any(springs):
-        face.append(("force of springs on the body", vector(springs, "N", 5)))
-    face.append(("nodes", f"open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}"))
-    return face
+        rows.append(("force of springs on the body", vector(springs, "N", 5)))
+    rows.append(("nodes", f"open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}"))
+    return rows
+
+
+def history_totals(run: Run) -> Facts:
+    """Of a load history: the largest values of all steps, and the energies since the start; empty of a single run."""
+    if not run.is_history:
+        return []
+    largest, energy = run.history["maximum"], run.history["energy"]
+    halved = run.history["halvings"]
+    rows = [
+        ("load steps", f"{run.history['steps']}, {run.history['certified_steps']} of them certified"),
+        ("largest contact pressure", at_step(largest["contact_pressure"], "Pa")),
+        ("largest displacement", at_step(largest["displacement"], "m")),
+        ("largest slip in one step", at_step(largest["slip_in_a_step"], "m")),
+        ("largest penetration", at_step(largest["penetration"], "m")),
+        ("energy dissipated by friction", quantity(energy["dissipated"], "J")),
+    ]
+    for name, text in (("loads", "loads"), ("prescribed", "clamps"), ("foundation", "the foundation")):
+        if energy[name]:
+            rows.append((f"work of {text}", quantity(energy[name], "J")))
+    rows += [
+        ("elastic energy at the end", quantity(energy["elastic"], "J")),
+        ("error of finite steps (energy)", quantity(energy["imbalance"], "J", 2)),
+    ]
+    return [*rows, ("step intervals halved", str(halved))] if halved else rows
+
+
+def at_step(found: dict[str, Any], unit: str, digits: int = 5) -> str:
+    """A largest value with its step: 133.8 kPa (step 6, time 6 s)."""
+    return f"{quantity(found['value'], unit, digits)} (step {found['step']}, time {in_seconds(found['time'])})"
 
 
 def effort(run: Run) -> Facts:
-    """Iterations, and seconds of every part."""
-    done = run.summary["iterations"]
-    facts = [("Tresca problems", str(done["outer"]))] if done["outer"] else []
+    """Iterations, ranks and memory; of a history, of all steps together."""
+    done = (run.history if run.is_history else run.summary)["iterations"]
+    every = f" in all {run.history['steps']} steps" if run.is_history else ""
+    facts = [(f"Tresca problems{every}", str(done["outer"]))] if done["outer"] else []
+    rate = run.summary.get("contraction")
+    if done["outer"] and rate is not None and math.isfinite(rate):
+        facts.append((f"measured contraction{' of the last step' if every else ''}", f"{number(rate, 2)} per problem"))
     facts += [
-        ("path-following steps", str(done["path_following"])),
-        ("products by A", str(done["products"])),
-        ("CG iterations", str(done["krylov"])),
+        (f"path-following steps{every}", str(done["path_following"])),
+        (f"products by A{every}", str(done["products"])),
+        (f"CG iterations{every}", str(done["krylov"])),
         ("ranks", str(run.summary.get("method", {}).get("ranks", "–"))),
     ]
-    return facts
+    memory = (run.history if run.is_history else run.summary).get("peak_memory_bytes")
+    return [*facts, ("peak memory, all ranks together", quantity(float(memory), "B", 3))] if memory else facts
 
 
 def seconds(run: Run) -> Facts:
-    """Of every part, the longest first."""
-    spent = {name: value for name, value in run.summary.get("seconds", {}).items() if name != "total"}
-    return [(name, quantity(value, "s", 3)) for name, value in sorted(spent.items(), key=lambda item: -item[1])]
+    """Of every part of all steps, the longest first; what is left of the run's time; and that time."""
+    told = (run.history if run.is_history else run.summary).get("seconds", {})
+    spent = {name: value for name, value in told.items() if name != "total"}
+    rows = sorted(spent.items(), key=lambda item: -item[1])
+    wall = sum(_duration(made) for made in run.made)
+    if wall > 0.0:
+        rows += [("everything else", max(wall - sum(spent.values()), 0.0)), ("in all", wall)]
+    return [(name, quantity(value, "s", 3)) for name, value in rows]
+
+
+def made(run: Run) -> list[Facts]:
+    """Where, when and by which command: a table for the run, and one for every resume."""
+    return [
+        [
+            *([("load steps", f"{entry['first_step']} to {entry['last_step']}")] if len(run.made) > 1 else []),
+            ("started", in_date(entry["started"])),
+            ("ended", in_date(entry["ended"])),
+            ("took", quantity(_duration(entry), "s", 3)),
+            ("host", _hosts(entry) + (f", {entry['ranks']} ranks" if entry["ranks"] > 1 else "")),
+            ("version", f"coulomb {entry['coulomb']}"),
+            ("command", entry["command"]),
+        ]
+        for entry in run.made
+    ]
+
+
+def made_in_short(run: Run) -> str:
+    """Date, host and version in a line; empty where they are not known."""
+    if not run.made:
+        return ""
+    first, resumed = run.made[0], len(run.made) - 1
+    again = f", resumed {resumed} {'time' if resumed == 1 else 'times'}" if resumed else ""
+    return f"{in_date(first['started'])} on {_hosts(first)}, coulomb {first['coulomb']}{again}"
+
+
+def _hosts(entry: dict[str, Any]) -> str:
+    hosts = entry["hosts"]
+    return ", ".join(hosts[:3]) + (f" and {len(hosts) - 3} more" if len(hosts) > 3 else "")
+
+
+def _duration(entry: dict[str, Any]) -> float:
+    return (datetime.fromisoformat(entry["ended"]) - datetime.fromisoformat(entry["started"])).total_seconds()
+
+
+def in_date(moment: str) -> str:
+    """ISO 8601 for a reader: 2026-01-31 12:00:00 UTC+01:00."""
+    time = datetime.fromisoformat(moment)
+    zone = time.strftime("%z")
+    return f"{time:%Y-%m-%d %H:%M:%S} UTC" + (f"{zone[:3]}:{zone[3:5]}" if zone.strip("+-0") else "")
 
 
 def checks(run: Run) -> list[dict[str, Any]]:
-    """The certificate, a row for each condition; `room` is how many decades its value is below the limit, 0 to 1."""
+    """The certificate, a row for each condition, of a history at its worst step.
+
+    `decades` is how many powers of ten the value is above its limit, `share` the length of its bar in percent.
+    """
     rows = []
-    for name, check in run.summary["certificate"].items():
+    for name, check in run.certificate.items():
         if not isinstance(check, dict):
             continue
         value = math.nan if check["value"] is None else float(check["value"])
@@ -180,6 +267,7 @@ def checks(run: Run) -> list[dict[str, Any]]:
                 "passed": bool(check["passed"]),
                 "share": 100.0 * min(max((decades + 10.0) / 16.0, 0.012), 1.0),
                 "decades": decades,
+                "step": str(check.get("step", "")),
             }
         )
     return rows
@@ -192,12 +280,20 @@ def in_words(run: Run) -> str:
     if failed:
         worst = max(failed, key=lambda row: row["decades"])
         factor = number(10.0 ** worst["decades"], 2)
-        beyond = "is no number" if worst["value"].startswith("–") else f"is {factor} times its limit"
-        return f"{len(failed)} of {len(rows)} conditions fail. The worst is the {worst['name']}, which {beyond}."
+        beyond = "is not a number" if worst["value"].startswith("–") else f"is {factor} times its limit"
+        where = f" at step {worst['step']}" if run.is_history else ""
+        bad = [f"{int(row['step'])}" for row in run.rows if not row["certified"]]
+        shown = ", ".join(bad[:12]) + (", …" if len(bad) > 12 else "")
+        which = f", at {len(bad)} of {len(run.rows)} steps ({shown})" if bad else ""
+        many = f"{len(failed)} of {len(rows)} conditions fail{which}."
+        return f"{many} The worst is the {worst['name']}, which {beyond}{where}."
     if not run.certified:
-        return "The last step passes, but an earlier one does not."
+        return "A step is not certified, although each of its conditions holds."
     nearest = max(rows, key=lambda row: row["decades"])
     margin = number(10.0 ** -nearest["decades"], 2)
-    each = " at the last step, and at every step before" if run.is_history else ""
-    name = nearest["name"]
-    return f"All {len(rows)} conditions hold{each}. The nearest to its limit is the {name}, {margin} times below."
+    each = f" at each of the {len(run.rows)} steps" if run.is_history else ""
+    where = f", at step {nearest['step']}" if run.is_history else ""
+    return (
+        f"All {len(rows)} conditions hold{each}. The nearest to its limit is the {nearest['name']}, "
+        f"{margin} times below{where}."
+    )

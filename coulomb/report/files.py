@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..plotting import Grid, read_grid
+from .units import in_seconds
 
 Rows = list[dict[str, float]]
 
@@ -53,6 +54,7 @@ class Run:
     Attributes:
         directory: Of the run.
         summary: summary.json; of the last step of a history.
+        history: Sums and largest values of all steps of a history; empty of a single run.
         certified: Whether the certificate passed; of a history, at every step.
         case: case.json, None where there is none.
         steps: The states of the body; one of a single run.
@@ -62,6 +64,7 @@ class Run:
 
     directory: Path
     summary: dict[str, Any]
+    history: dict[str, Any]
     certified: bool
     case: dict[str, Any] | None
     steps: tuple[Step, ...]
@@ -71,6 +74,24 @@ class Run:
     @property
     def is_history(self) -> bool:
         return bool(self.rows)
+
+    @property
+    def made(self) -> list[dict[str, Any]]:
+        """Where, when and by which command: one entry, and one more for every resume; empty where it is not known."""
+        if self.is_history:
+            return list(self.history.get("runs", []))
+        return [self.summary["run"]] if self.summary.get("run") else []
+
+    @property
+    def certificate(self) -> dict[str, Any]:
+        """The measures of every condition; of a history, at the step where each is worst."""
+        found: dict[str, Any] = self.history["certificate"] if self.is_history else self.summary["certificate"]
+        return found
+
+    @property
+    def end(self) -> str:
+        """When the last state is: "at the end, time 6 s"; empty of a single run."""
+        return f"at the end, time {in_seconds(self.rows[-1]['time'])}" if self.is_history else ""
 
 
 def read_run(directory: str | Path) -> Run:
@@ -90,11 +111,14 @@ def read_run(directory: str | Path) -> Run:
         rows, last = _rows(folder / "history.csv"), told["last"]
         steps = tuple(Step(folder / "steps" / f"{int(row['step']):04d}", row["time"]) for row in rows)
     missing = [key for key in ("status", "law", "certificate", "nodes", "maximum") if key not in last]
+    if "steps" in told and "history" not in told:
+        missing.append("history")
     if missing or not steps:
         raise ValueError(f"{folder / 'summary.json'}: has no {(missing or ['steps'])[0]!r}: not a summary of coulomb's")
     return Run(
         directory=folder,
         summary=last,
+        history=told.get("history", {}),
         certified=bool(told["certificate"]["passed"]),
         case=_json(folder / "case.json"),
         steps=steps,

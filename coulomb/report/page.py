@@ -19,7 +19,7 @@ from .files import Run, read_run
 from .scene import Look, Shot, automatic_scale, cropped, limits_of, shoot, zone_counts
 from .sheet import AXES
 from .surface_view import surface_view
-from .units import number, quantity, scale_of, vector
+from .units import in_seconds, number, quantity, scale_of, vector
 
 PICTURES = (
     ("pressure", "contact"),
@@ -30,6 +30,9 @@ PICTURES = (
     ("von_mises_stress", "iso"),
 )
 """Fields and from where one looks at them."""
+
+SCRIPTS = (("view_state.js", "view_paint.js", "view_hand.js", "view.js"), ("scroll.js",))
+"""What runs in the page: the files of each entry in one function, in this order."""
 
 
 def write(directory: str | Path, save: str | Path) -> Path:
@@ -66,6 +69,7 @@ def render(run: Run) -> str:
         title=run.directory.resolve().name,
         passed=run.certified and not _unfinished(run),
         verdict=facts.in_words(run),
+        made=facts.made_in_short(run),
         message=run.summary.get("message", "") or _unfinished(run),
         warnings=(run.summary.get("small_strain") or {}).get("warnings", []),
         run=run,
@@ -76,6 +80,8 @@ def render(run: Run) -> str:
         facts={
             "geometry": facts.geometry(run),
             "totals": facts.totals(run),
+            "history": facts.history_totals(run),
+            "made": facts.made(run),
             "effort": facts.effort(run),
             "seconds": facts.seconds(run),
             "versions": list(run.summary.get("versions", {"coulomb": run.summary.get("coulomb", "–")}).items()),
@@ -87,7 +93,7 @@ def render(run: Run) -> str:
         omitted=omitted,
         data=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
         style=(here / "page.css").read_text(encoding="utf-8"),
-        script=(here / "view.js").read_text(encoding="utf-8"),
+        scripts=["\n".join((here / name).read_text(encoding="utf-8") for name in names) for names in SCRIPTS],
     )
 
 
@@ -97,7 +103,7 @@ def _unfinished(run: Run) -> str:
     if not pending:
         return ""
     reached, end = run.rows[-1]["time"], pending[0]
-    return f"The history ended at time {number(reached)}, before its end at {number(end)}."
+    return f"The history stopped at time {in_seconds(reached)}, before its end at {in_seconds(end)}."
 
 
 def _tiles(run: Run) -> list[tuple[str, str]]:
@@ -106,16 +112,26 @@ def _tiles(run: Run) -> list[tuple[str, str]]:
     told = summary.get("totals") or {}
     normal = summary["force_on_body"]["normal"]
     along = sum(value**2 for value in summary["force_on_body"]["tangential"]) ** 0.5
-    tiles = [
-        ("normal force", quantity(normal, "N")),
-        ("friction force", quantity(along, "N")),
-        ("greatest pressure", quantity(summary["maximum"]["contact_pressure"], "Pa")),
+    zones = f"{nodes['open']} / {nodes['stick']} / {nodes['slip']}"
+    if not run.is_history:
+        tiles = [
+            ("normal force", quantity(normal, "N")),
+            ("friction force", quantity(along, "N")),
+            ("largest pressure", quantity(summary["maximum"]["contact_pressure"], "Pa")),
+        ]
+        if told:
+            tiles.append(("largest slip", quantity(told["greatest_slip"], "m")))
+        return [*tiles, ("open / stick / slip", zones)]
+    pressure, slip = run.history["maximum"]["contact_pressure"], run.history["maximum"]["slip_in_a_step"]
+    return [
+        ("steps certified", f"{run.history['certified_steps']} of {run.history['steps']}"),
+        (f"largest pressure, step {pressure['step']}", quantity(pressure["value"], "Pa")),
+        (f"largest slip in one step, step {slip['step']}", quantity(slip["value"], "m")),
+        ("dissipated, all steps", quantity(run.history["energy"]["dissipated"], "J")),
+        ("normal force at the end", quantity(normal, "N")),
+        ("friction force at the end", quantity(along, "N")),
+        ("open / stick / slip at the end", zones),
     ]
-    if told:
-        tiles.append(("greatest slip", quantity(told["greatest_slip"], "m")))
-    if run.is_history:
-        tiles.append(("dissipated in all", quantity(run.rows[-1]["energy_dissipated"], "J")))
-    return [*tiles, ("open / stick / slip", f"{nodes['open']} / {nodes['stick']} / {nodes['slip']}")]
 
 
 def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
@@ -173,7 +189,7 @@ def _table(run: Run) -> list[list[str]]:
     return [
         [
             f"{int(row['step'])}",
-            number(row["time"]),
+            in_seconds(row["time"]),
             vector([row["force_x"], row["force_y"], row["force_z"]], "N"),
             quantity(row["greatest_pressure"], "Pa"),
             " / ".join(str(zone_counts(step.grid("contact"))[zone]) for zone in ("open", "stick", "slip")),

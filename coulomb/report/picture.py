@@ -66,7 +66,15 @@ def plot(
         return ""
     shots = cropped([shoot(state, Look(chosen, limits, used, view)) for state in steps])
     sheets = [
-        sheet(shot, chosen, limits, caption(run, state, used), alarm, zone_counts(state.grid("contact")))
+        sheet(
+            shot,
+            chosen,
+            limits,
+            caption(run, state, used),
+            alarm,
+            zone_counts(state.grid("contact")),
+            float(np.max(np.abs(chosen.values(state.grid(chosen.file))))),
+        )
         for state, shot in zip(steps, shots, strict=True)
     ]
     if writer is not None:

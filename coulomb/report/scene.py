@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ..plotting import ZONES, FloatArray, Grid, match, nice, patches, polygons, renderer, skin_of, without
 from .fields import Field, named
 from .files import Run, Step
-from .units import number, scale_of
+from .units import in_seconds, number, scale_of
 
 VIEWS = {
     "contact": None,
@@ -233,7 +233,7 @@ def caption(run: Run, step: Step, scale: float) -> str:
     """Friction, time and the scale of the displacement, in a line."""
     parts = [f"{run.directory.resolve().name}: {friction_in_words(run.summary)}"]
     if step.time is not None:
-        parts.append(f"time {number(step.time)}")
+        parts.append(f"time {in_seconds(step.time)}")
     return ", ".join([*parts, f"displacement × {number(scale)}"])
 
 

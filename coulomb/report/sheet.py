@@ -25,7 +25,13 @@ _INK, _ALARM = "#202020", "#b3261e"
 
 
 def sheet(
-    shot: Shot, field: Field, limits: tuple[float, float], caption: str, alarm: str, zones: dict[str, int]
+    shot: Shot,
+    field: Field,
+    limits: tuple[float, float],
+    caption: str,
+    alarm: str,
+    zones: dict[str, int],
+    largest: float,
 ) -> Any:
     """A matplotlib figure: the picture in the middle, words around it.
 
@@ -36,6 +42,7 @@ def sheet(
         caption: At the top.
         alarm: Below it, in red.
         zones: Of every zone the number of nodes, for the field `status`.
+        largest: Magnitude of the field in this state, in the bare unit: the colours may range over other states too.
     """
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
@@ -61,9 +68,8 @@ def sheet(
     )
     bar.set_label(f"{field.title}, {unit}" if unit else field.title, fontsize=11, color=_INK)
     bar.ax.spines["outline"].set_visible(False)
-    greatest = limits[1] / factor
     if field.unit:
-        figure.text(0.87, 0.1, f"max {greatest:.4g}", fontsize=10, color=_INK, va="center")
+        figure.text(0.87, 0.1, f"max {largest / factor:.4g}", fontsize=10, color=_INK, va="center")
     return figure
 
 

@@ -1,4 +1,4 @@
-"""What the interactive view of the contact surface shows, as data inside the page (`view.js` draws it)."""
+"""What the interactive view of the contact surface shows, as data inside the page (view.js and its parts draw it)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from ..plotting import ZONES, FloatArray, Grid, match, renderer, skin_of
 from .fields import named, ramp
 from .files import Run, Step
 from .scene import limits_of, looking_at, outward
-from .units import number, scale_of
+from .sheet import AXES
+from .units import in_seconds, scale_of
 
 IntArray = npt.NDArray[np.int64]
 
@@ -54,7 +55,7 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
         "triangles": _packed(_triangles(cells), np.uint32),
         "edges": _packed(_edges(cells), np.uint32),
         "outline": {"points": _packed(body.points[outline_nodes]), "lines": _packed(lines, np.uint32)},
-        "centre": (0.5 * (body.points.min(axis=0) + body.points.max(axis=0))).tolist(),
+        "axes": [{"name": name, "colour": colour} for name, colour in zip("xyz", AXES, strict=True)],
         "size": size,
         "scale": scale,
         "length": {"factor": length_factor, "unit": length_unit},
@@ -90,7 +91,7 @@ def _step(step: Step, fields: Sequence[dict[str, Any]], points: FloatArray, outl
     contact, body = step.grid("contact"), step.grid("solution")
     displacement, nodes = body.fields["displacement"], match(points, contact.points)
     return {
-        "label": "" if step.time is None else f"time {number(step.time)}",
+        "label": "" if step.time is None else f"time {in_seconds(step.time)}",
         "surface": _packed(displacement[match(points, body.points)]),
         "outline": _packed(displacement[match(outline, body.points)]),
         "arrows": _packed(contact.fields["friction_traction"][nodes]),

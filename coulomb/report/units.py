@@ -57,6 +57,11 @@ def quantity(value: float | None, unit: str = "", digits: int = 4) -> str:
     return f"{number(value / factor, digits)}{NARROW}{prefixed}" if prefixed else number(value, digits)
 
 
+def in_seconds(value: float, digits: int = 4) -> str:
+    """A time of a history or of a run in seconds, without prefixes: 0.25 s."""
+    return f"{number(value, digits)}{NARROW}s"
+
+
 def vector(values: list[float] | tuple[float, ...], unit: str, digits: int = 4) -> str:
     """Components with one unit: (−14.7, −22.5, 104) MN; what is rounding beside the greatest is 0."""
     greatest = max((abs(value) for value in values), default=0.0)
