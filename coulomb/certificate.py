@@ -4,13 +4,12 @@ The slip and the remaining gap come from the displacement, the equilibrium from 
 Neither the matrix K nor products by A take part; of A, its mean diagonal is the scale of the natural residual.
 
 Every measure is relative to a natural scale of the problem, so that steel in newtons and metres and rubber in newtons
-and millimetres are judged alike.  Forces: the greatest contact force of a node.  Displacements: twice the elastic
-energy over half the sum of all nodal forces, the mean way on which forces do their work.  It does not see a motion of
-the body as a whole: a clamp that moves it by a metre makes nothing more lenient.
+and millimetres are judged alike.  Forces: the largest component of a nodal contact force.  Displacements: twice the
+elastic energy over half the sum of all nodal forces, the mean way on which forces do their work.  It does not see a
+motion of the body as a whole: a clamp that moves it by a metre makes nothing more lenient.
 
-No scale is taken where there is none.  What is not finite fails, and so does anything but 0 where there is nothing to
-measure it against.  What rounding does to a displacement, and the forces that makes, is the least of every scale: the
-forces in a body that was lifted off its foundation are nothing else.
+What is not finite, overflows or vanishes fails.  What rounding does to a displacement, and the forces that makes, are
+the least of every scale: in a body that was lifted off its foundation there are no other forces.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ LIMIT = 1e-6
 
 ANGLE_LIMIT = 0.1
 """Limit in degrees of the angle between slip and friction, where the slip is at least 1e-3 of the scale of
-displacements and the friction 1e-2 of its greatest: there an error of LIMIT turns the slip by less."""
+displacements and the friction 1e-2 of its largest: there an error of LIMIT turns the slip by less."""
 
 EPSILON = 2.0**-52
 """Of double precision."""
@@ -69,7 +68,7 @@ class Certificate:
 
     Attributes:
         checks: The conditions.
-        penetration: Greatest penetration in metres.
+        penetration: Largest penetration in metres.
     """
 
     checks: tuple[Check, ...]
@@ -269,5 +268,5 @@ def _worst(*values: float) -> float:
 
 
 def _ratio(value: float, scale: float) -> float:
-    """A measure over its scale; where there is nothing to measure against, only 0 is right."""
-    return value / scale if scale != 0.0 else 0.0 if value == 0.0 else math.inf
+    """A measure over its scale, which is 0 only where the measure is."""
+    return value / (scale or 1.0)

@@ -1,0 +1,179 @@
+"""Numbers that overflow or vanish, and bodies to which nothing happens: no certificate passes by dividing by them."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from made_up import BODY, CASES, failed, made_up
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Traction, certify
+from coulomb.certificate import SMALLEST, judge
+from coulomb.evidence import Evidence
+
+ARRAYS = [field.name for field in fields(Evidence) if field.name not in ("comm", "fixed", "compliance")]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", [*ARRAYS, "compliance"])
+def test_what_is_not_finite_fails_and_is_named(name, bad):
+    evidence, _ = made_up()
+    array = np.array(getattr(evidence, name), dtype=float)
+    array.flat[7 % array.size] = bad
+    certificate = judge(replace(evidence, **{name: array if array.ndim else float(array)}))
+    assert "finite" in failed(certificate)
+    told = {"x": "coordinates", "on_body": "contact forces on the body", "force": "contact forces", "load": "loads"}
+    told |= {"spring": "springs", "internal": "internal forces", "gap": "gaps", "bound": "slip bounds"}
+    assert told.get(name, name) in certificate["finite"].meaning
+
+
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [
+        ({"newtons": 1e-300}, "scale of contact forces is"),
+        ({"newtons": 1e290}, "scale of contact forces is"),
+        ({"metres": 1e-290}, "scale of displacements is"),
+        ({"metres": 1e-300}, "scale of displacements is"),
+        ({"metres": 1e295}, "scale of displacements is"),
+        ({"newtons": 1e-200, "metres": 1e100}, "compliance is"),
+    ],
+)
+def test_scales_at_the_ends_of_the_numbers_fail_and_are_named(factor, told):
+    certificate = judge(in_units(made_up()[0], **factor))
+    assert "finite" in failed(certificate) and told in certificate["finite"].meaning
+
+
+def in_units(e, newtons=1.0, metres=1.0):
+    """The same with other units: forces and lengths multiplied."""
+    forces = {name: newtons * getattr(e, name) for name in ("internal", "load", "on_body", "force", "bound")}
+    lengths = {name: metres * getattr(e, name) for name in ("displacement", "prescribed", "closure", "gap")}
+    with np.errstate(over="ignore"):
+        spring = newtons * (e.spring / metres)
+    return replace(e, **forces, **lengths, spring=spring, compliance=metres * (e.compliance / newtons))
+
+
+@pytest.mark.parametrize(("name", "error", "options"), CASES)
+@pytest.mark.parametrize("newtons, metres", [(1e-140, 1e-140), (1e140, 1e140), (1e-180, 1e80), (1e180, 1e-80)])
+def test_no_product_of_scales_overflows(name, error, options, newtons, metres):
+    """Squares and products of such numbers do; the measures are the same all the same."""
+    evidence, turnover = made_up(**options)
+    wrong = error(evidence, 1.05 * (0.1 if name == "slip angle" else 1e-6), turnover)
+    usual, other = judge(wrong), judge(in_units(wrong, newtons, metres))
+    assert failed(other) == failed(usual) == {name}
+    assert other[name].value == pytest.approx(usual[name].value, rel=1e-3)
+
+
+def test_the_limits_of_the_scales():
+    """Just inside and just outside."""
+    evidence, _ = made_up()
+    assert judge(replace(evidence, compliance=1.1 * SMALLEST))["finite"].passed
+    assert not judge(replace(evidence, compliance=0.9 * SMALLEST))["finite"].passed
+    assert judge(replace(evidence, compliance=0.9 / SMALLEST))["finite"].passed
+    assert not judge(replace(evidence, compliance=1.1 / SMALLEST))["finite"].passed
+    for compliance in (0.0, -1.0):
+        assert not judge(replace(evidence, compliance=compliance))["finite"].passed
+
+
+# --- nothing there -----------------------------------------------------------------------------------------------
+
+
+def nothing():
+    """No load, no displacement, no force."""
+    evidence, _ = made_up()
+    zero = {name: np.zeros_like(getattr(evidence, name)) for name in ARRAYS if name not in ("x", "spring")}
+    return replace(evidence, **zero)
+
+
+def test_where_nothing_happens_all_is_well():
+    assert judge(nothing()).passed
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "index", "value"),
+    [
+        ("penetration", "gap", 3, -1e-12),
+        ("clamps", "prescribed", (156, 2), 1e-12),
+        ("equilibrium", "load", (120, 0), 1e-12),
+        ("natural residual", "gap", 3, -1e-12),
+    ],
+)
+def test_where_nothing_happens_only_zero_is_right(name, field, index, value):
+    """These passed as 1e-12 of a metre and a newton."""
+    evidence = nothing()
+    array = getattr(evidence, field).copy()
+    array[index] = value
+    assert name in failed(judge(replace(evidence, **{field: array})))
+
+
+def test_rounding_is_the_least_scale():
+    """A body that has only been moved: forces up to a hundred times those of rounding are no error, more are."""
+    evidence = nothing()
+    rng = np.random.default_rng(2)
+    moved = {"displacement": np.ones((BODY, 3)), "prescribed": 1.0 * evidence.fixed}
+    rounding = 1e-6 * rng.uniform(-1.0, 1.0, (BODY, 3))
+    resting = replace(evidence, **moved, spring=np.zeros((BODY, 3)), rounding=rounding)
+    internal = np.where(evidence.fixed, 0.0, rng.uniform(-1.0, 1.0, (BODY, 3)))
+    internal *= np.linalg.norm(rounding) / np.linalg.norm(internal)
+    assert judge(replace(resting, internal=95.0 * internal))["equilibrium"].passed
+    assert not judge(replace(resting, internal=105.0 * internal))["equilibrium"].passed
+
+
+# --- runs --------------------------------------------------------------------------------------------------------
+
+
+def block(young=2e11, load=1e7, clamp=None, foundation=None):
+    return ContactProblem(
+        coulomb.box((3.0, 1.0, 1.0), (6, 2, 2)),
+        Material(young, 0.3),
+        [clamp or Clamp("left")],
+        Contact("bottom", 0.3, foundation=foundation),
+        [Traction("top", (0.0, load, -4.0 * load))] if load else [],
+    )
+
+
+@pytest.mark.parametrize("young", [1e-300, 1e-304, 1e292, 1e300])
+def test_a_run_whose_numbers_overflow_is_not_certified(young):
+    """Pressed by a clamp: displacements are as usual, forces and compliances beyond all bounds."""
+    problem = block(young, load=0.0, clamp=Clamp("top", value=(1e-4, 0.0, -1e-4)))
+    try:
+        solution = problem.solve()
+    except coulomb.NotConverged as failure:
+        solution = problem.solution(failure.result)
+    assert "finite" in failed(solution.certificate)
+
+
+def test_ordinary_units_of_all_kinds_pass():
+    """Far from the ends: these are the same block."""
+    for factor in (1e-100, 1e-20, 1e20, 1e100):
+        assert block(2e11 * factor, 1e7 * factor).solve().certificate.passed
+
+
+@pytest.mark.parametrize("way", [1e-6, 1e-3, 1.0])
+@pytest.mark.parametrize("along", [(0.0, 0.0, 1.0), (0.3, -0.7, 1.0)])
+def test_a_body_that_is_lifted_off_passes(way, along):
+    """Nothing touches, and the only forces are those of rounding."""
+    lift = Clamp("top", value=tuple(way * c for c in along))
+    certificate = block(load=0.0, clamp=lift).solve().certificate
+    assert certificate.passed, certificate
+
+
+def test_a_history_that_ends_lifted_off_passes():
+    down = Clamp("top", value=(0.0, 0.0, 1e-4), amplitude=[(0.0, 0.0), (1.0, -1.0), (2.0, -1.0), (4.0, 1.0)])
+    rub = [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (4.0, 2.0)]
+    drag = Clamp("top", "x", (2e-4, 0.0, 0.0), amplitude=rub)
+    problem = ContactProblem(
+        coulomb.box((1.0, 1.0, 1.0), (3, 3, 2)), Material(2e11, 0.3), [down, drag], Contact("bottom", 0.3)
+    )
+    steps = list(LoadHistory([1.0, 2.0, 3.5, 4.0]).steps(problem))
+    assert steps[-1].row["normal_force"] == 0.0 or steps[-1].row["contact_area"] == 0.0
+    for step in steps:
+        assert step.solution.certificate.passed, step.solution.certificate
+
+
+def test_a_lifted_body_that_is_wrong_fails():
+    """The least scales are small: a bend of a ten millionth of the way is seen."""
+    problem = block(load=0.0, clamp=Clamp("top", value=(0.0, 0.0, 1e-3)))
+    solution = problem.solve()
+    u = solution.displacement.copy()
+    u[:, 0] += 1e-10 * np.sin(3.0 * problem.elasticity.x[:, 0]) * (~problem.elasticity.fixed[:, 0])
+    assert "equilibrium" in failed(certify(problem, solution.contact_force, u))
