@@ -124,7 +124,8 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     pressing, friction, sliding = force[:, 0], np.hypot(force[:, 1], force[:, 2]), np.hypot(slip[:, 0], slip[:, 1])
     g_scale = over.max(g)
     early_slip = over.max(sliding * np.maximum(g - friction, 0.0))
-    compared = (sliding > 1e-3) & (friction > 1e-2 * over.max(friction))
+    # Where no friction is allowed, what there is of it is rounding, and the cone's to judge.
+    compared = (sliding > 1e-3) & (friction > 1e-2 * over.max(friction)) & (g > 0.0)
     across = np.abs(force[:, 1] * slip[:, 1] - force[:, 2] * slip[:, 0])[compared]
     along = (force[:, 1] * slip[:, 0] + force[:, 2] * slip[:, 1])[compared]
     angle = over.max(np.degrees(np.arctan2(across, along)))

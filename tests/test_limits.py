@@ -48,3 +48,11 @@ def test_below_its_thresholds_the_angle_is_not_judged(error):
         force[SLIP, 1:] *= 0.98
         bound[SLIP] *= 0.98
     assert judge(replace(turned, closure=closure, force=force, bound=bound))["slip angle"].value <= 1e-6
+
+
+def test_rounding_of_friction_that_is_none_has_no_angle():
+    evidence, _ = made_up()
+    force = evidence.force.copy()
+    force[:, 1:] *= -1e-16
+    without = judge(replace(evidence, force=force, bound=0.0 * evidence.bound))
+    assert without.passed, without
