@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from .acceptance import CERTIFIED_FROM, Acceptance
 from .arrays import FloatArray
 from .contact import Contact, ContactFaces
 from .fem.elasticity import Clamp, Elasticity, Materials, Spring, Traction
@@ -32,7 +33,7 @@ from .solvers.kprgp import KPRGP
 from .solvers.multifrontal import MultifrontalSolver
 from .solvers.one_loop import OneLoop
 from .solvers.path_following import PathFollowing
-from .solvers.results import CoulombResult, ProgressCallback, QPResult
+from .solvers.results import CoulombResult, NotConverged, ProgressCallback, QPResult
 from .solvers.stiffness import DirectSolver, StiffnessSolver
 from .solvers.tresca import QPSolver, TrescaQP
 
@@ -92,7 +93,7 @@ class ContactProblem:
         self.contacts = (contact,) if isinstance(contact, Contact) else tuple(contact)
         self.seconds: dict[str, float] = {}
         self.started = now()
-        with self._timed("assembly"):
+        with self.timed("assembly"):
             self.elasticity = Elasticity(
                 mesh, material, clamps, tractions, body_force, springs, body_force_amplitude, time
             )
@@ -140,7 +141,7 @@ class ContactProblem:
         other.seconds = {}
         for name in ("b", "_free_displacement"):
             other.__dict__.pop(name, None)
-        with other._timed("assembly"):
+        with other.timed("assembly"):
             other.elasticity = self.elasticity.at(time)
             other._move_foundations()
         return other
@@ -196,7 +197,7 @@ class ContactProblem:
     @cached_property
     def stiffness_solver(self) -> StiffnessSolver:
         """K^-1."""
-        with self._timed("stiffness"):
+        with self.timed("stiffness"):
             if contact_last(self.explicit, self.comm.size):
                 return MultifrontalSolver(self.elasticity.K, self.elasticity.x, np.sort(self.surface.nodes))
             return self.linear_solver(self.elasticity.K)
@@ -205,7 +206,7 @@ class ContactProblem:
     def A(self) -> Compliance:
         """Compliance B K^-1 B^T of the contact nodes, metres per newton."""
         solver = self.stiffness_solver
-        with self._timed("compliance"):
+        with self.timed("compliance"):
             if isinstance(solver, MultifrontalSolver):
                 return SchurCompliance(self.surface.B, solver)
             if self.explicit:
@@ -250,7 +251,7 @@ class ContactProblem:
     def _free_displacement(self) -> FloatArray:
         """K^-1 f in metres, this rank's nodes, shape (k, 3): the body without contact."""
         u, solver = self.elasticity.K.createVecRight(), self.stiffness_solver
-        with self._timed("displacement"):
+        with self.timed("displacement"):
             solver.solve(self.elasticity.f, u)
         values: FloatArray = u.array.reshape(-1, 3).copy()
         u.destroy()
@@ -298,7 +299,8 @@ class ContactProblem:
         """Solve, and certify the answer.
 
         Args:
-            tolerance: Residual of the problem (Coulomb or Tresca) at which to stop.
+            tolerance: Residual of the problem (Coulomb or Tresca) at which to stop, once the certificate passes; a
+                tolerance above 1e-8 asks for less, and the solver stops at it whatever the certificate says.
             solver: In place of the default (and of its tolerance).  For Coulomb friction Automatic (the default),
                 OneLoop or SuccessiveTresca; for Tresca friction PathFollowing (the default) or KPRGP.  Condensed Newton
                 systems of these need explicit=False.
@@ -307,7 +309,8 @@ class ContactProblem:
                 of a coarser mesh (`surface.interpolate`).
 
         Raises:
-            NotConverged: If the residual stays above the tolerance; `solution(error.result)` has what there is.
+            NotConverged: If the residual stays above the tolerance, or the certificate does not pass however small the
+                residual; `solution(error.result)` has what there is.
         """
         if self.coulomb and isinstance(solver, PathFollowing | KPRGP):
             raise ValueError("solver: Coulomb friction needs Automatic, OneLoop or SuccessiveTresca(qp_solver=...)")
@@ -316,29 +319,32 @@ class ContactProblem:
         self.stiffness_solver, self.A, self.b  # noqa: B018  (each is timed on its own)
         chosen: Any = solver or (Automatic(tolerance) if self.coulomb else PathFollowing(tolerance=tolerance))
         problem: Any = self.coulomb_problem if self.coulomb else self.tresca(self.slip_bound(self.b))
-        with self._timed("solve"):
-            result: CoulombResult | QPResult = (
-                chosen.solve(problem, start=start, progress=progress)
-                if self.coulomb
-                else chosen.solve(problem, progress=progress)
-            )
-        return self.solution(result)
+        acceptance = Acceptance(self)
+        if chosen.tolerance <= CERTIFIED_FROM:
+            problem = replace(problem, accept=acceptance)
+        with self.timed("solve"):
+            try:
+                result: CoulombResult | QPResult = (
+                    chosen.solve(problem, start=start, progress=progress)
+                    if self.coulomb
+                    else chosen.solve(problem, progress=progress)
+                )
+            except NotConverged as failure:
+                raise acceptance.explained(failure, chosen.tolerance) from None
+        return self.solution(result, acceptance)
 
-    def solution(self, result: CoulombResult | QPResult) -> Solution:
-        """Displacement and certificate of a solver's result, converged or not."""
-        from .certificate import certify
-
-        with self._timed("displacement"):
-            u = self.displacement(result.x)
+    def solution(self, result: CoulombResult | QPResult, acceptance: Acceptance | None = None) -> Solution:
+        """Displacement and certificate of a solver's result, converged or not; from `acceptance` where it has them."""
+        u, certificate = (acceptance or Acceptance(self)).answer(result.x)
         g = result.slip_bound if isinstance(result, CoulombResult) else self.slip_bound(result.x)
-        with self._timed("certificate"):
-            certificate = certify(self, result.x, u)
         return Solution(self, result.x, u, g, result, certificate)
 
     @contextmanager
-    def _timed(self, phase: str) -> Iterator[None]:
-        began = time.perf_counter()
+    def timed(self, phase: str) -> Iterator[None]:
+        """Adds the wall time of what is inside to a phase, less that of phases inside it."""
+        began, others = time.perf_counter(), sum(self.seconds.values())
         try:
             yield
         finally:
-            self.seconds[phase] = self.seconds.get(phase, 0.0) + time.perf_counter() - began
+            others = sum(self.seconds.values()) - others
+            self.seconds[phase] = self.seconds.get(phase, 0.0) + time.perf_counter() - began - others

@@ -176,18 +176,3 @@ def test_two_solvers_one_answer():
     problem = CoulombProblem(solution.problem.A, solution.problem.b, friction)
     other = SuccessiveTresca(1e-8, PathFollowing(newton=SchurComplementSystem)).solve(problem)
     assert np.linalg.norm(other.x - solution.contact_force) <= 1e-7 * np.linalg.norm(other.x)
-
-
-def test_the_verdict_is_the_residuals_alone():
-    from coulomb.solvers.results import verdict
-
-    for residual, converged in (
-        (0.0, True),
-        (1e-8, True),
-        (1.01e-8, False),
-        (1e-7, False),
-        (np.inf, False),
-        (np.nan, False),
-    ):
-        assert (verdict(residual, 1e-8, Status.STAGNATED) is Status.CONVERGED) == converged
-        assert converged or verdict(residual, 1e-8, Status.STAGNATED) is Status.STAGNATED

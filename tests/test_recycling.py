@@ -20,8 +20,8 @@ def A():
     return random_spd(3 * NODES, 1e4, np.random.default_rng(61))
 
 
-def learnt_from(A, X, rank):
-    learnt = LearntCompliance(MPI.COMM_SELF, np.diag(A).reshape(-1, 3).copy(), rank)
+def learnt_from(A, X, rank, exact=False):
+    learnt = LearntCompliance(MPI.COMM_SELF, np.diag(A).reshape(-1, 3).copy(), rank, exact)
     for x in X:
         learnt.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
     learnt.learn()
@@ -43,6 +43,21 @@ def test_stand_in_is_below_A_and_exact_on_what_was_tried(A):
     assert np.allclose(nystrom @ X.T, A @ X.T, rtol=1e-8, atol=1e-8)
     assert np.linalg.eigvalsh(A - nystrom).min() >= -1e-10 * np.linalg.norm(A, 2)
     assert np.allclose(learnt.rest.ravel(), np.maximum(np.diag(A - nystrom), 0.2 * np.diag(A)))
+
+
+def test_a_motion_of_the_whole_once_learnt_leaves_the_rest_small():
+    """A body on soft springs: diag(A) is that of its motion as a whole, the rest a ten-thousandth of it."""
+    rng = np.random.default_rng(67)
+    whole, elastic = np.ones(3 * NODES), np.diag(rng.uniform(0.5, 1.0, 3 * NODES))
+    soft = 1e4 * np.outer(whole, whole) + elastic
+    X = np.vstack([whole, rng.standard_normal((6, 3 * NODES))])
+    for exact, least in ((True, 1e-5), (False, 0.2)):
+        learnt = learnt_from(soft, X[:1], 100, exact)
+        for x in X[1:]:  # what U has not learnt is measured on new pairs
+            learnt.record(x.reshape(-1, 3), (soft @ x).reshape(-1, 3))
+        learnt.learn()
+        part = learnt.rest.ravel() / np.diag(soft)
+        assert np.all(part >= least * 0.99) and np.all(part <= (1e-3 if exact else 0.21)), part
 
 
 def test_truncation_keeps_the_largest_and_its_pairs(A):

@@ -56,7 +56,7 @@ class Automatic:
         except NotConverged as failure:
             assert isinstance(failure.result, CoulombResult)
             first = failure.result
-            if first.status is Status.INTERRUPTED:
+            if first.status is Status.INTERRUPTED or first.residual <= self.tolerance:  # no other way would help
                 raise NotConverged(str(failure), _chosen(first, "one loop")) from None
         try:
             result = SuccessiveTresca(self.tolerance).solve(problem, start=start, progress=progress)

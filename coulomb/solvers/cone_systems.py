@@ -79,7 +79,7 @@ class KrylovConeSystem(FreshImages):
 
     def __init__(self, A: ScaledCompliance):
         super().__init__(A)
-        self._comm, self._A = A.comm, LearntCompliance(A.comm, A.diagonal, self.rank)
+        self._comm, self._A = A.comm, LearntCompliance(A.comm, A.diagonal, self.rank, A.A.exact)
         self._accuracy = 0.0
 
         def recorded(x: FloatArray) -> FloatArray:

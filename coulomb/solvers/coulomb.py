@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import FloatArray
 from .compliance import Compliance
 from .reductions import Reductions
-from .results import CoulombResult, ProgressCallback
+from .results import Accept, CoulombResult, ProgressCallback
 from .tresca import TrescaQP
 
 
@@ -23,6 +23,7 @@ class CoulombProblem:
         A: Compliance, in metres per newton.
         b: Free gap closure in metres, this rank's part, shape (3 m,), node by node (n, t1, t2).
         friction: Coefficient F >= 0 at every contact node, shape (m,).
+        accept: The certificate that an answer must pass besides; None where the residual alone decides.
 
     Raises:
         ValueError: On every rank, if the shape does not fit or a coefficient is negative or not finite on any rank.
@@ -31,6 +32,7 @@ class CoulombProblem:
     A: Compliance
     b: FloatArray
     friction: FloatArray
+    accept: Accept | None = None
 
     def __post_init__(self) -> None:
         over = self.reductions

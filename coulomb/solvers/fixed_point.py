@@ -16,6 +16,7 @@ from .path_following import PathFollowing
 from .reductions import Reductions
 from .results import (
     CoulombResult,
+    Goal,
     NotConverged,
     OuterStep,
     Progress,
@@ -23,7 +24,6 @@ from .results import (
     QPResult,
     Status,
     check_constants,
-    verdict,
 )
 from .tresca import QPSolver
 
@@ -103,10 +103,11 @@ class SuccessiveTresca:
         sizes: list[float] = []  # |F x_n|
         turns: list[float] = []  # cosines between successive F x_n - g
         misfit: FloatArray | None = None
+        goal = Goal(self.tolerance, problem.accept)
         status, why = Status.MAX_ITERATIONS, ""
         for iteration in range(1, self.max_iterations + 1):
             began, before = time.perf_counter(), A.products
-            inner = min(max(self.inner_precision * residual, 0.1 * self.tolerance), 1e-2)
+            inner = min(max(self.inner_precision * residual, 0.1 * goal.residual), 1e-2)
             warm = last is not None
             last, steps, krylov, trouble = self._tresca(problem, g, last, inner, iteration, progress)
             wanted = problem.slip_bound(last.x)
@@ -137,7 +138,7 @@ class SuccessiveTresca:
                     seconds=time.perf_counter() - began,
                 )
             )
-            if residual <= self.tolerance:
+            if goal.reached(residual, last.x):
                 break
             if last.status is Status.INTERRUPTED:
                 status, why = Status.INTERRUPTED, trouble
@@ -160,7 +161,7 @@ class SuccessiveTresca:
             x=last.x,
             gradient=last.gradient,
             slip_bound=g,
-            status=verdict(residual, self.tolerance, status),
+            status=goal.verdict(residual, status),
             contraction=_contraction(history),
             iterations=len(history),
             path_following=sum(step.path_following for step in history),
@@ -170,7 +171,7 @@ class SuccessiveTresca:
             method=self.name,
         )
         if result.status is not Status.CONVERGED:
-            message = _message(self, result, why)
+            message = _message(goal, result, why)
             raise NotConverged(message, replace(result, message=message))
         return result
 
@@ -259,7 +260,7 @@ def _settles_not(changes: list[float], count: int) -> bool:
     return len(changes) > count and min(changes[-count:]) > 0.9 * min(changes[:-count])
 
 
-def _message(solver: SuccessiveTresca, result: CoulombResult, why: str) -> str:
+def _message(goal: Goal, result: CoulombResult, why: str) -> str:
     """What was seen, and what to try."""
     residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-4:])
     advice = {
@@ -271,7 +272,7 @@ def _message(solver: SuccessiveTresca, result: CoulombResult, why: str) -> str:
     }[result.status]
     return (
         f"successive Tresca ended with a Coulomb residual of {result.residual:.1e} after {result.iterations} Tresca "
-        f"problems ({result.status.value}), above the tolerance {solver.tolerance:.1e}; the map from slip bound to "
+        f"problems ({result.status.value}), {goal.missed(result.residual)}; the map from slip bound to "
         f"F x_n has the factor {result.contraction:.2g}; last residuals {residuals}; {why or advice}"
     )
 

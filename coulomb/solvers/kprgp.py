@@ -14,6 +14,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from .results import (
     ActiveSetStep,
+    Goal,
     NotConverged,
     Progress,
     ProgressCallback,
@@ -21,10 +22,10 @@ from .results import (
     Status,
     StepKind,
     check_constants,
-    verdict,
 )
 from .tresca import TrescaQP
 
+_PATIENCE = 1000  # steps without a better residual once the certificate has refused an answer
 _ON_CIRCLE = 1.0 - 1e-13  # a projected point lies on its circle up to rounding
 
 
@@ -86,10 +87,12 @@ class KPRGP:
         x = qp.project(np.zeros_like(qp.b) if start is None else start.x)
         gradient = qp.gradient(x)
         residual = qp.residual(x, gradient)
+        goal, best, best_at = Goal(tolerance, qp.accept), residual, 0
+        reached = goal.reached(residual, x)
         history: list[ActiveSetStep] = []
         split = _split(qp, x, gradient, a)
         p, status = split.phi, Status.MAX_ITERATIONS
-        while residual > tolerance and len(history) < self.max_iterations:
+        while not reached and len(history) < self.max_iterations:
             reduced = (x - qp.project(x - a * split.phi.ravel())) / a
             krylov = 0
             if over.dot(split.beta, split.beta) <= self.proportionality**2 * over.dot(reduced, split.phi.ravel()):
@@ -114,19 +117,25 @@ class KPRGP:
                 x, gradient, split = self._projected(qp, x - a * split.beta.ravel(), a)
                 p = split.phi
             residual = qp.residual(x, gradient)
-            if residual <= tolerance and kind == "cg":  # the gradient was updated: judge by a fresh product
+            if residual <= goal.residual and kind == "cg":  # the gradient was updated: judge by a fresh product
                 gradient = qp.gradient(x)
                 residual = qp.residual(x, gradient)
+            reached = goal.reached(residual, x)
             stationarity = over.norm(split.phi + split.beta)
             history.append(ActiveSetStep(len(history) + 1, residual, krylov, kind, stationarity))
             if progress is not None and progress(Progress(0, len(history), residual)):
                 status = Status.INTERRUPTED
                 break
+            if residual < 0.9 * best:
+                best, best_at = residual, len(history)
+            if goal.refused and len(history) - best_at >= _PATIENCE:
+                status = Status.STAGNATED
+                break
         result = QPResult(
             x=x,
             gradient=gradient,
             multipliers=_multipliers(qp, x, gradient),
-            status=verdict(residual, tolerance, status),
+            status=goal.verdict(residual, status),
             iterations=len(history),
             products=qp.A.products - products,
             residual=residual,
@@ -135,7 +144,7 @@ class KPRGP:
         if result.status is not Status.CONVERGED:
             raise NotConverged(
                 f"KPRGP ended with a residual of {residual:.1e} after {len(history)} steps ({result.status.value}), "
-                f"above the tolerance {tolerance:.1e}",
+                f"{goal.missed(residual)}",
                 result,
             )
         return result

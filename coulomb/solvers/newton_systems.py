@@ -105,7 +105,7 @@ class _NodalCG(FreshImages, ABC):
     def __init__(self, A: ScaledCompliance):
         super().__init__(A)
         self._comm, self._accuracy = A.comm, 0.0
-        self._A = LearntCompliance(A.comm, A.diagonal, self.rank)
+        self._A = LearntCompliance(A.comm, A.diagonal, self.rank, A.A.exact)
 
         def recorded(x: FloatArray) -> FloatArray:
             y = A.mult(x, self._accuracy)

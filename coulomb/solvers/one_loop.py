@@ -54,13 +54,13 @@ from .cone_systems import ConeSystem, KrylovConeSystem
 from .coulomb import CoulombProblem
 from .results import (
     CoulombResult,
+    Goal,
     NotConverged,
     PathFollowingStep,
     Progress,
     ProgressCallback,
     Status,
     check_path_constants,
-    verdict,
 )
 
 _TO_BOUNDARY = 0.99  # fraction of the way to the boundary a step may go
@@ -73,6 +73,7 @@ _FLOOR, _INSIDE = 0.1, 0.9  # a warm start: x_n at least so many nominal forces,
 _GRADIENT = 0.3  # the residual of a step's linear system, over the gradient that it is to take away
 _FRESH = 0.03  # accuracy of A x at a new iterate, as a part of its change
 _PATIENCE = 20  # steps without a better residual before the run is called stagnated
+_PATIENCE_REFUSED = 5  # the same once the residual is at the tolerance and only the certificate does not pass
 
 
 class _Step(NamedTuple):
@@ -157,29 +158,29 @@ class OneLoop:
             NotConverged: With the best answer so far, if the residual stays above the tolerance.
         """
         products = problem.A.products
-        result = self._open(problem) or self._follow(problem, start, progress)
+        goal = Goal(self.tolerance, problem.accept)
+        result = self._open(problem, goal) or self._follow(problem, goal, start, progress)
         result = replace(result, products=problem.A.products - products)
         if result.status is not Status.CONVERGED:
             residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-3:])
             message = (
                 f"one loop ended with a Coulomb residual of {result.residual:.1e} after {result.path_following} Newton "
-                f"steps ({result.status.value}), above the tolerance {self.tolerance:.1e}; last residuals {residuals}"
+                f"steps ({result.status.value}), {goal.missed(result.residual)}; last residuals {residuals}"
             )
             raise NotConverged(message, replace(result, message=message))
         return result
 
-    def _open(self, problem: CoulombProblem) -> CoulombResult | None:
+    def _open(self, problem: CoulombProblem, goal: Goal) -> CoulombResult | None:
         """The answer without any contact force, if it is one: there is no path to follow then."""
         x = np.zeros_like(problem.b)
         residual = problem.residual(x, -problem.b)
-        status = verdict(residual, self.tolerance, Status.MAX_ITERATIONS)
-        if status is not Status.CONVERGED:
+        if not goal.reached(residual, x):
             return None
-        g = np.zeros_like(problem.friction)
+        status, g = goal.verdict(residual, Status.MAX_ITERATIONS), np.zeros_like(problem.friction)
         return CoulombResult(x, -problem.b, g, status, math.nan, 0, 0, 0, residual, (), self.name)
 
     def _follow(
-        self, problem: CoulombProblem, start: FloatArray | None, progress: ProgressCallback | None
+        self, problem: CoulombProblem, goal: Goal, start: FloatArray | None, progress: ProgressCallback | None
     ) -> CoulombResult:
         """One start after another, solved more precisely, then farther inside, until the steps do not block."""
         scaled = ScaledCoulomb(problem)
@@ -195,8 +196,9 @@ class OneLoop:
                 run = replace(self, r_tol=precision * self.r_tol)
                 v = run._start(scaled, newton, x_n, y, theta)
                 patient = len(results) == len(starts) - 1
-                results.append(run._steps(scaled, newton, v, progress, history, patient))
-                if results[-1].status in (Status.CONVERGED, Status.INTERRUPTED):
+                results.append(run._steps(scaled, newton, goal, v, progress, history, patient))
+                status = results[-1].status
+                if status in (Status.CONVERGED, Status.INTERRUPTED) or results[-1].residual <= self.tolerance:
                     break
         finally:
             newton.destroy()
@@ -218,6 +220,7 @@ class OneLoop:
         self,
         scaled: ScaledCoulomb,
         newton: ConeSystem,
+        goal: Goal,
         v: ConeIterate,
         progress: ProgressCallback | None,
         history: list[PathFollowingStep],
@@ -229,7 +232,7 @@ class OneLoop:
         theta = scaled.theta(v.nu, z)
         beta = max(self.beta, 10.0 * self._infeasibility(scaled, v) / theta)
         err, krylov_tolerance, alpha = 1.0, self.r_tol / self.c_fact, 1.0
-        best, best_at, blocked, residual = math.inf, first, 0, math.inf
+        best, best_at, blocked, residual, reached = math.inf, first, 0, math.inf, False
         status = Status.MAX_ITERATIONS
         for iteration in range(first + 1, first + self.max_iterations + 1):
             sigma = self._centring(alpha, self._infeasibility(scaled, v) / (beta * theta))
@@ -245,14 +248,16 @@ class OneLoop:
             z = scaled.slack(v.x_n, v.y)
             theta = scaled.theta(v.nu, z)
             residual = problem.residual(*scaled.unscaled(v))
-            if residual <= self.tolerance:  # judge by a product as exact as can be
-                residual = problem.residual(*scaled.unscaled(self._judged(scaled, newton, v)))
+            if residual <= goal.residual:  # judge by a product as exact as can be
+                x, gradient_of_x = scaled.unscaled(self._judged(scaled, newton, v))
+                residual = problem.residual(x, gradient_of_x)
+                reached = goal.reached(residual, x)
             gradient = self._infeasibility(scaled, v)
             history.append(
                 PathFollowingStep(iteration, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
             )
             stop = progress is not None and progress(Progress(0, iteration, residual))
-            if residual <= self.tolerance:
+            if reached:
                 break
             if stop:
                 status = Status.INTERRUPTED
@@ -260,7 +265,9 @@ class OneLoop:
             if residual < 0.9 * best:
                 best, best_at = residual, iteration
             blocked = blocked + 1 if alpha < _BLOCKED else 0
-            if iteration - best_at >= _PATIENCE or (blocked == 3 and not patient):
+            if iteration - best_at >= (_PATIENCE_REFUSED if goal.refused else _PATIENCE) or (
+                blocked == 3 and not patient
+            ):
                 status = Status.STAGNATED
                 break
         x, gradient_of_x = scaled.unscaled(self._judged(scaled, newton, v))
@@ -269,7 +276,7 @@ class OneLoop:
             x=x,
             gradient=gradient_of_x,
             slip_bound=problem.slip_bound(x),
-            status=verdict(residual, self.tolerance, status),
+            status=goal.verdict(residual, status),
             contraction=math.nan,
             iterations=0,
             path_following=0,

@@ -14,6 +14,7 @@ import numpy as np
 from ..arrays import FloatArray
 from .newton_systems import NewtonStep, NewtonSystem, RecyclingSystem
 from .results import (
+    Goal,
     NotConverged,
     PathFollowingStep,
     Progress,
@@ -21,7 +22,6 @@ from .results import (
     QPResult,
     Status,
     check_path_constants,
-    verdict,
 )
 from .scaling import ScaledQP
 from .tresca import TrescaQP
@@ -33,6 +33,7 @@ _COLD_THETA = (0.1, 1e3, 1e6)  # theta of one cold start after another, over rms
 _FAR = 0.1  # from this distance, in nominal nodal forces, a warm start is no better than a cold one
 _FRESH = 0.1  # accuracy of A x at a new iterate, as a part of its change, where products are inexact
 _PATIENCE = 20  # steps without a better residual before the run is called stagnated
+_PATIENCE_REFUSED = 5  # the same once the residual is at the tolerance and only the certificate does not pass
 
 
 @dataclass(frozen=True)
@@ -118,29 +119,28 @@ class PathFollowing:
         """
         tolerance = self.tolerance if tolerance is None else tolerance
         products = qp.A.products
-        result = self._trivial(qp, tolerance) or self._follow(qp, start, tolerance, progress)
+        goal = Goal(tolerance, qp.accept)
+        result = self._trivial(qp, goal) or self._follow(qp, start, goal, progress)
         result = replace(result, products=qp.A.products - products)
         if result.status is not Status.CONVERGED:
             raise NotConverged(
                 f"PF ended with a residual of {result.residual:.1e} after {result.iterations} steps "
-                f"({result.status.value}), above the tolerance {tolerance:.1e}",
+                f"({result.status.value}), {goal.missed(result.residual)}",
                 result,
             )
         return result
 
-    def _trivial(self, qp: TrescaQP, tolerance: float) -> QPResult | None:
+    def _trivial(self, qp: TrescaQP, goal: Goal) -> QPResult | None:
         """The answer, if it is the smallest force the bounds allow: an open contact has nothing to follow a path to."""
         x = qp.project(np.zeros_like(qp.b))
         gradient = qp.gradient(x) if qp.reductions.max(np.abs(x)) > 0.0 else -qp.b
         residual = qp.residual(x, gradient)
-        status = verdict(residual, tolerance, Status.MAX_ITERATIONS)
-        if status is not Status.CONVERGED:
+        if not goal.reached(residual, x):
             return None
+        status = goal.verdict(residual, Status.MAX_ITERATIONS)
         return QPResult(x, gradient, np.zeros((qp.A.nodes, 2)), status, 0, 0, residual, ())
 
-    def _follow(
-        self, qp: TrescaQP, start: QPResult | None, tolerance: float, progress: ProgressCallback | None
-    ) -> QPResult:
+    def _follow(self, qp: TrescaQP, start: QPResult | None, goal: Goal, progress: ProgressCallback | None) -> QPResult:
         """Follow the path from one start after another, each farther from the boundary, until the steps do not block.
 
         A start too near the boundary for how far it is from equilibrium has its steps blocked, and cures itself slowly
@@ -150,13 +150,14 @@ class PathFollowing:
         newton = self.newton(problem.A)
         history: list[PathFollowingStep] = []
         results: list[QPResult] = []
-        v = None if start is None else self._warm_start(problem, newton, start, tolerance)
+        v = None if start is None else self._warm_start(problem, newton, start, goal.tolerance)
         thetas = list(_COLD_THETA)
         try:
             while v is not None or thetas:
                 v = v or self._cold_start(problem, newton, thetas.pop(0))
-                results.append(self._steps(problem, newton, v, tolerance, progress, history, patient=not thetas))
-                if results[-1].status in (Status.CONVERGED, Status.INTERRUPTED):
+                results.append(self._steps(problem, newton, v, goal, progress, history, patient=not thetas))
+                status = results[-1].status
+                if status in (Status.CONVERGED, Status.INTERRUPTED) or results[-1].residual <= goal.tolerance:
                     break
                 v = None
         finally:
@@ -169,7 +170,7 @@ class PathFollowing:
         problem: ScaledQP,
         newton: NewtonSystem,
         v: Iterate,
-        tolerance: float,
+        goal: Goal,
         progress: ProgressCallback | None,
         history: list[PathFollowingStep],
         patient: bool,
@@ -183,7 +184,7 @@ class PathFollowing:
         gradient = self._infeasibility(problem, v)
         beta = max(self.beta, 10.0 * gradient / theta)
         err, krylov_tolerance, alpha = 1.0, self.r_tol / self.c_fact, 1.0
-        best, best_at, blocked, residual = math.inf, first, 0, math.inf
+        best, best_at, blocked, residual, reached = math.inf, first, 0, math.inf, False
         status = Status.MAX_ITERATIONS
         for iteration in range(first + 1, first + self.max_iterations + 1):
             # (1) the centring
@@ -206,14 +207,15 @@ class PathFollowing:
             gradient = self._infeasibility(problem, v)
             # (4) stop by the problem's own residual: err is proportional to alpha, a blocked step looks like the end
             residual = problem.residual(v.x, v.A_x)
-            if residual <= tolerance:
+            if residual <= goal.residual:
                 judged = newton.judge(v.x)  # A x was accumulated: judge by a fresh product
                 residual = problem.residual(v.x, judged)
+                reached = goal.reached(residual, problem.unscaled(v.x, v.nu, judged)[0])
             history.append(
                 PathFollowingStep(iteration, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
             )
             stop = progress is not None and progress(Progress(0, iteration, residual))
-            if residual <= tolerance:
+            if reached:
                 break
             if stop:
                 status = Status.INTERRUPTED
@@ -221,10 +223,12 @@ class PathFollowing:
             if residual < 0.9 * best:
                 best, best_at = residual, iteration
             blocked = blocked + 1 if alpha < _BLOCKED else 0
-            if iteration - best_at >= _PATIENCE or (blocked == 3 and not patient):
+            if iteration - best_at >= (_PATIENCE_REFUSED if goal.refused else _PATIENCE) or (
+                blocked == 3 and not patient
+            ):
                 status = Status.STAGNATED
                 break
-        if residual > tolerance:
+        if not reached:
             judged = newton.judge(v.x)
             residual = problem.residual(v.x, judged)
         x, force_gradient, multipliers = problem.unscaled(v.x, v.nu, judged)
@@ -232,7 +236,7 @@ class PathFollowing:
             x=x,
             gradient=force_gradient,
             multipliers=multipliers,
-            status=verdict(residual, tolerance, status),
+            status=goal.verdict(residual, status),
             iterations=0,
             products=0,
             residual=residual,

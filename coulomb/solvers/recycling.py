@@ -19,7 +19,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from .krylov import NodalMap
 
-_REST = 0.2  # the rest keeps this part of diag(A) at least: bounds the preconditioner where diag(A) is an estimate
+_REST = 0.2  # the rest keeps this part of diag(A), as far as U does not know it, at least
 _RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are noise
 
 
@@ -30,16 +30,18 @@ class LearntCompliance:
         comm: The ranks of A.
         diagonal: diag(A) or an estimate of it, shape (m, 3), this rank's nodes.
         rank: Columns of U to keep, at most; 0 learns nothing.
+        exact: Whether products are exact; else what they leave out would be taken for a part of A.
 
     Attributes:
         rest: Shape (m, 3), positive.
         U: Shape (3 m, r), r <= rank.
     """
 
-    def __init__(self, comm: MPI.Comm, diagonal: FloatArray, rank: int):
-        self._comm, self._diagonal, self._rank = comm, diagonal, rank
+    def __init__(self, comm: MPI.Comm, diagonal: FloatArray, rank: int, exact: bool):
+        self._comm, self._diagonal, self._rank, self._exact = comm, diagonal, rank, exact
         self._new: list[tuple[FloatArray, FloatArray]] = []
         self._X = np.empty((diagonal.size, 0))
+        self._new_part = 1.0
         self.U: FloatArray = np.empty((diagonal.size, 0))
         self.rest: FloatArray = diagonal
 
@@ -52,9 +54,11 @@ class LearntCompliance:
         """Bring U and the rest up to date with what was noted; collective."""
         if not self._new:
             return
-        X = np.column_stack([self._X, *(x for x, _ in self._new)])
-        Y = np.column_stack([self.U, *(y for _, y in self._new)])
+        X, Y = (np.column_stack(columns) for columns in zip(*self._new, strict=True))
         self._new.clear()
+        if self._exact:
+            self._new_part = min(self._unknown(X, Y), 1.0)
+        X, Y = np.column_stack([self._X, X]), np.column_stack([self.U, Y])
         size = np.sqrt(np.maximum(self._gram(X, X).diagonal(), 1e-300))
         X, Y = X / size, Y / size
         T = _inverse_root(self._gram(X, X))  # orthonormal X, ...
@@ -64,10 +68,20 @@ class LearntCompliance:
         size, V = np.linalg.eigh(self._gram(Y, Y))
         V = V[:, ::-1][:, : self._rank]
         self._X, self.U = X @ V, Y @ V
-        self.rest = np.maximum(
-            self._diagonal - np.sum(self.U**2, axis=1).reshape(-1, 3),
-            _REST * self._diagonal,
-        )
+        rest = self._diagonal - np.sum(self.U**2, axis=1).reshape(-1, 3)
+        self.rest = np.maximum(rest, _REST * self._new_part * self._diagonal)
+
+    def _unknown(self, X: FloatArray, Y: FloatArray) -> float:
+        """How large A is on what is new of the pairs (X, Y), over diag(A) there; as before where nothing is new.
+
+        Much less than 1 where diag(A) is that of a few motions: a body on soft springs, which moves as a whole.
+        """
+        learnt = self._comm.allreduce(self.U.T @ X)
+        new, A_new = X - self._X @ learnt, Y - self.U @ learnt  # A-orthogonal to what U knows
+        d = self._diagonal.reshape(-1, 1)
+        sizes = [float(np.vdot(v, w)) for v, w in ((new, A_new), (new, d * new), (X, d * X))]
+        size, diagonal, whole = self._comm.allreduce(np.array(sizes))
+        return float(max(size / diagonal, 1e-6)) if diagonal > 1e-6 * whole else self._new_part
 
     def nodal_U(self, block: int) -> FloatArray:
         """U with zeros for the unknowns behind the three of x, shape (m, block, r); a copy."""

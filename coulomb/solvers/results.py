@@ -54,15 +54,56 @@ def check_path_constants(of: Any) -> None:
     )
 
 
-def verdict(residual: float, tolerance: float, otherwise: Status) -> Status:
-    """The one place where CONVERGED is assigned.
+Accept = Callable[[FloatArray], bool]
+"""Whether forces in newtons, shape (3 m,), pass the certificate of the problem they belong to; collective."""
+
+
+class Goal:
+    """When a solver may stop: its residual is small enough, and the certificate would pass.
+
+    The natural residual measures gaps by the mean compliance of the contact nodes.  Where soft springs hold the body,
+    that compliance is the springs', and gaps that are large for the deformation are small for the residual: then
+    `accept` refuses the answer, and the solver goes on to a residual a tenth as large before it asks again.
 
     Args:
-        residual: The problem's own residual at the answer, computed afresh by the problem.
-        tolerance: What was asked for.
-        otherwise: Why the solver stopped, if the residual does not agree.
+        tolerance: Residual to reach.
+        accept: The certificate; None where the residual alone decides.
+
+    Attributes:
+        tolerance: Residual to reach.
+        residual: Residual below which the certificate is asked next.
+        refused: Whether the certificate has refused an answer.
     """
-    return Status.CONVERGED if residual <= tolerance else otherwise
+
+    def __init__(self, tolerance: float, accept: Accept | None):
+        self.tolerance = self.residual = tolerance
+        self._accept = accept
+        self.refused = False
+        self._reached = False
+
+    def reached(self, residual: float, x: FloatArray) -> bool:
+        """Whether to stop with the forces x, whose residual has been computed afresh; collective."""
+        if not residual <= self.residual:
+            return False
+        self._reached = self._accept is None or self._accept(x)
+        if not self._reached:
+            self.refused, self.residual = True, 0.1 * residual
+        return self._reached
+
+    def verdict(self, residual: float, otherwise: Status) -> Status:
+        """The one place where CONVERGED is assigned.
+
+        Args:
+            residual: The problem's own residual at the answer, computed afresh by the problem.
+            otherwise: Why the solver stopped, if residual or certificate do not agree.
+        """
+        return Status.CONVERGED if self._reached and residual <= self.tolerance else otherwise
+
+    def missed(self, residual: float) -> str:
+        """What an answer that is not CONVERGED lacks, in words."""
+        if self.refused and residual <= self.tolerance:
+            return "below the tolerance, but the certificate does not pass"
+        return f"above the tolerance {self.tolerance:.1e}"
 
 
 @dataclass(frozen=True)

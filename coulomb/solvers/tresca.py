@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from .compliance import Compliance
 from .reductions import Reductions
-from .results import ProgressCallback, QPResult
+from .results import Accept, ProgressCallback, QPResult
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,7 @@ class TrescaQP:
         b: Free gap closure in metres, this rank's part, shape (3 m,), node by node (n, t1, t2).
         slip_bound: Radius g >= 0 of the friction discs in newtons, shape (m,).
         lower: Lower bound of the normal forces in newtons, a number or shape (m,); 0 for plain contact.
+        accept: The certificate that an answer must pass besides; None where the residual alone decides.
 
     Raises:
         ValueError: On every rank, if shapes do not fit or a value is not finite or a slip bound negative on any rank.
@@ -33,6 +34,7 @@ class TrescaQP:
     b: FloatArray
     slip_bound: FloatArray
     lower: float | FloatArray = 0.0
+    accept: Accept | None = None
 
     def __post_init__(self) -> None:
         m, over = self.A.nodes, self.reductions

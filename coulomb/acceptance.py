@@ -1,0 +1,64 @@
+"""When a solver may stop: not before its answer would be certified."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .arrays import FloatArray
+from .certificate import Certificate, certify
+from .solvers.reductions import Reductions
+from .solvers.results import NotConverged, Status
+
+if TYPE_CHECKING:
+    from .problem import ContactProblem
+
+CERTIFIED_FROM = 1e-8
+"""Tolerance, the default, from which on an answer must pass the certificate; whoever asks for less gets less."""
+
+
+class Acceptance:
+    """Displacement and certificate of the forces that a solver offers; the last ones are kept.
+
+    Args:
+        problem: The contact problem.
+    """
+
+    def __init__(self, problem: ContactProblem):
+        self._problem = problem
+        self._last: tuple[FloatArray, FloatArray, Certificate] | None = None
+
+    def __call__(self, x: FloatArray) -> bool:
+        """Whether the forces x in newtons, shape (3 m,), pass; collective."""
+        return self.answer(x)[1].passed
+
+    def answer(self, x: FloatArray) -> tuple[FloatArray, Certificate]:
+        """Displacement in metres, shape (k, 3), and certificate of the forces x, shape (3 m,); collective."""
+        problem = self._problem
+        kept = self._last is not None and np.array_equal(self._last[0], x)
+        if self._last is None or not Reductions(problem.comm).all(kept):
+            with problem.timed("displacement"):
+                u = problem.displacement(x)
+            with problem.timed("certificate"):
+                self._last = (x.copy(), u, certify(problem, x, u))
+        return self._last[1], self._last[2]
+
+    def explained(self, failure: NotConverged, tolerance: float) -> NotConverged:
+        """The same failure; where only the certificate does not pass, with the conditions and what would help."""
+        problem, result = self._problem, failure.result
+        if result.status is Status.INTERRUPTED or not result.residual <= tolerance:
+            return failure
+        certificate = self.answer(result.x)[1]
+        remedies = ["a look at the units of lengths, forces and stiffnesses"]
+        if Reductions(problem.comm).max(problem.elasticity.spring) > 0.0:
+            remedies.insert(0, "a clamp or stiffer springs in place of those that let the body move as a whole")
+        if problem.stiffness_solver.tolerance > 0.0:
+            remedies.insert(0, 'K factorised (linear_solver = "direct")')
+        said = f"{failure}; what does not pass: {what_fails(certificate)}; what may help: {', or '.join(remedies)}"
+        return NotConverged(said, result)
+
+
+def what_fails(certificate: Certificate) -> str:
+    """The conditions of a certificate that do not hold, in words."""
+    return ", ".join(f"{c.name} {c.value:.1e} (limit {c.limit:.0e})" for c in certificate.checks if not c.passed)

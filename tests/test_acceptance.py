@@ -1,0 +1,146 @@
+"""Solvers stop when the certificate passes: not before, and not without saying what keeps it from passing."""
+
+import numpy as np
+import pytest
+from conftest import make_block, solved_block
+
+import coulomb
+from coulomb import certificate as certificate_module
+from coulomb.solvers.coulomb import CoulombProblem
+from coulomb.solvers.results import Goal, Status
+
+COULOMB = [
+    coulomb.OneLoop(1e-8),
+    coulomb.OneLoop(1e-8, newton=coulomb.DenseConeSystem),
+    coulomb.SuccessiveTresca(1e-8),
+    coulomb.Automatic(1e-8),
+]
+TRESCA = [coulomb.PathFollowing(), coulomb.PathFollowing(newton=coulomb.SchurComplementSystem), coulomb.KPRGP()]
+
+
+def soft_block(friction, **options):
+    """A steel block dragged over a plane by its top face, held across and upwards by springs that are much softer."""
+    return coulomb.ContactProblem(
+        coulomb.box((4.0, 1.0, 2.0), (8, 3, 4)),
+        coulomb.Material(2.1e11, 0.3),
+        [coulomb.Clamp("top", "x", (1e-2, 0.0, 0.0))],
+        coulomb.Contact("bottom", friction=friction),
+        [coulomb.Traction("top", (0.0, 0.0, -1e6))],
+        springs=[coulomb.Spring("top", (0.0, 1e6, 1e6))],
+        **options,
+    )
+
+
+@pytest.mark.parametrize("tolerance", [1e-8, 1e-9])
+@pytest.mark.parametrize("friction", [0.0, 0.1, 0.2, 0.3])
+def test_soft_springs_do_not_blind_the_solver(friction, tolerance):
+    """By the natural residual alone, three of four end with gaps of 1e-5 to 1e-4 of the deformation."""
+    solution = soft_block(friction).solve(tolerance=tolerance)
+    assert solution.certificate.passed and solution.result.residual <= tolerance
+    x = solution.contact_force.reshape(-1, 3)
+    pull = np.hypot(x[:, 1].sum(), x[:, 2].sum())
+    assert pull / x[:, 0].sum() == pytest.approx(friction, rel=1e-6, abs=1e-12)
+    assert solution.result.path_following <= 30 and solution.result.products <= 120
+
+
+def test_the_residual_alone_would_have_stopped_before():
+    """What the test above asks for is not had without the certificate."""
+    problem = soft_block(0.2)
+    blind = coulomb.OneLoop(1e-8).solve(problem.coulomb_problem)
+    assert blind.status is Status.CONVERGED and not problem.solution(blind).certificate.passed
+
+
+def asked(answers):
+    """An `accept` that gives these answers, the last for ever, and remembers the forces it was asked about."""
+    seen = []
+
+    def accept(x):
+        seen.append(x.copy())
+        return answers[min(len(seen), len(answers)) - 1]
+
+    return accept, seen
+
+
+def block6(law, accept):
+    solution = solved_block(6, law)
+    problem = solution.problem
+    if law == "tresca":
+        return coulomb.TrescaQP(problem.A, problem.b, solution.slip_bound, accept=accept)
+    return CoulombProblem(problem.A, problem.b, problem.coefficient, accept)
+
+
+SOLVERS = [("coulomb", solver) for solver in COULOMB] + [("tresca", solver) for solver in TRESCA]
+
+
+@pytest.mark.parametrize(("law", "solver"), SOLVERS, ids=lambda value: getattr(value, "name", None))
+def test_a_refused_answer_is_made_better(law, solver):
+    accept, seen = asked([False, False, True])
+    problem = block6(law, accept)
+    result = solver.solve(problem)
+    residuals = [problem.residual(x) for x in seen]
+    assert len(seen) == 3 and result.status is Status.CONVERGED
+    assert residuals[0] <= 1e-8 and residuals[1] <= 0.11 * residuals[0] and residuals[2] <= 0.11 * residuals[1]
+    assert np.array_equal(result.x, seen[-1])
+
+
+@pytest.mark.parametrize(("law", "solver"), SOLVERS, ids=lambda value: getattr(value, "name", None))
+def test_what_never_passes_is_not_converged(law, solver):
+    accept, seen = asked([False])
+    with pytest.raises(coulomb.NotConverged, match="below the tolerance, but the certificate does not pass") as failure:
+        solver.solve(block6(law, accept))
+    result = failure.value.result
+    assert result.status is Status.STAGNATED and result.residual <= 1e-8 and len(seen) >= 2
+
+
+def test_the_open_contact_is_judged_as_well():
+    accept, seen = asked([False])
+    problem = solved_block(6).problem
+    pulled = CoulombProblem(problem.A, -np.abs(problem.b), problem.coefficient, accept)
+    with pytest.raises(coulomb.NotConverged):
+        coulomb.OneLoop(1e-8).solve(pulled)
+    assert not np.any(seen[0])
+
+
+def test_the_goal():
+    for residual, converged in ((0.0, True), (1e-8, True), (1.01e-8, False), (np.inf, False), (np.nan, False)):
+        goal = Goal(1e-8, None)
+        assert goal.reached(residual, np.zeros(3)) == converged
+        assert (goal.verdict(residual, Status.STAGNATED) is Status.CONVERGED) == converged
+        assert "above the tolerance 1.0e-08" in goal.missed(residual)
+    goal = Goal(1e-8, lambda x: True)
+    assert goal.reached(1e-9, np.zeros(3)) and goal.verdict(2e-8, Status.STAGNATED) is Status.STAGNATED
+    assert Goal(1e-8, None).verdict(1e-9, Status.STAGNATED) is Status.STAGNATED  # nobody has asked
+
+
+@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+def test_what_does_not_pass_is_named(monkeypatch, law):
+    monkeypatch.setattr(certificate_module, "LIMIT", 1e-30)
+    problem = make_block(4, slip_stress=1e7 if law == "tresca" else None)
+    with pytest.raises(coulomb.NotConverged, match=r"what does not pass: .*equilibrium .*\(limit 1e-30\)") as failure:
+        problem.solve()
+    assert "what may help" in str(failure.value) and "springs" not in str(failure.value)
+    assert failure.value.result.residual <= 1e-8
+
+
+def test_springs_are_named_where_there_are_some(monkeypatch):
+    monkeypatch.setattr(certificate_module, "LIMIT", 1e-30)
+    with pytest.raises(coulomb.NotConverged, match="a clamp or stiffer springs"):
+        soft_block(0.2).solve()
+
+
+def test_whoever_asks_for_less_gets_it(monkeypatch):
+    monkeypatch.setattr(certificate_module, "LIMIT", 1e-30)
+    solution = make_block(4).solve(tolerance=1e-6)
+    assert solution.result.status is Status.CONVERGED and not solution.certificate.passed
+    assert 1e-8 < solution.result.residual <= 1e-6
+
+
+def test_the_answer_is_judged_once(monkeypatch):
+    """The certificate that let the solver stop is the solution's own: it is not computed again."""
+    problem, calls = make_block(4), []
+    displacement = problem.displacement
+    monkeypatch.setattr(problem, "displacement", lambda x: calls.append(1) or displacement(x))
+    solution = problem.solve()
+    assert len(calls) == 1 and solution.certificate.passed
+    spent = problem.seconds
+    assert spent["displacement"] > 0.0 and spent["certificate"] > 0.0 and spent["solve"] > 0.0
