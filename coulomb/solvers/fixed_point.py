@@ -151,7 +151,7 @@ class SuccessiveTresca:
                 status = seen
                 break
             old_g, old_wanted = g, wanted
-            if history[-1].change > _NEAR or (len(history) > 1 and history[-1].change > 2.0 * history[-2].change):
+            if history[-1].change > _NEAR or (len(history) > 1 and history[-1].change > history[-2].change):
                 anderson.restart()
             g = self._without_dust(np.maximum(anderson.next(g, misfit, damping), 0.0), g, over)
         assert best is not None

@@ -1,11 +1,10 @@
 """Coulomb friction in one path-following loop: the slip bound g = F x_n is an unknown like the others.
 
-Derivation.  Algorithm PF for the Tresca problem follows, from theta > 0 down to 0, the solutions of
+Algorithm PF for the Tresca problem follows, from theta > 0 down to 0, the solutions of
 
     w_n - nu1 = 0,   w_t + nu2 x_t/g = 0,   nu1 x_n = theta,   nu2 (g^2 - |x_t|^2)/(2 g) = theta        (w = A x - b)
 
-Coulomb's law puts g = F x_n there.  No objective has these equations for its gradient any more; Newton's method does
-not mind.  It works in y = x_t/(F x_n), in which the cone |x_t| < F x_n is the unit disc whatever x_n (cone.py):
+Coulomb's law puts g = F x_n there.  In y = x_t/(F x_n) the cone |x_t| < F x_n is the unit disc (cone.py):
 
     w_n - nu1 = 0,   w_t + nu2 y = 0,   nu1 x_n = theta,   nu2 F x_n (1 - |y|^2)/2 = theta,   x = (x_n, F x_n y)
 
@@ -16,22 +15,19 @@ D22 = z/nu, and d the change of the constraints, d1 = -dx_n, d2 = y dx_t - c dx_
     row t:   (A dx)_t + h (dx_t - F y dx_n) + y dnu2 = r_t              dnu2 = (d2 - r2_2)/D22_2
 
 With the multipliers eliminated, (A + C) dx = rhs: C is nodal, as in Tresca's J_SC, and unsymmetric by the two terms
-that dx_n sends to row t, -h F y and -y c/D22_2.  g is differentiated, not frozen in the step and updated after it:
-that jams.
+that dx_n sends to row t, -h F y and -y c/D22_2.  With g frozen in a step and updated after it the iteration stalls.
 
-The step is taken along the curve x_n + alpha dx_n, y + alpha dy, not along the straight line in x_t.  The direction
-is the same, but a node that opens, where x_n goes to 0, keeps friction in proportion to pressure on the way.  On the
-straight line y, and with it the direction of a slip that has nothing to do with the vanishing force, is lost by
-division: steps block, or Newton's method needs a predictor solve and twice the steps.  The gradient along the curve,
-A x + alpha A dx + alpha^2 A (0, F dx_n dy), is needed to choose alpha only: its last term is taken from what is known
-of A.  The accepted iterate gets a product of its own.
+The step is taken along the curve x_n + alpha dx_n, y + alpha dy, not along the straight line in x_t, so that friction
+stays in proportion to pressure at a node that opens.  On the straight line y is lost there by division: steps block,
+or need a predictor solve and are twice as many.  The gradient along the curve, A x + alpha A dx + alpha^2 A (0, F dx_n
+dy), only serves to choose alpha: its last term is estimated from what is known of A.
 
 Where a product is a solve with K, none of them needs to be exact.  Those of the Krylov method are as exact as the step
 asks, those of the iterates correct K^-1 B^T x to 3 % of its change, without adding up (Compliance.follow).  Only
 the residual that decides is computed with a product as exact as can be.
 
-Slips of nodes weigh as their friction can do work (ScaledCoulomb.weight), in the neighbourhood N(gamma, beta) and in
-the Krylov tolerance: the slip of an open node is nobody's concern.
+In the neighbourhood N(gamma, beta) and in the Krylov tolerance the slip of a node is weighted by its friction bound
+(ScaledCoulomb.weight): open nodes get no weight.
 
 Proved: for F = 0 this is PF for a convex problem.  The preconditioner of `cone_systems.py` is exact when its stand-in
 for A is.  CONVERGED means that the Coulomb residual, computed afresh, is below the tolerance, whatever the way there.
@@ -72,8 +68,6 @@ _STARTS = ((0.1, 1.0), (0.1, 1e-3), (10.0, 1e-3), (1e3, 1e-3))  # theta over rms
 _FLOOR, _INSIDE = 0.1, 0.9  # a warm start: x_n at least so many nominal forces, |y| at most so much
 _GRADIENT = 0.3  # the residual of a step's linear system, over the gradient that it is to take away
 _FRESH = 0.03  # accuracy of A x at a new iterate, as a part of its change
-_PATIENCE = 20  # steps without a better residual before the run is called stagnated
-_PATIENCE_REFUSED = 5  # the same once the residual is at the tolerance and only the certificate does not pass
 
 
 class _Step(NamedTuple):
@@ -265,13 +259,12 @@ class OneLoop:
             if residual < 0.9 * best:
                 best, best_at = residual, iteration
             blocked = blocked + 1 if alpha < _BLOCKED else 0
-            if iteration - best_at >= (_PATIENCE_REFUSED if goal.refused else _PATIENCE) or (
-                blocked == 3 and not patient
-            ):
+            if iteration - best_at >= goal.patience or (blocked == 3 and not patient):
                 status = Status.STAGNATED
                 break
-        x, gradient_of_x = scaled.unscaled(self._judged(scaled, newton, v))
-        residual = problem.residual(x, gradient_of_x)
+        if not reached:
+            x, gradient_of_x = scaled.unscaled(self._judged(scaled, newton, v))
+            residual = problem.residual(x, gradient_of_x)
         return CoulombResult(
             x=x,
             gradient=gradient_of_x,

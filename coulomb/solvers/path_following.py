@@ -32,8 +32,6 @@ _BLOCKED = 0.1  # a step this short, three times in a row, ends a start that is 
 _COLD_THETA = (0.1, 1e3, 1e6)  # theta of one cold start after another, over rms(A x - b) there
 _FAR = 0.1  # from this distance, in nominal nodal forces, a warm start is no better than a cold one
 _FRESH = 0.1  # accuracy of A x at a new iterate, as a part of its change, where products are inexact
-_PATIENCE = 20  # steps without a better residual before the run is called stagnated
-_PATIENCE_REFUSED = 5  # the same once the residual is at the tolerance and only the certificate does not pass
 
 
 @dataclass(frozen=True)
@@ -223,9 +221,7 @@ class PathFollowing:
             if residual < 0.9 * best:
                 best, best_at = residual, iteration
             blocked = blocked + 1 if alpha < _BLOCKED else 0
-            if iteration - best_at >= (_PATIENCE_REFUSED if goal.refused else _PATIENCE) or (
-                blocked == 3 and not patient
-            ):
+            if iteration - best_at >= goal.patience or (blocked == 3 and not patient):
                 status = Status.STAGNATED
                 break
         if not reached:

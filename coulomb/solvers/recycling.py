@@ -81,7 +81,7 @@ class LearntCompliance:
         d = self._diagonal.reshape(-1, 1)
         sizes = [float(np.vdot(v, w)) for v, w in ((new, A_new), (new, d * new), (X, d * X))]
         size, diagonal, whole = self._comm.allreduce(np.array(sizes))
-        return float(max(size / diagonal, 1e-6)) if diagonal > 1e-6 * whole else self._new_part
+        return float(max(size / diagonal, 1e-4)) if diagonal > 1e-6 * whole else self._new_part
 
     def nodal_U(self, block: int) -> FloatArray:
         """U with zeros for the unknowns behind the three of x, shape (m, block, r); a copy."""

@@ -81,6 +81,11 @@ class Goal:
         self.refused = False
         self._reached = False
 
+    @property
+    def patience(self) -> int:
+        """Steps of path following without a better residual after which to give up."""
+        return 5 if self.refused else 20
+
     def reached(self, residual: float, x: FloatArray) -> bool:
         """Whether to stop with the forces x, whose residual has been computed afresh; collective."""
         if not residual <= self.residual:
