@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-import difflib
-import errno
 import json
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
-from .case_body import (
-    ONE,
-    SEVERAL,
-    AmplitudeTable,
-    ClampTable,
-    MaterialTable,
-    MaterialTables,
-    MeshTable,
-    SpringTable,
-    Table,
-    TractionTable,
-    Vector,
-)
-from .case_contact import FACE, FACES, ContactTable, ContactTables, HistoryTable
+from .case_body import ClampTable, MaterialTable, MaterialTables, MeshTable, SpringTable, Table, TractionTable
+from .case_contact import ContactTable, ContactTables, HistoryTable
+from .case_faults import fault_of, tables_of_several
 from .case_solver import OutputTable, SolverTable
+from .case_text import LARGEST, apply, parsed, read_text
+from .case_values import TABLES, AmplitudeTable, Vector
 from .fem.box_faces import BOX_FACES
 from .ranks import launched, on_rank_0
 
@@ -47,11 +35,11 @@ class Case(Table):
 
     mesh: MeshTable
     material: MaterialTables
-    clamp: tuple[ClampTable, ...] = ()
-    traction: tuple[TractionTable, ...] = ()
+    clamp: Annotated[tuple[ClampTable, ...], Field(max_length=TABLES)] = ()
+    traction: Annotated[tuple[TractionTable, ...], Field(max_length=TABLES)] = ()
     body_force: Vector = (0.0, 0.0, 0.0)
     body_force_amplitude: AmplitudeTable | None = None
-    spring: tuple[SpringTable, ...] = ()
+    spring: Annotated[tuple[SpringTable, ...], Field(max_length=TABLES)] = ()
     contact: ContactTables
     history: HistoryTable | None = None
     solver: SolverTable = SolverTable()
@@ -206,20 +194,17 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
         ValueError: If the file cannot be read, is no TOML, or does not describe a case: key, value, what is allowed.
     """
     try:
-        text = on_rank_0(launched(), lambda: _text(Path(path)))
+        text = on_rank_0(launched(), lambda: read_text(path))
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
-    try:
-        tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{path}: is not TOML: {error}") from None
+    tables = parsed(text, path, tables_of_several(Case))
     for change in changes:
-        _apply(tables, change)
+        apply(tables, change)
     _beside(Path(path), tables)
     try:
         return Case.model_validate(tables)
     except ValidationError as error:
-        raise ValueError("\n".join(f"{path}: {_explain(entry)}" for entry in error.errors())) from None
+        raise fault_of(error, str(path), Case) from None
 
 
 def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:
@@ -247,7 +232,7 @@ def written_case(directory: Path) -> Case:
         ValueError: On every rank, if there is none or it cannot be read.
     """
     try:
-        text = on_rank_0(launched(), lambda: _text(directory / "case.json"))
+        text = on_rank_0(launched(), lambda: read_text(directory / "case.json", 20 * LARGEST))
     except OSError as error:
         raise ValueError(
             f"{directory}: no case to resume: case.json cannot be read: {error.strerror or error}"
@@ -255,15 +240,7 @@ def written_case(directory: Path) -> Case:
     try:
         return Case.model_validate_json(text)
     except ValidationError as error:
-        raise ValueError("\n".join(f"{directory}/case.json: {_explain(e)}" for e in error.errors())) from None
-
-
-def _text(path: Path) -> str:
-    """What a file says; whatever it cannot be read for is an OSError."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise OSError(errno.EILSEQ, str(error)) from None
+        raise fault_of(error, f"{directory}/case.json", Case) from None
 
 
 def _beside(case: Path, tables: dict[str, Any]) -> None:
@@ -272,60 +249,3 @@ def _beside(case: Path, tables: dict[str, Any]) -> None:
     for key in FILES:
         if isinstance(mesh, dict) and isinstance(mesh.get(key), str):
             mesh[key] = str(case.parent / mesh[key])
-
-
-def _apply(tables: dict[str, Any], change: str) -> None:
-    key, equals, value = change.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts):
-        raise ValueError(f"--set {change}: must be key.key=value, for example mesh.cells=[18,6,6]")
-    try:
-        parsed = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        parsed = value.strip()
-    place: Any = tables
-    try:
-        for part in parts[:-1]:
-            place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
-        if isinstance(place, list):
-            place[int(parts[-1])] = parsed
-        else:
-            place[parts[-1]] = parsed
-    except (ValueError, IndexError, TypeError, AttributeError):
-        raise ValueError(f"--set {change}: there is no such place in the case; lists count from 0") from None
-
-
-def _explain(entry: Any) -> str:
-    """One fault of pydantic's in the words of the case file: key, value, what is allowed."""
-    location = tuple(part for part in entry["loc"] if part not in (ONE, SEVERAL, FACE, FACES))
-    key = ".".join(map(str, location)) or "case"
-    if entry["type"] == "extra_forbidden":
-        allowed = _keys(location[:-1])
-        close = difflib.get_close_matches(str(location[-1]), allowed, n=1)
-        hint = f"; did you mean {close[0]}?" if close else ""
-        return f"{key} = {entry['input']!r}: there is no such key{hint} (known here: {', '.join(allowed)})"
-    if entry["type"] == "missing":
-        return f"{key}: is missing"
-    if key == "case":  # of parts that do not fit together; the message says which
-        return str(entry["msg"]).removeprefix("Value error, ")
-    message = str(entry["msg"]).removeprefix("Value error, ").removeprefix("Input ").replace("Input", "it")
-    return f"{key} = {entry['input']!r}: {message}"
-
-
-def _keys(location: tuple[int | str, ...]) -> list[str]:
-    """The keys known at a place of the case."""
-    model: type[BaseModel] = Case
-    for number, part in enumerate(location):
-        if isinstance(part, int):
-            continue
-        candidates = _models(model.model_fields[part].annotation)
-        in_list = number + 1 < len(location) and isinstance(location[number + 1], int)
-        model = candidates[-1] if in_list else candidates[0]
-    return list(model.model_fields)
-
-
-def _models(annotation: Any) -> list[type[BaseModel]]:
-    """The tables an annotation is made of."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for argument in getattr(annotation, "__args__", ()) for model in _models(argument)]

@@ -7,21 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
+from .case_values import TABLES, AmplitudeTable, Cells, FileName, GroupNumber, Length, Name, Stiffness, Vector, Young
+
 if TYPE_CHECKING:
     from mpi4py import MPI
 
     from .fem.loaded_body import Clamp, Spring, Traction
     from .fem.meshes import NamedMesh
-
-Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False, strict=True)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False, strict=True)]
-Vector = tuple[Number, Number, Number]
-Count = Annotated[int, Field(ge=1, strict=True)]
-
-
-AmplitudeTable = Annotated[tuple[tuple[Number, Number], ...], Field(min_length=1)]
-"""Rows [time, factor]: what a load is multiplied by in the course of a history, linear in between."""
 
 
 class Table(BaseModel):
@@ -31,15 +23,15 @@ class Table(BaseModel):
 class MeshTable(Table):
     """A box, lengths in metres; or a file, .msh (gmsh) or .xdmf, and how many metres its unit of length has."""
 
-    box: tuple[Positive, Positive, Positive] | None = None
-    cells: tuple[Count, Count, Count] | None = None
+    box: tuple[Length, Length, Length] | None = None
+    cells: tuple[Cells, Cells, Cells] | None = None
     cell: Literal["hexahedron", "tetrahedron"] = "hexahedron"
-    file: str | None = None
-    scale: Positive = 1.0
-    facets: str | None = None
-    cell_groups: str | None = None
-    names: dict[str, Annotated[int, Field(strict=True)]] = {}
-    cell_names: dict[str, Annotated[int, Field(strict=True)]] = {}
+    file: FileName | None = None
+    scale: Length = 1.0
+    facets: FileName | None = None
+    cell_groups: FileName | None = None
+    names: dict[Name, GroupNumber] = {}
+    cell_names: dict[Name, GroupNumber] = {}
 
     @model_validator(mode="after")
     def _one_mesh(self) -> MeshTable:
@@ -77,19 +69,20 @@ class MeshTable(Table):
 class MaterialTable(Table):
     """Young's modulus in pascals, Poisson's ratio."""
 
-    young: Positive
+    young: Young
     poisson: Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
 
 
 class GroupMaterialTable(MaterialTable):
     """The same, of a group of cells."""
 
-    cells: str
+    cells: Name
 
 
 ONE, SEVERAL = "one [material]", "several [[material]]"
 MaterialTables = Annotated[
-    Annotated[MaterialTable, Tag(ONE)] | Annotated[tuple[GroupMaterialTable, ...], Tag(SEVERAL)],
+    Annotated[MaterialTable, Tag(ONE)]
+    | Annotated[tuple[GroupMaterialTable, ...], Field(max_length=TABLES), Tag(SEVERAL)],
     Discriminator(lambda given: SEVERAL if isinstance(given, list | tuple) else ONE),
 ]
 
@@ -97,7 +90,7 @@ MaterialTables = Annotated[
 class ClampTable(Table):
     """Prescribed displacement in metres on a face."""
 
-    face: str
+    face: Name
     components: Literal["x", "y", "z", "xy", "xz", "yz", "xyz"] = "xyz"
     value: Vector = (0.0, 0.0, 0.0)
     amplitude: AmplitudeTable | None = None
@@ -112,7 +105,7 @@ class ClampTable(Table):
 class TractionTable(Table):
     """Surface load in pascals on a face."""
 
-    face: str
+    face: Name
     value: Vector
     amplitude: AmplitudeTable | None = None
 
@@ -130,8 +123,8 @@ def _along_axes(stiffness: Any) -> Any:
 class SpringTable(Table):
     """Elastic support of a face, stiffness in N/m^3: one number, or three along x, y, z."""
 
-    face: str
-    stiffness: Annotated[tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(_along_axes)]
+    face: Name
+    stiffness: Annotated[tuple[Stiffness, Stiffness, Stiffness], BeforeValidator(_along_axes)]
 
     def spring(self) -> Spring:
         """What it describes."""

@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from .arrays import FloatArray
-from .case_body import Count, NotNegative, Number, Positive, Table, Vector
+from .case_body import Table
+from .case_values import ROWS, TABLES, Duration, Friction, Length, Name, Number, Steps, Stress, Vector
 from .fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
 from .times import HALVINGS, refuse_times
 
@@ -28,7 +29,7 @@ class FoundationTable(Table):
     normal: Vector | None = None
     centre: Vector | None = None
     axis: Vector | None = None
-    radius: Positive | None = None
+    radius: Length | None = None
     hollow: bool = False
 
     @model_validator(mode="after")
@@ -60,8 +61,8 @@ class RegionTable(Table):
     """A part of the contact face, inside a box given by two corners in metres, that rubs differently."""
 
     box: tuple[Vector, Vector]
-    friction: NotNegative | None = None
-    slip_stress: NotNegative | None = None
+    friction: Friction | None = None
+    slip_stress: Stress | None = None
 
     @model_validator(mode="after")
     def _corners(self) -> RegionTable:
@@ -76,16 +77,21 @@ class RegionTable(Table):
         return np.all((x >= low - margin) & (x <= high + margin), axis=0)
 
 
+MotionTable = Annotated[tuple[tuple[Number, Number, Number, Number], ...], Field(min_length=1, max_length=ROWS)]
+"""Rows [time, x, y, z]: where the foundation has gone; linear in between, before the first row and after the last as
+there."""
+
+
 class ContactTable(Table):
     """The contact face, and one of two friction laws: friction (Coulomb) or slip_stress in pascals (Tresca)."""
 
-    face: str
-    friction: NotNegative | None = None
-    slip_stress: NotNegative | None = None
-    region: tuple[RegionTable, ...] = ()
+    face: Name
+    friction: Friction | None = None
+    slip_stress: Stress | None = None
+    region: Annotated[tuple[RegionTable, ...], Field(max_length=TABLES)] = ()
     foundation: FoundationTable | None = None
     normals: Literal["foundation", "body"] = "foundation"
-    motion: tuple[tuple[Number, Number, Number, Number], ...] | None = None
+    motion: MotionTable | None = None
 
     @model_validator(mode="after")
     def _one_law(self) -> ContactTable:
@@ -128,7 +134,8 @@ class ContactTable(Table):
 
 FACE, FACES = "one [contact]", "several [[contact]]"
 ContactTables = Annotated[
-    Annotated[ContactTable, Tag(FACE)] | Annotated[tuple[ContactTable, ...], Field(min_length=1), Tag(FACES)],
+    Annotated[ContactTable, Tag(FACE)]
+    | Annotated[tuple[ContactTable, ...], Field(min_length=1, max_length=TABLES), Tag(FACES)],
     Discriminator(lambda given: FACES if isinstance(given, list | tuple) else FACE),
 ]
 
@@ -136,9 +143,9 @@ ContactTables = Annotated[
 class HistoryTable(Table):
     """Load steps: their ends, or the end of the last and how many; from time 0, with the body free of stress."""
 
-    times: tuple[Number, ...] | None = None
-    end: Positive | None = None
-    steps: Count | None = None
+    times: Annotated[tuple[Number, ...], Field(max_length=ROWS)] | None = None
+    end: Duration | None = None
+    steps: Steps | None = None
     halvings: Annotated[int, Field(ge=0, le=30, strict=True)] = HALVINGS
 
     @model_validator(mode="after")

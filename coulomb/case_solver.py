@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .case_body import Count, Table
+from .case_body import Table
+from .case_values import FileName, Rounds
 
 if TYPE_CHECKING:
     from .solvers.coulomb import CoulombSolver
@@ -22,7 +23,7 @@ class SolverTable(Table):
     compliance: Literal["auto", "explicit", "matrix-free"] = "auto"
     method: Literal["auto", "one-loop", "fixed-point"] = "auto"
     newton: Literal["recycling", "augmented", "schur", "dense", "condensed"] = "recycling"
-    max_outer: Count | None = None
+    max_outer: Rounds | None = None
 
     @model_validator(mode="after")
     def _belongs_together(self) -> SolverTable:
@@ -72,6 +73,6 @@ class SolverTable(Table):
 class OutputTable(Table):
     """Where results go, whether to draw them, and whether to write a page about them."""
 
-    directory: str = "results"
+    directory: FileName = "results"
     picture: bool = True
     report: bool = False

@@ -11,7 +11,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from .free_memory import free_memory
 from .methods import LinearSolver, contact_last
@@ -137,6 +139,20 @@ def refuse_too_many_cells(cells: tuple[int, int, int], comm: MPI.Comm) -> None:
             f"too little memory: a mesh of {cells[0]} x {cells[1]} x {cells[2]} cells has {3 * nodes} displacement "
             f"unknowns, which need at least {gigabytes(needed)}, and {gigabytes(fits)} are free; take fewer cells "
             "(mesh.cells) or a larger machine; --force tries all the same"
+        )
+
+
+def refuse_uncountable(cells: tuple[int, int, int]) -> None:
+    """The same of a box whose unknowns PETSc has no numbers for, whatever the memory.
+
+    Raises:
+        ValueError: With how many there are.
+    """
+    unknowns, most = 3 * (cells[0] + 1) * (cells[1] + 1) * (cells[2] + 1), int(np.iinfo(PETSc.IntType).max)
+    if unknowns > most:
+        raise ValueError(
+            f"too many unknowns: a mesh of {cells[0]} x {cells[1]} x {cells[2]} cells has {unknowns} displacement "
+            f"unknowns, and this PETSc counts to {most}; take fewer cells (mesh.cells)"
         )
 
 

@@ -20,6 +20,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from .arrays import FloatArray
+from .regular_file import refuse_irregular
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,7 @@ def read_fclib(path: str | Path) -> FCLIBProblem:
         ValueError: If the file cannot be read or holds no three-dimensional friction problem; says what is missing.
     """
     try:
+        refuse_irregular(path)
         with h5py.File(path, "r") as file:
             for group, reader in (("fclib_local", _read_local), ("fclib_global", _read_global)):
                 if group in file:

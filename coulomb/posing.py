@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from .case import Case
 from .console import errors
-from .estimate import estimate_of, gigabytes, refuse_too_large, refuse_too_many_cells
+from .estimate import estimate_of, gigabytes, refuse_too_large, refuse_too_many_cells, refuse_uncountable
 from .fem.body import LOCKING_ABOVE, Material
 from .lock import refuse_in_use
 from .output import refuse_full_disk, size_on_disk
@@ -34,8 +34,10 @@ def posed(settings: Case, target: Path, force: bool, now: bool = True) -> Contac
     refuse_unwritable(target, comm)
     if now:
         refuse_in_use(target, comm)
-    if settings.mesh.cells is not None and not force:
-        refuse_too_many_cells(settings.mesh.cells, comm)
+    if settings.mesh.cells is not None:
+        if not force:
+            refuse_too_many_cells(settings.mesh.cells, comm)
+        refuse_uncountable(settings.mesh.cells)
     problem = settings.problem(comm)
     if not force:
         refuse_too_large(problem)
@@ -62,7 +64,10 @@ def refuse_unwritable(target: Path, comm: MPI.Comm) -> None:
             return f"{place} is no directory"
         return "" if os.access(place, os.W_OK | os.X_OK) else f"no permission to write in {place}"
 
-    found = on_rank_0(comm, fault)
+    try:
+        found = on_rank_0(comm, fault)
+    except OSError as error:  # a name that is too long
+        found = error.strerror or str(error)
     if found:
         raise ValueError(f"output {target}: cannot be written: {found}; choose another (--output)")
 

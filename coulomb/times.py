@@ -22,4 +22,10 @@ def refuse_times(start: float, times: Sequence[float]) -> None:
     """
     ends = [start, *times]
     if len(ends) < 2 or not all(math.isfinite(t) for t in ends) or any(b <= a for a, b in pairwise(ends)):
-        raise ValueError(f"history: times must increase from start = {start:g}, but are {list(times)}")
+        raise ValueError(f"history: times must increase from start = {start:g}, but are {shortened(list(times))}")
+
+
+def shortened(values: Sequence[float]) -> str:
+    """A list for a message, of a long one the beginning."""
+    listed = ", ".join(map(str, values[:10]))
+    return f"[{listed}]" if len(values) <= 10 else f"[{listed}, ...] ({len(values)} of them)"

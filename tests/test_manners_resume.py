@@ -70,7 +70,7 @@ def edit(home, **tables):
 
 
 def refused(home):
-    case = written_case(home / "out", comm)
+    case = written_case(home / "out")
     with pytest.raises(ValueError) as fault:
         refuse_another_case(case, home / "out", 1, comm)
     return str(fault.value)
@@ -109,7 +109,7 @@ def test_an_edited_mesh_is_refused(copy):
 def test_what_does_not_change_the_problem_may_change(copy):
     """Another place of the same mesh and of the results, another method, a case written out in full."""
     edit(copy, output={"report": True}, solver={"method": "one-loop"}, history={"halvings": 3}, contact={"region": []})
-    told = refuse_another_case(written_case(copy / "out", comm), copy / "out", 1, comm)
+    told = refuse_another_case(written_case(copy / "out"), copy / "out", 1, comm)
     assert sorted(told) == ["history.halvings is 3, was 6", 'solver.method is "one-loop", was "auto"']
 
 

@@ -186,7 +186,54 @@ CASE_FILES = (
         case("[mesh"),
         library="is not TOML: ",
     ),
-    Wrong("a case that is no text", run(), r"case\.toml: cannot be read: .*utf-8", case(b"\xff\xfe"), library="read: "),
+    Wrong(
+        "a case that is no text",
+        run(),
+        r"case\.toml: cannot be read: it is no text in UTF-8: ",
+        case(b"\xfc\xff"),
+        library="UTF-8: ",
+    ),
+    Wrong(
+        "a case in UTF-16",
+        run(),
+        r"case\.toml: cannot be read: it is text in UTF-16; save it as UTF-8",
+        case(BLOCK.encode("utf-16")),
+    ),
+    Wrong(
+        "a pipe for a case",
+        run(case="pipe"),
+        r"pipe: cannot be read: it is a pipe: save the contents in a file first",
+        lambda: os.mkfifo("pipe"),
+    ),
+    Wrong(
+        "single brackets",
+        run(),
+        r"clamp: there may be several: write \[\[clamp\]\], with double brackets, in place of \[clamp\]",
+        case(BLOCK.replace("[[clamp]]", "[clamp]")),
+    ),
+    Wrong(
+        "a value for a table",
+        run(),
+        r"mesh = 'part\.msh': is a table: write \[mesh\], and below it its keys, for example file = 'part\.msh'",
+        case('mesh = "part.msh"\n' + BLOCK[BLOCK.index("[material]") :]),
+    ),
+    Wrong(
+        "a key below a table that belongs above all",
+        run(),
+        r"output\.body_force = .*; it belongs at the top of the file, above the first table",
+        case(BLOCK + "body_force = [0, 0, 1]\n"),
+    ),
+    Wrong(
+        "lists in lists without end",
+        run(),
+        r"case\.toml: is not a case: lists or tables are nested too deeply",
+        case(BLOCK + "a = " + 10_000 * "["),
+    ),
+    Wrong(
+        "a name of 300 characters",
+        run(f"contact.face='{'x' * 300}'"),
+        r"contact\.face = 'x+\.\.\.x+': should have at most 200 characters",
+    ),
     Wrong("an empty case", run(), r"mesh: is missing\n.*material: is missing\n.*contact: is missing", case("")),
     Wrong(
         "a misspelt key", run("contact.fricton=0.3"), r"contact\.fricton = 0\.3: there is no such key; did you mean fri"
@@ -279,6 +326,16 @@ MATERIALS_AND_LOADS = (
         run("contact.motion=[[0,0,0,0],[1,0,0,1e-3]]"),
         r"contact\.motion depends on time: it needs a \[history\]",
     ),
+    Wrong(
+        "a thousand million load steps",
+        run("history={end=1.0, steps=1000000000}"),
+        r"history\.steps = 1000000000: should be less than or equal to 100000",
+    ),
+    Wrong(
+        "friction that is next to nothing",
+        run("contact.friction=1e-300"),
+        r"contact\.friction = 1e-300: should be 0, or from 1e-09 to 1000 in size",
+    ),
     Wrong("a history without times", run("history={halvings=3}"), r"give either times, .*, or end and steps"),
     Wrong(
         "a history that goes back",
@@ -289,6 +346,13 @@ MATERIALS_AND_LOADS = (
 
 MESHES = (
     Wrong("a box of negative length", run("mesh.box=[3,-1,1]"), r"mesh\.box\.1 = -1: should be greater than 0"),
+    Wrong("a box of no size", run("mesh.box=[1e-200,1,1]"), r"mesh\.box\.0 = 1e-200: should be from 1e-12 to 1e\+12"),
+    Wrong(
+        "a pipe for a mesh",
+        run("mesh={file='part.msh'}"),
+        r"part\.msh: cannot be read: it is a pipe: save the contents in a file first",
+        lambda: os.mkfifo("part.msh"),
+    ),
     Wrong("no cells", run("mesh.cells=[3,0,1]"), r"mesh\.cells\.1 = 0: should be greater than or equal to 1"),
     Wrong(
         "an unknown face of a box",
@@ -459,6 +523,12 @@ RESOURCES = (
         patch=memory(1.6e10),
     ),
     Wrong(
+        "more unknowns than PETSc has numbers for",
+        (*run("mesh.cells=[100000,100000,100000]"), "--force"),
+        r"too many unknowns: a mesh of 100000 x 100000 x 100000 cells .* PETSc counts to \d+; take fewer cells",
+        library="this PETSc counts",
+    ),
+    Wrong(
         "a factorisation without MUMPS",
         run("solver={linear_solver='direct', compliance='matrix-free'}"),
         r"this PETSc was built without MUMPS, which factorises K on several ranks and where A is not formed: leave .* "
@@ -483,6 +553,11 @@ RESOURCES = (
         run(),
         r"output results: cannot be written: no permission to write in .*; choose another \(--output\)",
         patch=lambda: mock.patch("os.access", lambda _, mode: not mode & os.W_OK),
+    ),
+    Wrong(
+        "an output directory with too long a name",
+        (*run(), "--output", "x" * 300),
+        r"output x+: cannot be written: File name too long; choose another",
     ),
     Wrong(
         "a file in place of the output directory",

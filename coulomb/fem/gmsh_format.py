@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..regular_file import read_bytes
 from .mesh_file import QUADRATIC, IntArray, MeshFile
 
 NODES = {
@@ -41,7 +42,7 @@ def read(path: str) -> MeshFile:
         OSError: If it cannot be read.
         ValueError: If it is no such file, cut short, or has no cells that can be used.
     """
-    stream = _Stream(path, Path(path).read_bytes())
+    stream = _Stream(path, read_bytes(path).removeprefix(codecs.BOM_UTF8))
     if stream.version not in ("2.2", "4.1"):
         raise ValueError(f"{path}: is of MSH version {stream.version}; save it as 4.1 or 2.2 (gmsh -format msh41)")
     names = stream.physical_names()
@@ -208,6 +209,8 @@ class _Stream:
     def __init__(self, path: str, data: bytes):
         self.path, self._data, self._section, self._at = path, data, "MeshFormat", 0
         header = re.match(rb"\s*\$MeshFormat\s+(\S+)\s+([01])\s+(\d+)\s*?\n", data)
+        if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            raise ValueError(f"{path}: is text in UTF-16; save it as plain text (ASCII or UTF-8)")
         if header is None:
             raise ValueError(f"{path}: is not a MSH file of gmsh's: it does not begin with $MeshFormat")
         self.version, self.binary = header[1].decode("ascii", "replace"), header[2] == b"1"

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
+from ..regular_file import read_bytes, refuse_irregular
 from .mesh_file import QUADRATIC, IntArray, MeshFile
 
 _WIDTH = {"tetrahedron": 4, "hexahedron": 8, "triangle": 3, "quadrilateral": 4}
@@ -126,7 +127,7 @@ def _grids(
 ) -> list[_Grid]:
     """The Grids of these kinds in a file; without points of their own, they count by those of the mesh."""
     try:
-        tree = ElementTree.fromstring(Path(path).read_bytes())
+        tree = ElementTree.fromstring(read_bytes(path))
     except ElementTree.ParseError as error:
         raise ValueError(f"{path}: is not XDMF, or cut short: {error}") from None
     if tree.tag != "Xdmf":
@@ -173,6 +174,7 @@ def _array(path: str, parent: ElementTree.Element) -> npt.NDArray[Any]:
     try:
         if form == "HDF":
             name, _, inside = item.text.strip().partition(":")
+            refuse_irregular(Path(path).parent / name)
             with h5py.File(Path(path).parent / name, "r") as file:
                 return np.asarray(file[inside])
         if form == "XML":
