@@ -59,6 +59,16 @@ class Acceptance:
         return NotConverged(said, result)
 
 
+def left_open(certificate: Certificate, tolerance: float) -> str:
+    """What a tolerance larger than CERTIFIED_FROM leaves open, in words; empty where it leaves nothing."""
+    if certificate.passed or tolerance <= CERTIFIED_FROM:
+        return ""
+    return (
+        f"the tolerance asked for, {tolerance:g}, is reached and leaves open: {what_fails(certificate)}; with "
+        f"{CERTIFIED_FROM:g}, the default, or less a run goes on until the certificate passes"
+    )
+
+
 def what_fails(certificate: Certificate) -> str:
     """The conditions of a certificate that do not hold, in words."""
     return ", ".join(f"{c.name} {c.value:.1e} (limit {c.limit:.0e})" for c in certificate.checks if not c.passed)

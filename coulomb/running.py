@@ -14,6 +14,7 @@ from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
 from . import output
+from .acceptance import left_open
 from .case import Case, write_case
 from .case_record import case_record, refuse_another_case
 from .commands_pictures import write_report
@@ -89,6 +90,8 @@ def _solve_once(session: Session, settings: Case, problem: ContactProblem, targe
     report(session.console, solution, contents, target if written else None, time.perf_counter() - session.began)
     if written:
         _write_page(settings, target, problem.comm)
+    if not trouble and (said := left_open(solution.certificate, settings.solver.tolerance)):
+        errors.print(f"warning: {said}", markup=False)
     if interrupted and written:
         trouble = f"interrupted: {trouble}; the answer so far is in {target}{os.sep}, marked so"
     if trouble:
@@ -145,6 +148,8 @@ def _take_steps(
             markup=False,
             soft_wrap=True,
         )
+        if said := left_open(step.solution.certificate, settings.solver.tolerance):
+            errors.print(f"warning: step {row['step']}: {said}", markup=False)
         warnings = step.solution.small_strain.warnings
         for warning in warnings if len(warnings) > len(warned) else ():
             errors.print(f"warning: step {row['step']}: {warning}", markup=False)
