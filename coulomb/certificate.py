@@ -147,7 +147,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
         relative("force balance", balance, "loads, springs, reactions, contact: forces and moments add to zero"),
         relative("rigid motion", drift, "the springs carry what the clamps do not"),
         relative("penetration", over.max(-gap), f"{deepest:.1e} m, over {scales.length:.1e} m"),
-        relative("adhesion", over.max(-pressing), "no node is pulled"),
+        relative("adhesion", over.max(-pressing), "no node is pulled, nor has a force off the contact faces"),
         relative("complementarity", over.max(np.abs(pressing * gap)), "no force across a gap"),
         relative("friction cone", over.max(friction - g) / _worst(g_scale, 1e-3), "friction within its bound"),
         relative("slip inside the cone", _ratio(early_slip, g_scale), "no slip before friction is at its bound"),

@@ -33,7 +33,8 @@ HELD_BEYOND = 1.0 - 1e-10
 class Evidence:
     """What an answer is judged by: this rank's part, k nodes of which m are judged as contact nodes; newtons, metres.
 
-    Those m are all nodes of the named contact faces but the ones whose displacement along the normal is prescribed.
+    Those m are all nodes of the named contact faces but the ones whose displacement along the normal is prescribed; and
+    any other node that has a contact force, as one that is pulled.
 
     Attributes:
         comm: The ranks.
@@ -102,6 +103,11 @@ def evidence(problem: ContactProblem, x: FloatArray, u: FloatArray, before: Befo
     force = -np.einsum("kij,kj->ki", frames, on_body[nodes])
     closure = np.einsum("kij,kj->ki", frames, u[nodes])
     closure[:, 1:] -= np.einsum("kij,kj->ki", frames, origin[nodes] + moved)[:, 1:]
+    bound = radius * np.maximum(force[:, 0], 0.0) if problem.coulomb else radius
+    elsewhere = np.linalg.norm(on_body, axis=1)
+    elsewhere[nodes] = 0.0
+    stray = elsewhere[elsewhere != 0.0]  # where no force can be, it pulls, whichever way it points
+    none = np.zeros(len(stray))
     return Evidence(
         comm=problem.comm,
         x=elasticity.x,
@@ -112,10 +118,10 @@ def evidence(problem: ContactProblem, x: FloatArray, u: FloatArray, before: Befo
         fixed=elasticity.fixed,
         prescribed=elasticity.prescribed,
         on_body=on_body,
-        force=force,
-        closure=closure,
-        gap=gap,
-        bound=radius * np.maximum(force[:, 0], 0.0) if problem.coulomb else radius,
+        force=np.concatenate([force, np.column_stack([-stray, none, none])]),
+        closure=np.concatenate([closure, np.zeros((len(stray), 3))]),
+        gap=np.concatenate([gap, none]),
+        bound=np.concatenate([bound, none]),
         rounding=rounding_forces(elasticity, u),
         compliance=problem.mean_compliance,
     )

@@ -46,6 +46,20 @@ def test_one_lost_node_is_enough(monkeypatch):
     assert "penetration" in failed(make_block(4).solve().certificate)
 
 
+@pytest.mark.parametrize("clamped", [False, True])
+def test_a_force_off_the_contact_faces_is_none(monkeypatch, clamped):
+    """A contact node that is another than it says: in the body, or where a clamp takes its force unseen."""
+    problem = make_block(3)
+    solution = problem.solve()
+    fixed = problem.elasticity.fixed.all(axis=1)
+    other = np.setdiff1d(np.flatnonzero(fixed if clamped else ~fixed), problem.elasticity.nodes("bottom", "test"))[0]
+    nodes = problem.surface.nodes.copy()
+    nodes[np.argmax(solution.contact_force[0::3])] = other
+    problem.surface = replace(problem.surface, nodes=nodes)
+    certificate = coulomb.certify(problem, solution.contact_force, solution.displacement)
+    assert "adhesion" in failed(certificate)
+
+
 def test_prescribed_nodes_are_excused():
     """The nodes of the clamped edge cannot touch: they are the only ones of the face that are not judged."""
     problem = make_block(3)
