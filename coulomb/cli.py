@@ -204,20 +204,21 @@ def export(
 
 @app.command()
 def check(directory: Annotated[Path, typer.Argument(help="Where a run has left its results.")]) -> None:
-    """Certify results from their files alone: 0 if the certificate passes, 1 if not, 2 if it cannot be read."""
+    """Check results from their files alone: 0 if they are certified and agree, 1 if not, 2 if they cannot be read.
+
+    A run, a load history with all its steps, or one of these steps.
+    """
     refuse_ranks("coulomb check")
 
     from .check import check as check_files
-    from .check import recorded
 
     try:
-        certificate, before = check_files(directory), recorded(directory)
+        found = check_files(directory, lambda line: _console.print(line, markup=False, soft_wrap=True))
     except ValueError as error:
         _errors.print(f"error: {error}", markup=False)
         raise typer.Exit(BAD_INPUT) from None
-    verdict = "had passed" if before else "had FAILED"
-    _console.print(f"{certificate}\nrecorded by the run: certificate {verdict}", markup=False, soft_wrap=True)
-    if not certificate.passed:
+    _console.print(found.ending, markup=False, soft_wrap=True)
+    if not found.passed:
         raise typer.Exit(FAILED)
 
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .arrays import FloatArray
+from .certificate import Certificate
 from .fem.body import Material
 from .nodal_answer import NodalAnswer
 from .peak_memory import peak_memory
@@ -27,18 +29,16 @@ def node_status(solution: Solution) -> npt.NDArray[np.int64]:
 def summary(solution: Solution) -> dict[str, Any]:
     """What `summary.json` holds; collective, the same on every rank."""
     problem, result = solution.problem, solution.result
-    over, at_nodes = Reductions(problem.comm), NodalAnswer.of(solution)
+    elasticity, u = problem.elasticity, solution.displacement
     history: Any = result.history
     krylov = sum(step.krylov for step in history)
-    certificate, strain = solution.certificate, solution.small_strain
-    spring_force = problem.elasticity.spring_force(solution.displacement)
+    strain = solution.small_strain
     return {
         "coulomb": __version__,
         "status": result.status.value,
-        **at_nodes.numbers(),
+        **derived(NodalAnswer.of(solution), solution.certificate, u, elasticity.spring_force(u), elasticity.fixed),
         "material": _materials(problem),
         "mean_compliance": problem.mean_compliance,
-        "unknowns": problem.unknowns,
         "method": {
             "solver": result.method if isinstance(result, CoulombResult) else "path following",
             "stiffness": problem.stiffness_solver.name,
@@ -54,26 +54,55 @@ def summary(solution: Solution) -> dict[str, Any]:
             "krylov": krylov,
         },
         "small_strain": {**asdict(strain), "warnings": list(strain.warnings)},
-        "spring_force_on_body": [over.sum(spring_force[:, k]) for k in range(3)],
-        "maximum": {
-            "contact_pressure": at_nodes.totals()["greatest_pressure"],
-            "displacement": over.max(np.linalg.norm(solution.displacement, axis=1)),
-            "penetration": certificate.penetration,
-        },
-        "certificate": {
-            **{
-                check.name.replace(" ", "_"): {
-                    **{"value": check.value, "limit": check.limit, "passed": check.passed},
-                    **{"unit": check.unit, "meaning": check.meaning},
-                }
-                for check in certificate.checks
-            },
-            "passed": certificate.passed,
-        },
         "versions": versions(),
         "seconds": dict(problem.seconds),
         "peak_memory_bytes": problem.comm.allreduce(peak_memory()),
     }
+
+
+def derived(
+    at_nodes: NodalAnswer,
+    certificate: Certificate,
+    displacement: FloatArray,
+    spring_force: FloatArray,
+    fixed: npt.NDArray[np.bool_],
+) -> dict[str, Any]:
+    """The entries of summary.json that follow from displacement and forces; collective, the same on every rank.
+
+    Args:
+        at_nodes: The answer at the contact nodes.
+        certificate: What it was judged.
+        displacement: Of this rank's nodes in metres, shape (k, 3).
+        spring_force: Of the springs on the body in newtons, shape (k, 3).
+        fixed: Which components are prescribed, shape (k, 3).
+    """
+    over, numbers = Reductions(at_nodes.comm), at_nodes.numbers()
+    return {
+        **numbers,
+        "unknowns": {
+            "displacement": int(over.sum(float(np.count_nonzero(~fixed)))),
+            "contact": 3 * numbers["nodes"]["contact"],
+        },
+        "spring_force_on_body": [over.sum(spring_force[:, k]) for k in range(3)],
+        "maximum": {
+            "contact_pressure": numbers["totals"]["greatest_pressure"],
+            "displacement": over.max(np.linalg.norm(displacement, axis=1)),
+            "penetration": certificate.penetration,
+        },
+        "certificate": certificate_numbers(certificate),
+    }
+
+
+def certificate_numbers(certificate: Certificate) -> dict[str, Any]:
+    """Value, limit, unit and meaning of each condition, whether it holds, and whether all do."""
+    checks = {
+        check.name.replace(" ", "_"): {
+            **{"value": check.value, "limit": check.limit, "passed": check.passed},
+            **{"unit": check.unit, "meaning": check.meaning},
+        }
+        for check in certificate.checks
+    }
+    return {**checks, "passed": certificate.passed}
 
 
 def totals(solution: Solution, part: int | None = None) -> dict[str, Any]:

@@ -463,7 +463,7 @@ def test_case_with_a_file_is_run_and_checked(case, tmp_path, ranks):
     assert np.allclose(balance, [-2e6, 0.0, 2e7 + 2e5], atol=1.0)
     again = check(tmp_path / "out")
     assert again.passed
-    for check_ in again.checks:
+    for check_ in again.certificate.checks:
         before = told["certificate"][check_.name.replace(" ", "_")]["value"]
         assert check_.value == pytest.approx(before, rel=1e-3, abs=1e-11), check_.name
 

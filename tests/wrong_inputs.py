@@ -18,6 +18,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from unittest import mock
 
+import h5py
 import numpy as np
 from mesh_files import BoxFile
 from mpi4py import MPI
@@ -151,6 +152,11 @@ def another_run():
 
 def cut(path):
     return lambda: Path(path).write_bytes(Path(path).read_bytes()[:2000])
+
+
+def without_field():
+    with h5py.File("results/contact.h5", "r+") as file:
+        del file["Function/face"]
 
 
 def without_mumps():
@@ -613,6 +619,20 @@ COMMANDS = (
         ("check", "."),
         r"summary\.json: has no 'law'",
         case("{}", "summary.json"),
+        alone=True,
+    ),
+    Wrong(
+        "check of results of another version",
+        ("check", "results"),
+        r"contact\.h5: has no field 'face': not whole, or written by another version of coulomb: run the case again",
+        ran(then=without_field),
+        alone=True,
+    ),
+    Wrong(
+        "check of a history without one of its steps",
+        ("check", "results"),
+        r"0001: is not whole or missing, but there is a step 0002",
+        ran(*STEPS[1::2], then=lambda: Path("results/steps/0001/summary.json").unlink()),
         alone=True,
     ),
     Wrong("check on two ranks", ("check", "."), r"coulomb check runs on one rank", alone=None),

@@ -191,29 +191,45 @@ def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[
     cell_numbers = {
         name: np.flatnonzero(np.isin(original, members)).astype(np.int32) for name, members in cell_groups.items()
     }
-    return NamedMesh(domain, _local_facets(domain, face_groups), cell_numbers, refused)
+    return NamedMesh(domain, local_facets(domain, face_groups), cell_numbers, refused)
 
 
-def _local_facets(domain: Any, groups: dict[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
-    """This rank's boundary facets of every group, given by the sorted numbers of their points in the file."""
-    topology = domain.topology
-    for dim in ((2, 0), (2, 3), (3, 0)):
-        topology.create_connectivity(*dim)
-    vertices = topology.connectivity(3, 0).array
-    of_vertex = np.empty(int(vertices.max(initial=-1)) + 1, dtype=np.int64)
-    of_vertex[vertices] = np.asarray(domain.geometry.input_global_indices)[compat.cell_geometry(domain).ravel()]
-    boundary = np.sort(mesh.exterior_facet_indices(topology)).astype(np.int32)
-    table = topology.connectivity(2, 0)
+def local_facets(domain: Any, groups: dict[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
+    """This rank's boundary facets of every group.
+
+    Args:
+        domain: The mesh.
+        groups: Facets by name, each a row of the sorted numbers of its points in the file, shape (k, corners).
+
+    Returns:
+        Numbers of facets; a row that is no boundary facet of this rank is left out.
+    """
     corners = _width(groups.values())
     if corners == 0:
         return {}
-    mine = np.sort(of_vertex[table.array.reshape(-1, corners)[boundary]], axis=1)
+    domain.topology.create_connectivity(2, 3)
+    boundary = np.sort(mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
+    in_file = np.asarray(domain.geometry.input_global_indices)
+    mine = np.sort(in_file[corners_of(domain, boundary)], axis=1)
     faces = {}
     for name, rows in groups.items():
         _, number = np.unique(np.vstack([rows, mine]), axis=0, return_inverse=True)
         number = number.ravel()
         faces[name] = boundary[np.isin(number[len(rows) :], number[: len(rows)])]
     return faces
+
+
+def corners_of(domain: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+    """The geometry nodes of facets of this rank, numbers of `domain.geometry.x`, shape (k, corners)."""
+    topology = domain.topology
+    for dim in ((2, 0), (3, 0)):
+        topology.create_connectivity(*dim)
+    vertices = topology.connectivity(3, 0).array
+    of_vertex = np.empty(int(vertices.max(initial=-1)) + 1, dtype=np.int64)
+    of_vertex[vertices] = compat.cell_geometry(domain).ravel()
+    table = topology.connectivity(2, 0)
+    corners: npt.NDArray[np.int64] = of_vertex[table.array.reshape(table.num_nodes, -1)[facets]]
+    return corners
 
 
 def _width(groups: Iterable[IntArray]) -> int:

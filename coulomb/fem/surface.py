@@ -94,7 +94,8 @@ def tangent_frames(n: FloatArray) -> FloatArray:
     orthogonal to n and then to each other.  So t1, t2 are x, y on a horizontal face, and an axis perpendicular to n
     always is a tangent: a node held in that direction keeps clean rows.
     """
-    others = np.array([[1, 2], [0, 2], [0, 1]])[np.argmax(np.abs(n), axis=1)]
+    nearest = np.argmax(np.round(np.abs(n), 9), axis=1)  # at 45 degrees rounding errors must not choose
+    others = np.array([[1, 2], [0, 2], [0, 1]])[nearest]
     t1, t2 = np.eye(3)[others[:, 0]], np.eye(3)[others[:, 1]]
     square = np.abs(np.einsum("ki,ki->k", t2, n)) < 1e-12  # such an axis must stay: make it the first
     first, second = np.where(square[:, None], t2, t1), np.where(square[:, None], t1, t2)
@@ -141,7 +142,7 @@ def contact_surface(
     if comm.allreduce(len(candidates), op=MPI.SUM) == 0:
         raise ValueError(f"contact: face {face!r} has no facets")
     if foundation is None:
-        foundation = _plane_of_face(face, x, area, outward, comm)
+        foundation = plane_of_face(face, x, area, outward, comm)
 
     if normals not in ("foundation", "body"):
         raise ValueError(f'contact: normals must be "foundation" or "body", but is {normals!r}')
@@ -242,7 +243,7 @@ def way_along(n: FloatArray, x: FloatArray, distance: FloatArray, foundation: Ri
     return np.where(missed | (left > 1e-8 * size + 1e-300), tangent, way)
 
 
-def _plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArray, comm: MPI.Comm) -> Plane:
+def plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArray, comm: MPI.Comm) -> Plane:
     total = comm.allreduce(float(area.sum()), op=MPI.SUM)
     point = comm.allreduce(area @ x, op=MPI.SUM) / total
     normal = comm.allreduce(outward.sum(axis=0), op=MPI.SUM) / total

@@ -1,0 +1,174 @@
+"""Small runs whose files the tests of `coulomb check` spoil: each is made once, and copied."""
+
+import functools
+import json
+import shutil
+import tempfile
+from pathlib import Path
+
+import h5py
+import numpy as np
+from mpi4py import MPI
+
+from coulomb import output
+from coulomb.case import read_case, write_case
+
+BLOCK = """\
+[mesh]
+box = [1.2, 0.6, 0.4]
+cells = [6, 3, 2]
+[material]
+young = 2e11
+poisson = 0.3
+[[clamp]]
+face = "left"
+value = [0.0, 1e-6, -2e-6]
+[[spring]]
+face = "right"
+stiffness = [0.0, 1e9, 2e9]
+[[traction]]
+face = "top"
+value = [1e6, 2e6, -2e7]
+[contact]
+face = "bottom"
+friction = 0.3
+[[contact.region]]
+box = [[0.5, 0.0, 0.0], [0.9, 0.6, 0.0]]
+friction = 0.1
+"""
+"""Hexahedra, Coulomb friction by region, the plane of the face, a clamp that moves, springs."""
+
+WEDGE = """\
+[mesh]
+box = [1.2, 0.6, 0.4]
+cells = [4, 2, 2]
+cell = "tetrahedron"
+[material]
+young = 2e11
+poisson = 0.3
+[[clamp]]
+face = "left"
+value = [3e-5, 1e-5, 0.0]
+[[traction]]
+face = "right"
+value = [2e6, 1e6, -4e6]
+[[spring]]
+face = "back"
+stiffness = 1e8
+[[contact]]
+face = "bottom"
+slip_stress = 2e6
+foundation = {shape = "sphere", centre = [0.6, 0.3, -2000.0], radius = 2000.00001}
+normals = "body"
+[[contact]]
+face = "top"
+slip_stress = 1e6
+foundation = {point = [0.8, 0.0, 0.39999], normal = [0.0, 0.00001, -1.0]}
+"""
+"""Tetrahedra, Tresca friction, two faces: one against a ball, with the body's normals, one against an oblique plane."""
+
+BALL = """\
+[mesh]
+box = [1.0, 0.6, 0.4]
+cells = [4, 3, 2]
+[material]
+young = 5e6
+poisson = 0.4
+[[clamp]]
+face = "top"
+value = [0.0, 2e-3, 0.0]
+amplitude = [[0, 0], [1, 0], [3, 1]]
+[[traction]]
+face = "right"
+value = [1e3, 0.0, 2e3]
+amplitude = [[0, 1], [3, 2]]
+[contact]
+face = "bottom"
+friction = 0.4
+foundation = {shape = "sphere", centre = [0.5, 0.3, -4.0], radius = 4.0}
+motion = [[0, 0, 0, 0], [1, 0, 0, 5e-3], [2, 2e-3, 0, 5e-3], [3, -1e-3, 1e-3, 6e-3]]
+[history]
+times = [1, 2, 3]
+"""
+"""Hexahedra, a load history of three steps: a moving ball, a clamp and a traction with amplitudes."""
+
+TRESCA_STEPS = BALL.replace("cells = [4, 3, 2]", 'cells = [4, 2, 2]\ncell = "tetrahedron"').replace(
+    "friction = 0.4", "slip_stress = 2e4"
+)
+"""The same history with tetrahedra and Tresca friction."""
+
+
+@functools.cache
+def made(text):
+    """Directory of a case that was run, never to be changed."""
+    folder = Path(tempfile.mkdtemp(prefix="coulomb-check-"))
+    return run_case(text, folder / "run")
+
+
+def run_case(text, target):
+    """Run a case in this process as `coulomb run` does."""
+    case = target.with_suffix(".toml")
+    case.write_text(text)
+    settings = read_case(case)
+    problem = settings.problem(MPI.COMM_SELF)
+    if settings.history is not None:
+        settings.load_history().run(problem, target)
+    else:
+        output.write(problem.solve(1e-9), target, picture=False)
+    write_case(settings, target, MPI.COMM_SELF)
+    return target
+
+
+def copied(text, target):
+    """A copy of a run, to be spoilt."""
+    return Path(shutil.copytree(made(text), target))
+
+
+def change(path, name, function):
+    """Change a field of an HDF5 file in place."""
+    with h5py.File(path, "r+") as file:
+        group = file[f"Function/{name}"]
+        data = group[next(iter(group))]
+        data[...] = function(data[...])
+
+
+def field(path, name):
+    """A field of an HDF5 file."""
+    with h5py.File(path, "r") as file:
+        group = file[f"Function/{name}"]
+        return np.squeeze(group[next(iter(group))][...])
+
+
+def edit(path, function):
+    """Change a JSON file in place."""
+    tables = json.loads(path.read_text())
+    function(tables)
+    path.write_text(json.dumps(tables))
+
+
+def leaves(tree, path=()):
+    """All entries of JSON with their places."""
+    if isinstance(tree, dict | list):
+        for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
+            yield from leaves(value, (*path, key))
+    else:
+        yield path, tree
+
+
+def put(tree, path, value):
+    """Replace an entry of JSON."""
+    for key in path[:-1]:
+        tree = tree[key]
+    tree[path[-1]] = value
+
+
+def get(tree, path):
+    """An entry of JSON."""
+    for key in path:
+        tree = tree[key]
+    return tree
+
+
+def shown(path):
+    """A place as a fault has it."""
+    return "summary.json" + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)

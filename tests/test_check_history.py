@@ -1,0 +1,296 @@
+"""`coulomb check` of a load history: every step against the step before as it is written, and what is said of all."""
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from check_runs import BALL, TRESCA_STEPS, change, copied, edit, field, made, run_case
+from conftest import run_coulomb
+
+from coulomb.check import check
+from coulomb.load_history import LoadHistory
+
+RUNS = {"hexahedra, Coulomb": BALL, "tetrahedra, Tresca": TRESCA_STEPS}
+
+
+def failing(found):
+    return [step.number for step in found.steps if not step.passed]
+
+
+@pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
+def test_a_history_agrees(text):
+    said = []
+    found = check(made(text), said.append)
+    assert found.passed and found.recorded, found
+    assert len(found.steps) == 3 and said == [str(step) for step in found.steps]
+    assert all("certificate passed, files agree" in line for line in said)
+    assert "3 of 3 load steps passed" in found.ending and "taken as written" not in found.ending
+
+
+@pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
+def test_without_a_case_that_is_said(text, tmp_path):
+    folder = copied(text, tmp_path / "run")
+    (folder / "case.json").unlink()
+    found = check(folder)
+    assert found.passed, found
+    assert "without a case.json: the way of the foundation" in found.ending
+    assert "without the load at the start: the energies of the first step" in found.ending
+
+
+def test_one_step_where_it_stands(tmp_path):
+    """Step by step against the one before, with the case of the history."""
+    folder = copied(BALL, tmp_path / "run")
+    for number in (1, 2, 3):
+        found = check(folder / "steps" / f"{number:04d}")
+        assert found.passed and not any("taken as written" in line for line in found.trusted), found
+    change(folder / "steps" / "0002" / "contact.h5", "slip_origin", lambda origin: origin * (1.0 + 1e-6))
+    assert any("slip_origin" in fault for fault in check(folder / "steps" / "0002").faults)
+
+
+class ForgetsSlip(LoadHistory):
+    """A fault: every step counts slip from the place before deformation."""
+
+    def _posed(self, problem, state, time):
+        return super()._posed(problem, replace(state, displacement=0.0 * state.displacement), time)
+
+
+class ForgetsMotion(LoadHistory):
+    """A fault: the slip origin stays where it was when the foundation moves."""
+
+    def _posed(self, problem, state, time):
+        return problem.at(time, state.displacement[problem.surface.nodes])
+
+
+class ForgetsFoundation(LoadHistory):
+    """A fault: the foundation, its gaps and its way stay those of the first step."""
+
+    def _posed(self, problem, state, time):
+        posed = super()._posed(problem, state, time)
+        if state.number == 0:
+            return posed
+        first = problem.at(self.times[0])
+        posed.motions, posed.surface = first.motions, first.surface
+        return posed
+
+
+class ForgetsLoad(LoadHistory):
+    """A fault: the load stays that of the first step."""
+
+    def _posed(self, problem, state, time):
+        posed = super()._posed(problem, state, time)
+        elasticity = problem.elasticity.at(time)
+        elasticity.load = problem.elasticity.at(self.times[0]).load
+        elasticity._build_in()
+        posed.elasticity = elasticity
+        return posed
+
+
+@pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
+@pytest.mark.parametrize(
+    ("faulty", "steps"),
+    [(ForgetsSlip, [2, 3]), (ForgetsMotion, [1, 2, 3]), (ForgetsFoundation, [2, 3]), (ForgetsLoad, [2, 3])],
+)
+def test_a_code_that_forgets(text, faulty, steps, monkeypatch, tmp_path):
+    import coulomb.load_history
+
+    monkeypatch.setattr(coulomb.load_history, "LoadHistory", faulty)
+    folder = run_case(text, tmp_path / "run")
+    monkeypatch.undo()
+    found = check(folder)
+    assert failing(found) == steps
+    if faulty in (ForgetsSlip, ForgetsMotion):
+        assert all(any("slip_origin" in fault for fault in found.steps[k - 1].faults) for k in steps)
+        assert all("friction" in found.steps[k - 1].details or "slip" in found.steps[k - 1].details for k in steps)
+
+
+@pytest.mark.parametrize(("faulty", "steps"), [(LoadHistory, []), (ForgetsSlip, [2, 3]), (ForgetsMotion, [2, 3])])
+def test_a_code_that_forgets_is_seen_without_a_case(faulty, steps, monkeypatch, tmp_path):
+    """Slip origins are the displacement before and a translation, with which gaps to a plane and work must agree."""
+    import coulomb.load_history
+
+    monkeypatch.setattr(coulomb.load_history, "LoadHistory", faulty)
+    plane = "foundation = {point = [0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0]}\nmotion"
+    folder = run_case(
+        BALL.replace(BALL[BALL.index("foundation") : BALL.index("motion")] + "motion", plane), tmp_path / "run"
+    )
+    monkeypatch.undo()
+    (folder / "case.json").unlink()
+    assert failing(check(folder)) == steps
+
+
+STEP = "steps/0002/summary.json"
+RECORDS = {
+    "energy": lambda s: s["step"]["energy"].update(dissipated=s["step"]["energy"]["dissipated"] * (1.0 + 1e-6)),
+    "work of the loads": lambda s: s["step"]["energy"].update(loads=s["step"]["energy"]["loads"] * (1.0 + 1e-6)),
+    "number": lambda s: s["step"].update(number=3),
+    "time": lambda s: s["step"].update(time=2.0000001),
+    "row": lambda s: s["step"]["row"].update(force_z=s["step"]["row"]["force_z"] * (1.0 + 1e-6)),
+    "energy of the row": lambda s: s["step"]["row"].update(energy_imbalance=1.0),
+    "verdict of the row": lambda s: s["step"]["row"].update(certified=False),
+    "missing entry of the row": lambda s: s["step"]["row"].pop("moment_x"),
+    "totals": lambda s: s["totals"].update(dissipated_energy=s["totals"]["dissipated_energy"] * (1.0 + 1e-6)),
+}
+
+
+@pytest.mark.parametrize("spoil", RECORDS.values(), ids=RECORDS)
+def test_records_of_a_step(spoil, tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    edit(folder / STEP, spoil)
+    found = check(folder)
+    assert 2 in failing(found)
+
+
+def test_times_that_are_left_out(tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    edit(folder / "steps/0001/summary.json", lambda s: s["step"].update(pending=[3.0]))
+    assert any("leaves out [2.0]" in fault for fault in check(folder).faults)
+    edit(folder / "steps/0001/summary.json", lambda s: s["step"].update(pending=[2.0, 3.0]))
+    assert any("do not increase" in fault for fault in check(folder).faults)
+
+
+def test_an_unfinished_history_says_so(tmp_path):
+    """As after an interruption: what there is passes, and it is said that there should be more."""
+    folder = tmp_path / "run"
+    text = BALL.replace("times = [1, 2, 3]", "times = [1, 2, 3, 4]")
+    run_case(BALL, folder)
+    for number, pending in ((1, [4.0, 3.0, 2.0]), (2, [4.0, 3.0]), (3, [4.0])):
+        edit(folder / f"steps/{number:04d}/summary.json", lambda s, left=pending: s["step"].update(pending=left))
+    edit(folder / "case.json", lambda c: c["history"].update(times=[1, 2, 3, 4]))
+    edit(folder / "summary.json", lambda s: s["last"]["step"].update(pending=[4.0]))
+    (folder / "steps" / "0004").mkdir()
+    found = check(folder)
+    assert text != BALL and found.passed, found
+    assert "not finished: 1 load steps are still to be taken" in found.ending
+    assert "0004: is not whole, and not looked at" in found.ending
+
+
+def scale(entry, *path):
+    for key in path[:-1]:
+        entry = entry[key]
+    entry[path[-1]] *= 1.0 + 1e-6
+
+
+OF_ALL = {
+    "steps": lambda s: s.update(steps=2),
+    "time": lambda s: s.update(time=2.0),
+    "verdict": lambda s: s["certificate"].update(passed=False),
+    "last": lambda s: scale(s, "last", "totals", "force", 2),
+    "energy": lambda s: scale(s, "history", "energy", "dissipated"),
+    "largest pressure": lambda s: scale(s, "history", "maximum", "contact_pressure", "value"),
+    "certified steps": lambda s: s["history"].update(certified_steps=2),
+}
+
+
+@pytest.mark.parametrize("spoil", OF_ALL.values(), ids=OF_ALL)
+def test_the_summary_of_all_steps(spoil, tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    edit(folder / "summary.json", spoil)
+    found = check(folder)
+    assert not failing(found) and not found.passed
+    assert all(fault.startswith("summary.json") for fault in found.faults)
+
+
+def test_every_figure_of_history_csv(tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    with (folder / "history.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for name in rows[1]:
+        value = rows[1][name]
+        rows[1][name] = "False" if value == "True" else repr(float(value) * (1.0 + 1e-6) + (float(value) == 0.0))
+    with (folder / "history.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    faults = check(folder).faults
+    assert all(any(f"line 2.{name}:" in fault for fault in faults) for name in rows[1])
+
+
+def test_lines_and_series(tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    text = (folder / "history.csv").read_text().splitlines()
+    (folder / "history.csv").write_text("\n".join(text[:-1]) + "\n")
+    series = (folder / "contact.xdmf").read_text()
+    (folder / "contact.xdmf").write_text(series.replace('Time Value="2.0"', 'Time Value="2.5"'))
+    (folder / "solution.xdmf").write_text((folder / "solution.xdmf").read_text().replace("steps/0003/", "steps/0002/"))
+    faults = check(folder).faults
+    assert [fault.split(":")[0] for fault in faults] == ["history.csv", "solution.xdmf", "contact.xdmf"]
+
+
+OTHER_CASES = {
+    "motion": (lambda c: c["contact"]["motion"][2].__setitem__(1, 2.000002e-3), [2, 3]),
+    "motion before": (lambda c: c["contact"]["motion"][0].__setitem__(1, 1e-6), [1, 2, 3]),  # energies add up
+    "no motion": (lambda c: c["contact"].pop("motion"), [1, 2, 3]),
+    "amplitude of a load": (lambda c: c["traction"][0]["amplitude"][0].__setitem__(1, 1.001), [1, 2, 3]),
+    "amplitude of a clamp": (lambda c: c["clamp"][0]["amplitude"][2].__setitem__(1, 1.001), [2, 3]),
+    "friction": (lambda c: c["contact"].update(friction=0.4000004), [1, 2, 3]),
+}
+
+
+@pytest.mark.parametrize(("other", "steps"), OTHER_CASES.values(), ids=OTHER_CASES)
+def test_another_case(other, steps, tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    edit(folder / "case.json", other)
+    assert failing(check(folder)) == steps
+
+
+def test_steps_of_two_histories(tmp_path):
+    """Every step is right by itself; the third is not from the second."""
+    folder = copied(BALL, tmp_path / "run")
+    other = run_case(BALL.replace("times = [1, 2, 3]", "times = [0.5, 1, 3]"), tmp_path / "other")
+    shutil.rmtree(folder / "steps" / "0003")
+    shutil.copytree(other / "steps" / "0003", folder / "steps" / "0003")
+    assert field(folder / "steps/0003/contact.h5", "slip").any()
+    found = check(folder)
+    assert failing(found) == [3] and any("slip_origin" in fault for fault in found.steps[2].faults)
+
+
+def test_the_command(tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    done = run_coulomb("check", folder)
+    assert done.returncode == 0 and done.stderr == ""
+    assert [line[:8] for line in done.stdout.splitlines()[:3]] == ["step   1", "step   2", "step   3"]
+    change(folder / "steps" / "0002" / "solution.h5", "displacement", lambda u: u * (1.0 + 1e-4))
+    done = run_coulomb("check", folder)
+    assert done.returncode == 1
+    lines = done.stdout.splitlines()
+    assert [line for line in lines if line.startswith("step")][1].endswith("FAILED")
+    assert any(line.startswith("  equilibrium") and "FAILED" in line for line in lines)
+    assert any(line.strip().startswith("contact.xdmf: slip") for line in lines)
+    assert lines[-1] == "1 of 3 load steps passed"  # the third starts where the second is said to be
+
+
+DAMAGED = {
+    "a step is missing": (lambda d: shutil.rmtree(d / "steps/0002"), "0002: is not whole or missing"),
+    "no steps": (lambda d: [shutil.rmtree(p) for p in (d / "steps").iterdir()], "steps: holds no load step"),
+    "no summary": (lambda d: (d / "summary.json").unlink(), "summary.json: cannot be read"),
+    "no history.csv": (lambda d: (d / "history.csv").unlink(), "history.csv: cannot be read"),
+    "binary history.csv": (lambda d: (d / "history.csv").write_bytes(b"\xff\xfe\x00"), "history.csv: cannot be read"),
+    "series cut": (lambda d: (d / "contact.xdmf").write_text("<Xdmf>"), "contact.xdmf: cannot be read"),
+    "case cut": (lambda d: (d / "case.json").write_text("{"), "case.json"),
+    "no record": (lambda d: edit(d / STEP, lambda s: s.pop("step")), "step has no number and time"),
+    "no pending": (lambda d: edit(d / STEP, lambda s: s["step"].pop("pending")), "no list of pending times"),
+    "text for a time": (lambda d: edit(d / STEP, lambda s: s["step"].update(time="x")), "step has no number and time"),
+    "no row": (lambda d: edit(d / STEP, lambda s: s["step"].pop("row")), "is not whole, or written by another version"),
+}
+
+
+@pytest.mark.parametrize(("spoil", "message"), DAMAGED.values(), ids=DAMAGED)
+def test_what_is_not_whole_is_refused(spoil, message, tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    spoil(folder)
+    with pytest.raises(ValueError) as caught:
+        check(folder)
+    assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_numbers_are_read_as_written():
+    """The rows of the steps, through history.csv and back."""
+    folder = made(BALL)
+    rows = [json.loads((folder / f"steps/{k:04d}/summary.json").read_text())["step"]["row"] for k in (1, 2, 3)]
+    with (folder / "history.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert [float(line["force_z"]) for line in lines] == [row["force_z"] for row in rows]
+    assert np.all(np.diff([row["time"] for row in rows]) > 0.0)
