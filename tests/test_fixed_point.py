@@ -1,6 +1,8 @@
 """Coulomb friction by successive Tresca problems."""
 
+import dataclasses
 import functools
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -125,6 +127,31 @@ def test_inner_failure_stops_the_outer_loop(block6):
     with pytest.raises(NotConverged, match="PF ended with a residual") as failure:
         SuccessiveTresca(1e-8, PathFollowing(max_iterations=2)).solve(problem)
     assert failure.value.result.status is Status.STAGNATED
+
+
+@dataclass(frozen=True)
+class Failing:
+    """PF; from its third Tresca problem on an answer of no use, which it gives up."""
+
+    tolerance: float = 1e-8
+    calls: list = field(default_factory=list)
+
+    def solve(self, qp, start=None, *, tolerance=None, progress=None):
+        result = PathFollowing().solve(qp, tolerance=tolerance, progress=progress)
+        self.calls.append(result)
+        if len(self.calls) > 2:
+            raise NotConverged("of no use", dataclasses.replace(result, x=2.0 * result.x, gradient=-qp.b, residual=1.0))
+        return result
+
+
+def test_the_best_answer_is_kept_not_the_last():
+    problem, _ = small_coulomb(8, 43, 0.3)
+    with pytest.raises(NotConverged, match="of no use") as failure:
+        SuccessiveTresca(1e-8, Failing()).solve(problem)
+    result = failure.value.result
+    residuals = [step.residual for step in result.history]
+    assert residuals[-1] > 1.5 * min(residuals)
+    assert result.residual == pytest.approx(min(residuals)) == pytest.approx(problem.residual(result.x))
 
 
 def test_nodes_that_carry_dust_do_not_come_and_go():

@@ -59,22 +59,37 @@ def coulomb_residual(A, b, friction, x):
     return 0.0 if total == 0.0 else np.sqrt(total) / np.linalg.norm(x)
 
 
+GIVING_UP = {"auto": 0.1, "one loop": 0.2, "one loop, dense": 0.25, "successive Tresca": 0.1, "plain": 0.25}
+"""Share of the problems that a solver may give up, about twice what it does: a third of them are rank-deficient, with
+loads that a body without rigid motions would not have, and may have no solution."""
+
+
 @pytest.mark.parametrize("name", SOLVERS)
-@settings(max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(problem=problems())
-def test_converged_is_true(name, problem):
-    A, b, friction = problem
-    given_problem = CoulombProblem(dense_compliance(A), b, friction)
+def test_converged_is_true_and_giving_up_rare(name):
+    given_up = []
+
+    @settings(max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+    @given(problem=problems())
+    def solve(problem):
+        given_up.append(gives_up(SOLVERS[name], *problem))
+
+    solve()
+    assert np.mean(given_up) <= GIVING_UP[name]
+
+
+def gives_up(solver, A, b, friction):
+    """Whether the solver gives up, and says so; what it does not give up must be right."""
     try:
-        result = SOLVERS[name].solve(given_problem)
+        result = solver.solve(CoulombProblem(dense_compliance(A), b, friction))
     except NotConverged as failure:
         result = failure.result
         assert result.status is not Status.CONVERGED and result.message == str(failure)
         assert np.all(np.isfinite(result.x)) and result.residual > 1e-8
-        return
+        return True
     assert result.status is Status.CONVERGED
     assert coulomb_residual(A, b, friction, result.x) <= 1.001e-8
     x = result.x.reshape(-1, 3)
     scale = np.abs(x).max()
     assert x[:, 0].min() >= -1e-7 * scale
     assert np.max(np.hypot(x[:, 1], x[:, 2]) - friction * np.maximum(x[:, 0], 0.0)) <= 1e-7 * max(scale, 1e-300)
+    return False

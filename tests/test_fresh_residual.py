@@ -1,0 +1,165 @@
+"""CONVERGED is said of the residual with a fresh product, by every solver and with every Newton system."""
+
+import functools
+
+import numpy as np
+import pytest
+from conftest import dense_compliance, make_block, random_spd, solved_block
+
+from coulomb import (
+    KPRGP,
+    AugmentedSystem,
+    Automatic,
+    CondensedConeSystem,
+    CondensedSystem,
+    CoulombProblem,
+    DenseConeSystem,
+    DenseSystem,
+    IterativeSolver,
+    OneLoop,
+    PathFollowing,
+    RecyclingSystem,
+    SchurComplementSystem,
+    SuccessiveTresca,
+    TrescaQP,
+)
+from coulomb.solvers.kprgp import norm_of
+
+TOLERANCE = 1e-8
+QP = {
+    "P_AM with what was learnt": PathFollowing(TOLERANCE),
+    "P_AM": PathFollowing(TOLERANCE, newton=AugmentedSystem),
+    "P_SC": PathFollowing(TOLERANCE, newton=SchurComplementSystem),
+    "LU": PathFollowing(TOLERANCE, newton=DenseSystem),
+    "condensed": PathFollowing(TOLERANCE, newton=CondensedSystem),
+    "KPRGP": KPRGP(TOLERANCE),
+}
+COULOMB = {
+    "auto": Automatic(TOLERANCE),
+    "one loop": OneLoop(TOLERANCE),
+    "one loop, LU": OneLoop(TOLERANCE, newton=DenseConeSystem),
+    "one loop, condensed": OneLoop(TOLERANCE, newton=CondensedConeSystem),
+    **{f"fixed point, {name}": SuccessiveTresca(TOLERANCE, solver) for name, solver in QP.items()},
+}
+FORMED = {"LU", "one loop, LU", "fixed point, LU"}  # need the matrix A
+CONDENSED = {"condensed", "one loop, condensed", "fixed point, condensed"}  # need K
+DEAR = {"fixed point, P_AM", "fixed point, P_SC", "fixed point, KPRGP", "KPRGP"}  # many products, each a solve
+
+
+@functools.cache
+def block(law):
+    """The block, its products by multigrid; and A as it is, from the factorised one."""
+    problem = make_block(6, slip_stress=1e7 if law == "tresca" else None, linear_solver=IterativeSolver, explicit=False)
+    exact = solved_block(6, law).problem
+    return problem, exact.A.dense(), exact.b
+
+
+def residual_of(A, b, a, bound, x):
+    """|x - P(x - (A x - b)/a)| / |x|, written out; `bound` of a node's normal force."""
+    v = (x - (A @ x - b) / a).reshape(-1, 3)
+    x = x.reshape(-1, 3)
+    g = bound(x[:, 0])
+    p = v.copy()
+    p[:, 0] = np.maximum(v[:, 0], 0.0)
+    size = np.hypot(v[:, 1], v[:, 2])
+    p[:, 1:] *= np.minimum(1.0, g / np.where(size > 0.0, size, 1.0))[:, None]
+    return np.linalg.norm(x - p) / np.linalg.norm(x)
+
+
+def is_fresh(result, A, b, a, bound, accuracy=1e-12):
+    fresh = residual_of(A, b, a, bound, result.x)
+    assert fresh <= 1.01 * TOLERANCE
+    assert result.residual == pytest.approx(fresh, rel=0.02, abs=1e-3 * TOLERANCE)
+    assert np.linalg.norm(result.gradient - (A @ result.x - b)) <= accuracy * np.linalg.norm(b)
+
+
+@pytest.mark.parametrize("name", [name for name in COULOMB if name not in FORMED | DEAR])
+def test_coulomb_by_multigrid(name):
+    """Products that are solves, exact to 1e-11; those on the way to a few hundredths."""
+    problem, A, b = block("coulomb")
+    result = COULOMB[name].solve(problem.coulomb_problem)
+    is_fresh(result, A, b, problem.mean_compliance, lambda x_n: 0.3 * np.maximum(x_n, 0.0), 1e-8)
+
+
+@pytest.mark.parametrize("name", [name for name in QP if name not in FORMED | DEAR])
+def test_tresca_by_multigrid(name):
+    problem, A, b = block("tresca")
+    g = problem.slip_bound(problem.b)
+    is_fresh(QP[name].solve(problem.tresca(g)), A, b, problem.mean_compliance, lambda _: g, 1e-8)
+
+
+class Sloppy:
+    """A x as inexact as the caller allows, in a random direction; the caller's own fault if he believes it.
+
+    Args:
+        A: The matrix.
+        once: A product whose error nobody asked for, counted from 1, and how large it is; none by default.
+
+    `follow` corrects the last product, error and all, as multigrid does.
+    """
+
+    name = "sloppy"
+    exact = False
+
+    def __init__(self, A, once=(0, 0.0)):
+        self._A, self._once = A, once
+        self._formed = dense_compliance(A)
+        self.comm, self.nodes, self.products = self._formed.comm, len(A) // 3, 0
+        self._last, self._rng = np.zeros(len(A)), np.random.default_rng(4)
+
+    def mult(self, x, y, tolerance=0.0):
+        self.products += 1
+        tolerance = self._once[1] if self.products == self._once[0] else tolerance
+        y[:] = self._off(self._A @ x, 0.0, tolerance)
+
+    def follow(self, x, y, tolerance=0.0):
+        self.products += 1
+        y[:] = self._last = self._off(self._A @ x, self._last, tolerance)
+
+    def _off(self, exact, last, tolerance):
+        error = self._rng.standard_normal(len(exact))
+        return exact + tolerance * np.linalg.norm(exact - last) / np.linalg.norm(error) * error
+
+    def diagonal(self):
+        return np.diag(self._A).copy()
+
+    def dense(self):
+        return self._A
+
+
+def hard(seed, nodes=12, condition=1e3):
+    rng = np.random.default_rng(seed)
+    A = 1e-9 * random_spd(3 * nodes, condition, rng)
+    b = 1e-4 * rng.standard_normal(3 * nodes)
+    b[0::3] += 5e-5
+    return A, b
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", [name for name in COULOMB if name not in CONDENSED])
+def test_coulomb_with_products_as_inexact_as_allowed(name, seed):
+    A, b = hard(seed)
+    result = COULOMB[name].solve(CoulombProblem(Sloppy(A), b, np.full(len(b) // 3, 0.4)))
+    is_fresh(result, A, b, np.trace(A) / len(A), lambda x_n: 0.4 * np.maximum(x_n, 0.0))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", [name for name in QP if name not in CONDENSED])
+def test_tresca_with_products_as_inexact_as_allowed(name, seed):
+    A, b = hard(seed)
+    g = np.random.default_rng(seed).uniform(0.1, 1.0, len(b) // 3) * 1e4
+    is_fresh(QP[name].solve(TrescaQP(Sloppy(A), b, g)), A, b, np.trace(A) / len(A), lambda _: g)
+
+
+@pytest.mark.parametrize("product", [3, 8, 12, 16])
+@pytest.mark.parametrize("name", [name for name in QP if name not in CONDENSED])
+def test_a_product_that_was_wrong_once(name, product):
+    """What a solver adds up from its products stays wrong; the residual that decides must not be made of it."""
+    A, b = hard(11, condition=30.0)
+    g = np.random.default_rng(11).uniform(0.1, 1.0, len(b) // 3) * 1e4
+    if name == "KPRGP":  # which begins by finding |A|
+        probe = TrescaQP(Sloppy(A), b, g)
+        norm_of(probe)
+        product += probe.A.products
+    result = QP[name].solve(TrescaQP(Sloppy(A, (product, 1e-4)), b, g))
+    is_fresh(result, A, b, np.trace(A) / len(A), lambda _: g)
