@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from check_runs import BALL, BLOCK, WEDGE, change, copied, edit, field, get, leaves, made, put, run_case, shown
+from check_runs import BALL, BLOCK, UNASKED, WEDGE, change, copied, edit, field, get, leaves, made, put, run_case, shown
 
 from coulomb.check import check
 from coulomb.contact import contact_surface as real_surface
@@ -272,7 +272,7 @@ def lost_nodes(monkeypatch):
 
 @pytest.mark.parametrize("with_case", [True, False])
 def test_nodes_that_the_surface_has_lost(lost_nodes, with_case, tmp_path):
-    folder = run_case(BLOCK.replace("[[contact.region]]", "").split("box = [[")[0], tmp_path / "run")
+    folder = run_case(BLOCK.replace("[[contact.region]]", "").split("box = [[")[0] + UNASKED, tmp_path / "run")
     assert np.sum(np.round(field(folder / "contact.h5", "status")) == HELD) > 10
     if not with_case:
         (folder / "case.json").unlink()

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from check_runs import BALL, TRESCA_STEPS, change, copied, edit, field, made, run_case
+from check_runs import BALL, TRESCA_STEPS, UNASKED, change, copied, edit, field, made, run_case
 from conftest import run_coulomb
 
 from coulomb.check import check
@@ -97,7 +97,7 @@ def test_a_code_that_forgets(text, faulty, steps, monkeypatch, tmp_path):
     import coulomb.load_history
 
     monkeypatch.setattr(coulomb.load_history, "LoadHistory", faulty)
-    folder = run_case(text, tmp_path / "run")
+    folder = run_case(text + UNASKED, tmp_path / "run")
     monkeypatch.undo()
     found = check(folder)
     assert failing(found) == steps
