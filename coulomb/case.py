@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
@@ -39,6 +39,7 @@ class Case(Table):
     traction: Annotated[tuple[TractionTable, ...], Field(max_length=TABLES)] = ()
     body_force: Vector = (0.0, 0.0, 0.0)
     body_force_amplitude: AmplitudeTable | None = None
+    small_strain: Literal["enforce", "warn"] = "enforce"
     spring: Annotated[tuple[SpringTable, ...], Field(max_length=TABLES)] = ()
     contact: ContactTables
     history: HistoryTable | None = None
@@ -78,6 +79,7 @@ class Case(Table):
             explicit={"auto": False if condensed else None, "explicit": True, "matrix-free": False}[
                 self.solver.compliance
             ],
+            small_strain=self.small_strain,
         )
         regions = {f"{key}.region.{k}": region for key, t in self.contacts.items() for k, region in enumerate(t.region)}
         for key, region in regions.items():

@@ -16,8 +16,8 @@ from .case import FILES, Case
 from .ranks import on_rank_0
 from .restart import read_step
 
-_FREE = ("output", "solver", "history.halvings")
-"""What may change from one step to the next: where the results go, and how, not what, is solved."""
+_FREE = ("output", "solver", "history.halvings", "small_strain")
+"""What may change from one step to the next: where results go, how, not what, is solved, and which strains count."""
 
 
 def case_record(case: Case, comm: MPI.Comm) -> dict[str, Any]:

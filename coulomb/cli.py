@@ -53,6 +53,9 @@ def _options(
 
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Run with too little memory or disk, and accept strains outside the theory.")
+]
 LogFile = Annotated[
     Path | None, typer.Option("--log", help="Add all that is said, and every step, to this file, with the time.")
 ]
@@ -68,7 +71,7 @@ def run(
     page: Annotated[bool, typer.Option("--report", help="Write report.html too, as output.report = true.")] = False,
     quiet: Quiet = False,
     log_file: LogFile = None,
-    force: Annotated[bool, typer.Option("--force", help="Run even if the memory seems too small.")] = False,
+    force: Force = False,
 ) -> None:
     """Solve a case, certify the answer, write the results."""
     from .session import opened
@@ -87,7 +90,7 @@ def resume(
     directory: Annotated[Path, typer.Argument(help="Where a run with a [history] has left its steps.")],
     quiet: Quiet = False,
     log_file: LogFile = None,
-    force: Annotated[bool, typer.Option("--force", help="Run even if the memory seems too small.")] = False,
+    force: Force = False,
 ) -> None:
     """Continue a load history that was interrupted, from its last step, on as many ranks as you like."""
     from .session import opened

@@ -11,13 +11,13 @@ from rich.console import Console
 from . import ranks
 
 FAILED, BAD_INPUT, CRASHED, INTERRUPTED = 1, 2, 3, 130
-"""Exit codes; 0: the certificate passed."""
+"""Exit codes; 0: the answer counts."""
 
 EXIT_CODES = """Exit codes:
 
-0  the certificate passed, or what was asked for is done
+0  the certificate passed and strains are small, or what was asked for is done
 
-1  not certified, not converged, or results not written; what there is is kept, marked so
+1  not certified, outside the theory, not converged, or results not written; what there is is kept, marked so
 
 2  wrong input, or more memory needed than there is; nothing was solved
 

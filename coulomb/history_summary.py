@@ -14,7 +14,9 @@ from dataclasses import fields
 from functools import reduce
 from typing import Any
 
+from .load_step import Energy
 from .small_strain import SmallStrain
+from .summary import LOOK_AT_GAP
 
 Told = dict[str, Any]
 
@@ -36,17 +38,26 @@ def added(before: Told, step: Mapping[str, Any]) -> Told:
     most = {**step["maximum"], "slip_in_a_step": step["totals"]["greatest_slip"]}
     strain = {field.name: step["small_strain"][field.name] for field in fields(SmallStrain)}
     largest_strain = _largest_of(before.get("small_strain", {}), strain, where)
+    largest = _largest_of(before.get("maximum", {}), most, where)
+    energy = Energy(**{field.name: record["row"][f"energy_{field.name}"] for field in fields(Energy)})
+    touching = before.get("steps_in_contact", 0) + (step["totals"]["contact_area"] > 0.0)
+    outside = _outside(before.get("outside"), step)
     return {
         "steps": before.get("steps", 0) + 1,
         "certified_steps": before.get("certified_steps", 0) + bool(step["certificate"]["passed"]),
+        "valid_steps": before.get("valid_steps", 0) + bool(step["valid"]),
+        "steps_in_contact": touching,
         "halvings": before.get("halvings", 0) + record["halvings"],
         "iterations": _sum(before.get("iterations", {}), step["iterations"]),
         "energy": {name: record["row"][f"energy_{name}"] for name in (*record["energy"], "imbalance")},
-        "maximum": _largest_of(before.get("maximum", {}), most, where),
+        "maximum": largest,
         "residual": _larger(before.get("residual"), {"value": step["residual"], **where}),
         "certificate": _certificate(before.get("certificate", {}), step["certificate"], where),
         "small_strain": largest_strain,
         "warnings": _warnings(largest_strain),
+        "outside": outside,
+        "violations": _violations(outside, before.get("steps", 0) + 1),
+        "remarks": _remarks(energy.warning(_rounding(largest, step["mean_compliance"])), touching),
         "seconds": _sum(before.get("seconds", {}), step["seconds"]),
         "peak_memory_bytes": max(before.get("peak_memory_bytes", 0), step["peak_memory_bytes"]),
         "runs": _runs(before.get("runs", []), step.get("run"), record["number"]),
@@ -85,6 +96,37 @@ def _certificate(before: Mapping[str, Told], now: Mapping[str, Any], where: Told
 def _warnings(largest: Mapping[str, Told]) -> list[str]:
     """The small-strain warnings with the largest figures of the history."""
     return list(SmallStrain(**{name: _number(entry["value"]) for name, entry in largest.items()}).warnings)
+
+
+def _outside(before: Told | None, step: Mapping[str, Any]) -> Told | None:
+    """How many steps are outside the theory of small strains, the first of them and what was said of it; null if none.
+
+    Steps where that was accepted do not count.
+    """
+    if step["small_strain"]["accepted"] or not step["small_strain"]["violations"]:
+        return before
+    if before is None:
+        before = {"steps": 0, "first": step["step"]["number"], "violations": step["small_strain"]["violations"]}
+    return {**before, "steps": before["steps"] + 1}
+
+
+def _violations(outside: Told | None, steps: int) -> list[str]:
+    """The same in words."""
+    if outside is None:
+        return []
+    first, *others = outside["violations"]
+    return [f"{outside['steps']} of {steps} load steps, the first is step {outside['first']}: {first}", *others]
+
+
+def _rounding(largest: Mapping[str, Told], compliance: float | None) -> float:
+    """Energy below which there is nothing but rounding, joules: of a node, held at its place, that moves so far."""
+    return 1e-12 * _number(largest["displacement"]["value"]) ** 2 / compliance if compliance else 0.0
+
+
+def _remarks(energies: str, touching: int) -> list[str]:
+    """What is to be said of a history, besides its certificates and its strains."""
+    remarks = [energies] if energies else []
+    return remarks if touching else [*remarks, f"nothing touches in any load step: {LOOK_AT_GAP}"]
 
 
 def _runs(before: list[Told], run: Told | None, number: int) -> list[Told]:

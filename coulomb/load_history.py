@@ -279,6 +279,7 @@ def _series(folder: Path, rows: list[dict[str, Any]], history: Told, last: dict[
         "steps": len(rows),
         "time": rows[-1]["time"],
         "certificate": {"passed": all(row["certified"] for row in rows)},
+        "valid": all(row["valid"] for row in rows),
         "history": history,
         "last": last,
     }

@@ -14,6 +14,9 @@ from .solution import Solution
 from .solvers.reductions import Reductions
 from .summary import summary, totals
 
+_IMBALANCE = 0.25  # of the energy of friction
+_OF_ALL = 1e-3  # of all energy
+
 
 @dataclass(frozen=True)
 class Energy:
@@ -37,6 +40,22 @@ class Energy:
     def imbalance(self) -> float:
         """Work done, less what is kept and what is dissipated: the error of finite steps."""
         return self.loads + self.prescribed + self.foundation - self.elastic - self.dissipated
+
+    def warning(self, rounding: float = 0.0) -> str:
+        """What to say where the imbalance is large, and more than rounding in joules; empty where it is not.
+
+        Large is more than a quarter of what friction dissipates, which is what finite steps get wrong; and more than a
+        thousandth of all energy that was turned over, so that a history that hardly slips is not blamed for nothing.
+        """
+        work = self.loads + self.prescribed + self.foundation
+        turned_over = max(abs(work), self.elastic, self.dissipated)
+        small = max(_IMBALANCE * abs(self.dissipated), _OF_ALL * turned_over, rounding)
+        if abs(self.imbalance) <= small:  # False for nan
+            return ""
+        return (
+            f"the energies do not add up, by {self.imbalance:.2g} J beside {self.dissipated:.2g} J of friction: take "
+            "more load steps, and let loads, clamps and motions that jump grow from 0 (amplitude)"
+        )
 
     def after(
         self,
@@ -168,4 +187,5 @@ def row(told: dict[str, Any], number: int, time: float, energy: Energy) -> dict[
         "path_following": told["iterations"]["path_following"],
         "residual": told["residual"],
         "certified": told["certificate"]["passed"],
+        "valid": told["valid"],
     }

@@ -180,7 +180,15 @@ def _caption(directory: Path) -> str:
     values = [friction["min"], friction["max"]] if isinstance(friction, dict) else [friction]
     shown = " to ".join(f"{value:g}" for value in values if value is not None)
     law = f"Coulomb friction {shown}" if contents["law"] == "coulomb" else "Tresca friction"
-    return law if contents["certificate"]["passed"] else f"{law}: NOT CERTIFIED"
+    warning = alarm(contents)
+    return f"{law}: {warning}" if warning else law
+
+
+def alarm(contents: dict[str, Any]) -> str:
+    """What a picture must say in red of a run with this summary.json; empty if its answer counts."""
+    if not contents["certificate"]["passed"]:
+        return "NOT CERTIFIED"
+    return "" if contents.get("valid", True) else "OUTSIDE THE THEORY"
 
 
 def nice(value: float) -> float:

@@ -24,7 +24,7 @@ def posed(settings: Case, target: Path, force: bool, now: bool = True) -> Contac
     Args:
         settings: The case.
         target: Where the results will go.
-        force: Not to mind memory and disk.
+        force: Not to mind memory and disk, nor strains outside the theory.
         now: Whether it is to run at once, so that the directory must be free.
 
     Raises:
@@ -39,7 +39,9 @@ def posed(settings: Case, target: Path, force: bool, now: bool = True) -> Contac
             refuse_too_many_cells(settings.mesh.cells, comm)
         refuse_uncountable(settings.mesh.cells)
     problem = settings.problem(comm)
-    if not force:
+    if force:
+        problem.small_strain = "warn"
+    else:
         refuse_too_large(problem)
         steps = 1 if settings.history is None else len(settings.history.ends)
         try:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import copy
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -24,7 +22,8 @@ from .fem.surface import ContactSurface
 from .methods import LinearSolver, chosen, contact_last
 from .nodal_answer import closure, slip_bound
 from .provenance import now
-from .solution import Solution
+from .small_strain import known_mode
+from .solution import Solution, warn
 from .solvers.automatic import Automatic
 from .solvers.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance, SchurCompliance
 from .solvers.coulomb import CoulombProblem, CoulombSolver
@@ -36,6 +35,7 @@ from .solvers.path_following import PathFollowing
 from .solvers.results import CoulombResult, NotConverged, ProgressCallback, QPResult
 from .solvers.stiffness import DirectSolver, StiffnessSolver
 from .solvers.tresca import QPSolver, TrescaQP
+from .stopwatch import timed
 
 
 class ContactProblem:
@@ -55,6 +55,8 @@ class ContactProblem:
         time: The time at which loads, prescribed displacements and the foundation's place are taken.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.  Needs the direct solver.
+        small_strain: Whether an answer outside the theory (`SmallStrain.violations`) does not count, "enforce", or is
+            worth a warning, "warn".
 
     Attributes:
         elasticity: K, f and what belongs to them.
@@ -66,6 +68,7 @@ class ContactProblem:
             (m, 3): 0 at first, in a later load step that of the step before, carried along with the foundation.
         linear_solver: The one taken for K^-1 (DirectSolver also stands for MultifrontalSolver: `stiffness_method`).
         explicit: Whether A is formed.
+        small_strain: As given.
         seconds: Wall time of each phase so far.
         started: When the work on it began.
 
@@ -87,13 +90,15 @@ class ContactProblem:
         time: float = 0.0,
         linear_solver: LinearSolver | None = None,
         explicit: bool | None = None,
+        small_strain: str = "enforce",
     ):
+        self.small_strain = known_mode(small_strain)
         chosen(0, 0, mesh.comm.size, linear_solver, explicit)  # what cannot be is refused before the assembly
         self.mesh = mesh
         self.contacts = (contact,) if isinstance(contact, Contact) else tuple(contact)
         self.seconds: dict[str, float] = {}
         self.started = now()
-        with self.timed("assembly"):
+        with timed(self.seconds, "assembly"):
             self.elasticity = Elasticity(
                 mesh, material, clamps, tractions, body_force, springs, body_force_amplitude, time
             )
@@ -141,7 +146,7 @@ class ContactProblem:
         other.seconds = {}
         for name in ("b", "_free_displacement"):
             other.__dict__.pop(name, None)
-        with other.timed("assembly"):
+        with timed(other.seconds, "assembly"):
             other.elasticity = self.elasticity.at(time)
             other._move_foundations()
         return other
@@ -197,7 +202,7 @@ class ContactProblem:
     @cached_property
     def stiffness_solver(self) -> StiffnessSolver:
         """K^-1."""
-        with self.timed("stiffness"):
+        with timed(self.seconds, "stiffness"):
             if contact_last(self.explicit, self.comm.size):
                 return MultifrontalSolver(self.elasticity.K, self.elasticity.x, np.sort(self.surface.nodes))
             return self.linear_solver(self.elasticity.K)
@@ -206,7 +211,7 @@ class ContactProblem:
     def A(self) -> Compliance:
         """Compliance B K^-1 B^T of the contact nodes, metres per newton."""
         solver = self.stiffness_solver
-        with self.timed("compliance"):
+        with timed(self.seconds, "compliance"):
             if isinstance(solver, MultifrontalSolver):
                 return SchurCompliance(self.surface.B, solver)
             if self.explicit:
@@ -251,7 +256,7 @@ class ContactProblem:
     def _free_displacement(self) -> FloatArray:
         """K^-1 f in metres, this rank's nodes, shape (k, 3): the body without contact."""
         u, solver = self.elasticity.K.createVecRight(), self.stiffness_solver
-        with self.timed("displacement"):
+        with timed(self.seconds, "displacement"):
             solver.solve(self.elasticity.f, u)
         values: FloatArray = u.array.reshape(-1, 3).copy()
         u.destroy()
@@ -296,7 +301,7 @@ class ContactProblem:
         progress: ProgressCallback | None = None,
         start: FloatArray | None = None,
     ) -> Solution:
-        """Solve, and certify the answer.
+        """Solve, and certify the answer; whether it counts is `Solution.valid`.  What is outside the theory is logged.
 
         Args:
             tolerance: Residual of the problem (Coulomb or Tresca) at which to stop, once the certificate passes; a
@@ -322,7 +327,7 @@ class ContactProblem:
         acceptance = Acceptance(self)
         if chosen.tolerance <= CERTIFIED_FROM:
             problem = replace(problem, accept=acceptance)
-        with self.timed("solve"):
+        with timed(self.seconds, "solve"):
             try:
                 result: CoulombResult | QPResult = (
                     chosen.solve(problem, start=start, progress=progress)
@@ -331,20 +336,12 @@ class ContactProblem:
                 )
             except NotConverged as failure:
                 raise acceptance.explained(failure, chosen.tolerance) from None
-        return self.solution(result, acceptance)
+        answer = self.solution(result, acceptance)
+        warn(answer)
+        return answer
 
     def solution(self, result: CoulombResult | QPResult, acceptance: Acceptance | None = None) -> Solution:
         """Displacement and certificate of a solver's result, converged or not; from `acceptance` where it has them."""
         u, certificate = (acceptance or Acceptance(self)).answer(result.x)
         g = result.slip_bound if isinstance(result, CoulombResult) else self.slip_bound(result.x)
         return Solution(self, result.x, u, g, result, certificate)
-
-    @contextmanager
-    def timed(self, phase: str) -> Iterator[None]:
-        """Adds the wall time of what is inside to a phase, less that of phases inside it."""
-        began, others = time.perf_counter(), sum(self.seconds.values())
-        try:
-            yield
-        finally:
-            others = sum(self.seconds.values()) - others
-            self.seconds[phase] = self.seconds.get(phase, 0.0) + time.perf_counter() - began - others

@@ -30,7 +30,7 @@ from .session import Session
 from .solution import Solution
 from .solvers.results import NotConverged, Status
 from .summary import summary
-from .terminal import Display, introduce, report, report_history
+from .terminal import Display, introduce, report, report_history, warn
 from .time_left import about
 
 
@@ -98,7 +98,7 @@ def _solve_once(session: Session, settings: Case, problem: ContactProblem, targe
         errors.print(f"error: {trouble}", markup=False)
     if interrupted:
         raise typer.Exit(INTERRUPTED)
-    if trouble or not solution.certificate.passed:
+    if trouble or not solution.valid:
         raise typer.Exit(FAILED)
 
 
@@ -144,15 +144,16 @@ def _take_steps(
             f"step {row['step']:3d}  time {when:<9} normal {row['normal_force']:.6g} N, force "
             f"({row['force_x']:.6g}, {row['force_y']:.6g}, {row['force_z']:.6g}) N, open {row['open']}, stick "
             f"{row['stick']}, slip {row['slip']}, {row['path_following']} PF steps, residual {row['residual']:.1e}"
-            f"{'' if row['certified'] else ', certificate FAILED'}{halved}",
+            f"{'' if row['certified'] else ', certificate FAILED'}"
+            f"{', OUTSIDE THE THEORY' if step.solution.outside else ''}{halved}",
             markup=False,
             soft_wrap=True,
         )
         if said := left_open(step.solution.certificate, settings.solver.tolerance):
             errors.print(f"warning: step {row['step']}: {said}", markup=False)
         warnings = step.solution.small_strain.warnings
-        for warning in warnings if len(warnings) > len(warned) else ():
-            errors.print(f"warning: step {row['step']}: {warning}", markup=False)
+        if len(warnings) > len(warned):
+            warn(*(f"step {row['step']}: {warning}" for warning in warnings))
         warned = max(warned, warnings, key=len)
         left = len(step.state.pending)
         if left:
@@ -193,7 +194,7 @@ def _take_steps(
             done = comm.bcast(len(steps_in(target)) if comm.rank == 0 else None)
             trouble += f"; the {done} load steps before are in {target}{os.sep}; to go on: coulomb resume {target}"
         errors.print(f"error: {trouble}", markup=False)
-    if trouble or not all(row["certified"] for row in rows):
+    if trouble or not all(row["valid"] for row in rows):
         raise typer.Exit(code)
 
 

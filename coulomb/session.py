@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from collections.abc import Iterator
@@ -22,6 +23,8 @@ from .provenance import now
 if TYPE_CHECKING:
     from .solvers.results import Progress, ProgressCallback
     from .terminal import Display
+
+_library = logging.getLogger("coulomb")
 
 
 @dataclass(frozen=True)
@@ -58,4 +61,8 @@ def opened(quiet: bool, log_file: Path | None) -> Iterator[Session]:
         log = Log(log_file, MPI.COMM_WORLD)
     with log.hearing(speaking, errors), Interruption(MPI.COMM_WORLD) as interruption:
         log.line(" ".join(["coulomb", *sys.argv[1:]]))
-        yield Session(speaking, log, interruption, began)
+        passed_on, _library.propagate = _library.propagate, False  # what it logs is said here in other words
+        try:
+            yield Session(speaking, log, interruption, began)
+        finally:
+            _library.propagate = passed_on

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 from .arrays import FloatArray
+from .certificate import Certificate
 from .small_strain import SmallStrain, small_strain
 from .solvers.results import CoulombResult, QPResult
 
 if TYPE_CHECKING:
-    from .certificate import Certificate
     from .problem import ContactProblem
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class Solution:
         displacement: In metres, this rank's nodes, shape (k, 3).
         slip_bound: The g in newtons that the solver used, shape (m,).
         result: What the solver says of it.
-        certificate: What the problem says of it.
+        certificate: Whether it solves the equations of small strains.
     """
 
     problem: ContactProblem
@@ -37,11 +40,34 @@ class Solution:
 
     @cached_property
     def small_strain(self) -> SmallStrain:
-        """Whether displacements are small enough for the theory; collective."""
+        """How small displacements are, measured by the theory; collective."""
         return small_strain(self.problem, self.contact_force, self.displacement)
+
+    @property
+    def outside(self) -> tuple[str, ...]:
+        """Why the answer is outside the theory, in words; empty if it is inside, or if that was accepted; collective.
+
+        Accepted it is by `ContactProblem(..., small_strain="warn")`.
+        """
+        return self.small_strain.violations if self.problem.small_strain == "enforce" else ()
+
+    @property
+    def valid(self) -> bool:
+        """Whether the answer counts: the certificate passed, and it is inside the theory; collective."""
+        return self.certificate.passed and not self.outside
 
     def write(self, directory: str) -> None:
         """Fields, history and summary into a directory; what is there is replaced when all is written."""
         from .output import write
 
         write(self, directory)
+
+
+def warn(answer: Solution) -> None:
+    """Log, on one rank, how an answer has left the theory; collective."""
+    strain = answer.small_strain
+    if answer.problem.comm.rank == 0:
+        for text in strain.violations:
+            _log.warning("outside small-strain theory: %s", text)
+        for text in strain.mere_warnings:
+            _log.info("%s", text)

@@ -20,6 +20,9 @@ from .solvers.results import CoulombResult
 from .version import __version__
 from .versions import versions
 
+LOOK_AT_GAP = "look at the foundation's place and normal, and at the unit of the mesh (scale)"
+"""What to do where nothing touches."""
+
 
 def node_status(solution: Solution) -> npt.NDArray[np.int64]:
     """OPEN, STICK or SLIP of this rank's contact nodes, shape (m,); collective."""
@@ -36,6 +39,7 @@ def summary(solution: Solution) -> dict[str, Any]:
     return {
         "coulomb": __version__,
         "status": result.status.value,
+        "valid": solution.valid,
         **derived(NodalAnswer.of(solution), solution.certificate, u, elasticity.spring_force(u), elasticity.fixed),
         "material": _materials(problem),
         "mean_compliance": problem.mean_compliance,
@@ -53,7 +57,13 @@ def summary(solution: Solution) -> dict[str, Any]:
             "products": result.products,
             "krylov": krylov,
         },
-        "small_strain": {**asdict(strain), "warnings": list(strain.warnings)},
+        "small_strain": {
+            **asdict(strain),
+            "warnings": list(strain.warnings),
+            "violations": list(strain.violations),
+            "accepted": problem.small_strain == "warn",
+        },
+        "remarks": remarks(solution),
         "versions": versions(),
         "seconds": dict(problem.seconds),
         "peak_memory_bytes": problem.comm.allreduce(peak_memory()),
@@ -103,6 +113,15 @@ def certificate_numbers(certificate: Certificate) -> dict[str, Any]:
         for check in certificate.checks
     }
     return {**checks, "passed": certificate.passed}
+
+
+def remarks(solution: Solution) -> list[str]:
+    """What is to be said of an answer, besides its certificate and its strains; collective."""
+    over, problem = Reductions(solution.problem.comm), solution.problem
+    if over.max(solution.contact_force[0::3]) > 0.0:
+        return []
+    least = over.min(problem.surface.gap - problem.closure(solution.displacement)[:, 0])
+    return [f"nothing touches: all contact nodes are open, the smallest gap is {least:.3g} m; {LOOK_AT_GAP}"]
 
 
 def totals(solution: Solution, part: int | None = None) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,14 @@ import numpy as np
 from rich.console import Console
 
 from .console import errors
+from .fem import compat
 from .problem import ContactProblem
 from .solution import Solution
 from .solvers.reductions import Reductions
 from .solvers.results import Progress
 from .time_left import TimeLeft, about
+
+_UNITS = ((1e3, "km"), (1.0, "m"), (1e-3, "mm"), (1e-6, "um"), (1e-9, "nm"))
 
 
 def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
@@ -26,10 +30,26 @@ def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
     law = f"Coulomb friction {shown}" if problem.coulomb else f"Tresca friction {shown} Pa"
     console.print(
         f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
-        f"{problem.comm.size} {'rank' if problem.comm.size == 1 else 'ranks'}",
+        f"{problem.comm.size} {'rank' if problem.comm.size == 1 else 'ranks'}\n"
+        f"{body_in_words(problem)}",
         markup=False,
         soft_wrap=True,
     )
+
+
+def body_in_words(problem: ContactProblem) -> str:
+    """Size of the body and its mesh: a forgotten scale is seen here; collective."""
+    elasticity, domain, over = problem.elasticity, problem.mesh.domain, Reductions(problem.comm)
+    lengths = [over.max(elasticity.x[:, k]) - over.min(elasticity.x[:, k]) for k in range(3)]
+    cells, nodes = (domain.topology.index_map(dim).size_global for dim in (3, 0))
+    kind = "hexahedra" if compat.cell_geometry(domain).shape[1] == 8 else "tetrahedra"
+    return f"body {' x '.join(map(metres, lengths))}; {cells} {kind}, {nodes} nodes"
+
+
+def metres(length: float) -> str:
+    """A length in the unit in which it reads well: 3 m, 40 mm, 2.5 km."""
+    factor, unit = next((pair for pair in _UNITS if abs(length) >= 0.9995 * pair[0]), _UNITS[-1])
+    return f"{length / factor:.4g} {unit}"
 
 
 class Display:
@@ -98,8 +118,9 @@ def report(console: Console, solution: Solution, contents: dict[str, Any], targe
     )
     for line in lines:
         console.print(line, markup=False, soft_wrap=True)
-    for warning in solution.small_strain.warnings:
-        errors.print(f"warning: {warning}", markup=False)
+    strain = solution.small_strain
+    warn(*contents["remarks"], *(strain.mere_warnings if solution.outside else strain.warnings))
+    refuse(solution.outside)
     picture = contents.get("picture", "")
     if "could not" in picture:
         errors.print(f"warning: picture.png {picture}", markup=False)
@@ -129,11 +150,36 @@ def report_history(console: Console, told: dict[str, Any], taken: int, seconds: 
         f"{energy['prescribed']:.6g}, foundation {energy['foundation']:.6g}; elastic {energy['elastic']:.6g}, friction "
         f"{energy['dissipated']:.6g}, error of finite steps {energy['imbalance']:.2g}",
         f"{taken} steps in this run{before}, {seconds:.2f} seconds; results in {target}{os.sep}",
+        _steps_that_count(told),
     )
+    warn(*told["remarks"])
+    refuse(told["violations"])
     for line in lines:
         console.print(line, markup=False, soft_wrap=True)
+
+
+def _steps_that_count(told: dict[str, Any]) -> str:
+    certified, outside = told["certified_steps"], told["outside"]
+    many = f"all {certified}" if certified == told["steps"] else f"{certified} of {told['steps']}"
+    beyond = f", {outside['steps']} outside the theory of small strains" if outside is not None else ""
+    return f"{many} load steps certified{beyond}"
 
 
 def _figure(value: float | None) -> str:
     """A residual; files have null for what is no number."""
     return "nan" if value is None else f"{value:.1e}"
+
+
+def warn(*texts: str) -> None:
+    for text in texts:
+        errors.print(f"warning: {text}", markup=False)
+
+
+def refuse(outside: Sequence[str]) -> None:
+    """Say why an answer does not count although its equations are solved."""
+    if outside:
+        errors.print(
+            f"error: outside the theory of small strains: {'; '.join(outside)}; the results are kept, marked so; look "
+            'at units, loads and foundation, or accept it knowingly: small_strain = "warn" in the case, or --force',
+            markup=False,
+        )

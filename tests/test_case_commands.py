@@ -62,8 +62,9 @@ def test_templates_are_in_the_package():
 def test_check_case_solves_and_writes_nothing(tmp_path):
     done = run_coulomb("check-case", ROOT / "demos" / "history.toml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    first, *others = done.stdout.splitlines()
+    first, body, *others = done.stdout.splitlines()
     assert first.endswith("1815 displacement and 363 contact unknowns, Coulomb friction 0.5, 1 rank")
+    assert body == "body 100 mm x 100 mm x 50 mm; 500 hexahedra, 726 nodes"
     assert others[0] == "K direct (nested dissection, LAPACK Cholesky), A explicit"
     assert others[1].startswith("24 load steps, each halved up to 6 times")
     assert re.match(r"about 0\.1\d GB of memory, 0\.0\d+ GB on disk and \d s on one core", others[2])

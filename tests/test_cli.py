@@ -21,7 +21,8 @@ def test_run(tmp_path):
     assert (tmp_path / "out" / "picture.png").exists()
     lines = done.stdout.splitlines()
     assert "2646 displacement and 378 contact unknowns, Coulomb friction 0.3" in lines[0]
-    assert lines[1].startswith("path following   1  residual ")  # plain lines where the output is no terminal
+    assert lines[1] == "body 3 m x 1 m x 1 m; 648 hexahedra, 931 nodes"
+    assert lines[2].startswith("path following   1  residual ")  # plain lines where the output is no terminal
     assert any(line.startswith("converged (auto: one loop): residual ") for line in lines)
     assert "\x1b" not in done.stdout
     assert "certificate passed" in done.stdout

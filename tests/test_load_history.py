@@ -203,7 +203,7 @@ def numbers(directory):
     """history.csv without what an answer does not consist of: counts and residuals of the solver."""
     with (directory / "history.csv").open() as file:
         rows = list(csv.DictReader(file))
-    skip = {"path_following", "residual", "certified", "energy_imbalance"}
+    skip = {"path_following", "residual", "certified", "valid", "gap_error", "energy_imbalance"}
     return np.array([[float(row[key]) for key in row if key not in skip] for row in rows]), rows
 
 

@@ -249,6 +249,11 @@ CASE_FILES = (
         "words for a number", run("contact.friction='rough'"), r"contact\.friction = 'rough': should be a valid number"
     ),
     Wrong("true for a number", run("material.young=true"), r"material\.young = True: should be a valid number"),
+    Wrong(
+        "large strains to be ignored",
+        run("small_strain='ignore'"),
+        r"small_strain = 'ignore': should be 'enforce' or 'warn'",
+    ),
     Wrong("two numbers for three", run("traction.0.value=[0,1]"), r"traction\.0\.value.* is missing"),
     Wrong(
         "--set without a value", run("friction"), r"--set friction: must be key\.key=value, for example mesh\.cells="

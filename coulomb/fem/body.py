@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
@@ -92,12 +91,13 @@ class ElasticBody:
         return stress
 
     def greatest_gradient(self, u: FloatArray) -> float:
-        """Greatest Frobenius norm of the displacement gradient at the cells' midpoints, over all ranks; u is (k, 3)."""
+        """Largest Frobenius norm of the displacement gradient at the cells' midpoints, over all ranks; u is (k, 3)."""
         W = compat.functionspace(self.domain, 0, family="DG")
         size, slope = fem.Function(W), ufl.grad(self.function(u))
         size.interpolate(fem.Expression(ufl.sqrt(ufl.inner(slope, slope)), compat.interpolation_points(W)))
         values = size.x.array
-        return float(self.domain.comm.allreduce(float(np.max(values)) if len(values) else 0.0, op=MPI.MAX))
+        # NaN wins, which a reduction by MPI.MAX does not promise
+        return float(np.max(self.domain.comm.allgather(float(np.max(values, initial=0.0)))))
 
     def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
         """Integral of every hat function over boundary facets in m^2, this rank's nodes, shape (k,)."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..plotting import Grid, read_grid
+from ..plotting import Grid, alarm, read_grid
 from .units import in_seconds
 
 Rows = list[dict[str, float]]
@@ -56,6 +56,9 @@ class Run:
         summary: summary.json; of the last step of a history.
         history: Sums and largest values of all steps of a history; empty of a single run.
         certified: Whether the certificate passed; of a history, at every step.
+        alarm: What must be said in red of it; empty if it counts.
+        outside: Why it is outside the theory, in words; empty if it is inside, or if that was accepted.
+        warnings: What else is to be said of it, in words.
         case: case.json, None where there is none.
         steps: The states of the body; one of a single run.
         rows: history.csv of a load history, a row for each step; empty of a single run.
@@ -66,6 +69,9 @@ class Run:
     summary: dict[str, Any]
     history: dict[str, Any]
     certified: bool
+    alarm: str
+    outside: tuple[str, ...]
+    warnings: tuple[str, ...]
     case: dict[str, Any] | None
     steps: tuple[Step, ...]
     rows: Rows
@@ -120,11 +126,30 @@ def read_run(directory: str | Path) -> Run:
         summary=last,
         history=told.get("history", {}),
         certified=bool(told["certificate"]["passed"]),
+        alarm=alarm(told),
+        outside=_violations(told),
+        warnings=_warnings(told),
         case=_json(folder / "case.json"),
         steps=steps,
         rows=rows,
         iterations=_rows(steps[-1].directory / "history.csv"),
     )
+
+
+def _violations(told: dict[str, Any]) -> tuple[str, ...]:
+    """Why the answer is outside the theory, unless that was accepted; of a history, of all its steps."""
+    if "steps" in told:
+        return tuple((told.get("history") or {}).get("violations", ()))
+    strain = told.get("small_strain") or {}
+    return () if strain.get("accepted", True) else tuple(strain["violations"])
+
+
+def _warnings(told: dict[str, Any]) -> tuple[str, ...]:
+    """What else is to be said of the answer."""
+    history = told.get("history") or {}
+    strain, outside = history or told.get("small_strain") or {}, " ".join(_violations(told))
+    remarks = (history or told).get("remarks", ())
+    return (*remarks, *(text for text in strain.get("warnings", ()) if text not in outside))
 
 
 def _json(path: Path) -> dict[str, Any] | None:

@@ -58,10 +58,9 @@ def plot(
     used = automatic_scale(run) if scale is None else scale
     view = view or ("iso" if chosen.file == "solution" else "contact")
     limits = limits_of(run, chosen)
-    alarm = "" if run.certified else "NOT CERTIFIED"
     if save is None:
         plotter = plotter_for((1280, 880), window=True)
-        paint(plotter, steps[0], Look(chosen, limits, used, view, f"{caption(run, steps[0], used)} {alarm}"))
+        paint(plotter, steps[0], Look(chosen, limits, used, view, f"{caption(run, steps[0], used)} {run.alarm}"))
         plotter.show(title=f"coulomb: {directory}")
         return ""
     shots = cropped([shoot(state, Look(chosen, limits, used, view)) for state in steps])
@@ -71,7 +70,7 @@ def plot(
             chosen,
             limits,
             caption(run, state, used),
-            alarm,
+            run.alarm,
             zone_counts(state.grid("contact")),
             float(np.max(np.abs(chosen.values(state.grid(chosen.file))))),
         )

@@ -1,0 +1,294 @@
+"""Answers whose equations are solved and that do not count all the same: exit code, terminal, summary, report.
+
+And the other way round: a certificate that fails is not overruled by a solver that says converged.
+"""
+
+import csv
+import html
+import json
+import logging
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import typer.testing
+from conftest import ROOT, STEEL, make_block
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Sphere, acceptance, cli, load_history
+from coulomb.load_step import Energy
+from coulomb.report import page
+from coulomb.small_strain import GAP_ERROR, GRADIENT, TURN, SmallStrain, known_mode
+
+BLOCK, HISTORY, HERTZ = (
+    *(ROOT / "demos" / name for name in ("block.toml", "history.toml")),
+    ROOT / "coulomb" / "templates" / "hertz.toml",
+)
+SMALL = {BLOCK: "mesh.cells=[18,6,6]", HISTORY: "mesh.cells=[4,4,2]", HERTZ: "mesh.cells=[8,8,4]"}
+INSIDE = "contact.foundation={shape='plane', point=[0,0,0.05], normal=[0,0,1]}"
+
+
+def run(target, case, *changes, more=()):
+    """Exit code, standard output and standard error of a run in this process."""
+    sets = [part for change in (SMALL[case], "output.picture=false", *changes) for part in ("--set", change)]
+    done = invoke("run", case, *sets, "--output", target, *more)
+    return done.exit_code, done.stdout, done.stderr
+
+
+def invoke(*arguments):
+    done = typer.testing.CliRunner().invoke(cli.app, list(map(str, arguments)))
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+    return done
+
+
+def summary_of(directory):
+    return json.loads((directory / "summary.json").read_text())
+
+
+def words_of(directory):
+    """The text of the report, and the class of its header."""
+    text = page.render(page.read_run(directory))
+    body = re.sub(r"<(style|script|svg).*?</\1>", " ", text, flags=re.DOTALL)
+    words = re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]*>", " ", body)))
+    return words, re.search(r'<header class="(\w+)">', text).group(1)
+
+
+ABSURD = [
+    (BLOCK, "material.young=210.0"),  # GPa, given as Pa
+    (BLOCK, INSIDE),
+    (BLOCK, "clamp.0.value=[0,0,-1.0]"),
+    (HERTZ, "clamp.0.value=[0,0,-1.0]"),
+    (HERTZ, "clamp.0.value=[1.0,0,-0.0001]"),  # along the ball: gone from where its gaps and normals were taken
+    (HERTZ, "contact.foundation.centre=[0.02,0.02,-0.15]"),
+]
+
+
+@pytest.mark.parametrize(("case", "change"), ABSURD, ids=[change for _, change in ABSURD])
+def test_what_is_absurd_but_finite_does_not_count(tmp_path, case, change):
+    code, said, complaint = run(tmp_path, case, change)
+    told = summary_of(tmp_path)
+    assert code == 1 and "certificate passed" in said
+    assert re.search(r'error: outside the theory of small strains: .* small_strain = "warn" in the case', complaint)
+    assert told["certificate"]["passed"] and not told["valid"] and told["small_strain"]["violations"]
+    words, kind = words_of(tmp_path)
+    assert kind == "failed" and re.search(r"OUTSIDE THE THEORY All \d+ conditions hold", words)
+    assert "not what this body would do" in words
+
+
+@pytest.mark.parametrize("how", ["case", "force"])
+def test_it_may_be_accepted_knowingly(tmp_path, how):
+    if how == "case":
+        code, _, complaint = run(tmp_path, BLOCK, "material.young=210.0", "small_strain='warn'")
+    else:
+        code, _, complaint = run(tmp_path, BLOCK, "material.young=210.0", more=("--force",))
+    told = summary_of(tmp_path)
+    assert code == 0 and "warning: displacement gradients reach" in complaint and "error" not in complaint
+    assert told["valid"] and told["small_strain"]["violations"] and told["small_strain"]["accepted"]
+    words, kind = words_of(tmp_path)
+    assert kind == "passed" and "Warning displacement gradients reach" in words and "OUTSIDE" not in words
+
+
+@pytest.mark.parametrize(
+    ("case", "changes"),
+    [
+        (HERTZ, ("clamp.0.value=[0,0,-0.001]",)),
+        (HISTORY, ("clamp.0.value=[0,0,-0.004]", "history={times=[1.0, 2.0]}")),
+    ],
+)
+def test_rubber_at_a_tenth_is_a_warning(tmp_path, case, changes):
+    code, _, complaint = run(tmp_path, case, *changes)
+    told = summary_of(tmp_path)
+    assert code == 0 and "displacement gradients reach" in complaint and "error" not in complaint and told["valid"]
+    gradient = told.get("last", told)["small_strain"]["gradient"]
+    assert GRADIENT.warn < 0.06 < gradient < 0.15 < GRADIENT.refuse
+    assert words_of(tmp_path)[1] == "passed"
+
+
+def test_every_step_of_a_history_counts(tmp_path):
+    """The plate goes down by half the height in the middle of the history, and back."""
+    table = "clamp.0.amplitude=[[0,0], [1,1], [2,50], [3,1]]"
+    code, said, complaint = run(tmp_path, HISTORY, table, "history={times=[1.0, 2.0, 3.0]}")
+    told = summary_of(tmp_path)
+    assert code == 1 and told["certificate"]["passed"] and told["history"]["certified_steps"] == 3
+    assert not told["valid"] and told["last"]["valid"] and told["history"]["outside"]["steps"] == 1
+    assert told["history"]["valid_steps"] == 2
+    assert "1 of 3 load steps, the first is step 2: displacement gradients reach" in complaint
+    assert said.count("OUTSIDE THE THEORY") == 1
+    assert said.splitlines()[-1] == "all 3 load steps certified, 1 outside the theory of small strains"
+    with (tmp_path / "history.csv").open() as file:
+        assert [row["valid"] for row in csv.DictReader(file)] == ["True", "False", "True"]
+    words, kind = words_of(tmp_path)
+    assert kind == "failed" and "OUTSIDE THE THEORY" in words and "first is step 2" in words
+    assert invoke("resume", tmp_path).exit_code == 1  # nothing is left to do, and the verdict stays
+    assert invoke("resume", tmp_path, "--force").exit_code == 1  # what is written was not accepted
+
+
+def test_force_accepts_a_history(tmp_path):
+    changes = ("clamp.0.value=[0,0,-0.02]", "history={times=[1.0]}")
+    assert run(tmp_path / "a", HISTORY, *changes)[0] == 1
+    code, said, _ = run(tmp_path / "b", HISTORY, *changes, more=("--force",))
+    assert code == 0 and said.splitlines()[-1] == "all 1 load steps certified"
+
+
+def doctored(monkeypatch):
+    """The next certificates fail in one condition; the solver's status is what it was."""
+    honest = load_history.certify
+
+    def certify(*arguments):
+        certificate = honest(*arguments)
+        first, *others = certificate.checks
+        return replace(certificate, checks=(replace(first, value=2.0 * first.limit), *others))
+
+    for module in (acceptance, load_history):
+        monkeypatch.setattr(module, "certify", certify)
+
+
+LOOSE = "solver.tolerance=1e-7"  # the solver does not ask for the certificate
+
+
+def test_a_converged_run_without_its_certificate_exits_1(tmp_path, monkeypatch):
+    assert run(tmp_path, BLOCK, LOOSE)[0] == 0
+    doctored(monkeypatch)
+    code, said, complaint = run(tmp_path, BLOCK, LOOSE)
+    told = summary_of(tmp_path)
+    assert code == 1 and "converged" in said and "certificate FAILED" in said and "error" not in complaint
+    assert told["status"] == "converged" and not told["certificate"]["passed"] and not told["valid"]
+    words, kind = words_of(tmp_path)
+    assert kind == "failed" and "NOT CERTIFIED 1 of" in words
+
+
+def test_a_converged_history_without_its_certificates_exits_1(tmp_path, monkeypatch):
+    changes = ("history={times=[0.5, 1.0]}", LOOSE)
+    assert run(tmp_path / "good", HISTORY, *changes)[0] == 0
+    doctored(monkeypatch)
+    code, said, complaint = run(tmp_path / "bad", HISTORY, *changes)
+    assert code == 1 and said.count("certificate FAILED") == 2 and "error" not in complaint
+    assert said.splitlines()[-1] == "0 of 2 load steps certified"
+    told = summary_of(tmp_path / "bad")
+    assert told["last"]["status"] == "converged" and not told["certificate"]["passed"] and not told["valid"]
+    assert told["history"]["certified_steps"] == 0
+    assert words_of(tmp_path / "bad")[1] == "failed"
+
+
+def test_python_returns_the_answer_and_logs_the_warning(caplog):
+    problem = make_block(3, foundation=coulomb.Plane((0.0, 0.0, 0.5), (0.0, 0.0, 1.0)))
+    with caplog.at_level(logging.INFO, "coulomb"):
+        answer = problem.solve()
+    assert answer.certificate.passed and not answer.valid and answer.outside == answer.small_strain.violations != ()
+    assert [(r.levelname, r.message.split(":")[0]) for r in caplog.records] == [
+        ("WARNING", "outside small-strain theory")
+    ]
+    accepted = make_block(3, foundation=coulomb.Plane((0.0, 0.0, 0.5), (0.0, 0.0, 1.0)), small_strain="warn").solve()
+    assert accepted.valid and accepted.outside == () and accepted.small_strain.violations
+    assert make_block(3).solve().valid
+    with pytest.raises(ValueError, match="small_strain must be 'enforce' or 'warn', but is 'ignore'"):
+        known_mode("ignore")
+
+
+@pytest.mark.parametrize(
+    ("name", "bound"), [("gap_error", GAP_ERROR), ("turn", TURN), ("gradient", GRADIENT)], ids=lambda v: str(v)[:9]
+)
+def test_a_measure_just_inside_and_just_outside(name, bound):
+    quiet = SmallStrain(0.0, 0.0, 0.0, 0.0)
+    assert not quiet.warnings and not quiet.violations
+    for value, warnings, violations in (
+        (0.999 * bound.warn, 0, 0),
+        (1.001 * bound.warn, 1, 0),
+        (0.999 * bound.refuse, 1, 0),
+        (1.001 * bound.refuse, 1, 1),
+        (np.inf, 1, 1),
+        (np.nan, 1, 1),  # what is no number is not small
+    ):
+        strain = replace(quiet, **{name: value})
+        assert (len(strain.warnings), len(strain.violations)) == (warnings, violations)
+        assert len(strain.mere_warnings) == warnings - violations
+    assert 3.0 * bound.warn < bound.refuse
+
+
+def test_a_foundation_that_ends_where_the_body_goes_is_outside():
+    """Its function has no value there: no crash, and nothing is taken for small."""
+
+    def distance(x):
+        if np.any(x[0] > 3.3):
+            raise ArithmeticError("the table ends")
+        return x[2] + 1e-9 * x[0] ** 2
+
+    foundation = coulomb.SignedDistance(distance)
+    problem = make_block(3, foundation=foundation)
+    assert problem.solve().valid
+    dragged = ContactProblem(
+        problem.mesh, STEEL, [Clamp("left", value=(0.5, 0.0, 0.0))], Contact("bottom", 0.3, foundation=foundation),
+        [coulomb.Traction("top", (0.0, 0.0, -4e7))],
+    ).solve()  # fmt: skip
+    assert dragged.certificate.passed and not dragged.valid and np.isnan(dragged.small_strain.gap_error)
+
+
+def test_a_foundation_that_moves_past_takes_its_normals_along():
+    """A ball rolls along the body by many cells: normals are those of its place of now, and nothing is amiss."""
+    ball = Sphere((0.2, 0.1, -1.0), 1.0)
+    mesh = coulomb.box((0.4, 0.2, 0.1), (16, 8, 4))
+    contact = Contact("bottom", 0.1, foundation=ball, motion=[(0, 0, 0, 0), (1, 0, 0, 2e-4), (3, 0.1, 0, 2e-4)])
+    problem = ContactProblem(mesh, STEEL, [Clamp("top")], contact)
+    for step in LoadHistory([1.0, 2.0, 3.0]).steps(problem):
+        answer, strain = step.solution, step.solution.small_strain
+        surface = answer.problem.surface
+        pressing = answer.contact_force[0::3] > 1e-6 * answer.contact_force.max()
+        along = surface.components(answer.displacement[surface.nodes])[pressing, 1:]
+        expected = np.max(np.linalg.norm(along, axis=1) / np.sqrt(surface.area[pressing]))
+        assert strain.slip_over_cell == pytest.approx(expected, rel=1e-9) and not strain.warnings
+    assert answer.problem.motions[0, 0] == 0.1  # four cells
+
+
+@pytest.mark.parametrize(
+    ("case", "changes"),
+    [
+        (BLOCK, ("contact.foundation={shape='plane', point=[0,0,-1.0], normal=[0,0,1]}",)),
+        (HISTORY, ("clamp.0.value=[0,0,0.001]", "history={times=[1.0, 2.0]}")),
+    ],
+)
+def test_nothing_touches(tmp_path, case, changes):
+    code, _, complaint = run(tmp_path, case, *changes)
+    assert code == 0 and complaint.count("warning: nothing touches") == 1 and "(scale)" in complaint
+    told = summary_of(tmp_path)
+    remarks = told.get("history", told)["remarks"]
+    assert len(remarks) == 1 and remarks[0].startswith("nothing touches")
+    words, kind = words_of(tmp_path)
+    assert kind == "passed" and "Warning nothing touches" in words
+
+
+def test_the_smallest_gap_is_said(tmp_path):
+    code, _, complaint = run(
+        tmp_path, BLOCK, "traction=[]", "contact.foundation={shape='plane', point=[0,0,-0.25], normal=[0,0,1]}"
+    )
+    assert code == 0 and "the smallest gap is 0.25 m" in complaint
+    assert run(tmp_path, BLOCK)[2] == "" and summary_of(tmp_path)["remarks"] == []
+
+
+def test_a_large_energy_imbalance_is_a_warning(tmp_path):
+    """Deep and in one stride: what friction dissipates is taken from the end of the step alone."""
+    code, said, complaint = run(tmp_path, HISTORY, "clamp.0.value=[0,0,-0.004]", "history={times=[1.0, 2.0, 3.0]}")
+    told = summary_of(tmp_path)
+    error = float(re.search(r"error of finite steps (\S+)", said).group(1))
+    dissipated = float(re.search(r"friction (\S+),", said).group(1))
+    assert code == 0 and abs(error) > 0.25 * dissipated
+    assert "warning: the energies do not add up, by" in complaint and "more load steps" in complaint
+    assert any("energies do not add up" in text for text in told["history"]["remarks"])
+    assert "Warning the energies do not add up" in words_of(tmp_path)[0]
+
+
+def test_imbalance_just_inside_and_just_outside():
+    slid = Energy(prescribed=10.0, elastic=2.0, dissipated=8.0)
+    assert slid.imbalance == 0.0 and not slid.warning()
+    inside, outside = (replace(slid, dissipated=value) for value in (10.6, 10.7))  # 10.67 is off by a quarter of it
+    assert not inside.warning() and outside.warning() and not outside.warning(rounding=2.8)
+    stuck = Energy(prescribed=10.0, elastic=10.0, dissipated=0.0)
+    assert not replace(stuck, elastic=10.009).warning() and replace(stuck, elastic=10.02).warning()
+    assert replace(stuck, elastic=np.nan).warning()
+
+
+def test_the_body_and_its_mesh_are_said(tmp_path):
+    _, said, _ = run(tmp_path, HISTORY, "history={times=[1.0]}")
+    assert said.splitlines()[1] == "body 100 mm x 100 mm x 50 mm; 32 hexahedra, 75 nodes"
+    done = invoke("check-case", ROOT / "demos" / "foot.toml", "--set", "mesh.scale=1.0")
+    assert "\nbody 80 m x 60 m x 28 m; 3240 tetrahedra, 780 nodes\n" in done.stdout
