@@ -1,0 +1,83 @@
+"""How long a step may be: of PF and of the one loop, each condition by a step made to break that one alone."""
+
+import numpy as np
+import pytest
+from conftest import dense_compliance, random_spd
+
+from coulomb import CoulombProblem, OneLoop, PathFollowing, TrescaQP
+from coulomb.solvers.cone import ConeIterate, ScaledCoulomb
+from coulomb.solvers.newton_systems import NewtonStep
+from coulomb.solvers.one_loop import _Step
+from coulomb.solvers.path_following import Iterate
+from coulomb.solvers.scaling import ScaledQP
+
+NODES, BETA, SIGMA = 5, 10.0, 0.1
+
+
+def start(solver):
+    """Of the scaled problem: equal pressure, no friction, multipliers with nu z = 1 everywhere, gradient 0."""
+    rng = np.random.default_rng(3)
+    A, b = dense_compliance(random_spd(3 * NODES, 10.0, rng)), rng.standard_normal(3 * NODES)
+    zero = np.zeros((NODES, 3))
+    if isinstance(solver, PathFollowing):
+        problem = ScaledQP(TrescaQP(A, b, np.ones(NODES)))
+        x = zero + [1.0, 0.0, 0.0]
+        z = problem.slack(x)
+        return problem, Iterate(x, 1.0 / z, z, -problem.gradient(x, 1.0 / z, zero))
+    scaled = ScaledCoulomb(CoulombProblem(A, b, np.full(NODES, 0.5)))
+    v = ConeIterate(np.ones(NODES), zero[:, 1:], np.zeros((NODES, 2)), zero)
+    v = v._replace(nu=1.0 / scaled.slack(v.x_n, v.y))
+    return scaled, v._replace(A_x=-scaled.gradient(v))
+
+
+def length(solver, dnu, A_dx=0.0, lag=0.0):
+    """Of a step that leaves the forces, changes nu by dnu nu (m, 2), the gradient's rms by A_dx, and the lag."""
+    problem, v = start(solver)
+    dnu, rows = dnu * v.nu, np.zeros((NODES, 3))
+    A_dx = rows + [A_dx * np.sqrt(3.0), 0.0, 0.0]  # normal rows: they have the weight 1
+    if isinstance(solver, PathFollowing):
+        return solver._step_length(problem, v, NewtonStep(rows, dnu, A_dx, 1, lag), BETA, 1.0, SIGMA)
+    step = _Step(v, rows[:, 0], rows[:, 1:], dnu, A_dx, rows, 1, lag)
+    return solver._step_length(problem, step, BETA, 1.0, SIGMA)
+
+
+def longest(allowed):
+    """The largest of 1, 0.9, 0.81, ... that is allowed."""
+    return next(alpha for alpha in 0.9 ** np.arange(100) if allowed(alpha))
+
+
+@pytest.fixture(params=[PathFollowing, OneLoop], ids=["PF", "one loop"])
+def solver(request):
+    return request.param(gamma=0.2, omega=1e-2)
+
+
+def test_a_good_step_is_taken_whole(solver):
+    alpha, new = length(solver, -0.9 * np.ones((NODES, 2)))
+    assert alpha == 1.0 and new is not None
+
+
+@pytest.mark.parametrize("way", ["A_dx", "lag"])
+def test_the_gradient_stays_below_beta_theta(solver, way):
+    """|gradient| = alpha beta/2 beside theta = 1 - 0.9 alpha; what A x lacks counts as the gradient does."""
+    dnu = -0.9 * np.ones((NODES, 2))
+    if way == "lag":
+        alpha, _ = length(solver, dnu, lag=0.5 * BETA)
+    else:  # of a gradient, the normal multipliers have a part
+        problem, v = start(solver)
+        alpha, _ = length(solver, dnu, A_dx=-0.9 * v.nu[0, 0] / np.sqrt(3.0) + 0.5 * BETA)
+    assert alpha == pytest.approx(longest(lambda alpha: 0.5 * alpha <= 1.0 - 0.9 * alpha))
+
+
+def test_products_stay_near_their_mean(solver):
+    """One nu z falls by 0.95, the others by half: below gamma = 0.2 of the mean at the end."""
+    dnu = -0.5 * np.ones((NODES, 2))
+    dnu[0, 0] = -0.95
+    alpha, _ = length(solver, dnu)
+    mean = dnu.mean()
+    assert alpha == pytest.approx(longest(lambda alpha: 1.0 - 0.95 * alpha >= 0.2 * (1.0 + mean * alpha)))
+    assert alpha < 1.0
+
+
+def test_theta_decreases(solver):
+    alpha, new = length(solver, 0.05 * np.ones((NODES, 2)))
+    assert new is None and alpha < 1e-9
