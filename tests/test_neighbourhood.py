@@ -63,7 +63,7 @@ def test_the_gradient_stays_below_beta_theta(solver, way):
     if way == "lag":
         alpha, _ = length(solver, dnu, lag=0.5 * BETA)
     else:  # of a gradient, the normal multipliers have a part
-        problem, v = start(solver)
+        _, v = start(solver)
         alpha, _ = length(solver, dnu, A_dx=-0.9 * v.nu[0, 0] / np.sqrt(3.0) + 0.5 * BETA)
     assert alpha == pytest.approx(longest(lambda alpha: 0.5 * alpha <= 1.0 - 0.9 * alpha))
 
