@@ -15,9 +15,12 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from .fem.meshes import volume
 from .free_memory import free_memory
+from .machine import SAME, Slowness
 from .methods import LinearSolver, contact_last
 from .problem import ContactProblem
+from .solvers.reductions import Reductions
 from .solvers.stiffness import DirectSolver, IterativeSolver
 
 # bytes
@@ -29,8 +32,9 @@ _FRONTS = 260.0  # the same by nested dissection, and what fronts leave to other
 _DENSE = 12.0  # over m^2: the Schur complement and the inverse of its factor
 _COLUMNS = 8.0 * 512.0 * 2.0  # over n: right-hand sides and solutions where there is no Schur complement
 
-# seconds on one core
+# seconds on one core of the machine that the law was measured on (machine.py)
 _START = 1.0  # Python, DOLFINx, PETSc
+_STEP = 0.14  # a load step, whatever its size: files, rows, sums
 _FIELDS = 3e-5  # over n: assembly, certificate, output
 _FACTORISE = 7e-10  # over n^2
 _COMPLEMENT = 2.7e-11  # over m^3: the Schur complement and its factor
@@ -39,6 +43,11 @@ _DENSE_STEPS = 1e-7  # over m^2: path following with A formed
 _FACTOR_STEPS = 4e-6  # over n^(4/3): path following where a product is a solve with the factor
 _MULTIGRID_STEPS = 9e-6  # over n^1.2: path following where it is a multigrid solve
 _SPEED_UP = 0.75  # of ranks, as a power: 1.7 on two
+
+_PICTURE = (1.3, 5e-6)  # picture.png: to begin with, and over n
+_FRAME = (1.5, 5e-6)  # the same of a frame of a film
+
+_SQUAT = 1.7  # slenderness of the block of the benchmarks, of which the law of multigrid steps was measured
 
 
 @dataclass(frozen=True)
@@ -49,14 +58,26 @@ class Estimate:
         memory: Bytes, of all ranks together.
         seconds: Of a single run, start and output included, a core for each rank; without pictures.
         seconds_a_step: Of every further load step, for which K is factorised already.
+        picture: Of a picture, on one core.
+        frame: Of a frame of a film.
     """
 
     memory: float
     seconds: float
     seconds_a_step: float
+    picture: float
+    frame: float
 
 
-def estimate(displacement: int, contact: int, ranks: int, linear_solver: LinearSolver, explicit: bool) -> Estimate:
+def estimate(
+    displacement: int,
+    contact: int,
+    ranks: int,
+    linear_solver: LinearSolver,
+    explicit: bool,
+    slenderness: float = _SQUAT,
+    slowness: Slowness = SAME,
+) -> Estimate:
     """Of a problem with so many unknowns, solved in this way.
 
     Args:
@@ -65,33 +86,58 @@ def estimate(displacement: int, contact: int, ranks: int, linear_solver: LinearS
         ranks: How many.
         linear_solver: The solver for K.
         explicit: Whether A is formed.
+        slenderness: Width of the contact face over the thickness of the body behind it, see `slenderness`.
+        slowness: Of this machine.
     """
     n, m = float(displacement), float(contact)
-    memory, first, again = _BASE * ranks + _BODY * n, 0.0, _FIELDS * n
+    memory = _BASE * ranks + _BODY * n
+    factorisation, products = 0.0, _FIELDS * n
     if linear_solver is DirectSolver:
         memory += (_FRONTS if contact_last(explicit, ranks) else _FACTOR) * n ** (4 / 3)
-        first += _FACTORISE * n**2
+        factorisation += _FACTORISE * n**2
         if not explicit:
-            again += _FACTOR_STEPS * n ** (4 / 3)
+            products += _FACTOR_STEPS * n ** (4 / 3)
         elif contact_last(explicit, ranks):
             memory += _DENSE * m**2
-            first += _COMPLEMENT * m**3
-            again += _DENSE_STEPS * m**2
+            factorisation += _COMPLEMENT * m**3
+            products += _DENSE_STEPS * m**2
         else:
             memory += _COLUMNS * n + 8.0 * m**2
-            first += _COLUMN * n ** (4 / 3) * m
-            again += _DENSE_STEPS * m**2
+            factorisation += _COLUMN * n ** (4 / 3) * m
+            products += _DENSE_STEPS * m**2
     else:
         memory += _MULTIGRID * n
-        again += _MULTIGRID_STEPS * n**1.2
+        products += _MULTIGRID_STEPS * n**1.2 * max(slenderness / _SQUAT, 1.0)
     speed = ranks**_SPEED_UP
-    return Estimate(memory, _START + (first + again) / speed, again / speed)
+    again = _STEP * slowness.python + products * slowness.memory / speed
+    first = _START * slowness.python + factorisation * slowness.dense / speed
+    pictures = (slowness.python * seconds + slowness.memory * of_n * n for seconds, of_n in (_PICTURE, _FRAME))
+    return Estimate(memory, first + again, again, *pictures)
 
 
-def estimate_of(problem: ContactProblem) -> Estimate:
+def estimate_of(problem: ContactProblem, slowness: Slowness = SAME) -> Estimate:
     """Of a problem that is set up, and not solved yet; collective."""
     size = problem.unknowns
-    return estimate(size["displacement"], size["contact"], problem.comm.size, problem.linear_solver, problem.explicit)
+    return estimate(
+        size["displacement"],
+        size["contact"],
+        problem.comm.size,
+        problem.linear_solver,
+        problem.explicit,
+        slenderness(problem),
+        slowness,
+    )
+
+
+def slenderness(problem: ContactProblem) -> float:
+    """Square root of the contact area, over volume by contact area: 1.7 for the block, 5 for a plate; collective.
+
+    A thin body gives way far from where it is pressed: path following takes more steps and products there (46 steps and
+    250 products on a bracket of slenderness 5 where the block takes 21 and 90).
+    """
+    over = Reductions(problem.comm)
+    area = over.sum(problem.surface.area)
+    return float(area**1.5) / over.sum(volume(problem.mesh))
 
 
 def refuse_too_large(problem: ContactProblem) -> None:

@@ -12,6 +12,7 @@ from .console import errors
 from .estimate import estimate_of, gigabytes, refuse_too_large, refuse_too_many_cells, refuse_uncountable
 from .fem.body import LOCKING_ABOVE, Material
 from .lock import refuse_in_use
+from .machine import measure
 from .output import refuse_full_disk, size_on_disk
 from .problem import ContactProblem
 from .ranks import on_rank_0
@@ -89,17 +90,21 @@ def doubts(settings: Case) -> None:
 
 def expected(settings: Case, problem: ContactProblem) -> list[str]:
     """What solving it will take, in lines; collective."""
-    taken, ranks = estimate_of(problem), problem.comm.size
-    seconds, steps = taken.seconds, 1
+    taken, ranks = estimate_of(problem, measure(problem.comm)), problem.comm.size
+    seconds, steps, drawn = taken.seconds, 1, ""
     lines = [f"K {problem.stiffness_method}, A {'explicit' if problem.explicit else 'matrix-free'}"]
     if settings.history is not None:
         steps = len(settings.history.ends)
         seconds += (steps - 1) * taken.seconds_a_step
         lines.append(f"{steps} load steps, each halved up to {settings.history.halvings} times where it fails")
+    if settings.output.picture:
+        seconds, drawn = seconds + taken.picture, ", its picture included"
     disk = steps * size_on_disk(problem)
     lines.append(
         f"about {gigabytes(taken.memory)} of memory, {gigabytes(disk)} on disk and {about(seconds)}"
-        f"{f' on {ranks} ranks, a core for each' if ranks > 1 else ' on one core'}, good to a factor of two on bodies "
-        "like the block of docs/measurements.md"
+        f"{f' on {ranks} ranks, a core for each' if ranks > 1 else ' on one core'}{drawn}; good to a factor of two, as "
+        "fast as this machine is now"
     )
+    if settings.history is not None:
+        lines.append(f"a film of it (coulomb plot --save film.gif): about {about(steps * taken.frame)}")
     return lines

@@ -12,10 +12,13 @@ import pytest
 import typer.testing
 from conftest import ROOT, make_block, run_coulomb, run_python
 
+import coulomb
 from coulomb import cli
 from coulomb.benchmarks.estimates import measure
-from coulomb.estimate import estimate, estimate_of, gigabytes
+from coulomb.estimate import estimate, estimate_of, gigabytes, slenderness
+from coulomb.fem.meshes import volume
 from coulomb.free_memory import free_memory
+from coulomb.machine import Slowness
 from coulomb.methods import DIRECT_UP_TO, chosen
 from coulomb.solvers.stiffness import DirectSolver, IterativeSolver
 
@@ -67,7 +70,8 @@ def test_check_case_solves_and_writes_nothing(tmp_path):
     assert body == "body 100 mm x 100 mm x 50 mm; 500 hexahedra, 726 nodes"
     assert others[0] == "K direct (nested dissection, LAPACK Cholesky), A explicit"
     assert others[1].startswith("24 load steps, each halved up to 6 times")
-    assert re.match(r"about 0\.1\d GB of memory, 0\.0\d+ GB on disk and \d s on one core", others[2])
+    assert re.match(r"about 0\.1\d GB of memory, 0\.0\d+ GB on disk and \d+ s on one core, its picture in", others[2])
+    assert re.match(r"a film of it \(coulomb plot --save film.gif\): about ", others[3])
     assert not list(tmp_path.iterdir())
 
 
@@ -105,6 +109,32 @@ def test_estimates_follow_the_method():
     again = estimate_of(direct)
     assert again.seconds_a_step < again.seconds
     assert gigabytes(2.34e8) == "0.23 GB" and gigabytes(1.234e11) == "123 GB"
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_a_thin_body_takes_more_products(cell):
+    """Volume by the cells, thickness from it; a plate of slenderness sqrt(2)/0.1 against the block's 1.7."""
+    plate = coulomb.ContactProblem(
+        coulomb.box((2.0, 1.0, 0.1), (8, 4, 2), cell),
+        coulomb.Material(2e11, 0.3),
+        [coulomb.Clamp("left")],
+        coulomb.Contact("bottom", 0.3),
+        linear_solver=IterativeSolver,
+    )
+    held = 1.0 - plate.surface.area.sum() / 2.0  # the share of the face that belongs to held nodes
+    assert volume(plate.mesh) == pytest.approx(0.2, rel=1e-12)
+    assert slenderness(plate) == pytest.approx((2.0 * (1.0 - held)) ** 1.5 / 0.2, rel=1e-12)
+    n, m = plate.unknowns["displacement"], plate.unknowns["contact"]
+    assert estimate_of(plate).seconds > estimate(n, m, 1, IterativeSolver, False).seconds
+
+
+def test_a_slow_machine_takes_longer():
+    here, slow = Slowness(), Slowness(dense=3.0, memory=3.0, python=3.0)
+    for way in ((DirectSolver, True), (DirectSolver, False), (IterativeSolver, False)):
+        once, thrice = (estimate(40_000, 2_400, 1, *way, slowness=s) for s in (here, slow))
+        for name in ("seconds", "seconds_a_step", "picture", "frame"):
+            assert getattr(thrice, name) == pytest.approx(3.0 * getattr(once, name))
+        assert thrice.memory == once.memory
 
 
 def test_without_mumps_the_choice_is_multigrid_where_mumps_would_be_needed(monkeypatch):

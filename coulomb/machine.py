@@ -1,0 +1,58 @@
+"""How fast this machine is now, beside the one that the law of `estimate` was measured on: 0.1 s of work."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from threadpoolctl import threadpool_limits
+
+_DENSE, _MEMORY, _PYTHON = 0.0091, 0.0212, 0.0031  # seconds of the three measures on that machine, one core of it
+
+
+@dataclass(frozen=True)
+class Slowness:
+    """How many times longer work takes here: 1 on the machine of the law.
+
+    Attributes:
+        dense: Matrix products (LAPACK, BLAS): factorisations.
+        memory: Reading what lies apart in memory: sparse products, multigrid.
+        python: The interpreter: start, output, small problems.
+    """
+
+    dense: float = 1.0
+    memory: float = 1.0
+    python: float = 1.0
+
+
+SAME = Slowness()
+
+
+def measure(comm: MPI.Comm) -> Slowness:
+    """The slowest rank's, all ranks at once, by the wall clock, so that other load counts; collective."""
+    random = np.random.default_rng(3)
+    A = random.standard_normal((600, 600))
+    x, places = random.standard_normal(2_000_000), random.integers(0, 2_000_000, 2_000_000)
+
+    def loop() -> None:
+        total = 0.0
+        for k in range(100_000):
+            total += k * 0.5
+
+    with threadpool_limits(limits=1):
+        taken = [_least(work) for work in (lambda: A @ A, lambda: x[places], loop)]
+    slowest: list[float] = comm.allreduce(np.array(taken), op=MPI.MAX).tolist()
+    return Slowness(*(here / there for here, there in zip(slowest, (_DENSE, _MEMORY, _PYTHON), strict=True)))
+
+
+def _least(work: Callable[[], object]) -> float:
+    """The least wall time of three runs, seconds."""
+    times = []
+    for _ in range(3):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return min(times)
