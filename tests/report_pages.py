@@ -85,7 +85,10 @@ TOOLS = """
   };
   const box = canvas.getBoundingClientRect();
   canvas.setPointerCapture = () => {};
-  const place = (x, y) => ({ clientX: box.left + x, clientY: box.top + y });
+  const place = (x, y) => {  // asked for each time: what gets focus is scrolled into sight
+    const { left, top } = canvas.getBoundingClientRect();
+    return { clientX: left + x, clientY: top + y };
+  };
   const at = (kind, x, y, more) =>
     canvas.dispatchEvent(new PointerEvent(kind, { pointerId: 1, ...place(x, y), ...more }));
   const drag = (x, y, more) => {

@@ -203,7 +203,7 @@ def test_the_tip_follows_its_node(history, tmp_path):
         value = numbers(data["steps"][step]["values"]["pressure"])[node]
         assert float(told[name].split()[0]) == pytest.approx(float(value), rel=1e-3)
     assert told["moved"] == "true" and told["gone"] == "true" and told["whiledragging"] == "true"
-    assert told["tapped"] == "false"
+    assert told["tapped"] == "false" and told["withstep"] == told["found"] == told["undermouse"] == "true"
 
 
 TIP = """
@@ -246,7 +246,9 @@ TIP = """
     return again.join();
   };
   tell("distance", offset());
+  const atFirst = ring();
   slide("step", part("step").max);
+  tell("withStep", Math.hypot(ring()[0] - atFirst[0], ring()[1] - atFirst[1]) > 3);
   tell("last", part("tip").textContent);
   tell("placeLast", near());
   tell("distanceAfter", offset());
@@ -258,6 +260,13 @@ TIP = """
   at("pointermove", 140, 100);
   tell("whileDragging", part("tip").hidden);
   at("pointerup", 140, 100);
+  part("reset").click();
+  for (let y = 0; y < box.height && part("tip").hidden; y += 6) at("pointermove", x, y);
+  tell("found", !part("tip").hidden);
+  const mouse = ring();
+  wheel(400);  // the node goes from under the mouse: the tip is of another one, or of none
+  const off = Math.hypot(ring()[0] - mouse[0], ring()[1] - mouse[1]);
+  tell("underMouse", part("tip").hidden || off < 15);
   at("pointermove", x, y);
   at("pointerleave", x, y, { pointerType: "mouse" });
   tell("gone", part("tip").hidden);
