@@ -6,12 +6,17 @@ bring DOLFINx and MPI along: the modules it serves know neither.
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import math
 import os
 import runpy
+import signal
 import subprocess
 import sys
+import time
 import types
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 PACKAGES = {
@@ -28,27 +33,50 @@ LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "HYDRA_", "SLURM_")
 """Variables by which MPI's launcher speaks to its processes; this one is none of them."""
 
 
-def run(module: str, arguments: Sequence[str], seconds: float | None = 600.0) -> tuple[int, str]:
+_LINUX_DIE_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
+
+
+def run(
+    module: str, arguments: Sequence[str], seconds: float | None = 600.0, stop: Callable[[], bool] = lambda: False
+) -> tuple[int, str]:
     """Run `python -m module arguments` apart.
 
     Args:
         module: Full name, for example "coulomb.report".
         arguments: Of its command line.
         seconds: When to give it up; None to wait, as for a window.
+        stop: Asked now and then whether to give it up at once.
 
     Returns:
         Its exit code, and what it said: its standard output if the code is 0, else its last line of error.
     """
     environment = {key: value for key, value in os.environ.items() if not key.startswith(LAUNCHER)}
     command = [sys.executable, str(Path(__file__).resolve()), module, *arguments]
-    try:
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=seconds)
-    except (OSError, subprocess.TimeoutExpired) as error:
+    until = math.inf if seconds is None else time.monotonic() + seconds
+    try:  # in a session of its own, so that a Ctrl-C is the caller's, who may want what is being drawn
+        process = subprocess.Popen(
+            command,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+    except OSError as error:
         return 1, str(error)
-    if done.returncode == 0:
-        return 0, done.stdout.strip()
-    said = done.stderr.strip().splitlines()
-    return done.returncode, said[-1] if said else f"the renderer ended with code {done.returncode}"
+    with process:
+        while True:
+            try:
+                told, fault = process.communicate(timeout=0.1)
+                break
+            except subprocess.TimeoutExpired:
+                if stop() or time.monotonic() > until:
+                    process.kill()
+                    return 1, "interrupted" if stop() else f"it took more than {seconds:g} seconds"
+    if process.returncode == 0:
+        return 0, told.strip()
+    said = fault.strip().splitlines()
+    return process.returncode, said[-1] if said else f"the renderer ended with code {process.returncode}"
 
 
 def missing(error: ModuleNotFoundError) -> str:
@@ -69,7 +97,15 @@ def _bare_package() -> None:
     sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != here]
 
 
+def _end_with_parent() -> None:
+    """On Linux: nobody waits for a picture any more when whoever asked for it is gone."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(_LINUX_DIE_WITH_PARENT, int(signal.SIGKILL), 0, 0, 0)
+
+
 if __name__ == "__main__":
+    _end_with_parent()
     _bare_package()
     del sys.argv[0]
     try:

@@ -7,7 +7,6 @@ wrong case, come at once.
 from __future__ import annotations
 
 import json
-import signal
 import sys
 import traceback
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from . import process
 from .benchmarks.commands import benchmark
 from .case import read_case, written_case
 from .case_commands import Changes, check_case, new
@@ -227,13 +227,17 @@ def check(directory: Annotated[Path, typer.Argument(help="Where a run has left i
 
 def main() -> None:
     """Entry point; what no rank foresaw ends all of them."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # at once, until a run has something to keep (interruption.py)
+    process.begin()
+    code = 0
     try:
         app()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
     except Exception:
         traceback.print_exc()
         sys.stderr.flush()
         comm = launched()
         if comm is not None and comm.size > 1:
             comm.Abort(CRASHED)
-        sys.exit(CRASHED)
+        code = CRASHED
+    sys.exit(process.ended(code, FAILED))

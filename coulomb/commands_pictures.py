@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -62,15 +63,19 @@ def report(
     _apart("page", [str(directory), str(save or directory / PAGE)], seconds=None)
 
 
-def write_report(directory: Path) -> str:
+def write_report(directory: Path, stop: Callable[[], bool]) -> str:
     """Write the report of a run that has just been written; collective.
+
+    Args:
+        directory: Of the run.
+        stop: Asked now and then whether to give it up.
 
     Returns:
         What went wrong, or nothing: a run does not fail for its report.
     """
 
     def write() -> str:
-        code, said = apart.run("coulomb.report", ["page", str(directory), str(directory / PAGE)])
+        code, said = apart.run("coulomb.report", ["page", str(directory), str(directory / PAGE)], stop=stop)
         return f"{PAGE} could not be written: {said}" if code else ""
 
     return on_rank_0(launched(), write)

@@ -9,8 +9,10 @@ from typing import Any
 
 from mpi4py import MPI
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
-"""Open MPI's mpirun passes SIGUSR1 on as it is; after SIGINT and SIGTERM it kills in a second (docs/cluster.md)."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
+"""Open MPI's mpirun passes SIGUSR1 on as it is; after SIGINT and SIGTERM it kills in a second (docs/cluster.md).
+
+SIGHUP is the end of the terminal, unless `nohup` has it ignored."""
 
 
 class Interruption:
@@ -36,10 +38,16 @@ class Interruption:
             signal.signal(number, handler)
         self._before = {}
 
+    @property
+    def told(self) -> bool:
+        """Whether this rank knows that somebody wants the run to stop; not collective."""
+        return self._told
+
     def asked(self) -> bool:
         """Whether to stop, the same on every rank; collective."""
         if not self._before:
-            self._before = {number: signal.signal(number, self._receive) for number in SIGNALS}
+            heard = [n for n in SIGNALS if n is not signal.SIGHUP or signal.getsignal(n) is not signal.SIG_IGN]
+            self._before = {number: signal.signal(number, self._receive) for number in heard}
         told: bool = self._comm.allreduce(self._told, op=MPI.LOR)
         if told:
             self._say()

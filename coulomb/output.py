@@ -70,13 +70,7 @@ def write(
             contents["picture"] = "not asked for"
             contents["run"]["ended"] = moment(now())
             write_json(contents, folder / "summary.json")
-            if picture:
-                drawing = time.perf_counter()
-                contents["picture"] = _draw(folder) or "picture.png"
-                contents["seconds"]["picture"] = time.perf_counter() - drawing
-                contents["run"]["ended"] = moment(now())
-                write_json(contents, folder / "summary.json")
-            for name in ("case.json", "report.html"):  # of other results; who has a case writes it afterwards
+            for name in ("case.json", "report.html", "picture.png"):  # of other results; who has a case writes it after
                 (target / name).unlink(missing_ok=True)
             for file in sorted(folder.iterdir()):
                 os.replace(file, target / file.name)
@@ -87,8 +81,40 @@ def write(
         comm.barrier()
         if comm.rank == 0:
             shutil.rmtree(folder, ignore_errors=True)
+    if picture:
+        contents = add_picture(contents, target, comm)
     problem.seconds.update(contents["seconds"])
     return contents
+
+
+def add_picture(
+    contents: dict[str, Any], target: Path, comm: MPI.Comm, stop: Callable[[], bool] = lambda: False
+) -> dict[str, Any]:
+    """Draw picture.png of results that are on disk, and say so in their summary; collective.
+
+    Args:
+        contents: The summary.
+        target: Where they are.
+        comm: The ranks.
+        stop: Asked now and then whether to give it up.
+
+    Returns:
+        The summary, with the picture and its seconds.
+
+    Raises:
+        OSError: On every rank, if the summary cannot be written.
+    """
+
+    def add() -> str:
+        drawing = time.perf_counter()
+        trouble = draw(target, target, stop)
+        contents["picture"] = "interrupted" if trouble and stop() else trouble or "picture.png"
+        contents["seconds"]["picture"] = time.perf_counter() - drawing
+        contents["run"]["ended"] = moment(now())
+        write_json(contents, target / "summary.json")
+        return json.dumps(contents)
+
+    return dict(json.loads(on_rank_0(comm, add)))
 
 
 def _make_partial(target: Path) -> str:
@@ -257,21 +283,23 @@ def _write_history(history: tuple[OuterStep, ...] | tuple[QPStep, ...], path: Pa
 
 
 def write_json(contents: dict[str, Any], path: Path) -> None:
-    path.write_text(json.dumps(_finite(contents), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    """Write a file of JSON, replaced whole."""
+    partial = path.with_name(f".{path.name}")
+    partial.write_text(json.dumps(_finite(contents), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(partial, path)
 
 
-def draw(directory: Path, target: Path) -> str:
-    """Draw a picture of the results in a directory, and put it into another; what went wrong, or nothing."""
-    trouble = _draw(directory)
-    if not trouble:
-        os.replace(directory / "picture.png", target / "picture.png")
-    return trouble
+def draw(directory: Path, target: Path, stop: Callable[[], bool] = lambda: False) -> str:
+    """Draw a picture of the results in a directory, and put it into another; what went wrong, or nothing.
 
-
-def _draw(directory: Path) -> str:
-    """Draw picture.png; what went wrong, or nothing.  In a process of its own: a renderer may take it down."""
-    code, said = apart.run("coulomb.plotting", [str(directory)])
-    return f"could not be drawn: {said}" if code else ""
+    In a process of its own: a renderer may take it down.
+    """
+    code, said = apart.run("coulomb.plotting", [str(directory)], stop=stop)
+    if code:
+        (directory / "picture.png").unlink(missing_ok=True)
+        return f"could not be drawn: {said}"
+    os.replace(directory / "picture.png", target / "picture.png")
+    return ""
 
 
 def _finite(value: Any) -> Any:

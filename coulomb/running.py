@@ -80,20 +80,24 @@ def _solve_once(session: Session, settings: Case, problem: ContactProblem, targe
     interrupted = solution.result.status is Status.INTERRUPTED
     problem.seconds["total"] = time.perf_counter() - session.began
     written = True
+    stopped = session.interruption
     try:
-        picture = settings.output.picture and not interrupted
-        contents = output.write(solution, target, picture, {"message": trouble})
+        contents = output.write(solution, target, False, {"message": trouble})
         write_case(settings, target, problem.comm)
+        if settings.output.picture and not stopped.asked():
+            contents = output.add_picture(contents, target, problem.comm, lambda: stopped.told)
     except OSError as error:
         contents, written = summary(solution), False
         trouble += f"{'; ' if trouble else ''}{target}: cannot be written: {error.strerror or error}"
     report(session.console, solution, contents, target if written else None, time.perf_counter() - session.began)
     if written:
-        _write_page(settings, target, problem.comm)
+        _write_page(session, settings, target)
     if not trouble and (said := left_open(solution.certificate, settings.solver.tolerance)):
         errors.print(f"warning: {said}", markup=False)
-    if interrupted and written:
+    if written and interrupted:
         trouble = f"interrupted: {trouble}; the answer so far is in {target}{os.sep}, marked so"
+    elif written and stopped.asked():
+        interrupted, trouble = True, _cut_short(settings, target)
     if trouble:
         errors.print(f"error: {trouble}", markup=False)
     if interrupted:
@@ -186,9 +190,12 @@ def _take_steps(
     told = comm.bcast(history_in(target) if comm.rank == 0 else None)
     if told is not None:
         if settings.output.picture and code != INTERRUPTED:
-            on_rank_0(comm, lambda: output.draw(target / "steps" / f"{told['steps']:04d}", target))
-        _write_page(settings, target, comm)
+            _draw_last(session, told["steps"], target, comm)
+        _write_page(session, settings, target)
         report_history(console, told, taken, time.perf_counter() - began, target)
+    if not trouble and session.interruption.asked():
+        errors.print(f"error: {_cut_short(settings, target)}", markup=False)
+        raise typer.Exit(INTERRUPTED)
     if trouble:
         if code == INTERRUPTED:
             done = comm.bcast(len(steps_in(target)) if comm.rank == 0 else None)
@@ -198,10 +205,32 @@ def _take_steps(
         raise typer.Exit(code)
 
 
-def _write_page(settings: Case, target: Path, comm: MPI.Comm) -> None:
-    """Write report.html if the case asks for it."""
-    if settings.output.report and (trouble := write_report(target)):
+def _write_page(session: Session, settings: Case, target: Path) -> None:
+    """Write report.html if the case asks for it, and nobody wants to stop; collective."""
+    stopped = session.interruption
+    if not settings.output.report or stopped.asked():
+        return
+    trouble = write_report(target, lambda: stopped.told)
+    if trouble and not stopped.asked():
         errors.print(f"warning: {trouble}", markup=False)
+
+
+def _draw_last(session: Session, step: int, target: Path, comm: MPI.Comm) -> None:
+    """picture.png of the last load step; collective."""
+    stopped = session.interruption
+    if stopped.asked():
+        return
+    trouble = on_rank_0(comm, lambda: output.draw(target / "steps" / f"{step:04d}", target, lambda: stopped.told))
+    if trouble and not stopped.asked():
+        errors.print(f"warning: picture.png {trouble}", markup=False)
+
+
+def _cut_short(settings: Case, target: Path) -> str:
+    """What to say of a run that was stopped when its results were there."""
+    asked = {"picture": settings.output.picture, "report": settings.output.report}
+    drawn = [name for name, wanted in asked.items() if wanted]
+    missing = f", but the {' and the '.join(drawn)} may be missing" if drawn else ""
+    return f"interrupted at the end: the results are complete in {target}{os.sep}{missing}"
 
 
 def _keep_failed(failure: StepFailed, target: Path) -> str:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from mpi4py import MPI
 from rich.console import Console
 
+from . import process
 from .console import bad_input, console, errors
 from .interruption import Interruption
 from .log import Log
@@ -56,6 +57,7 @@ def opened(quiet: bool, log_file: Path | None) -> Iterator[Session]:
         quiet: Whether to say nothing but errors.
         log_file: What is said goes there too, with the time.
     """
+    process.go_on_unheard()
     began, speaking = time.perf_counter(), Console(quiet=True) if quiet else console
     with bad_input():
         log = Log(log_file, MPI.COMM_WORLD)

@@ -14,6 +14,7 @@ from rich.console import Console
 from .console import errors
 from .fem import compat
 from .problem import ContactProblem
+from .process import animated
 from .solution import Solution
 from .solvers.reductions import Reductions
 from .solvers.results import Progress
@@ -64,7 +65,7 @@ class Display:
     def __init__(self, console: Console, by_step: bool = False, tolerance: float = 0.0):
         self._console, self._by_step = console, by_step
         self._time_left, self._expected = TimeLeft(tolerance), ""
-        self._status = console.status("K^-1 and A") if console.is_terminal and not console.quiet else None
+        self._status = console.status("K^-1 and A") if animated() and not console.quiet else None
         self._last: Progress | None = None
 
     def __enter__(self) -> Display:

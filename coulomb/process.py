@@ -1,0 +1,151 @@
+"""The process that the command line is: its streams, its signals, its caches.  Loaded before anything that takes time.
+
+- Ctrl-C and the signals that end a job act at once and in silence, from the first import on, until there is something
+  to keep (`interruption`): exit codes 130, 143 and, as the shell counts, 128 and the number of the signal.
+- A pipe that nobody reads on (`| head`) ends a command in silence, as it ends other programs (141).  A run goes on
+  without its listener, since its results are elsewhere; so it does when the disk of its log is full.
+- A stream that is closed is a stream to nowhere, and its number is given to no other file.
+- Under a launcher of MPI standard output may look like a terminal, but is a log: nothing but text goes there.
+- Where no cache can be written (a read-only home), forms and fonts are kept in the directory for temporary files.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import signal
+import stat
+import sys
+import tempfile
+from pathlib import Path
+
+from .ranks import RANK_VARIABLES
+
+_begun = _goes_on = False
+
+
+class _Stream(io.FileIO):
+    """A standard stream that nobody has to be afraid of: what cannot be written goes nowhere, from then on."""
+
+    fault: OSError | None = None
+
+    def write(self, data: object) -> int:
+        try:
+            return super().write(data)  # type: ignore[arg-type, return-value]
+        except OSError as error:
+            self.fault = error
+            if error.errno != errno.EPIPE and self.fileno() == 1:
+                with io.FileIO(2, "w", closefd=False) as other:
+                    word = "warning" if _goes_on else "error"
+                    _try_to_write(other, f"{word}: standard output: {error.strerror}; the rest is not said\n")
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self.fileno())
+            os.close(nowhere)
+            return memoryview(data).nbytes  # type: ignore[arg-type]
+
+
+def begin() -> None:
+    """Put the process in order, before the rest is imported; the second time nothing happens."""
+    global _begun
+    if _begun:
+        return
+    _begun = True
+    _open_streams()
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if not _launched():
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # else MPI's own pipes may be meant
+    given = os.environ.get("PETSC_OPTIONS", "").split()
+    if "-no_signal_handler" not in given:  # it would report a signal as an error, with a traceback
+        os.environ["PETSC_OPTIONS"] = " ".join([*given, "-no_signal_handler"])
+    os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")  # no daemon, which would complain of our end
+    if _launched():
+        os.environ["TERM"] = "dumb"
+    _keep_caches_somewhere()
+
+
+def go_on_unheard() -> None:
+    """From here on the results are what matters: a pipe that nobody reads on ends nothing."""
+    global _goes_on
+    _goes_on = True
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+
+
+def ended(code: int, failed: int) -> int:
+    """The exit code, once all that is said has been written.
+
+    Args:
+        code: Of the command.
+        failed: What to make of 0 if something could not be said, and was all there was.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    lost = isinstance(raw, _Stream) and raw.fault is not None and raw.fault.errno != errno.EPIPE
+    return failed if lost and code == 0 and not _goes_on else code
+
+
+def animated() -> bool:
+    """Whether standard output is a terminal that somebody looks at, where a line may change."""
+    dull = _launched() or "NO_COLOR" in os.environ or os.environ.get("TERM", "dumb") in ("dumb", "unknown", "")
+    return not dull and sys.stdout.isatty()
+
+
+def _open_streams() -> None:
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: this one
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        encoding = getattr(getattr(sys, name), "encoding", None) or "utf-8"
+        raw = _Stream(number, "w", closefd=False)
+        text = io.TextIOWrapper(
+            io.BufferedWriter(raw), encoding, errors="backslashreplace", line_buffering=number == 2 or raw.isatty()
+        )
+        setattr(sys, name, text)
+
+
+def _try_to_write(stream: io.FileIO, text: str) -> None:
+    try:
+        stream.write(text.encode())
+    except OSError:
+        pass
+
+
+def _launched() -> bool:
+    return any(name in os.environ for name in RANK_VARIABLES)
+
+
+def _keep_caches_somewhere() -> None:
+    """Let DOLFINx and matplotlib keep what they make, where the home directory cannot be written."""
+    home = os.path.expanduser("~")
+    if not os.environ.get("XDG_CACHE_HOME"):  # an empty one means here to DOLFINx, and nothing to the standard
+        os.environ.pop("XDG_CACHE_HOME", None)
+    cache = os.environ.get("XDG_CACHE_HOME", os.path.join(home, ".cache"))
+    if os.path.isabs(home) and _writable(Path(cache)):
+        return
+    try:
+        place = _own_directory()
+    except OSError:  # nowhere at all: whoever needs it says so
+        return
+    os.environ["XDG_CACHE_HOME"] = str(place)
+    os.environ.setdefault("MPLCONFIGDIR", str(place / "matplotlib"))
+    if not os.path.isdir(home):
+        os.environ["HOME"] = str(place)
+
+
+def _writable(path: Path) -> bool:
+    while not path.exists() and path != path.parent:
+        path = path.parent
+    return path.is_dir() and os.access(path, os.W_OK | os.X_OK)
+
+
+def _own_directory() -> Path:
+    """A directory for temporary files that keeps its name from run to run, and is nobody else's."""
+    place = Path(tempfile.gettempdir()) / f"coulomb-{os.getuid()}"
+    place.mkdir(mode=0o700, exist_ok=True)
+    found = place.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o022:
+        return Path(tempfile.mkdtemp(prefix="coulomb-"))
+    return place
