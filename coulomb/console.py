@@ -23,7 +23,11 @@ EXIT_CODES = """Exit codes:
 
 3  a crash: a bug worth reporting
 
-130  interrupted by Ctrl-C, SIGTERM or SIGUSR1; everything is kept, marked so
+130  interrupted by Ctrl-C, SIGTERM, SIGHUP or SIGUSR1; everything is kept, marked so
+
+130, 143, 129, 138  the same before there is something to keep: at once, in silence
+
+141  what reads the output has gone; a run goes on
 """
 
 _all = ranks.launched()

@@ -125,10 +125,10 @@ def read_only(path):
         subprocess.run(["umount", "-l", path], check=True)
 
 
-@pytest.mark.parametrize("kind", ["read-only", "no directory", "none"])
+@pytest.mark.parametrize("kind", ["read-only", "no directory"])
 def test_a_home_that_cannot_be_written(kind, tmp_path):
     with read_only(tmp_path / "home") as home:
-        where = {"read-only": str(home), "no directory": "/dev/null", "none": ""}[kind]
+        where = str(home) if kind == "read-only" else "/dev/null"
         clean = {"HOME": where, "TMPDIR": str(tmp_path), "XDG_CACHE_HOME": ""}
         done = shell("coulomb run case.toml --set output.picture=true", **clean)
     assert done.returncode == 0 and done.stderr == "", done.stderr

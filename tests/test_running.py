@@ -254,6 +254,7 @@ def shown(monkeypatch, terminal, **options):
     """What a display shows of ten steps, a decade and ten seconds each."""
     stream = io.StringIO()
     console = Console(file=stream, force_terminal=terminal, width=120, highlight=False)
+    monkeypatch.setattr("coulomb.terminal.animated", lambda: terminal)
     clock = iter(range(0, 10_000, 10))
     monkeypatch.setattr("coulomb.terminal.time.perf_counter", lambda: float(next(clock)))
     display = Display(console, **options)
