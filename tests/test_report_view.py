@@ -207,17 +207,14 @@ def test_the_tip_follows_its_node(history, tmp_path):
 
 
 TIP = """
-  const near = () => {  // the node whose tip is shown, from the text of its place
-    const place = part("tip").textContent.match(/at \\((.*)\\)/)[1];
-    return place;
-  };
+  const near = () =>  // the node whose tip is shown, from the text of its place
+    part("tip").textContent.match(/at \\((.*)\\)/)[1];
   const ring = () => {
     const [spot, frame] = [part("spot").getBoundingClientRect(), canvas.getBoundingClientRect()];
     return [spot.left + spot.width / 2 - frame.left, spot.top + spot.height / 2 - frame.top];
   };
   const data = JSON.parse(document.getElementById("view3d-data").textContent);
-  const raw = Uint8Array.from(atob(data.points), (letter) => letter.charCodeAt(0)).buffer;
-  const points = new Float32Array(raw);
+  const points = new Float32Array(Uint8Array.from(atob(data.points), (letter) => letter.charCodeAt(0)).buffer);
   const numberOf = (place) => {
     const wanted = place.split(", ").map(Number);
     for (let k = 0; k < points.length / 3; k++)
@@ -267,7 +264,6 @@ TIP = """
   wheel(400);  // the node goes from under the mouse: the tip is of another one, or of none
   const off = Math.hypot(ring()[0] - mouse[0], ring()[1] - mouse[1]);
   tell("underMouse", part("tip").hidden || off < 15);
-  at("pointermove", x, y);
   at("pointerleave", x, y, { pointerType: "mouse" });
   tell("gone", part("tip").hidden);
 """
