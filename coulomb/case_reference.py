@@ -46,7 +46,7 @@ class CaseReference:
         mesh = settings.mesh
         named = [name for name in (mesh.file, mesh.facets, mesh.cell_groups) if name is not None]
         self.absent = [name for name in named if not Path(name).exists()]
-        self._planes: dict[int, RigidFoundation] = {}
+        self._foundations: dict[int, RigidFoundation] = {}
 
     @staticmethod
     def of(folder: Path) -> CaseReference | None:
@@ -92,13 +92,16 @@ class CaseReference:
         Raises:
             ValueError: If none is given and the face is not plane.
         """
-        given = self.contacts[part].foundation
-        if given is not None:
-            return given
-        if part not in self._planes:
-            face = self.contacts[part].face
-            self._planes[part] = plane_of_face(face, x, area, outward, MPI.COMM_SELF)
-        return self._planes[part]
+        if part not in self._foundations:
+            contact = self.contacts[part]
+            given = contact.foundation or plane_of_face(contact.face, x, area, outward, MPI.COMM_SELF)
+            self._foundations[part] = given
+        return self._foundations[part]
+
+    def foundations(self, time: float) -> list[RigidFoundation]:
+        """Those of all faces that `foundation` was asked for, where they are at a time."""
+        motion = self.motion(time)
+        return [Moved(f, motion[k]) if np.any(motion[k]) else f for k, f in sorted(self._foundations.items())]
 
     def geometry(
         self, part: int, time: float, x: FloatArray, area: FloatArray, outward: FloatArray
@@ -108,9 +111,8 @@ class CaseReference:
         Raises:
             ValueError: If the foundation has no distance or normal at a node.
         """
-        foundation = self.foundation(part, x, area, outward)
-        way = self.motion(time)[part]
-        moved = Moved(foundation, way) if np.any(way) else foundation
+        self.foundation(part, x, area, outward)
+        moved = self.foundations(time)[part]
         distance = moved.signed_distance(x)
         if self.contacts[part].normals == "foundation":
             return -moved.normal(x), distance

@@ -138,8 +138,9 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
         faults = (*findings.faults, *own.faults)
         trusted += [line for line in findings.trusted if line not in trusted]
         failed = [] if findings.certificate.passed else str(findings.certificate).splitlines()
+        failed += [f"outside small-strain theory: {text}" for text in findings.outside]
         details = "\n".join(f"  {line}" for line in [*failed, *verdict(faults)])
-        passed = findings.certificate.passed and not faults
+        passed = findings.passed and not faults
         steps.append(StepFindings(number, step_of(findings.run)[1], passed, findings.recorded, faults, details))
         say(str(steps[-1]))
         told.append(findings.run.summary)
@@ -305,6 +306,7 @@ def _check_series(folder: Path, told: Sequence[dict[str, Any]], found: Compariso
         "steps": len(told),
         "time": told[-1]["step"]["time"],
         "certificate": {"passed": all(one["certificate"]["passed"] for one in told)},
+        "valid": all(one["valid"] for one in told),
         "history": whole(told),
         "last": told[-1],
     }

@@ -5,22 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from .arrays import FloatArray
 from .case_reference import CaseReference
-from .certificate import Certificate, judge
+from .certificate import Certificate
 from .comparison import Comparison, Rounding
-from .evidence import Evidence, rounding_forces
 from .face_nodes import FaceNodes, face_nodes
-from .fem import compat
-from .load_step import Forces
+from .recomputed import Variant, recomputed
 from .run_files import WrittenRun, midpoints, numbers, read_run
 from .solvers.fixed_point import SuccessiveTresca
-from .summary import derived
 
 SLIP_BOUND_LIMIT = 1e-6
 """How far the g of successive Tresca's last problem may be from the law's at its forces, over that, and ten times the
@@ -32,29 +27,7 @@ _SEEDS = (1, 2, 3)
 _MOST = 12
 """Faults that are listed: one wrong number makes many others wrong."""
 
-_FOLLOW = ("pressure", "friction_traction", "slip", "gap", "status", "friction_use")
-"""Fields of contact.xdmf that follow from displacement and contact forces; the others are what was given."""
-
 _SOURCE = "displacement and contact forces"
-
-
-@dataclass(frozen=True)
-class Variant:
-    """What follows from displacement and contact forces, as they are written or rounded otherwise.
-
-    Attributes:
-        at: Displacement and forces at the nodes of the body.
-        fields: Of the written contact nodes.
-        stress: Von Mises stress of the cells in pascals.
-        numbers: Entries of summary.json.
-        certificate: Of all nodes of the contact face.
-    """
-
-    at: Forces
-    fields: dict[str, FloatArray]
-    stress: FloatArray
-    numbers: dict[str, Any]
-    certificate: Certificate
 
 
 @dataclass(frozen=True)
@@ -109,8 +82,13 @@ class Findings:
 
     @property
     def passed(self) -> bool:
-        """Whether the certificate passes, and all follows."""
-        return self.certificate.passed and not self.faults
+        """Whether the certificate passes, the answer is inside the theory, and all follows."""
+        return self.certificate.passed and not self.outside and not self.faults
+
+    @property
+    def outside(self) -> tuple[str, ...]:
+        """Why the answer is outside the theory of small strains, in words, unless that was accepted."""
+        return self.variants[0].outside
 
     @property
     def verdict(self) -> list[str]:
@@ -124,7 +102,8 @@ class Findings:
 
     def __str__(self) -> str:
         before = f"recorded by the run: certificate {'had passed' if self.recorded else 'had FAILED'}"
-        return "\n".join([str(self.certificate), before, *self.verdict, *self.trusted])
+        outside = [f"outside small-strain theory: {text}" for text in self.outside]
+        return "\n".join([str(self.certificate), *outside, before, *self.verdict, *self.trusted])
 
 
 def verdict(faults: tuple[str, ...]) -> list[str]:
@@ -167,7 +146,9 @@ def check_run(
     nodes, moved, say = _from_origin(run, nodes, case, time, start, found)
     trusted += say
     coulomb = run.summary["law"] == "coulomb" if case is None else case.settings.coulomb
-    variants = tuple(_variant(run, nodes, coulomb, rounding) for rounding in (None, *map(Rounding, _SEEDS)))
+    foundations = None if case is None else case.foundations(time)
+    roundings = (None, *map(Rounding, _SEEDS))
+    variants = tuple(recomputed(run, nodes, coulomb, foundations, rounding) for rounding in roundings)
     _compare(run, nodes.only(nodes.written), variants, found)
     certificate = variants[0].certificate
     told = [key for key in run.summary if key not in variants[0].numbers and key not in ("material", "step")]
@@ -227,53 +208,6 @@ def _from_origin(
     here = nodes.written
     found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[nodes.index[here]], source)
     return replace(nodes, origin=origin), moved, []
-
-
-def _variant(run: WrittenRun, nodes: FaceNodes, coulomb: bool, rounding: Rounding | None) -> Variant:
-    """What follows from the written numbers, or from these rounded otherwise."""
-
-    def taken(values: FloatArray, scale: float = 0.0) -> FloatArray:
-        return values if rounding is None else rounding.of(values, scale)
-
-    nodes = replace(nodes, gap=taken(nodes.gap, float(np.max(np.abs(run.points)))))
-    body, spring, fixed = run.body, run.on_body["spring"], run.fixed
-    u, x = taken(run.on_body["displacement"]), taken(run.on_face["x"])
-    on_face = taken(np.where(run.touching[:, None], run.on_face["contact_force"], 0.0))
-    on_body = np.zeros_like(u)
-    on_body[run.node] = on_face
-    internal = body.internal_force(u)
-    judged = nodes.answer(run, coulomb, u, on_face, x)
-    written = nodes.only(nodes.written).answer(run, coulomb, u, on_face, x)
-    certificate = judge(
-        Evidence(
-            comm=MPI.COMM_SELF,
-            x=body.x,
-            displacement=u,
-            internal=internal,
-            load=run.on_body["load"],
-            spring=spring,
-            fixed=fixed,
-            prescribed=run.on_body["prescribed"],
-            on_body=on_body,
-            force=judged.force,
-            closure=judged.closure,
-            gap=judged.gap,
-            bound=judged.bound,
-            rounding=rounding_forces(body, u),
-            compliance=float(run.summary["mean_compliance"]),
-        )
-    )
-    stress = body.von_mises(body.function(u))
-    told = derived(written, certificate, u, -spring * u, fixed)
-    for check in certificate.checks:
-        del told["certificate"][check.name.replace(" ", "_")]["meaning"]
-    return Variant(
-        at=Forces(u, run.on_body["load"], internal + spring * u, on_body),
-        fields={name: v for name, v in written.fields().items() if name in _FOLLOW} | {"slip_bound": written.bound},
-        stress=stress.x.array[compat.cell_dofs(stress.function_space)[:, 0]],
-        numbers={**told, "small_strain": {"gradient": body.greatest_gradient(u)}},
-        certificate=certificate,
-    )
 
 
 def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], found: Comparison) -> None:

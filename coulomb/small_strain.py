@@ -6,6 +6,7 @@ The certificate says whether the equations of small strains are solved; this, wh
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,9 @@ from .fem.fields import on_all_ranks
 from .solvers.reductions import Reductions
 
 if TYPE_CHECKING:
-    from .problem import ContactProblem
+    from .fem.body import ElasticBody
+    from .fem.obstacles import RigidFoundation
+    from .nodal_answer import NodalAnswer
 
 _PRESSING = 1e-6  # a node presses if its force is above this part of the largest
 _ROUNDING = 1e-12  # a distance below this part of the coordinates is none
@@ -122,23 +125,27 @@ def known_mode(mode: str) -> str:
     return mode
 
 
-def small_strain(problem: ContactProblem, x: FloatArray, u: FloatArray) -> SmallStrain:
+def small_strain(
+    at_nodes: NodalAnswer, foundations: Sequence[RigidFoundation], body: ElasticBody, u: FloatArray
+) -> SmallStrain:
     """Measure an answer; collective.
 
     Args:
-        problem: The contact problem.
-        x: Contact forces in newtons, shape (3 m,).
+        at_nodes: The answer at the contact nodes.
+        foundations: That of each contact face, where it is at this time.
+        body: The body.
         u: Displacement in metres, this rank's nodes, shape (k, 3).
     """
-    surface, over = problem.surface, Reductions(problem.comm)
-    pressing = x[0::3] > _PRESSING * max(over.max(x[0::3]), 0.0)
-    before, moved = surface.x[pressing], surface.x[pressing] + u[surface.nodes][pressing]
+    over, normal = Reductions(at_nodes.comm), at_nodes.force[:, 0]
+    pressing = normal > _PRESSING * max(over.max(normal), 0.0)
+    way, part = at_nodes.displacement[pressing], at_nodes.part[pressing]
+    before, moved = at_nodes.x[pressing], at_nodes.x[pressing] + way
     rounding = _ROUNDING * max(over.max(np.abs(moved)), 0.0)
 
     def measure() -> tuple[FloatArray, FloatArray]:
         distance, turn = np.zeros(len(before)), np.zeros(len(before))
-        for number, foundation in enumerate(surface.foundations):
-            at = surface.part[pressing] == number
+        for number, foundation in enumerate(foundations):
+            at = part == number
             if np.any(at):
                 cosine = np.einsum("ki,ki->k", foundation.normal(before[at]), foundation.normal(moved[at]))
                 turn[at] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
@@ -146,19 +153,19 @@ def small_strain(problem: ContactProblem, x: FloatArray, u: FloatArray) -> Small
         return np.where(distance < rounding, 0.0, distance), np.where(turn < 1e-5, 0.0, turn)
 
     try:
-        distance, turn = on_all_ranks(measure, "contact: foundation", problem.comm)
+        distance, turn = on_all_ranks(measure, "contact: foundation", at_nodes.comm)
     except ValueError:  # it has no distance or no normal there: far outside
         distance, turn = np.full((2, len(before)), math.nan)
-    internal = problem.elasticity.internal_force(u)
+    internal = body.internal_force(u)
     forces = over.sum(np.linalg.norm(internal, axis=1))
     deformation = 0.0 if forces == 0.0 else 2.0 * over.dot(u, internal) / forces
     # Normals were taken where the node is before it moves, against the foundation at its place of now.
-    along = np.linalg.norm(surface.components(u[surface.nodes])[pressing, 1:], axis=1)
+    along = np.linalg.norm(np.einsum("kij,kj->ki", at_nodes.frames[pressing], way)[:, 1:], axis=1)
     return SmallStrain(
         gap_error=0.0 if deformation <= 0.0 else largest(distance, over) / deformation,
         turn=largest(turn, over),
-        slip_over_cell=largest(np.where(turn > 0.0, along / np.sqrt(surface.area[pressing]), 0.0), over),
-        gradient=problem.elasticity.greatest_gradient(u),
+        slip_over_cell=largest(np.where(turn > 0.0, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
+        gradient=body.greatest_gradient(u),
     )
 
 

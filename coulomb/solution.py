@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from .arrays import FloatArray
 from .certificate import Certificate
+from .nodal_answer import NodalAnswer
 from .small_strain import SmallStrain, small_strain
 from .solvers.results import CoulombResult, QPResult
 
@@ -41,7 +42,8 @@ class Solution:
     @cached_property
     def small_strain(self) -> SmallStrain:
         """How small displacements are, measured by the theory; collective."""
-        return small_strain(self.problem, self.contact_force, self.displacement)
+        problem = self.problem
+        return small_strain(NodalAnswer.of(self), problem.surface.foundations, problem.elasticity, self.displacement)
 
     @property
     def outside(self) -> tuple[str, ...]:
