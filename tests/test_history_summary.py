@@ -1,5 +1,6 @@
 """Whose figures the summary of a load history gives: sums and largest values of all its steps, and who made it."""
 
+import copy
 import csv
 import json
 import platform
@@ -124,32 +125,26 @@ def test_command_is_what_one_would_type(monkeypatch, arguments, shown):
     assert provenance.command() == shown
 
 
-def step(number, passed=True, **changes):
-    """The summary of a step, as far as the history's needs it."""
-    value = changes.pop("value", 1e-8)
-    strain = dict.fromkeys(("gap_error", "turn", "slip_over_cell", "gradient"), 0.0)
-    row = {f"energy_{name}": 1.0 for name in ("loads", "dissipated", "imbalance")}
-    return {
-        "step": {"number": number, "time": float(number), "halvings": 1, "row": row, "energy": {"loads": 1.0}},
-        "certificate": {"adhesion": {"value": value, "limit": 1e-6, "passed": passed}, "passed": passed},
-        "maximum": {"contact_pressure": 2.0},
-        "totals": {"greatest_slip": 0.0},
-        "small_strain": {**strain, "gradient": changes.pop("gradient", 0.0), "warnings": []},
-        "residual": value,
-        "iterations": {"products": 1},
-        "seconds": {"solve": 1.0},
-        "peak_memory_bytes": changes.pop("memory", 5),
-        "run": {"started": "s", "hosts": ["h"], "command": "c", "ended": str(number)},
-    }
+def altered(step, number, passed=True, value=1e-8, gradient=0.0, memory=5):
+    """The summary of a step with other figures."""
+    step = copy.deepcopy(step)
+    step["step"] |= {"number": number, "time": float(number), "halvings": 1}
+    step["certificate"]["adhesion"] |= {"value": value, "passed": passed}
+    step["certificate"]["passed"] = passed
+    step["small_strain"]["gradient"] = gradient
+    step["seconds"] = {"solve": 1.0}
+    return step | {"residual": value, "peak_memory_bytes": memory}
 
 
-def test_one_step_that_failed_is_the_history_s():
+def test_one_step_that_failed_is_the_history_s(done):
     """An earlier step that failed is not hidden by a last one that passed, nor a warning, nor a value that is none."""
-    told = whole([step(1), step(2, passed=False, value=3e-5, gradient=0.2, memory=9), step(3)])
+    step = summaries(done[0])[0]
+    failed = altered(step, 2, passed=False, value=3e-5, gradient=0.2, memory=9)
+    told = whole([altered(step, 1), failed, altered(step, 3)])
     assert told["certificate"]["passed"] is False and told["certified_steps"] == 2 and told["halvings"] == 3
     assert told["certificate"]["adhesion"]["step"] == 2 and not told["certificate"]["adhesion"]["passed"]
     assert told["peak_memory_bytes"] == 9 and told["seconds"]["solve"] == 3.0
     assert len(told["warnings"]) == 1 and "0.2" in told["warnings"][0]
-    nothing = added(told, step(4, passed=False, value=None))
+    nothing = added(told, altered(step, 4, passed=False, value=None))
     assert nothing["certificate"]["adhesion"]["step"] == 4 and nothing["residual"]["value"] is None
-    assert added(nothing, step(5, value=1e9))["residual"]["step"] == 4  # null stays the worst
+    assert added(nothing, altered(step, 5, value=1e9))["residual"]["step"] == 4  # null stays the worst
