@@ -1,10 +1,12 @@
 """What must hold on any number of ranks: run it alone, or as `mpirun -n 3 python -m pytest tests/test_parallel.py`."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import STEEL, indentation, make_block, reference
+from made_up import BODY, CASES, CONTACT, made_up
 from mesh_files import BoxFile
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -23,6 +25,7 @@ from coulomb import (
     output,
 )
 from coulomb.case import read_case
+from coulomb.certificate import judge
 from coulomb.solvers.nodal_blocks import symmetric_blocks
 from coulomb.solvers.reductions import Reductions
 from coulomb.summary import summary
@@ -65,6 +68,18 @@ def test_block_against_the_independent_solver(law):
     result = summary(solution)
     assert [result["nodes"][k] for k in ("open", "stick", "slip")] == [totals[k] for k in ("open", "stick", "slip")]
     assert len(set(comm.allgather(json.dumps(result["force_on_body"])))) == 1
+
+
+@pytest.mark.parametrize(("name", "error", "options"), CASES)
+def test_evidence_is_judged_alike_however_it_is_shared_out(name, error, options):
+    """Each rank has its nodes, the last one none."""
+    evidence, turnover = made_up(**options)
+    wrong = error(evidence, 1e-6, turnover)
+    part = slice(comm.rank, None, max(comm.size - 1, 1)) if comm.rank + 1 < max(comm.size, 2) else slice(0, 0)
+    shared = {k: v[part] for k, v in vars(wrong).items() if np.ndim(v) and len(v) in (BODY, CONTACT)}
+    alone, together = judge(wrong), judge(replace(wrong, comm=comm, **shared))
+    for one, other in zip(alone.checks, together.checks, strict=True):
+        assert other.value == pytest.approx(one.value, rel=1e-3, abs=1e-3 * one.limit), one.name
 
 
 def test_iterative_solver_gives_the_same_forces():
