@@ -133,7 +133,7 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
     chain = _Chain(case)
     for number in range(1, complete + 1):
         findings = check_run(folder / "steps" / f"{number:04d}", case, chain.run, chain.start)
-        own = Comparison()
+        own = Comparison(findings.run.evaluation)
         chain.follow(findings, number, own)
         faults = (*findings.faults, *own.faults)
         trusted += [line for line in findings.trusted if line not in trusted]

@@ -128,8 +128,9 @@ def check_run(
     Raises:
         ValueError: If a file is missing, cannot be read, or does not fit to the others.
     """
-    run, found = read_run(folder, like), Comparison()
-    time = step_of(run)[1] if "step" in run.summary else 0.0
+    run = read_run(folder, like)
+    found = Comparison(run.evaluation)
+    step, time = step_of(run) if "step" in run.summary else (0, 0.0)
     trusted, part = [], None
     if case is None:
         trusted.append("taken as written, without a case.json: materials, friction, normals, gaps, loads, clamps")
@@ -147,7 +148,7 @@ def check_run(
     trusted += say
     coulomb = run.summary["law"] == "coulomb" if case is None else case.settings.coulomb
     foundations = None if case is None else case.foundations(time)
-    roundings = (None, *map(Rounding, _SEEDS))
+    roundings = (None, *(Rounding((seed, abs(step)), run.evaluation) for seed in _SEEDS))
     variants = tuple(recomputed(run, nodes, coulomb, foundations, rounding) for rounding in roundings)
     _compare(run, nodes.only(nodes.written), variants, found)
     certificate = variants[0].certificate
@@ -201,7 +202,7 @@ def _from_origin(
                 moved[part] = np.mean((nodes.origin - before)[here], axis=0) if np.any(here) else 0.0
         origin, source = before + moved[nodes.part], "the step before, and the way of the foundation"
         here = nodes.written
-        floor = 1e-14 * float(np.max(np.abs(before), initial=0.0))
+        floor = run.evaluation * float(np.max(np.abs(before), initial=0.0))
         where = x[nodes.index[here]]
         found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], where, source, floor=floor)
         return replace(nodes, origin=origin), moved, say
@@ -230,7 +231,7 @@ def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], f
     none = ~run.touching
     for name, values in run.on_face.items():
         if name not in ("x", "status", "face"):
-            floor = 1e-14 * float(np.max(np.abs(values)))
+            floor = run.evaluation * float(np.max(np.abs(values)))
             zero = np.zeros_like(values[none])
             found.field(f"contact.xdmf: {name} of held nodes", values[none], zero, x[none], "their status", floor=floor)
     middle = midpoints(run.body.domain)

@@ -19,36 +19,43 @@ from .arrays import FloatArray
 RELATIVE = 1e-9
 """How far a number may be from what follows, over itself: files hold 16 digits, and sums lose a few."""
 
-_OF_ITSELF, _OF_LARGEST = 1e-13, 1e-14
-_FLOOR = 1e-14  # DOLFINx evaluates a field at the points where it is given, and rounds by its largest entry
+_OF_ITSELF, OF_LARGEST = 1e-13, 1e-14
 
 
 class Rounding:
-    """Data rounded otherwise: each entry changed by up to 1e-13 of itself and 1e-14 of the largest.
+    """Data rounded otherwise: each entry changed by up to 1e-13 of itself and a part of the largest, 1e-14 or more.
 
     That is a hundred times and more what rounding does: of several such changes chance makes none as small as that.
+
+    Args:
+        seed: Of the changes: two that are the same would cancel in a difference.
+        of_largest: The part of the largest.
     """
 
-    def __init__(self, seed: int):
-        self._random = np.random.default_rng(seed)
+    def __init__(self, seed: Sequence[int], of_largest: float = OF_LARGEST):
+        self._random, self._of_largest = np.random.default_rng(seed), of_largest
 
     def of(self, values: FloatArray, scale: float = 0.0) -> FloatArray:
         """The same numbers, rounded otherwise; `scale` is the largest number that they were made from."""
         size = np.abs(values)
         by: FloatArray = self._random.uniform(-1.0, 1.0, values.shape)
-        by *= _OF_ITSELF * size + _OF_LARGEST * np.max(size, initial=scale)
+        by *= _OF_ITSELF * size + self._of_largest * np.max(size, initial=scale)
         return values + by
 
 
 class Comparison:
     """Collects what does not follow.
 
+    Args:
+        of_largest: A difference that is none in any field, over the largest entry of the field.
+
     Attributes:
         faults: One line each.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, of_largest: float = OF_LARGEST) -> None:
         self.faults: list[str] = []
+        self._of_largest = of_largest
 
     def fault(self, text: str) -> None:
         """Something is wrong."""
@@ -81,7 +88,7 @@ class Comparison:
         written, expected = np.asarray(written, dtype=float), np.asarray(expected, dtype=float)
         size, scale = np.abs(expected), float(np.max(np.abs(expected), initial=0.0))
         rounding = max((float(np.max(np.abs(other - expected), initial=0.0)) for other in others), default=0.0)
-        beyond = np.abs(written - expected) - RELATIVE * size - max(rounding, _FLOOR * scale, floor)
+        beyond = np.abs(written - expected) - RELATIVE * size - max(rounding, self._of_largest * scale, floor)
         if written.ndim == 2:
             beyond = np.max(beyond, axis=1, initial=-np.inf)
         wrong = ~(beyond <= 0.0)

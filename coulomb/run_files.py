@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from .arrays import FloatArray
+from .comparison import OF_LARGEST
 from .fem import compat
 from .fem.body import ElasticBody
 from .fem.meshes import corners_of, local_facets
@@ -74,6 +76,16 @@ class WrittenRun:
         return float(np.max(np.ptp(self.points, axis=0)))
 
     @property
+    def evaluation(self) -> float:
+        """By what part of the largest entry a field may be off: DOLFINx writes it as evaluated at the points.
+
+        For that it looks for the place of a point in its cell, as exact as coordinates are over the length of an edge.
+        """
+        corners = self.points[self.cells]
+        edge = float(np.min(np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2)))
+        return max(OF_LARGEST, 1e-15 * float(np.max(np.abs(self.points))) / edge)
+
+    @property
     def fixed(self) -> npt.NDArray[np.bool_]:
         """Which components of the nodes are prescribed, shape (k, 3)."""
         return np.round(self.on_body["held"]).astype(bool)
@@ -100,6 +112,8 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
     for name in ("solution.xdmf", "contact.xdmf", "solution.h5", "contact.h5"):
         if not (folder / name).is_file():
             raise ValueError(f"{folder}: is not whole: there is no {name}")
+    _shown_as_named(folder / "solution.xdmf", (*ON_CELLS, *ON_BODY))
+    _shown_as_named(folder / "contact.xdmf", ON_FACE)
     try:
         points, cells, in_file = _read(folder / "solution.h5", (*ON_CELLS, *ON_BODY))
         corners, facets, on_face = _read(folder / "contact.h5", ON_FACE)
@@ -198,6 +212,25 @@ def _sound(summary: dict[str, Any], path: Path) -> None:
         raise ValueError(f"{path}: mean_compliance should be a positive number, but is {compliance!r}")
     if not isinstance(certificate, dict) or not isinstance(certificate.get("passed"), bool):
         raise ValueError(f"{path}: certificate does not say whether it had passed: {_OLD}")
+
+
+def _shown_as_named(path: Path, names: tuple[str, ...]) -> None:
+    """What ParaView reads shows every field, and from the place in the HDF5 file that has its name.
+
+    Raises:
+        ValueError: If not.
+    """
+    try:
+        grid = ElementTree.parse(path).getroot().find("Domain/Grid")
+        attributes = {} if grid is None else {one.get("Name"): one for one in grid.iter("Attribute")}
+    except (OSError, ElementTree.ParseError) as error:
+        raise ValueError(f"{path}: cannot be read: {error}") from None
+    for name in names:
+        if name not in attributes:
+            raise ValueError(f"{path}: shows no field {name!r}: {_OLD}")
+        place = (attributes[name].findtext("DataItem") or "").strip()
+        if not place.startswith(f"{path.stem}.h5:/Function/{name}/"):
+            raise ValueError(f"{path}: shows {place or 'nothing'} as {name!r}")
 
 
 def _read(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, npt.NDArray[np.int64], Fields]:

@@ -76,6 +76,10 @@ def change(path, name, function):
         data[...] = function(data[...])
 
 
+def swap(path, old, new):
+    path.write_text(path.read_text().replace(old, new))
+
+
 def one_node(data):
     data[np.argmax(np.abs(data).sum(axis=1))] *= 1.001
     return data
@@ -111,6 +115,11 @@ def test_what_was_tampered_with_fails(copy, file, field, function, failing):
         (lambda d: (d / "summary.json").write_text("{"), "summary.json: is not JSON"),
         (lambda d: (d / "summary.json").write_text("{}"), "summary.json: has no 'law'"),
         (lambda d: (d / "contact.h5").unlink(), "is not whole"),
+        (lambda d: (d / "contact.xdmf").unlink(), "is not whole: there is no contact.xdmf"),
+        (lambda d: (d / "contact.xdmf").write_text("<Xdmf>"), "contact.xdmf: cannot be read"),
+        (lambda d: swap(d / "contact.xdmf", "/pressure/", "/gap/"), "shows contact.h5:/Function/gap/0 as 'pressure'"),
+        (lambda d: swap(d / "contact.xdmf", '"status"', '"state"'), "contact.xdmf: shows no field 'status'"),
+        (lambda d: (d / "solution.xdmf").write_text(""), "solution.xdmf: cannot be read"),
         (lambda d: (d / "contact.h5").write_bytes((d / "contact.h5").read_bytes()[:3000]), "is not whole"),
         (lambda d: change(d / "contact.h5", "contact_force", lambda x: np.nan * x), "entries that are not finite"),
     ],
