@@ -81,3 +81,20 @@ def test_products_stay_near_their_mean(solver):
 def test_theta_decreases(solver):
     alpha, new = length(solver, 0.05 * np.ones((NODES, 2)))
     assert new is None and alpha < 1e-9
+
+
+def test_a_warm_start_is_on_the_central_path_of_its_projection():
+    """D (x - q) balances the multipliers at every node, and nu z = theta: q far outside, near the edge, and inside."""
+    rng = np.random.default_rng(6)
+    A, g = dense_compliance(random_spd(60, 10.0, rng)), 10.0 ** rng.uniform(-2, 1, 20)
+    g[3] = 0.0
+    problem = ScaledQP(TrescaQP(A, rng.standard_normal(60), g))
+    q = rng.standard_normal((20, 3)) * 10.0 ** rng.uniform(-2, 1, (20, 1))
+    for theta in (1.0, 1e-4, 1e-9):
+        x, nu = problem.smoothed_projection(q, theta)
+        z, d, f = problem.slack(x), problem._isotropic, problem.frictional
+        assert np.all(z[:, 0] > 0.0) and np.all(z[f, 1] > 0.0) and not x[~f, 1:].any()
+        assert np.allclose(nu[:, 0] * z[:, 0], theta, rtol=1e-6) and np.allclose((nu * z)[f, 1], theta, rtol=1e-6)
+        assert np.allclose(d[:, 0] * (x - q)[:, 0], nu[:, 0], rtol=1e-6, atol=1e-9)
+        friction = (nu[:, 1] / problem._g)[:, None] * x[:, 1:]
+        assert np.allclose((d[:, 1:] * (x - q)[:, 1:])[f], -friction[f], rtol=1e-4, atol=1e-6)
