@@ -1,5 +1,6 @@
 """CONVERGED is said of the residual with a fresh product, by every solver and with every Newton system."""
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -16,9 +17,11 @@ from coulomb import (
     DenseConeSystem,
     DenseSystem,
     IterativeSolver,
+    NotConverged,
     OneLoop,
     PathFollowing,
     SchurComplementSystem,
+    Status,
     SuccessiveTresca,
     TrescaQP,
 )
@@ -67,7 +70,7 @@ def residual_of(A, b, a, bound, x):
 
 def is_fresh(result, A, b, a, bound, accuracy=1e-12):
     fresh = residual_of(A, b, a, bound, result.x)
-    assert fresh <= 1.01 * TOLERANCE
+    assert fresh <= 1.01 * TOLERANCE or result.status is not Status.CONVERGED
     assert result.residual == pytest.approx(fresh, rel=0.02, abs=1e-3 * TOLERANCE)
     assert np.linalg.norm(result.gradient - (A @ result.x - b)) <= accuracy * np.linalg.norm(b)
 
@@ -134,20 +137,49 @@ def hard(seed, nodes=12, condition=1e3):
     return A, b
 
 
-@pytest.mark.parametrize("seed", range(4))
+def answers(solver, pose):
+    """Of four problems; what a solver gives up is judged by a fresh product as well, and it gives up one at most."""
+    given_up = 0
+    for seed in range(4):
+        A, b = hard(seed)
+        try:
+            result = solver.solve(pose(A, b, seed))
+        except NotConverged as failure:
+            result, given_up = failure.result, given_up + 1
+        yield A, b, seed, result
+    assert given_up <= 1
+
+
+def bounds(seed):
+    return np.random.default_rng(seed).uniform(0.1, 1.0, 12) * 1e4
+
+
 @pytest.mark.parametrize("name", [name for name in COULOMB if name not in CONDENSED])
-def test_coulomb_with_products_as_inexact_as_allowed(name, seed):
-    A, b = hard(seed)
-    result = COULOMB[name].solve(CoulombProblem(Sloppy(A), b, np.full(len(b) // 3, 0.4)))
-    is_fresh(result, A, b, np.trace(A) / len(A), lambda x_n: 0.4 * np.maximum(x_n, 0.0))
+def test_coulomb_with_products_as_inexact_as_allowed(name):
+    for A, b, _, result in answers(COULOMB[name], lambda A, b, _: CoulombProblem(Sloppy(A), b, np.full(12, 0.4))):
+        is_fresh(result, A, b, np.trace(A) / len(A), lambda x_n: 0.4 * np.maximum(x_n, 0.0))
 
 
-@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", [name for name in QP if name not in CONDENSED])
-def test_tresca_with_products_as_inexact_as_allowed(name, seed):
-    A, b = hard(seed)
-    g = np.random.default_rng(seed).uniform(0.1, 1.0, len(b) // 3) * 1e4
-    is_fresh(QP[name].solve(TrescaQP(Sloppy(A), b, g)), A, b, np.trace(A) / len(A), lambda _: g)
+def test_tresca_with_products_as_inexact_as_allowed(name):
+    for A, b, seed, result in answers(QP[name], lambda A, b, seed: TrescaQP(Sloppy(A), b, bounds(seed))):
+        is_fresh(result, A, b, np.trace(A) / len(A), lambda _, g=bounds(seed): g)
+
+
+@pytest.mark.parametrize("name", ["P_AM with what was learnt", "one loop", "one loop, condensed"])
+def test_what_is_given_up_is_judged_afresh_too(name):
+    """Stopped on the way, by multigrid: A x of the last step is good to a few hundredths of that step."""
+    if name in QP:
+        problem, A, b = block("tresca")
+        posed, g = problem.tresca(problem.slip_bound(problem.b)), problem.slip_bound(problem.b)
+    else:
+        problem, A, b = block("coulomb")
+        posed, g = problem.coulomb_problem, None
+    solver = dataclasses.replace({**QP, **COULOMB}[name], max_iterations=5)
+    with pytest.raises(NotConverged) as failure:
+        solver.solve(posed)
+    a = problem.mean_compliance
+    is_fresh(failure.value.result, A, b, a, lambda x_n: 0.3 * np.maximum(x_n, 0.0) if g is None else g, 1e-8)
 
 
 @pytest.mark.parametrize("product", [3, 8, 12, 16])
