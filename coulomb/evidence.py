@@ -104,7 +104,7 @@ def evidence(problem: ContactProblem, x: FloatArray, u: FloatArray, before: Befo
     closure = np.einsum("kij,kj->ki", frames, u[nodes])
     closure[:, 1:] -= np.einsum("kij,kj->ki", frames, origin[nodes] + moved)[:, 1:]
     bound = radius * np.maximum(force[:, 0], 0.0) if problem.coulomb else radius
-    elsewhere = np.linalg.norm(on_body, axis=1)
+    elsewhere = np.max(np.abs(on_body), axis=1)
     elsewhere[nodes] = 0.0
     stray = elsewhere[elsewhere != 0.0]  # where no force can be, it pulls, whichever way it points
     none = np.zeros(len(stray))
