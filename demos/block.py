@@ -1,4 +1,4 @@
-"""The block of demos/block.toml, through the Python API.
+"""The block of demos/block.toml, through the Python API, solved in two ways.
 
 A steel block of 3 x 1 x 1 m is clamped on the left, pressed onto a rigid plane by 40 MPa on its top, pulled to the
 right and pushed to the back.  Where does it lift, where does it stick, where does it slide?
@@ -6,6 +6,7 @@ right and pushed to the back.  Where does it lift, where does it stick, where do
     python demos/block.py
 """
 
+import numpy as np
 from mpi4py import MPI
 
 import coulomb
@@ -19,15 +20,33 @@ problem = ContactProblem(
     tractions=[Traction("top", (0.0, 1.0e7, -4.0e7)), Traction("right", (2.0e7, 0.0, 0.0))],
     contact=Contact("bottom", friction=0.3),
 )
+rank_0 = problem.comm.rank == 0
 
-# Successive Tresca problems, each by path following; raises NotConverged if the Coulomb residual stays above 1e-8.
+# The first way, and the default: one path-following loop for the whole problem with friction.  It raises NotConverged
+# if the residual of Coulomb's problem stays above the tolerance.
 solution = problem.solve(tolerance=1e-8)
+loop = solution.result
 
-# The solver says it has converged; the certificate says whether it is right.
+# The second way: the fixed point g <- F x_n of the slip bounds g, a Tresca problem for each.  The contraction is the
+# measured factor by which a problem brings the slip bounds closer to their end (`step.contraction`: at that problem).
+fixed_point = problem.solve(solver=coulomb.SuccessiveTresca(tolerance=1e-8)).result
+
 total = problem.comm.allreduce(-problem.surface.vectors(solution.contact_force.reshape(-1, 3)).sum(axis=0), op=MPI.SUM)
-if problem.comm.rank == 0:
+apart = problem.comm.allreduce(np.sum((fixed_point.x - loop.x) ** 2), op=MPI.SUM)
+size = problem.comm.allreduce(np.sum(loop.x**2), op=MPI.SUM)
+if rank_0:
     print(f"force of the foundation on the block: {total[0]:.6g}, {total[1]:.6g}, {total[2]:.6g} N")
-    print(f"{solution.result.iterations} Tresca problems, contraction {solution.result.contraction:.2f} a step")
+    print("                      one loop   fixed point")
+    print(f"Tresca problems             -  {fixed_point.iterations:12d}")
+    print(f"contraction                 -  {fixed_point.contraction:12.2g}")
+    print(f"path-following steps {loop.path_following:8d}  {fixed_point.path_following:12d}")
+    print(f"products by A        {loop.products:8d}  {fixed_point.products:12d}")
+    print(f"Coulomb residual     {loop.residual:8.1e}  {fixed_point.residual:12.1e}")
+    print(f"the two answers differ by {np.sqrt(apart / size):.0e} of the forces")
+    print("problem  residual  contraction")
+    for step in fixed_point.history:
+        print(f"{step.iteration:7d}  {step.residual:8.1e}  {step.contraction:11.2g}")
+    # The solver says it has converged; the certificate says whether it is right.
     print(solution.certificate)
 
 # Displacement, stress, pressure, friction and slip for ParaView, a summary, and picture.png.

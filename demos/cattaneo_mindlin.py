@@ -47,6 +47,8 @@ P = 2 * normal.contact_force[0::3].sum()
 a = (0.75 * P * R * (1 - nu**2) / E) ** (1 / 3)
 d = 3 * F * P / (16 * a) * 2 * (1 + nu) * (2 - nu) / E  # way of the ball at which all would slip
 
+print(f"pressed: P = {P:.5g} N; all slips from d = {d:.5g} m on")
+
 # From there with friction: right, left, and right again.  Slip counts from where pressing has left the surface.
 far = 0.85 * d
 motion = [(1.0, 0.0, 0.0, up), (2.0, far, 0.0, up), (4.0, -far, 0.0, up), (6.0, far, 0.0, up)]
@@ -62,7 +64,7 @@ for step in history.steps(problem, pressed):
     forces.append(2 * totals(step.solution)["force"][0] / (F * P))
     print(f"way {ways[-1]:+.3f} d, Q = {forces[-1]:+.4f} F P, {step.row['stick']} nodes stick, {step.row['slip']} slip")
 print(step.solution.certificate)
-print(f"dissipated from the first move on: {2 * step.state.energy.dissipated:.3g} J")
+print(f"dissipated from the first move on: {2 * step.state.energy.dissipated:.4g} J")
 
 figure = Figure(figsize=(6, 4), layout="constrained")
 axis = figure.subplots()

@@ -44,7 +44,7 @@ p0 = 1.5 * P / (np.pi * a**2)
 r, pressure = np.hypot(surface.x[:, 0], surface.x[:, 1]), force / surface.area
 spread = problem.comm.allreduce(force @ r**2, op=MPI.SUM) / (P / 4)  # mean square distance: 2 a^2/5 in theory
 print(f"P = {P:.4g} N: a = {1e3 * np.sqrt(2.5 * spread):.4f} mm, by the formula {1e3 * a:.4f} mm")
-print(f"greatest pressure {pressure.max() / 1e6:.0f} MPa, by the formula {p0 / 1e6:.0f} MPa")
+print(f"largest pressure {pressure.max() / 1e6:.0f} MPa, by the formula {p0 / 1e6:.0f} MPa")
 
 figure = Figure(figsize=(6, 4), layout="constrained")
 axis, s = figure.subplots(), np.linspace(0, 1.4 * a, 400)

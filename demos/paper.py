@@ -26,7 +26,8 @@ print("step   theta     alpha   CG  residual")
 for step in result.history:
     print(f"{step.iteration:4d}  {step.theta:.1e}  {step.alpha:6.3f}  {step.krylov:3d}  {step.residual:.1e}")
 
-# The augmented system with P_AM and the Schur complement with P_SC make the same iterates, up to rounding.
+# The augmented system with P_AM and the Schur complement with P_SC have the same solution; since CG solves both only as
+# precisely as asked, the steps are alike, but not the same.
 for newton in (AugmentedSystem, SchurComplementSystem):
     other = PathFollowing(tolerance=1e-8, newton=newton).solve(qp)
     print(f"{newton.__name__}: {other.iterations} steps, {other.products} products by A")

@@ -31,8 +31,10 @@ for step in LoadHistory([1 + k / 10 for k in range(41)], tolerance=1e-9).steps(p
     print(f"{ways[-1]:.1f} mm: T = {ratios[-1]:+.9f} F N, {row['stick']} nodes stick, {row['slip']} slip")
 print(step.solution.certificate)
 energy = step.state.energy
-print(f"work {energy.prescribed:.0f} J: {energy.elastic:.0f} kept, {energy.dissipated:.0f} dissipated by friction,")
-print(f"and {energy.imbalance:.0f} the error of finite steps, which falls with their size")
+print(
+    f"work {energy.prescribed:.0f} J: {energy.elastic:.0f} J elastic, {energy.dissipated:.0f} J dissipated by friction,"
+)
+print(f"and {energy.imbalance:.0f} J the error of finite steps, which falls with their size")
 
 figure = Figure(figsize=(6, 4), layout="constrained")
 axis = figure.subplots()

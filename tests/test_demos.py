@@ -1,25 +1,197 @@
-"""The demos run as they stand."""
+"""The demos run as they stand, and print what formulas and references say.
 
+Numbers are read from what a demo prints, so that a reader finds there what is asserted here.
+"""
+
+import functools
 import json
+import re
+import tempfile
 
+import numpy as np
 import pytest
 from conftest import ROOT, reference, run_coulomb, run_python
 
 DEMOS = sorted((ROOT / "demos").glob("*.py"))
 CASES = sorted((ROOT / "demos").glob("*.toml"))
+NUMBER = r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)"
+
+
+@functools.cache
+def said(demo):
+    """What a demo prints: a script, or a case."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = ROOT / "demos" / demo
+        done = run_python(file, cwd=folder) if file.suffix == ".py" else run_coulomb("run", file, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def table(text, pattern):
+    """The numbers of every line that fits, a row for each; `#` in the pattern is a number."""
+    found = re.findall(pattern.replace("#", NUMBER), text, flags=re.MULTILINE)
+    assert found, f"no line {pattern!r} in:\n{text}"
+    return np.array([line if isinstance(line, tuple) else (line,) for line in found], dtype=float)
+
+
+def line(text, pattern):
+    """The numbers of the only line that fits."""
+    (found,) = table(text, pattern)
+    return found
 
 
 @pytest.mark.parametrize("demo", DEMOS, ids=lambda path: path.name)
-def test_script(demo, tmp_path):
-    done = run_python(demo, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "certificate passed" in done.stdout
+def test_every_script_is_certified(demo):
+    assert "certificate passed" in said(demo.name) and "FAILED" not in said(demo.name)
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda path: path.name)
-def test_case(case, tmp_path):
-    done = run_coulomb("run", case, cwd=tmp_path)
+def test_every_demo_has_a_test():
+    tested = {name.removeprefix("test_demo_") for name in globals()}
+    assert {path.stem for path in (*DEMOS, *CASES)} <= tested
+
+
+def test_demo_block():
+    """Both ways to the forces of the independent solver; the contraction says how fast the residual falls."""
+    text, (totals, _) = said("block.py"), reference(10, "coulomb")
+    expected = [*totals["tangential_force_on_body_N"], totals["total_normal_force_N"]]
+    force = line(text, r"force of the foundation on the block: #, #, # N")
+    assert force == pytest.approx(expected, rel=1e-5)  # six digits are printed
+    problems, rate = line(text, r"^Tresca problems +- +#$")[0], line(text, r"^contraction +- +#$")[0]
+    steps, products = line(text, r"^path-following steps +# +#$"), line(text, r"^products by A +# +#$")
+    residuals = line(text, r"^Coulomb residual +# +#$")
+    assert max(residuals) <= 1e-8 and line(text, r"two answers differ by # of the forces")[0] <= 1e-6
+    assert steps[0] < steps[1] and products[0] < 0.5 * products[1]
+    history = table(text, r"^ +(\d+) +(\d\.\de-\d\d) +(nan|\d[\d.]*)$")
+    assert list(history[:, 0]) == list(range(1, int(problems) + 1)) and history[-1, 1] == residuals[1]
+    assert np.isnan(history[0, 2]) and not np.isnan(history[1:, 2]).any()  # the first has none before it
+    mean = (history[-1, 1] / history[0, 1]) ** (1.0 / (problems - 1.0))
+    assert 0.0 < rate < 1.0 and 0.7 < mean / rate < 1.4
+
+
+def test_the_fixed_point_is_asked_for_as_readme_says(tmp_path):
+    """The command of the README's first part, with its contraction."""
+    first = (ROOT / "README.md").read_text().split("## From Python")[0]
+    (command,) = re.findall(r"`coulomb (run demos/block\.toml --set solver\.method=[\w-]+)`", first)
+    done = run_coulomb(*command.split(), "--set", "mesh.cells=[12,4,4]", "--output", tmp_path, cwd=ROOT)
     assert done.returncode == 0, done.stderr
+    problems, rate = line(done.stdout, r"^converged \(successive Tresca\): .* # Tresca problems, .* contraction #$")
+    assert problems >= 3 and 0.0 < rate < 1.0
+    code = first + (ROOT / "README.md").read_text().split("## From Python")[1]
+    assert "coulomb.SuccessiveTresca()" in code
+
+
+def test_demo_hertz():
+    """Radius and pressure beside the formulas of the same force; (h/a)^2/6 with six cells to the radius."""
+    text = said("hertz.py")
+    force, radius, formula = line(text, r"P = # N: a = # mm, by the formula # mm")
+    pressure, known = line(text, r"largest pressure # MPa, by the formula # MPa")
+    expected = (0.75 * force * 0.1 * (1.0 - 0.3**2) / 2.1e11) ** (1.0 / 3.0)
+    assert formula == pytest.approx(1e3 * expected, abs=1e-4)  # digits printed, here and of P
+    assert known == pytest.approx(1.5e-6 * force / (np.pi * expected**2), rel=1e-3)
+    assert radius == pytest.approx(formula, rel=1.0 / 216.0)
+    assert pressure == pytest.approx(known, rel=1.0 / 216.0)
+
+
+def test_demo_cattaneo_mindlin():
+    """Mindlin's curves for loading, unloading and reloading: to (h/a)^2/6 of F P with three cells to the radius."""
+    text, allowed = said("cattaneo_mindlin.py"), 1.0 / 9.0 / 6.0
+    force, reach = line(text, r"pressed: P = # N; all slips from d = # m on")
+    radius = (0.75 * force * 0.1 * (1.0 - 0.3**2) / 2.1e11) ** (1.0 / 3.0)
+    assert reach == pytest.approx(0.3 * force / (8.0 * radius) * 1.3 * 1.7 / 2.1e11, rel=1e-4)
+    way, pull, stick, slip = table(text, r"way # d, Q = # F P, # nodes stick, # slip").T
+    assert len(way) == 20 and np.all(stick + slip == stick[0] + slip[0])
+
+    def loading(x):
+        return 1.0 - (1.0 - x) ** 1.5
+
+    assert pull[:4] == pytest.approx(loading(way[:4]), abs=allowed)
+    down, up = way[4:12], way[12:]  # Masing: each branch is the first one, twice as large
+    assert pull[4:12] == pytest.approx(loading(0.85) - 2.0 * loading((0.85 - down) / 2.0), abs=2.0 * allowed)
+    assert pull[12:] == pytest.approx(-loading(0.85) + 2.0 * loading((0.85 + up) / 2.0), abs=2.0 * allowed)
+    assert pull[12:] == pytest.approx(-pull[4:12], abs=1e-3)  # there and back alike
+    # a loop encloses 8 (integral of the first branch less its triangle), loading a quarter of that
+    curve = 0.85 - 0.4 * (1.0 - 0.15**2.5) - 0.5 * 0.85 * loading(0.85)
+    dissipated = line(text, r"dissipated from the first move on: # J")[0] / (0.1 * force * reach)
+    assert dissipated == pytest.approx(10.0 * curve, rel=0.25)  # four steps to a branch, a difference of two areas
+
+
+def test_demo_patch():
+    """A uniform state of stress is exact for linear elements: to the residual, 1e-10, times what A amplifies."""
+    text = said("patch.py")
+    for name, known in (("pressure", 4e7), ("friction", -1.2e7)):
+        least, most, expected = line(text, rf"{name} # to # Pa, known #")
+        assert expected == known and [least, most] == pytest.approx([known, known], rel=1e-8)
+    assert line(text, r"displacement to # of the slip")[0] <= 1e-8
+
+
+def test_demo_sliding_block():
+    """|T| is at most F N, and F N once all has slipped far enough, whichever way; energies add up."""
+    text = said("sliding_block.py")
+    way, ratio, stick, slip = table(text, r"# mm: T = # F N, # nodes stick, # slip").T
+    assert len(way) == 41 and np.all(stick + slip == 36) and np.all(np.abs(ratio) <= 1.0 + 2e-9)
+    assert way == pytest.approx([*np.arange(0, 2.05, 0.1), *np.arange(1.9, -0.05, -0.1)], abs=1e-9)
+    assert ratio[[20, 40]] == pytest.approx([-1.0, 1.0], abs=2e-9)
+    assert np.all(ratio[:21] <= 1e-9) and np.all(np.diff(ratio[:21]) <= 1e-9) and np.all(np.diff(ratio[20:]) >= -1e-9)
+    assert stick[20] == stick[40] == 0 and stick[21] > 30  # turned round, it sticks again
+    work, elastic, dissipated = line(text, r"work # J: # J elastic, # J dissipated by friction,")
+    missing = line(text, r"and # J the error of finite steps")[0]
+    assert work - elastic - dissipated == pytest.approx(missing, abs=2.0)  # printed to a joule
+    assert abs(missing) < 0.01 * dissipated
+
+
+def test_demo_ssnv128():
+    """Displacements of code_aster's manual: to its digits, but for the last, which other codes give as we do."""
+    place, ours, known = table(said("ssnv128.py"), r"x = +# mm: u_x = # m, code_aster's manual # m").T
+    assert place == pytest.approx([0.0, 1.25, 5.0, 7.5, 11.25])
+    assert known == pytest.approx([2.86e-5, 2.72e-5, 2.28e-5, 1.98e-5, 1.50e-5])
+    assert ours[:4] == pytest.approx(known[:4], rel=5e-3)
+    assert ours[4] == pytest.approx(known[4], rel=0.05)
+
+
+def test_demo_paper():
+    """Sizes of Table 1's first line, a path that falls to the tolerance, few products, and Theorem 1's bound."""
+    text = said("paper.py")
+    assert list(line(text, r"^#/# unknowns$")) == [3 * 30 * 11 * 11, 3 * 30 * 11]  # the clamped face is not free
+    step, theta, alpha, krylov, residual = table(text, r"^ +(\d+) +# +# +(\d+) +#$").T
+    assert list(step) == list(range(1, len(step) + 1)) and len(step) < 25
+    assert np.all(np.diff(theta) < 0.0) and np.all((alpha > 0.0) & (alpha <= 1.0)) and np.all(krylov >= 1)
+    assert residual[-1] <= 1e-8 < residual[-2] and np.all(alpha[-3:] > 0.99)  # full steps at the end
+    augmented, other = (line(text, rf"{name}System: # steps, # products") for name in ("Augmented", "SchurComplement"))
+    assert abs(augmented[0] - other[0]) <= 3 and max(augmented[1], other[1]) < 300
+    path, active = line(text, r"to a residual of 1e-6: PF # products, KPRGP #$")
+    assert active > 10 * path
+    plain, preconditioned = line(text, r"cond\(J_AM\) ends at #, cond\(P_AM\^-1 J_AM\) at #$")
+    assert plain > 1e9 and preconditioned < 1e4
+
+
+def steps_of(text):
+    """Of a history, per step: number, time, normal force, force along x, y, z."""
+    return table(text, r"^step +(\d+) +time # s +normal # N, force \(#, #, #\) N").T
+
+
+def test_demo_history():
+    """Friction is F N once all slides, against the way of the plate, and never more."""
+    text = said("history.toml")
+    number, time, normal, along, _, up = steps_of(text)
+    assert list(number) == list(range(1, 25)) and time == pytest.approx(0.25 * number)
+    assert up == pytest.approx(normal) and np.all(np.abs(along) <= 0.5 * normal * (1.0 + 1e-5))
+    assert along[[15, 23]] == pytest.approx([0.5, -0.5] * normal[[15, 23]], rel=1e-3)  # after 4 mm there, 4 mm back
+    loads, clamps, foundation, elastic, friction, error = line(
+        text, r"since the start: loads #, prescribed displacements #, foundation #; elastic #, friction #, .* steps #"
+    )
+    assert loads == foundation == 0.0 and clamps - elastic - friction == pytest.approx(error, rel=0.1)
+    path = 4e-3 * 0.5 * normal[15]  # two ways of 4 mm under F N, less what the rubber gives way
+    assert 0.5 * path < friction < 2.5 * path
+
+
+def test_demo_foot():
+    """The floor carries the machine and holds the push, 0.4 of its weight, until that is gone."""
+    _, time, normal, along, across, _ = steps_of(said("foot.toml"))
+    assert time == pytest.approx([0.5, 1.0, 1.5, 2.0, 2.5, 3.0])
+    weight = normal[1]
+    assert normal == pytest.approx(weight * np.array([0.5, 1.0, 1.0, 1.0, 1.0, 1.0]), rel=0.01)  # the springs are soft
+    assert along == pytest.approx(-weight * np.array([0.0, 0.0, 0.2, 0.4, 0.2, 0.0]), abs=0.01 * weight)
+    assert across == pytest.approx(np.zeros(6), abs=0.01 * weight)
 
 
 def test_readme_example(tmp_path):
