@@ -12,6 +12,7 @@ import math
 import os
 import runpy
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -36,47 +37,89 @@ LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "HYDRA_", "SLURM_")
 _LINUX_DIE_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
 
 
-def run(
-    module: str, arguments: Sequence[str], seconds: float | None = 600.0, stop: Callable[[], bool] = lambda: False
-) -> tuple[int, str]:
-    """Run `python -m module arguments` apart.
+class Apart:
+    """`python -m module arguments` in a process of its own, from now on.
+
+    In a session of its own, so that a Ctrl-C is the caller's, who may want what is being drawn.
 
     Args:
         module: Full name, for example "coulomb.report".
         arguments: Of its command line.
-        seconds: When to give it up; None to wait, as for a window.
-        stop: Asked now and then whether to give it up at once.
-
-    Returns:
-        Its exit code, and what it said: its standard output if the code is 0, else its last line of error.
     """
-    environment = {key: value for key, value in os.environ.items() if not key.startswith(LAUNCHER)}
-    command = [sys.executable, str(Path(__file__).resolve()), module, *arguments]
-    until = math.inf if seconds is None else time.monotonic() + seconds
-    try:  # in a session of its own, so that a Ctrl-C is the caller's, who may want what is being drawn
-        process = subprocess.Popen(
-            command,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-    except OSError as error:
-        return 1, str(error)
-    with process:
-        while True:
-            try:
-                told, fault = process.communicate(timeout=0.1)
-                break
-            except subprocess.TimeoutExpired:
-                if stop() or time.monotonic() > until:
-                    process.kill()
-                    return 1, "interrupted" if stop() else f"it took more than {seconds:g} seconds"
-    if process.returncode == 0:
-        return 0, told.strip()
-    said = fault.strip().splitlines()
-    return process.returncode, said[-1] if said else f"the renderer ended with code {process.returncode}"
+
+    def __init__(self, module: str, arguments: Sequence[str]):
+        environment = {key: value for key, value in os.environ.items() if not key.startswith(LAUNCHER)}
+        command = [sys.executable, str(Path(__file__).resolve()), module, *arguments]
+        self._process: subprocess.Popen[str] | None = None
+        self._fault = ""
+        self._line, its_end = socket.socketpair()  # a pipe that it has closed would end us, by PETSc's hand, as SIGPIPE
+        try:
+            self._process = subprocess.Popen(
+                command,
+                env=environment,
+                stdin=its_end.fileno(),
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                start_new_session=True,
+            )
+        except OSError as error:
+            self._fault = str(error)
+        its_end.close()
+
+    def finish(
+        self, told: str = "", seconds: float | None = 600.0, stop: Callable[[], bool] = lambda: False
+    ) -> tuple[int, str]:
+        """Wait for its end.
+
+        Args:
+            told: For its standard input.
+            seconds: When to give it up; None to wait, as for a window.
+            stop: Asked now and then whether to give it up at once.
+
+        Returns:
+            Its exit code, and what it said: its standard output if the code is 0, else its last line of error.
+        """
+        process = self._process
+        if process is None or process.returncode is not None:
+            return 1, self._fault or "the renderer was stopped"
+        until = math.inf if seconds is None else time.monotonic() + seconds
+        try:
+            with self._line, contextlib.suppress(OSError):  # it may have ended already: its own words say why
+                self._line.sendall(told.encode(), socket.MSG_NOSIGNAL)
+            while True:
+                try:
+                    out, error = process.communicate(timeout=0.1)
+                    break
+                except subprocess.TimeoutExpired:
+                    if stop() or time.monotonic() > until:
+                        return 1, "interrupted" if stop() else f"it took more than {seconds:g} seconds"
+        finally:
+            self.stop()
+        code = process.wait()
+        if code == 0:
+            return 0, out.strip()
+        said = error.strip().splitlines()
+        return code, said[-1] if said else f"the renderer ended with code {code}"
+
+    def stop(self) -> None:
+        """End it, if it has not ended; may be asked for more than once."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.kill()
+            self._process.communicate()
+        self._line.close()
+
+
+def run(
+    module: str, arguments: Sequence[str], seconds: float | None = 600.0, stop: Callable[[], bool] = lambda: False
+) -> tuple[int, str]:
+    """Run `python -m module arguments` apart, as `Apart` and its `finish`."""
+    return Apart(module, arguments).finish(seconds=seconds, stop=stop)
+
+
+def begin_picture() -> Apart:
+    """What draws picture.png: it gets ready, and waits to be told the directory of the run."""
+    return Apart("coulomb.report", ["overview"])
 
 
 def missing(error: ModuleNotFoundError) -> str:

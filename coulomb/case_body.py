@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,6 +16,10 @@ if TYPE_CHECKING:
 
     from .fem.loaded_body import Clamp, Spring, Traction
     from .fem.meshes import NamedMesh
+
+
+SMALL = 200_000
+"""Cells of a mesh beside which a process that waits to draw does not count."""
 
 
 class Table(BaseModel):
@@ -49,6 +55,16 @@ class MeshTable(Table):
         if self.box is not None and self.cells is None:
             raise ValueError("cells is missing: a box needs the numbers of cells along x, y, z")
         return self
+
+    @property
+    def small(self) -> bool:
+        """Whether it has at most about SMALL cells, as far as one can tell before it is read."""
+        if self.file is None:
+            return self.cells is not None and math.prod(self.cells) <= SMALL
+        try:
+            return os.path.getsize(self.file) <= 100 * SMALL  # bytes of a cell
+        except OSError:
+            return False
 
     def mesh(self, comm: MPI.Comm) -> NamedMesh:
         """What the table describes.

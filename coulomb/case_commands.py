@@ -65,9 +65,11 @@ def check_case(
     with bad_input():
         settings = read_case(case, changes or ())
 
+    from .fem.compilation import announce
     from .posing import doubts, expected, posed
     from .terminal import introduce
 
+    announce(lambda text: console.print(text, markup=False, soft_wrap=True))
     with bad_input():
         problem = posed(settings, directory or Path(settings.output.directory), force=False, now=False)
         for end in settings.history.ends if settings.history is not None else ():

@@ -18,7 +18,7 @@ from . import process
 from .benchmarks.commands import benchmark
 from .case import read_case, written_case
 from .case_commands import Changes, check_case, new
-from .commands_pictures import register
+from .commands_pictures import drawing_soon, register
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks
 from .console import console as _console
 from .console import errors as _errors
@@ -80,9 +80,11 @@ def run(
         with bad_input():
             settings = read_case(case, [*(changes or ()), *(["output.report=true"] if page else ())])
 
-        from .running import compute
+        with drawing_soon(settings) as renderer:
+            from .running import compute
 
-        compute(session, settings, case, directory or Path(settings.output.directory), force)
+            target = directory or Path(settings.output.directory)
+            compute(session, settings, case, target, force, renderer=renderer)
 
 
 @app.command()

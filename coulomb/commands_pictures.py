@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from . import apart
 from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
 from .ranks import launched, on_rank_0
+
+if TYPE_CHECKING:
+    from .case import Case
 
 PAGE = "report.html"
 """Name of the report in the directory of its run."""
@@ -61,6 +65,21 @@ def report(
     """Write one HTML page about a run, certified or not: case, certificate, pictures, convergence, a 3D view."""
     refuse_ranks("coulomb report")
     _apart("page", [str(directory), str(save or directory / PAGE)], seconds=None)
+
+
+@contextmanager
+def drawing_soon(settings: Case) -> Iterator[apart.Apart | None]:
+    """What draws picture.png of a single run gets ready while the run computes, which takes as long for a small one.
+
+    It is not begun so soon (None) under MPI, whose ranks need all cores, nor for large meshes, which need the memory.
+    """
+    soon = settings.output.picture and settings.history is None and launched() is None and settings.mesh.small
+    renderer = apart.begin_picture() if soon else None
+    try:
+        yield renderer
+    finally:
+        if renderer is not None:
+            renderer.stop()
 
 
 def write_report(directory: Path, stop: Callable[[], bool]) -> str:

@@ -31,6 +31,8 @@ EXIT_CODES = """Exit codes:
 """
 
 _all = ranks.launched()
+if _all is None:
+    ranks.start_alone()
 _silent = _all is not None and _all.rank != 0
 console = Console(quiet=_silent, highlight=False)
 errors = Console(quiet=_silent, highlight=False, stderr=True, soft_wrap=True)

@@ -36,7 +36,10 @@ from .summary import summary
 
 
 def write(
-    solution: Solution, directory: str | Path, picture: bool = True, extra: Mapping[str, Any] | None = None
+    solution: Solution,
+    directory: str | Path,
+    picture: bool = True,
+    extra: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Write everything into a directory; files already there are replaced only when all new ones are complete.
 
@@ -88,7 +91,11 @@ def write(
 
 
 def add_picture(
-    contents: dict[str, Any], target: Path, comm: MPI.Comm, stop: Callable[[], bool] = lambda: False
+    contents: dict[str, Any],
+    target: Path,
+    comm: MPI.Comm,
+    stop: Callable[[], bool] = lambda: False,
+    renderer: apart.Apart | None = None,
 ) -> dict[str, Any]:
     """Draw picture.png of results that are on disk, and say so in their summary; collective.
 
@@ -97,6 +104,7 @@ def add_picture(
         target: Where they are.
         comm: The ranks.
         stop: Asked now and then whether to give it up.
+        renderer: The process that draws, if it has begun already.
 
     Returns:
         The summary, with the picture and its seconds.
@@ -107,7 +115,7 @@ def add_picture(
 
     def add() -> str:
         drawing = time.perf_counter()
-        trouble = draw(target, target, stop)
+        trouble = draw(target, stop, renderer)
         contents["picture"] = "interrupted" if trouble and stop() else trouble or "picture.png"
         contents["seconds"]["picture"] = time.perf_counter() - drawing
         contents["run"]["ended"] = moment(now())
@@ -289,17 +297,22 @@ def write_json(contents: dict[str, Any], path: Path) -> None:
     os.replace(partial, path)
 
 
-def draw(directory: Path, target: Path, stop: Callable[[], bool] = lambda: False) -> str:
-    """Draw a picture of the results in a directory, and put it into another; what went wrong, or nothing.
+def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: apart.Apart | None = None) -> str:
+    """Draw picture.png of a run, or of the end of a load history; what went wrong, or nothing.
 
     In a process of its own: a renderer may take it down.
+
+    Args:
+        directory: Of the run.
+        stop: Asked now and then whether to give it up.
+        renderer: The process that draws, if it has begun already (`apart.begin_picture`).
     """
-    code, said = apart.run("coulomb.plotting", [str(directory)], stop=stop)
-    if code:
-        (directory / "picture.png").unlink(missing_ok=True)
-        return f"could not be drawn: {said}"
-    os.replace(directory / "picture.png", target / "picture.png")
-    return ""
+    code, said = (renderer or apart.begin_picture()).finish(str(directory.absolute()), stop=stop)
+    if not code:
+        return ""
+    for name in ("picture.png", ".picture.png"):  # of what was there before, and half a picture
+        (directory / name).unlink(missing_ok=True)
+    return f"could not be drawn: {said}"
 
 
 def _finite(value: Any) -> Any:

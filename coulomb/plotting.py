@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import ctypes.util
-import json
 import os
-import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,8 +16,9 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
-ZONES = {0: ("open", "#bdbdbd"), 1: ("stick", "#2166ac"), 2: ("slip", "#f4a582"), 3: ("held", "#4d4d4d")}
-"""Name and colour of every status in contact.xdmf; told apart by the colour-blind too."""
+ZONES = {0: ("open", "#dde6ea"), 1: ("stick", "#2159a8"), 2: ("slip", "#e68a1e"), 3: ("held", "#2b2b2b")}
+"""Name and colour of every status in contact.xdmf: a luminance contrast of 2 between each two, for eyes and printers
+that see no colours, and far apart for the colour-blind."""
 
 _VTK_TYPES = {"Hexahedron": 12, "Tetrahedron": 10, "Quadrilateral": 9, "Triangle": 5}
 
@@ -49,65 +48,6 @@ def read_grid(path: str | Path) -> Grid:
     assert topology is not None and geometry is not None
     fields = {str(attribute.get("Name")): np.squeeze(data(attribute)) for attribute in grid.findall("Attribute")}
     return Grid(str(topology.get("TopologyType")), data(topology), data(geometry), fields)
-
-
-def picture(directory: str | Path) -> Path:
-    """Draw picture.png: the deformed body from below, its contact pressure, and the stick, slip and open zones.
-
-    Args:
-        directory: Of a run, with solution.xdmf, contact.xdmf and summary.json (where it is there already).
-
-    Returns:
-        The picture's path.
-    """
-    pyvista = renderer()
-    directory = Path(directory)
-    body, contact = read_grid(directory / "solution.xdmf"), read_grid(directory / "contact.xdmf")
-    displacement = body.fields["displacement"]
-    size = float(np.linalg.norm(np.ptp(body.points, axis=0)))
-    greatest = float(np.linalg.norm(displacement, axis=1).max())
-    scale = nice(0.05 * size / greatest) if greatest > 0.0 else 1.0
-
-    in_contact = match(contact.points, body.points)
-    lower = contact.points + scale * displacement[in_contact]
-    face = pyvista.PolyData(lower, polygons(contact.cells))
-    face.point_data["pressure"] = contact.fields["pressure"] / 1e6
-    skin = without(skin_of(pyvista, body, body.points + scale * displacement), in_contact)
-    normal = np.mean(face.compute_normals(auto_orient_normals=False)["Normals"], axis=0)
-    normal *= np.sign(normal @ (face.center_of_mass() - np.mean(skin.points, axis=0)))
-
-    plotter = pyvista.Plotter(off_screen=True, window_size=(1400, 1300), shape=(2, 1), border=False)
-    plotter.set_background("white")
-    for row in range(2):
-        plotter.subplot(row, 0)
-        plotter.add_mesh(skin, color="#f2f0eb", show_edges=True, edge_color="#c8c5be", ambient=0.45, diffuse=0.6)
-        plotter.add_axes(color="black")
-
-    plotter.subplot(0, 0)
-    bar = {"title": "pressure, MPa", "vertical": True, "title_font_size": 20, "label_font_size": 18}
-    bar |= {"position_x": 0.9, "position_y": 0.15, "height": 0.7, "width": 0.05, "color": "black", "fmt": "%.3g"}
-    shown = {"cmap": "viridis", "clim": (0.0, max(float(face["pressure"].max()), 1e-12)), "scalar_bar_args": bar}
-    plotter.add_mesh(face, scalars="pressure", lighting=False, show_edges=True, edge_color="#8a8a8a", **shown)
-    plotter.add_text(f"{_caption(directory)}; displacement x {scale:g}", font_size=12, color="black")
-    _look_at(plotter, normal)
-
-    plotter.subplot(1, 0)
-    legend = []
-    status = np.rint(contact.fields["status"]).astype(int)
-    for code, (name, colour) in ZONES.items():
-        chosen = status == code
-        if chosen.any():
-            plotter.add_mesh(patches(pyvista, contact.cells, lower, chosen), color=colour, lighting=False)
-            legend.append([f"{name}: {np.count_nonzero(chosen)} nodes", colour])
-    lines = face.extract_all_edges().translate(1e-3 * size * normal)  # in front of the zones
-    plotter.add_mesh(lines, color="#8a8a8a", line_width=1)
-    plotter.add_legend(legend, bcolor="white", face="rectangle", size=(0.17, 0.2), loc="upper right")
-    _look_at(plotter, normal)
-
-    path = directory / "picture.png"
-    plotter.screenshot(str(path))
-    plotter.close()
-    return path
 
 
 def renderer() -> Any:
@@ -155,33 +95,6 @@ def patches(pyvista: Any, cells: npt.NDArray[np.int64], points: FloatArray, chos
     centre = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
     pieces = np.stack([corners, middle, centre, np.roll(middle, 1, axis=1)], axis=2)[chosen[cells]]
     return pyvista.PolyData(pieces.reshape(-1, 3), polygons(np.arange(4 * len(pieces)).reshape(-1, 4)))
-
-
-def _look_at(plotter: Any, normal: FloatArray) -> None:
-    """At the contact face from outside the body, along its normal and a little from two sides."""
-    along = np.eye(3)[np.argmin(np.abs(normal))]
-    across = np.cross(normal, along)
-    plotter.view_vector(normal + 0.25 * along + 0.6 * across, viewup=-across)
-    # pyvista shows the ball round the body whole; closer, as far as the corners of its box stay inside
-    low, high = np.array(plotter.bounds).reshape(3, 2).T
-    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T - 0.5 * (low + high)
-    up = np.array(plotter.camera.up)
-    right = np.cross(plotter.camera.direction, up)
-    reach = max(np.abs(corners @ up).max(), np.abs(corners @ right).max() / 1.5)
-    plotter.camera.zoom(float(min(1.5, 0.85 * np.linalg.norm(corners, axis=1).max() / reach)))
-
-
-def _caption(directory: Path) -> str:
-    path = directory / "summary.json"
-    if not path.exists():
-        return "contact"
-    contents = json.loads(path.read_text(encoding="utf-8"))
-    friction = contents["friction"]
-    values = [friction["min"], friction["max"]] if isinstance(friction, dict) else [friction]
-    shown = " to ".join(f"{value:g}" for value in values if value is not None)
-    law = f"Coulomb friction {shown}" if contents["law"] == "coulomb" else "Tresca friction"
-    warning = alarm(contents)
-    return f"{law}: {warning}" if warning else law
 
 
 def alarm(contents: dict[str, Any]) -> str:
@@ -306,7 +219,3 @@ def _save(figure: Any, csv_file: str | Path) -> Path:
     path = Path(csv_file).with_suffix(".png")
     figure.savefig(path, dpi=130)
     return path
-
-
-if __name__ == "__main__":
-    picture(sys.argv[1])

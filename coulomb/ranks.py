@@ -34,6 +34,14 @@ def launched() -> MPI.Comm | None:
     return world
 
 
+def start_alone() -> None:
+    """Spare Open MPI 4 the daemon that it starts beside a process without launcher, which takes a third of a second.
+
+    It would serve processes that this one starts by MPI, and there are none.
+    """
+    os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
+
+
 def several() -> bool:
     """Whether a launcher has started more processes than this one."""
     comm = launched()

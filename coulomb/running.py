@@ -15,10 +15,12 @@ from threadpoolctl import threadpool_limits
 
 from . import output
 from .acceptance import left_open
+from .apart import Apart
 from .case import Case, write_case
 from .case_record import case_record, refuse_another_case
 from .commands_pictures import write_report
 from .console import FAILED, INTERRUPTED, bad_input, errors
+from .fem.compilation import announce
 from .load_history import StepFailed, refuse_steps
 from .load_step import LoadStep
 from .lock import locked
@@ -34,7 +36,15 @@ from .terminal import Display, introduce, report, report_history, warn
 from .time_left import about
 
 
-def compute(session: Session, settings: Case, source: Path, target: Path, force: bool, resume: bool = False) -> None:
+def compute(
+    session: Session,
+    settings: Case,
+    source: Path,
+    target: Path,
+    force: bool,
+    resume: bool = False,
+    renderer: Apart | None = None,
+) -> None:
     """Pose the problem of a case and solve it, or go on with its load history; ends the command with its exit code.
 
     Args:
@@ -44,8 +54,10 @@ def compute(session: Session, settings: Case, source: Path, target: Path, force:
         target: Where the results go.
         force: Not to mind memory and disk.
         resume: To go on from the load steps in `target`.
+        renderer: The process that draws, if it has begun already.
     """
     with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None):
+        announce(session.tell)
         with bad_input():
             problem = posed(settings, target, force)
         introduce(session.console, source, problem)
@@ -53,7 +65,7 @@ def compute(session: Session, settings: Case, source: Path, target: Path, force:
         if settings.history is not None:
             take_steps(session, settings, problem, target, resume)
         else:
-            solve_once(session, settings, problem, target)
+            solve_once(session, settings, problem, target, renderer)
 
 
 @contextmanager
@@ -68,14 +80,16 @@ def _holding(target: Path, comm: MPI.Comm) -> Iterator[None]:
         yield
 
 
-def solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path) -> None:
+def solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path, renderer: Apart | None) -> None:
     """Solve, certify, write and report; ends the command with its exit code."""
     problem.started = session.started
     with _holding(target, problem.comm):
-        _solve_once(session, settings, problem, target)
+        _solve_once(session, settings, problem, target, renderer)
 
 
-def _solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path) -> None:
+def _solve_once(
+    session: Session, settings: Case, problem: ContactProblem, target: Path, renderer: Apart | None
+) -> None:
     solution, trouble = _solve(session, settings, problem)
     interrupted = solution.result.status is Status.INTERRUPTED
     problem.seconds["total"] = time.perf_counter() - session.began
@@ -85,7 +99,7 @@ def _solve_once(session: Session, settings: Case, problem: ContactProblem, targe
         contents = output.write(solution, target, False, {"message": trouble})
         write_case(settings, target, problem.comm)
         if settings.output.picture and not stopped.asked():
-            contents = output.add_picture(contents, target, problem.comm, lambda: stopped.told)
+            contents = output.add_picture(contents, target, problem.comm, lambda: stopped.told, renderer)
     except OSError as error:
         contents, written = summary(solution), False
         trouble += f"{'; ' if trouble else ''}{target}: cannot be written: {error.strerror or error}"
@@ -190,7 +204,7 @@ def _take_steps(
     told = comm.bcast(history_in(target) if comm.rank == 0 else None)
     if told is not None:
         if settings.output.picture and code != INTERRUPTED:
-            _draw_last(session, told["steps"], target, comm)
+            _draw_last(session, target, comm)
         _write_page(session, settings, target)
         report_history(console, told, taken, time.perf_counter() - began, target)
     if not trouble and session.interruption.asked():
@@ -215,12 +229,12 @@ def _write_page(session: Session, settings: Case, target: Path) -> None:
         errors.print(f"warning: {trouble}", markup=False)
 
 
-def _draw_last(session: Session, step: int, target: Path, comm: MPI.Comm) -> None:
+def _draw_last(session: Session, target: Path, comm: MPI.Comm) -> None:
     """picture.png of the last load step; collective."""
     stopped = session.interruption
     if stopped.asked():
         return
-    trouble = on_rank_0(comm, lambda: output.draw(target / "steps" / f"{step:04d}", target, lambda: stopped.told))
+    trouble = on_rank_0(comm, lambda: output.draw(target, lambda: stopped.told))
     if trouble and not stopped.asked():
         errors.print(f"warning: picture.png {trouble}", markup=False)
 

@@ -38,6 +38,10 @@ class Session:
     began: float
     started: datetime = field(default_factory=now)
 
+    def tell(self, text: str) -> None:
+        """Say a line."""
+        self.console.print(text, markup=False, soft_wrap=True)
+
     def progress(self, display: Display) -> ProgressCallback:
         """Shows a step, notes it in the log, and says whether to stop."""
 

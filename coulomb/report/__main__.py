@@ -1,4 +1,4 @@
-"""`page DIRECTORY FILE`, or `plot DIRECTORY FIELD SCALE VIEW SAVE STEP`: what the command line calls, apart.
+"""`page DIRECTORY FILE`, `overview`, or `plot DIRECTORY FIELD SCALE VIEW SAVE STEP`: called apart by the command line.
 
 Exit code 2 and a line of standard error if the input is wrong.
 """
@@ -10,6 +10,8 @@ if __name__ == "__main__":
     try:
         if kind == "page":
             from .page import main
+        elif kind == "overview":
+            from .overview import main
         else:
             from .picture import main
         sys.stdout.write(main(arguments))

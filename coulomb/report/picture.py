@@ -10,10 +10,25 @@ from PIL import Image
 
 from .fields import Field, named, ramp
 from .files import read_run
-from .scene import VIEWS, Look, automatic_scale, caption, cropped, limits_of, paint, plotter_for, shoot, zone_counts
+from .scene import (
+    VIEWS,
+    Look,
+    automatic_scale,
+    camera_of,
+    caption,
+    cropped,
+    limits_of,
+    paint,
+    plotter_for,
+    shoot,
+    zone_counts,
+)
 from .sheet import AXES, Pixels, pixels_of, sheet
 
 PICTURES, ANIMATIONS = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
+
+SHOT = (1500, 1100)
+"""Pixels of the body in a picture, at most."""
 
 _SECONDS = 0.15  # that a frame stays
 
@@ -63,7 +78,9 @@ def plot(
         paint(plotter, steps[0], Look(chosen, limits, used, view, f"{caption(run, steps[0], used)} {run.alarm}"))
         plotter.show(title=f"coulomb: {directory}")
         return ""
-    shots = cropped([shoot(state, Look(chosen, limits, used, view)) for state in steps])
+    look = Look(chosen, limits, used, view)
+    camera = camera_of(steps, look, SHOT)
+    shots = cropped([shoot(state, look, SHOT, camera) for state in steps])
     sheets = [
         sheet(
             shot,

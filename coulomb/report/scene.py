@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..plotting import ZONES, FloatArray, Grid, match, nice, patches, polygons, renderer, skin_of, without
+from .camera import Camera, framing
 from .fields import Field, named
 from .files import Run, Step
 from .units import in_seconds, number, scale_of
@@ -26,8 +28,20 @@ VIEWS = {
 }
 """From where one looks, and what is up; "contact": at the contact face from outside the body."""
 
+_EDGES = {
+    "Tetrahedron": ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)),
+    "Hexahedron": (
+        *((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)),
+        *((0, 4), (1, 5), (2, 6), (3, 7)),
+    ),
+}
+"""Corners at the ends of the edges of a cell."""
+
 _OBLIQUE = ("contact", "iso", "below")  # the others look along an axis: without perspective
-_BODY, _EDGE, _FACE_EDGE = "#e4e1da", "#b9b5ab", "#8a8a8a"
+_BODY, _EDGE, _FACE_EDGE = "#f2f0eb", "#c8c5be", "#8a8a8a"
+_LINED = 15_000  # facets up to which their edges are drawn: lines on finer ones would hide the colours
+_TIP = 0.07  # radius of an arrow's tip over its length
+_ARROWS = 22  # along the greatest extent of the contact face
 _INK = "#202020"
 
 
@@ -51,13 +65,26 @@ class Look:
 
 
 def automatic_scale(run: Run) -> float:
-    """A round factor by which the greatest displacement of a run shows: a twentieth of the body's size."""
-    greatest, size = 0.0, 1.0
+    """A round factor by which the greatest displacement of a run shows: a twentieth of the body's size.
+
+    It is less where a thin body would turn inside out: cells are stretched to half their size at most, but for the
+    hundredth of them that is stretched most.
+    """
+    greatest, stretch, size = 0.0, 0.0, 1.0
     for step in run.steps:
         body = step.grid("solution")
+        displacement = body.fields["displacement"]
         size = float(np.linalg.norm(np.ptp(body.points, axis=0)))
-        greatest = max(greatest, float(np.linalg.norm(body.fields["displacement"], axis=1).max()))
-    return nice(0.05 * size / greatest) if greatest > 0.0 else 1.0
+        greatest = max(greatest, float(np.linalg.norm(displacement, axis=1).max()))
+        edges = np.zeros(len(body.cells))
+        for here, there in _EDGES[body.cell]:
+            a, b = body.cells[:, here], body.cells[:, there]
+            change = np.linalg.norm(displacement[a] - displacement[b], axis=1)
+            edges = np.maximum(edges, change / np.linalg.norm(body.points[a] - body.points[b], axis=1))
+        stretch = max(stretch, float(np.quantile(edges, 0.99)))
+    if not greatest > 0.0:
+        return 1.0
+    return nice(min(0.05 * size / greatest, 0.5 / stretch if stretch > 0.0 else np.inf))
 
 
 def limits_of(run: Run, field: Field) -> tuple[float, float]:
@@ -89,17 +116,38 @@ class Shot:
     axes: FloatArray
 
 
-def shoot(step: Step, look: Look, size: tuple[int, int] = (1500, 1100)) -> Shot:
-    """A state of the body, without any words and on no ground."""
-    plotter = plotter_for(size)
+def shoot(step: Step, look: Look, size: tuple[int, int] = (1500, 1100), camera: Camera | None = None) -> Shot:
+    """A state of the body, without any words and on no ground.
+
+    Args:
+        step: The state.
+        look: How to show it.
+        size: Pixels that the picture has at most.
+        camera: From where; by default from where this state is seen whole.
+    """
+    camera = camera or camera_of([step], look, size)
+    plotter = plotter_for(camera.size)
     paint(plotter, step, look)
+    camera.aim(plotter)
     pixels = plotter.screenshot(return_img=True, transparent_background=True)
-    forward, up = np.array(plotter.camera.direction), np.array(plotter.camera.up)
-    right = np.cross(forward, up)
-    above = np.cross(right, forward)
     plotter.close()
-    axes: FloatArray = np.column_stack([right / np.linalg.norm(right), above / np.linalg.norm(above)])
-    return Shot(np.asarray(pixels, dtype=np.uint8), axes)
+    return Shot(np.asarray(pixels, dtype=np.uint8), camera.axes)
+
+
+def camera_of(steps: Sequence[Step], look: Look, size: tuple[int, int]) -> Camera:
+    """From where all these states are seen, nothing of them cut off."""
+    seen = []
+    for step in steps:
+        body = step.grid("solution")
+        seen += [body.points + look.scale * body.fields["displacement"]]
+        seen += [body.points] if look.field.file == "solution" else []
+        if look.field.vector and look.field.file == "contact":
+            tails, along = _arrows_of(step.grid("contact"), body, look)
+            seen += [tails + along + _TIP * np.abs(along).max(initial=0.0) * side for side in (*np.eye(3), *-np.eye(3))]
+    contact = steps[-1].grid("contact")
+    given = VIEWS[look.view]
+    direction, up = looking_at(outward(contact)) if given is None else (np.array(given[0]), np.array(given[1]))
+    return framing(np.concatenate(seen), direction, up, size, parallel=look.view not in _OBLIQUE)
 
 
 def cropped(shots: list[Shot]) -> list[Shot]:
@@ -142,24 +190,24 @@ def paint(plotter: Any, step: Step, look: Look) -> None:
             skin.point_data["shown"] = values[skin.point_data["node"]]
         else:
             skin.cell_data["shown"] = values[skin.cell_data["vtkOriginalCellIds"]]
-        plotter.add_mesh(skin, show_edges=True, edge_color=_FACE_EDGE, line_width=0.5, **colours)
+        plotter.add_mesh(skin, edge_color=_FACE_EDGE, line_width=0.5, show_edges=skin.n_cells <= _LINED, **colours)
         rest = skin_of(pyvista, body, body.points).extract_feature_edges(40.0, manifold_edges=False)
         plotter.add_mesh(rest, color=_FACE_EDGE, line_width=1)  # where the body was
     else:
-        bare = without(skin, in_contact)
-        plotter.add_mesh(bare, color=_BODY, show_edges=True, edge_color=_EDGE, ambient=0.5, diffuse=0.55)
+        bare, lined = without(skin, in_contact), skin.n_cells <= _LINED
+        plotter.add_mesh(bare, color=_BODY, show_edges=lined, edge_color=_EDGE, ambient=0.75, diffuse=0.3)
         if field.zones:
             _zones(plotter, contact, points, bool(look.caption))
         else:
             face.point_data["shown"] = field.values(contact) / factor
-            plotter.add_mesh(face, show_edges=True, edge_color=_FACE_EDGE, line_width=0.5, **colours)
-        if field.zones:
-            lines = face.extract_all_edges().translate(1e-3 * size * outward(contact))
-            plotter.add_mesh(lines, color=_FACE_EDGE, line_width=0.5)
+            plotter.add_mesh(face, show_edges=lined, edge_color=_FACE_EDGE, line_width=0.5, **colours)
+        if field.zones and lined:
+            lines = pyvista.PolyData(points + 1e-3 * size * contact.fields["normal"], polygons(contact.cells))
+            plotter.add_mesh(lines.extract_all_edges(), color=_FACE_EDGE, line_width=0.5)
         if field.vector:
-            _arrows(plotter, contact, points, field)
-    _look(plotter, look.view, contact)
+            _arrows(plotter, contact, body, look)
     if look.caption:
+        _look(plotter, look.view, contact)
         plotter.add_text(look.caption, position=(0.02, 0.94), viewport=True, font_size=11, color=_INK)
         plotter.add_axes(color=_INK)
 
@@ -188,19 +236,38 @@ def _zones(plotter: Any, contact: Grid, points: FloatArray, legend: bool) -> Non
     plotter.add_mesh(parts.combine().extract_surface(algorithm=None), scalars="zone", lighting=False, **colours)
 
 
-def _arrows(plotter: Any, contact: Grid, points: FloatArray, field: Field) -> None:
-    """Arrows along a vector field of the contact face, as long as a cell or two at the greatest."""
-    pyvista, vectors = renderer(), contact.fields[field.name]
-    greatest = float(np.linalg.norm(vectors, axis=1).max())
-    if not greatest > 0.0:
+def _arrows(plotter: Any, contact: Grid, body: Grid, look: Look) -> None:
+    """Arrows along a vector field of the contact face: so few and slim that the colours below stay seen."""
+    pyvista = renderer()
+    tails, along = _arrows_of(contact, body, look)
+    if not along.any():
         return
-    shown = thinned(len(points), 700)
-    reach = float(np.linalg.norm(np.ptp(points, axis=0)))
-    cloud = pyvista.PolyData(points[shown] + 4e-3 * reach * outward(contact))
-    cloud.point_data["along"] = vectors[shown] / greatest
-    cell = np.sqrt(float(np.sum(contact.fields["area"])) / len(shown))
-    glyphs = cloud.glyph(orient="along", scale="along", factor=1.6 * cell, geom=pyvista.Arrow(shaft_radius=0.045))
-    plotter.add_mesh(glyphs, color=_INK, lighting=False)
+    cloud = pyvista.PolyData(tails)
+    cloud.point_data["along"] = along
+    arrow = pyvista.Arrow(tip_length=0.3, tip_radius=_TIP, shaft_radius=0.022)
+    plotter.add_mesh(cloud.glyph(orient="along", scale="along", factor=1.0, geom=arrow), color=_INK, lighting=False)
+
+
+def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, FloatArray]:
+    """Tails of the arrows on the deformed face, a little in front of it, and the arrows; metres, (k, 3) each.
+
+    One from each cube of a grid over the face, the greatest nine tenths as long as a cube.
+    """
+    points, vectors = contact.points, contact.fields[look.field.name]
+    greatest = float(np.linalg.norm(vectors, axis=1).max())
+    extent = np.ptp(points, axis=0)
+    reach = float(extent.max())
+    if not greatest > 0.0 or not reach > 0.0:
+        return points[:0], vectors[:0]
+    cell = np.sqrt(float(np.sum(contact.fields["area"])) / max(1, len(points)))
+    edge = max(reach / _ARROWS, 1.2 * cell)
+    cube = np.floor((points - points.min(axis=0)) / edge)
+    off = np.linalg.norm((points - points.min(axis=0)) / edge - cube - 0.5, axis=1)
+    order = np.lexsort((off, *cube.T))  # of each cube the node nearest to its middle first
+    _, first = np.unique(cube[order], axis=0, return_index=True)
+    shown = order[first]
+    deformed = points[shown] + look.scale * body.fields["displacement"][match(points[shown], body.points)]
+    return deformed + 4e-3 * reach * contact.fields["normal"][shown], 0.9 * edge / greatest * vectors[shown]
 
 
 def thinned(count: int, most: int) -> npt.NDArray[np.int64]:
@@ -230,7 +297,7 @@ def zone_counts(contact: Grid) -> dict[str, int]:
 
 
 def caption(run: Run, step: Step, scale: float) -> str:
-    """Friction, time and the scale of the displacement, in a line."""
+    """Name of its directory, friction, time and the scale of the displacement, in a line."""
     parts = [f"{run.directory.resolve().name}: {friction_in_words(run.summary)}"]
     if step.time is not None:
         parts.append(f"time {in_seconds(step.time)}")

@@ -21,7 +21,7 @@ SIZE = (8.8, 6.4)
 AXES = ("#d55e00", "#009e73", "#0b84d8")
 """Colours of x, y and z."""
 
-_INK, _ALARM = "#202020", "#b3261e"
+INK, ALARM, EDGE = "#202020", "#b3261e", "#8a8a8a"
 
 
 def sheet(
@@ -45,32 +45,73 @@ def sheet(
         largest: Magnitude of the field in this state, in the bare unit: the colours may range over other states too.
     """
     from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
 
     figure = Figure(figsize=SIZE, facecolor="white")
     stage = figure.add_axes((0.03, 0.19, 0.94, 0.71))
     stage.imshow(shot.pixels, interpolation="antialiased")
     stage.set_axis_off()
-    figure.text(0.03, 0.955, caption, fontsize=11, color=_INK, va="center")
+    figure.text(0.03, 0.955, caption, fontsize=11, color=INK, va="center")
     if alarm:
-        figure.text(0.03, 0.915, alarm, fontsize=11, color=_ALARM, weight="bold", va="center")
+        figure.text(0.03, 0.915, alarm, fontsize=11, color=ALARM, weight="bold", va="center")
     directions(figure.add_axes((0.02, 0.02, 0.11, 0.15)), shot)
     if field.zones:
-        patches = [Patch(color=colour, label=f"{name}: {zones[name]} nodes") for name, colour in ZONES.values()]
-        figure.legend(handles=patches, loc="center", bbox_to_anchor=(0.55, 0.08), ncols=4, frameon=False, fontsize=11)
+        legend(figure, zones, (0.55, 0.08))
         return figure
+    colour_bar(figure, field, limits, largest, (0.2, 0.085, 0.66, 0.03))
+    return figure
+
+
+def colour_bar(
+    figure: Any,
+    field: Field,
+    limits: tuple[float, float],
+    largest: float,
+    box: tuple[float, float, float, float],
+) -> None:
+    """What the colours mean: round numbers below a bar, and below them the field and its unit.
+
+    Args:
+        figure: Where to.
+        field: What is shown.
+        limits: Range of the colours, in the bare unit.
+        largest: Magnitude of the field, which is written beside it.
+        box: Left, bottom, width and height of the bar, over those of the figure.
+    """
+    from matplotlib.ticker import MaxNLocator
+
     factor, unit = scale_of(max(map(abs, limits)), field.unit)
     norm = matplotlib.colors.Normalize(limits[0] / factor, limits[1] / factor)
     bar = figure.colorbar(
         matplotlib.cm.ScalarMappable(norm, field.colours),
-        cax=figure.add_axes((0.2, 0.085, 0.66, 0.03)),
+        cax=figure.add_axes(box),
         orientation="horizontal",
+        ticks=MaxNLocator(6, steps=[1, 2, 5, 10]),
     )
-    bar.set_label(f"{field.title}, {unit}" if unit else field.title, fontsize=11, color=_INK)
+    bar.set_label(f"{field.title}, {unit}" if unit else field.title, fontsize=11, color=INK)
     bar.ax.spines["outline"].set_visible(False)
     if field.unit:
-        figure.text(0.87, 0.1, f"max {largest / factor:.4g}", fontsize=10, color=_INK, va="center")
-    return figure
+        place = (box[0] + box[2] + 0.01, box[1] + 0.5 * box[3])
+        figure.text(*place, f"max {largest / factor:.4g}", fontsize=10, color=INK, va="center")
+
+
+def legend(figure: Any, zones: dict[str, int], middle: tuple[float, float], columns: int = 4) -> None:
+    """The colours of the zones with the number of nodes in each; of nodes that are held only where there are some.
+
+    Args:
+        figure: Where to.
+        zones: Of every zone the number of nodes.
+        middle: Of the legend, over width and height of the figure.
+        columns: Zones beside each other.
+    """
+    from matplotlib.patches import Patch
+
+    patches = [
+        Patch(facecolor=colour, edgecolor=EDGE, linewidth=0.6, label=f"{name}: {zones[name]} nodes")
+        for name, colour in ZONES.values()
+        if zones[name] or name != "held"
+    ]
+    columns = columns if len(patches) > 3 else 3
+    figure.legend(handles=patches, loc="center", bbox_to_anchor=middle, ncols=columns, frameon=False, fontsize=11)
 
 
 def directions(axes: Any, shot: Shot) -> None:

@@ -1,0 +1,121 @@
+"""picture.png of a run, or of the end of a load history: contact pressure and zones, as `coulomb plot` draws them.
+
+The process begins while the run still computes: it loads what draws, draws something small, by which most of the time
+of a first picture is spent, and waits to be told what to draw.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..plotting import Grid
+from .fields import named
+from .files import Step, read_run
+from .scene import Look, Shot, automatic_scale, camera_of, caption, limits_of, shoot, zone_counts
+from .sheet import ALARM, INK, colour_bar, directions, legend
+
+FILE = "picture.png"
+
+DPI = 150
+
+WIDE = 1.5
+"""Width over height of the body in the picture from which on the two views stand one above the other."""
+
+# inches
+_BORDER, _HEAD, _BAR, _LEGEND = 0.25, 0.42, 0.78, 0.42
+_ABOVE, _BESIDE = (8.3, 4.6), (5.4, 6.0)
+"""Largest width and height of a view, one above the other and side by side."""
+
+
+def draw(directory: Path) -> Path:
+    """Draw picture.png into the directory of a run.
+
+    Args:
+        directory: Of the run, with solution.xdmf, contact.xdmf and summary.json.
+
+    Raises:
+        ValueError: If the directory holds no run, or a file of it cannot be read.
+    """
+    run = read_run(directory)
+    run = replace(run, steps=run.steps[-1:])  # of a load history, which may be long, the last
+    step, scale = run.steps[-1], automatic_scale(run)
+    pressure, status = named("pressure"), named("status")
+    looks = [Look(field, limits_of(run, field), scale, "contact") for field in (pressure, status)]
+    most = (round(DPI * _ABOVE[0]), round(DPI * _ABOVE[1]))
+    camera = camera_of([step], looks[0], most)
+    if camera.size[0] < WIDE * camera.size[1]:
+        camera = camera_of([step], looks[0], (round(DPI * _BESIDE[0]), round(DPI * _BESIDE[1])))
+    shots = [shoot(step, look, camera=camera) for look in looks]
+    figure = _composed(shots, looks[0], caption(run, step, scale), run.alarm, zone_counts(step.grid("contact")))
+    partial = directory / f".{FILE}"
+    figure.savefig(partial, dpi=DPI, format="png", pil_kwargs={"compress_level": 3})
+    return partial.replace(directory / FILE)
+
+
+def _composed(shots: list[Shot], look: Look, words: str, alarm: str, zones: dict[str, int]) -> Any:
+    """Both views with their legends, as a matplotlib figure."""
+    from matplotlib.figure import Figure
+
+    pixels, across = shots[0].pixels.shape, shots[0].pixels.shape[1] < WIDE * shots[0].pixels.shape[0]
+    width, height = pixels[1] / DPI, pixels[0] / DPI
+    column = max(width, 5.6 if across else 8.3)
+    total = 2 * column + 3 * _BORDER if across else column + 2 * _BORDER
+    head = _HEAD + (0.25 if alarm else 0.0)
+    tall = head + _BAR + height + (0.0 if across else height + _LEGEND) + _BORDER
+    figure = Figure(figsize=(total, tall), facecolor="white")
+
+    def box(left: float, bottom: float, wide: float, high: float) -> tuple[float, float, float, float]:
+        return left / total, bottom / tall, wide / total, high / tall
+
+    figure.text(_BORDER / total, 1.0 - 0.26 / tall, words, fontsize=11, color=INK, va="center")
+    if alarm:
+        figure.text(_BORDER / total, 1.0 - 0.52 / tall, alarm, fontsize=11, color=ALARM, weight="bold", va="center")
+    bottoms = [_BORDER + _BAR] * 2 if across else [_BORDER + _LEGEND + height + _BAR, _BORDER + _LEGEND]
+    lefts = [_BORDER, 2 * _BORDER + column] if across else [_BORDER] * 2
+    for shot, left, bottom in zip(shots, lefts, bottoms, strict=True):
+        stage = figure.add_axes(box(left + 0.5 * (column - width), bottom, width, height))
+        stage.imshow(shot.pixels, interpolation="antialiased")
+        stage.set_axis_off()
+    bar, below = bottoms[0] - 0.22, bottoms[1] - (0.36 if across else 0.26)
+    colour_bar(figure, look.field, look.limits, look.limits[1], box(_BORDER + 0.2 * column, bar, 0.62 * column, 0.16))
+    legend(figure, zones, ((lefts[1] + 0.5 * column) / total, below / tall), columns=2 if across else 4)
+    directions(figure.add_axes(box(_BORDER, bottoms[0] - 0.8, 0.9, 0.8)), shots[0])
+    return figure
+
+
+class _Cube(Step):
+    """A state with one cell, of no run."""
+
+    def grid(self, file: str) -> Grid:
+        """A cube, or its lower face, with all fields that a view of it needs."""
+        points = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
+        if file == "solution":
+            return Grid("Hexahedron", np.array([[0, 1, 3, 2, 4, 5, 7, 6]]), points, {"displacement": 0.0 * points})
+        down = np.tile([0.0, 0.0, -1.0], (4, 1))
+        fields = {"normal": down, "pressure": np.arange(4.0), "status": np.arange(4.0), "area": np.full(4, 0.25)}
+        return Grid("Quadrilateral", np.array([[0, 1, 3, 2]]), points[:4], fields)
+
+
+def _warm_up() -> None:
+    """Draw something small, to no file: whatever is loaded or compiled for a first picture then is."""
+    cube = _Cube(Path(), None)
+    looks = [Look(named(name), (0.0, 3.0), 1.0, "contact") for name in ("pressure", "status")]
+    shots = [shoot(cube, look, (60, 60)) for look in looks]
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(_composed(shots, looks[0], "0123", "", zone_counts(cube.grid("contact")))).draw()
+
+
+def main(arguments: list[str]) -> str:
+    """No arguments: warm up, then draw the run whose directory standard input says."""
+    assert not arguments
+    _warm_up()
+    told = sys.stdin.read()
+    if not told:  # whoever started this process does not need it, or is no more
+        return ""
+    return str(draw(Path(told)))
