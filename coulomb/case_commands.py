@@ -38,8 +38,13 @@ def new(
     text = text.replace(f"{kind.value}.toml", str(target))
 
     def write() -> str:
-        with target.open("w" if force else "x", encoding="utf-8") as stream:
-            stream.write(text)
+        stream = target.open("w" if force else "x", encoding="utf-8")
+        try:
+            with stream:
+                stream.write(text)
+        except OSError:
+            target.unlink(missing_ok=True)
+            raise
         return ""
 
     with bad_input():

@@ -26,6 +26,7 @@ from .ranks import launched
 from .version import __version__
 
 if TYPE_CHECKING:
+    from .case import Case
     from .solvers.coulomb import CoulombSolver
 
 app = typer.Typer(
@@ -89,7 +90,7 @@ def run(
 
 @app.command()
 def resume(
-    directory: Annotated[Path, typer.Argument(help="Where a run with a [history] has left its steps.")],
+    directory: Annotated[Path, typer.Argument(help="Where a load history has left its steps.")],
     quiet: Quiet = False,
     log_file: LogFile = None,
     force: Force = False,
@@ -180,12 +181,22 @@ def export(
     case: Annotated[Path, typer.Argument(help="Case file, TOML, with Coulomb friction.", metavar="CASE.toml")],
     file: Annotated[Path, typer.Argument(help="FCLIB file to write, HDF5.")],
     changes: Annotated[list[str] | None, typer.Option("--set", help="Replace a setting; may be repeated.")] = None,
+    at: Annotated[
+        float | None,
+        typer.Option("--time", help="Of a load history: whose loads; by default the end of its last step."),
+    ] = None,
 ) -> None:
-    """Write the contact problem of a case, condensed to its contact nodes, for other solvers to read."""
+    """Write the contact problem of a case, condensed to its contact nodes, for other solvers to read.
+
+    Of a load history it is the problem of a single step, from the body at rest to the loads of one time.
+    """
     refuse_ranks("coulomb export")
 
     with bad_input():
         settings = read_case(case, changes or ())
+        time = _time_of(settings, at)
+        if not file.absolute().parent.is_dir():
+            raise ValueError(f"{file}: there is no folder {file.parent}; make it first")
 
     import scipy.sparse
 
@@ -194,6 +205,8 @@ def export(
 
     try:
         problem = settings.problem()
+        if time is not None:
+            problem = problem.at(time)
         if not problem.coulomb:
             raise ValueError("FCLIB's problems have Coulomb friction; this case has a slip stress")
         if not isinstance(problem.A, SchurCompliance):
@@ -201,10 +214,30 @@ def export(
         mu = problem.coefficient
         W = scipy.sparse.csr_matrix(problem.A.dense())
         write_fclib(file, FCLIBProblem(W, -problem.b, mu, case.stem))
-    except (ValueError, OSError) as error:
+    except ValueError as error:
         _errors.print(f"error: {error}", markup=False)
         raise typer.Exit(BAD_INPUT) from None
-    _console.print(f"{len(mu)} contacts in {file}", markup=False, soft_wrap=True)
+    except OSError as error:
+        _errors.print(f"error: {file}: cannot be written: {error.strerror or error}", markup=False)
+        raise typer.Exit(FAILED) from None
+    when = "" if time is None else f", in one step from rest to time {time:g}"
+    _console.print(f"{len(mu)} contacts in {file}{when}", markup=False, soft_wrap=True)
+
+
+def _time_of(settings: Case, asked: float | None) -> float | None:
+    """The time at which a case is exported; None of a case without a history.
+
+    Raises:
+        ValueError: If the time asked for is none of the history's.
+    """
+    if settings.history is None:
+        if asked is not None:
+            raise ValueError("--time is for load histories: this case has no history")
+        return None
+    end = settings.history.ends[-1]
+    if asked is not None and not 0.0 <= asked <= end:
+        raise ValueError(f"--time {asked:g}: must be from 0 to the end of the history, {end:g}")
+    return end if asked is None else asked
 
 
 @app.command()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -54,6 +55,9 @@ def plot(
     if save is None and not _display():
         save = Path("plot.png")
         console.print("there is no display: the picture goes to a file", markup=False)
+    if scale is not None and not (math.isfinite(scale) and 0.0 <= scale <= 1e12):
+        _refuse(f"--scale must be from 0 to 1e12, but is {scale}")
+    _refuse_nowhere(save)
     chosen = [str(directory), field, scale, view, save, step]
     _apart("plot", ["-" if choice is None else str(choice) for choice in chosen], seconds=None)
 
@@ -64,6 +68,7 @@ def report(
 ) -> None:
     """Write one HTML page about a run, certified or not: case, certificate, pictures, convergence, a 3D view."""
     refuse_ranks("coulomb report")
+    _refuse_nowhere(save)
     _apart("page", [str(directory), str(save or directory / PAGE)], seconds=None)
 
 
@@ -98,6 +103,21 @@ def write_report(directory: Path, stop: Callable[[], bool]) -> str:
         return f"{PAGE} could not be written: {said}" if code else ""
 
     return on_rank_0(launched(), write)
+
+
+def _refuse(fault: str) -> NoReturn:
+    errors.print(f"error: {fault}", markup=False)
+    raise typer.Exit(BAD_INPUT)
+
+
+def _refuse_nowhere(save: Path | None) -> None:
+    """See that the folder of a file is there, before anything is drawn."""
+    if save is None:
+        return
+    if not os.path.isdir(save.parent):
+        _refuse(f"--save {save}: there is no folder {save.parent}; make it first")
+    if os.path.isdir(save):
+        _refuse(f"--save {save}: is a folder; name the file in it")
 
 
 def _apart(kind: str, arguments: list[str], seconds: float | None) -> None:

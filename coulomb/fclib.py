@@ -10,6 +10,7 @@ W = H^T M^-1 H, q = H^T M^-1 f + w.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -119,9 +120,24 @@ def write_fclib(path: str | Path, problem: FCLIBProblem, r: FloatArray | None = 
         path: File to write; replaced if it exists.
         problem: The problem.
         r: Contact forces of a solution, shape (3 m,).
+
+    Raises:
+        OSError: If it cannot be written; no part of it is left then.
     """
+    path = Path(path)
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        partial.write_bytes(_contents(problem, r))
+        os.replace(partial, path)
+    except OSError:
+        partial.unlink(missing_ok=True)
+        raise
+
+
+def _contents(problem: FCLIBProblem, r: FloatArray | None) -> bytes:
+    """The file, made in memory: HDF5 leaves a wreck where the disk is full, and may take the process along."""
     W = scipy.sparse.csc_matrix(problem.W)
-    with h5py.File(path, "w") as file:
+    with h5py.File("fclib", "w", driver="core", backing_store=False) as file:
         local = file.create_group("fclib_local")
         local["spacedim"] = np.array([3], dtype=np.int32)
         matrix = local.create_group("W")
@@ -133,3 +149,5 @@ def write_fclib(path: str | Path, problem: FCLIBProblem, r: FloatArray | None = 
             local[f"info/{key}"] = np.bytes_(text or " ")
         if r is not None:
             file["solution/r"], file["solution/u"] = r, problem.W @ r + problem.q
+        file.flush()
+        return bytes(file.id.get_file_image())

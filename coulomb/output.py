@@ -22,12 +22,13 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from . import apart
+from . import apart, process
 from .arrays import FloatArray
 from .fem import compat
 from .fem.compat import fem
 from .nodal_answer import HELD, NodalAnswer
 from .problem import ContactProblem
+from .process import hushed
 from .provenance import moment, now, provenance
 from .ranks import on_rank_0
 from .solution import Solution
@@ -164,13 +165,16 @@ def _write_fields(comm: MPI.Comm, path: str, domain: Any, functions: Sequence[An
     for action in actions:
         fault = ""
         try:
-            action()
+            with hushed():
+                action()
         except RuntimeError as error:  # of HDF5, which does not say why
             fault = str(error)
         faults = [text for text in comm.allgather(fault) if text]
         if faults:
-            # Closing it would fail again, in its destructor, and end the process: it is never destroyed.
+            # Closing it would fail again, in its destructor, and end the process: it is never destroyed.  HDF5 would
+            # close it at the end of the process, with the same result.
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))
+            process.end_abruptly()
             raise OSError(errno.EIO, f"{faults[0].rstrip('.')}; is the disk full?")
 
 
@@ -181,7 +185,7 @@ def size_on_disk(problem: ContactProblem) -> float:
     facets: int = comm.allreduce(len(_contact_facets(problem)), op=MPI.SUM)
     width = float(compat.cell_geometry(domain).shape[1])
     # coordinates and 5 vectors a point, 3 numbers a cell; on the face coordinates, 6 vectors and 8 numbers per node
-    return 5e4 + 24.0 * 6.0 * points + 8.0 * (width + 3.0) * cells + (24.0 * 7.0 + 64.0) * 1.5 * facets
+    return 8e4 + 24.0 * 6.0 * points + 8.0 * (width + 3.0) * cells + (24.0 * 7.0 + 64.0) * 1.5 * facets
 
 
 def refuse_full_disk(problem: ContactProblem, target: Path, times: int = 1) -> None:

@@ -18,11 +18,13 @@ import signal
 import stat
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from .ranks import RANK_VARIABLES
 
-_begun = _goes_on = False
+_begun = _goes_on = _abruptly = False
 
 
 class _Stream(io.FileIO):
@@ -71,6 +73,27 @@ def go_on_unheard() -> None:
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
+def end_abruptly() -> None:
+    """Let the program end without the ends of its libraries: one of them has a file that it cannot close."""
+    global _abruptly
+    _abruptly = True
+
+
+@contextmanager
+def hushed() -> Iterator[None]:
+    """What libraries in C say on standard error goes nowhere: their stack of calls where an exception says it."""
+    if sys.stderr is not None:
+        sys.stderr.flush()
+    before, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    os.close(nowhere)
+    try:
+        yield
+    finally:
+        os.dup2(before, 2)
+        os.close(before)
+
+
 def ended(code: int, failed: int) -> int:
     """The exit code, once all that is said has been written.
 
@@ -82,7 +105,10 @@ def ended(code: int, failed: int) -> int:
         stream.flush()
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
     lost = isinstance(raw, _Stream) and raw.fault is not None and raw.fault.errno != errno.EPIPE
-    return failed if lost and code == 0 and not _goes_on else code
+    code = failed if lost and code == 0 and not _goes_on else code
+    if _abruptly:
+        os._exit(code)
+    return code
 
 
 def animated() -> bool:

@@ -248,7 +248,7 @@ def verification(
         fields = ("case", "quantity", "formula", "ours", "error", "tolerance", "passed", "why")
         _write_csv(directory, "verification", fields, lines)
         drawn = ""
-        with _figures():
+        with _figures(), _writing(directory):
             from .verification.plotting import draw
 
             for name, verified in found.items():
@@ -286,7 +286,7 @@ def _write_table(directory: Path | None, name: str, fields: Sequence[str], rows:
 
     _write_csv(directory, name, fields, rows)
     files = [f"{name}.csv"]
-    with _figures():
+    with _figures(), _writing(directory):
         files.append(getattr(plotting, name)(directory / f"{name}.csv").name)
     console.print(f"{' and '.join(files)} in {directory}{os.sep}", soft_wrap=True)
 
@@ -302,9 +302,22 @@ def _figures() -> Iterator[None]:
         errors.print(f"warning: no figure: {missing(error)}", markup=False)
 
 
+@contextmanager
+def _writing(directory: Path) -> Iterator[None]:
+    """Ends the command with one line where its files cannot be written; its table has been printed."""
+    try:
+        yield
+    except OSError as error:
+        errors.print(
+            f"error: {error.filename or directory}: cannot be written: {error.strerror or error}", markup=False
+        )
+        raise typer.Exit(FAILED) from None
+
+
 def _write_csv(directory: Path, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    directory.mkdir(parents=True, exist_ok=True)
-    with (directory / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
+    with _writing(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+    with _writing(directory), (directory / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(fields)
         writer.writerows(rows)

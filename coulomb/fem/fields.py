@@ -21,10 +21,13 @@ Coefficient = float | Callable[[FloatArray], FloatArray]
 
 
 Amplitude = float | Callable[[float], float] | Sequence[tuple[float, float]]
-"""What a load is multiplied by in the course of time: a number, a function of time, or a table of (time, factor)."""
+"""What a load is multiplied by in the course of time: a number, a function of time, or a table of (time, factor).
+
+A table is linear between its rows; before the first and after the last row the factor stays what it is there."""
 
 Motion = Callable[[float], Sequence[float]] | Sequence[tuple[float, float, float, float]]
-"""A translation in metres in the course of time: a function of time, or a table of (time, x, y, z)."""
+"""A translation in metres in the course of time: a function of time, or a table of (time, x, y, z), taken like those of
+`Amplitude`."""
 
 
 def evaluate_amplitude(amplitude: Amplitude, time: float, what: str) -> float:

@@ -32,7 +32,8 @@ class Clamp:
         face: Name of the face.
         components: Which components are held, letters of "xyz".
         value: Displacement in metres, a vector or a function of x; components not held are ignored.
-        amplitude: What the value is multiplied by in the course of time.
+        amplitude: What the value is multiplied by in the course of time; a table stays, before its first row and after
+            its last, as it is there.
 
     Raises:
         ValueError: If components is not made of different letters of "xyz".
@@ -58,7 +59,8 @@ class Traction:
     Attributes:
         face: Name of the face.
         value: Traction in pascals, a vector or a function of x.
-        amplitude: What the value is multiplied by in the course of time.
+        amplitude: What the value is multiplied by in the course of time; a table stays, before its first row and after
+            its last, as it is there.
     """
 
     face: str

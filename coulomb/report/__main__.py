@@ -1,6 +1,6 @@
 """`page DIRECTORY FILE`, `overview`, or `plot DIRECTORY FIELD SCALE VIEW SAVE STEP`: called apart by the command line.
 
-Exit code 2 and a line of standard error if the input is wrong.
+A line of standard error, and exit code 2 if the input is wrong, 1 if there is no room for the file.
 """
 
 import sys
@@ -18,3 +18,6 @@ if __name__ == "__main__":
     except ValueError as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(2)
+    except OSError as error:
+        sys.stderr.write(f"{error.filename or arguments[1 if kind == 'page' else 4]}: {error.strerror or error}\n")
+        sys.exit(1)

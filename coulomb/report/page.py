@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -43,14 +44,19 @@ def write(directory: str | Path, save: str | Path) -> Path:
         save: The page.
 
     Raises:
-        ValueError: If the directory holds no run, or a file of it cannot be read, or the page not be written.
+        ValueError: If the directory holds no run, or a file of it cannot be read.
+        OSError: If the page cannot be written; no part of it is left then.
     """
     page = render(read_run(directory))
+    target = Path(save)
+    partial = target.with_name(f".{target.name}.partial")
     try:
-        Path(save).write_text(page, encoding="utf-8")
+        partial.write_text(page, encoding="utf-8")
+        os.replace(partial, target)
     except OSError as error:
-        raise ValueError(f"{save}: cannot be written: {error.strerror}") from None
-    return Path(save)
+        partial.unlink(missing_ok=True)
+        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(save)) from None
+    return target
 
 
 def render(run: Run) -> str:

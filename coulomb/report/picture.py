@@ -93,10 +93,14 @@ def plot(
         )
         for state, shot in zip(steps, shots, strict=True)
     ]
-    if writer is not None:
-        writer([pixels_of(figure) for figure in sheets])
-        return f"{save}: {len(sheets)} steps"
-    sheets[0].savefig(save, dpi=150)
+    try:
+        if writer is not None:
+            writer([pixels_of(figure) for figure in sheets])
+            return f"{save}: {len(sheets)} steps"
+        sheets[0].savefig(save, dpi=150)
+    except OSError as error:
+        save.unlink(missing_ok=True)
+        raise OSError(error.errno, f"cannot be written: {error.strerror or error}", str(save)) from None
     return str(save)
 
 
