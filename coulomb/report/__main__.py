@@ -19,5 +19,6 @@ if __name__ == "__main__":
         sys.stderr.write(f"{error}\n")
         sys.exit(2)
     except OSError as error:
-        sys.stderr.write(f"{error.filename or arguments[1 if kind == 'page' else 4]}: {error.strerror or error}\n")
+        place = f"{error.filename}: " if error.filename else ""
+        sys.stderr.write(f"{place}{error.strerror or error}\n")
         sys.exit(1)
