@@ -52,9 +52,9 @@ def read_grid(path: str | Path) -> Grid:
 
 def renderer() -> Any:
     """pyvista, set to draw without a display where there is none."""
-    if not os.environ.get("DISPLAY"):
+    if not os.environ.get("DISPLAY") and "VTK_DEFAULT_OPENGL_WINDOW" not in os.environ:  # the search takes a while
         window = "vtkOSOpenGLRenderWindow" if ctypes.util.find_library("OSMesa") else "vtkEGLRenderWindow"
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", window)
+        os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
     import pyvista
 
     return pyvista

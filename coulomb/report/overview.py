@@ -28,7 +28,7 @@ WIDE = 1.5
 
 # inches
 _BORDER, _HEAD, _BAR, _LEGEND = 0.25, 0.42, 0.78, 0.42
-_ABOVE, _BESIDE = (8.3, 4.6), (5.4, 6.0)
+_ABOVE, _BESIDE = (8.3, 3.7), (5.4, 5.4)
 """Largest width and height of a view, one above the other and side by side."""
 
 
@@ -67,7 +67,7 @@ def _composed(shots: list[Shot], look: Look, words: str, alarm: str, zones: dict
     total = 2 * column + 3 * _BORDER if across else column + 2 * _BORDER
     head = _HEAD + (0.25 if alarm else 0.0)
     tall = head + _BAR + height + (0.0 if across else height + _LEGEND) + _BORDER
-    figure = Figure(figsize=(total, tall), facecolor="white")
+    figure = Figure(figsize=(total, tall), dpi=DPI, facecolor="white")
 
     def box(left: float, bottom: float, wide: float, high: float) -> tuple[float, float, float, float]:
         return left / total, bottom / tall, wide / total, high / tall
@@ -78,9 +78,7 @@ def _composed(shots: list[Shot], look: Look, words: str, alarm: str, zones: dict
     bottoms = [_BORDER + _BAR] * 2 if across else [_BORDER + _LEGEND + height + _BAR, _BORDER + _LEGEND]
     lefts = [_BORDER, 2 * _BORDER + column] if across else [_BORDER] * 2
     for shot, left, bottom in zip(shots, lefts, bottoms, strict=True):
-        stage = figure.add_axes(box(left + 0.5 * (column - width), bottom, width, height))
-        stage.imshow(shot.pixels, interpolation="antialiased")
-        stage.set_axis_off()
+        figure.figimage(shot.pixels, round(DPI * (left + 0.5 * (column - width))), round(DPI * bottom), origin="upper")
     bar, below = bottoms[0] - 0.22, bottoms[1] - (0.36 if across else 0.26)
     colour_bar(figure, look.field, look.limits, look.limits[1], box(_BORDER + 0.2 * column, bar, 0.62 * column, 0.16))
     legend(figure, zones, ((lefts[1] + 0.5 * column) / total, below / tall), columns=2 if across else 4)
