@@ -189,7 +189,7 @@ def test_giving_up_says_so_and_carries_the_answer():
     assert len(result.history) == result.path_following == 16  # four starts of four steps
 
 
-@pytest.mark.parametrize("field", ["tolerance", "r_tol", "c_fact", "gamma", "beta", "omega", "max_iterations"])
+@pytest.mark.parametrize("field", ["tolerance", "r_tol", "c_fact", "gamma", "beta", "max_iterations"])
 def test_constants_outside_their_bounds(field):
     with pytest.raises(ValueError, match=f"OneLoop: {field} must be"):
         OneLoop(**{field: 0})

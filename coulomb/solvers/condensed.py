@@ -47,7 +47,7 @@ from .cone import ConeLinearization
 from .cone_systems import ConeStep
 from .newton_systems import Linearization, NewtonStep, disc_inverse, like
 from .reductions import Reductions
-from .scaled_compliance import Image, ScaledCompliance
+from .scaled_compliance import ScaledCompliance
 from .stiffness import configured_ksp
 
 _CONTRAST = 1e-7  # C is at least this part of 1/K_ii
@@ -92,7 +92,6 @@ class _Condensed(ABC):
         self._scaled, self._compliance = A, compliance
         self._K, self._B = compliance.K, compliance.B
         self._nodes, self._frames = _nodal(self._B, self._K)
-        self._unknowns = Reductions(A.comm).sum(3.0 * A.nodes)
         self._stiffened = self._K.duplicate(copy=True)
         self._stiffened.setNearNullSpace(self._K.getNearNullSpace())
         for option in (PETSc.Mat.Option.SYMMETRIC, PETSc.Mat.Option.SPD):
@@ -107,12 +106,12 @@ class _Condensed(ABC):
 
     # --- A x of the iterates ------------------------------------------------------------------------------------
 
-    def start(self, x: FloatArray, tolerance: float) -> Image:
+    def start(self, x: FloatArray, tolerance: float) -> FloatArray:
         """y of the first iterate; what it lacks, the first step adds."""
         self._compliance.response(self._scaled.forces(x), max(tolerance, _START)).copy(self._y)
         return self._image(x)
 
-    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> Image:
+    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
         """y of the next iterate, alpha along the last step: a product by K, no solve."""
         self._y.axpy(alpha, self._w)
         return self._image(x)
@@ -122,15 +121,11 @@ class _Condensed(ABC):
         self._compliance.guess(self._y)
         return self._scaled.follow(x)
 
-    def _image(self, x: FloatArray) -> Image:
+    def _image(self, x: FloatArray) -> FloatArray:
         self._spread(self._scaled.forces(x), self._rhs)
         self._K.mult(self._y, self._R)
         self._R.aypx(-1.0, self._rhs)
-        return Image(self._gathered(self._y), self._lag(self._R.norm()))
-
-    def _lag(self, force: float) -> float:
-        lag: float = force / (self._scaled.s * self._unknowns**0.5)
-        return lag
+        return self._gathered(self._y)
 
     def _spread(self, forces: FloatArray, v: PETSc.Vec) -> None:
         """v <- B^T forces."""
@@ -163,8 +158,8 @@ class _Condensed(ABC):
         D = self._at.h[:, None] + self._least[:, 1:]
         return D, self._at.D22[:, 1] + np.sum(self._at.y**2 / D, axis=1)
 
-    def _step(self, r: FloatArray) -> tuple[FloatArray, FloatArray, int, float]:
-        """dx and A dx, both (m, 3), iterations, and the lag of the whole step."""
+    def _step(self, r: FloatArray) -> tuple[FloatArray, FloatArray, int]:
+        """dx and A dx, both (m, 3), and iterations."""
         self._stiffen()
         self._spread(self._scaled.forces(self._inverse(r)), self._rhs)
         self._rhs.axpy(1.0, self._R)
@@ -175,10 +170,10 @@ class _Condensed(ABC):
         goal = max(min(_LOOSE * size, _SHARE * lacking), _TIGHT * size)
         ksp.setTolerances(rtol=0.0, atol=goal, divtol=1e30, max_it=_MOST)
         ksp.solve(self._rhs, self._w)
-        iterations, left = int(ksp.getIterationNumber()), float(ksp.getResidualNorm())
+        iterations = int(ksp.getIterationNumber())
         ksp.destroy()
         A_dx = self._gathered(self._w)
-        return self._inverse(r - A_dx), A_dx, iterations, self._lag(left)
+        return self._inverse(r - A_dx), A_dx, iterations
 
     def _stiffen(self) -> None:
         """K + B^T C_d^-1 B: K, and a block a contact node on its diagonal."""
@@ -204,8 +199,8 @@ class CondensedSystem(_Condensed):
     def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep:
         """The step; how exact it is, R decides (module docstring), tolerance and cap have no say."""
         self._at = at
-        dx, A_dx, iterations, lag = self._step(r1 + at.J12(r2 / at.D22))
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations, lag)
+        dx, A_dx, iterations = self._step(r1 + at.J12(r2 / at.D22))
+        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations)
 
     def _inverse(self, r: FloatArray) -> FloatArray:
         return self._spring(r)

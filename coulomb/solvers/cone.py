@@ -27,13 +27,12 @@ from .scaling import nominal_force
 
 
 class ConeIterate(NamedTuple):
-    """x_n (m,), y (m, 2), nu (m, 2), A x (m, 3) and its lag, in scaled variables; x_n > 0, |y| < 1, nu > 0."""
+    """x_n (m,), y (m, 2), nu (m, 2), A x (m, 3), in scaled variables; x_n > 0, |y| < 1, nu > 0."""
 
     x_n: FloatArray
     y: FloatArray
     nu: FloatArray
     A_x: FloatArray
-    lag: float = 0.0
 
 
 class ConeLinearization(NamedTuple):

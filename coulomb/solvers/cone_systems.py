@@ -21,18 +21,17 @@ from .dense_system import formed
 from .krylov import CarryingKrylov
 from .newton_systems import disc_inverse, like
 from .recycling import LearntCompliance, LowRankUpdate
-from .scaled_compliance import FreshImages, Image, ScaledCompliance
+from .scaled_compliance import FreshImages, ScaledCompliance
 
 _PRODUCT = (0.03, 0.1)  # accuracy of a product in FGMRES: the tolerance of the step, kept between these
 
 
 class ConeStep(NamedTuple):
-    """dx (m, 3), A dx (m, 3), the Krylov iterations it took, and the lag (`Image`) of A x after the whole step."""
+    """dx (m, 3), A dx (m, 3), and the Krylov iterations it took."""
 
     dx: FloatArray
     A_dx: FloatArray
     iterations: int
-    lag: float = 0.0
 
 
 class ConeSystem(Protocol):
@@ -44,11 +43,11 @@ class ConeSystem(Protocol):
 
     def __init__(self, A: ScaledCompliance): ...
 
-    def start(self, x: FloatArray, tolerance: float) -> Image:
+    def start(self, x: FloatArray, tolerance: float) -> FloatArray:
         """A x of the first iterate, see FreshImages."""
         ...
 
-    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> Image:
+    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
         """A x of the next iterate."""
         ...
 

@@ -26,20 +26,18 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from .krylov import CarryingKrylov, NodalMap
 from .recycling import LearntCompliance, LowRankUpdate
-from .scaled_compliance import FreshImages, Image, ScaledCompliance
+from .scaled_compliance import FreshImages, ScaledCompliance
 
 _LOOSE = 0.01  # accuracy of a product in CG, where it is a solve: no better than the tolerance of the step, or this
 
 
 class NewtonStep(NamedTuple):
-    """Solution of the Newton system: dx (m, 3), dnu (m, 2), A dx (m, 3), Krylov iterations, and the lag (`Image`) of
-    A x after the whole step."""
+    """Solution of the Newton system: dx (m, 3), dnu (m, 2), A dx (m, 3), and Krylov iterations."""
 
     dx: FloatArray
     dnu: FloatArray
     A_dx: FloatArray
     iterations: int
-    lag: float = 0.0
 
 
 class Linearization(NamedTuple):
@@ -72,11 +70,11 @@ class NewtonSystem(Protocol):
 
     def __init__(self, A: ScaledCompliance): ...
 
-    def start(self, x: FloatArray, tolerance: float) -> Image:
+    def start(self, x: FloatArray, tolerance: float) -> FloatArray:
         """A x of the first iterate, see FreshImages."""
         ...
 
-    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> Image:
+    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
         """A x of the next iterate."""
         ...
 

@@ -80,7 +80,6 @@ class _Step(NamedTuple):
     A_dx: FloatArray
     A_bend: FloatArray
     iterations: int
-    lag: float
 
     def at(self, alpha: float) -> ConeIterate:
         return ConeIterate(
@@ -88,7 +87,6 @@ class _Step(NamedTuple):
             self.v.y + alpha * self.dy,
             self.v.nu + alpha * self.dnu,
             self.v.A_x + alpha * self.A_dx + alpha**2 * self.A_bend,
-            (1.0 - alpha) * self.v.lag + alpha * self.lag,
         )
 
 
@@ -102,7 +100,6 @@ class OneLoop:
         c_fact: The factor by which tol_k decreases at least.
         gamma: Centrality, nu_i z_i >= gamma theta, in (0, 1).
         beta: Dual feasibility, rms(W gradient) <= beta theta, > 0.  Widened where the start lies outside.
-        omega: Sufficient decrease, theta_new <= (1 - alpha omega (1 - sigma)) theta, in (0, 1).
         sigma_min: Centring after an ordinary step, 0 < sigma_min <= sigma_max.
         sigma_max: Centring after a short step, at most 1/2.
         max_iterations: Newton steps of a start before the solver gives up.
@@ -118,7 +115,6 @@ class OneLoop:
     c_fact: float = 0.99
     gamma: float = 1e-3
     beta: float = 1e4
-    omega: float = 1e-2
     sigma_min: float = 0.1
     sigma_max: float = 0.5
     max_iterations: int = 100
@@ -206,7 +202,7 @@ class OneLoop:
 
         A cold start has equal pressure everywhere and no friction.
         """
-        v = ConeIterate(x_n, y, np.zeros((scaled.nodes, 2)), *newton.start(scaled.forces(x_n, y), _FRESH))
+        v = ConeIterate(x_n, y, np.zeros((scaled.nodes, 2)), newton.start(scaled.forces(x_n, y), _FRESH))
         theta = relative_theta * max(scaled.rms(scaled.gradient(v)), 1e-3)
         return v._replace(nu=theta / scaled.safe(scaled.slack(x_n, y)))
 
@@ -232,13 +228,13 @@ class OneLoop:
             sigma = self._centring(alpha, self._infeasibility(scaled, v) / (beta * theta))
             krylov_tolerance = min(self.r_tol * err, self.c_fact * krylov_tolerance)
             step = self._newton_step(scaled, newton, v, z, sigma * theta, krylov_tolerance, beta)
-            alpha, new = self._step_length(scaled, step, beta, theta, sigma)
+            alpha, new = self._step_length(scaled, step, beta)
             if new is None:
                 status = Status.STAGNATED
                 break
             err = self._change(scaled, v, new)
-            image = newton.carry(scaled.forces(new.x_n, new.y), None, alpha, _FRESH)
-            v = new._replace(A_x=image.A_x, lag=image.lag)
+            A_x = newton.carry(scaled.forces(new.x_n, new.y), None, alpha, _FRESH)
+            v = new._replace(A_x=A_x)
             z = scaled.slack(v.x_n, v.y)
             theta = scaled.theta(v.nu, z)
             residual = problem.residual(*scaled.unscaled(v))
@@ -307,12 +303,10 @@ class OneLoop:
         dy = at.dy(step.dx)
         bend = np.column_stack([np.zeros(scaled.nodes), (at.F * step.dx[:, 0])[:, None] * dy])
         dnu = (at.constraints(step.dx) - r2) / at.D22
-        return _Step(v, step.dx[:, 0], dy, dnu, step.A_dx, newton.estimate(bend), step.iterations, step.lag)
+        return _Step(v, step.dx[:, 0], dy, dnu, step.A_dx, newton.estimate(bend), step.iterations)
 
-    def _step_length(
-        self, scaled: ScaledCoulomb, step: _Step, beta: float, theta: float, sigma: float
-    ) -> tuple[float, ConeIterate | None]:
-        """The largest step that stays in N(gamma, beta) and decreases theta; None if none longer than 1e-10 will do."""
+    def _step_length(self, scaled: ScaledCoulomb, step: _Step, beta: float) -> tuple[float, ConeIterate | None]:
+        """The largest step that stays in N(gamma, beta); None if none longer than 1e-10 will do."""
         infeasibility = self._infeasibility(scaled, step.v)
         alpha = min(1.0, _TO_BOUNDARY * scaled.distance_to_boundary(step.v, step.dx_n, step.dy, step.dnu))
         while alpha > 1e-10:
@@ -322,7 +316,7 @@ class OneLoop:
             in_neighbourhood = scaled.smallest_product(v.nu, z) >= self.gamma * theta_new and self._infeasibility(
                 scaled, v
             ) <= max(beta * theta_new, (1.0 - 0.1 * alpha) * infeasibility)
-            if in_neighbourhood and theta_new <= (1.0 - alpha * self.omega * (1.0 - sigma)) * theta:
+            if in_neighbourhood:
                 return alpha, v
             alpha *= _BACKTRACK
         return alpha, None
@@ -336,10 +330,10 @@ class OneLoop:
         return max(sigma, min(_WAIT * used, _SLOWEST))
 
     def _infeasibility(self, scaled: ScaledCoulomb, v: ConeIterate) -> float:
-        return scaled.rms(scaled.weight(v.x_n) * scaled.gradient(v)) + v.lag
+        return scaled.rms(scaled.weight(v.x_n) * scaled.gradient(v))
 
     def _judged(self, scaled: ScaledCoulomb, newton: ConeSystem, v: ConeIterate) -> ConeIterate:
-        return v._replace(A_x=newton.judge(scaled.forces(v.x_n, v.y)), lag=0.0)
+        return v._replace(A_x=newton.judge(scaled.forces(v.x_n, v.y)))
 
     def _change(self, scaled: ScaledCoulomb, old: ConeIterate, new: ConeIterate) -> float:
         """err = |v_new - v| / |v_new| of v = (x, nu, z)."""

@@ -21,6 +21,7 @@ from .results import (
     ProgressCallback,
     QPResult,
     Status,
+    check_constants,
     check_path_constants,
 )
 from .scaling import ScaledQP
@@ -43,14 +44,12 @@ class Iterate:
         nu: Multipliers of the bound and of the disc, shape (m, 2); 0 where there is no disc.
         z: Slacks -c(x), shape (m, 2); 0 where there is no disc.
         A_x: A x, shape (m, 3).
-        lag: What A x lacks (`Image`).
     """
 
     x: FloatArray
     nu: FloatArray
     z: FloatArray
     A_x: FloatArray
-    lag: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -92,6 +91,7 @@ class PathFollowing:
 
     def __post_init__(self) -> None:
         check_path_constants(self)
+        check_constants(self, (("omega", 0.0 < self.omega < 1.0, "in (0, 1)"),))
 
     def solve(
         self,
@@ -200,8 +200,8 @@ class PathFollowing:
                 break
             err = problem.relative_change((v.x, v.nu, v.z), (new.x, new.nu, new.z))
             v, theta = new, problem.theta(new.nu, new.z)
-            image = newton.carry(v.x, v.A_x, alpha, _FRESH)  # A x may add up what the products of CG leave out
-            v = replace(v, A_x=image.A_x, lag=image.lag)
+            A_x = newton.carry(v.x, v.A_x, alpha, _FRESH)  # A x may add up what the products of CG leave out
+            v = replace(v, A_x=A_x)
             gradient = self._infeasibility(problem, v)
             # (4) stop by the problem's own residual: err is proportional to alpha, a blocked step looks like the end
             residual = problem.residual(v.x, v.A_x)
@@ -245,8 +245,8 @@ class PathFollowing:
         """Step (3); None if no step longer than 1e-10 will do.  Costs no product: A dx came with the step."""
         alpha = min(1.0, _TO_BOUNDARY * problem.distance_to_boundary(v.x, step.dx, v.nu, step.dnu))
         while alpha > 1e-10:
-            x, lag = v.x + alpha * step.dx, (1.0 - alpha) * v.lag + alpha * step.lag
-            new = Iterate(x, v.nu + alpha * step.dnu, problem.slack(x), v.A_x + alpha * step.A_dx, lag)
+            x = v.x + alpha * step.dx
+            new = Iterate(x, v.nu + alpha * step.dnu, problem.slack(x), v.A_x + alpha * step.A_dx)
             theta_new = problem.theta(new.nu, new.z)
             in_neighbourhood = (
                 problem.smallest_product(new.nu, new.z) >= self.gamma * theta_new
@@ -258,13 +258,13 @@ class PathFollowing:
         return alpha, None
 
     def _infeasibility(self, problem: ScaledQP, v: Iterate) -> float:
-        return problem.rms(problem.gradient(v.x, v.nu, v.A_x)) + v.lag
+        return problem.rms(problem.gradient(v.x, v.nu, v.A_x))
 
     def _cold_start(self, problem: ScaledQP, newton: NewtonSystem, relative_theta: float) -> Iterate:
         """Equal pressure everywhere, no friction, and centred multipliers with theta so many times rms(A x - b)."""
         x = np.zeros((problem.nodes, 3))
         x[:, 0] = problem.lower + 1.0
-        v = Iterate(x, np.zeros((problem.nodes, 2)), problem.slack(x), *newton.start(x, 0.0))
+        v = Iterate(x, np.zeros((problem.nodes, 2)), problem.slack(x), newton.start(x, 0.0))
         theta = relative_theta * max(problem.rms(problem.gradient(x, v.nu, v.A_x)), 1e-3)
         return replace(v, nu=problem.on_constraints(theta / problem.safe(v.z)))
 
@@ -280,4 +280,4 @@ class PathFollowing:
         if distance > _FAR:
             return None
         x, nu = problem.smoothed_projection(q, max(distance**1.5, 0.1 * tolerance))
-        return Iterate(x, nu, problem.slack(x), *newton.start(x, 0.0))
+        return Iterate(x, nu, problem.slack(x), newton.start(x, 0.0))

@@ -46,7 +46,6 @@ def check_path_constants(of: Any) -> None:
             ("c_fact", 0.0 < of.c_fact < 1.0, "in (0, 1)"),
             ("gamma", 0.0 < of.gamma < 1.0, "in (0, 1)"),
             ("beta", of.beta > 0.0, "> 0"),
-            ("omega", 0.0 < of.omega < 1.0, "in (0, 1)"),
             ("sigma_min", 0.0 < of.sigma_min <= of.sigma_max, "in (0, sigma_max]"),
             ("sigma_max", of.sigma_max <= 0.5, "at most 1/2"),
             ("max_iterations", of.max_iterations >= 1, "at least 1"),

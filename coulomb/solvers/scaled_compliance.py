@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..arrays import FloatArray
@@ -49,18 +47,6 @@ class ScaledCompliance:
         return self.W * displacement.reshape(-1, 3) / (self.a * self.s)
 
 
-class Image(NamedTuple):
-    """A~ x of an iterate (m, 3), and what it lacks.
-
-    Attributes:
-        A_x: B y for a y near K^-1 B^T x.
-        lag: Root mean square of B^T x - K y over the contact unknowns, in nominal forces; 0 where a product made A_x.
-    """
-
-    A_x: FloatArray
-    lag: float = 0.0
-
-
 class FreshImages:
     """How a Newton system that works by products with A gets A x of the iterates: from products of their own.
 
@@ -71,11 +57,11 @@ class FreshImages:
     def __init__(self, A: ScaledCompliance):
         self._scaled = A
 
-    def start(self, x: FloatArray, tolerance: float) -> Image:
+    def start(self, x: FloatArray, tolerance: float) -> FloatArray:
         """Of the first iterate, to a relative accuracy."""
-        return Image(self._scaled.follow(x, tolerance))
+        return self._scaled.follow(x, tolerance)
 
-    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> Image:
+    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
         """Of the next iterate x, alpha along the last step.
 
         Args:
@@ -85,8 +71,8 @@ class FreshImages:
             tolerance: Accuracy of a product, as a part of the change.
         """
         if predicted is not None and self._scaled.A.exact:
-            return Image(predicted)
-        return Image(self._scaled.follow(x, tolerance))
+            return predicted
+        return self._scaled.follow(x, tolerance)
 
     def judge(self, x: FloatArray) -> FloatArray:
         """A x as exact as can be, shape (m, 3): what the residual that decides is computed with."""
