@@ -313,10 +313,9 @@ class OneLoop:
             v = step.at(alpha)
             z = scaled.slack(v.x_n, v.y)
             theta_new = scaled.theta(v.nu, z)
-            in_neighbourhood = scaled.smallest_product(v.nu, z) >= self.gamma * theta_new and self._infeasibility(
-                scaled, v
-            ) <= max(beta * theta_new, (1.0 - 0.1 * alpha) * infeasibility)
-            if in_neighbourhood:
+            allowed = max(beta * theta_new, (1.0 - 0.1 * alpha) * infeasibility)
+            central = scaled.smallest_product(v.nu, z) >= self.gamma * theta_new
+            if central and self._infeasibility(scaled, v) <= allowed:
                 return alpha, v
             alpha *= _BACKTRACK
         return alpha, None
