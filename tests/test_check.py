@@ -40,6 +40,13 @@ def test_same_certificate(run):
     assert check(directory).recorded is True
 
 
+def pressed(place):
+    """A block somewhere, pressed down and dragged."""
+    mesh = coulomb.box((1.0, 1.0, 1.0), (4, 3, 3), place=place)
+    clamp = coulomb.Clamp("top", value=(1e-4, 0.0, -1e-3))
+    return coulomb.ContactProblem(mesh, coulomb.Material(2.1e11, 0.3), [clamp], coulomb.Contact("bottom", 0.3))
+
+
 @pytest.mark.parametrize(
     "problem",
     [
@@ -52,13 +59,25 @@ def test_same_certificate(run):
             coulomb.Contact("bottom", lambda x: 0.1 + 0.1 * x[0]),
             [coulomb.Traction("top", (0.0, 1e7, -4e7))],
         ),
+        lambda: pressed(lambda x: np.array([x[0] - x[2], 2**0.5 * x[1], x[0] + x[2]]) / 2**0.5),
     ],
-    ids=["tresca", "tilted plane with a gap", "tetrahedra, friction field, moved clamp"],
+    ids=[
+        "tresca",
+        "tilted plane with a gap",
+        "tetrahedra, friction field, moved clamp",
+        "45 degrees",
+    ],
 )
 def test_other_problems(problem, tmp_path):
     solution = problem().solve()
     output.write(solution, tmp_path, picture=False)
     assert_same(check(tmp_path), solution.certificate)
+
+
+def test_far_from_the_origin(tmp_path):
+    """DOLFINx writes fields as it evaluates them at the points: there it rounds by their coordinates."""
+    output.write(pressed(lambda x: x + np.array([[1000.0], [-500.0], [3000.0]])).solve(), tmp_path, picture=False)
+    assert check(tmp_path).passed
 
 
 def test_written_on_three_ranks(tmp_path):

@@ -99,6 +99,16 @@ def test_what_was_given_without_a_case(name, tmp_path):
     assert not check(folder).passed
 
 
+@pytest.mark.parametrize("entry", ["young", "poisson"])
+def test_the_material_that_is_told_without_a_case(entry, tmp_path):
+    folder = copied(BLOCK, tmp_path / "run")
+    (folder / "case.json").unlink()
+    edit(
+        folder / "summary.json", lambda told: told["material"][0].update({entry: told["material"][0][entry] * 1.000001})
+    )
+    assert any(fault.startswith("summary.json.material") for fault in check(folder).faults)
+
+
 @pytest.mark.parametrize(("old", "new"), [(STICK, SLIP), (SLIP, STICK), (SLIP, OPEN), (SLIP, HELD), (HELD, STICK)])
 def test_status_of_one_node(old, new, tmp_path):
     folder = copied(BLOCK, tmp_path / "run")
@@ -295,3 +305,29 @@ def test_a_step_on_its_own(tmp_path):
     found = check(tmp_path / "alone")
     assert found.passed, found
     assert any("without the load step before: slip_origin" in line for line in found.trusted)
+
+
+SQUEEZED = (
+    BLOCK.split("[[clamp]]")[0]
+    + """\
+[[clamp]]
+face = "top"
+value = [0.0, 0.0, -0.15]
+[contact]
+face = "bottom"
+friction = 0.3
+"""
+)
+
+
+@pytest.mark.parametrize("accepted", [False, True])
+@pytest.mark.parametrize("with_case", [False, True])
+def test_outside_the_theory(accepted, with_case, tmp_path):
+    folder = copied(f'small_strain = "warn"\n{SQUEEZED}' if accepted else SQUEEZED, tmp_path / "run")
+    if not with_case:
+        (folder / "case.json").unlink()
+    found = check(folder)
+    assert found.certificate.passed and not found.faults, found
+    assert found.passed is accepted and ("outside small-strain theory: displacement grad" in str(found)) is not accepted
+    edit(folder / "summary.json", lambda told: told.update(valid=not accepted))
+    assert any(fault.startswith("summary.json.valid") for fault in check(folder).faults)
