@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .arrays import FloatArray
 from .certificate import Certificate, certify
+from .settled import settled
 from .solvers.reductions import Reductions
 from .solvers.results import NotConverged, Status
 from .stopwatch import timed
@@ -19,6 +21,21 @@ CERTIFIED_FROM = 1e-8
 """Tolerance, the default, from which on an answer must pass the certificate; whoever asks for less gets less."""
 
 
+@dataclass(frozen=True)
+class Judged:
+    """What becomes of the forces that a solver offers.
+
+    Attributes:
+        contact_force: They, exactly zero where they are none (`settled`), newtons, shape (3 m,).
+        displacement: In metres, this rank's nodes, shape (k, 3).
+        certificate: Of both.
+    """
+
+    contact_force: FloatArray
+    displacement: FloatArray
+    certificate: Certificate
+
+
 class Acceptance:
     """Displacement and certificate of the forces that a solver offers; the last ones are kept.
 
@@ -28,29 +45,31 @@ class Acceptance:
 
     def __init__(self, problem: ContactProblem):
         self._problem = problem
-        self._last: tuple[FloatArray, FloatArray, Certificate] | None = None
+        self._last: tuple[FloatArray, Judged] | None = None
 
     def __call__(self, x: FloatArray) -> bool:
         """Whether the forces x in newtons, shape (3 m,), pass; collective."""
-        return self.answer(x)[1].passed
+        return self.answer(x).certificate.passed
 
-    def answer(self, x: FloatArray) -> tuple[FloatArray, Certificate]:
-        """Displacement in metres, shape (k, 3), and certificate of the forces x, shape (3 m,); collective."""
-        problem = self._problem
-        kept = self._last is not None and np.array_equal(self._last[0], x)
-        if self._last is None or not Reductions(problem.comm).all(kept):
+    def answer(self, x: FloatArray) -> Judged:
+        """Displacement and certificate of the forces x in newtons, shape (3 m,); collective."""
+        problem, over = self._problem, Reductions(self._problem.comm)
+        if self._last is None or not over.all(np.array_equal(self._last[0], x)):
             with timed(problem.seconds, "displacement"):
                 u = problem.displacement(x)
+                force = settled(problem, x, u)
+                if not over.all(np.array_equal(force, x)):
+                    u = problem.displacement(force)
             with timed(problem.seconds, "certificate"):
-                self._last = (x.copy(), u, certify(problem, x, u))
-        return self._last[1], self._last[2]
+                self._last = (x.copy(), Judged(force, u, certify(problem, force, u)))
+        return self._last[1]
 
     def explained(self, failure: NotConverged, tolerance: float) -> NotConverged:
         """The same failure; where only the certificate does not pass, with the conditions and what would help."""
         problem, result = self._problem, failure.result
         if result.status is Status.INTERRUPTED or not result.residual <= tolerance:
             return failure
-        certificate = self.answer(result.x)[1]
+        certificate = self.answer(result.x).certificate
         remedies = ["a look at the units of lengths, forces and stiffnesses"]
         if Reductions(problem.comm).max(problem.elasticity.spring) > 0.0:
             remedies.insert(0, "a clamp or stiffer springs in place of those that let the body move as a whole")

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
 """Status of a node in contact.xdmf; HELD: on the contact face, but clamped, so no contact node (all fields 0)."""
 
-OPEN_BELOW = 1e-6
-"""A node is open if its normal force is at most this part of the largest."""
+OPEN_BELOW = 1e-9
+"""A node is open if its normal force is at most this part of the largest; then it is exactly zero (`settled`)."""
 
 SLIP_ABOVE = 0.999
 """A node slips if its friction is at least this part of its bound."""

@@ -27,6 +27,7 @@ from .arrays import FloatArray
 from .fem import compat
 from .fem.compat import fem
 from .nodal_answer import HELD, NodalAnswer
+from .point_values import dof_of_point, overwrite
 from .problem import ContactProblem
 from .process import hushed
 from .provenance import moment, now, provenance
@@ -136,9 +137,11 @@ def _write_body(solution: Solution, path: str) -> None:
     u = elasticity.function(solution.displacement)
     given = {"load": elasticity.load, "held": elasticity.fixed, "prescribed": elasticity.prescribed}
     given["spring"] = elasticity.spring
-    functions = [u, elasticity.von_mises(u), elasticity.young, elasticity.poisson]
-    functions += [elasticity.function(values.astype(float), name) for name, values in given.items()]
-    _write_fields(solution.problem.comm, path, elasticity.mesh.domain, functions)
+    nodal = [u, *(elasticity.function(values.astype(float), name) for name, values in given.items())]
+    domain, comm = elasticity.mesh.domain, solution.problem.comm
+    _write_fields(comm, path, domain, [*nodal, elasticity.von_mises(u), elasticity.young, elasticity.poisson])
+    owned = dof_of_point(domain, elasticity.V)[: domain.geometry.index_map().size_local]
+    overwrite(comm, _data_of(path), domain, {f.name: f.x.array.reshape(-1, 3)[owned] for f in nodal})
 
 
 def contact_fields(solution: Solution) -> dict[str, FloatArray]:
@@ -229,20 +232,27 @@ def _write_contact(solution: Solution, path: str) -> None:
     facets = _contact_facets(problem)
     owned = facets[facets < domain.topology.index_map(2).size_local]
     sub, geometry_of = compat.submesh(domain, 2, np.sort(owned))
-    node_of_geometry = np.empty(len(domain.geometry.x), dtype=np.int64)
-    node_of_geometry[compat.cell_geometry(domain)] = compat.cell_dofs(elasticity.V)
+    node_of_point = dof_of_point(domain, elasticity.V)[geometry_of]
     scalar, vector = compat.functionspace(sub, 1), compat.functionspace(sub, 1, (3,))
     node_of_dof = np.zeros(scalar.dofmap.index_map.size_local + scalar.dofmap.index_map.num_ghosts, dtype=np.int64)
-    node_of_dof[compat.cell_dofs(scalar)] = node_of_geometry[geometry_of[compat.cell_geometry(sub)]]
-    functions = []
+    node_of_dof[compat.cell_dofs(scalar)] = node_of_point[compat.cell_geometry(sub)]
+    points = node_of_point[: sub.geometry.index_map().size_local]
+    functions, exact = [], {}
     for name, values in contact_fields(solution).items():
         everywhere = np.full((len(elasticity.x), 3), float(HELD) if name == "status" else 0.0)
         everywhere[problem.surface.nodes] = values if values.ndim == 2 else values[:, None]
-        spread = elasticity.function(everywhere).x.array.reshape(-1, 3)[node_of_dof]
+        spread = elasticity.function(everywhere).x.array.reshape(-1, 3)[:, : 3 if values.ndim == 2 else 1]
         function = fem.Function(vector if values.ndim == 2 else scalar, name=name)
-        function.x.array[:] = (spread if values.ndim == 2 else spread[:, 0]).ravel()
+        function.x.array[:] = spread[node_of_dof].ravel()
         functions.append(function)
+        exact[name] = spread[points]
     _write_fields(problem.comm, path, sub, functions)
+    overwrite(problem.comm, _data_of(path), sub, exact)
+
+
+def _data_of(path: str) -> str:
+    """The HDF5 file of an XDMF file."""
+    return str(Path(path).with_suffix(".h5"))
 
 
 def _one_grid(path: Path, time: float) -> None:

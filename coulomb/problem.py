@@ -342,6 +342,9 @@ class ContactProblem:
 
     def solution(self, result: CoulombResult | QPResult, acceptance: Acceptance | None = None) -> Solution:
         """Displacement and certificate of a solver's result, converged or not; from `acceptance` where it has them."""
-        u, certificate = (acceptance or Acceptance(self)).answer(result.x)
-        g = result.slip_bound if isinstance(result, CoulombResult) else self.slip_bound(result.x)
-        return Solution(self, result.x, u, g, result, certificate)
+        judged = (acceptance or Acceptance(self)).answer(result.x)
+        x = judged.contact_force
+        g = self.slip_bound(x)
+        if isinstance(result, CoulombResult):
+            g = np.where(g > 0.0, result.slip_bound, 0.0)  # as the forces, exactly zero at open nodes
+        return Solution(self, x, judged.displacement, g, result, judged.certificate)

@@ -1,0 +1,152 @@
+"""What is zero, or a whole number, is so in the files to the last bit; and every value is at its own point."""
+
+import h5py
+import numpy as np
+import pytest
+from conftest import ROOT, STEEL, make_block, run_coulomb
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, Traction
+from coulomb.nodal_answer import HELD, OPEN, OPEN_BELOW
+from coulomb.point_values import overwrite
+from coulomb.settled import settled
+
+CELLS = ["hexahedron", "tetrahedron"]
+
+
+def block(cell, law="coulomb", cells=(12, 4, 4), friction=0.3):
+    return ContactProblem(
+        coulomb.box((3.0, 1.0, 1.0), cells, cell),
+        STEEL,
+        [Clamp("left")],
+        Contact("bottom", friction) if law == "coulomb" else Contact("bottom", slip_stress=1e7),
+        [Traction("top", (0.0, 1e7, -4e7)), Traction("right", (2e7, 0.0, 0.0))],
+    )
+
+
+def fields(path):
+    """By name, at the points of the file."""
+    with h5py.File(path) as file:
+        found = {name: np.squeeze(group["0"][()]) for name, group in file["Function"].items() if name != "young"}
+        return {"x": file["Mesh/mesh/geometry"][()], **found}
+
+
+def order(points, wanted):
+    """For each wanted place the number of the point there."""
+    distance = np.linalg.norm(points[None] - wanted[:, None], axis=2)
+    assert distance.min(axis=1).max() < 1e-12
+    return distance.argmin(axis=1)
+
+
+@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+@pytest.mark.parametrize("cell", CELLS)
+def test_open_nodes_have_no_force_at_all(cell, law, tmp_path):
+    solution = block(cell, law).solve()
+    solution.write(tmp_path)
+    assert solution.certificate.passed
+    at = fields(tmp_path / "contact.h5")
+    assert {0.0, 2.0, 3.0} <= set(np.unique(at["status"])) <= {0.0, 1.0, 2.0, 3.0}
+    open_ = at["status"] == OPEN
+    assert np.array_equal(at["pressure"] == 0.0, open_ | (at["status"] == HELD))
+    friction = np.linalg.norm(at["friction_traction"], axis=1)[open_]
+    if law == "coulomb":
+        assert not friction.any() and not at["contact_force"][open_].any() and not at["friction_use"][open_].any()
+    else:  # the law has it so: slip stress acts without pressure
+        assert np.all(friction > 1e6)
+        normal = np.sum((at["contact_force"] * at["normal"])[open_], axis=1)
+        assert not normal.any()
+    for name, values in at.items():
+        if name not in ("x", "status"):
+            assert not values[at["status"] == HELD].any(), name
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_what_is_written_is_the_answer_to_the_last_bit(cell, tmp_path):
+    solution = block(cell).solve()
+    solution.write(tmp_path)
+    elasticity, surface = solution.problem.elasticity, solution.problem.surface
+    body, at = fields(tmp_path / "solution.h5"), fields(tmp_path / "contact.h5")
+    node = order(body["x"], elasticity.x)
+    assert np.array_equal(body["displacement"][node], solution.displacement)
+    assert np.array_equal(body["load"][node], elasticity.load)
+    assert np.array_equal(body["held"][node], elasticity.fixed.astype(float))
+    node = order(at["x"], surface.x)
+    assert np.array_equal(at["pressure"][node], solution.contact_force[0::3] / surface.area)
+    assert np.array_equal(at["area"][node], surface.area)
+    assert np.array_equal(at["contact_force"][node], -surface.vectors(solution.contact_force.reshape(-1, 3)))
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+@pytest.mark.parametrize("cell", CELLS)
+def test_on_ranks(cell, ranks, tmp_path):
+    """Every point has the value of its own node, wherever it is owned."""
+    case = ROOT / "demos" / "block.toml"
+    changes = ("mesh.cells=[12,4,4]", f"mesh.cell='{cell}'", "output.picture=false", "solver.linear_solver='iterative'")
+    sets = [part for change in changes for part in ("--set", change)]
+    done = run_coulomb("run", case, *sets, "--output", tmp_path / "out", ranks=ranks)
+    assert done.returncode == 0, done.stderr
+    expected = block(cell).solve()
+    surface, at = expected.problem.surface, fields(tmp_path / "out" / "contact.h5")
+    assert np.array_equal(at["status"], np.round(at["status"]))
+    assert not at["contact_force"][at["status"] == OPEN].any()
+    node = order(at["x"], surface.x)
+    assert np.allclose(at["area"][node], surface.area, rtol=1e-12)
+    assert np.count_nonzero(at["status"] == HELD) == len(at["x"]) - len(surface.x)
+    force = -surface.vectors(expected.contact_force.reshape(-1, 3))
+    assert np.abs(at["contact_force"][node] - force).max() <= 1e-6 * np.abs(force).max()
+    body = fields(tmp_path / "out" / "solution.h5")
+    u = body["displacement"][order(body["x"], expected.problem.elasticity.x)]
+    assert np.abs(u - expected.displacement).max() <= 1e-6 * np.abs(expected.displacement).max()
+
+
+def test_without_friction_there_is_none(tmp_path):
+    solution = block("hexahedron", friction=0.0).solve()
+    assert solution.certificate.passed and not solution.contact_force.reshape(-1, 3)[:, 1:].any()
+    assert solution.contact_force.any()
+
+
+@pytest.mark.parametrize("solver", [coulomb.OneLoop(), coulomb.SuccessiveTresca()])
+def test_what_is_judged_is_what_is_written(solver):
+    """The certificate is of the settled forces, and these are the solver's within its residual."""
+    problem = make_block(4)
+    solution = problem.solve(solver=solver)
+    x, raw = solution.contact_force, solution.result.x
+    assert coulomb.certify(problem, x, solution.displacement).checks == solution.certificate.checks
+    assert np.linalg.norm(x - raw) <= 1e-8 * np.linalg.norm(raw)
+    none = x[0::3] == 0.0
+    assert none.any() and np.all(x[0::3][~none] > OPEN_BELOW * x.max())
+    fresh = problem.displacement(x)
+    assert np.abs(fresh - solution.displacement).max() <= 1e-12 * np.abs(fresh).max()
+
+
+def test_only_what_is_small_is_settled():
+    """An answer that is wrong stays wrong: forces across a gap, pull, friction without pressure."""
+    problem = make_block(4)
+    solution = problem.solve()
+    u, force = solution.displacement, solution.contact_force.reshape(-1, 3)
+    gap = problem.surface.gap - problem.closure(u)[:, 0]
+    far = int(np.argmax(gap))
+    size = np.linalg.norm(force)
+    assert not force[far].any()
+    for large, small in (([2e-6, 0, 0], [9e-7, 0, 0]), ([-2e-6, 0, 0], [-9e-7, 0, 0]), ([0, 2e-6, 0], [0, 9e-7, 0])):
+        for values, stays in ((large, True), (small, False)):
+            spoilt = force.copy()
+            spoilt[far] = np.array(values) * size
+            kept = settled(problem, spoilt.ravel(), u).reshape(-1, 3)[far]
+            assert np.array_equal(kept, spoilt[far] if stays else np.zeros(3))
+    pressing = int(np.argmin(np.where(gap < 1e-3 * gap.max(), np.abs(gap), np.inf)))
+    spoilt = force.copy()
+    for part, stays in ((2.0 * OPEN_BELOW, True), (0.5 * OPEN_BELOW, False)):  # where there is no gap, P cannot say
+        spoilt[pressing] = [part * force.max(), 0.0, 0.0]
+        assert settled(problem, spoilt.ravel(), u).reshape(-1, 3)[pressing, 0] == (spoilt[pressing, 0] if stays else 0)
+
+
+def test_a_file_that_is_not_there_is_an_error_in_words(tmp_path):
+    problem = make_block(3)
+    domain = problem.mesh.domain
+    with pytest.raises(OSError, match=r"none\.h5: .*[Uu]nable to open"):
+        overwrite(problem.comm, str(tmp_path / "none.h5"), domain, {})
+    problem.solve().write(tmp_path)
+    with pytest.raises(OSError, match="no_such_field"):
+        values = np.zeros((domain.geometry.index_map().size_local, 3))
+        overwrite(problem.comm, str(tmp_path / "solution.h5"), domain, {"no_such_field": values})
