@@ -13,3 +13,6 @@ def test_compilation_is_announced_once_per_machine(tmp_path, monkeypatch):
     lines = first.stdout.splitlines()
     assert lines[0] == TOLD and lines.count(TOLD) == 1
     assert len(list((tmp_path / "fenics").glob("*.so"))) > 1  # one line, however many are compiled
+    again = run_coulomb(*SMALL)
+    assert again.returncode == 0 and TOLD not in again.stdout  # every form is found again
+    assert again.stdout.splitlines()[0] == lines[1]

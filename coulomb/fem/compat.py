@@ -53,9 +53,18 @@ def functionspace(domain: Any, degree: int, shape: tuple[int, ...] = (), family:
     """Lagrange (or DG) space of scalars, vectors or tensors."""
     if hasattr(fem, "functionspace"):  # 0.7 and newer
         return fem.functionspace(domain, (family, degree, shape) if shape else (family, degree))
+    _settle(domain.ufl_domain())
     if not shape:
         return fem.FunctionSpace(domain, (family, degree))
     return fem.VectorFunctionSpace(domain, (family, degree), dim=shape[0])
+
+
+def _settle(domain: Any) -> None:
+    """FFCx 0.5 rewrites the mesh's element when it compiles a form, and looks for the next one by another name."""
+    element = domain._ufl_coordinate_element
+    if getattr(getattr(element, "_sub_element", None), "_variant", "") is None:
+        shape = (element.family(), element.cell(), element.degree(), element.quadrature_scheme())
+        domain._ufl_coordinate_element = ufl.VectorElement(ufl.FiniteElement(*shape, variant="equispaced"))
 
 
 def assemble_matrix(form: Any) -> PETSc.Mat:
