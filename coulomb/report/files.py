@@ -6,9 +6,11 @@ import csv
 import functools
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ..plotting import Grid, alarm, read_grid
 from .units import in_seconds
@@ -23,22 +25,48 @@ class Step:
     Attributes:
         directory: With its solution.xdmf, contact.xdmf, summary.json and history.csv.
         time: When; None of a single run.
+        needs: The files that must be whole; where another one is not, something plain stands in for it.
     """
 
     directory: Path
     time: float | None
+    needs: tuple[str, ...] = ("contact", "solution")
 
     def grid(self, file: str) -> Grid:
         """The grid of "contact" or "solution".
 
         Raises:
-            ValueError: If the file is missing or not whole.
+            ValueError: If the file is needed, and is missing or not whole.
         """
         path = self.directory / f"{file}.xdmf"
         try:
             return _read_once(path, path.stat().st_mtime_ns)
         except (OSError, KeyError, SyntaxError) as error:
+            if file not in self.needs:
+                return _face_alone(self.grid("contact")) if file == "solution" else _no_face(self.grid("solution"))
             raise ValueError(f"{path}: cannot be read: {error}") from None
+
+    @property
+    def lacks(self) -> str:
+        """The file that something stands in for; empty if both are whole."""
+        for file in ("contact", "solution"):
+            try:
+                replace(self, needs=(file,)).grid(file)
+            except ValueError:
+                return f"{file}.xdmf"
+        return ""
+
+
+def _face_alone(contact: Grid) -> Grid:
+    """The contact face in place of the body, where it was."""
+    return Grid(contact.cell, contact.cells, contact.points, {"displacement": np.zeros_like(contact.points)})
+
+
+def _no_face(body: Grid) -> Grid:
+    """No contact face: a point of the body without a facet."""
+    normal = np.array([[0.0, 0.0, -1.0]])
+    fields = {"status": np.array([3.0]), "normal": normal, "area": np.zeros(1)}
+    return Grid("Triangle", np.empty((0, 3), dtype=np.int64), body.points[:1], fields)
 
 
 @functools.lru_cache(maxsize=4)
@@ -62,7 +90,6 @@ class Run:
         case: case.json, None where there is none.
         steps: The states of the body; one of a single run.
         rows: history.csv of a load history, a row for each step; empty of a single run.
-        iterations: history.csv of the (last) solve.
     """
 
     directory: Path
@@ -75,7 +102,16 @@ class Run:
     case: dict[str, Any] | None
     steps: tuple[Step, ...]
     rows: Rows
-    iterations: Rows
+
+    @property
+    def iterations(self) -> Rows:
+        """history.csv of the (last) solve; nothing where it is missing.
+
+        Raises:
+            ValueError: If it is no table.
+        """
+        path = self.steps[-1].directory / "history.csv"
+        return _rows(path) if path.exists() else []
 
     @property
     def is_history(self) -> bool:
@@ -100,13 +136,19 @@ class Run:
         return f"at the end, time {in_seconds(self.rows[-1]['time'])}" if self.is_history else ""
 
 
-def read_run(directory: str | Path) -> Run:
+def read_run(directory: str | Path, needs: tuple[str, ...] | None = None) -> Run:
     """Read the files of a run.
+
+    Args:
+        directory: Of the run.
+        needs: Of "contact" and "solution" those that will be shown, and nothing else: other files may be missing.
 
     Raises:
         ValueError: If the directory holds no run, or a file that cannot be read: which, and why.
     """
     folder = Path(directory)
+    if needs is not None and not _is_whole(folder):
+        return _fields_alone(folder, needs)
     told = _json(folder / "summary.json")
     if told is None:
         raise ValueError(f"{folder}: holds no run: there is no summary.json")
@@ -114,8 +156,10 @@ def read_run(directory: str | Path) -> Run:
     rows: Rows = []
     last = told
     if "steps" in told:
-        rows, last = _rows(folder / "history.csv"), told["last"]
+        rows, last = _rows_of_history(folder, strict=needs is None), told["last"]
         steps = tuple(Step(folder / "steps" / f"{int(row['step']):04d}", row["time"]) for row in rows)
+    if needs is not None:
+        steps = tuple(replace(step, needs=needs) for step in steps)
     missing = [key for key in ("status", "law", "certificate", "nodes", "maximum") if key not in last]
     if "steps" in told and "history" not in told:
         missing.append("history")
@@ -129,11 +173,65 @@ def read_run(directory: str | Path) -> Run:
         alarm=alarm(told),
         outside=_violations(told),
         warnings=_warnings(told),
-        case=_json(folder / "case.json"),
+        case=_json(folder / "case.json") if needs is None else None,
         steps=steps,
         rows=rows,
-        iterations=_rows(steps[-1].directory / "history.csv"),
     )
+
+
+def _is_whole(folder: Path) -> bool:
+    """Whether the summary of a run can be read."""
+    try:
+        return _json(folder / "summary.json") is not None
+    except ValueError:
+        return False
+
+
+def _fields_alone(folder: Path, needs: tuple[str, ...]) -> Run:
+    """A run without its summary, for a picture of its fields.
+
+    Raises:
+        ValueError: If there are no fields either.
+    """
+    rows = _rows_of_history(folder, strict=False)
+    steps = tuple(Step(folder / "steps" / f"{int(row['step']):04d}", row["time"], needs) for row in rows)
+    if not steps and not any((folder / f"{file}.xdmf").exists() for file in needs):
+        raise ValueError(f"{folder}: holds no run: there is no {' or '.join(f'{file}.xdmf' for file in needs)}")
+    return Run(
+        directory=folder,
+        summary={},
+        history={},
+        certified=False,
+        alarm="certificate unknown: summary.json cannot be read",
+        outside=(),
+        warnings=(),
+        case=None,
+        steps=steps or (Step(folder, None, needs),),
+        rows=rows,
+    )
+
+
+def _rows_of_history(folder: Path, strict: bool) -> Rows:
+    """history.csv of a load history; where it is missing (or no table, if not strict) by what its steps say."""
+    path = folder / "history.csv"
+    if path.exists() and (folder / "steps").is_dir():
+        try:
+            return _rows(path)
+        except ValueError:
+            if strict:
+                raise
+    rows: Rows = []
+    for number, step in enumerate(sorted((folder / "steps").glob("[0-9]*")), 1):
+        try:
+            told = _json(step / "summary.json") or {}
+        except ValueError:
+            told = {}
+        row = (told.get("step") or {}).get("row")
+        if row is None and strict:
+            raise ValueError(f"{folder}: neither history.csv nor {step.name}/summary.json tells of its step")
+        given = row or {"step": int(step.name), "time": float(number)}
+        rows.append({key: math.nan if value is None else float(value) for key, value in given.items()})
+    return rows
 
 
 def _violations(told: dict[str, Any]) -> tuple[str, ...]:
@@ -174,9 +272,13 @@ def _rows(path: Path) -> Rows:
             return [{key: _number(value) for key, value in row.items()} for row in csv.DictReader(file)]
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"{path}: is no table of text: {error}") from None
 
 
-def _number(text: str) -> float:
+def _number(text: str | None) -> float:
+    if not isinstance(text, str):  # a line that is too short or too long
+        return math.nan
     try:
         return {"True": 1.0, "False": 0.0}.get(text, math.nan) if text in ("True", "False") else float(text)
     except ValueError:

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from .fields import Field, named, ramp
-from .files import read_run
+from .files import Step, read_run
 from .scene import (
     VIEWS,
     Look,
@@ -59,7 +59,7 @@ def plot(
         raise ValueError(
             f"{save}: must end in {', '.join(PICTURES)} for a picture, {' or '.join(ANIMATIONS)} for a film"
         )
-    run = read_run(directory)
+    run = read_run(directory, (chosen.file,))
     film = save is not None and save.suffix.lower() in ANIMATIONS
     if film and not run.is_history:
         raise ValueError(f"{directory} holds a single run: a film needs a load history; save a picture (.png)")
@@ -96,12 +96,18 @@ def plot(
     try:
         if writer is not None:
             writer([pixels_of(figure) for figure in sheets])
-            return f"{save}: {len(sheets)} steps"
+            return f"{save}: {len(sheets)} steps{_without(steps)}"
         sheets[0].savefig(save, dpi=150)
     except OSError as error:
         save.unlink(missing_ok=True)
         raise OSError(error.errno, f"cannot be written: {error.strerror or error}", str(save)) from None
-    return str(save)
+    return f"{save}{_without(steps)}"
+
+
+def _without(steps: tuple[Step, ...]) -> str:
+    """What a picture goes without."""
+    lacking = steps[-1].lacks
+    return f"; without {lacking}, which cannot be read" if lacking else ""
 
 
 def film_writer(save: Path, field: Field) -> Any:

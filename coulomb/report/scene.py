@@ -76,6 +76,8 @@ def automatic_scale(run: Run) -> float:
         displacement = body.fields["displacement"]
         size = float(np.linalg.norm(np.ptp(body.points, axis=0)))
         greatest = max(greatest, float(np.linalg.norm(displacement, axis=1).max()))
+        if not displacement.any():
+            continue
         edges = np.zeros(len(body.cells))
         for here, there in _EDGES[body.cell]:
             a, b = body.cells[:, here], body.cells[:, there]
@@ -195,7 +197,8 @@ def paint(plotter: Any, step: Step, look: Look) -> None:
         plotter.add_mesh(rest, color=_FACE_EDGE, line_width=1)  # where the body was
     else:
         bare, lined = without(skin, in_contact), skin.n_cells <= _LINED
-        plotter.add_mesh(bare, color=_BODY, show_edges=lined, edge_color=_EDGE, ambient=0.75, diffuse=0.3)
+        if bare.n_cells:  # nothing of a body whose file is missing
+            plotter.add_mesh(bare, color=_BODY, show_edges=lined, edge_color=_EDGE, ambient=0.75, diffuse=0.3)
         if field.zones:
             _zones(plotter, contact, points, bool(look.caption))
         else:
@@ -298,7 +301,7 @@ def zone_counts(contact: Grid) -> dict[str, int]:
 
 def caption(run: Run, step: Step, scale: float) -> str:
     """Name of its directory, friction, time and the scale of the displacement, in a line."""
-    parts = [f"{run.directory.resolve().name}: {friction_in_words(run.summary)}"]
+    parts = [f"{run.directory.resolve().name}: {friction_in_words(run.summary) if run.summary else 'friction unknown'}"]
     if step.time is not None:
         parts.append(f"time {in_seconds(step.time)}")
     return ", ".join([*parts, f"displacement × {number(scale)}"])

@@ -1,0 +1,110 @@
+"""`coulomb plot` and `coulomb report` need what they draw, and nothing else."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from conftest import run_coulomb
+from test_manners_files import HISTORY
+from test_manners_process import CASE
+
+from coulomb.report import files, page, picture
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """A single run, and a load history."""
+    home = tmp_path_factory.mktemp("runs")
+    for name, text in (("single", CASE), ("history", HISTORY)):
+        (home / f"{name}.toml").write_text(text)
+        done = run_coulomb("run", f"{name}.toml", "--quiet", "--output", name, cwd=home)
+        assert done.returncode == 0, done.stderr
+    return home
+
+
+@pytest.fixture
+def copy(runs, tmp_path, monkeypatch):
+    shutil.copytree(runs, tmp_path / "runs")
+    monkeypatch.chdir(tmp_path / "runs")
+    files._read_once.cache_clear()
+    return tmp_path / "runs"
+
+
+def spoil(folder, name, how):
+    path = folder / name
+    if how == "missing":
+        path.unlink()
+    else:
+        path.write_bytes(b"\xff\xfe\x00\x01 no text" if how == "binary" else path.read_bytes()[:100])
+
+
+def drawn(folder, field):
+    said = picture.plot(folder, field, None, None, Path("x.png"), None)
+    assert Path("x.png").stat().st_size > 5000
+    return said
+
+
+CONTACT, SOLUTION = ("contact.xdmf", "contact.h5"), ("solution.xdmf", "solution.h5")
+
+
+@pytest.mark.parametrize("how", ["missing", "binary", "cut short"])
+@pytest.mark.parametrize("name", ["summary.json", "history.csv", "case.json"])
+def test_a_field_is_drawn_from_its_own_file(copy, name, how):
+    spoil(copy / "single", name, how)
+    for field in ("pressure", "von_mises_stress"):
+        assert drawn(copy / "single", field) == "x.png"
+
+
+@pytest.mark.parametrize("how", ["missing", "cut short"])
+@pytest.mark.parametrize(
+    ("name", "field"), [(n, "pressure") for n in SOLUTION] + [(n, "displacement") for n in CONTACT]
+)
+def test_a_field_is_drawn_without_the_other_file(copy, name, field, how):
+    spoil(copy / "single", name, how)
+    assert drawn(copy / "single", field) == f"x.png; without {name.split('.')[0]}.xdmf, which cannot be read"
+    other = "displacement" if field == "pressure" else "pressure"
+    with pytest.raises(ValueError, match=rf"{name.split('.')[0]}\.xdmf: cannot be read"):
+        drawn(copy / "single", other)
+
+
+@pytest.mark.parametrize("how", ["missing", "binary"])
+@pytest.mark.parametrize("name", ["summary.json", "history.csv"])
+def test_a_history_is_drawn_by_its_steps(copy, name, how):
+    spoil(copy / "history", name, how)
+    assert drawn(copy / "history", "pressure") == "x.png"
+    run = files.read_run(copy / "history", ("contact",))
+    assert [step.time for step in run.steps] == [0.5, 1.0, 1.5]
+    assert run.alarm == ("certificate unknown: summary.json cannot be read" if name == "summary.json" else "")
+
+
+def test_nothing_at_all_is_no_run(tmp_path):
+    with pytest.raises(ValueError, match=r"holds no run: there is no contact\.xdmf"):
+        picture.plot(tmp_path, "pressure", None, None, tmp_path / "x.png", None)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [("single", "history.csv"), ("single", "case.json"), ("history", "history.csv")]
+)
+def test_a_report_goes_without(copy, kind, name):
+    whole = page.render(files.read_run(copy / kind))
+    spoil(copy / kind, name, "missing")
+    rest = page.render(files.read_run(copy / kind))
+    assert "<html" in rest and (kind == "single" or rest.count("<tr") == whole.count("<tr"))
+
+
+@pytest.mark.parametrize("kind", ["single", "history"])
+def test_a_table_that_is_none_is_named(copy, kind):
+    spoil(copy / kind, "history.csv", "binary")
+    done = run_coulomb("report", kind)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert re.match(rf"error: {kind}/history\.csv: is no table of text: ", done.stderr)
+
+
+def test_lines_that_are_too_short_are_no_crash(copy):
+    table = copy / "single" / "history.csv"
+    head, first, *others = table.read_text().splitlines()
+    table.write_text("\n".join([head, first, others[0].split(",")[0], others[1] + ",7,8"]) + "\n")
+    assert "<html" in page.render(files.read_run(copy / "single"))
+    assert json.loads((copy / "single" / "summary.json").read_text())["certificate"]["passed"]
