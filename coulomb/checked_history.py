@@ -60,7 +60,8 @@ class HistoryFindings:
         """What is said once all steps have been."""
         good = sum(step.passed for step in self.steps)
         before = f"recorded by the run: certificates {'had passed' if self.recorded else 'had FAILED'}"
-        last = f"{good} of {len(self.steps)} load steps passed"
+        besides = ", but the files of the whole FAILED" if self.faults else ""
+        last = f"{good} of {len(self.steps)} load steps passed{besides}"
         return "\n".join([before, *verdict(self.faults), *self.trusted, last])
 
     def __str__(self) -> str:
