@@ -1,0 +1,69 @@
+"""What a terminal shows, and a log: nothing but text where nobody looks."""
+
+import contextlib
+import os
+import pty
+import subprocess
+import threading
+from pathlib import Path
+
+import pytest
+from test_manners_process import CASE, COULOMB, environment, shell
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("case.toml").write_text(CASE)
+
+
+def on_a_terminal(*command, **changes):
+    """What a command shows where standard output is a terminal."""
+    master, slave = pty.openpty()
+    process = subprocess.Popen(command, env=environment(**changes), stdout=slave, stderr=slave)
+    os.close(slave)
+    shown = bytearray()
+
+    def read():
+        with contextlib.suppress(OSError):
+            while part := os.read(master, 4096):
+                shown.extend(part)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    assert process.wait(timeout=240) == 0
+    reader.join(timeout=60)
+    os.close(master)
+    return shown.decode()
+
+
+RUN = (*COULOMB, "run", "case.toml")
+
+
+def test_a_line_changes_on_a_terminal():
+    assert "\x1b[" in on_a_terminal(*RUN, TERM="xterm")
+
+
+@pytest.mark.parametrize("changes", [{"TERM": "dumb"}, {"TERM": "xterm", "NO_COLOR": "1"}, {"TERM": ""}], ids=str)
+def test_nothing_but_text_where_that_is_asked_for(changes):
+    shown = on_a_terminal(*RUN, **changes)
+    assert "\x1b" not in shown and "path following   2" in shown and "certificate passed" in shown
+
+
+def test_nothing_but_text_under_mpirun():
+    """Open MPI gives its processes terminals, whose output may go to a file."""
+    yielding = {"OMPI_MCA_mpi_yield_when_idle": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1"}
+    command = ["mpirun", "-n", "2", *RUN]
+    for name in ("dumb", "xterm"):
+        done = subprocess.run(command, env=environment(TERM=name, **yielding), capture_output=True, timeout=240)
+        assert done.returncode == 0 and b"\x1b" not in done.stdout + done.stderr
+        assert b"path following   2" in done.stdout
+    done = subprocess.run(
+        ["mpirun", "-n", "1", *COULOMB, "--help"], env=environment(TERM="xterm"), capture_output=True, timeout=240
+    )
+    assert b"\x1b" not in done.stdout and b"check-case" in done.stdout
+
+
+def test_nothing_but_text_in_a_file_that_a_forced_terminal_writes():
+    done = shell("coulomb run case.toml > said; cat said", FORCE_COLOR="1", TERM="xterm")
+    assert "\x1b" not in done.stdout and "certificate passed" in done.stdout
