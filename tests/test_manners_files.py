@@ -197,3 +197,9 @@ def test_an_amplitude_stays_as_it_is_at_its_ends():
     assert [evaluate_amplitude(table, time, "load") for time in (-9.0, 1.0, 1.5, 2.0, 1e9)] == [2.0, 2.0, 3.5, 5.0, 5.0]
     motion = [(1.0, 0.1, 0.0, 0.0), (2.0, 0.3, 0.0, 0.0)]
     assert [evaluate_motion(motion, time, "foot")[0] for time in (0.0, 3.0)] == [0.1, 0.3]
+
+
+@pytest.mark.parametrize("tolerance", ["nan", "inf", "2"])
+def test_a_tolerance_that_is_none(tolerance):
+    done = shell(f"coulomb fclib none.hdf5 --tolerance {tolerance}")
+    assert done.returncode == 2 and done.stderr.startswith("error: --tolerance must be from 1e-12 to 1, but is ")
