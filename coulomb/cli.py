@@ -131,7 +131,7 @@ def fclib(
 ) -> None:
     """Solve a friction problem from elsewhere, and report the residual its community uses."""
     refuse_ranks("coulomb fclib")
-    if not tolerance <= 1.0:  # nan is neither
+    if tolerance > 1.0:
         _errors.print(f"error: --tolerance must be from 1e-12 to 1, but is {tolerance}", markup=False)
         raise typer.Exit(BAD_INPUT)
 

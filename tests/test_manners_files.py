@@ -202,4 +202,4 @@ def test_an_amplitude_stays_as_it_is_at_its_ends():
 @pytest.mark.parametrize("tolerance", ["nan", "inf", "2"])
 def test_a_tolerance_that_is_none(tolerance):
     done = shell(f"coulomb fclib none.hdf5 --tolerance {tolerance}")
-    assert done.returncode == 2 and done.stderr.startswith("error: --tolerance must be from 1e-12 to 1, but is ")
+    assert done.returncode == 2 and "--tolerance" in done.stderr and "cannot be read" not in done.stderr
