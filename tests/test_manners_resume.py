@@ -131,7 +131,8 @@ def test_the_command(copy):
     assert {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before
     edit(copy, contact={"friction": 0.3}, solver={"tolerance": 1e-9})
     done = run_coulomb("resume", copy / "out")
-    assert done.returncode == 0 and done.stderr == "warning: from step 2 on solver.tolerance is 1e-09, was 1e-08\n"
+    assert done.returncode == 0
+    assert done.stderr.splitlines()[0] == "warning: from step 2 on solver.tolerance is 1e-09, was 1e-08"
 
 
 def test_a_refused_run_leaves_the_case_of_the_history(copy):
