@@ -161,7 +161,7 @@ class SuccessiveTresca:
             x=last.x,
             gradient=last.gradient,
             slip_bound=g,
-            status=goal.verdict(residual, status),
+            status=goal.verdict(residual, last.x, status),
             contraction=_contraction(history),
             iterations=len(history),
             path_following=sum(step.path_following for step in history),

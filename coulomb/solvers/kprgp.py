@@ -135,7 +135,7 @@ class KPRGP:
             x=x,
             gradient=gradient,
             multipliers=_multipliers(qp, x, gradient),
-            status=goal.verdict(residual, status),
+            status=goal.verdict(residual, x, status),
             iterations=len(history),
             products=qp.A.products - products,
             residual=residual,

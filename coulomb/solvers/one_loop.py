@@ -166,7 +166,7 @@ class OneLoop:
         residual = problem.residual(x, -problem.b)
         if not goal.reached(residual, x):
             return None
-        status, g = goal.verdict(residual, Status.MAX_ITERATIONS), np.zeros_like(problem.friction)
+        status, g = goal.verdict(residual, x, Status.MAX_ITERATIONS), np.zeros_like(problem.friction)
         return CoulombResult(x, -problem.b, g, status, math.nan, 0, 0, 0, residual, (), self.name)
 
     def _follow(
@@ -265,7 +265,7 @@ class OneLoop:
             x=x,
             gradient=gradient_of_x,
             slip_bound=problem.slip_bound(x),
-            status=goal.verdict(residual, status),
+            status=goal.verdict(residual, x, status),
             contraction=math.nan,
             iterations=0,
             path_following=0,

@@ -135,7 +135,7 @@ class PathFollowing:
         residual = qp.residual(x, gradient)
         if not goal.reached(residual, x):
             return None
-        status = goal.verdict(residual, Status.MAX_ITERATIONS)
+        status = goal.verdict(residual, x, Status.MAX_ITERATIONS)
         return QPResult(x, gradient, np.zeros((qp.A.nodes, 2)), status, 0, 0, residual, ())
 
     def _follow(self, qp: TrescaQP, start: QPResult | None, goal: Goal, progress: ProgressCallback | None) -> QPResult:
@@ -232,7 +232,7 @@ class PathFollowing:
             x=x,
             gradient=force_gradient,
             multipliers=multipliers,
-            status=goal.verdict(residual, status),
+            status=goal.verdict(residual, x, status),
             iterations=0,
             products=0,
             residual=residual,

@@ -62,7 +62,7 @@ class Goal:
 
     The natural residual measures gaps by the mean compliance of the contact nodes.  Where soft springs hold the body,
     that compliance is the springs', and gaps that are large for the deformation are small for the residual: then
-    `accept` refuses the answer, and the solver goes on to a residual a tenth as large before it asks again.
+    `accept` refuses the answer, and is asked again each time the residual has halved, and once more in the end.
 
     Args:
         tolerance: Residual to reach.
@@ -91,17 +91,20 @@ class Goal:
             return False
         self._reached = self._accept is None or self._accept(x)
         if not self._reached:
-            self.refused, self.residual = True, 0.1 * residual
+            self.refused, self.residual = True, 0.5 * residual
         return self._reached
 
-    def verdict(self, residual: float, otherwise: Status) -> Status:
-        """The one place where CONVERGED is assigned.
+    def verdict(self, residual: float, x: FloatArray, otherwise: Status) -> Status:
+        """The one place where CONVERGED is assigned; collective.
 
         Args:
             residual: The problem's own residual at the answer, computed afresh by the problem.
+            x: The answer's forces.
             otherwise: Why the solver stopped, if residual or certificate do not agree.
         """
-        return Status.CONVERGED if self._reached and residual <= self.tolerance else otherwise
+        if not residual <= self.tolerance:
+            return otherwise
+        return Status.CONVERGED if self._reached or self._accept is None or self._accept(x) else otherwise
 
     def missed(self, residual: float) -> str:
         """What an answer that is not CONVERGED lacks, in words."""
