@@ -66,6 +66,12 @@ def begin() -> None:
     _keep_caches_somewhere()
 
 
+def hear_signals_again() -> None:
+    """Once MPI has started: Open MPI 5 takes SIGHUP for itself, and nothing comes of it."""
+    for number in (signal.SIGHUP, signal.SIGTERM, signal.SIGUSR1):
+        signal.signal(number, signal.getsignal(number))
+
+
 def go_on_unheard() -> None:
     """From here on the results are what matters: a pipe that nobody reads on ends nothing."""
     global _goes_on

@@ -62,6 +62,7 @@ def opened(quiet: bool, log_file: Path | None) -> Iterator[Session]:
         log_file: What is said goes there too, with the time.
     """
     process.go_on_unheard()
+    process.hear_signals_again()
     began, speaking = time.perf_counter(), Console(quiet=True) if quiet else console
     with bad_input():
         log = Log(log_file, MPI.COMM_WORLD)

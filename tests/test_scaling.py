@@ -76,15 +76,15 @@ def test_exponent():
 
 
 def test_benchmark_scaling(tmp_path):
-    arguments = ("--p", 3, "--p", 4, "--ranks", 1, "--ranks", 2, "--method", "iterative", "--output", tmp_path)
+    arguments = ("--p", 4, "--p", 5, "--ranks", 1, "--ranks", 2, "--method", "iterative", "--output", tmp_path)
     done = run_coulomb("benchmark", "scaling", *arguments)
     assert done.returncode == 0, done.stderr
     with (tmp_path / "scaling.csv").open() as file:
         rows = list(csv.DictReader(file))
     wanted = "p,unknowns,contact,ranks,path_following,krylov,seconds,yardstick_seconds,peak_memory_bytes,residual"
     assert ",".join(rows[0]).startswith(wanted)
-    assert [(row["p"], row["ranks"]) for row in rows] == [("3", "1"), ("3", "2"), ("4", "1"), ("4", "2")]
-    assert rows[0]["unknowns"] == str(9 * 3 * 16) and rows[0]["contact"] == str(9 * 3 * 4)
+    assert [(row["p"], row["ranks"]) for row in rows] == [("4", "1"), ("4", "2"), ("5", "1"), ("5", "2")]
+    assert rows[0]["unknowns"] == str(12 * 3 * 25) and rows[0]["contact"] == str(12 * 3 * 5)
     for row in rows:
         assert float(row["residual"]) <= 1e-7 and row["certified"] == "True"
         assert 5e7 < int(row["peak_memory_bytes"]) < 1e9 and float(row["yardstick_seconds"]) > 0.0

@@ -677,12 +677,14 @@ ALL = [wrong for rows in TABLE.values() for wrong in rows]
 def said():
     """What is said on standard error, by this rank."""
     heard = io.StringIO()
-    with mock.patch.object(console.errors, "quiet", False), mock.patch.object(console.console, "quiet", True):
-        before, console.errors.file = console.errors.file, heard
-        try:
-            yield heard
-        finally:
-            console.errors.file = before
+    with (
+        mock.patch.object(console.errors, "quiet", False),
+        mock.patch.object(console.console, "quiet", True),
+        mock.patch.object(
+            console.errors, "_file", heard
+        ),  # `file` cannot be taken back: it would stay what it was then
+    ):
+        yield heard
 
 
 def answer(wrong, directory):
