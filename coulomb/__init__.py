@@ -12,31 +12,31 @@ from typing import TYPE_CHECKING
 from .version import __version__
 
 if TYPE_CHECKING:
-    from .certificate import Certificate, Check, certify
-    from .contact import Contact
     from .fem.body import Material
     from .fem.elasticity import Elasticity
     from .fem.loaded_body import Clamp, Spring, Traction
     from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
     from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
     from .fem.surface import ContactSurface
-    from .general import solve_coulomb, solve_tresca
-    from .load_history import LoadHistory, StepFailed
-    from .load_step import Energy, LoadStep
-    from .problem import ContactProblem
-    from .solution import Solution
+    from .linalg.stiffness import DirectSolver, IterativeSolver
+    from .model.certificate import Certificate, Check, certify
+    from .model.contact import Contact
+    from .model.load_history import LoadHistory, StepFailed
+    from .model.load_step import Energy, LoadStep
+    from .model.problem import ContactProblem
+    from .model.solution import Solution
     from .solvers.automatic import Automatic
     from .solvers.condensed import CondensedConeSystem, CondensedSystem
     from .solvers.cone_systems import DenseConeSystem, KrylovConeSystem
     from .solvers.coulomb import CoulombProblem
     from .solvers.dense_system import DenseSystem
     from .solvers.fixed_point import SuccessiveTresca
+    from .solvers.general import solve_coulomb, solve_tresca
     from .solvers.kprgp import KPRGP
     from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
     from .solvers.one_loop import OneLoop
     from .solvers.path_following import PathFollowing
     from .solvers.results import CoulombResult, NotConverged, Progress, QPResult, Status
-    from .solvers.stiffness import DirectSolver, IterativeSolver
     from .solvers.tresca import TrescaQP
 
 __all__ = [
@@ -92,19 +92,19 @@ __all__ = [
 ]
 
 _PUBLIC = {
-    "certificate": ("Certificate", "Check", "certify"),
-    "contact": ("Contact",),
+    "model.certificate": ("Certificate", "Check", "certify"),
+    "model.contact": ("Contact",),
     "fem.body": ("Material",),
     "fem.elasticity": ("Elasticity",),
     "fem.loaded_body": ("Clamp", "Spring", "Traction"),
     "fem.meshes": ("NamedMesh", "box", "read_gmsh", "read_xdmf"),
     "fem.obstacles": ("Cylinder", "Plane", "SignedDistance", "Sphere"),
     "fem.surface": ("ContactSurface",),
-    "general": ("solve_coulomb", "solve_tresca"),
-    "load_history": ("LoadHistory", "StepFailed"),
-    "load_step": ("Energy", "LoadStep"),
-    "problem": ("ContactProblem",),
-    "solution": ("Solution",),
+    "solvers.general": ("solve_coulomb", "solve_tresca"),
+    "model.load_history": ("LoadHistory", "StepFailed"),
+    "model.load_step": ("Energy", "LoadStep"),
+    "model.problem": ("ContactProblem",),
+    "model.solution": ("Solution",),
     "solvers.automatic": ("Automatic",),
     "solvers.condensed": ("CondensedConeSystem", "CondensedSystem"),
     "solvers.cone_systems": ("DenseConeSystem", "KrylovConeSystem"),
@@ -116,7 +116,7 @@ _PUBLIC = {
     "solvers.one_loop": ("OneLoop",),
     "solvers.path_following": ("PathFollowing",),
     "solvers.results": ("CoulombResult", "NotConverged", "Progress", "QPResult", "Status"),
-    "solvers.stiffness": ("DirectSolver", "IterativeSolver"),
+    "linalg.stiffness": ("DirectSolver", "IterativeSolver"),
     "solvers.tresca": ("TrescaQP",),
 }
 """The public names by their module, which is loaded when one of them is first asked for; as imported above."""

@@ -7,7 +7,7 @@ begin()
 
 def main() -> None:
     """Run the command line."""
-    from .cli import main
+    from .cli.app import main
 
     main()
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Sphere
-from coulomb.summary import totals
+from coulomb.io.summary import totals
 
 E, nu, R, F = 2.1e11, 0.3, 0.1, 0.1
 a = 1e-3

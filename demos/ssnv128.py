@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from coulomb.benchmarks.verification.ssnv128 import DISPLACEMENTS, PLACES, problem
-from coulomb.summary import node_status
+from coulomb.io.summary import node_status
 
 solution = problem().solve()
 print(solution.certificate)

@@ -10,8 +10,8 @@ import h5py
 import numpy as np
 from mpi4py import MPI
 
-from coulomb import output
-from coulomb.case import read_case, write_case
+from coulomb.case.case import read_case, write_case
+from coulomb.io import output
 
 BLOCK = """\
 [mesh]

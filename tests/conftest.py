@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from skips import pytest_addoption, pytest_sessionfinish, pytest_terminal_summary  # noqa: F401  # hooks of pytest
 
 import coulomb
-from coulomb.solvers.compliance import ExplicitCompliance
+from coulomb.linalg.compliance import ExplicitCompliance
 
 DATA = Path(__file__).with_name("data")
 ROOT = Path(__file__).parents[1]

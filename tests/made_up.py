@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 
-from coulomb.certificate import LIMIT
-from coulomb.evidence import Evidence
+from coulomb.model.certificate import LIMIT
+from coulomb.model.evidence import Evidence
 
 U, F = 3e-4, 2e3
 """Scales of displacements in metres and of contact forces in newtons."""

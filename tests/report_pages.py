@@ -10,7 +10,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from coulomb.plotting import ZONES
+from coulomb.pictures.plotting import ZONES
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to open the page in")

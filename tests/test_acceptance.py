@@ -5,7 +5,7 @@ import pytest
 from conftest import make_block, run_coulomb, solved_block
 
 import coulomb
-from coulomb import certificate as certificate_module
+from coulomb.model import certificate as certificate_module
 from coulomb.solvers.coulomb import CoulombProblem
 from coulomb.solvers.results import Goal, Status
 

@@ -4,7 +4,7 @@ import pytest
 from conftest import ROOT
 
 from coulomb import PathFollowing, SchurComplementSystem, SuccessiveTresca
-from coulomb.case import read_case
+from coulomb.case.case import read_case
 
 BLOCK = ROOT / "demos" / "block.toml"
 

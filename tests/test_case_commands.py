@@ -13,14 +13,14 @@ import typer.testing
 from conftest import ROOT, make_block, run_coulomb, run_python
 
 import coulomb
-from coulomb import cli
 from coulomb.benchmarks.estimates import measure
-from coulomb.estimate import estimate, estimate_of, gigabytes, slenderness
+from coulomb.cli import app as cli
 from coulomb.fem.meshes import volume
-from coulomb.free_memory import free_memory
-from coulomb.machine import Slowness
-from coulomb.methods import DIRECT_UP_TO, chosen
-from coulomb.solvers.stiffness import DirectSolver, IterativeSolver
+from coulomb.linalg.methods import DIRECT_UP_TO, chosen
+from coulomb.linalg.stiffness import DirectSolver, IterativeSolver
+from coulomb.model.estimate import estimate, estimate_of, gigabytes, slenderness
+from coulomb.model.free_memory import free_memory
+from coulomb.model.machine import Slowness
 
 SMALL = {"block": "mesh.cells=[9,3,3]", "hertz": "mesh.cells=[8,8,4]", "history": "mesh.cells=[4,4,2]"}
 
@@ -139,7 +139,7 @@ def test_a_slow_machine_takes_longer():
 
 def test_without_mumps_the_choice_is_multigrid_where_mumps_would_be_needed(monkeypatch):
     monkeypatch.setattr(
-        "coulomb.methods.PETSc", type("P", (), {"Sys": type("S", (), {"hasExternalPackage": lambda _: False})})
+        "coulomb.linalg.methods.PETSc", type("P", (), {"Sys": type("S", (), {"hasExternalPackage": lambda _: False})})
     )
     assert chosen(100, 30, 2, None, None) == (IterativeSolver, False)
     assert chosen(40_000, 10_001, 1, None, None) == (IterativeSolver, False)
@@ -215,7 +215,8 @@ def test_where_nobody_knows_the_memory(tmp_path):
 def test_force_runs_where_memory_seems_too_small(tmp_path):
     script = tmp_path / "poor.py"
     script.write_text(
-        "import sys\nfrom coulomb import cli, estimate\nestimate.free_memory = lambda: 1e6\n"
+        "import sys\nfrom coulomb.cli import app as cli\n"
+        "from coulomb.model import estimate\nestimate.free_memory = lambda: 1e6\n"
         "sys.argv = ['coulomb', *sys.argv[1:]]\ncli.main()\n"
     )
     command = (

@@ -9,8 +9,8 @@ import pytest
 from conftest import ROOT, make_block, run_coulomb
 
 import coulomb
-from coulomb import output
-from coulomb.check import check
+from coulomb.io import output
+from coulomb.io.check import check
 
 BLOCK = ROOT / "demos" / "block.toml"
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from check_runs import BALL, BLOCK, UNASKED, WEDGE, change, copied, edit, field, get, leaves, made, put, run_case, shown
 
-from coulomb.check import check
-from coulomb.contact import contact_surface as real_surface
-from coulomb.nodal_answer import HELD, OPEN, SLIP, STICK
+from coulomb.io.check import check
+from coulomb.model.contact import contact_surface as real_surface
+from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 
 RUNS = {"hexahedra": BLOCK, "tetrahedra": WEDGE}
 ON_BODY = ("displacement", "load", "held", "prescribed", "spring", "von_mises_stress", "young", "poisson")
@@ -268,8 +268,8 @@ def lost_nodes(monkeypatch):
     """A fault in the contact surface: it leaves out the middle third of the face."""
     from dataclasses import replace
 
-    from coulomb import contact
     from coulomb.fem.surface import _contact_matrix
+    from coulomb.model import contact
 
     def without_the_middle(elasticity, face, foundation=None, normals="foundation"):
         surface = real_surface(elasticity, face, foundation, normals)

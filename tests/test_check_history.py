@@ -10,8 +10,8 @@ import pytest
 from check_runs import BALL, TRESCA_STEPS, UNASKED, change, copied, edit, field, made, run_case
 from conftest import indentation, run_coulomb
 
-from coulomb.check import check
-from coulomb.load_history import LoadHistory
+from coulomb.io.check import check
+from coulomb.model.load_history import LoadHistory
 
 RUNS = {"hexahedra, Coulomb": BALL, "tetrahedra, Tresca": TRESCA_STEPS}
 
@@ -101,9 +101,9 @@ class ForgetsLoad(LoadHistory):
     [(ForgetsSlip, [2, 3]), (ForgetsMotion, [1, 2, 3]), (ForgetsFoundation, [2, 3]), (ForgetsLoad, [2, 3])],
 )
 def test_a_code_that_forgets(text, faulty, steps, monkeypatch, tmp_path):
-    import coulomb.load_history
+    import coulomb.model.load_history
 
-    monkeypatch.setattr(coulomb.load_history, "LoadHistory", faulty)
+    monkeypatch.setattr(coulomb.model.load_history, "LoadHistory", faulty)
     folder = run_case(text + UNASKED, tmp_path / "run")
     monkeypatch.undo()
     found = check(folder)
@@ -135,9 +135,9 @@ def test_gaps_to_a_plane_without_a_case(tmp_path):
 @pytest.mark.parametrize(("faulty", "steps"), [(LoadHistory, []), (ForgetsSlip, [2, 3]), (ForgetsMotion, [2, 3])])
 def test_a_code_that_forgets_is_seen_without_a_case(faulty, steps, monkeypatch, tmp_path):
     """Slip origins are the displacement before and a translation, with which gaps to a plane and work must agree."""
-    import coulomb.load_history
+    import coulomb.model.load_history
 
-    monkeypatch.setattr(coulomb.load_history, "LoadHistory", faulty)
+    monkeypatch.setattr(coulomb.model.load_history, "LoadHistory", faulty)
     folder = run_case(on_a_plane() + UNASKED, tmp_path / "run")
     monkeypatch.undo()
     (folder / "case.json").unlink()

@@ -80,7 +80,7 @@ def test_output_that_cannot_be_written_is_seen_before(tmp_path):
 def test_output_that_cannot_be_written_in_the_end_still_reports(tmp_path, ranks):
     script = tmp_path / "full.py"
     script.write_text(
-        "import sys\nfrom coulomb import cli, output\n"
+        "import sys\nfrom coulomb.cli import app as cli\nfrom coulomb.io import output\n"
         "def refuse(*_):\n    raise OSError(28, 'No space left on device')\n"
         "output._write_contact = refuse\nsys.argv = ['coulomb', *sys.argv[1:]]\ncli.main()\n"
     )
@@ -118,7 +118,7 @@ def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path):
     """A rank that dies must not leave the others waiting."""
     script = tmp_path / "die.py"
     script.write_text(
-        "import sys\nfrom mpi4py import MPI\nfrom coulomb import cli\n"
+        "import sys\nfrom mpi4py import MPI\nfrom coulomb.cli import app as cli\n"
         "def read_case(*_):\n"
         "    if MPI.COMM_WORLD.rank == 1:\n        raise RuntimeError('unforeseen')\n"
         "    MPI.COMM_WORLD.barrier()\n"

@@ -4,8 +4,8 @@ from conftest import make_block
 from scipy.sparse import csr_array
 
 from coulomb import AugmentedSystem, DirectSolver, IterativeSolver, PathFollowing, Plane
-from coulomb.solvers.compliance import ExplicitCompliance
-from coulomb.solvers.multifrontal import MultifrontalSolver
+from coulomb.linalg.compliance import ExplicitCompliance
+from coulomb.linalg.multifrontal import MultifrontalSolver
 
 
 def to_numpy(matrix):
@@ -48,7 +48,7 @@ def test_schur_complement_is_that_of_dense_algebra():
 
 def test_blocks_of_columns_fit_together(monkeypatch):
     """What is taken on several ranks: A by right-hand sides."""
-    monkeypatch.setattr("coulomb.solvers.compliance._COLUMNS_AT_ONCE", 7)
+    monkeypatch.setattr("coulomb.linalg.compliance._COLUMNS_AT_ONCE", 7)
     problem = make_block(2)
     A, _ = dense(problem)
     formed = ExplicitCompliance.from_stiffness(problem.surface.B, DirectSolver(problem.elasticity.K))

@@ -18,7 +18,7 @@ from coulomb import (
     PathFollowing,
     SuccessiveTresca,
 )
-from coulomb.case import Case
+from coulomb.case.case import Case
 from coulomb.solvers.cone import ConeIterate, ScaledCoulomb
 from coulomb.solvers.coulomb import CoulombProblem
 from coulomb.solvers.scaling import ScaledQP

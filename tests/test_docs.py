@@ -10,7 +10,7 @@ import pytest
 from conftest import ROOT, run_coulomb
 
 import coulomb
-from coulomb.case import Case
+from coulomb.case.case import Case
 
 
 @functools.cache

@@ -8,9 +8,9 @@ from conftest import make_block
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, Sphere
-from coulomb.evidence import evidence
 from coulomb.fem import surface as surfaces
-from coulomb.load_history import StepFailed
+from coulomb.model.evidence import evidence
+from coulomb.model.load_history import StepFailed
 
 RUBBER = Material(1e7, 0.3)
 
@@ -39,7 +39,7 @@ def lose(monkeypatch, lost):
         fields = ("part", "nodes", "x", "frames", "gap", "area")
         return replace(found, B=B, **{name: getattr(found, name)[keep] for name in fields})
 
-    monkeypatch.setattr("coulomb.contact.contact_surface", part)
+    monkeypatch.setattr("coulomb.model.contact.contact_surface", part)
 
 
 @pytest.mark.parametrize("slip_stress", [None, 1e7], ids=["coulomb", "tresca"])

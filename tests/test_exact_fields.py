@@ -7,9 +7,9 @@ from conftest import ROOT, STEEL, make_block, run_coulomb
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Traction
-from coulomb.nodal_answer import HELD, OPEN, OPEN_BELOW
-from coulomb.point_values import overwrite
-from coulomb.settled import settled
+from coulomb.io.point_values import overwrite
+from coulomb.model.nodal_answer import HELD, OPEN, OPEN_BELOW
+from coulomb.model.settled import settled
 
 CELLS = ["hexahedron", "tetrahedron"]
 

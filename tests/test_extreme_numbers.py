@@ -8,8 +8,8 @@ from made_up import BODY, CASES, failed, made_up
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Traction, certify
-from coulomb.certificate import SMALLEST, judge
-from coulomb.evidence import Evidence
+from coulomb.model.certificate import SMALLEST, judge
+from coulomb.model.evidence import Evidence
 
 ARRAYS = [field.name for field in fields(Evidence) if field.name not in ("comm", "fixed", "compliance")]
 

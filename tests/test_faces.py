@@ -6,9 +6,9 @@ from conftest import STEEL
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, Sphere, Spring
-from coulomb.check import check
-from coulomb.output import write
-from coulomb.summary import totals
+from coulomb.io.check import check
+from coulomb.io.output import write
+from coulomb.io.summary import totals
 
 CORK = Material(1e7, 0.0)
 CLOSING = [(0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, -1e-3), (2.0, 2e-3, 0.0, -1e-3)]

@@ -15,7 +15,7 @@ from coulomb import (
     solve_coulomb,
     solve_tresca,
 )
-from coulomb.fclib import FCLIBProblem, read_fclib
+from coulomb.io.fclib import FCLIBProblem, read_fclib
 
 FOLDER = ROOT.parent / "shared" / "fclib"
 FILES = sorted(FOLDER.glob("*.npz"))

@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse
 from conftest import ROOT, random_spd, run_coulomb, solved_block
 
-from coulomb.fclib import FCLIBProblem, read_fclib, write_fclib
+from coulomb.io.fclib import FCLIBProblem, read_fclib, write_fclib
 
 BLOCK = ROOT / "demos" / "block.toml"
 

@@ -7,8 +7,8 @@ import pytest
 from conftest import ROOT, STEEL, make_block, run_coulomb
 
 import coulomb
-from coulomb import output
-from coulomb.case import read_case
+from coulomb.case.case import read_case
+from coulomb.io import output
 
 BLOCK = ROOT / "demos" / "block.toml"
 

@@ -9,9 +9,10 @@ from conftest import STEEL
 from test_load_history import RUBBER, UP, rubbed
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, OneLoop, Plane, Sphere, Spring, Traction, output
-from coulomb.restart import nodal_vectors
-from coulomb.summary import totals
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, OneLoop, Plane, Sphere, Spring, Traction
+from coulomb.io import output
+from coulomb.io.restart import nodal_vectors
+from coulomb.io.summary import totals
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from datetime import datetime
 import pytest
 from conftest import ROOT, run_coulomb
 
-from coulomb import provenance
-from coulomb.history_summary import added, whole
+from coulomb.io.history_summary import added, whole
+from coulomb.model import provenance
 from coulomb.version import __version__
 
 HISTORY = ROOT / "demos" / "history.toml"

@@ -24,7 +24,7 @@ def loaded(code, *arguments, ranks=None):
 
 
 def command(*words):
-    return loaded("from coulomb.cli import main\nmain()", *words)
+    return loaded("from coulomb.cli.app import main\nmain()", *words)
 
 
 def test_the_package_loads_nothing_until_it_is_used():

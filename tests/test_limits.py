@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from made_up import CASES, SLIP, failed, made_up, turned_short_slip, turned_small_friction
 
-from coulomb.certificate import ANGLE_LIMIT, LIMIT, judge
+from coulomb.model.certificate import ANGLE_LIMIT, LIMIT, judge
 
 
 @pytest.mark.parametrize("sway", [1e-3, 1.0, 30.0])

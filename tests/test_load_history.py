@@ -25,8 +25,8 @@ from coulomb import (
     Sphere,
     Traction,
 )
-from coulomb.check import check
-from coulomb.load_history import StepFailed
+from coulomb.io.check import check
+from coulomb.model.load_history import StepFailed
 
 RUBBER = Material(1e7, 0.3)
 UP = [(0.0, 0.0), (1.0, 1.0)]
@@ -55,7 +55,7 @@ def test_a_step_remembers_slip():
     assert force[3] == pytest.approx(+0.4 * normal[3], rel=1e-6)  # and back
     assert abs(force[2]) < 0.4 * normal[2]  # on the way back, the plate at x = 0: sticks for the greater part
     at_once = rubbed(material=cork).at(3.0).solve()  # without memory, this would be the symmetric answer
-    assert abs(coulomb.summary.summary(at_once)["force_on_body"]["vector"][0]) <= 1e-6 * normal[2]
+    assert abs(coulomb.io.summary.summary(at_once)["force_on_body"]["vector"][0]) <= 1e-6 * normal[2]
 
 
 def test_slip_increments_are_judged_as_such():

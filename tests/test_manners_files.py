@@ -13,10 +13,10 @@ import typer.testing
 from conftest import run_coulomb, run_python
 from test_manners_process import CASE, certified, shell
 
-from coulomb import cli
-from coulomb.case import read_case
-from coulomb.fclib import read_fclib
+from coulomb.case.case import read_case
+from coulomb.cli import app as cli
 from coulomb.fem.fields import evaluate_amplitude, evaluate_motion
+from coulomb.io.fclib import read_fclib
 
 HISTORY = CASE.replace(
     'face = "left"\n', 'face = "top"\nvalue = [0.0, 0.0, -1e-4]\namplitude = [[0, 0], [1, 1]]\n'

@@ -17,7 +17,7 @@ from mpi4py import MPI
 from test_load_history import rubbed
 
 from coulomb import LoadHistory
-from coulomb.lock import NAME, InUseError, locked, refuse_in_use
+from coulomb.io.lock import NAME, InUseError, locked, refuse_in_use
 
 HISTORY = ROOT / "demos" / "history.toml"
 TINY = (
@@ -29,7 +29,7 @@ comm = MPI.COMM_SELF
 HOLD = """\
 import sys, time
 from mpi4py import MPI
-from coulomb.lock import locked
+from coulomb.io.lock import locked
 with locked(sys.argv[1], MPI.COMM_WORLD):
     print("held", flush=True)
     time.sleep(60)
@@ -56,7 +56,7 @@ def everything(folder):
 
 def left_behind(folder, **changes):
     """The lock of a process of this machine that was killed, or so."""
-    script = "from mpi4py import MPI; import os, sys; from coulomb.lock import locked\n"
+    script = "from mpi4py import MPI; import os, sys; from coulomb.io.lock import locked\n"
     script += "hold = locked(sys.argv[1], MPI.COMM_WORLD); hold.__enter__(); os.kill(os.getpid(), 9)"
     run_python("-c", script, folder)
     told = json.loads((folder / NAME).read_text())
@@ -64,7 +64,7 @@ def left_behind(folder, **changes):
 
 
 def without_flock():
-    return mock.patch("coulomb.lock.fcntl.flock", side_effect=OSError(38, "Function not implemented"))
+    return mock.patch("coulomb.io.lock.fcntl.flock", side_effect=OSError(38, "Function not implemented"))
 
 
 @pytest.mark.parametrize("command", ["run", "resume"])
@@ -85,7 +85,7 @@ def test_on_two_ranks_rank_0_holds_it_and_all_are_refused(tmp_path):
     with another_run(tmp_path / "out", tmp_path) as other:
         done = run_coulomb("run", HISTORY, *TINY, ranks=2, cwd=tmp_path, timeout=240)
         assert done.returncode == 2 and done.stderr.count(f"out is in use by process {other.pid} ") == 1
-    script = "from mpi4py import MPI; import os; from coulomb.lock import locked; c = MPI.COMM_WORLD\n"
+    script = "from mpi4py import MPI; import os; from coulomb.io.lock import locked; c = MPI.COMM_WORLD\n"
     script += "with locked('two', c): assert c.allreduce(os.path.exists('two/run.lock'))\n"
     script += "c.barrier(); assert not os.path.exists('two/run.lock')"
     done = run_python("-c", script, ranks=2, cwd=tmp_path, timeout=240)

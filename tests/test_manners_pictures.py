@@ -10,7 +10,7 @@ from conftest import run_coulomb
 from test_manners_files import HISTORY
 from test_manners_process import CASE
 
-from coulomb.report import files, page, picture
+from coulomb.pictures.report import files, page, picture
 
 
 @pytest.fixture(scope="module")

@@ -266,7 +266,8 @@ def test_the_last_step_of_a_history_is_kept_when_the_picture_is_not():
 def test_nohup_goes_on_when_the_terminal_ends():
     """A SIGHUP that is ignored stays ignored."""
     script = "import signal, os; signal.signal(signal.SIGHUP, signal.SIG_IGN)\nfrom mpi4py import MPI\n"
-    script += "from coulomb.interruption import Interruption\nwith Interruption(MPI.COMM_SELF) as it:\n    it.asked()\n"
+    script += "from coulomb.cli.interruption import Interruption\n"
+    script += "with Interruption(MPI.COMM_SELF) as it:\n    it.asked()\n"
     script += "    os.kill(os.getpid(), signal.SIGHUP)\n    assert not it.asked()\n"
     done = subprocess.run(
         [sys.executable, "-c", script], env=environment(), capture_output=True, text=True, timeout=120
@@ -275,7 +276,7 @@ def test_nohup_goes_on_when_the_terminal_ends():
 
 
 def test_what_draws_ends_with_whoever_asked_for_it(tmp_path):
-    """A process of coulomb.apart does not outlive a caller that is killed."""
+    """A process of coulomb.pictures.apart does not outlive a caller that is killed."""
     run = run_coulomb("run", "case.toml", "--quiet")
     assert run.returncode == 0
     process = subprocess.Popen([*COULOMB, "report", "out"], env=environment(), stderr=subprocess.DEVNULL)
@@ -285,7 +286,7 @@ def test_what_draws_ends_with_whoever_asked_for_it(tmp_path):
     while not child and time.monotonic() < until:
         child = children.read_text().strip()
     with contextlib.suppress(FileNotFoundError):  # it has begun to import
-        while "coulomb.report" not in Path(f"/proc/{child}/cmdline").read_text() and time.monotonic() < until:
+        while "coulomb.pictures.report" not in Path(f"/proc/{child}/cmdline").read_text() and time.monotonic() < until:
             pass
     maps = Path(f"/proc/{child}/maps")
     while "numpy" not in maps.read_text() and time.monotonic() < until:

@@ -8,9 +8,9 @@ from conftest import run_coulomb
 from mesh_files import BoxFile
 from mpi4py import MPI
 
-from coulomb.case import read_case, write_case, written_case
-from coulomb.case_record import case_record, refuse_another_case
-from coulomb.load_history import LoadHistory
+from coulomb.case.case import read_case, write_case, written_case
+from coulomb.io.case_record import case_record, refuse_another_case
+from coulomb.model.load_history import LoadHistory
 
 comm = MPI.COMM_WORLD
 
@@ -152,7 +152,7 @@ def test_python_keeps_no_case(tmp_path, stopped):
 
 
 def test_the_digest_of_an_xdmf_mesh_covers_its_data(tmp_path):
-    from coulomb.case_record import _digest
+    from coulomb.io.case_record import _digest
 
     (tmp_path / "part.xdmf").write_text('<Xdmf><DataItem Format="HDF">part.h5:/Mesh/x</DataItem></Xdmf>')
     (tmp_path / "part.h5").write_bytes(b"one")

@@ -11,10 +11,10 @@ from test_elasticity import solve
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, DirectSolver, Elasticity, Material, Spring, Traction
-from coulomb.check import check
 from coulomb.fem import compat
 from coulomb.fem.compat import fem, io, mesh
-from coulomb.summary import summary
+from coulomb.io.check import check
+from coulomb.io.summary import summary
 
 
 def by_place(x, values):
@@ -492,7 +492,7 @@ def test_case_with_a_file_is_run_and_checked(case, tmp_path, ranks):
     ],
 )
 def test_wrong_cases_with_a_file(case, change, message):
-    from coulomb.case import read_case
+    from coulomb.case.case import read_case
 
     with pytest.raises(ValueError, match=message):
         read_case(case, [change]).problem()

@@ -8,8 +8,8 @@ from petsc4py import PETSc
 
 from coulomb import DirectSolver
 from coulomb.benchmarks.block import block
-from coulomb.solvers.multifrontal import MultifrontalSolver
-from coulomb.solvers.nested_dissection import dissect
+from coulomb.linalg.multifrontal import MultifrontalSolver
+from coulomb.linalg.nested_dissection import dissect
 
 
 def grid(*counts):

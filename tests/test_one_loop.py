@@ -16,9 +16,9 @@ from coulomb import (
     SuccessiveTresca,
 )
 from coulomb.fem.surface import interpolated_forces
+from coulomb.linalg.recycling import LowRankUpdate
 from coulomb.solvers.cone import ConeIterate, ScaledCoulomb
 from coulomb.solvers.cone_systems import cone_matrix
-from coulomb.solvers.recycling import LowRankUpdate
 
 NODES = 7
 

@@ -9,10 +9,12 @@ import pytest
 import pyvista
 from conftest import make_block, solved_block
 
-from coulomb import SuccessiveTresca, apart, output
-from coulomb.nodal_answer import HELD, OPEN, SLIP, STICK
-from coulomb.plotting import ZONES, read_grid
-from coulomb.summary import summary
+from coulomb import SuccessiveTresca
+from coulomb.io import output
+from coulomb.io.summary import summary
+from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
+from coulomb.pictures import apart
+from coulomb.pictures.plotting import ZONES, read_grid
 
 
 @pytest.fixture(scope="module")

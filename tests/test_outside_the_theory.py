@@ -16,10 +16,12 @@ import typer.testing
 from conftest import ROOT, STEEL, make_block
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Sphere, acceptance, cli, load_history
-from coulomb.load_step import Energy
-from coulomb.report import page
-from coulomb.small_strain import GAP_ERROR, GRADIENT, TURN, SmallStrain, known_mode
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Sphere
+from coulomb.cli import app as cli
+from coulomb.model import acceptance, load_history
+from coulomb.model.load_step import Energy
+from coulomb.model.small_strain import GAP_ERROR, GRADIENT, TURN, SmallStrain, known_mode
+from coulomb.pictures.report import page
 
 BLOCK, HISTORY, HERTZ = (
     *(ROOT / "demos" / name for name in ("block.toml", "history.toml")),

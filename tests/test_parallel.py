@@ -22,13 +22,13 @@ from coulomb import (
     OneLoop,
     PathFollowing,
     TrescaQP,
-    output,
 )
-from coulomb.case import read_case
-from coulomb.certificate import judge
-from coulomb.solvers.nodal_blocks import symmetric_blocks
-from coulomb.solvers.reductions import Reductions
-from coulomb.summary import summary
+from coulomb.case.case import read_case
+from coulomb.io import output
+from coulomb.io.summary import summary
+from coulomb.linalg.nodal_blocks import symmetric_blocks
+from coulomb.linalg.reductions import Reductions
+from coulomb.model.certificate import judge
 
 comm = MPI.COMM_WORLD
 
@@ -218,7 +218,7 @@ def test_output_is_written_by_all_ranks(shared_directory):
     contents = output.write(solution, shared_directory / "run", picture=False)
     assert len(set(comm.allgather(json.dumps(contents)))) == 1
     if comm.rank == 0:
-        from coulomb.plotting import read_grid
+        from coulomb.pictures.plotting import read_grid
 
         body, contact = (read_grid(shared_directory / "run" / f"{name}.xdmf") for name in ("solution", "contact"))
         assert len(body.points) == 13 * 5 * 5 and len(contact.points) == 13 * 5

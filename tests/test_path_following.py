@@ -269,8 +269,8 @@ def test_blocked_warm_start_falls_back_to_a_cold_one(monkeypatch):
 
 def test_longest_step_ends_on_the_boundary():
     """Bounds, multipliers and discs, each once the nearest: a hair further is outside."""
+    from coulomb.linalg.reductions import Reductions
     from coulomb.solvers.barrier import Barrier
-    from coulomb.solvers.reductions import Reductions
 
     rng = np.random.default_rng(17)
     barrier = Barrier(Reductions(MPI.COMM_SELF), np.array([True, True, False]))

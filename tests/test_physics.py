@@ -6,7 +6,7 @@ from conftest import STEEL, reference, solved_block
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction
-from coulomb.summary import summary
+from coulomb.io.summary import summary
 
 FACES = ("left", "right", "front", "back")
 

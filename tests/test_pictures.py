@@ -8,13 +8,15 @@ from conftest import solved_block
 from matplotlib.figure import Figure
 from PIL import Image
 
-from coulomb import Clamp, Contact, ContactProblem, Material, Traction, apart, box, output
-from coulomb.plotting import ZONES, renderer
-from coulomb.report import overview, scene, sheet
-from coulomb.report.camera import MARGIN, SHAPES, framing
-from coulomb.report.fields import named
-from coulomb.report.files import read_run
-from coulomb.report.scene import VIEWS, Look, automatic_scale, camera_of, limits_of, shoot
+from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
+from coulomb.io import output
+from coulomb.pictures import apart
+from coulomb.pictures.plotting import ZONES, renderer
+from coulomb.pictures.report import overview, scene, sheet
+from coulomb.pictures.report.camera import MARGIN, SHAPES, framing
+from coulomb.pictures.report.fields import named
+from coulomb.pictures.report.files import read_run
+from coulomb.pictures.report.scene import VIEWS, Look, automatic_scale, camera_of, limits_of, shoot
 
 PAIRS = list(itertools.combinations(dict(ZONES.values()), 2))
 

@@ -11,9 +11,9 @@ from conftest import ROOT, run_python
 
 import coulomb
 from coulomb.fem.obstacles import RigidFoundation
+from coulomb.linalg.stiffness import StiffnessSolver
 from coulomb.solvers.cone_systems import ConeSystem
 from coulomb.solvers.newton_systems import NewtonSystem
-from coulomb.solvers.stiffness import StiffnessSolver
 
 PROTOCOLS = (ConeSystem, NewtonSystem, RigidFoundation, StiffnessSolver)  # they say what their methods do, once
 NAMES = [name for name in coulomb.__all__ if name != "__version__"]

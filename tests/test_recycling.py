@@ -7,9 +7,9 @@ from mpi4py import MPI
 
 from coulomb import AugmentedSystem, PathFollowing, RecyclingSystem
 from coulomb.benchmarks.table1 import PAPER, measure
+from coulomb.linalg.recycling import LearntCompliance
 from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.newton_systems import Linearization
-from coulomb.solvers.recycling import LearntCompliance
 from coulomb.solvers.scaled_compliance import ScaledCompliance
 
 NODES = 12

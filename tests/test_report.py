@@ -16,12 +16,13 @@ from conftest import ROOT, run_coulomb, solved_block
 from matplotlib.axes import Axes
 from report_pages import data_of, numbers, page_of, words_of
 
-from coulomb import apart, output
-from coulomb.history_summary import whole
-from coulomb.report import charts, facts, page
-from coulomb.report.fields import named
-from coulomb.report.files import read_run
-from coulomb.report.units import number, quantity, scale_of, vector
+from coulomb.io import output
+from coulomb.io.history_summary import whole
+from coulomb.pictures import apart
+from coulomb.pictures.report import charts, facts, page
+from coulomb.pictures.report.fields import named
+from coulomb.pictures.report.files import read_run
+from coulomb.pictures.report.units import number, quantity, scale_of, vector
 from coulomb.version import __version__
 
 
@@ -233,14 +234,14 @@ def test_what_draws_starts_no_mpi(block):
         "-X",
         "importtime",
         apart.__file__,
-        "coulomb.report",
+        "coulomb.pictures.report",
         "page",
         block,
         block / "again.html",
     ]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=True)
-    assert " coulomb.report.page" in done.stderr and "jinja2" in done.stderr
-    for name in ("dolfinx", "mpi4py", "petsc4py", "coulomb.problem"):
+    assert " coulomb.pictures.report.page" in done.stderr and "jinja2" in done.stderr
+    for name in ("dolfinx", "mpi4py", "petsc4py", "coulomb.model.problem"):
         assert not re.search(rf"\| +{name}\b", done.stderr), name
     (block / "again.html").unlink()
 

@@ -8,13 +8,13 @@ import pytest
 from conftest import run_coulomb
 from PIL import Image
 
-from coulomb.plotting import ZONES, read_grid
-from coulomb.report import picture
-from coulomb.report.fields import named
-from coulomb.report.files import read_run
-from coulomb.report.picture import plot
-from coulomb.report.scene import Look, paint, plotter_for
-from coulomb.report.sheet import sheet
+from coulomb.pictures.plotting import ZONES, read_grid
+from coulomb.pictures.report import picture
+from coulomb.pictures.report.fields import named
+from coulomb.pictures.report.files import read_run
+from coulomb.pictures.report.picture import plot
+from coulomb.pictures.report.scene import Look, paint, plotter_for
+from coulomb.pictures.report.sheet import sheet
 
 
 def pixels(path):

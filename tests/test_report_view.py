@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from report_pages import data_of, needs_chromium, numbers, open_page, page_of, refined
 
-from coulomb.plotting import Grid, read_grid
-from coulomb.report.fields import named
-from coulomb.report.files import read_run
-from coulomb.report.surface_view import surface_view, thinned_surface
+from coulomb.pictures.plotting import Grid, read_grid
+from coulomb.pictures.report.fields import named
+from coulomb.pictures.report.files import read_run
+from coulomb.pictures.report.surface_view import surface_view, thinned_surface
 
 
 def test_data_of_the_view_are_those_of_the_files(block):

@@ -17,10 +17,10 @@ from rich.console import Console
 from test_load_history import rubbed
 
 from coulomb import KPRGP, Automatic, LoadHistory, NotConverged, OneLoop, PathFollowing, Status, SuccessiveTresca
-from coulomb.load_history import StepFailed
+from coulomb.cli.terminal import Display
+from coulomb.cli.time_left import TimeLeft, about
+from coulomb.model.load_history import StepFailed
 from coulomb.solvers.results import Progress
-from coulomb.terminal import Display
-from coulomb.time_left import TimeLeft, about
 
 BLOCK = ROOT / "demos" / "block.toml"
 SLOW = (  # three seconds of path following
@@ -137,7 +137,7 @@ def test_a_signal_to_one_rank_stops_all(tmp_path):
     script = tmp_path / "stop.py"
     script.write_text(
         "import os, signal, sys\nfrom mpi4py import MPI\nimport coulomb\nfrom coulomb.benchmarks.block import block\n"
-        "from coulomb.interruption import Interruption\ncomm = MPI.COMM_WORLD\n"
+        "from coulomb.cli.interruption import Interruption\ncomm = MPI.COMM_WORLD\n"
         "with Interruption(comm) as interruption:\n"
         "    def progress(at):\n"
         "        if at.path_following == 3 and comm.rank == 1:\n            os.kill(os.getpid(), signal.SIGTERM)\n"
@@ -155,7 +155,7 @@ def test_a_signal_to_one_rank_stops_all(tmp_path):
 def test_the_second_signal_ends_it_at_once(tmp_path):
     script = tmp_path / "twice.py"
     script.write_text(
-        "import os, signal\nfrom mpi4py import MPI\nfrom coulomb.interruption import Interruption\n"
+        "import os, signal\nfrom mpi4py import MPI\nfrom coulomb.cli.interruption import Interruption\n"
         "with Interruption(MPI.COMM_SELF) as interruption:\n    assert not interruption.asked()\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n    assert interruption.asked() and interruption.asked()\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n    print('still here')\n"
@@ -167,7 +167,7 @@ def test_the_second_signal_ends_it_at_once(tmp_path):
 def test_handlers_are_put_back():
     from mpi4py import MPI
 
-    from coulomb.interruption import SIGNALS, Interruption
+    from coulomb.cli.interruption import SIGNALS, Interruption
 
     before = [signal.getsignal(number) for number in SIGNALS]
     with Interruption(MPI.COMM_SELF) as interruption:
@@ -254,9 +254,9 @@ def shown(monkeypatch, terminal, **options):
     """What a display shows of ten steps, a decade and ten seconds each."""
     stream = io.StringIO()
     console = Console(file=stream, force_terminal=terminal, width=120, highlight=False)
-    monkeypatch.setattr("coulomb.terminal.animated", lambda: terminal)
+    monkeypatch.setattr("coulomb.cli.terminal.animated", lambda: terminal)
     clock = iter(range(0, 10_000, 10))
-    monkeypatch.setattr("coulomb.terminal.time.perf_counter", lambda: float(next(clock)))
+    monkeypatch.setattr("coulomb.cli.terminal.time.perf_counter", lambda: float(next(clock)))
     display = Display(console, **options)
     texts = []
     monkeypatch.setattr(display, "_status", display._status and type("S", (), {"update": texts.append})())
@@ -276,7 +276,7 @@ def test_the_terminal_shows_the_time_left_and_a_pipe_does_not(monkeypatch):
 def test_a_crash_is_exit_code_3(tmp_path):
     script = tmp_path / "die.py"
     script.write_text(
-        "import sys\nfrom coulomb import cli\ndef read_case(*_):\n    raise RuntimeError('unforeseen')\n"
+        "import sys\nfrom coulomb.cli import app as cli\ndef read_case(*_):\n    raise RuntimeError('unforeseen')\n"
         "cli.read_case = read_case\nsys.argv = ['coulomb', 'run', 'x.toml']\ncli.main()\n"
     )
     done = run_python(script, timeout=240)

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, DirectSolver, IterativeSolver, Material, Sphere, Spring, Traction
-from coulomb.solvers.compliance import ExplicitCompliance
+from coulomb.linalg.compliance import ExplicitCompliance
 
 RUBBER = Material(1e7, 0.3)
 MESH = coulomb.box((0.1, 0.1, 0.05), (4, 4, 3))

@@ -23,7 +23,8 @@ import numpy as np
 from mesh_files import BoxFile
 from mpi4py import MPI
 
-from coulomb import cli, console
+from coulomb.cli import app as cli
+from coulomb.cli import console
 
 comm = MPI.COMM_WORLD
 DOCUMENT = Path(__file__).parents[1] / "docs" / "errors.md"
@@ -161,15 +162,15 @@ def without_field():
 
 def without_mumps():
     system = SimpleNamespace(hasExternalPackage=lambda name: name != "mumps")
-    return mock.patch("coulomb.methods.PETSc", SimpleNamespace(Sys=system))
+    return mock.patch("coulomb.linalg.methods.PETSc", SimpleNamespace(Sys=system))
 
 
 def memory(free):
-    return lambda: mock.patch("coulomb.estimate.free_memory", lambda: free)
+    return lambda: mock.patch("coulomb.model.estimate.free_memory", lambda: free)
 
 
 def disk(free):
-    return lambda: mock.patch("coulomb.output.shutil.disk_usage", lambda _: shutil._ntuple_diskusage(0, 0, free))
+    return lambda: mock.patch("coulomb.io.output.shutil.disk_usage", lambda _: shutil._ntuple_diskusage(0, 0, free))
 
 
 class FullDisk:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..contact import Contact
 from ..fem.body import Material
 from ..fem.elasticity import Clamp, Traction
 from ..fem.meshes import box
-from ..problem import ContactProblem
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
 
 SLIP_STRESS = 1e7
 """Of its Tresca variant, in pascals."""

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..solvers.compliance import Compliance, ExplicitCompliance, SchurCompliance
-from ..solvers.stiffness import DirectSolver
+from ..linalg.compliance import Compliance, ExplicitCompliance, SchurCompliance
+from ..linalg.stiffness import DirectSolver
 from .block import block
 
 

@@ -12,9 +12,9 @@ from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
-from ..estimate import estimate
-from ..methods import LinearSolver
-from ..solvers.stiffness import DirectSolver, IterativeSolver
+from ..linalg.methods import LinearSolver
+from ..linalg.stiffness import DirectSolver, IterativeSolver
+from ..model.estimate import estimate
 
 SIZES = (8, 16, 24)
 

@@ -20,12 +20,12 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from ..fem.elasticity import Clamp, Elasticity
 from ..fem.surface import interpolated_forces
-from ..peak_memory import peak_memory
-from ..problem import ContactProblem
+from ..io.peak_memory import peak_memory
+from ..linalg.stiffness import DirectSolver, IterativeSolver
+from ..model.problem import ContactProblem
 from ..solvers.condensed import CondensedConeSystem
 from ..solvers.one_loop import OneLoop
 from ..solvers.results import CoulombResult, NotConverged
-from ..solvers.stiffness import DirectSolver, IterativeSolver
 from .block import block
 
 SIZES = (8, 16, 24, 32, 46)

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
-from ..problem import ContactProblem
-from ..solvers.compliance import SchurCompliance, estimated_diagonal
+from ..linalg.compliance import SchurCompliance, estimated_diagonal
+from ..linalg.multifrontal import MultifrontalSolver
+from ..model.problem import ContactProblem
 from ..solvers.kprgp import KPRGP
-from ..solvers.multifrontal import MultifrontalSolver
 from ..solvers.newton_systems import AugmentedSystem
 from ..solvers.path_following import PathFollowing
 from ..solvers.results import NotConverged

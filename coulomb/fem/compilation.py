@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from . import compat as compat  # before FFCx, which comes with DOLFINx
-
 SECONDS = 10
 """What the compiler takes for all forms of a run, roughly."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import FloatArray
-from .reductions import Reductions
+from ..linalg.reductions import Reductions
 
 _RANK_DEFICIENT = 1e-12  # eigenvalues of the normal equations below this part of the largest are noise
 

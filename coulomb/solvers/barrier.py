@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from .reductions import Reductions
+from ..linalg.reductions import Reductions
 
 
 class Barrier:

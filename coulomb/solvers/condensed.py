@@ -42,13 +42,13 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from .compliance import MatrixFreeCompliance
+from ..linalg.compliance import MatrixFreeCompliance
+from ..linalg.reductions import Reductions
+from ..linalg.stiffness import configured_ksp
 from .cone import ConeLinearization
 from .cone_systems import ConeStep
 from .newton_systems import Linearization, NewtonStep, disc_inverse, like
-from .reductions import Reductions
 from .scaled_compliance import ScaledCompliance
-from .stiffness import configured_ksp
 
 _CONTRAST = 1e-7  # C is at least this part of 1/K_ii
 _LOOSE = 1e-2  # |e| over that of the right-hand side

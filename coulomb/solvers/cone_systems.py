@@ -16,11 +16,11 @@ import scipy.linalg
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
+from ..linalg.krylov import CarryingKrylov
+from ..linalg.recycling import LearntCompliance, LowRankUpdate
 from .cone import ConeLinearization
 from .dense_system import formed
-from .krylov import CarryingKrylov
 from .newton_systems import disc_inverse, like
-from .recycling import LearntCompliance, LowRankUpdate
 from .scaled_compliance import FreshImages, ScaledCompliance
 
 _PRODUCT = (0.03, 0.1)  # accuracy of a product in FGMRES: the tolerance of the step, kept between these

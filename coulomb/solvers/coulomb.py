@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from ..arrays import FloatArray
-from .compliance import Compliance
-from .reductions import Reductions
+from ..linalg.compliance import Compliance
+from ..linalg.reductions import Reductions
 from .results import Accept, CoulombResult, ProgressCallback
 from .tresca import TrescaQP
 

@@ -10,10 +10,10 @@ from itertools import pairwise
 import numpy as np
 
 from ..arrays import FloatArray
+from ..linalg.reductions import Reductions
 from .anderson import Anderson
 from .coulomb import CoulombProblem
 from .path_following import PathFollowing
-from .reductions import Reductions
 from .results import (
     CoulombResult,
     Goal,

@@ -24,8 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from .krylov import CarryingKrylov, NodalMap
-from .recycling import LearntCompliance, LowRankUpdate
+from ..linalg.krylov import CarryingKrylov, NodalMap
+from ..linalg.recycling import LearntCompliance, LowRankUpdate
 from .scaled_compliance import FreshImages, ScaledCompliance
 
 _LOOSE = 0.01  # accuracy of a product in CG, where it is a solve: no better than the tolerance of the step, or this

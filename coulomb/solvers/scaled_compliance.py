@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import FloatArray
-from .compliance import Compliance
+from ..linalg.compliance import Compliance
 
 
 class ScaledCompliance:

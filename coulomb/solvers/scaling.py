@@ -16,10 +16,10 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import FloatArray
+from ..linalg.compliance import Compliance
+from ..linalg.reductions import Reductions
 from .barrier import Barrier
-from .compliance import Compliance
 from .newton_systems import Linearization
-from .reductions import Reductions
 from .scaled_compliance import ScaledCompliance
 from .tresca import TrescaQP
 

@@ -9,10 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from coulomb.benchmarks import verification
-from coulomb.benchmarks.commands import benchmark
 from coulomb.benchmarks.verification.cattaneo_mindlin import FRICTION, LOADED, Moment, PartialSlip, known
 from coulomb.benchmarks.verification.hertz import RADIUS, STEEL, Hertz, grading
 from coulomb.benchmarks.verification.table import order
+from coulomb.cli.benchmark_commands import benchmark
 
 
 def run(*arguments):

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from ...peak_memory import peak_memory
+from ...io.peak_memory import peak_memory
 from . import PEERS
 from .answer import Answer
 

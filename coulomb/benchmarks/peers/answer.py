@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ...arrays import FloatArray
-from ...problem import ContactProblem
+from ...model.problem import ContactProblem
 
 LENGTHS = (3.0, 1.0, 1.0)
 YOUNG, POISSON, FRICTION = 2.119e11, 0.277, 0.3

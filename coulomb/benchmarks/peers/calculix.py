@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ...peak_memory import peak_memory
+from ...io.peak_memory import peak_memory
 from .answer import FRICTION, LENGTHS, POISSON, TRACTIONS, YOUNG, Answer, Unsolved
 
 SLOPE = 1e20

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from ...arrays import FloatArray
-from ...problem import ContactProblem
-from ...solvers.compliance import ExplicitCompliance
-from ...solvers.stiffness import DirectSolver
+from ...linalg.compliance import ExplicitCompliance
+from ...linalg.stiffness import DirectSolver
+from ...model.problem import ContactProblem
 from ..block import block
 from .answer import Answer, Unsolved, on_body
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...arrays import FloatArray
-from ...problem import ContactProblem
+from ...model.problem import ContactProblem
 from .answer import Answer
 from .siconos_newton import solve_with
 

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 
 from ...arrays import FloatArray
-from ...problem import ContactProblem
+from ...model.problem import ContactProblem
 
 
 def free_system(problem: ContactProblem) -> tuple[Any, Any, FloatArray, FloatArray]:

@@ -30,16 +30,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ... import summary
 from ...arrays import FloatArray
-from ...contact import Contact
 from ...fem.elasticity import Clamp
 from ...fem.meshes import box
 from ...fem.obstacles import Sphere
-from ...load_history import LoadHistory
-from ...nodal_answer import STICK
-from ...problem import ContactProblem
-from ...solution import Solution
+from ...io import summary
+from ...model.contact import Contact
+from ...model.load_history import LoadHistory
+from ...model.nodal_answer import STICK
+from ...model.problem import ContactProblem
+from ...model.solution import Solution
 from .hertz import RADIUS, STEEL, UNIFORM, WIDTH, A, Hertz, grading
 from .table import Curve, Panel, Verified, absolute, relative
 

@@ -29,15 +29,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ... import summary
 from ...arrays import FloatArray
-from ...contact import Contact
 from ...fem.body import Material
 from ...fem.elasticity import Clamp
 from ...fem.meshes import box
 from ...fem.obstacles import Sphere
-from ...problem import ContactProblem
-from ...solution import Solution
+from ...io import summary
+from ...model.contact import Contact
+from ...model.problem import ContactProblem
+from ...model.solution import Solution
 from .table import Curve, Panel, Row, Verified, absolute, order
 
 STEEL = Material(young=2.1e11, poisson=0.3)

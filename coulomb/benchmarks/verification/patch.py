@@ -18,16 +18,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ... import summary
 from ...arrays import FloatArray
-from ...contact import Contact
 from ...fem.body import Material
 from ...fem.elasticity import Clamp, Traction
 from ...fem.meshes import box
 from ...fem.obstacles import Plane
-from ...problem import ContactProblem
-from ...solution import Solution
-from ...solvers.compliance import SchurCompliance
+from ...io import summary
+from ...linalg.compliance import SchurCompliance
+from ...model.contact import Contact
+from ...model.problem import ContactProblem
+from ...model.solution import Solution
 from .table import Curve, Panel, Row, Verified, absolute, relative
 
 STEEL = Material(young=2.119e11, poisson=0.277)

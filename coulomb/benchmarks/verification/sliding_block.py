@@ -22,16 +22,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ... import summary
 from ...arrays import FloatArray
-from ...contact import Contact
 from ...fem.body import Material
 from ...fem.elasticity import Clamp, Elasticity
 from ...fem.meshes import box
-from ...load_history import LoadHistory
-from ...load_step import LoadStep
-from ...problem import ContactProblem
-from ...solvers.stiffness import DirectSolver
+from ...io import summary
+from ...linalg.stiffness import DirectSolver
+from ...model.contact import Contact
+from ...model.load_history import LoadHistory
+from ...model.load_step import LoadStep
+from ...model.problem import ContactProblem
 from .table import Curve, Panel, Row, Verified, order, relative
 
 STEEL = Material(young=2.1e11, poisson=0.3)

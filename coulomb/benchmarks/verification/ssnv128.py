@@ -14,12 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from ...arrays import FloatArray
-from ...contact import Contact
 from ...fem import compat
 from ...fem.body import Material
 from ...fem.elasticity import Clamp, Traction
 from ...fem.meshes import NamedMesh, box
-from ...problem import ContactProblem
+from ...model.contact import Contact
+from ...model.problem import ContactProblem
 from .table import Curve, Panel, Verified, relative
 
 EDGE, SLIVER = 0.04, 1e-5

@@ -1,0 +1,1 @@
+"""A TOML case file, checked, and turned into a problem and its solver."""

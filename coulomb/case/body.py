@@ -1,0 +1,149 @@
+"""The tables of a case file that describe the body: mesh, materials, clamps, loads, springs."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from .values import TABLES, AmplitudeTable, Cells, FileName, GroupNumber, Length, Name, Stiffness, Vector, Young
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from ..fem.loaded_body import Clamp, Spring, Traction
+    from ..fem.meshes import NamedMesh
+
+
+SMALL = 200_000
+"""Cells of a mesh beside which a process that waits to draw does not count."""
+
+
+class Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class MeshTable(Table):
+    """A box, lengths in metres; or a file, .msh (gmsh) or .xdmf, and how many metres its unit of length has."""
+
+    box: tuple[Length, Length, Length] | None = None
+    cells: tuple[Cells, Cells, Cells] | None = None
+    cell: Literal["hexahedron", "tetrahedron"] = "hexahedron"
+    file: FileName | None = None
+    scale: Length = 1.0
+    facets: FileName | None = None
+    cell_groups: FileName | None = None
+    names: dict[Name, GroupNumber] = {}
+    cell_names: dict[Name, GroupNumber] = {}
+
+    @model_validator(mode="after")
+    def _one_mesh(self) -> MeshTable:
+        if (self.box is None) == (self.file is None):
+            raise ValueError("give either box (with cells) or file, one of the two")
+        for_box, of_xdmf = {"cells", "cell"}, {"facets", "cell_groups", "names", "cell_names"}
+        kind = "box" if self.file is None else Path(self.file).suffix
+        if kind not in ("box", ".msh", ".xdmf"):
+            raise ValueError(f"file must end in .msh (gmsh) or .xdmf, but is {self.file!r}")
+        misplaced = (
+            self.model_fields_set & {"box": of_xdmf | {"scale"}, ".msh": for_box | of_xdmf, ".xdmf": for_box}[kind]
+        )
+        if misplaced:
+            raise ValueError(f"{', '.join(sorted(misplaced))} does not go with a {kind} mesh")
+        if self.box is not None and self.cells is None:
+            raise ValueError("cells is missing: a box needs the numbers of cells along x, y, z")
+        return self
+
+    @property
+    def small(self) -> bool:
+        """Whether it has at most about SMALL cells, as far as one can tell before it is read."""
+        if self.file is None:
+            return self.cells is not None and math.prod(self.cells) <= SMALL
+        try:
+            return os.path.getsize(self.file) <= 100 * SMALL  # bytes of a cell
+        except OSError:
+            return False
+
+    def mesh(self, comm: MPI.Comm) -> NamedMesh:
+        """What the table describes.
+
+        Raises:
+            ValueError: On every rank, if the file cannot be read or used.
+        """
+        from ..fem.meshes import box, read_gmsh, read_xdmf
+
+        if self.file is None:
+            assert self.box is not None and self.cells is not None
+            return box(self.box, self.cells, self.cell, comm)
+        if self.file.endswith(".msh"):
+            return read_gmsh(self.file, self.scale, comm)
+        return read_xdmf(self.file, self.facets, self.cell_groups, self.names, self.cell_names, self.scale, comm)
+
+
+class MaterialTable(Table):
+    """Young's modulus in pascals, Poisson's ratio."""
+
+    young: Young
+    poisson: Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
+
+
+class GroupMaterialTable(MaterialTable):
+    """The same, of a group of cells."""
+
+    cells: Name
+
+
+ONE, SEVERAL = "one [material]", "several [[material]]"
+MaterialTables = Annotated[
+    Annotated[MaterialTable, Tag(ONE)]
+    | Annotated[tuple[GroupMaterialTable, ...], Field(max_length=TABLES), Tag(SEVERAL)],
+    Discriminator(lambda given: SEVERAL if isinstance(given, list | tuple) else ONE),
+]
+
+
+class ClampTable(Table):
+    """Prescribed displacement in metres on a face."""
+
+    face: Name
+    components: Literal["x", "y", "z", "xy", "xz", "yz", "xyz"] = "xyz"
+    value: Vector = (0.0, 0.0, 0.0)
+    amplitude: AmplitudeTable | None = None
+
+    def clamp(self) -> Clamp:
+        """What it describes."""
+        from ..fem.loaded_body import Clamp
+
+        return Clamp(self.face, self.components, self.value, self.amplitude or 1.0)
+
+
+class TractionTable(Table):
+    """Surface load in pascals on a face."""
+
+    face: Name
+    value: Vector
+    amplitude: AmplitudeTable | None = None
+
+    def traction(self) -> Traction:
+        """What it describes."""
+        from ..fem.loaded_body import Traction
+
+        return Traction(self.face, self.value, self.amplitude or 1.0)
+
+
+def _along_axes(stiffness: Any) -> Any:
+    return [stiffness] * 3 if isinstance(stiffness, int | float) and not isinstance(stiffness, bool) else stiffness
+
+
+class SpringTable(Table):
+    """Elastic support of a face, stiffness in N/m^3: one number, or three along x, y, z."""
+
+    face: Name
+    stiffness: Annotated[tuple[Stiffness, Stiffness, Stiffness], BeforeValidator(_along_axes)]
+
+    def spring(self) -> Spring:
+        """What it describes."""
+        from ..fem.loaded_body import Spring
+
+        return Spring(self.face, self.stiffness)

@@ -1,0 +1,253 @@
+"""A TOML case file: read, checked, and turned into a problem."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError, model_validator
+
+from ..fem.box_faces import BOX_FACES
+from ..ranks import launched, on_rank_0
+from .body import ClampTable, MaterialTable, MaterialTables, MeshTable, SpringTable, Table, TractionTable
+from .contact import ContactTable, ContactTables, HistoryTable
+from .faults import fault_of, tables_of_several
+from .solver import OutputTable, SolverTable
+from .text import LARGEST, apply, parsed, read_text
+from .values import TABLES, AmplitudeTable, Vector
+
+if TYPE_CHECKING:  # what needs DOLFINx or PETSc is loaded when a case that is right becomes a problem
+    from mpi4py import MPI
+
+    from ..fem.body import Material
+    from ..fem.loaded_body import Clamp, LoadedBody, Spring, Traction
+    from ..model.load_history import LoadHistory
+    from ..model.problem import ContactProblem
+    from ..solvers.coulomb import CoulombSolver
+    from ..solvers.tresca import QPSolver
+
+
+class Case(Table):
+    """A whole case file."""
+
+    mesh: MeshTable
+    material: MaterialTables
+    clamp: Annotated[tuple[ClampTable, ...], Field(max_length=TABLES)] = ()
+    traction: Annotated[tuple[TractionTable, ...], Field(max_length=TABLES)] = ()
+    body_force: Vector = (0.0, 0.0, 0.0)
+    body_force_amplitude: AmplitudeTable | None = None
+    small_strain: Literal["enforce", "warn"] = "enforce"
+    spring: Annotated[tuple[SpringTable, ...], Field(max_length=TABLES)] = ()
+    contact: ContactTables
+    history: HistoryTable | None = None
+    solver: SolverTable = SolverTable()
+    output: OutputTable = OutputTable()
+
+    def problem(self, comm: MPI.Comm | None = None) -> ContactProblem:
+        """Mesh and problem of the case, on these ranks, by default all.
+
+        Raises:
+            ValueError: If the parts do not fit together, on every rank.
+        """
+        from mpi4py import MPI
+
+        from ..linalg.stiffness import DirectSolver, IterativeSolver
+        from ..model.problem import ContactProblem
+
+        comm = comm or MPI.COMM_WORLD
+        if self.solver.newton == "dense" and comm.size > 1:
+            raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
+        condensed = self.solver.newton == "condensed"
+        clamps, tractions, springs = self._acting
+        problem = ContactProblem(
+            self.mesh.mesh(comm),
+            self.materials(),
+            clamps,
+            [table.contact() for table in self.contacts.values()],
+            tractions,
+            self.body_force,
+            springs,
+            body_force_amplitude=self.body_force_amplitude or 1.0,
+            linear_solver={
+                "auto": IterativeSolver if condensed else None,
+                "direct": DirectSolver,
+                "iterative": IterativeSolver,
+            }[self.solver.linear_solver],
+            explicit={"auto": False if condensed else None, "explicit": True, "matrix-free": False}[
+                self.solver.compliance
+            ],
+            small_strain=self.small_strain,
+        )
+        regions = {f"{key}.region.{k}": region for key, t in self.contacts.items() for k, region in enumerate(t.region)}
+        for key, region in regions.items():
+            if not comm.allreduce(int(np.sum(region.holds(problem.surface.x.T))), op=MPI.SUM):
+                raise ValueError(f"{key}: there is no contact node in its box {list(region.box)}")
+        return problem
+
+    def body(self, comm: MPI.Comm) -> LoadedBody:
+        """The body of the case alone, with all that acts on it but the foundation, at time 0; without K.
+
+        Raises:
+            ValueError: If the parts do not fit together, on every rank.
+        """
+        from ..fem.loaded_body import LoadedBody
+
+        clamps, tractions, springs = self._acting
+        amplitude = self.body_force_amplitude or 1.0
+        return LoadedBody(
+            self.mesh.mesh(comm), self.materials(), clamps, tractions, self.body_force, springs, amplitude
+        )
+
+    @property
+    def _acting(self) -> tuple[list[Clamp], list[Traction], list[Spring]]:
+        return [t.clamp() for t in self.clamp], [t.traction() for t in self.traction], [t.spring() for t in self.spring]
+
+    @property
+    def contacts(self) -> dict[str, ContactTable]:
+        """The contact faces, by their key in the case."""
+        if isinstance(self.contact, ContactTable):
+            return {"contact": self.contact}
+        return {f"contact.{k}": table for k, table in enumerate(self.contact)}
+
+    @property
+    def coulomb(self) -> bool:
+        """Whether friction is Coulomb's; else Tresca's."""
+        return next(iter(self.contacts.values())).friction is not None
+
+    def materials(self) -> Material | dict[str, Material]:
+        """One for the whole body, or by group of cells."""
+        from ..fem.body import Material
+
+        if isinstance(self.material, MaterialTable):
+            return Material(self.material.young, self.material.poisson)
+        return {table.cells: Material(table.young, table.poisson) for table in self.material}
+
+    @model_validator(mode="after")
+    def _parts_of_a_mesh(self) -> Case:
+        """A box has known faces and no groups of cells; of a file it is known when it is read."""
+        if not isinstance(self.material, MaterialTable):
+            groups = [table.cells for table in self.material]
+            if len(set(groups)) < len(groups) or not groups:
+                raise ValueError(f"material: give one for every group of cells, but they are for {groups}")
+            if self.mesh.box is not None:
+                raise ValueError("material: a box has no groups of cells; give one [material]")
+        if self.mesh.box is not None:
+            tables: dict[str, tuple[ClampTable | TractionTable | SpringTable, ...]]
+            tables = {"clamp": self.clamp, "traction": self.traction, "spring": self.spring}
+            faces = {f"{key}.{i}": entry.face for key, entries in tables.items() for i, entry in enumerate(entries)}
+            for key, face in (faces | {key: table.face for key, table in self.contacts.items()}).items():
+                if face not in BOX_FACES:
+                    *most, last = map(repr, BOX_FACES)
+                    raise ValueError(f"{key}.face = {face!r}: should be {', '.join(most)} or {last}")
+        return self
+
+    @model_validator(mode="after")
+    def _method_fits_the_law(self) -> Case:
+        if len({table.friction is None for table in self.contacts.values()}) > 1:
+            raise ValueError("contact: give all faces friction (Coulomb), or all slip_stress (Tresca)")
+        if not self.coulomb and self.solver.method != "auto":
+            raise ValueError('solver.method is for Coulomb friction; with slip_stress leave it at "auto"')
+        return self
+
+    @model_validator(mode="after")
+    def _time_needs_a_history(self) -> Case:
+        if self.history is None:
+            timed: dict[str, Any] = {f"{key}.motion": table.motion for key, table in self.contacts.items()}
+            timed |= {"body_force_amplitude": self.body_force_amplitude}
+            timed |= {f"clamp.{k}.amplitude": table.amplitude for k, table in enumerate(self.clamp)}
+            timed |= {f"traction.{k}.amplitude": table.amplitude for k, table in enumerate(self.traction)}
+            for key, value in timed.items():
+                if value is not None:
+                    raise ValueError(f"{key} depends on time: it needs a [history]")
+        return self
+
+    def load_history(self) -> LoadHistory:
+        """The load steps of a case with a [history]."""
+        from ..model.load_history import LoadHistory
+
+        assert self.history is not None
+        return LoadHistory(
+            self.history.ends,
+            tolerance=self.solver.tolerance,
+            solver=self.contact_solver(),
+            halvings=self.history.halvings,
+        )
+
+    def contact_solver(self) -> CoulombSolver | QPSolver:
+        """The solver the case asks for."""
+        return self.solver.contact_solver(self.coulomb)
+
+
+FILES = {"file", "facets", "cell_groups"}
+"""Keys of the mesh that name files."""
+
+
+def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
+    """Read a case file; rank 0 reads, all ranks get the same case or the same error.
+
+    Args:
+        path: The TOML file; the names of mesh files in it are relative to its directory.
+        changes: Settings "key.key=value" that replace or add to those of the file, values in TOML.
+
+    Raises:
+        ValueError: If the file cannot be read, is no TOML, or does not describe a case: key, value, what is allowed.
+    """
+    try:
+        text = on_rank_0(launched(), lambda: read_text(path))
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
+    tables = parsed(text, path, tables_of_several(Case))
+    for change in changes:
+        apply(tables, change)
+    _beside(Path(path), tables)
+    try:
+        return Case.model_validate(tables)
+    except ValidationError as error:
+        raise fault_of(error, str(path), Case) from None
+
+
+def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:
+    """Keep a case as DIRECTORY/case.json, for `written_case`; collective.
+
+    Raises:
+        OSError: On every rank, if it cannot be written.
+    """
+
+    def write() -> str:
+        directory.mkdir(parents=True, exist_ok=True)
+        tables = case.model_dump(mode="json", exclude_unset=True)
+        for key in FILES.intersection(tables["mesh"]):
+            tables["mesh"][key] = str(Path(tables["mesh"][key]).absolute())
+        (directory / "case.json").write_text(json.dumps(tables, indent=2) + "\n", encoding="utf-8")
+        return ""
+
+    on_rank_0(comm, write)
+
+
+def written_case(directory: Path) -> Case:
+    """The case that a run has kept in its directory; the same on every rank.
+
+    Raises:
+        ValueError: On every rank, if there is none or it cannot be read.
+    """
+    try:
+        text = on_rank_0(launched(), lambda: read_text(directory / "case.json", 20 * LARGEST))
+    except OSError as error:
+        raise ValueError(
+            f"{directory}: no case to resume: case.json cannot be read: {error.strerror or error}"
+        ) from None
+    try:
+        return Case.model_validate_json(text)
+    except ValidationError as error:
+        raise fault_of(error, f"{directory}/case.json", Case) from None
+
+
+def _beside(case: Path, tables: dict[str, Any]) -> None:
+    """Names of mesh files, relative to the case's directory."""
+    mesh = tables.get("mesh")
+    for key in FILES:
+        if isinstance(mesh, dict) and isinstance(mesh.get(key), str):
+            mesh[key] = str(case.parent / mesh[key])

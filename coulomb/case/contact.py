@@ -1,0 +1,164 @@
+"""The tables of a case file that describe contact, foundation and load steps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from ..arrays import FloatArray
+from ..fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
+from ..model.times import HALVINGS, refuse_times
+from .body import Table
+from .values import ROWS, TABLES, Duration, Friction, Length, Name, Number, Steps, Stress, Vector
+
+if TYPE_CHECKING:
+    from ..fem.fields import Coefficient
+    from ..model.contact import Contact
+
+
+class FoundationTable(Table):
+    """A rigid plane (point, normal towards the body), sphere (centre, radius) or cylinder (point, axis, radius).
+
+    Lengths in metres; `hollow` for a body inside a spherical cup or a bore.
+    """
+
+    shape: Literal["plane", "sphere", "cylinder"] = "plane"
+    point: Vector | None = None
+    normal: Vector | None = None
+    centre: Vector | None = None
+    axis: Vector | None = None
+    radius: Length | None = None
+    hollow: bool = False
+
+    @model_validator(mode="after")
+    def _complete(self) -> FoundationTable:
+        needed = {"plane": {"point", "normal"}, "sphere": {"centre", "radius"}, "cylinder": {"point", "axis", "radius"}}
+        wanted = needed[self.shape]
+        given = {name for name in ("point", "normal", "centre", "axis", "radius") if getattr(self, name) is not None}
+        given |= {"hollow"} if self.hollow else set()
+        missing, odd = wanted - given, given - wanted - ({"hollow"} if self.shape != "plane" else set())
+        for names, fault in ((missing, "needs"), (odd, "has no")):
+            if names:
+                raise ValueError(f'a foundation of shape "{self.shape}" {fault} {", ".join(sorted(names))}')
+        return self
+
+    def foundation(self) -> RigidFoundation:
+        """The rigid body."""
+        if self.shape == "sphere":
+            assert self.centre is not None and self.radius is not None
+            return Sphere(self.centre, self.radius, self.hollow)
+        assert self.point is not None
+        if self.shape == "cylinder":
+            assert self.axis is not None and self.radius is not None
+            return Cylinder(self.point, self.axis, self.radius, self.hollow)
+        assert self.normal is not None
+        return Plane(self.point, self.normal)
+
+
+class RegionTable(Table):
+    """A part of the contact face, inside a box given by two corners in metres, that rubs differently."""
+
+    box: tuple[Vector, Vector]
+    friction: Friction | None = None
+    slip_stress: Stress | None = None
+
+    @model_validator(mode="after")
+    def _corners(self) -> RegionTable:
+        if any(low > high for low, high in zip(*self.box, strict=True)):
+            raise ValueError(f"box must be [least corner, greatest corner], but is {[list(c) for c in self.box]}")
+        return self
+
+    def holds(self, x: FloatArray) -> Any:
+        """Which of the points x (3, k) lie in it, to 1e-9 of its size; shape (k,)."""
+        low, high = np.array(self.box)[:, :, None]
+        margin = 1e-9 * float(np.max(high - low))
+        return np.all((x >= low - margin) & (x <= high + margin), axis=0)
+
+
+MotionTable = Annotated[tuple[tuple[Number, Number, Number, Number], ...], Field(min_length=1, max_length=ROWS)]
+"""Rows [time, x, y, z]: where the foundation has gone; linear in between, before the first row and after the last as
+there."""
+
+
+class ContactTable(Table):
+    """The contact face, and one of two friction laws: friction (Coulomb) or slip_stress in pascals (Tresca)."""
+
+    face: Name
+    friction: Friction | None = None
+    slip_stress: Stress | None = None
+    region: Annotated[tuple[RegionTable, ...], Field(max_length=TABLES)] = ()
+    foundation: FoundationTable | None = None
+    normals: Literal["foundation", "body"] = "foundation"
+    motion: MotionTable | None = None
+
+    @model_validator(mode="after")
+    def _one_law(self) -> ContactTable:
+        if (self.friction is None) == (self.slip_stress is None):
+            raise ValueError("give either friction (Coulomb) or slip_stress (Tresca), one of the two")
+        law = "friction" if self.slip_stress is None else "slip_stress"
+        other = "slip_stress" if law == "friction" else "friction"
+        for number, region in enumerate(self.region):
+            if getattr(region, law) is None or getattr(region, other) is not None:
+                raise ValueError(f"region.{number} must give {law}, as the contact does, and nothing else but its box")
+        return self
+
+    def contact(self) -> Contact:
+        """What it describes."""
+        from ..model.contact import Contact
+
+        return Contact(
+            self.face,
+            self._coefficient("friction"),
+            self._coefficient("slip_stress"),
+            self.foundation.foundation() if self.foundation is not None else None,
+            self.normals,
+            self.motion,
+        )
+
+    def _coefficient(self, law: Literal["friction", "slip_stress"]) -> Coefficient | None:
+        """Of this law: nothing, a number, or a function of place by region; where regions overlap, the last counts."""
+        base = getattr(self, law)
+        if base is None or not self.region:
+            return base  # type: ignore[no-any-return]
+
+        def by_region(x: FloatArray) -> FloatArray:
+            values = np.full(x.shape[1], float(base))
+            for region in self.region:
+                values[region.holds(x)] = getattr(region, law)
+            return values
+
+        return by_region
+
+
+FACE, FACES = "one [contact]", "several [[contact]]"
+ContactTables = Annotated[
+    Annotated[ContactTable, Tag(FACE)]
+    | Annotated[tuple[ContactTable, ...], Field(min_length=1, max_length=TABLES), Tag(FACES)],
+    Discriminator(lambda given: FACES if isinstance(given, list | tuple) else FACE),
+]
+
+
+class HistoryTable(Table):
+    """Load steps: their ends, or the end of the last and how many; from time 0, with the body free of stress."""
+
+    times: Annotated[tuple[Number, ...], Field(max_length=ROWS)] | None = None
+    end: Duration | None = None
+    steps: Steps | None = None
+    halvings: Annotated[int, Field(ge=0, le=30, strict=True)] = HALVINGS
+
+    @model_validator(mode="after")
+    def _times_or_steps(self) -> HistoryTable:
+        if (self.times is None) == (self.end is None or self.steps is None):
+            raise ValueError("give either times, a list that increases from 0, or end and steps")
+        refuse_times(0.0, self.ends)
+        return self
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Ends of the steps."""
+        if self.times is not None:
+            return self.times
+        assert self.end is not None and self.steps is not None
+        return tuple(float(t) for t in np.linspace(0.0, self.end, self.steps + 1)[1:])

@@ -1,0 +1,116 @@
+"""What is wrong with the tables of a case, in the words of the case file: key, value, what is allowed or meant."""
+
+from __future__ import annotations
+
+import difflib
+import reprlib
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from .body import ONE, SEVERAL
+from .contact import FACE, FACES
+
+_MOST = 10
+"""Faults that are listed; a table of a hundred thousand wrong rows has one too."""
+
+_FIRST_KEY = {"mesh": "file", "output": "directory", "contact": "face", "material": "young", "history": "times"}
+"""What somebody means who gives a value where a table stands."""
+
+_Model = type[BaseModel]
+
+_short = reprlib.Repr()
+_short.maxstring = _short.maxother = _short.maxlong = 80
+_short.maxlevel, _short.maxdict, _short.maxlist, _short.maxtuple = 3, 4, 6, 6
+
+
+def fault_of(error: ValidationError, where: str, case: _Model) -> ValueError:
+    """All faults that pydantic has found, a line for each, as one error.
+
+    Args:
+        error: Of the validation.
+        where: The file, for messages.
+        case: The model of a whole case.
+    """
+    entries = error.errors(include_url=False)
+    lines = [f"{where}: {_explain(entry, case)}" for entry in entries[:_MOST]]
+    if len(entries) > _MOST:
+        lines.append(f"{where}: and {len(entries) - _MOST} more")
+    return ValueError("\n".join(lines))
+
+
+def tables_of_several(case: _Model) -> set[str]:
+    """Names of the tables of which a case may have several, [[name]]."""
+    return {name for name, _, several in _tables(case) if several}
+
+
+def _explain(entry: Any, case: _Model) -> str:
+    location = tuple(part for part in entry["loc"] if part not in (ONE, SEVERAL, FACE, FACES))
+    key, given = ".".join(map(str, location)) or "case", entry["input"]
+    names = ".".join(part for part in location if isinstance(part, str))
+    if entry["type"] == "extra_forbidden":
+        return f"{key} = {_shown(given)}: there is no such key{_meant(location, case)}"
+    if entry["type"] == "missing":
+        return f"{key}: is missing"
+    if key == "case":  # of parts that do not fit together; the message says which
+        return str(entry["msg"]).removeprefix("Value error, ")
+    if entry["type"] == "tuple_type" and isinstance(given, dict) and names in tables_of_several(case):
+        return f"{key}: there may be several: write [[{names}]], with double brackets, in place of [{names}]"
+    if entry["type"] in ("model_type", "model_attributes_type"):
+        if isinstance(given, list) and len(location) == 1:
+            return f"{key}: there is only one: write [{names}], with single brackets"
+        first = _FIRST_KEY.get(names)
+        example = f", for example {first} = {_shown(given)}" if first and isinstance(given, str) else ""
+        brackets = f"[[{names}]]" if names in tables_of_several(case) and names not in _FIRST_KEY else f"[{names}]"
+        return f"{key} = {_shown(given)}: is a table: write {brackets}, and below it its keys{example}"
+    message = str(entry["msg"]).removeprefix("Value error, ").replace(" after validation", "")
+    for subject in ("Input ", "String ", "Tuple "):
+        message = message.removeprefix(subject)
+    return f"{key} = {_shown(given)}: {message.replace('Input', 'it')}"
+
+
+def _shown(value: Any) -> str:
+    """A value, shortened; of a monster what can be shown."""
+    try:
+        return _short.repr(value)
+    except (RecursionError, ValueError):  # nested without end; thousands of digits
+        return "..."
+
+
+def _meant(location: tuple[int | str, ...], case: _Model) -> str:
+    """Where a key belongs, or what it may be a slip for, and what is known where it stands."""
+    name = str(location[-1])
+    here = ".".join(part for part in location[:-1] if isinstance(part, str))
+    known = {place: list(model.model_fields) for place, model, _ in _tables(case)}
+    several = tables_of_several(case)
+    homes = [place for place, keys in known.items() if name in keys and place != here]
+    listed = f" (known here: {', '.join(known.get(here, []))})"
+    if homes:
+        parents = [home for home in homes if home == "" or here.startswith(f"{home}.")]
+        if here and parents:
+            table = f"[[{here}]]" if here in several else f"[{here}]"
+            top = "it belongs at the top of the file" if parents[0] == "" else f"it belongs to [{parents[0]}]"
+            return f"; {top}, above {'the first table' if parents[0] == '' else table}{listed}"
+        shown = [f"[[{home}]]" if home in several and home not in _FIRST_KEY else f"[{home}]" for home in homes[:3]]
+        return f"; it belongs to {' or '.join(shown)}{listed}"
+    close = difflib.get_close_matches(name, known.get(here, []), n=1)
+    return f"{f'; did you mean {close[0]}?' if close else ''}{listed}"
+
+
+def _tables(model: _Model, name: str = "", several: bool = False) -> Iterator[tuple[str, _Model, bool]]:
+    """Every table of a case: its dotted name, empty for the case, its model, and whether there may be several."""
+    yield name, model, several
+    for key, field in model.model_fields.items():
+        found = list(_models(field.annotation))
+        for inner, in_list in found[-1:]:  # of one or several the model of several, which has all keys
+            yield from _tables(inner, f"{name}.{key}" if name else key, in_list)
+
+
+def _models(annotation: Any, in_list: bool = False) -> Iterator[tuple[_Model, bool]]:
+    """The tables an annotation is made of, and whether in a list."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation, in_list
+        return
+    for argument in getattr(annotation, "__args__", ()):
+        yield from _models(argument, in_list or getattr(annotation, "__origin__", None) is tuple)

@@ -1,0 +1,78 @@
+"""The tables of a case file that describe the solver and the output."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from .body import Table
+from .values import FileName, Rounds
+
+if TYPE_CHECKING:
+    from ..solvers.coulomb import CoulombSolver
+    from ..solvers.newton_systems import NewtonSystem
+    from ..solvers.tresca import QPSolver
+
+
+class SolverTable(Table):
+    """Accuracy, and the methods where the choice by size is not wanted; newton = "condensed" works matrix-free."""
+
+    tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
+    linear_solver: Literal["auto", "direct", "iterative"] = "auto"
+    compliance: Literal["auto", "explicit", "matrix-free"] = "auto"
+    method: Literal["auto", "one-loop", "fixed-point"] = "auto"
+    newton: Literal["recycling", "augmented", "schur", "dense", "condensed"] = "recycling"
+    max_outer: Rounds | None = None
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> SolverTable:
+        if self.max_outer is not None and self.method != "fixed-point":
+            raise ValueError('max_outer counts Tresca problems: it needs method = "fixed-point"')
+        if self.method == "one-loop" and self.newton in ("augmented", "schur"):
+            raise ValueError(f'newton = "{self.newton}" is for Tresca problems: it needs method = "fixed-point"')
+        if self.newton == "condensed" and self.compliance == "explicit":
+            raise ValueError('newton = "condensed" works with K in place of A: leave compliance at "auto"')
+        return self
+
+    def contact_solver(self, coulomb: bool) -> CoulombSolver | QPSolver:
+        """What the table asks for; a Newton system that is the paper's asks for successive Tresca.
+
+        Args:
+            coulomb: Whether friction is Coulomb's; else Tresca's.
+        """
+        from ..solvers.automatic import Automatic
+        from ..solvers.condensed import CondensedConeSystem, CondensedSystem
+        from ..solvers.cone_systems import DenseConeSystem
+        from ..solvers.dense_system import DenseSystem
+        from ..solvers.fixed_point import SuccessiveTresca
+        from ..solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
+        from ..solvers.one_loop import OneLoop
+        from ..solvers.path_following import PathFollowing
+
+        systems: dict[str, type[NewtonSystem]] = {
+            "recycling": RecyclingSystem,
+            "augmented": AugmentedSystem,
+            "schur": SchurComplementSystem,
+            "dense": DenseSystem,
+            "condensed": CondensedSystem,
+        }
+        path_following = PathFollowing(tolerance=self.tolerance, newton=systems[self.newton])
+        if not coulomb:
+            return path_following
+        if self.method == "fixed-point" or self.newton in ("augmented", "schur"):
+            most = SuccessiveTresca.max_iterations if self.max_outer is None else self.max_outer
+            return SuccessiveTresca(self.tolerance, path_following, max_iterations=most)
+        if self.newton == "dense":
+            return OneLoop(self.tolerance, newton=DenseConeSystem)
+        if self.newton == "condensed":
+            return OneLoop(self.tolerance, newton=CondensedConeSystem)
+        return OneLoop(self.tolerance) if self.method == "one-loop" else Automatic(self.tolerance)
+
+
+class OutputTable(Table):
+    """Where results go, whether to draw them, and whether to write a page about them."""
+
+    directory: FileName = "results"
+    picture: bool = True
+    report: bool = False

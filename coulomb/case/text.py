@@ -1,0 +1,107 @@
+"""The text of a case, from a file or from --set, as tables of TOML; what is wrong with the text, in words."""
+
+from __future__ import annotations
+
+import codecs
+import errno
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from ..regular_file import read_bytes
+
+LARGEST = 4_000_000
+"""Bytes of a case file: a hundred thousand rows of an amplitude.  TOML is read at about a megabyte per second."""
+
+_DEEPEST = 20
+"""Names in a dotted key; a case needs four."""
+
+_TOO_DEEP = re.compile(rf'(?:\b[\w-]{{1,50}}"?[ \t]*\.[ \t]*"?){{{_DEEPEST}}}\w')
+"""A key of more names than that: tomllib takes the square of their number."""
+
+_OTHER_TEXT = ((codecs.BOM_UTF32_LE, "UTF-32"), (codecs.BOM_UTF16_LE, "UTF-16"), (codecs.BOM_UTF16_BE, "UTF-16"))
+
+
+def read_text(path: str | Path, most: int = LARGEST) -> str:
+    """What a file says, without the mark that some editors put before UTF-8.
+
+    Raises:
+        OSError: If it cannot be read as UTF-8, or has more than so many bytes: why.
+    """
+    found = read_bytes(path, most)
+    for mark, name in _OTHER_TEXT:
+        if found.startswith(mark):
+            raise OSError(errno.EILSEQ, f"it is text in {name}; save it as UTF-8", str(path))
+    try:
+        return found.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise OSError(errno.EILSEQ, f"it is no text in UTF-8: {error}", str(path)) from None
+
+
+def parsed(text: str, path: str | Path, several: set[str]) -> dict[str, Any]:
+    """The tables of a case.
+
+    Args:
+        text: TOML.
+        path: Where it is from, for messages.
+        several: Names of tables that a case may have several of.
+
+    Raises:
+        ValueError: If it is not TOML: where, the line itself, and what may be meant.
+    """
+    lines = text.splitlines()
+    try:
+        if _TOO_DEEP.search(text):
+            raise RecursionError
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(f"{path}: is not a case: lists or tables are nested too deeply") from None
+    except ValueError as error:  # TOMLDecodeError, and of int("...") with thousands of digits
+        found = re.search(r"at line (\d+)", str(error))
+        line = lines[int(found[1]) - 1].strip() if found and int(found[1]) <= len(lines) else ""
+        raise ValueError(f"{path}: is not TOML: {error}{_line(line)}{_hint(str(error), line, several)}") from None
+
+
+def _line(line: str) -> str:
+    return f": {line[:80]}{' ...' if len(line) > 80 else ''}" if line else ""
+
+
+def _hint(fault: str, line: str, several: set[str]) -> str:
+    table = re.fullmatch(r"\[\s*([\w.]+)\s*\]\s*(#.*)?", line)
+    if table and table[1] in several:
+        return f"; there may be several: each is written [[{table[1]}]]"
+    value = line.partition("=")[2].strip()
+    if "Invalid value" in fault and value.split("#")[0].strip() in ("True", "False"):
+        return f"; in TOML it is {value.split('#')[0].strip().lower()}"
+    if "Invalid value" in fault and re.match(r"[A-Za-z_]", value):
+        return "; text stands in quotes"
+    return ""
+
+
+def apply(tables: dict[str, Any], change: str) -> None:
+    """Put a setting "key.key=value" into the tables.
+
+    Raises:
+        ValueError: If it is none, or there is no such place.
+    """
+    key, equals, value = change.partition("=")
+    parts, said = key.strip().split("."), f"--set {change[:80]}{' ...' if len(change) > 80 else ''}"
+    if not equals or not all(parts) or len(parts) > _DEEPEST:
+        raise ValueError(f"{said}: must be key.key=value, for example mesh.cells=[18,6,6]")
+    try:
+        new = tomllib.loads(f"value = {value}")["value"]
+    except RecursionError:
+        raise ValueError(f"{said}: lists or tables are nested too deeply") from None
+    except ValueError:
+        new = value.strip()
+    place: Any = tables
+    try:
+        for part in parts[:-1]:
+            place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
+        if isinstance(place, list):
+            place[int(parts[-1])] = new
+        else:
+            place[parts[-1]] = new
+    except (ValueError, IndexError, TypeError, AttributeError):
+        raise ValueError(f"{said}: there is no such place in the case; lists count from 0") from None

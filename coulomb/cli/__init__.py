@@ -1,0 +1,1 @@
+"""The command line: commands, progress, log, interruption.  Nobody imports it."""

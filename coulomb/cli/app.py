@@ -1,0 +1,281 @@
+"""The command line: `coulomb run CASE.toml`, `coulomb info`.  Only rank 0 speaks; exit codes: console.py.
+
+What needs MPI, PETSc or DOLFINx is imported by the command that needs it, when it runs: help, and what is said of a
+wrong case, come at once.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .. import process
+from ..case.case import read_case, written_case
+from ..ranks import launched
+from ..version import __version__
+from .benchmark_commands import benchmark
+from .case_commands import Changes, check_case, new
+from .commands_pictures import drawing_soon, register
+from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks
+from .console import console as _console
+from .console import errors as _errors
+
+if TYPE_CHECKING:
+    from ..case.case import Case
+    from ..solvers.coulomb import CoulombSolver
+
+app = typer.Typer(
+    epilog=EXIT_CODES,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+app.add_typer(benchmark, name="benchmark")
+register(app)
+
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        _console.print(f"coulomb {__version__}", markup=False)
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Say which version this is.", is_eager=True, callback=_tell_version)
+    ] = False,
+) -> None:
+    """3D contact with Coulomb friction: solved, certified, written.  Begin with: coulomb new block"""
+
+
+Quiet = Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Run with too little memory or disk, and accept strains outside the theory.")
+]
+LogFile = Annotated[
+    Path | None, typer.Option("--log", help="Add all that is said, and every step, to this file, with the time.")
+]
+
+
+@app.command()
+def run(
+    case: Annotated[Path, typer.Argument(help="Case file, TOML.", metavar="CASE.toml")],
+    changes: Changes = None,
+    directory: Annotated[
+        Path | None, typer.Option("--output", help="Where the results go, in place of the case's output.directory.")
+    ] = None,
+    page: Annotated[bool, typer.Option("--report", help="Write report.html too, as output.report = true.")] = False,
+    quiet: Quiet = False,
+    log_file: LogFile = None,
+    force: Force = False,
+) -> None:
+    """Solve a case, certify the answer, write the results."""
+    from .session import opened
+
+    with opened(quiet, log_file) as session:
+        with bad_input():
+            settings = read_case(case, [*(changes or ()), *(["output.report=true"] if page else ())])
+
+        with drawing_soon(settings) as renderer:
+            from .running import compute
+
+            target = directory or Path(settings.output.directory)
+            compute(session, settings, case, target, force, renderer=renderer)
+
+
+@app.command()
+def resume(
+    directory: Annotated[Path, typer.Argument(help="Where a load history has left its steps.")],
+    quiet: Quiet = False,
+    log_file: LogFile = None,
+    force: Force = False,
+) -> None:
+    """Continue a load history that was interrupted, from its last step, on as many ranks as you like."""
+    from .session import opened
+
+    with opened(quiet, log_file) as session:
+        with bad_input():
+            settings = written_case(directory)
+            if settings.history is None:
+                raise ValueError(f"{directory} holds a single run, no load history: there is nothing to resume")
+
+        from .running import compute
+
+        compute(session, settings, directory, directory, force, resume=True)
+
+
+app.command("new")(new)
+app.command("check-case")(check_case)
+
+
+@app.command()
+def info() -> None:
+    """Versions and PETSc's packages, for a bug report."""
+    from ..io.versions import details
+
+    for name, value in details().items():
+        _console.print(f"{name:<18}{value}", markup=False, soft_wrap=True)
+
+
+@app.command()
+def fclib(
+    file: Annotated[Path, typer.Argument(help="Problem in FCLIB's HDF5 format, local or global.")],
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of lines.")] = False,
+    tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-8,
+    dense: Annotated[bool, typer.Option("--dense", help="Newton systems by dense algebra: hard, small ones.")] = False,
+) -> None:
+    """Solve a friction problem from elsewhere, and report the residual its community uses."""
+    refuse_ranks("coulomb fclib")
+    if tolerance > 1.0:
+        _errors.print(f"error: --tolerance must be from 1e-12 to 1, but is {tolerance}", markup=False)
+        raise typer.Exit(BAD_INPUT)
+
+    from ..io.fclib import read_fclib
+    from ..solvers.automatic import Automatic
+    from ..solvers.dense_system import DenseSystem
+    from ..solvers.fixed_point import SuccessiveTresca
+    from ..solvers.general import solve_coulomb
+    from ..solvers.path_following import PathFollowing
+    from ..solvers.results import CoulombResult, NotConverged
+
+    trouble = ""
+    solver: CoulombSolver = Automatic(tolerance)
+    if dense:
+        solver = SuccessiveTresca(tolerance, PathFollowing(newton=DenseSystem))
+    try:
+        problem = read_fclib(file)
+        result = solve_coulomb(problem.W, -problem.q, problem.mu, solver)
+    except ValueError as error:
+        _errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+    except NotConverged as failure:
+        assert isinstance(failure.result, CoulombResult)
+        result, trouble = failure.result, str(failure)
+    report = {
+        "file": str(file),
+        "title": problem.title.strip(),
+        "contacts": len(problem.mu),
+        "status": result.status.value,
+        "residual": result.residual,
+        "fclib_residual": problem.residual(result.x),
+        "method": result.method,
+        "outer": result.iterations,
+        "path_following": result.path_following,
+        "products": result.products,
+    }
+    if as_json:
+        _console.print(json.dumps(report), markup=False, soft_wrap=True)
+    else:
+        for name, value in report.items():
+            shown = f"{value:.2e}" if isinstance(value, float) else value
+            _console.print(f"{name:<16}{shown}", markup=False, soft_wrap=True)
+    if trouble:
+        _errors.print(f"error: {trouble}", markup=False)
+        raise typer.Exit(FAILED)
+
+
+@app.command()
+def export(
+    case: Annotated[Path, typer.Argument(help="Case file, TOML, with Coulomb friction.", metavar="CASE.toml")],
+    file: Annotated[Path, typer.Argument(help="FCLIB file to write, HDF5.")],
+    changes: Annotated[list[str] | None, typer.Option("--set", help="Replace a setting; may be repeated.")] = None,
+    at: Annotated[
+        float | None,
+        typer.Option("--time", help="Of a load history: whose loads; by default the end of its last step."),
+    ] = None,
+) -> None:
+    """Write the contact problem of a case, condensed to its contact nodes, for other solvers to read.
+
+    Of a load history it is the problem of a single step, from the body at rest to the loads of one time.
+    """
+    refuse_ranks("coulomb export")
+
+    with bad_input():
+        settings = read_case(case, changes or ())
+        time = _time_of(settings, at)
+        if not file.absolute().parent.is_dir():
+            raise ValueError(f"{file}: there is no folder {file.parent}; make it first")
+
+    import scipy.sparse
+
+    from ..io.fclib import FCLIBProblem, write_fclib
+    from ..linalg.compliance import SchurCompliance
+
+    try:
+        problem = settings.problem()
+        if time is not None:
+            problem = problem.at(time)
+        if not problem.coulomb:
+            raise ValueError("FCLIB's problems have Coulomb friction; this case has a slip stress")
+        if not isinstance(problem.A, SchurCompliance):
+            raise ValueError('A is not formed for a problem of this size; set solver.compliance="explicit"')
+        mu = problem.coefficient
+        W = scipy.sparse.csr_matrix(problem.A.dense())
+        write_fclib(file, FCLIBProblem(W, -problem.b, mu, case.stem))
+    except ValueError as error:
+        _errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+    except OSError as error:
+        _errors.print(f"error: {file}: cannot be written: {error.strerror or error}", markup=False)
+        raise typer.Exit(FAILED) from None
+    when = "" if time is None else f", in one step from rest to time {time:g}"
+    _console.print(f"{len(mu)} contacts in {file}{when}", markup=False, soft_wrap=True)
+
+
+def _time_of(settings: Case, asked: float | None) -> float | None:
+    """The time at which a case is exported; None of a case without a history.
+
+    Raises:
+        ValueError: If the time asked for is none of the history's.
+    """
+    if settings.history is None:
+        if asked is not None:
+            raise ValueError("--time is for load histories: this case has no history")
+        return None
+    end = settings.history.ends[-1]
+    if asked is not None and not 0.0 <= asked <= end:
+        raise ValueError(f"--time {asked:g}: must be from 0 to the end of the history, {end:g}")
+    return end if asked is None else asked
+
+
+@app.command()
+def check(directory: Annotated[Path, typer.Argument(help="Where a run has left its results.")]) -> None:
+    """Check results from their files alone: 0 if they are certified and agree, 1 if not, 2 if they cannot be read.
+
+    A run, a load history with all its steps, or one of these steps.
+    """
+    refuse_ranks("coulomb check")
+
+    from ..io.check import check as check_files
+
+    try:
+        found = check_files(directory, lambda line: _console.print(line, markup=False, soft_wrap=True))
+    except ValueError as error:
+        _errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+    _console.print(found.ending, markup=False, soft_wrap=True)
+    if not found.passed:
+        raise typer.Exit(FAILED)
+
+
+def main() -> None:
+    """Entry point; what no rank foresaw ends all of them."""
+    process.begin()
+    code = 0
+    try:
+        app()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except Exception:
+        traceback.print_exc()
+        sys.stderr.flush()
+        comm = launched()
+        if comm is not None and comm.size > 1:
+            comm.Abort(CRASHED)
+        code = CRASHED
+    sys.exit(process.ended(code, FAILED))

@@ -1,0 +1,323 @@
+"""`coulomb benchmark ...`: each prints its table and, with --output, writes it as CSV with a figure."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Column, Table
+
+from ..pictures.apart import missing
+from ..ranks import several
+from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
+
+if TYPE_CHECKING:
+    from ..benchmarks.verification import Verified
+
+benchmark = typer.Typer(help="Measurements behind the choices.", no_args_is_help=True)
+
+
+@benchmark.command()
+def compliance(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+) -> None:
+    """Three ways to the compliance A on one rank, seconds: what the default choice rests on."""
+    from ..benchmarks.compliance import measure
+
+    refuse_ranks("this benchmark")
+    console.print(
+        "  p  contact    Schur  many right-hand sides  product explicit  matrix-free  difference", soft_wrap=True
+    )
+    for p in sizes or (6, 10, 16):
+        row = measure(p)
+        console.print(
+            f"{row.p:3d}  {row.contact:7d}  {row.schur:7.2f}  {row.right_hand_sides:21.2f}  "
+            f"{row.product_explicit:16.5f}  {row.product_matrix_free:11.5f}  {row.difference:10.1e}",
+            soft_wrap=True,
+        )
+
+
+@benchmark.command()
+def table1(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    solver: Annotated[list[str] | None, typer.Option("--solver", help="A column, as KPRGP; repeat.")] = None,
+    directory: Annotated[Path | None, typer.Option("--output", help="For table1.csv and table1.png.")] = None,
+) -> None:
+    """Table 1 of the paper: PF and KPRGP on the Tresca block, to the same residual."""
+    from ..benchmarks.table1 import PAPER, RESIDUAL, SIZES, Row, measure
+
+    console.print(f"Tresca block to a residual of {RESIDUAL:g}; iterations/products (paper's)", soft_wrap=True)
+    rows = []
+    try:
+        for row in measure(sizes or SIZES, solver):
+            rows.append(row)
+            theirs = PAPER.get((row.solver, row.p), "-")
+            console.print(
+                f"{row.n:7d}/{row.m:<6d} {row.solver:34s} {row.iterations:6d}/{row.products:<6d} ({theirs:>6s})  "
+                f"{row.seconds:8.2f} s  residual {row.residual:.1e}",
+                markup=False,
+                soft_wrap=True,
+            )
+    except ValueError as error:
+        errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+    _write_table(directory, "table1", Row._fields, rows)
+
+
+@benchmark.command()
+def friction(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    coefficients: Annotated[
+        list[float] | None, typer.Option("--friction", min=0.0, help="Friction coefficient; repeat.")
+    ] = None,
+    tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-8,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Runs; the least time counts.")] = 1,
+    directory: Annotated[Path | None, typer.Option("--output", help="For friction.csv and friction.png.")] = None,
+) -> None:
+    """Ways to Coulomb friction on the block, beside one Tresca problem solved as in the paper."""
+    from ..benchmarks.friction import FRICTION, TRESCA, Row, measure
+
+    console.print(f"Coulomb block to a residual of {tolerance:g}; time over that of one Tresca problem", soft_wrap=True)
+    rows: list[Row] = []
+    for row in measure(sizes or (10,), coefficients or FRICTION, tolerance, repeats):
+        rows.append(row)
+        tresca = next(r for r in reversed(rows) if r.method == TRESCA)
+        console.print(
+            f"p {row.p:3d}  F {row.friction:<5g} {row.method:19s} outer {row.outer:3d}  steps {row.path_following:4d}  "
+            f"products {row.products:5d}  Krylov {row.krylov:5d}  {row.seconds:7.2f} s "
+            f"({row.seconds / tresca.seconds:5.2f})  residual {row.residual:.1e}  {row.status}",
+            markup=False,
+            soft_wrap=True,
+        )
+    _write_table(directory, "friction", Row._fields, rows)
+
+
+@benchmark.command()
+def scaling(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    ranks: Annotated[list[int] | None, typer.Option("--ranks", min=1, help="Ranks to run on; repeat.")] = None,
+    coefficient: Annotated[float, typer.Option("--friction", min=0.0)] = 0.3,
+    tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-7,
+    method: Annotated[str, typer.Option("--method", help="auto, direct or iterative.")] = "auto",
+    newton: Annotated[str, typer.Option("--newton", help="Newton systems: recycling or condensed.")] = "recycling",
+    start: Annotated[str, typer.Option("--start", help="cold, or coarse: from half as many cells.")] = "cold",
+    directory: Annotated[Path | None, typer.Option("--output", help="For scaling.csv and scaling.png.")] = None,
+) -> None:
+    """Coulomb friction up to a million unknowns, beside one linear solve on the same mesh (the yardstick)."""
+    from ..benchmarks.scaling import METHODS, NEWTON, SIZES, STARTS, Row, exponent, measure
+
+    if several() or method not in METHODS:
+        errors.print("error: this benchmark runs on one rank, and starts others; --method is auto, direct or iterative")
+        raise typer.Exit(BAD_INPUT)
+    if newton not in NEWTON or start not in STARTS:
+        errors.print("error: --newton is recycling or condensed, --start is cold or coarse", markup=False)
+        raise typer.Exit(BAD_INPUT)
+    rows: list[Row] = []
+    failed = False
+    results = measure(sizes or SIZES, ranks or (1,), coefficient, tolerance, method, newton, start)
+    while True:
+        try:
+            row = next(results)
+        except StopIteration:
+            break
+        except RuntimeError as error:  # what was measured so far is kept
+            errors.print(f"error: {error}", markup=False)
+            failed = True
+            break
+        rows.append(row)
+        console.print(
+            f"p {row.p:3d}  unknowns {row.unknowns:8d}  contact {row.contact:6d}  ranks {row.ranks}  "
+            f"steps {row.path_following:3d}  Krylov {row.krylov:4d}  {row.seconds:8.2f} s  yardstick "
+            f"{row.yardstick_seconds:7.2f} s  ratio {row.seconds / row.yardstick_seconds:5.1f}  "
+            f"{row.peak_memory_bytes / 2**30:5.2f} GiB  residual {row.residual:.1e}  "
+            f"certificate {'passed' if row.certified else 'FAILED'}",
+            soft_wrap=True,
+        )
+    if len(rows) > 2:
+        console.print(f"seconds grow like unknowns to the power {exponent(rows):.2f}")
+    _write_table(directory, "scaling", Row._fields, rows)
+    if failed:
+        raise typer.Exit(FAILED)
+
+
+@benchmark.command()
+def estimates(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+) -> None:
+    """What `coulomb check-case` expects of the block, beside what it takes."""
+    from ..benchmarks.estimates import SIZES, measure
+
+    refuse_ranks("this benchmark")
+    console.print(
+        "  p  method                 unknowns  contact   GB expected  measured   s expected  measured", soft_wrap=True
+    )
+    try:
+        for row in measure(sizes or SIZES):
+            console.print(
+                f"{row.p:3d}  {row.method:21s}  {row.unknowns:8d}  {row.contact:7d}   "
+                f"{row.memory_expected / 1e9:11.2f}  {row.memory_measured / 1e9:8.2f}   "
+                f"{row.seconds_expected:10.1f}  {row.seconds_measured:8.1f}",
+                soft_wrap=True,
+            )
+    except RuntimeError as error:
+        errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(FAILED) from None
+
+
+@benchmark.command()
+def peers(
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    names: Annotated[list[str] | None, typer.Option("--peer", help="One of them, as GetFEM; repeat.")] = None,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Runs of each; the least time counts.")] = 1,
+    directory: Annotated[Path | None, typer.Option("--output", help="For peers.csv and peers.png.")] = None,
+) -> None:
+    """The block by coulomb and by other packages, each in a process of its own, on one thread."""
+    from ..benchmarks.peers import Row, Skipped, measure
+
+    refuse_ranks("this benchmark")
+    rows: list[Row] = []
+    try:
+        for row in measure(sizes or (10,), names, repeats):
+            if isinstance(row, Skipped):
+                console.print(f"p {row.p:3d}  {row.peer:16s} skipped: {row.reason}", markup=False, soft_wrap=True)
+                continue
+            rows.append(row)
+            ours = next(r for r in rows if r.p == row.p)
+            console.print(
+                f"p {row.p:3d}  {row.peer:16s} {row.seconds:8.2f} s ({row.seconds / ours.seconds:5.1f})  "
+                f"{row.peak_memory_bytes / 2**30:5.2f} GiB  iterations {row.iterations:4d}  "
+                f"forces differ by {row.force_error:.0e}",
+                markup=False,
+                soft_wrap=True,
+            )
+    except (ValueError, RuntimeError) as error:
+        errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+    _write_table(directory, "peers", Row._fields, rows)
+
+
+@benchmark.command()
+def conditioning(
+    p: Annotated[int, typer.Option("--p", min=1, max=5, help="Cells a metre of the block: dense algebra.")] = 3,
+    directory: Annotated[Path | None, typer.Option("--output", help="For conditioning.csv and .png.")] = None,
+) -> None:
+    """Figure 1 of the paper: condition numbers of the Newton systems along a path-following run."""
+    from ..benchmarks.block import block
+    from ..benchmarks.conditioning import measure
+
+    problem = block(p, friction=None)
+    spectra = measure(problem.tresca(problem.slip_bound(problem.b)))
+    fields = ("iteration", "J_AM", "J_SC", "P_AM^-1 J_AM", "P_SC^-1 J_SC", "bound")
+    rows = [
+        (s.iteration, s.cond_J_AM, s.cond_J_SC, s.cond_preconditioned_AM, s.cond_preconditioned_SC, s.upper / s.lower)
+        for s in spectra
+    ]
+    console.print("  ".join(f"{field:>12s}" for field in fields), soft_wrap=True)
+    for row in rows:
+        console.print("  ".join([f"{row[0]:12d}", *(f"{value:12.3e}" for value in row[1:])]), soft_wrap=True)
+    _write_table(directory, "conditioning", fields, rows)
+
+
+@benchmark.command()
+def verification(
+    names: Annotated[list[str] | None, typer.Option("--case", help="One of them, as hertz; repeat.")] = None,
+    directory: Annotated[Path | None, typer.Option("--output", help="For verification.csv and the pictures.")] = None,
+) -> None:
+    """Known answers: patch tests, SSNV128, Hertz, Cattaneo-Mindlin, a sliding block.  Exit code 1 if one is missed."""
+    from ..benchmarks.verification import CASES
+
+    unknown = [name for name in names or () if name not in CASES]
+    if several() or unknown:
+        errors.print(f"error: this benchmark runs on one rank; its cases are {', '.join(CASES)}", markup=False)
+        raise typer.Exit(BAD_INPUT)
+    found = {}
+    for name in names or CASES:
+        found[name] = CASES[name]()
+        _print_verified(name, found[name])
+    lines = [
+        (name, row.quantity, row.formula, row.ours, row.error, row.tolerance, row.passed, row.why)
+        for name, verified in found.items()
+        for row in verified.rows
+    ]
+    if directory is not None:
+        fields = ("case", "quantity", "formula", "ours", "error", "tolerance", "passed", "why")
+        _write_csv(directory, "verification", fields, lines)
+        drawn = ""
+        with _figures(), _writing(directory):
+            from ..benchmarks.verification.plotting import draw
+
+            for name, verified in found.items():
+                draw(verified.panels, directory / f"{name}.png")
+            drawn = f" and {len(found)} pictures"
+        console.print(f"verification.csv{drawn} in {directory}{os.sep}", soft_wrap=True)
+    failed = sum(not row.passed for verified in found.values() for row in verified.rows)
+    console.print(f"{len(lines) - failed} of {len(lines)} within their tolerance", soft_wrap=True)
+    if failed:
+        raise typer.Exit(FAILED)
+
+
+def _print_verified(name: str, verified: Verified) -> None:
+    """The table of a case, and the reasons for its tolerances."""
+    reasons = list(dict.fromkeys(row.why for row in verified.rows))
+    right = [
+        Column(head, justify="right", no_wrap=True) for head in ("formula", "ours", "error", "tolerance", "why", "")
+    ]
+    table = Table("quantity", *right, title=name, title_justify="left", box=None, padding=(0, 1))
+    for row in verified.rows:
+        numbers = (f"{row.formula:.5g}", f"{row.ours:.5g}", f"{row.error:.1e}", f"{row.tolerance:.1e}")
+        verdict = "ok" if row.passed else "FAILED"
+        table.add_row(row.quantity, *numbers, f"({reasons.index(row.why) + 1})", verdict)
+    console.print(table)
+    for number, reason in enumerate(reasons, 1):
+        console.print(f"({number}) {reason}", markup=False)
+    console.print()
+
+
+def _write_table(directory: Path | None, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """name.csv and its figure name.png, where a directory is given."""
+    if directory is None or console.quiet or not rows:
+        return
+    from ..pictures import plotting
+
+    _write_csv(directory, name, fields, rows)
+    files = [f"{name}.csv"]
+    with _figures(), _writing(directory):
+        files.append(getattr(plotting, name)(directory / f"{name}.csv").name)
+    console.print(f"{' and '.join(files)} in {directory}{os.sep}", soft_wrap=True)
+
+
+@contextmanager
+def _figures() -> Iterator[None]:
+    """What was measured is kept without its figure where nothing is there to draw it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if not missing(error):
+            raise
+        errors.print(f"warning: no figure: {missing(error)}", markup=False)
+
+
+@contextmanager
+def _writing(directory: Path) -> Iterator[None]:
+    """Ends the command with one line where its files cannot be written; its table has been printed."""
+    try:
+        yield
+    except OSError as error:
+        errors.print(
+            f"error: {error.filename or directory}: cannot be written: {error.strerror or error}", markup=False
+        )
+        raise typer.Exit(FAILED) from None
+
+
+def _write_csv(directory: Path, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    with _writing(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+    with _writing(directory), (directory / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(fields)
+        writer.writerows(rows)

@@ -1,0 +1,85 @@
+"""`coulomb new` and `coulomb check-case`: a case file to begin with, and what a case will take."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from importlib import resources
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..case.case import read_case
+from ..ranks import launched, on_rank_0
+from .console import bad_input, console
+
+Changes = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Replace a setting, for example mesh.cells=[18,6,6]; may be repeated."),
+]
+
+
+class Kind(StrEnum):
+    """The cases there are to begin with."""
+
+    block = "block"
+    hertz = "hertz"
+    history = "history"
+
+
+def new(
+    kind: Annotated[Kind, typer.Argument(help="What to begin with.")],
+    file: Annotated[Path | None, typer.Argument(help="File to write; by default KIND.toml.", metavar="[FILE]")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
+) -> None:
+    """Write a case file with comments: a block dragged along a plane, a ball in rubber, friction that remembers."""
+    target = file or Path(f"{kind.value}.toml")
+    text = (resources.files("coulomb") / "templates" / f"{kind.value}.toml").read_text(encoding="utf-8")
+    text = text.replace(f"{kind.value}.toml", str(target))
+
+    def write() -> str:
+        stream = target.open("w" if force else "x", encoding="utf-8")
+        try:
+            with stream:
+                stream.write(text)
+        except OSError:
+            target.unlink(missing_ok=True)
+            raise
+        return ""
+
+    with bad_input():
+        try:
+            on_rank_0(launched(), write)
+        except FileExistsError:
+            raise ValueError(f"{target}: exists already; --force replaces it") from None
+        except OSError as error:
+            raise ValueError(f"{target}: cannot be written: {error.strerror or error}") from None
+    console.print(f"{target} written; next: coulomb check-case {target}", markup=False, soft_wrap=True)
+
+
+def check_case(
+    case: Annotated[Path, typer.Argument(help="Case file, TOML.", metavar="CASE.toml")],
+    changes: Changes = None,
+    directory: Annotated[Path | None, typer.Option("--output", help="As for coulomb run.")] = None,
+) -> None:
+    """Validate a case without solving it, and estimate size, memory and time; 0 if it can be run, 2 if not.
+
+    All is done that a run does before it factorises K: mesh, clamps, loads and contact are looked at, for every load
+    step, and K is assembled.
+    """
+    with bad_input():
+        settings = read_case(case, changes or ())
+
+    from ..fem.compilation import announce
+    from .posing import doubts, expected, posed
+    from .terminal import introduce
+
+    announce(lambda text: console.print(text, markup=False, soft_wrap=True))
+    with bad_input():
+        problem = posed(settings, directory or Path(settings.output.directory), force=False, now=False)
+        for end in settings.history.ends if settings.history is not None else ():
+            problem.unsolved_at(end)
+    introduce(console, case, problem)
+    doubts(settings)
+    for line in expected(settings, problem):
+        console.print(line, markup=False, soft_wrap=True)

@@ -1,0 +1,135 @@
+"""`coulomb plot` and `coulomb report`: pictures and a page from the files of a run, drawn in a process apart."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+
+from ..pictures import apart
+from ..ranks import launched, on_rank_0
+from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
+
+if TYPE_CHECKING:
+    from ..case.case import Case
+
+PAGE = "report.html"
+"""Name of the report in the directory of its run."""
+
+Directory = Annotated[Path, typer.Argument(help="Where a run has left its results.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the command line."""
+    app.command()(plot)
+    app.command()(report)
+
+
+def plot(
+    directory: Directory,
+    field: Annotated[
+        str,
+        typer.Option(
+            help="pressure, friction_traction, friction_use, status, slip, gap, displacement, von_mises_stress; "
+            "with _x, _y or _z a component."
+        ),
+    ] = "pressure",
+    scale: Annotated[float | None, typer.Option(help="Of the displacement; by default such that it shows.")] = None,
+    view: Annotated[
+        str | None, typer.Option(help="contact, iso, below, top, bottom, front, back, left, right.")
+    ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option(help="FILE.png, .jpg, .pdf or .svg; of a load history also .gif or .mp4. Without it: a window."),
+    ] = None,
+    step: Annotated[int | None, typer.Option(help="Of a load history, from 1; the last by default.")] = None,
+) -> None:
+    """Show or save a picture of a run, or a film of a load history."""
+    refuse_ranks("coulomb plot")
+    if save is None and not _display():
+        save = Path("plot.png")
+        console.print("there is no display: the picture goes to a file", markup=False)
+    if scale is not None and not (math.isfinite(scale) and 0.0 <= scale <= 1e12):
+        _refuse(f"--scale must be from 0 to 1e12, but is {scale}")
+    _refuse_nowhere(save)
+    chosen = [str(directory), field, scale, view, save, step]
+    _apart("plot", ["-" if choice is None else str(choice) for choice in chosen], seconds=None)
+
+
+def report(
+    directory: Directory,
+    save: Annotated[Path | None, typer.Option(help=f"The page; DIRECTORY/{PAGE} by default.")] = None,
+) -> None:
+    """Write one HTML page about a run, certified or not: case, certificate, pictures, convergence, a 3D view."""
+    refuse_ranks("coulomb report")
+    _refuse_nowhere(save)
+    _apart("page", [str(directory), str(save or directory / PAGE)], seconds=None)
+
+
+@contextmanager
+def drawing_soon(settings: Case) -> Iterator[apart.Apart | None]:
+    """What draws picture.png of a single run gets ready while the run computes, which takes as long for a small one.
+
+    It is not begun so soon (None) under MPI, whose ranks need all cores, nor for large meshes, which need the memory.
+    """
+    soon = settings.output.picture and settings.history is None and launched() is None and settings.mesh.small
+    renderer = apart.begin_picture() if soon else None
+    try:
+        yield renderer
+    finally:
+        if renderer is not None:
+            renderer.stop()
+
+
+def write_report(directory: Path, stop: Callable[[], bool]) -> str:
+    """Write the report of a run that has just been written; collective.
+
+    Args:
+        directory: Of the run.
+        stop: Asked now and then whether to give it up.
+
+    Returns:
+        What went wrong, or nothing: a run does not fail for its report.
+    """
+
+    def write() -> str:
+        code, said = apart.run("coulomb.pictures.report", ["page", str(directory), str(directory / PAGE)], stop=stop)
+        return f"{PAGE} could not be written: {said}" if code else ""
+
+    return on_rank_0(launched(), write)
+
+
+def _refuse(fault: str) -> NoReturn:
+    errors.print(f"error: {fault}", markup=False)
+    raise typer.Exit(BAD_INPUT)
+
+
+def _refuse_nowhere(save: Path | None) -> None:
+    """See that the folder of a file is there, before anything is drawn."""
+    if save is None:
+        return
+    if not os.path.isdir(save.parent):
+        _refuse(f"--save {save}: there is no folder {save.parent}; make it first")
+    if os.path.isdir(save):
+        _refuse(f"--save {save}: is a folder; name the file in it")
+
+
+def _apart(kind: str, arguments: list[str], seconds: float | None) -> None:
+    code, said = apart.run("coulomb.pictures.report", [kind, *arguments], seconds)
+    if code == 0:
+        if said:
+            console.print(said, markup=False, soft_wrap=True)
+        return
+    errors.print(f"error: {said}", markup=False)
+    raise typer.Exit(BAD_INPUT if code == BAD_INPUT else FAILED)
+
+
+def _display() -> bool:
+    """Whether a window can be opened."""
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))

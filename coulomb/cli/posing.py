@@ -1,0 +1,110 @@
+"""From a case to a problem that the machine has room for, and what solving it will take."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from mpi4py import MPI
+
+from ..case.case import Case
+from ..fem.body import LOCKING_ABOVE, Material
+from ..io.lock import refuse_in_use
+from ..io.output import refuse_full_disk, size_on_disk
+from ..model.estimate import estimate_of, gigabytes, refuse_too_large, refuse_too_many_cells, refuse_uncountable
+from ..model.machine import measure
+from ..model.problem import ContactProblem
+from ..ranks import on_rank_0
+from .console import errors
+from .time_left import about
+
+
+def posed(settings: Case, target: Path, force: bool, now: bool = True) -> ContactProblem:
+    """The problem of a case, once it is clear that memory and disk have room for it; collective.
+
+    Args:
+        settings: The case.
+        target: Where the results will go.
+        force: Not to mind memory and disk, nor strains outside the theory.
+        now: Whether it is to run at once, so that the directory must be free.
+
+    Raises:
+        ValueError: On every rank.
+    """
+    comm = MPI.COMM_WORLD
+    refuse_unwritable(target, comm)
+    if now:
+        refuse_in_use(target, comm)
+    if settings.mesh.cells is not None:
+        if not force:
+            refuse_too_many_cells(settings.mesh.cells, comm)
+        refuse_uncountable(settings.mesh.cells)
+    problem = settings.problem(comm)
+    if force:
+        problem.small_strain = "warn"
+    else:
+        refuse_too_large(problem)
+        steps = 1 if settings.history is None else len(settings.history.ends)
+        try:
+            refuse_full_disk(problem, target, steps)
+        except OSError as error:
+            raise ValueError(f"output {target}: {error.strerror}; --force runs all the same") from None
+    return problem
+
+
+def refuse_unwritable(target: Path, comm: MPI.Comm) -> None:
+    """See beforehand that results could not be written.
+
+    Raises:
+        ValueError: On every rank, if the directory, or what would hold it, is none or does not let us in.
+    """
+
+    def fault() -> str:
+        place = target.absolute()
+        while not place.exists() and place != place.parent:
+            place = place.parent
+        if not place.is_dir():
+            return f"{place} is no directory"
+        return "" if os.access(place, os.W_OK | os.X_OK) else f"no permission to write in {place}"
+
+    try:
+        found = on_rank_0(comm, fault)
+    except OSError as error:  # a name that is too long
+        found = error.strerror or str(error)
+    if found:
+        raise ValueError(f"output {target}: cannot be written: {found}; choose another (--output)")
+
+
+def doubts(settings: Case) -> None:
+    """Say what is allowed, but hardly meant."""
+    materials = settings.materials()
+    given = [materials] if isinstance(materials, Material) else list(materials.values())
+    highest = max(material.poisson for material in given)
+    if highest > LOCKING_ABOVE:
+        errors.print(
+            f"warning: material: poisson = {highest} is near 0.5: above {LOCKING_ABOVE:g} first-order elements lock "
+            "and give far too stiff an answer, whatever the certificate says of the discrete problem",
+            markup=False,
+        )
+
+
+def expected(settings: Case, problem: ContactProblem) -> list[str]:
+    """What solving it will take, in lines; collective."""
+    taken, ranks = estimate_of(problem, measure(problem.comm)), problem.comm.size
+    seconds, steps, drawn = taken.seconds, 1, ""
+    lines = [f"K {problem.stiffness_method}, A {'explicit' if problem.explicit else 'matrix-free'}"]
+    if settings.history is not None:
+        steps = len(settings.history.ends)
+        seconds += (steps - 1) * taken.seconds_a_step
+        lines.append(f"{steps} load steps, each halved up to {settings.history.halvings} times where it fails")
+    if settings.output.picture:
+        seconds, drawn = seconds + taken.picture, ", its picture included"
+    disk = steps * size_on_disk(problem)
+    lines.append(
+        f"about {gigabytes(taken.memory)} of memory, {gigabytes(disk)} on disk and {about(seconds)}"
+        f"{f' on {ranks} ranks, a core for each' if ranks > 1 else ' on one core'}{drawn}; good to a factor of two, as "
+        "fast as this machine is now"
+    )
+    if settings.history is not None:
+        lines.append(f"a film of it (coulomb plot --save film.gif): about {about(steps * taken.frame)}")
+    return lines

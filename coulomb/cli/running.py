@@ -1,0 +1,255 @@
+"""A run from its problem to its exit code: solved, written, said, and stopped when somebody asks for it."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import typer
+from mpi4py import MPI
+from threadpoolctl import threadpool_limits
+
+from ..case.case import Case, write_case
+from ..fem.compilation import announce
+from ..io import output
+from ..io.case_record import case_record, refuse_another_case
+from ..io.lock import locked
+from ..io.restart import history_in, steps_in
+from ..io.summary import summary
+from ..model.acceptance import left_open
+from ..model.load_history import StepFailed, refuse_steps
+from ..model.load_step import LoadStep
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
+from ..pictures.apart import Apart
+from ..ranks import on_rank_0
+from ..solvers.results import NotConverged, Status
+from .commands_pictures import write_report
+from .console import FAILED, INTERRUPTED, bad_input, errors
+from .posing import doubts, posed
+from .session import Session
+from .terminal import Display, introduce, report, report_history, warn
+from .time_left import about
+
+
+def compute(
+    session: Session,
+    settings: Case,
+    source: Path,
+    target: Path,
+    force: bool,
+    resume: bool = False,
+    renderer: Apart | None = None,
+) -> None:
+    """Pose the problem of a case and solve it, or go on with its load history; ends the command with its exit code.
+
+    Args:
+        session: What accompanies the run.
+        settings: The case.
+        source: Where it comes from, as the user says it.
+        target: Where the results go.
+        force: Not to mind memory and disk.
+        resume: To go on from the load steps in `target`.
+        renderer: The process that draws, if it has begun already.
+    """
+    with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None):
+        announce(session.tell)
+        with bad_input():
+            problem = posed(settings, target, force)
+        introduce(session.console, source, problem)
+        doubts(settings)
+        if settings.history is not None:
+            take_steps(session, settings, problem, target, resume)
+        else:
+            solve_once(session, settings, problem, target, renderer)
+
+
+@contextmanager
+def _holding(target: Path, comm: MPI.Comm) -> Iterator[None]:
+    """The directory of the results is ours; ends the command where it is another's, or cannot be made."""
+    with ExitStack() as stack:
+        with bad_input():
+            try:
+                stack.enter_context(locked(target, comm))
+            except OSError as error:
+                raise ValueError(f"output {target}: cannot be written: {error.strerror or error}") from None
+        yield
+
+
+def solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path, renderer: Apart | None) -> None:
+    """Solve, certify, write and report; ends the command with its exit code."""
+    problem.started = session.started
+    with _holding(target, problem.comm):
+        _solve_once(session, settings, problem, target, renderer)
+
+
+def _solve_once(
+    session: Session, settings: Case, problem: ContactProblem, target: Path, renderer: Apart | None
+) -> None:
+    solution, trouble = _solve(session, settings, problem)
+    interrupted = solution.result.status is Status.INTERRUPTED
+    problem.seconds["total"] = time.perf_counter() - session.began
+    written = True
+    stopped = session.interruption
+    try:
+        contents = output.write(solution, target, False, {"message": trouble})
+        write_case(settings, target, problem.comm)
+        if settings.output.picture and not stopped.asked():
+            contents = output.add_picture(contents, target, problem.comm, lambda: stopped.told, renderer)
+    except OSError as error:
+        contents, written = summary(solution), False
+        trouble += f"{'; ' if trouble else ''}{target}: cannot be written: {error.strerror or error}"
+    report(session.console, solution, contents, target if written else None, time.perf_counter() - session.began)
+    if written:
+        _write_page(session, settings, target)
+    if not trouble and (said := left_open(solution.certificate, settings.solver.tolerance)):
+        errors.print(f"warning: {said}", markup=False)
+    if written and interrupted:
+        trouble = f"interrupted: {trouble}; the answer so far is in {target}{os.sep}, marked so"
+    elif written and stopped.asked():
+        interrupted, trouble = True, _cut_short(settings, target)
+    if trouble:
+        errors.print(f"error: {trouble}", markup=False)
+    if interrupted:
+        raise typer.Exit(INTERRUPTED)
+    if trouble or not solution.valid:
+        raise typer.Exit(FAILED)
+
+
+def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[Solution, str]:
+    """The solution, converged or not, and what went wrong."""
+    display = Display(session.console, tolerance=settings.solver.tolerance)
+    try:
+        with display:
+            return problem.solve(solver=settings.contact_solver(), progress=session.progress(display)), ""
+    except NotConverged as failure:
+        return problem.solution(failure.result), str(failure)
+
+
+def take_steps(session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool) -> None:
+    """Run a load history; ends the command with its exit code."""
+    with _holding(target, problem.comm):
+        with bad_input():
+            record = case_record(settings, problem.comm)
+            done = problem.comm.bcast(len(steps_in(target)) if problem.comm.rank == 0 else None)
+            changed = refuse_another_case(settings, target, done, problem.comm) if resume and done else []
+            if not resume:
+                refuse_steps(target, done)
+        for change in changed:
+            errors.print(f"warning: from step {done + 1} on {change}", markup=False)
+        _take_steps(session, settings, problem, target, resume, record)
+
+
+def _take_steps(
+    session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool, record: dict[str, Any]
+) -> None:
+    console, comm, problem.started = session.console, problem.comm, session.started
+    began, trouble, code = time.perf_counter(), "", FAILED
+    display = Display(console, by_step=True)
+    warned: tuple[str, ...] = ()
+    taken = 0
+
+    def say(step: LoadStep) -> bool:
+        nonlocal warned, taken
+        row, taken = step.row, taken + 1
+        halved = f", halved {step.halvings} times" if step.halvings else ""
+        when = f"{row['time']:.4g} s"
+        console.print(
+            f"step {row['step']:3d}  time {when:<9} normal {row['normal_force']:.6g} N, force "
+            f"({row['force_x']:.6g}, {row['force_y']:.6g}, {row['force_z']:.6g}) N, open {row['open']}, stick "
+            f"{row['stick']}, slip {row['slip']}, {row['path_following']} PF steps, residual {row['residual']:.1e}"
+            f"{'' if row['certified'] else ', certificate FAILED'}"
+            f"{', OUTSIDE THE THEORY' if step.solution.outside else ''}{halved}",
+            markup=False,
+            soft_wrap=True,
+        )
+        if said := left_open(step.solution.certificate, settings.solver.tolerance):
+            errors.print(f"warning: step {row['step']}: {said}", markup=False)
+        warnings = step.solution.small_strain.warnings
+        if len(warnings) > len(warned):
+            warn(*(f"step {row['step']}: {warning}" for warning in warnings))
+        warned = max(warned, warnings, key=len)
+        left = len(step.state.pending)
+        if left:
+            told = f"{left} load steps left, about {about(left * (time.perf_counter() - began) / taken)}"
+            session.log.line(told)
+            display.expect(told)
+        return session.interruption.asked() and left > 0
+
+    rows: list[dict[str, Any]] = []
+    try:
+        if not resume:
+            write_case(settings, target, comm)
+        with display, bad_input():
+            progress = session.progress(display)
+            rows = settings.load_history().run(
+                problem, target, resume=resume, progress=progress, on_step=say, record=record
+            )
+        if rows[-1]["time"] < settings.load_history().times[-1]:
+            trouble, code = "interrupted between two load steps", INTERRUPTED
+    except StepFailed as failure:
+        trouble = str(failure)
+        if failure.result.status is Status.INTERRUPTED:
+            code = INTERRUPTED
+        else:
+            trouble += _keep_failed(failure, target / "failed")
+    except OSError as error:
+        trouble = (
+            f"{target}: cannot be written: {error.strerror or error}; free some space, then: coulomb resume {target}"
+        )
+    told = comm.bcast(history_in(target) if comm.rank == 0 else None)
+    if told is not None:
+        if settings.output.picture and code != INTERRUPTED:
+            _draw_last(session, target, comm)
+        _write_page(session, settings, target)
+        report_history(console, told, taken, time.perf_counter() - began, target)
+    if not trouble and session.interruption.asked():
+        errors.print(f"error: {_cut_short(settings, target)}", markup=False)
+        raise typer.Exit(INTERRUPTED)
+    if trouble:
+        if code == INTERRUPTED:
+            done = comm.bcast(len(steps_in(target)) if comm.rank == 0 else None)
+            trouble += f"; the {done} load steps before are in {target}{os.sep}; to go on: coulomb resume {target}"
+        errors.print(f"error: {trouble}", markup=False)
+    if trouble or not all(row["valid"] for row in rows):
+        raise typer.Exit(code)
+
+
+def _write_page(session: Session, settings: Case, target: Path) -> None:
+    """Write report.html if the case asks for it, and nobody wants to stop; collective."""
+    stopped = session.interruption
+    if not settings.output.report or stopped.asked():
+        return
+    trouble = write_report(target, lambda: stopped.told)
+    if trouble and not stopped.asked():
+        errors.print(f"warning: {trouble}", markup=False)
+
+
+def _draw_last(session: Session, target: Path, comm: MPI.Comm) -> None:
+    """picture.png of the last load step; collective."""
+    stopped = session.interruption
+    if stopped.asked():
+        return
+    trouble = on_rank_0(comm, lambda: output.draw(target, lambda: stopped.told))
+    if trouble and not stopped.asked():
+        errors.print(f"warning: picture.png {trouble}", markup=False)
+
+
+def _cut_short(settings: Case, target: Path) -> str:
+    """What to say of a run that was stopped when its results were there."""
+    asked = {"picture": settings.output.picture, "report": settings.output.report}
+    drawn = [name for name, wanted in asked.items() if wanted]
+    missing = f", but the {' and the '.join(drawn)} may be missing" if drawn else ""
+    return f"interrupted at the end: the results are complete in {target}{os.sep}{missing}"
+
+
+def _keep_failed(failure: StepFailed, target: Path) -> str:
+    try:
+        output.write(failure.problem.solution(failure.result), target, picture=False)
+    except OSError as error:
+        return f"; what it got to could not be written: {error.strerror or error}"
+    return f"; what it got to is in {target}"

@@ -1,0 +1,75 @@
+"""What accompanies a run from its first word to its last; knows MPI, and no DOLFINx."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mpi4py import MPI
+from rich.console import Console
+
+from .. import process
+from ..model.provenance import now
+from .console import bad_input, console, errors
+from .interruption import Interruption
+from .log import Log
+
+if TYPE_CHECKING:
+    from ..solvers.results import Progress, ProgressCallback
+    from .terminal import Display
+
+_library = logging.getLogger("coulomb")
+
+
+@dataclass(frozen=True)
+class Session:
+    """What accompanies a run: where it speaks, its log, who may stop it, and when it began."""
+
+    console: Console
+    log: Log
+    interruption: Interruption
+    began: float
+    started: datetime = field(default_factory=now)
+
+    def tell(self, text: str) -> None:
+        """Say a line."""
+        self.console.print(text, markup=False, soft_wrap=True)
+
+    def progress(self, display: Display) -> ProgressCallback:
+        """Shows a step, notes it in the log, and says whether to stop."""
+
+        def progress(at: Progress) -> bool:
+            display(at)
+            self.log.step(at)
+            return self.interruption.asked()
+
+        return progress
+
+
+@contextmanager
+def opened(quiet: bool, log_file: Path | None) -> Iterator[Session]:
+    """A session, to the end of its run.
+
+    Args:
+        quiet: Whether to say nothing but errors.
+        log_file: What is said goes there too, with the time.
+    """
+    process.go_on_unheard()
+    process.hear_signals_again()
+    began, speaking = time.perf_counter(), Console(quiet=True) if quiet else console
+    with bad_input():
+        log = Log(log_file, MPI.COMM_WORLD)
+    with log.hearing(speaking, errors), Interruption(MPI.COMM_WORLD) as interruption:
+        log.line(" ".join(["coulomb", *sys.argv[1:]]))
+        passed_on, _library.propagate = _library.propagate, False  # what it logs is said here in other words
+        try:
+            yield Session(speaking, log, interruption, began)
+        finally:
+            _library.propagate = passed_on

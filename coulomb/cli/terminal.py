@@ -1,0 +1,186 @@
+"""What a run says on the terminal; only rank 0 speaks."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from ..fem import compat
+from ..linalg.reductions import Reductions
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
+from ..process import animated
+from ..solvers.results import Progress
+from .console import errors
+from .time_left import TimeLeft, about
+
+_UNITS = ((1e3, "km"), (1.0, "m"), (1e-3, "mm"), (1e-6, "um"), (1e-9, "nm"))
+
+
+def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
+    unknowns = problem.unknowns
+    over = Reductions(problem.comm)
+    values = sorted({over.min(problem.coefficient), over.max(problem.coefficient)})
+    shown = " to ".join(f"{value:g}" for value in values)
+    law = f"Coulomb friction {shown}" if problem.coulomb else f"Tresca friction {shown} Pa"
+    console.print(
+        f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
+        f"{problem.comm.size} {'rank' if problem.comm.size == 1 else 'ranks'}\n"
+        f"{body_in_words(problem)}",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def body_in_words(problem: ContactProblem) -> str:
+    """Size of the body and its mesh: a forgotten scale is seen here; collective."""
+    elasticity, domain, over = problem.elasticity, problem.mesh.domain, Reductions(problem.comm)
+    lengths = [over.max(elasticity.x[:, k]) - over.min(elasticity.x[:, k]) for k in range(3)]
+    cells, nodes = (domain.topology.index_map(dim).size_global for dim in (3, 0))
+    kind = "hexahedra" if compat.cell_geometry(domain).shape[1] == 8 else "tetrahedra"
+    return f"body {' x '.join(map(metres, lengths))}; {cells} {kind}, {nodes} nodes"
+
+
+def metres(length: float) -> str:
+    """A length in the unit in which it reads well: 3 m, 40 mm, 2.5 km."""
+    factor, unit = next((pair for pair in _UNITS if abs(length) >= 0.9995 * pair[0]), _UNITS[-1])
+    return f"{length / factor:.4g} {unit}"
+
+
+class Display:
+    """Progress: one line that changes on a terminal, a line for each Tresca problem (or PF step) elsewhere.
+
+    Args:
+        console: Where to.
+        by_step: Whether somebody else speaks of load steps: no lines then.
+        tolerance: Residual at which the solve ends, for the time left; 0 if that is not to be told.
+    """
+
+    def __init__(self, console: Console, by_step: bool = False, tolerance: float = 0.0):
+        self._console, self._by_step = console, by_step
+        self._time_left, self._expected = TimeLeft(tolerance), ""
+        self._status = console.status("K^-1 and A") if animated() and not console.quiet else None
+        self._last: Progress | None = None
+
+    def __enter__(self) -> Display:
+        if self._status is not None:
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._status is not None:
+            self._status.stop()
+        self._line()
+
+    def __call__(self, progress: Progress) -> None:
+        self._time_left.note(progress, time.perf_counter())
+        if self._status is not None:
+            self._status.update(self._shown(progress))
+        if self._last is not None and (progress.outer != self._last.outer or progress.outer == 0):
+            self._line()
+        self._last = progress
+
+    def expect(self, told: str) -> None:
+        """What is still to come, for the line that changes."""
+        self._expected = told
+
+    def _shown(self, progress: Progress) -> str:
+        left = self._time_left.seconds
+        expected = self._expected or (f"about {about(left)} left" if left is not None else "")
+        return f"{progress}{'  ' if expected else ''}{expected}"
+
+    def _line(self) -> None:
+        if self._last is not None and self._status is None and not self._by_step:
+            self._console.print(str(self._last))
+
+
+def report(console: Console, solution: Solution, contents: dict[str, Any], target: Path | None, total: float) -> None:
+    iterations, nodes = contents["iterations"], contents["nodes"]
+    force = contents["force_on_body"]
+    outer = f"{iterations['outer']} Tresca problems, " if iterations["outer"] else ""
+    rate = contents["contraction"]
+    contraction = f", contraction {rate:.2g}" if rate is not None and np.isfinite(rate) else ""
+    seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
+    lines = (
+        f"{contents['status']} ({contents['method']['solver']}): residual {contents['residual']:.1e}, {outer}"
+        f"{iterations['path_following']} path-following steps, {iterations['products']} products{contraction}",
+        f"force on the body: normal {force['normal']:.9g} N, tangential "
+        f"({', '.join(f'{value:.9g}' for value in force['tangential'])}) N",
+        f"contact nodes {nodes['contact']}: open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}; "
+        f"largest pressure {contents['maximum']['contact_pressure']:.6g} Pa",
+        str(solution.certificate),
+        f"seconds: {seconds}; {total:.2f} in all",
+    )
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
+    strain = solution.small_strain
+    warn(*contents["remarks"], *(strain.mere_warnings if solution.outside else strain.warnings))
+    refuse(solution.outside)
+    picture = contents.get("picture", "")
+    if "could not" in picture:
+        errors.print(f"warning: picture.png {picture}", markup=False)
+    if target is not None:
+        console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
+
+
+def report_history(console: Console, told: dict[str, Any], taken: int, seconds: float, target: Path) -> None:
+    """The last lines of a load history: figures of all its steps, each said to be so.
+
+    Args:
+        console: Where to.
+        told: The entry `history` of its summary (`history_summary`).
+        taken: Load steps of this run; the others were there before (`coulomb resume`).
+        seconds: Of this run.
+        target: Where the results are.
+    """
+    energy, done, largest = told["energy"], told["iterations"], told["maximum"]
+    pressure, slip, residual = largest["contact_pressure"], largest["slip_in_a_step"], told["residual"]
+    before = f", {told['steps'] - taken} were there before" if taken < told["steps"] else ""
+    lines = (
+        f"all {told['steps']} steps: largest pressure {pressure['value']:.6g} Pa (step {pressure['step']}), "
+        f"largest slip in one step {slip['value']:.6g} m (step {slip['step']}); "
+        f"{done['path_following']} path-following steps, {done['products']} products, "
+        f"largest residual {_figure(residual['value'])} (step {residual['step']})",
+        f"energy in J since the start: loads {energy['loads']:.6g}, prescribed displacements "
+        f"{energy['prescribed']:.6g}, foundation {energy['foundation']:.6g}; elastic {energy['elastic']:.6g}, friction "
+        f"{energy['dissipated']:.6g}, error of finite steps {energy['imbalance']:.2g}",
+        f"{taken} steps in this run{before}, {seconds:.2f} seconds; results in {target}{os.sep}",
+        _steps_that_count(told),
+    )
+    warn(*told["remarks"])
+    refuse(told["violations"])
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
+
+
+def _steps_that_count(told: dict[str, Any]) -> str:
+    certified, outside = told["certified_steps"], told["outside"]
+    many = f"all {certified}" if certified == told["steps"] else f"{certified} of {told['steps']}"
+    beyond = f", {outside['steps']} outside the theory of small strains" if outside is not None else ""
+    return f"{many} load steps certified{beyond}"
+
+
+def _figure(value: float | None) -> str:
+    """A residual; files have null for what is no number."""
+    return "nan" if value is None else f"{value:.1e}"
+
+
+def warn(*texts: str) -> None:
+    for text in texts:
+        errors.print(f"warning: {text}", markup=False)
+
+
+def refuse(outside: Sequence[str]) -> None:
+    """Say why an answer does not count although its equations are solved."""
+    if outside:
+        errors.print(
+            f"error: outside the theory of small strains: {'; '.join(outside)}; the results are kept, marked so; look "
+            'at units, loads and foundation, or accept it knowingly: small_strain = "warn" in the case, or --force',
+            markup=False,
+        )

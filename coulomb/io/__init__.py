@@ -1,0 +1,1 @@
+"""The run directory: written, read, checked again; summary, lock, FCLIB files, versions."""

@@ -1,0 +1,111 @@
+"""What a load step was computed from, kept with it, so that nobody goes on from it with something else."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+from pydantic import ValidationError
+
+from ..case.case import FILES, Case
+from ..ranks import on_rank_0
+from .restart import read_step
+
+_FREE = ("output", "solver", "history.halvings", "small_strain")
+"""What may change from one step to the next: where results go, how, not what, is solved, and which strains count."""
+
+
+def case_record(case: Case, comm: MPI.Comm) -> dict[str, Any]:
+    """The case without its output, and a digest of each of its mesh files; collective, the same on every rank.
+
+    Raises:
+        ValueError: On every rank, if a file cannot be read.
+    """
+    tables = case.model_dump(mode="json", exclude_unset=True, exclude={"output"})
+
+    def digests() -> str:
+        named = {key: tables["mesh"][key] for key in sorted(FILES.intersection(tables["mesh"]))}
+        return json.dumps({key: _digest(Path(name)) for key, name in named.items() if name is not None})
+
+    try:
+        return {"tables": tables, "files": json.loads(on_rank_0(comm, digests))}
+    except OSError as error:
+        raise ValueError(f"{error.filename}: cannot be read: {error.strerror or error}") from None
+
+
+def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm) -> list[str]:
+    """Compare a case with the one that a load step was computed from; collective.
+
+    Args:
+        case: The case to go on with.
+        directory: Of the history.
+        number: Of the step.
+        comm: The ranks.
+
+    Returns:
+        What has changed and may: in words.
+
+    Raises:
+        ValueError: On every rank, with the differences, if there are others.
+    """
+    step = directory / "steps" / f"{number:04d}"
+    before = read_step(step, comm).get("case")
+    if not isinstance(before, dict) or not {"tables", "files"} <= before.keys():
+        raise ValueError(f"{step}: does not say from which case it was computed; run the case anew")
+    now = case_record(case, comm)
+    try:
+        then = Case.model_validate(before["tables"]).model_dump(mode="json")
+    except ValidationError:
+        raise ValueError(f"{step}: was computed by another version of coulomb; run the case anew") from None
+    changed = [
+        f"the contents of mesh.{key}" for key in before["files"] if now["files"].get(key) != before["files"][key]
+    ]
+    same = {f"mesh.{key}" for key in before["files"]}
+    differences = list(_differences(then, case.model_dump(mode="json")))
+    free = [text for key, text in differences if key.startswith(_FREE) and not key.startswith("output")]
+    changed += [text for key, text in differences if key not in same and not key.startswith(_FREE)]
+    if changed:
+        listed = "; ".join(changed[:5]) + (f"; and {len(changed) - 5} more" if len(changed) > 5 else "")
+        raise ValueError(
+            f"{directory}: the case is no longer the one that its {number} load steps were computed from: {listed}; "
+            "put that back (case.json), or run the changed case in another directory"
+        )
+    return free
+
+
+def _differences(then: Any, now: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    """Keys at which two cases differ, and how, in words."""
+    if isinstance(then, Mapping) and isinstance(now, Mapping):
+        for name in {**then, **now}:
+            yield from _differences(then.get(name), now.get(name), f"{key}.{name}" if key else str(name))
+    elif isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
+        for number, (one, other) in enumerate(zip(then, now, strict=True)):
+            yield from _differences(one, other, f"{key}.{number}")
+    elif then != now:
+        yield key, f"{key} is {_shown(now)}, was {_shown(then)}"
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "not given"
+    text = json.dumps(value)
+    return text if len(text) < 60 else f"{text[:50]} ..."
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a mesh file, and of the HDF5 files that an XDMF file names."""
+    found = hashlib.sha256()
+    files = [path]
+    if path.suffix == ".xdmf":
+        names = re.findall(r"([^\s<>:\"]+):/", path.read_text(encoding="utf-8", errors="replace"))
+        files += [path.parent / name for name in dict.fromkeys(names)]
+    for file in files:
+        if file == path or file.is_file():
+            with file.open("rb") as stream:
+                found.update(hashlib.file_digest(stream, "sha256").digest())
+    return found.hexdigest()

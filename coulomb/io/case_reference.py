@@ -1,0 +1,178 @@
+"""What a case says of the files of a run: law and coefficient, materials, clamps, springs, loads, faces, foundations.
+
+Made from the tables of case.json and the mesh that they name, on one rank; the surface, the frames and the matrices
+that the solver works with take no part.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from ..case.case import Case, written_case
+from ..fem import compat
+from ..fem.body import Material
+from ..fem.fields import evaluate_motion, evaluate_numbers
+from ..fem.loaded_body import LoadedBody
+from ..fem.meshes import corners_of
+from ..fem.obstacles import Moved, RigidFoundation
+from ..fem.surface import plane_of_face, way_along
+from .comparison import Comparison
+from .run_files import WrittenRun, midpoints, places
+
+_SOURCE = "the case"
+
+
+class CaseReference:
+    """A case, asked what a run of it must have written.
+
+    Args:
+        settings: The case.
+
+    Attributes:
+        settings: As given.
+        contacts: Its contact faces.
+        absent: Mesh files that are no longer there: then the body and what acts on it cannot be compared.
+    """
+
+    def __init__(self, settings: Case):
+        self.settings = settings
+        self.contacts = [table.contact() for table in settings.contacts.values()]
+        mesh = settings.mesh
+        named = [name for name in (mesh.file, mesh.facets, mesh.cell_groups) if name is not None]
+        self.absent = [name for name in named if not Path(name).exists()]
+        self._foundations: dict[int, RigidFoundation] = {}
+
+    @staticmethod
+    def of(folder: Path) -> CaseReference | None:
+        """That of a directory with case.json; None where there is none, as after a run from Python.
+
+        Raises:
+            ValueError: If it cannot be read or is no case.
+        """
+        return CaseReference(written_case(folder)) if (folder / "case.json").exists() else None
+
+    @cached_property
+    def _body(self) -> LoadedBody:
+        return self.settings.body(MPI.COMM_SELF)
+
+    def body(self, time: float) -> LoadedBody:
+        """The body with what acts on it at a time.
+
+        Raises:
+            ValueError: If the parts of the case do not fit together.
+        """
+        return self._body.at(time)
+
+    def motion(self, time: float) -> FloatArray:
+        """Translations of the foundations at a time in metres, shape (faces, 3)."""
+        return np.array([evaluate_motion(contact.motion, time, "contact") for contact in self.contacts])
+
+    def coefficient(self, part: int, x: FloatArray) -> FloatArray:
+        """Friction, or slip stress in pascals, of a face at points (k, 3), shape (k,)."""
+        contact = self.contacts[part]
+        given = contact.friction if contact.coulomb else contact.slip_stress
+        assert given is not None
+        return evaluate_numbers(given, x, "contact", MPI.COMM_SELF)
+
+    def foundation(self, part: int, x: FloatArray, area: FloatArray, outward: FloatArray) -> RigidFoundation:
+        """That of a face before any motion; of a face without one, its own plane.
+
+        Args:
+            part: Number of the face.
+            x: All its nodes, shape (k, 3).
+            area: Their areas in m^2, shape (k,).
+            outward: Integrals of the normal over the face at the nodes, m^2, shape (k, 3).
+
+        Raises:
+            ValueError: If none is given and the face is not plane.
+        """
+        if part not in self._foundations:
+            contact = self.contacts[part]
+            given = contact.foundation or plane_of_face(contact.face, x, area, outward, MPI.COMM_SELF)
+            self._foundations[part] = given
+        return self._foundations[part]
+
+    def foundations(self, time: float) -> list[RigidFoundation]:
+        """Those of all faces that `foundation` was asked for, where they are at a time."""
+        motion = self.motion(time)
+        return [Moved(f, motion[k]) if np.any(motion[k]) else f for k, f in sorted(self._foundations.items())]
+
+    def geometry(
+        self, part: int, time: float, x: FloatArray, area: FloatArray, outward: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Normals into the foundation (k, 3) and gaps (k,) in metres of all nodes of a face, as `foundation` has them.
+
+        Raises:
+            ValueError: If the foundation has no distance or normal at a node.
+        """
+        self.foundation(part, x, area, outward)
+        moved = self.foundations(time)[part]
+        distance = moved.signed_distance(x)
+        if self.contacts[part].normals == "foundation":
+            return -moved.normal(x), distance
+        n = outward / np.linalg.norm(outward, axis=1)[:, None]
+        return n, way_along(n, x, distance, moved)
+
+    def compare_body(self, run: WrittenRun, time: float, found: Comparison) -> npt.NDArray[np.int64] | None:
+        """Compare mesh, materials, clamps, springs, loads and contact faces.
+
+        Returns:
+            Number of the contact face of each of the run's facets; None if the mesh is another one.
+        """
+        try:
+            body = self.body(time)
+        except ValueError as error:
+            found.fault(f"case.json: {error}")
+            return None
+        node = places(body.x, run.body.x)
+        cell = places(midpoints(body.domain), midpoints(run.body.domain))
+        if len(body.x) != len(node) or np.any(node < 0) or len(np.unique(cell)) != len(cell) or np.any(cell < 0):
+            found.fault("solution.xdmf: its mesh is not the one that the case describes")
+            return None
+        x, file = run.body.x, "solution.xdmf"
+        acting = {"held": body.fixed, "prescribed": body.prescribed, "load": body.load, "spring": body.spring}
+        for name, expected in acting.items():
+            found.field(f"{file}: {name}", run.on_body[name], expected[node], x, _SOURCE)
+        for name, function in (("young", body.young), ("poisson", body.poisson)):
+            expected = function.x.array[compat.cell_dofs(function.function_space)[:, 0]][cell]
+            found.field(f"{file}: {name}", run.on_cells[name], expected, midpoints(run.body.domain), _SOURCE)
+        return self._faces_of_facets(run, body, found)
+
+    def compare_numbers(self, run: WrittenRun, found: Comparison) -> None:
+        """Compare what summary.json repeats of the case: law, names of faces, materials."""
+        given = self.settings.materials()
+        groups = [(None, given)] if isinstance(given, Material) else list(given.items())
+        expected = {
+            "law": "coulomb" if self.settings.coulomb else "tresca",
+            "totals": {"faces": [contact.face for contact in self.contacts]},
+            "material": [{"cells": name, "young": m.young, "poisson": m.poisson} for name, m in groups],
+        }
+        found.tree("summary.json", run.summary, expected, source=_SOURCE)
+
+    def _faces_of_facets(self, run: WrittenRun, body: LoadedBody, found: Comparison) -> npt.NDArray[np.int64] | None:
+        given = []
+        for contact in self.contacts:
+            corners = corners_of(body.domain, body.mesh.facets(contact.face, "contact"))
+            given.append(
+                places(run.on_face["x"], body.domain.geometry.x[corners].reshape(-1, 3)).reshape(corners.shape)
+            )
+        missing = sum(int(np.sum(np.any(rows < 0, axis=1))) for rows in given)
+        part = np.full(len(run.facets), -1)
+        rows = np.sort(run.facets, axis=1)
+        for number, face in enumerate(given):
+            _, same = np.unique(np.vstack([np.sort(face, axis=1), rows]), axis=0, return_inverse=True)
+            part[np.isin(same.ravel()[len(face) :], same.ravel()[: len(face)])] = number
+        if missing or np.any(part < 0) or len(part) != sum(map(len, given)):
+            names = ", ".join(repr(contact.face) for contact in self.contacts)
+            found.fault(
+                f"contact.xdmf: has {len(part)} facets, of which {np.count_nonzero(part >= 0)} are on {names}; "
+                f"the case has {sum(map(len, given))} facets there"
+            )
+            return None
+        return part

@@ -1,0 +1,345 @@
+"""The files of a load history: each step judged against the step before as it is written, and what is said of them all.
+
+Slip counts from where the step before has left each node, carried along with the foundation: both are taken from there
+and from the case, not from what the step says of itself.  Energies are added up again; history.csv, summary.json and
+the time series must follow from the steps.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from ..linalg.reductions import Reductions
+from ..model.load_step import Energy, Forces, row
+from .case_reference import CaseReference
+from .checked_run import Findings, Start, check_run, step_of, verdict
+from .comparison import Comparison
+from .history_summary import whole
+from .run_files import WrittenRun, numbers, places, read_summary
+
+_SERIAL = Reductions(MPI.COMM_SELF)
+
+
+@dataclass(frozen=True)
+class HistoryFindings:
+    """What was found in the directory of a load history.
+
+    Attributes:
+        steps: Of its steps.
+        faults: What does not follow from the steps, a line each.
+        trusted: What could be compared with nothing, or is not there, a line each.
+    """
+
+    steps: tuple[StepFindings, ...]
+    faults: tuple[str, ...]
+    trusted: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether all steps are certified, and all follows."""
+        return all(step.passed for step in self.steps) and not self.faults
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the run itself recorded that all certificates had passed."""
+        return all(step.recorded for step in self.steps)
+
+    @property
+    def ending(self) -> str:
+        """What is said once all steps have been."""
+        good = sum(step.passed for step in self.steps)
+        before = f"recorded by the run: certificates {'had passed' if self.recorded else 'had FAILED'}"
+        besides = ", but the files of the whole FAILED" if self.faults else ""
+        last = f"{good} of {len(self.steps)} load steps passed{besides}"
+        return "\n".join([before, *verdict(self.faults), *self.trusted, last])
+
+    def __str__(self) -> str:
+        return "\n".join([*map(str, self.steps), self.ending])
+
+
+@dataclass(frozen=True)
+class StepFindings:
+    """What was found in the files of a load step.
+
+    Attributes:
+        number: Of the step.
+        time: Its end.
+        passed: Whether its certificate passes, and all follows.
+        recorded: Whether the run itself recorded that its certificate had passed.
+        faults: What does not follow, a line each.
+        details: What is said where it has not passed.
+    """
+
+    number: int
+    time: float
+    passed: bool
+    recorded: bool
+    faults: tuple[str, ...]
+    details: str
+
+    def __str__(self) -> str:
+        line = f"step {self.number:3d}  time {self.time:<8.4g}"
+        return f"{line} certificate passed, files agree" if self.passed else f"{line} FAILED\n{self.details}"
+
+
+def is_history(folder: Path) -> bool:
+    """Whether a directory is that of a load history."""
+    return (folder / "steps").is_dir()
+
+
+def is_step(folder: Path) -> bool:
+    """Whether a directory is that of a load step in a history."""
+    place = folder.absolute()
+    return place.parent.name == "steps" and place.name.isdigit()
+
+
+def check_step(folder: Path) -> Findings:
+    """Check one load step where it stands, against the step before it.
+
+    Raises:
+        ValueError: As `check_run`; also if the step before is not there.
+    """
+    place = folder.absolute()
+    case, number = CaseReference.of(place.parents[1]), int(place.name)
+    if number == 1:
+        return check_run(folder, case, start=Start(0.0, None))
+    before = check_run(place.parent / f"{number - 1:04d}", None).run
+    return check_run(folder, case, before, Start(step_of(before)[1], before))
+
+
+def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) -> HistoryFindings:
+    """Check a load history, step by step.
+
+    Args:
+        folder: Of the history.
+        say: Called with what was found of a step, as soon as it was.
+
+    Raises:
+        ValueError: If a step is missing, or its files cannot be read or do not fit to the others.
+    """
+    case = CaseReference.of(folder)
+    complete, trusted = _complete(folder / "steps")
+    found, told, steps = Comparison(), [], []
+    chain = _Chain(case)
+    for number in range(1, complete + 1):
+        findings = check_run(folder / "steps" / f"{number:04d}", case, chain.run, chain.start)
+        own = Comparison(findings.run.evaluation)
+        chain.follow(findings, number, own)
+        faults = (*findings.faults, *own.faults)
+        trusted += [line for line in findings.trusted if line not in trusted]
+        failed = [] if findings.certificate.passed else str(findings.certificate).splitlines()
+        failed += [f"outside small-strain theory: {text}" for text in findings.outside]
+        details = "\n".join(f"  {line}" for line in [*failed, *verdict(faults)])
+        passed = findings.passed and not faults
+        steps.append(StepFindings(number, step_of(findings.run)[1], passed, findings.recorded, faults, details))
+        say(str(steps[-1]))
+        told.append(findings.run.summary)
+    _check_series(folder, told, found)
+    trusted += _check_times(case, told, found)
+    if case is None or case.absent:
+        trusted.append("taken as written, without the load at the start: the energies of the first step")
+    return HistoryFindings(tuple(steps), tuple(found.faults), tuple(trusted))
+
+
+def _complete(folder: Path) -> tuple[int, list[str]]:
+    """How many steps there are; and that the last was being written when the run ended.
+
+    Raises:
+        ValueError: If there is none, or one is missing.
+    """
+    named = sorted(int(place.name) for place in folder.iterdir() if re.fullmatch(r"\d{4,}", place.name))
+    complete = [number for number in named if (folder / f"{number:04d}" / "summary.json").is_file()]
+    if not complete:
+        raise ValueError(f"{folder}: holds no load step")
+    for expected, number in enumerate(complete, start=1):
+        if number != expected:
+            raise ValueError(f"{folder / f'{expected:04d}'}: is not whole or missing, but there is a step {number:04d}")
+    unfinished = [f"{folder / f'{number:04d}'}: is not whole, and not looked at" for number in named[len(complete) :]]
+    return len(complete), unfinished
+
+
+class _Chain:
+    """What a step leaves to the next, and what its records must be.
+
+    Attributes:
+        run: The last step; None before the first.
+        start: Where the next begins.
+    """
+
+    def __init__(self, case: CaseReference | None) -> None:
+        self.case = case
+        self.run: WrittenRun | None = None
+        self.start = Start(0.0, None)
+        self._last: Findings | None = None
+        self._energies: list[Energy] = []
+
+    def follow(self, findings: Findings, number: int, found: Comparison) -> None:
+        """Compare the records of the next step."""
+        run = findings.run
+        time = step_of(run)[1]
+        if not time > self.start.time and self.run is not None:
+            found.fault(f"summary.json.step.time: {time:g} is not after {self.start.time:g}, that of the step before")
+        self._add_energy(findings)
+        if self._last is not None and self.case is None:
+            _check_gaps(self._last, findings, found)
+        expected, *others = (self._record(findings, number, time, energy, k) for k, energy in enumerate(self._energies))
+        found.tree("summary.json.step", run.summary["step"], expected, others, "the steps so far")
+        self.run, self._last, self.start = run, findings, Start(time, run)
+
+    def _record(self, findings: Findings, number: int, time: float, energy: Energy, variant: int) -> dict[str, Any]:
+        """What summary.json of the step keeps of the history."""
+        summary, derived = findings.run.summary, findings.variants[variant].numbers
+        own = {"iterations": summary.get("iterations"), "residual": summary.get("residual")}
+        try:
+            line = row({**derived, **own}, number, time, energy)
+        except (KeyError, TypeError):
+            raise ValueError(f"{findings.run.folder / 'summary.json'}: has no iterations of its solver") from None
+        return {"number": number, "time": time, "energy": asdict(energy), "row": line}
+
+    def _add_energy(self, findings: Findings) -> None:
+        run, over = findings.run, _SERIAL
+        if self._last is None and self._load_at_start(run) is None:
+            self._energies = [_recorded_energy(run)] * len(findings.variants)
+            return
+        self._energies = self._energies or [Energy()] * len(findings.variants)
+        moved = np.zeros_like(run.body.x)
+        moved[run.node[findings.nodes.index]] = findings.moved[findings.nodes.part]
+        for k, variant in enumerate(findings.variants):
+            then = self._then(run, k)
+            dissipated = variant.numbers["totals"]["dissipated_energy"]
+            self._energies[k] = self._energies[k].after(then, variant.at, run.fixed, moved, dissipated, over)
+
+    def _then(self, run: WrittenRun, k: int) -> Forces:
+        """Displacement and forces at the beginning of the step, at its own nodes."""
+        if self._last is None:
+            zero, load = np.zeros_like(run.body.x), self._load_at_start(run)
+            assert load is not None
+            return Forces(zero, load, zero, zero)
+        at, before = self._last.variants[k].at, self._last.run
+        if run.body.domain is before.body.domain:
+            return at
+        order = numbers(before.body.x, run.body.x, f"{run.folder}: has another mesh than {before.folder}")
+        return Forces(at.displacement[order], at.load[order], at.kept[order], at.on_body[order])
+
+    def _load_at_start(self, run: WrittenRun) -> FloatArray | None:
+        """The load at time 0 at the nodes of a run, shape (k, 3); None where no case says it."""
+        if self.case is None or self.case.absent:
+            return None
+        body = self.case.body(0.0)
+        load: FloatArray = body.load[numbers(body.x, run.body.x, f"{run.folder}: has another mesh than the case")]
+        return load
+
+
+def _recorded_energy(run: WrittenRun) -> Energy:
+    try:
+        return Energy(**{name: float(run.summary["step"]["energy"][name]) for name in asdict(Energy())})
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"{run.folder / 'summary.json'}: step has no energy") from None
+
+
+def _check_gaps(before: Findings, now: Findings, found: Comparison) -> None:
+    """Where a foundation is a plane, its way in the step shows in the gaps."""
+    same = places(before.run.on_face["x"][before.nodes.index], now.run.on_face["x"][now.nodes.index])
+    for part in range(len(now.moved)):
+        here = (now.nodes.part == part) & (same >= 0)
+        if not np.any(here):
+            continue
+        n, then = now.nodes.n[here], before.nodes.only(same[here])
+        if np.max(np.abs(n - n[0])) > 1e-9 or np.max(np.abs(then.n - n[0])) > 1e-9:
+            continue
+        floor = 1e-13 * float(np.max(np.abs(now.run.points)))
+        expected = then.gap + n @ now.moved[part]
+        x = now.run.on_face["x"][now.nodes.index[here]]
+        source = "the step before, and the way of the foundation in slip_origin"
+        found.field("contact.xdmf: initial_gap", now.nodes.gap[here], expected, x, source, floor=floor)
+
+
+def _check_times(case: CaseReference | None, told: Sequence[dict[str, Any]], found: Comparison) -> list[str]:
+    """The steps end where they should; what is still to be done, in words."""
+    history = case.settings.history if case is not None else None
+    if case is not None and history is None:
+        found.fault("case.json: has no [history], but there are load steps")
+    left = None if history is None else set(history.ends)
+    for summary in told:
+        record, where = summary["step"], f"steps/{summary['step']['number']:04d}/summary.json"
+        time, pending = record["time"], record.get("pending")
+        if not isinstance(pending, list) or not all(isinstance(t, float | int) for t in pending):
+            raise ValueError(f"{where}: step has no list of pending times")
+        ahead = [time, *reversed(pending)]
+        if any(after <= before for before, after in pairwise(ahead)):
+            found.fault(f"{where}: the times still to be reached, {ahead[1:]}, do not increase from {time:g}")
+        if left is not None:
+            lost = sorted(left - {time, *pending})
+            if lost:
+                found.fault(f"{where}: goes to time {time:g} and then {ahead[1:]}, but leaves out {lost}")
+            if left and time > min(left):
+                found.fault(f"{where}: goes to time {time:g}, beyond {min(left):g}")
+        left = set(pending)
+    return [f"not finished: {len(left)} load steps are still to be taken"] if left else []
+
+
+def _check_series(folder: Path, told: Sequence[dict[str, Any]], found: Comparison) -> None:
+    """history.csv, summary.json and the time series are those of the steps."""
+    rows = [summary["step"]["row"] for summary in told]
+    try:
+        with (folder / "history.csv").open(newline="", encoding="utf-8") as file:
+            lines = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"{folder / 'history.csv'}: cannot be read: {error}") from None
+    if len(lines) != len(rows):
+        found.fault(f"history.csv: has {len(lines)} lines, but there are {len(rows)} load steps")
+    for number, (line, row_) in enumerate(zip(lines, rows, strict=False), start=1):
+        read = {name: _parsed(value) for name, value in line.items()}
+        found.tree(f"history.csv: line {number}", read, row_, source=f"step {number}")
+    summary = read_summary(folder / "summary.json", ("steps", "time", "certificate", "last"))
+    expected = {
+        "steps": len(told),
+        "time": told[-1]["step"]["time"],
+        "certificate": {"passed": all(one["certificate"]["passed"] for one in told)},
+        "valid": all(one["valid"] for one in told),
+        "history": whole(told),
+        "last": told[-1],
+    }
+    found.tree("summary.json", summary, expected, source="the steps")
+    for name in ("solution.xdmf", "contact.xdmf"):
+        given = [(f"steps/{one['step']['number']:04d}", float(one["step"]["time"])) for one in told]
+        if _series(folder / name) != given:
+            found.fault(f"{name}: is not the time series of the {len(told)} load steps")
+
+
+def _series(path: Path) -> list[tuple[str, float]]:
+    """Directory and time of each step in a time series."""
+    try:
+        grids = ElementTree.parse(path).getroot().findall("Domain/Grid/Grid")
+        series = []
+        for grid in grids:
+            time, items = grid.find("Time"), {(item.text or "").strip() for item in grid.iter("DataItem")}
+            places = {item.partition(":")[0].rpartition("/")[0] for item in items}
+            series.append((" ".join(sorted(places)), float(time.get("Value", "nan")) if time is not None else np.nan))
+        return series
+    except (OSError, ElementTree.ParseError, ValueError) as error:
+        raise ValueError(f"{path}: cannot be read: {error}") from None
+
+
+def _parsed(text: str | None) -> Any:
+    """A number or truth of a csv file; a number that is none is null, as in JSON."""
+    if text in ("True", "False"):
+        return text == "True"
+    try:
+        value = float(text or "")
+    except ValueError:
+        return text
+    if not np.isfinite(value):
+        return None
+    return int(value) if re.fullmatch(r"-?\d+", text or "") else value

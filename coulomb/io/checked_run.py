@@ -1,0 +1,262 @@
+"""The files of one run, or of one load step: certified, and compared with what follows from them and from the case."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..model.certificate import Certificate
+from ..solvers.fixed_point import SuccessiveTresca
+from .case_reference import CaseReference
+from .comparison import Comparison, Rounding
+from .face_nodes import FaceNodes, face_nodes
+from .recomputed import Variant, recomputed
+from .run_files import WrittenRun, midpoints, numbers, read_run
+
+SLIP_BOUND_LIMIT = 1e-6
+"""How far the g of successive Tresca's last problem may be from the law's at its forces, over that, and ten times the
+natural residual besides; that of other solvers is the law's."""
+
+_SEEDS = (1, 2, 3)
+"""Of the roundings that are tried: that a sum is changed by less than a hundredth in all has a chance of 1e-6."""
+
+_MOST = 12
+"""Faults that are listed: one wrong number makes many others wrong."""
+
+_SOURCE = "displacement and contact forces"
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a load step begins.
+
+    Attributes:
+        time: When.
+        run: The step before; None before the first: a body without displacement.
+    """
+
+    time: float
+    run: WrittenRun | None
+
+    def at(self, run: WrittenRun, name: str = "displacement") -> FloatArray:
+        """Vectors of the step before at the nodes of this one's body, shape (k, 3).
+
+        Raises:
+            ValueError: If it has another mesh.
+        """
+        if self.run is None:
+            return np.zeros_like(run.body.x)
+        values = self.run.on_body[name]
+        if run.body.domain is self.run.body.domain:
+            return values
+        return values[numbers(self.run.body.x, run.body.x, f"{run.folder}: has another mesh than {self.run.folder}")]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What was found in the files of a run, or of a load step.
+
+    Attributes:
+        certificate: Of displacement and contact forces.
+        faults: What does not follow from them or from the case, a line each.
+        trusted: What could be compared with nothing, a line each.
+        recorded: Whether the run itself recorded that its certificate had passed.
+        run: What was read.
+        moved: Way of the foundations in the load step in metres, shape (faces, 3).
+        nodes: Those that are written as contact nodes.
+        variants: What follows from the numbers as they are, and rounded otherwise.
+    """
+
+    certificate: Certificate
+    faults: tuple[str, ...]
+    trusted: tuple[str, ...]
+    recorded: bool
+    run: WrittenRun
+    moved: FloatArray
+    nodes: FaceNodes
+    variants: tuple[Variant, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the certificate passes, the answer is inside the theory, and all follows."""
+        return self.certificate.passed and not self.outside and not self.faults
+
+    @property
+    def outside(self) -> tuple[str, ...]:
+        """Why the answer is outside the theory of small strains, in words, unless that was accepted."""
+        return self.variants[0].outside
+
+    @property
+    def verdict(self) -> list[str]:
+        """What is said of fields and numbers, in lines."""
+        return verdict(self.faults)
+
+    @property
+    def ending(self) -> str:
+        """All that is said."""
+        return str(self)
+
+    def __str__(self) -> str:
+        before = f"recorded by the run: certificate {'had passed' if self.recorded else 'had FAILED'}"
+        outside = [f"outside small-strain theory: {text}" for text in self.outside]
+        return "\n".join([str(self.certificate), *outside, before, *self.verdict, *self.trusted])
+
+
+def verdict(faults: tuple[str, ...]) -> list[str]:
+    """What is said of fields and numbers that were compared, in lines."""
+    if not faults:
+        return ["files agree: every field and number that can be computed again"]
+    more = [f"  and {len(faults) - _MOST} more"] if len(faults) > _MOST else []
+    return ["files FAILED:", *(f"  {fault}" for fault in faults[:_MOST]), *more]
+
+
+def check_run(
+    folder: Path, case: CaseReference | None, like: WrittenRun | None = None, start: Start | None = None
+) -> Findings:
+    """Check the files of a single run, or of a load step.
+
+    Args:
+        folder: With solution.xdmf, contact.xdmf, their .h5 files, and summary.json.
+        case: What was run, if that is known.
+        like: Another run, whose mesh is taken if it is the same.
+        start: Where a load step begins; without it the slip origin of a step is taken as it is written.
+
+    Raises:
+        ValueError: If a file is missing, cannot be read, or does not fit to the others.
+    """
+    run = read_run(folder, like)
+    found = Comparison(run.evaluation)
+    step, time = step_of(run) if "step" in run.summary else (0, 0.0)
+    trusted, part = [], None
+    if case is None:
+        trusted.append("taken as written, without a case.json: materials, friction, normals, gaps, loads, clamps")
+    else:
+        if case.settings.history is not None and "step" not in run.summary:
+            found.fault("case.json: has a [history], but these are the results of a single run")
+        case.compare_numbers(run, found)
+        if case.absent:
+            absent = ", ".join(case.absent)
+            trusted.append(f"taken as written, since {absent} is not there: mesh, material, loads, clamps, springs")
+        else:
+            part = case.compare_body(run, time, found)
+    nodes = face_nodes(run, case, time, part, found)
+    nodes, moved, say = _from_origin(run, nodes, case, time, start, found)
+    trusted += say
+    coulomb = run.summary["law"] == "coulomb" if case is None else case.settings.coulomb
+    foundations = None if case is None else case.foundations(time)
+    roundings = (None, *(Rounding((seed, abs(step)), run.evaluation) for seed in _SEEDS))
+    variants = tuple(recomputed(run, nodes, coulomb, foundations, rounding) for rounding in roundings)
+    _compare(run, nodes.only(nodes.written), variants, found)
+    certificate = variants[0].certificate
+    told = [key for key in run.summary if key not in variants[0].numbers and key not in ("material", "step")]
+    trusted.append(f"as recorded by the run, nothing to compare with: {', '.join(told)}")
+    recorded = bool(run.summary["certificate"]["passed"])
+    written = nodes.only(nodes.written)
+    return Findings(certificate, tuple(found.faults), tuple(trusted), recorded, run, moved, written, variants)
+
+
+def step_of(run: WrittenRun) -> tuple[int, float]:
+    """Number and time of a load step.
+
+    Raises:
+        ValueError: If its summary has none.
+    """
+    try:
+        record = run.summary["step"]
+        number, time = record["number"], record["time"]
+        if isinstance(number, int) and isinstance(time, float | int) and math.isfinite(time):
+            return number, float(time)
+    except (KeyError, TypeError):
+        pass
+    raise ValueError(f"{run.folder / 'summary.json'}: step has no number and time")
+
+
+def _from_origin(
+    run: WrittenRun,
+    nodes: FaceNodes,
+    case: CaseReference | None,
+    time: float,
+    start: Start | None,
+    found: Comparison,
+) -> tuple[FaceNodes, FloatArray, list[str]]:
+    """The nodes with the place from which their slip counts, the way of the foundations, and what is not known."""
+    count = int(np.max(nodes.part)) + 1
+    moved, x = np.zeros((count, 3)), run.on_face["x"]
+    if start is None:
+        if "step" in run.summary or case is None:
+            return nodes, moved, ["taken as written, without the load step before: slip_origin"]
+        origin, source = np.zeros_like(nodes.origin), "a run without steps before it"
+    else:
+        before = start.at(run)[run.node[nodes.index]]
+        say = []
+        if case is not None:
+            moved = case.motion(time) - case.motion(start.time)
+        else:
+            say = ["taken as written, without a case.json: the way of the foundation, the same at all nodes of a face"]
+            for part in range(count):
+                here = nodes.written & (nodes.part == part)
+                moved[part] = np.mean((nodes.origin - before)[here], axis=0) if np.any(here) else 0.0
+        origin, source = before + moved[nodes.part], "the step before, and the way of the foundation"
+        here = nodes.written
+        floor = run.evaluation * float(np.max(np.abs(before), initial=0.0))
+        where = x[nodes.index[here]]
+        found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], where, source, floor=floor)
+        return replace(nodes, origin=origin), moved, say
+    here = nodes.written
+    found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[nodes.index[here]], source)
+    return replace(nodes, origin=origin), moved, []
+
+
+def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], found: Comparison) -> None:
+    """Compare all that follows from displacement and contact forces with what is written."""
+    first, *others = variants
+    at, x = nodes.index, run.on_face["x"]
+    found.field("contact.xdmf: status", run.on_face["status"], np.round(run.on_face["status"]), x, "whole numbers")
+    found.field("solution.xdmf: held", run.on_body["held"], run.fixed, run.body.x, "0 and 1")
+    for name, expected in first.fields.items():
+        if name == "slip_bound" and SuccessiveTresca.name in str(run.summary.get("method")):
+            limit = SLIP_BOUND_LIMIT + 10.0 * first.certificate["natural residual"].value
+            off = float(np.linalg.norm(run.on_face["slip_bound"][at] - expected))
+            if not off <= limit * float(np.linalg.norm(expected)):
+                found.fault(f"contact.xdmf: slip_bound: is off the law's at the contact forces by {off:.3g} N")
+            continue
+        rounded = [other.fields[name] for other in others]
+        if name == "status":  # a rounding error is no excuse
+            rounded = []
+        found.field(f"contact.xdmf: {name}", run.on_face[name][at], expected, x[at], _SOURCE, rounded)
+    none = ~run.touching
+    for name, values in run.on_face.items():
+        if name not in ("x", "status", "face"):
+            floor = run.evaluation * float(np.max(np.abs(values)))
+            zero = np.zeros_like(values[none])
+            found.field(f"contact.xdmf: {name} of held nodes", values[none], zero, x[none], "their status", floor=floor)
+    middle = midpoints(run.body.domain)
+    stresses = [other.stress for other in others]
+    written = run.on_cells["von_mises_stress"]
+    found.field("solution.xdmf: von_mises_stress", written, first.stress, middle, "displacement", stresses)
+
+    numbers = [other.numbers for other in others]
+    found.tree("summary.json", run.summary, first.numbers, numbers, _SOURCE)
+    _compare_materials(run, found)
+
+
+def _compare_materials(run: WrittenRun, found: Comparison) -> None:
+    """Every cell has a material that summary.json names, and every one of these is in a cell."""
+    told = run.summary.get("material")
+    try:
+        listed = np.array([[float(entry["young"]), float(entry["poisson"])] for entry in told or []]).reshape(-1, 2)
+    except (KeyError, TypeError, ValueError):
+        listed = np.empty((0, 2))
+    cells = np.column_stack([run.on_cells["young"], run.on_cells["poisson"]])
+    kinds = np.unique(np.round(cells / np.maximum(np.abs(cells).max(axis=0), 1e-300), 12), axis=0, return_index=True)[1]
+
+    def among(one: FloatArray, others: FloatArray) -> bool:
+        return bool(np.any(np.all(np.abs(others - one) <= 1e-9 * np.abs(one), axis=1)))
+
+    known = all(among(cells[k], listed) for k in kinds)
+    if not (len(listed) and known and all(among(entry, cells) for entry in listed)):
+        found.fault("summary.json.material: is not that of the cells in solution.xdmf")

@@ -1,0 +1,212 @@
+"""The nodes of a contact face as files have them: which are judged, with which normal, gap, area and coefficient.
+
+All nodes of the written facets are judged but those whose displacement along the normal is prescribed, by the data of
+solution.h5: what contact.h5 says of a node is not believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from ..fem.surface import tangent_frames
+from ..model.evidence import HELD_BEYOND
+from ..model.nodal_answer import NodalAnswer
+from .case_reference import CaseReference
+from .comparison import Comparison
+from .run_files import WrittenRun
+
+_NEARLY_HELD = 0.9
+"""Without a case, the normal of a node that is said to be held is that of its facets: only near the foundation's."""
+
+
+@dataclass(frozen=True)
+class FaceNodes:
+    """Nodes of contact faces, m of them; a node on two faces may be here twice.
+
+    Attributes:
+        index: Their numbers among the nodes of the written face, shape (m,).
+        part: Which face they are on, shape (m,).
+        written: Whether they are written as contact nodes of this face, shape (m,).
+        n: Normals into the foundation, shape (m, 3).
+        gap: Before deformation in metres, shape (m,).
+        area: In m^2, shape (m,).
+        coefficient: Friction, or slip stress in pascals, shape (m,).
+        origin: Displacement from which slip counts, shape (m, 3).
+    """
+
+    index: npt.NDArray[np.int64]
+    part: npt.NDArray[np.int64]
+    written: npt.NDArray[np.bool_]
+    n: FloatArray
+    gap: FloatArray
+    area: FloatArray
+    coefficient: FloatArray
+    origin: FloatArray
+
+    def only(self, which: npt.NDArray[np.bool_]) -> FaceNodes:
+        """Some of them."""
+        return FaceNodes(**{name: values[which] for name, values in vars(self).items()})
+
+    def from_origin(self, origin: FloatArray) -> FaceNodes:
+        """The same, their slip counted from elsewhere, shape (m, 3)."""
+        return replace(self, origin=origin)
+
+    def answer(
+        self, run: WrittenRun, coulomb: bool, displacement: FloatArray, on_body: FloatArray, x: FloatArray
+    ) -> NodalAnswer:
+        """The answer there.
+
+        Args:
+            run: The files.
+            coulomb: Whether friction is Coulomb's; else Tresca's.
+            displacement: Of the nodes of the body in metres, shape (k, 3).
+            on_body: Contact forces on the body at the nodes of the written face in newtons, shape (q, 3).
+            x: Coordinates of these, shape (q, 3).
+        """
+        frames = tangent_frames(self.n)
+        return NodalAnswer(
+            comm=MPI.COMM_SELF,
+            coulomb=coulomb,
+            faces=tuple(face_names(run)),
+            part=self.part,
+            x=x[self.index],
+            frames=frames,
+            gap=self.gap,
+            area=self.area,
+            coefficient=self.coefficient,
+            slip_origin=self.origin,
+            displacement=displacement[run.node[self.index]],
+            force=-np.einsum("kij,kj->ki", frames, on_body[self.index]),
+            slip_bound=run.on_face["slip_bound"][self.index],
+        )
+
+
+def face_names(run: WrittenRun) -> list[str]:
+    """Names of the contact faces, as summary.json has them.
+
+    Raises:
+        ValueError: If it has none.
+    """
+    try:
+        names = run.summary["totals"]["faces"]
+        if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
+            return list(names)
+    except (KeyError, TypeError):
+        pass
+    raise ValueError(f"{run.folder / 'summary.json'}: totals.faces does not name the contact faces")
+
+
+def face_nodes(
+    run: WrittenRun,
+    case: CaseReference | None,
+    time: float,
+    facet_part: npt.NDArray[np.int64] | None,
+    found: Comparison,
+) -> FaceNodes:
+    """The nodes to be judged; what is written of them is compared with the case and the facets.
+
+    Args:
+        run: The files.
+        case: The case, where there is one.
+        time: The time of the run.
+        facet_part: Number of the face of each written facet, where the case says it.
+        found: Where to report.
+
+    Raises:
+        ValueError: If no node is left.
+    """
+    count = len(case.contacts) if case is not None else len(face_names(run))
+    said = np.round(run.on_face["face"]).astype(np.int64)
+    found.field("contact.xdmf: face", run.on_face["face"], said.astype(float), run.on_face["x"], "whole numbers")
+    part = _parts(run, count, said) if facet_part is None else facet_part
+    faces = [_face(run, case, time, number, part == number, said == number, found) for number in range(count)]
+    judged = FaceNodes(**{name: np.concatenate([vars(face)[name] for face in faces]) for name in vars(faces[0])})
+    stray = run.touching.copy()
+    stray[judged.index[judged.written]] = False
+    if np.any(stray):
+        _report(found, run, stray, "are written as contact nodes, but are prescribed along their normal, or on no face")
+    if not np.any(judged.written):
+        raise ValueError(f"{run.folder}: contact.h5 has no contact node that could be judged")
+    return judged
+
+
+def _face(
+    run: WrittenRun,
+    case: CaseReference | None,
+    time: float,
+    number: int,
+    facets: npt.NDArray[np.bool_],
+    said: npt.NDArray[np.bool_],
+    found: Comparison,
+) -> FaceNodes:
+    """Those of one face."""
+    area, outward = (of(run.number[facets])[run.node] for of in (run.body.area_of, run.body.normal_of))
+    on = area > 0.0
+    index = np.flatnonzero(on)
+    area, outward = area[on], outward[on]
+    x, fixed = run.on_face["x"][on], run.fixed[run.node[on]]
+    written = run.touching[on] & said[on]
+    data = {name: run.on_face[name][on] for name in ("normal", "initial_gap", "coefficient", "slip_origin")}
+    unit = outward / np.linalg.norm(outward, axis=1)[:, None]
+    if case is None:
+        n = np.where(written[:, None], data["normal"], unit)
+        gap, coefficient = data["initial_gap"], data["coefficient"]
+        beyond = np.where(written, HELD_BEYOND, _NEARLY_HELD)
+    else:
+        n, gap = case.geometry(number, time, x, area, outward)
+        coefficient = case.coefficient(number, x)
+        beyond = np.full(len(x), HELD_BEYOND)
+    free = np.linalg.norm(np.where(fixed, n, 0.0), axis=1) <= beyond
+
+    here = written & free
+    size, file = float(np.max(np.abs(run.points))), "contact.xdmf"
+    found.field(f"{file}: area", run.on_face["area"][on][here], area[here], x[here], "the facets")
+    if case is None:
+        length = np.linalg.norm(data["normal"], axis=1)
+        found.field(f"{file}: length of normal", length[here], np.ones(np.sum(here)), x[here], "its direction")
+        away = here & ~(np.einsum("ki,ki->k", data["normal"], unit) > 0.0)
+        if np.any(away):
+            _report(found, run, _everywhere(run, index[away]), "have a normal that points into the body")
+    else:
+        found.field(f"{file}: normal", data["normal"][here], n[here], x[here], "the foundation of the case")
+        found.field(
+            *(f"{file}: initial_gap", data["initial_gap"][here], gap[here], x[here], "the foundation of the case"),
+            floor=1e-13 * size,
+        )
+        found.field(f"{file}: coefficient", data["coefficient"][here], coefficient[here], x[here], "the case")
+    left_out = free & ~written
+    if np.any(left_out):
+        _report(found, run, _everywhere(run, index[left_out]), "are left out, but are not prescribed in solution.h5")
+    part = np.full(len(index), number)
+    return FaceNodes(index, part, written, n, gap, area, coefficient, data["slip_origin"]).only(free)
+
+
+def _parts(run: WrittenRun, count: int, said: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """The face of every written facet: that of its contact nodes; of two, the one it is more parallel to."""
+    best, part = np.full(len(run.facets), -np.inf), np.zeros(len(run.facets), dtype=np.int64)
+    x = run.on_face["x"][run.facets]
+    across = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    for number in range(count if count > 1 else 0):
+        here = (run.touching & (said == number))[run.facets]
+        mean = np.sum(np.where(here[..., None], run.on_face["normal"][run.facets], 0.0), axis=1)
+        parallel = np.abs(np.einsum("ki,ki->k", mean, across)) / np.maximum(np.sum(here, axis=1), 1)
+        parallel[~np.any(here, axis=1)] = -1.0
+        part, best = np.where(parallel > best, number, part), np.maximum(best, parallel)
+    return part
+
+
+def _everywhere(run: WrittenRun, index: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    which = np.zeros(len(run.node), dtype=bool)
+    which[index] = True
+    return which
+
+
+def _report(found: Comparison, run: WrittenRun, which: npt.NDArray[np.bool_], fault: str) -> None:
+    place = ", ".join(f"{c:.6g}" for c in run.on_face["x"][np.argmax(which)])
+    found.fault(f"contact.xdmf: status: {np.count_nonzero(which)} nodes {fault} (first seen at x = {place})")

@@ -1,0 +1,153 @@
+"""Friction problems in FCLIB's HDF5 format, to cross-check with Siconos and others.
+
+V. Acary, M. Bremond, T. Koziara, F. Perignon: FCLIB, a collection of discrete 3D frictional contact problems (2014).
+
+    u = W r + q;   per contact, in the order n, t1, t2:   0 <= u_n _|_ r_n >= 0,  |r_t| <= mu r_n,  r_t opposes u_t
+
+In the words of this package A = W, b = -q, x = r, F = mu.  The global form M v = H r + f, u = H^T v + w is condensed to
+W = H^T M^-1 H, q = H^T M^-1 f + w.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+
+from ..arrays import FloatArray
+from ..regular_file import refuse_irregular
+
+
+@dataclass(frozen=True)
+class FCLIBProblem:
+    """A local friction problem.
+
+    Attributes:
+        W: Delassus matrix, symmetric positive semidefinite, sparse, shape (3 m, 3 m).
+        q: Free velocity or displacement, shape (3 m,), contact by contact (n, t1, t2).
+        mu: Friction coefficients, shape (m,).
+        title: As the file has it.
+    """
+
+    W: Any
+    q: FloatArray
+    mu: FloatArray
+    title: str = ""
+
+    def residual(self, r: FloatArray) -> float:
+        """The residual of that community, |r - P(r - (u + mu |u_t| n))| / (1 + |q|), P the projection on the cones.
+
+        Of the problem scaled to a mean diagonal of W of 1 and a greatest |q| of 1, so that units do not count.
+        """
+        d, size = self.W.diagonal().mean(), np.abs(self.q).max() or 1.0
+        q, r = self.q / size, r * d / size
+        v = (self.W @ r / d + q).reshape(-1, 3)
+        v[:, 0] += self.mu * np.hypot(v[:, 1], v[:, 2])
+        distance = r - _project_on_cones((r.reshape(-1, 3) - v), self.mu).ravel()
+        return float(np.linalg.norm(distance) / (1.0 + np.linalg.norm(q)))
+
+
+def _project_on_cones(r: FloatArray, mu: FloatArray) -> FloatArray:
+    """The nearest points with |r_t| <= mu r_n, shape (m, 3)."""
+    size = np.hypot(r[:, 1], r[:, 2])
+    inside, polar = size <= mu * r[:, 0], mu * size <= -r[:, 0]
+    normal = (r[:, 0] + mu * size) / (1.0 + mu**2)
+    on_surface = np.column_stack([normal, (mu * normal / np.where(size > 0.0, size, 1.0))[:, None] * r[:, 1:]])
+    return np.where(inside[:, None], r, np.where(polar[:, None], 0.0, on_surface))
+
+
+def read_fclib(path: str | Path) -> FCLIBProblem:
+    """Read a local or a global problem; the global one is condensed.
+
+    Raises:
+        ValueError: If the file cannot be read or holds no three-dimensional friction problem; says what is missing.
+    """
+    try:
+        refuse_irregular(path)
+        with h5py.File(path, "r") as file:
+            for group, reader in (("fclib_local", _read_local), ("fclib_global", _read_global)):
+                if group in file:
+                    return reader(file[group])
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read as HDF5: {error}") from None
+    except KeyError as error:
+        raise ValueError(f"{path}: is not complete: {error.args[0]}") from None
+    raise ValueError(f"{path}: has neither a group fclib_local nor fclib_global")
+
+
+def _read_local(group: Any) -> FCLIBProblem:
+    return _problem(group, _read_matrix(group["W"]), group["vectors/q"][()])
+
+
+def _read_global(group: Any) -> FCLIBProblem:
+    M, H = _read_matrix(group["M"]), _read_matrix(group["H"])
+    factor = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(M))
+    W = scipy.sparse.csr_matrix(H.T @ factor.solve(H.toarray()))
+    return _problem(group, W, H.T @ factor.solve(group["vectors/f"][()]) + group["vectors/w"][()])
+
+
+def _problem(group: Any, W: Any, q: FloatArray) -> FCLIBProblem:
+    dimension, mu = int(np.ravel(group["spacedim"][()])[0]), np.ravel(group["vectors/mu"][()])
+    if dimension != 3:
+        raise ValueError(f"{group.file.filename}: the problem has {dimension} dimensions, not 3")
+    if W.shape != (3 * len(mu), 3 * len(mu)) or q.shape != (3 * len(mu),):
+        raise ValueError(f"{group.file.filename}: W {W.shape}, q {q.shape} and mu {mu.shape} do not fit together")
+    title = group["info/title"][()] if "info/title" in group else b""
+    return FCLIBProblem(0.5 * (W + W.T), q, mu, title.decode() if isinstance(title, bytes) else str(title))
+
+
+def _read_matrix(group: Any) -> Any:
+    """x, i, p, m, n, nz: nz = -1 compressed columns, -2 compressed rows, else nz triplets of row i and column p."""
+    m, n, nz = (int(np.ravel(group[key][()])[0]) for key in ("m", "n", "nz"))
+    x, i, p = (group[key][()] for key in ("x", "i", "p"))
+    if nz == -1:
+        return scipy.sparse.csc_matrix((x, i, p), shape=(m, n)).tocsr()
+    if nz == -2:
+        return scipy.sparse.csr_matrix((x, i, p), shape=(m, n))
+    return scipy.sparse.coo_matrix((x[:nz], (i[:nz], p[:nz])), shape=(m, n)).tocsr()
+
+
+def write_fclib(path: str | Path, problem: FCLIBProblem, r: FloatArray | None = None) -> None:
+    """Write a local problem, and its solution where there is one.
+
+    Args:
+        path: File to write; replaced if it exists.
+        problem: The problem.
+        r: Contact forces of a solution, shape (3 m,).
+
+    Raises:
+        OSError: If it cannot be written; no part of it is left then.
+    """
+    path = Path(path)
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        partial.write_bytes(_contents(problem, r))
+        os.replace(partial, path)
+    except OSError:
+        partial.unlink(missing_ok=True)
+        raise
+
+
+def _contents(problem: FCLIBProblem, r: FloatArray | None) -> bytes:
+    """The file, made in memory: HDF5 leaves a wreck where the disk is full, and may take the process along."""
+    W = scipy.sparse.csc_matrix(problem.W)
+    with h5py.File("fclib", "w", driver="core", backing_store=False) as file:
+        local = file.create_group("fclib_local")
+        local["spacedim"] = np.array([3], dtype=np.int32)
+        matrix = local.create_group("W")
+        for key, number in (("m", W.shape[0]), ("n", W.shape[1]), ("nz", -1), ("nzmax", W.nnz)):
+            matrix[key] = np.array([number], dtype=np.int32)
+        matrix["p"], matrix["i"], matrix["x"] = W.indptr.astype(np.int32), W.indices.astype(np.int32), W.data
+        local["vectors/q"], local["vectors/mu"] = problem.q, problem.mu
+        for key, text in (("title", problem.title), ("description", "written by coulomb"), ("math_info", "")):
+            local[f"info/{key}"] = np.bytes_(text or " ")
+        if r is not None:
+            file["solution/r"], file["solution/u"] = r, problem.W @ r + problem.q
+        file.flush()
+        return bytes(file.id.get_file_image())

@@ -1,0 +1,138 @@
+"""The numbers of a whole load history, from the summaries of its steps: the entry `history` of its summary.json.
+
+A step's summary speaks of that step alone: its iterations, its seconds, its largest pressure, the slip since the step
+before.  Here iterations and seconds are sums over all steps; pressures, slips, residuals and the measures of the
+certificate are the largest of all steps, each with the step and the time where it was found; energies count from the
+start of the history.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from functools import reduce
+from typing import Any
+
+from ..model.load_step import Energy
+from ..model.small_strain import SmallStrain
+from .summary import LOOK_AT_GAP
+
+Told = dict[str, Any]
+
+
+def whole(steps: Iterable[Mapping[str, Any]]) -> Told:
+    """What the summaries of all steps, in their order, say together; empty of none."""
+    return reduce(added, steps, {})
+
+
+def added(before: Told, step: Mapping[str, Any]) -> Told:
+    """The history with one step more.
+
+    Args:
+        before: What the steps before say together; empty before the first.
+        step: summary.json of the step.
+    """
+    record = step["step"]
+    where = {"step": record["number"], "time": record["time"]}
+    most = {**step["maximum"], "slip_in_a_step": step["totals"]["greatest_slip"]}
+    strain = {field.name: step["small_strain"][field.name] for field in fields(SmallStrain)}
+    largest_strain = _largest_of(before.get("small_strain", {}), strain, where)
+    largest = _largest_of(before.get("maximum", {}), most, where)
+    energy = Energy(**{field.name: record["row"][f"energy_{field.name}"] for field in fields(Energy)})
+    touching = before.get("steps_in_contact", 0) + (step["totals"]["contact_area"] > 0.0)
+    outside = _outside(before.get("outside"), step)
+    return {
+        "steps": before.get("steps", 0) + 1,
+        "certified_steps": before.get("certified_steps", 0) + bool(step["certificate"]["passed"]),
+        "valid_steps": before.get("valid_steps", 0) + bool(step["valid"]),
+        "steps_in_contact": touching,
+        "halvings": before.get("halvings", 0) + record["halvings"],
+        "iterations": _sum(before.get("iterations", {}), step["iterations"]),
+        "energy": {name: record["row"][f"energy_{name}"] for name in (*record["energy"], "imbalance")},
+        "maximum": largest,
+        "residual": _larger(before.get("residual"), {"value": step["residual"], **where}),
+        "certificate": _certificate(before.get("certificate", {}), step["certificate"], where),
+        "small_strain": largest_strain,
+        "warnings": _warnings(largest_strain),
+        "outside": outside,
+        "violations": _violations(outside, before.get("steps", 0) + 1),
+        "remarks": _remarks(energy.warning(_rounding(largest, step["mean_compliance"])), touching),
+        "seconds": _sum(before.get("seconds", {}), step["seconds"]),
+        "peak_memory_bytes": max(before.get("peak_memory_bytes", 0), step["peak_memory_bytes"]),
+        "runs": _runs(before.get("runs", []), step.get("run"), record["number"]),
+    }
+
+
+def _sum(before: Mapping[str, float], step: Mapping[str, float]) -> Told:
+    return {name: before.get(name, 0) + step.get(name, 0) for name in dict.fromkeys([*before, *step])}
+
+
+def _number(value: float | None) -> float:
+    """Files have null where a number is not finite: worse than every other."""
+    return math.inf if value is None or math.isnan(value) else value
+
+
+def _larger(before: Told | None, now: Told) -> Told:
+    """The larger value; the earlier one of equals."""
+    return now if before is None or _number(now["value"]) > _number(before["value"]) else before
+
+
+def _largest_of(before: Mapping[str, Told], now: Mapping[str, float], where: Told) -> Told:
+    return {name: _larger(before.get(name), {"value": value, **where}) for name, value in now.items()}
+
+
+def _certificate(before: Mapping[str, Told], now: Mapping[str, Any], where: Told) -> Told:
+    """Of every condition the worst step; it has passed if it has at every step."""
+    worst: Told = {}
+    for name, check in now.items():
+        if not isinstance(check, Mapping):
+            continue
+        found = _larger(before.get(name), {**check, **where})
+        worst[name] = {**found, "passed": bool(check["passed"]) and before.get(name, check)["passed"]}
+    return {**worst, "passed": bool(now["passed"]) and before.get("passed", True)}
+
+
+def _warnings(largest: Mapping[str, Told]) -> list[str]:
+    """The small-strain warnings with the largest figures of the history."""
+    return list(SmallStrain(**{name: _number(entry["value"]) for name, entry in largest.items()}).warnings)
+
+
+def _outside(before: Told | None, step: Mapping[str, Any]) -> Told | None:
+    """How many steps are outside the theory of small strains, the first of them and what was said of it; null if none.
+
+    Steps where that was accepted do not count.
+    """
+    if step["small_strain"]["accepted"] or not step["small_strain"]["violations"]:
+        return before
+    if before is None:
+        before = {"steps": 0, "first": step["step"]["number"], "violations": step["small_strain"]["violations"]}
+    return {**before, "steps": before["steps"] + 1}
+
+
+def _violations(outside: Told | None, steps: int) -> list[str]:
+    """The same in words."""
+    if outside is None:
+        return []
+    first, *others = outside["violations"]
+    return [f"{outside['steps']} of {steps} load steps, the first is step {outside['first']}: {first}", *others]
+
+
+def _rounding(largest: Mapping[str, Told], compliance: float | None) -> float:
+    """Energy below which there is nothing but rounding, joules: of a node, held at its place, that moves so far."""
+    return 1e-12 * _number(largest["displacement"]["value"]) ** 2 / compliance if compliance else 0.0
+
+
+def _remarks(energies: str, touching: int) -> list[str]:
+    """What is to be said of a history, besides its certificates and its strains."""
+    remarks = [energies] if energies else []
+    return remarks if touching else [*remarks, f"nothing touches in any load step: {LOOK_AT_GAP}"]
+
+
+def _runs(before: list[Told], run: Told | None, number: int) -> list[Told]:
+    """The runs that made the history, each with its first and last step: one, and one more for every resume."""
+    if run is None:  # written by an older version
+        return before
+    if before and all(before[-1][key] == run[key] for key in ("started", "hosts", "command")):
+        return [*before[:-1], {**before[-1], "ended": run["ended"], "last_step": number}]
+    return [*before, {**run, "first_step": number, "last_step": number}]

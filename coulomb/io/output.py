@@ -1,0 +1,339 @@
+"""Results on disk: XDMF fields, summary, history, picture; and the numbers in the summary."""
+
+from __future__ import annotations
+
+import csv
+import ctypes
+import errno
+import functools
+import json
+import math
+import os
+import shutil
+import tempfile
+import time
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from .. import process
+from ..arrays import FloatArray
+from ..fem import compat
+from ..fem.compat import fem
+from ..model.nodal_answer import HELD, NodalAnswer
+from ..model.problem import ContactProblem
+from ..model.provenance import moment, now, provenance
+from ..model.solution import Solution
+from ..pictures import apart
+from ..process import hushed
+from ..ranks import on_rank_0
+from ..solvers.results import OuterStep, QPStep
+from .point_values import dof_of_point, overwrite
+from .summary import summary
+
+
+def write(
+    solution: Solution,
+    directory: str | Path,
+    picture: bool = True,
+    extra: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Write everything into a directory; files already there are replaced only when all new ones are complete.
+
+    Args:
+        solution: What to write, converged or not.
+        directory: Made if need be.
+        picture: Whether to draw picture.png.
+        extra: More entries for summary.json.
+
+    Returns:
+        The summary, with the seconds of the output added.
+
+    Raises:
+        OSError: On every rank, if the directory cannot be written to.
+    """
+    comm, problem, began = solution.problem.comm, solution.problem, time.perf_counter()
+    target = Path(directory)
+    folder = Path(on_rank_0(comm, lambda: _make_partial(target)))
+    try:
+        refuse_full_disk(problem, folder)
+        _write_body(solution, str(folder / "solution.xdmf"))
+        _write_contact(solution, str(folder / "contact.xdmf"))
+        contents = {**summary(solution), **(extra or {})}
+        contents["run"] = provenance(problem.started, comm)
+
+        def finish() -> str:
+            for name in ("solution.xdmf", "contact.xdmf"):
+                _one_grid(folder / name, problem.time)
+            _write_history(solution.result.history, folder / "history.csv")
+            contents["seconds"]["output"] = time.perf_counter() - began
+            contents["picture"] = "not asked for"
+            contents["run"]["ended"] = moment(now())
+            write_json(contents, folder / "summary.json")
+            for name in ("case.json", "report.html", "picture.png"):  # of other results; who has a case writes it after
+                (target / name).unlink(missing_ok=True)
+            for file in sorted(folder.iterdir()):
+                os.replace(file, target / file.name)
+            return json.dumps(contents)
+
+        contents = dict(json.loads(on_rank_0(comm, finish)))
+    finally:
+        comm.barrier()
+        if comm.rank == 0:
+            shutil.rmtree(folder, ignore_errors=True)
+    if picture:
+        contents = add_picture(contents, target, comm)
+    problem.seconds.update(contents["seconds"])
+    return contents
+
+
+def add_picture(
+    contents: dict[str, Any],
+    target: Path,
+    comm: MPI.Comm,
+    stop: Callable[[], bool] = lambda: False,
+    renderer: apart.Apart | None = None,
+) -> dict[str, Any]:
+    """Draw picture.png of results that are on disk, and say so in their summary; collective.
+
+    Args:
+        contents: The summary.
+        target: Where they are.
+        comm: The ranks.
+        stop: Asked now and then whether to give it up.
+        renderer: The process that draws, if it has begun already.
+
+    Returns:
+        The summary, with the picture and its seconds.
+
+    Raises:
+        OSError: On every rank, if the summary cannot be written.
+    """
+
+    def add() -> str:
+        drawing = time.perf_counter()
+        trouble = draw(target, stop, renderer)
+        contents["picture"] = "interrupted" if trouble and stop() else trouble or "picture.png"
+        contents["seconds"]["picture"] = time.perf_counter() - drawing
+        contents["run"]["ended"] = moment(now())
+        write_json(contents, target / "summary.json")
+        return json.dumps(contents)
+
+    return dict(json.loads(on_rank_0(comm, add)))
+
+
+def _make_partial(target: Path) -> str:
+    target.mkdir(parents=True, exist_ok=True)
+    return tempfile.mkdtemp(prefix=".partial-", dir=target)
+
+
+def _write_body(solution: Solution, path: str) -> None:
+    elasticity = solution.problem.elasticity
+    u = elasticity.function(solution.displacement)
+    given = {"load": elasticity.load, "held": elasticity.fixed, "prescribed": elasticity.prescribed}
+    given["spring"] = elasticity.spring
+    nodal = [u, *(elasticity.function(values.astype(float), name) for name, values in given.items())]
+    domain, comm = elasticity.mesh.domain, solution.problem.comm
+    _write_fields(comm, path, domain, [*nodal, elasticity.von_mises(u), elasticity.young, elasticity.poisson])
+    owned = dof_of_point(domain, elasticity.V)[: domain.geometry.index_map().size_local]
+    overwrite(comm, _data_of(path), domain, {f.name: f.x.array.reshape(-1, 3)[owned] for f in nodal})
+
+
+def contact_fields(solution: Solution) -> dict[str, FloatArray]:
+    """Fields on this rank's contact nodes: `NodalAnswer.fields`; collective."""
+    return NodalAnswer.of(solution).fields()
+
+
+def _write_fields(comm: MPI.Comm, path: str, domain: Any, functions: Sequence[Any]) -> None:
+    """A mesh and functions on it, one after another: where a rank fails, no other goes on to wait for it.
+
+    Raises:
+        OSError: On every rank.
+    """
+    file: Any = None
+
+    def open_() -> None:
+        nonlocal file
+        file = compat.xdmf_writer(comm, path)
+
+    actions: list[Callable[[], None]] = [open_, lambda: file.write_mesh(domain)]
+    for function in functions:
+        actions.append(functools.partial(lambda f: file.write_function(f), function))
+    actions.append(lambda: file.close())
+    for action in actions:
+        fault = ""
+        try:
+            with hushed():
+                action()
+        except RuntimeError as error:  # of HDF5, which does not say why
+            fault = str(error)
+        faults = [text for text in comm.allgather(fault) if text]
+        if faults:
+            # Closing it would fail again, in its destructor, and end the process: it is never destroyed.  HDF5 would
+            # close it at the end of the process, with the same result.
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))
+            process.end_abruptly()
+            raise OSError(errno.EIO, f"{faults[0].rstrip('.')}; is the disk full?")
+
+
+def size_on_disk(problem: ContactProblem) -> float:
+    """Bytes that the fields of a solution take, nearly; collective."""
+    domain, comm = problem.mesh.domain, problem.comm
+    points, cells = (float(domain.topology.index_map(dim).size_global) for dim in (0, 3))
+    facets: int = comm.allreduce(len(_contact_facets(problem)), op=MPI.SUM)
+    width = float(compat.cell_geometry(domain).shape[1])
+    # coordinates and 5 vectors a point, 3 numbers a cell; on the face coordinates, 6 vectors and 8 numbers per node
+    return 8e4 + 24.0 * 6.0 * points + 8.0 * (width + 3.0) * cells + (24.0 * 7.0 + 64.0) * 1.5 * facets
+
+
+def refuse_full_disk(problem: ContactProblem, target: Path, times: int = 1) -> None:
+    """See beforehand that there is too little room; HDF5, when it finds out, says little of it and leaves a wreck.
+
+    Args:
+        problem: What will be written.
+        target: The directory, or where it will be.
+        times: How often.
+
+    Raises:
+        OSError: On every rank.
+    """
+    needed = times * size_on_disk(problem)
+
+    def look() -> str:
+        place = target.absolute()
+        while not place.exists():
+            place = place.parent
+        free = shutil.disk_usage(place).free
+        if free < needed:
+            told = f"no space left: the results take about {needed / 1e6:.3g} MB, and {free / 1e6:.3g} MB are free"
+            raise OSError(errno.ENOSPC, told)
+        return ""
+
+    on_rank_0(problem.comm, look)
+
+
+def _contact_facets(problem: ContactProblem) -> npt.NDArray[np.int32]:
+    """This rank's facets of all contact faces."""
+    facets: npt.NDArray[np.int32] = np.unique(
+        np.concatenate([problem.mesh.facets(face, "contact") for face in problem.surface.faces])
+    )
+    return facets
+
+
+def _write_contact(solution: Solution, path: str) -> None:
+    """The fields of the contact nodes on a mesh of the contact face."""
+    problem = solution.problem
+    elasticity, domain = problem.elasticity, problem.mesh.domain
+    facets = _contact_facets(problem)
+    owned = facets[facets < domain.topology.index_map(2).size_local]
+    sub, geometry_of = compat.submesh(domain, 2, np.sort(owned))
+    node_of_point = dof_of_point(domain, elasticity.V)[geometry_of]
+    scalar, vector = compat.functionspace(sub, 1), compat.functionspace(sub, 1, (3,))
+    node_of_dof = np.zeros(scalar.dofmap.index_map.size_local + scalar.dofmap.index_map.num_ghosts, dtype=np.int64)
+    node_of_dof[compat.cell_dofs(scalar)] = node_of_point[compat.cell_geometry(sub)]
+    points = node_of_point[: sub.geometry.index_map().size_local]
+    functions, exact = [], {}
+    for name, values in contact_fields(solution).items():
+        everywhere = np.full((len(elasticity.x), 3), float(HELD) if name == "status" else 0.0)
+        everywhere[problem.surface.nodes] = values if values.ndim == 2 else values[:, None]
+        spread = elasticity.function(everywhere).x.array.reshape(-1, 3)[:, : 3 if values.ndim == 2 else 1]
+        function = fem.Function(vector if values.ndim == 2 else scalar, name=name)
+        function.x.array[:] = spread[node_of_dof].ravel()
+        functions.append(function)
+        exact[name] = spread[points]
+    _write_fields(problem.comm, path, sub, functions)
+    overwrite(problem.comm, _data_of(path), sub, exact)
+
+
+def _data_of(path: str) -> str:
+    """The HDF5 file of an XDMF file."""
+    return str(Path(path).with_suffix(".h5"))
+
+
+def _one_grid(path: Path, time: float) -> None:
+    """DOLFINx writes a grid for the mesh and one for every function; a reader wants all of it on one."""
+    tree = ElementTree.parse(path)
+    domain = tree.getroot().find("Domain")
+    assert domain is not None
+    body, *others = domain.findall("Grid")
+    ElementTree.SubElement(body, "Time", Value=repr(float(time)))
+    for grid in others:
+        body.extend(grid.iter("Attribute"))
+        domain.remove(grid)
+    ElementTree.indent(tree)
+    tree.write(path, encoding="utf-8", xml_declaration=True)
+
+
+def write_series(folder: Path, name: str, steps: Sequence[tuple[str, float]]) -> None:
+    """A time series DIRECTORY/`name` over the files `name` of the steps, which stay where they are; on one rank.
+
+    Args:
+        folder: Where the series goes.
+        name: Of the XDMF files.
+        steps: Directory of each step, seen from `folder`, and its time.
+    """
+    root = ElementTree.Element("Xdmf", Version="3.0")
+    series = ElementTree.SubElement(
+        ElementTree.SubElement(root, "Domain"), "Grid", Name="steps", GridType="Collection", CollectionType="Temporal"
+    )
+    for directory, _ in steps:
+        domain = ElementTree.parse(folder / directory / name).getroot().find("Domain")
+        assert domain is not None
+        grid = domain.find("Grid")
+        assert grid is not None
+        for item in grid.iter("DataItem"):
+            if item.get("Format") == "HDF":
+                item.text = f"{directory}/{(item.text or '').strip()}"
+        series.append(grid)
+    ElementTree.indent(root)
+    partial = folder / f".{name}"
+    ElementTree.ElementTree(root).write(partial, encoding="utf-8", xml_declaration=True)
+    os.replace(partial, folder / name)
+
+
+def _write_history(history: tuple[OuterStep, ...] | tuple[QPStep, ...], path: Path) -> None:
+    kind = type(history[0]) if history else OuterStep
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, [field.name for field in fields(kind)])
+        writer.writeheader()
+        writer.writerows(asdict(step) for step in history)
+
+
+def write_json(contents: dict[str, Any], path: Path) -> None:
+    """Write a file of JSON, replaced whole."""
+    partial = path.with_name(f".{path.name}")
+    partial.write_text(json.dumps(_finite(contents), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(partial, path)
+
+
+def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: apart.Apart | None = None) -> str:
+    """Draw picture.png of a run, or of the end of a load history; what went wrong, or nothing.
+
+    In a process of its own: a renderer may take it down.
+
+    Args:
+        directory: Of the run.
+        stop: Asked now and then whether to give it up.
+        renderer: The process that draws, if it has begun already (`apart.begin_picture`).
+    """
+    code, said = (renderer or apart.begin_picture()).finish(str(directory.absolute()), stop=stop)
+    if not code:
+        return ""
+    for name in ("picture.png", ".picture.png"):  # of what was there before, and half a picture
+        (directory / name).unlink(missing_ok=True)
+    return f"could not be drawn: {said}"
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no nan and inf: null in their place."""
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

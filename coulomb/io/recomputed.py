@@ -1,0 +1,121 @@
+"""What follows from displacement and contact forces in the files of a run: fields, numbers, certificate, strains."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from ..fem import compat
+from ..fem.obstacles import RigidFoundation
+from ..model.certificate import Certificate, judge
+from ..model.evidence import Evidence, rounding_forces
+from ..model.load_step import Forces
+from ..model.small_strain import SmallStrain, small_strain
+from .comparison import Rounding
+from .face_nodes import FaceNodes
+from .run_files import WrittenRun
+from .summary import derived
+
+_FOLLOW = ("pressure", "friction_traction", "slip", "gap", "status", "friction_use")
+"""Fields of contact.xdmf that follow from displacement and contact forces; the others are what was given."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """What follows from displacement and contact forces, as they are written or rounded otherwise.
+
+    Attributes:
+        at: Displacement and forces at the nodes of the body.
+        fields: Of the written contact nodes.
+        stress: Von Mises stress of the cells in pascals.
+        numbers: Entries of summary.json.
+        certificate: Of all nodes of the contact face.
+        outside: Why the answer is outside the theory of small strains, in words, unless that was accepted.
+    """
+
+    at: Forces
+    fields: dict[str, FloatArray]
+    stress: FloatArray
+    numbers: dict[str, Any]
+    certificate: Certificate
+    outside: tuple[str, ...]
+
+
+def recomputed(
+    run: WrittenRun,
+    nodes: FaceNodes,
+    coulomb: bool,
+    foundations: list[RigidFoundation] | None,
+    rounding: Rounding | None,
+) -> Variant:
+    """What follows from the written numbers, or from these rounded otherwise; None for foundations nobody knows."""
+
+    def taken(values: FloatArray, scale: float = 0.0) -> FloatArray:
+        return values if rounding is None else rounding.of(values, scale)
+
+    nodes = replace(nodes, gap=taken(nodes.gap, float(np.max(np.abs(run.points)))))
+    body, spring, fixed = run.body, run.on_body["spring"], run.fixed
+    u, x = taken(run.on_body["displacement"]), taken(run.on_face["x"])
+    on_face = taken(np.where(run.touching[:, None], run.on_face["contact_force"], 0.0))
+    on_body = np.zeros_like(u)
+    on_body[run.node] = on_face
+    internal = body.internal_force(u)
+    judged = nodes.answer(run, coulomb, u, on_face, x)
+    written = nodes.only(nodes.written).answer(run, coulomb, u, on_face, x)
+    certificate = judge(
+        Evidence(
+            comm=MPI.COMM_SELF,
+            x=body.x,
+            displacement=u,
+            internal=internal,
+            load=run.on_body["load"],
+            spring=spring,
+            fixed=fixed,
+            prescribed=run.on_body["prescribed"],
+            on_body=on_body,
+            force=judged.force,
+            closure=judged.closure,
+            gap=judged.gap,
+            bound=judged.bound,
+            rounding=rounding_forces(body, u),
+            compliance=float(run.summary["mean_compliance"]),
+        )
+    )
+    stress = body.von_mises(body.function(u))
+    told = derived(written, certificate, u, -spring * u, fixed)
+    accepted, recorded = _recorded_strain(run)
+    if foundations is None:
+        measured = {"gradient": body.greatest_gradient(u)}
+    else:
+        measured = asdict(small_strain(written, foundations, body, u))
+    outside = SmallStrain(**{**recorded, **measured}).violations
+    for check in certificate.checks:
+        del told["certificate"][check.name.replace(" ", "_")]["meaning"]
+    return Variant(
+        at=Forces(u, run.on_body["load"], internal + spring * u, on_body),
+        fields={name: v for name, v in written.fields().items() if name in _FOLLOW} | {"slip_bound": written.bound},
+        stress=stress.x.array[compat.cell_dofs(stress.function_space)[:, 0]],
+        numbers={**told, "small_strain": measured, "valid": certificate.passed and (accepted or not outside)},
+        certificate=certificate,
+        outside=() if accepted else outside,
+    )
+
+
+def _recorded_strain(run: WrittenRun) -> tuple[bool, dict[str, float]]:
+    """Whether small_strain was accepted beyond its limits, and its measures; null is not a number.
+
+    Raises:
+        ValueError: If summary.json does not say.
+    """
+    told = run.summary.get("small_strain")
+    try:
+        values = {field.name: told[field.name] for field in fields(SmallStrain)}  # type: ignore[index]
+        measures = {name: math.nan if value is None else float(value) for name, value in values.items()}
+        return bool(told["accepted"]), measures  # type: ignore[index]
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"{run.folder / 'summary.json'}: has no 'small_strain' with all its measures") from None

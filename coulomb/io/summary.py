@@ -1,0 +1,136 @@
+"""The numbers of an answer: what `summary.json` holds."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray
+from ..fem.body import Material
+from ..linalg.reductions import Reductions
+from ..model.certificate import Certificate
+from ..model.nodal_answer import NodalAnswer
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
+from ..solvers.results import CoulombResult
+from ..version import __version__
+from .peak_memory import peak_memory
+from .versions import versions
+
+LOOK_AT_GAP = "look at the foundation's place and normal, and at the unit of the mesh (scale)"
+"""What to do where nothing touches."""
+
+
+def node_status(solution: Solution) -> npt.NDArray[np.int64]:
+    """OPEN, STICK or SLIP of this rank's contact nodes, shape (m,); collective."""
+    return NodalAnswer.of(solution).status
+
+
+def summary(solution: Solution) -> dict[str, Any]:
+    """What `summary.json` holds; collective, the same on every rank."""
+    problem, result = solution.problem, solution.result
+    elasticity, u = problem.elasticity, solution.displacement
+    history: Any = result.history
+    krylov = sum(step.krylov for step in history)
+    strain = solution.small_strain
+    return {
+        "coulomb": __version__,
+        "status": result.status.value,
+        "valid": solution.valid,
+        **derived(NodalAnswer.of(solution), solution.certificate, u, elasticity.spring_force(u), elasticity.fixed),
+        "material": _materials(problem),
+        "mean_compliance": problem.mean_compliance,
+        "method": {
+            "solver": result.method if isinstance(result, CoulombResult) else "path following",
+            "stiffness": problem.stiffness_solver.name,
+            "compliance": problem.A.name,
+            "ranks": problem.comm.size,
+        },
+        "residual": result.residual,
+        "contraction": result.contraction if isinstance(result, CoulombResult) else None,
+        "iterations": {
+            "outer": result.iterations if problem.coulomb else 0,
+            "path_following": result.path_following if isinstance(result, CoulombResult) else result.iterations,
+            "products": result.products,
+            "krylov": krylov,
+        },
+        "small_strain": {
+            **asdict(strain),
+            "warnings": list(strain.warnings),
+            "violations": list(strain.violations),
+            "accepted": problem.small_strain == "warn",
+        },
+        "remarks": remarks(solution),
+        "versions": versions(),
+        "seconds": dict(problem.seconds),
+        "peak_memory_bytes": problem.comm.allreduce(peak_memory()),
+    }
+
+
+def derived(
+    at_nodes: NodalAnswer,
+    certificate: Certificate,
+    displacement: FloatArray,
+    spring_force: FloatArray,
+    fixed: npt.NDArray[np.bool_],
+) -> dict[str, Any]:
+    """The entries of summary.json that follow from displacement and forces; collective, the same on every rank.
+
+    Args:
+        at_nodes: The answer at the contact nodes.
+        certificate: What it was judged.
+        displacement: Of this rank's nodes in metres, shape (k, 3).
+        spring_force: Of the springs on the body in newtons, shape (k, 3).
+        fixed: Which components are prescribed, shape (k, 3).
+    """
+    over, numbers = Reductions(at_nodes.comm), at_nodes.numbers()
+    return {
+        **numbers,
+        "unknowns": {
+            "displacement": int(over.sum(float(np.count_nonzero(~fixed)))),
+            "contact": 3 * numbers["nodes"]["contact"],
+        },
+        "spring_force_on_body": [over.sum(spring_force[:, k]) for k in range(3)],
+        "maximum": {
+            "contact_pressure": numbers["totals"]["greatest_pressure"],
+            "displacement": over.max(np.linalg.norm(displacement, axis=1)),
+            "penetration": certificate.penetration,
+        },
+        "certificate": certificate_numbers(certificate),
+    }
+
+
+def certificate_numbers(certificate: Certificate) -> dict[str, Any]:
+    """Value, limit, unit and meaning of each condition, whether it holds, and whether all do."""
+    checks = {
+        check.name.replace(" ", "_"): {
+            **{"value": check.value, "limit": check.limit, "passed": check.passed},
+            **{"unit": check.unit, "meaning": check.meaning},
+        }
+        for check in certificate.checks
+    }
+    return {**checks, "passed": certificate.passed}
+
+
+def remarks(solution: Solution) -> list[str]:
+    """What is to be said of an answer, besides its certificate and its strains; collective."""
+    over, problem = Reductions(solution.problem.comm), solution.problem
+    if over.max(solution.contact_force[0::3]) > 0.0:
+        return []
+    least = over.min(problem.surface.gap - problem.closure(solution.displacement)[:, 0])
+    return [f"nothing touches: all contact nodes are open, the smallest gap is {least:.3g} m; {LOOK_AT_GAP}"]
+
+
+def totals(solution: Solution, part: int | None = None) -> dict[str, Any]:
+    """What the contact does as a whole, or one of its faces: `NodalAnswer.totals`; collective."""
+    return NodalAnswer.of(solution).totals(part)
+
+
+def _materials(problem: ContactProblem) -> list[dict[str, Any]]:
+    """The material of every group of cells; of the whole body, without a group."""
+    given = problem.elasticity.materials
+    groups = [(None, given)] if isinstance(given, Material) else list(given.items())
+    return [{"cells": name, "young": material.young, "poisson": material.poisson} for name, material in groups]

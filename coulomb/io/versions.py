@@ -1,0 +1,66 @@
+"""With what a run was made: versions, for the summary and for a bug report."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import sys
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+from threadpoolctl import threadpool_info
+
+from ..fem import compat
+from ..version import __version__
+
+_PACKAGES = (
+    "mumps",
+    "scalapack",
+    "hypre",
+    "superlu_dist",
+    "suitesparse",
+    "metis",
+    "parmetis",
+    "scotch",
+    "ptscotch",
+    "ml",
+)
+
+
+def versions() -> dict[str, str]:
+    """What made a run, by name; no paths."""
+    return {
+        "coulomb": __version__,
+        "Python": platform.python_version(),
+        "DOLFINx": compat.VERSION,
+        "PETSc": ".".join(map(str, PETSc.Sys.getVersion())),
+        **{name: version(name) for name in ("numpy", "scipy", "mpi4py", "petsc4py", "h5py")},
+    }
+
+
+def details() -> dict[str, str]:
+    """What a bug report needs: versions, PETSc's packages and numbers, MPI, BLAS, and where they are."""
+    petsc = ".".join(map(str, PETSc.Sys.getVersion()))
+    return {
+        "coulomb": __version__,
+        "Python": f"{platform.python_version()} ({sys.executable})",
+        "platform": platform.platform(),
+        "DOLFINx": compat.VERSION,
+        "PETSc": f"{petsc}, {np.dtype(PETSc.ScalarType).name}, {8 * np.dtype(PETSc.IntType).itemsize} bit integers",
+        "PETSc's packages": ", ".join(name for name in _PACKAGES if PETSc.Sys.hasExternalPackage(name)),
+        "MPI": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0"),
+        "BLAS": ", ".join(sorted({str(e.get("filepath")) for e in threadpool_info() if e["user_api"] == "blas"})),
+        **{name: version(name) for name in ("numpy", "scipy", "mpi4py", "petsc4py", "h5py", "pyvista", "vtk")},
+    }
+
+
+def version(name: str) -> str:
+    """Of an installed package."""
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        try:
+            return str(__import__(name).__version__)
+        except ImportError:
+            return "not installed"

@@ -1,0 +1,94 @@
+"""When a solver may stop: not before its answer would be certified."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..linalg.reductions import Reductions
+from ..solvers.results import NotConverged, Status
+from .certificate import Certificate, certify
+from .settled import settled
+from .stopwatch import timed
+
+if TYPE_CHECKING:
+    from .problem import ContactProblem
+
+CERTIFIED_FROM = 1e-8
+"""Tolerance, the default, from which on an answer must pass the certificate; whoever asks for less gets less."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What becomes of the forces that a solver offers.
+
+    Attributes:
+        contact_force: They, exactly zero where they are none (`settled`), newtons, shape (3 m,).
+        displacement: In metres, this rank's nodes, shape (k, 3).
+        certificate: Of both.
+    """
+
+    contact_force: FloatArray
+    displacement: FloatArray
+    certificate: Certificate
+
+
+class Acceptance:
+    """Displacement and certificate of the forces that a solver offers; the last ones are kept.
+
+    Args:
+        problem: The contact problem.
+    """
+
+    def __init__(self, problem: ContactProblem):
+        self._problem = problem
+        self._last: tuple[FloatArray, Judged] | None = None
+
+    def __call__(self, x: FloatArray) -> bool:
+        """Whether the forces x in newtons, shape (3 m,), pass; collective."""
+        return self.answer(x).certificate.passed
+
+    def answer(self, x: FloatArray) -> Judged:
+        """Displacement and certificate of the forces x in newtons, shape (3 m,); collective."""
+        problem, over = self._problem, Reductions(self._problem.comm)
+        if self._last is None or not over.all(np.array_equal(self._last[0], x)):
+            with timed(problem.seconds, "displacement"):
+                u = problem.displacement(x)
+                force = settled(problem, x, u)
+                if not over.all(np.array_equal(force, x)):
+                    u = problem.displacement(force)
+            with timed(problem.seconds, "certificate"):
+                self._last = (x.copy(), Judged(force, u, certify(problem, force, u)))
+        return self._last[1]
+
+    def explained(self, failure: NotConverged, tolerance: float) -> NotConverged:
+        """The same failure; where only the certificate does not pass, with the conditions and what would help."""
+        problem, result = self._problem, failure.result
+        if result.status is Status.INTERRUPTED or not result.residual <= tolerance:
+            return failure
+        certificate = self.answer(result.x).certificate
+        remedies = ["a look at the units of lengths, forces and stiffnesses"]
+        if Reductions(problem.comm).max(problem.elasticity.spring) > 0.0:
+            remedies.insert(0, "a clamp or stiffer springs in place of those that let the body move as a whole")
+        if problem.stiffness_solver.tolerance > 0.0:
+            remedies.insert(0, 'K factorised (linear_solver = "direct")')
+        said = f"{failure}; what does not pass: {what_fails(certificate)}; what may help: {', or '.join(remedies)}"
+        return NotConverged(said, result)
+
+
+def left_open(certificate: Certificate, tolerance: float) -> str:
+    """What a tolerance larger than CERTIFIED_FROM leaves open, in words; empty where it leaves nothing."""
+    if certificate.passed or tolerance <= CERTIFIED_FROM:
+        return ""
+    return (
+        f"the tolerance asked for, {tolerance:g}, is reached and leaves open: {what_fails(certificate)}; with "
+        f"{CERTIFIED_FROM:g}, the default, or less a run goes on until the certificate passes"
+    )
+
+
+def what_fails(certificate: Certificate) -> str:
+    """The conditions of a certificate that do not hold, in words."""
+    return ", ".join(f"{c.name} {c.value:.1e} (limit {c.limit:.0e})" for c in certificate.checks if not c.passed)

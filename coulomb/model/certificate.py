@@ -1,0 +1,272 @@
+"""Is this answer right?  Judged from the problem and the answer alone, not from what the solver says.
+
+The slip and the remaining gap come from the displacement, the equilibrium from a new assembly of the internal forces.
+Neither the matrix K nor products by A take part; of A, its mean diagonal is the scale of the natural residual.
+
+Every measure is relative to a natural scale of the problem, so that steel in newtons and metres and rubber in newtons
+and millimetres are judged alike.  Forces: the largest component of a nodal contact force.  Displacements: twice the
+elastic energy over half the sum of all nodal forces, the mean way on which forces do their work.  It does not see a
+motion of the body as a whole: a clamp that moves it by a metre makes nothing more lenient.
+
+What is not finite, overflows or vanishes fails.  What rounding does to a displacement, and the forces that makes, are
+the least of every scale: in a body that was lifted off its foundation there are no other forces.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..linalg.reductions import Reductions
+from ..solvers.tresca import natural_residual
+from .evidence import Before, Evidence, evidence
+
+if TYPE_CHECKING:
+    from .problem import ContactProblem
+
+LIMIT = 1e-6
+"""Limit of every relative measure."""
+
+ANGLE_LIMIT = 0.1
+"""Limit in degrees of the angle between slip and friction, where the slip is at least 1e-3 of the scale of
+displacements and the friction 1e-2 of its largest: there an error of LIMIT turns the slip by less."""
+
+EPSILON = 2.0**-52
+"""Of double precision."""
+
+ROUNDING = 1e8
+"""No scale is less than this many times what rounding does: a hundred times that is within LIMIT."""
+
+SMALLEST = 1e-290
+"""Scales below this, or above its inverse, have lost digits to underflow, or are near to overflow."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One condition: how far the answer is from it, and how far it may be."""
+
+    name: str
+    value: float
+    limit: float
+    unit: str
+    meaning: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether the answer is within the limit; nan is not."""
+        return bool(self.value <= self.limit)  # False for nan
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """All conditions of the frictional contact problem, each with its limit.
+
+    Attributes:
+        checks: The conditions.
+        penetration: Largest penetration in metres.
+    """
+
+    checks: tuple[Check, ...]
+    penetration: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether every condition holds."""
+        return all(check.passed for check in self.checks)
+
+    def __getitem__(self, name: str) -> Check:
+        return next(check for check in self.checks if check.name == name)
+
+    def __str__(self) -> str:
+        lines = [
+            f"{check.name:<22} {check.value:9.2e} {check.unit:<4} limit {check.limit:.0e}  "
+            f"{'ok    ' if check.passed else 'FAILED'}  {check.meaning}"
+            for check in self.checks
+        ]
+        return "\n".join([*lines, f"certificate {'passed' if self.passed else 'FAILED'}"])
+
+
+def certify(problem: ContactProblem, x: FloatArray, u: FloatArray, before: Before | None = None) -> Certificate:
+    """Check an answer; collective.
+
+    Args:
+        problem: The contact problem.
+        x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
+        u: Displacement in metres, this rank's nodes, shape (k, 3).
+        before: What the load step before has left, such as a `State`: slip counts from there, and from where the
+            foundation was then; without, from the problem's `slip_origin`.
+    """
+    return judge(evidence(problem, x, u, before))
+
+
+def judge(e: Evidence) -> Certificate:
+    """Check an answer by its evidence alone; collective."""
+    with np.errstate(all="ignore"):  # what overflows is named in the certificate
+        return _judge(e, Reductions(e.comm))
+
+
+def _judge(e: Evidence, over: Reductions) -> Certificate:
+    spring = -e.spring * e.displacement
+    imbalance = e.internal - e.load - spring - e.on_body
+    outer = (e.load, spring, np.where(e.fixed, imbalance, 0.0), e.on_body)  # the third: reactions
+    scales = _scales(e, spring, outer, over)
+    faults = _faults(e, scales, over)
+
+    # In units of the scales, so that no product of two of them overflows or vanishes.
+    unit = scales.force or 1.0  # 0 only where all forces are
+    force, g = e.force / unit, e.bound / unit
+    gap, slip = (e.gap - e.closure[:, 0]) / scales.length, e.closure[:, 1:] / scales.length
+    pressing, friction, sliding = force[:, 0], np.hypot(force[:, 1], force[:, 2]), np.hypot(slip[:, 0], slip[:, 1])
+    g_scale = over.max(g)
+    early_slip = over.max(sliding * np.maximum(g - friction, 0.0))
+    # Where no friction is allowed, what there is of it is rounding, and the cone's to judge.
+    compared = (sliding > 1e-3) & (friction > 1e-2 * over.max(friction)) & (g > 0.0)
+    across = np.abs(force[:, 1] * slip[:, 1] - force[:, 2] * slip[:, 0])[compared]
+    along = (force[:, 1] * slip[:, 0] + force[:, 2] * slip[:, 1])[compared]
+    angle = over.max(np.degrees(np.arctan2(across, along)))
+    held = (e.displacement - e.prescribed)[e.fixed] / scales.length
+    balance, drift = _rigid_motions(e, spring, np.sum(outer, axis=0), scales, over)
+    remaining = np.column_stack([e.gap - e.closure[:, 0], -e.closure[:, 1:]])  # what A x - b must be
+    residual = natural_residual(e.force.ravel(), remaining.ravel(), e.bound, e.compliance, over)
+    deepest = _worst(over.max(e.closure[:, 0] - e.gap), 0.0)
+
+    def relative(name: str, value: float, meaning: str) -> Check:
+        return Check(name, _worst(value, 0.0), LIMIT, "", meaning)
+
+    checks = (
+        relative("finite", float(len(faults)), "; ".join(faults) or "no number overflows or vanishes"),
+        relative(
+            "equilibrium", _ratio(over.norm(imbalance[~e.fixed]), scales.nodal), "forces in balance at free nodes"
+        ),
+        relative("clamps", over.max(np.abs(held)), "prescribed displacements held"),
+        relative("force balance", balance, "loads, springs, reactions, contact: forces and moments add to zero"),
+        relative("rigid motion", drift, "the springs carry what the clamps do not"),
+        relative("penetration", over.max(-gap), f"{deepest:.1e} m, over {scales.length:.1e} m"),
+        relative("adhesion", over.max(-pressing), "no node is pulled, nor has a force off the contact faces"),
+        relative("complementarity", over.max(np.abs(pressing * gap)), "no force across a gap"),
+        relative("friction cone", over.max(friction - g) / _worst(g_scale, 1e-3), "friction within its bound"),
+        relative("slip inside the cone", _ratio(early_slip, g_scale), "no slip before friction is at its bound"),
+        Check("slip angle", _worst(angle, 0.0), ANGLE_LIMIT, "deg", "friction opposes slip"),
+        relative("natural residual", residual, "of the whole problem"),
+    )
+    return Certificate(checks, deepest)
+
+
+@dataclass(frozen=True)
+class _Scales:
+    """What the measures are relative to.
+
+    Attributes:
+        force: Largest component of the contact force of a node, newtons; 0 where there is none.
+        length: Mean way of the forces that deform the body, metres.
+        nodal: Norm of the largest of internal forces, loads, springs and contact forces, newtons.
+        turnover: Sum of the outer forces of all nodes, newtons.
+    """
+
+    force: float
+    length: float
+    nodal: float
+    turnover: float
+
+
+def _scales(e: Evidence, spring: FloatArray, outer: tuple[FloatArray, ...], over: Reductions) -> _Scales:
+    """Never less than what rounding may do: a body that is lifted off has no other forces than these."""
+    noise = ROUNDING * over.norm(e.rounding)
+    nodal = _worst(*(over.norm(part) for part in (e.internal, e.load, spring, e.on_body)), noise)
+    turnover = _worst(sum(over.sum(_lengths(part)) for part in outer), ROUNDING * over.sum(_lengths(e.rounding)))
+    motion = over.max(np.abs(e.displacement))
+    energy = over.dot(e.displacement / (motion or 1.0), e.internal / (nodal or 1.0))
+    way = 2.0 * energy * motion * _ratio(nodal, turnover)
+    at_least = motion if motion != 0.0 else max(over.max(axis) + over.max(-axis) for axis in e.x.T)
+    peak = over.max(np.abs(e.force))
+    return _Scales(
+        force=_worst(peak, ROUNDING * over.max(np.abs(e.rounding))) if peak != 0.0 else 0.0,
+        length=_worst(way, ROUNDING * EPSILON * at_least),
+        nodal=nodal,
+        turnover=turnover,
+    )
+
+
+def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
+    """What is not finite, or so large or small that products with it overflow or vanish; collective."""
+    given = {
+        "coordinates": e.x,
+        "displacement": e.displacement,
+        "internal forces": e.internal,
+        "loads": e.load,
+        "springs": e.spring,
+        "prescribed displacements": e.prescribed,
+        "contact forces on the body": e.on_body,
+        "contact forces": e.force,
+        "closure": e.closure,
+        "gaps": e.gap,
+        "slip bounds": e.bound,
+        "rounding": e.rounding,
+    }
+    faults = [f"{name} not finite" for name, values in given.items() if not over.all(bool(np.all(np.isfinite(values))))]
+    needed = {"compliance": e.compliance, "scale of displacements": scales.length}
+    forces = {"scale of contact forces": scales.force, "scale of nodal forces": scales.nodal}
+    for name, value in {**needed, **forces, "sum of forces": scales.turnover}.items():
+        vanished = value == 0.0 and name not in needed
+        if not (vanished or SMALLEST < value < 1.0 / SMALLEST):
+            faults.append(f"{name} is {value:.1e}")
+    return faults
+
+
+def _rigid_motions(
+    e: Evidence, spring: FloatArray, outer: FloatArray, scales: _Scales, over: Reductions
+) -> tuple[float, float]:
+    """How far three forces and three moments are from balance; and, where clamps do not hold, against the springs.
+
+    A rigid motion makes no internal force: where it moves no clamp, nothing but the springs keeps the body from it, and
+    springs may carry a millionth of the internal forces.  So the forces that go with such a motion are compared with
+    those that the springs exert on it, or would where the body moves by the scale of displacements.
+
+    Returns:
+        Largest of six sums over the sum of all forces; largest imbalance of a free motion over what its springs carry.
+    """
+    count = over.sum(float(len(e.x)))
+    r = e.x - np.array([over.sum(axis) for axis in e.x.T]) / count
+    size = over.norm(r) / math.sqrt(count)
+    modes = np.zeros((*e.x.shape, 6))
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        modes[:, k, k] = 1.0
+        modes[:, i, 3 + k], modes[:, j, 3 + k] = -r[:, j] / (size or 1.0), r[:, i] / (size or 1.0)
+    sums = over.total(np.einsum("kcj,kc->j", modes, outer))
+    balance = _ratio(_worst(*np.abs(sums)), scales.turnover)
+
+    held = over.total(np.einsum("kci,kc,kcj->ij", modes, e.fixed, modes))
+    stiffness = over.total(np.einsum("kci,kc,kcj->ij", modes, e.spring, modes))
+    if not (np.all(np.isfinite(sums)) and np.all(np.isfinite(held)) and np.all(np.isfinite(stiffness))):
+        return balance, math.nan
+    weight, vectors = np.linalg.eigh(held)
+    free = vectors[:, weight <= 1e-13 * count]
+    stiff, vectors = np.linalg.eigh(free.T @ stiffness @ free)
+    free = free @ vectors  # motions that the springs hold independently of each other
+    carried = over.total(np.einsum("kcj,kc->j", np.abs(modes @ free), np.abs(spring)))
+    drifts = [
+        _ratio(force, _worst(carries, k * scales.length) or scales.turnover)
+        for force, carries, k in zip(np.abs(free.T @ sums), carried, stiff, strict=True)
+    ]
+    return balance, _worst(0.0, *drifts)
+
+
+def _lengths(vectors: FloatArray) -> FloatArray:
+    """Of vectors (k, 3), safe from overflow and underflow of the squares."""
+    lengths: FloatArray = np.hypot(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])
+    return lengths
+
+
+def _worst(*values: float) -> float:
+    """The largest, nan if one is nan."""
+    return float(np.max(values))
+
+
+def _ratio(value: float, scale: float) -> float:
+    """A measure over its scale, which is 0 only where the measure is."""
+    return value / (scale or 1.0)

@@ -1,0 +1,221 @@
+"""What a run will take, in bytes and seconds, before it does: a law measured on the block.
+
+    coulomb benchmark estimates --p 8 --p 16 --p 24         # estimated and measured, side by side
+
+With n displacement and m contact unknowns.  Nested dissection of a body in 3D fills the factor with n^(4/3) numbers and
+takes n^2 operations.  The Schur complement on the contact nodes is a dense matrix m x m and takes m^3 more.  Multigrid
+is linear in n, and so nearly are its solves (docs/measurements.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..fem.meshes import volume
+from ..linalg.methods import LinearSolver, contact_last
+from ..linalg.reductions import Reductions
+from ..linalg.stiffness import DirectSolver, IterativeSolver
+from .free_memory import free_memory
+from .machine import SAME, Slowness
+from .problem import ContactProblem
+
+# bytes
+_BASE = 1.4e8  # of a rank before there is a mesh: Python, DOLFINx, PETSc
+_BODY = 2.5e3  # a displacement unknown: mesh, K, multigrid, fields
+_MULTIGRID = 600.0  # a displacement unknown: K in blocks, the last solutions
+_FACTOR = 215.0  # over n^(4/3): the factor of K by MUMPS
+_FRONTS = 260.0  # the same by nested dissection, and what fronts leave to others
+_DENSE = 12.0  # over m^2: the Schur complement and the inverse of its factor
+_COLUMNS = 8.0 * 512.0 * 2.0  # over n: right-hand sides and solutions where there is no Schur complement
+
+# seconds on one core of the machine that the law was measured on (machine.py)
+_START = 1.0  # Python, DOLFINx, PETSc
+_STEP = 0.14  # a load step, whatever its size: files, rows, sums
+_FIELDS = 3e-5  # over n: assembly, certificate, output
+_FACTORISE = 7e-10  # over n^2
+_COMPLEMENT = 2.7e-11  # over m^3: the Schur complement and its factor
+_COLUMN = 4e-8  # over n^(4/3) m: A by right-hand sides
+_DENSE_STEPS = 1e-7  # over m^2: path following with A formed
+_FACTOR_STEPS = 4e-6  # over n^(4/3): path following where a product is a solve with the factor
+_MULTIGRID_STEPS = 9e-6  # over n^1.2: path following where it is a multigrid solve
+_SPEED_UP = 0.75  # of ranks, as a power: 1.7 on two
+
+_PICTURE = (1.3, 5e-6)  # picture.png: to begin with, and over n
+_FRAME = (1.5, 5e-6)  # the same of a frame of a film
+
+_SQUAT = 1.7  # slenderness of the block of the benchmarks, of which the law of multigrid steps was measured
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a run is expected to take; good to a factor of two on the block and bodies like it.
+
+    Attributes:
+        memory: Bytes, of all ranks together.
+        seconds: Of a single run, start and output included, a core for each rank; without pictures.
+        seconds_a_step: Of every further load step, for which K is factorised already.
+        picture: Of a picture, on one core.
+        frame: Of a frame of a film.
+    """
+
+    memory: float
+    seconds: float
+    seconds_a_step: float
+    picture: float
+    frame: float
+
+
+def estimate(
+    displacement: int,
+    contact: int,
+    ranks: int,
+    linear_solver: LinearSolver,
+    explicit: bool,
+    slenderness: float = _SQUAT,
+    slowness: Slowness = SAME,
+) -> Estimate:
+    """Of a problem with so many unknowns, solved in this way.
+
+    Args:
+        displacement: Displacement unknowns, over all ranks.
+        contact: Contact unknowns, over all ranks.
+        ranks: How many.
+        linear_solver: The solver for K.
+        explicit: Whether A is formed.
+        slenderness: Width of the contact face over the thickness of the body behind it, see `slenderness`.
+        slowness: Of this machine.
+    """
+    n, m = float(displacement), float(contact)
+    memory = _BASE * ranks + _BODY * n
+    factorisation, products = 0.0, _FIELDS * n
+    if linear_solver is DirectSolver:
+        memory += (_FRONTS if contact_last(explicit, ranks) else _FACTOR) * n ** (4 / 3)
+        factorisation += _FACTORISE * n**2
+        if not explicit:
+            products += _FACTOR_STEPS * n ** (4 / 3)
+        elif contact_last(explicit, ranks):
+            memory += _DENSE * m**2
+            factorisation += _COMPLEMENT * m**3
+            products += _DENSE_STEPS * m**2
+        else:
+            memory += _COLUMNS * n + 8.0 * m**2
+            factorisation += _COLUMN * n ** (4 / 3) * m
+            products += _DENSE_STEPS * m**2
+    else:
+        memory += _MULTIGRID * n
+        products += _MULTIGRID_STEPS * n**1.2 * max(slenderness / _SQUAT, 1.0)
+    speed = ranks**_SPEED_UP
+    again = _STEP * slowness.python + products * slowness.memory / speed
+    first = _START * slowness.python + factorisation * slowness.dense / speed
+    pictures = (slowness.python * seconds + slowness.memory * of_n * n for seconds, of_n in (_PICTURE, _FRAME))
+    return Estimate(memory, first + again, again, *pictures)
+
+
+def estimate_of(problem: ContactProblem, slowness: Slowness = SAME) -> Estimate:
+    """Of a problem that is set up, and not solved yet; collective."""
+    size = problem.unknowns
+    return estimate(
+        size["displacement"],
+        size["contact"],
+        problem.comm.size,
+        problem.linear_solver,
+        problem.explicit,
+        slenderness(problem),
+        slowness,
+    )
+
+
+def slenderness(problem: ContactProblem) -> float:
+    """Square root of the contact area, over volume by contact area: 1.7 for the block, 5 for a plate; collective.
+
+    A thin body gives way far from where it is pressed: path following takes more steps and products there (46 steps and
+    250 products on a bracket of slenderness 5 where the block takes 21 and 90).
+    """
+    over = Reductions(problem.comm)
+    area = over.sum(problem.surface.area)
+    return float(area**1.5) / over.sum(volume(problem.mesh))
+
+
+def refuse_too_large(problem: ContactProblem) -> None:
+    """Compare what the problem needs with the memory that is free, on every node; collective.
+
+    Raises:
+        ValueError: On every rank, if some node has too little; says what is needed, what there is, and what would fit.
+    """
+    comm, size = problem.comm, problem.unknowns
+    n, m = size["displacement"], size["contact"]
+    needed = estimate_of(problem).memory
+    share = _share_of_node(comm)
+    fits = _least_room(comm, share)
+    if needed <= fits:
+        return
+    way = "K factorised" if problem.linear_solver is DirectSolver else "multigrid"
+    way += ", A formed" if problem.explicit else ", A matrix-free"
+    others = (
+        (DirectSolver, False, 'solver.linear_solver = "direct" with solver.compliance = "matrix-free"'),
+        (IterativeSolver, False, 'solver.linear_solver = "iterative" with solver.compliance = "matrix-free"'),
+    )
+    would = [
+        f"{how} ({gigabytes(other)})"
+        for solver, explicit, how in others
+        if (other := estimate(n, m, comm.size, solver, explicit).memory) <= fits
+    ]
+    most = int(max(fits - _BASE * comm.size, 0.0) / (_BODY + _MULTIGRID))
+    advice = f"take {' or '.join(would)}" if would else f"by multigrid {most} displacement unknowns would fit"
+    raise ValueError(
+        f"too little memory: {n} displacement and {m} contact unknowns ({way}) need about {gigabytes(needed)}, and "
+        f"{gigabytes(fits)} are free; {advice}, a coarser mesh, or a larger machine; --force tries all the same"
+    )
+
+
+def refuse_too_many_cells(cells: tuple[int, int, int], comm: MPI.Comm) -> None:
+    """The same of a box that has not been made yet, by what any method needs; collective.
+
+    Raises:
+        ValueError: On every rank.
+    """
+    nodes = (cells[0] + 1) * (cells[1] + 1) * (cells[2] + 1)
+    needed, fits = _BASE * comm.size + _BODY * 3.0 * nodes, _least_room(comm, _share_of_node(comm))
+    if needed > fits:
+        raise ValueError(
+            f"too little memory: a mesh of {cells[0]} x {cells[1]} x {cells[2]} cells has {3 * nodes} displacement "
+            f"unknowns, which need at least {gigabytes(needed)}, and {gigabytes(fits)} are free; take fewer cells "
+            "(mesh.cells) or a larger machine; --force tries all the same"
+        )
+
+
+def refuse_uncountable(cells: tuple[int, int, int]) -> None:
+    """The same of a box whose unknowns PETSc has no numbers for, whatever the memory.
+
+    Raises:
+        ValueError: With how many there are.
+    """
+    unknowns, most = 3 * (cells[0] + 1) * (cells[1] + 1) * (cells[2] + 1), int(np.iinfo(PETSc.IntType).max)
+    if unknowns > most:
+        raise ValueError(
+            f"too many unknowns: a mesh of {cells[0]} x {cells[1]} x {cells[2]} cells has {unknowns} displacement "
+            f"unknowns, and this PETSc counts to {most}; take fewer cells (mesh.cells)"
+        )
+
+
+def gigabytes(size: float) -> str:
+    return f"{size / 1e9:.2g} GB" if size < 99.5e9 else f"{size / 1e9:.0f} GB"
+
+
+def _share_of_node(comm: MPI.Comm) -> float:
+    """The part of all ranks that runs on this rank's node; collective."""
+    node = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    here: int = node.size
+    node.Free()
+    return here / float(comm.size)
+
+
+def _least_room(comm: MPI.Comm, share: float) -> float:
+    """The memory that all ranks together may take until some node is full, bytes; inf if nobody knows."""
+    free = free_memory()
+    mine = float("inf") if free is None else free / share
+    return float(comm.allreduce(mine, op=MPI.MIN))

@@ -1,0 +1,212 @@
+"""What follows from displacement and contact forces at the contact nodes: the written fields, totals and counts.
+
+The numbers come from a problem and its answer, when they are written, or from the files, when these are checked:
+nothing here asks which.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from ..linalg.reductions import Reductions
+
+if TYPE_CHECKING:
+    from .solution import Solution
+
+OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
+"""Status of a node in contact.xdmf; HELD: on the contact face, but clamped, so no contact node (all fields 0)."""
+
+OPEN_BELOW = 1e-9
+"""A node is open if its normal force is at most this part of the largest; then it is exactly zero (`settled`)."""
+
+SLIP_ABOVE = 0.999
+"""A node slips if its friction is at least this part of its bound."""
+
+
+@dataclass(frozen=True)
+class NodalAnswer:
+    """An answer at this rank's m contact nodes; newtons and metres.
+
+    Attributes:
+        comm: The ranks.
+        coulomb: Whether friction is Coulomb's; else Tresca's.
+        faces: Names of the contact faces.
+        part: Which of them a node is on, shape (m,).
+        x: Coordinates, shape (m, 3).
+        frames: Orthonormal rows n, t1, t2, shape (m, 3, 3).
+        gap: Before deformation, shape (m,).
+        area: In m^2, shape (m,).
+        coefficient: Friction F, or slip stress in pascals, shape (m,).
+        slip_origin: Displacement from which slip counts, space vectors, shape (m, 3).
+        displacement: Space vectors, shape (m, 3).
+        force: Along n, t1, t2, shape (m, 3); x_n >= 0 presses.
+        slip_bound: The one that the solver used, shape (m,).
+    """
+
+    comm: MPI.Comm
+    coulomb: bool
+    faces: tuple[str, ...]
+    part: npt.NDArray[np.int64]
+    x: FloatArray
+    frames: FloatArray
+    gap: FloatArray
+    area: FloatArray
+    coefficient: FloatArray
+    slip_origin: FloatArray
+    displacement: FloatArray
+    force: FloatArray
+    slip_bound: FloatArray
+
+    @staticmethod
+    def of(solution: Solution) -> NodalAnswer:
+        """That of a solution."""
+        problem, surface = solution.problem, solution.problem.surface
+        return NodalAnswer(
+            comm=problem.comm,
+            coulomb=problem.coulomb,
+            faces=surface.faces,
+            part=surface.part,
+            x=surface.x,
+            frames=surface.frames,
+            gap=surface.gap,
+            area=surface.area,
+            coefficient=problem.coefficient,
+            slip_origin=problem.slip_origin,
+            displacement=solution.displacement[surface.nodes],
+            force=solution.contact_force.reshape(-1, 3),
+            slip_bound=solution.slip_bound,
+        )
+
+    @cached_property
+    def closure(self) -> FloatArray:
+        """Displacement along n, and slip along t1 and t2, shape (m, 3)."""
+        return closure(self.frames, self.displacement, self.slip_origin)
+
+    @cached_property
+    def bound(self) -> FloatArray:
+        """Slip bound of the law at these forces in newtons, shape (m,)."""
+        return slip_bound(self.coulomb, self.coefficient, self.force[:, 0], self.area)
+
+    @cached_property
+    def on_body(self) -> FloatArray:
+        """The forces on the body as space vectors, shape (m, 3)."""
+        return -self._vectors(self.force)
+
+    @cached_property
+    def _friction(self) -> FloatArray:
+        friction: FloatArray = np.hypot(self.force[:, 1], self.force[:, 2])
+        return friction
+
+    @cached_property
+    def _open(self) -> npt.NDArray[np.bool_]:
+        normal = self.force[:, 0]
+        open_: npt.NDArray[np.bool_] = normal <= OPEN_BELOW * Reductions(self.comm).max(normal)
+        return open_
+
+    @cached_property
+    def _at_bound(self) -> npt.NDArray[np.bool_]:
+        at_bound: npt.NDArray[np.bool_] = self._friction >= SLIP_ABOVE * self.bound
+        return at_bound
+
+    @cached_property
+    def status(self) -> npt.NDArray[np.int64]:
+        """OPEN, STICK or SLIP, shape (m,); collective."""
+        return np.where(self._open, OPEN, np.where(self._at_bound, SLIP, STICK))
+
+    def fields(self) -> dict[str, FloatArray]:
+        """The fields of contact.xdmf, scalars (m,) and space vectors (m, 3); Pa, m, N; collective.
+
+        Those behind friction_use are what `coulomb check` judges the rest by.
+        """
+        tangential, slip = self.force.copy(), self.closure.copy()
+        tangential[:, 0] = slip[:, 0] = 0.0
+        use = self._friction / np.where(self.bound > 0.0, self.bound, np.inf)
+        return {
+            "pressure": self.force[:, 0] / self.area,
+            "friction_traction": -self._vectors(tangential) / self.area[:, None],
+            "slip": self._vectors(slip),
+            "gap": self.gap - self.closure[:, 0],
+            "status": self.status.astype(float),
+            "friction_use": np.where(self.status == OPEN, 0.0, use),
+            "contact_force": self.on_body,
+            "normal": self.frames[:, 0],
+            "initial_gap": self.gap,
+            "area": self.area,
+            "coefficient": self.coefficient,
+            "slip_bound": self.slip_bound,
+            "slip_origin": self.slip_origin,
+            "face": self.part.astype(float),
+        }
+
+    def totals(self, part: int | None = None) -> dict[str, Any]:
+        """What the contact does as a whole, or one of its faces; newtons and metres; collective, the same on all ranks.
+
+        Force and moment (about the origin) are those on the body.  The centre of pressure is the mean place of the
+        normal forces, null without any.  Slip and dissipated energy count from `slip_origin`.
+        """
+        here = self.part == part if part is not None else np.ones(len(self.part), dtype=bool)
+        over, force, x = Reductions(self.comm), self.force[here], self.x[here]
+        on_body, slip = self.on_body[here], self.closure[here, 1:]
+        closed = ~self._open[here]
+        pressing = over.sum(force[:, 0])
+        moving = np.hypot(slip[:, 0], slip[:, 1])
+        centre = over.total(force[:, 0] @ x) / pressing if pressing > 0.0 else None
+        return {
+            "faces": list(self.faces) if part is None else [self.faces[part]],
+            "force": over.total(on_body.sum(axis=0)).tolist(),
+            "moment": over.total(np.cross(x, on_body).sum(axis=0)).tolist(),
+            "normal_force": pressing,
+            "contact_area": over.sum(self.area[here][closed]),
+            "centre_of_pressure": None if centre is None else centre.tolist(),
+            "greatest_slip": max(over.max(moving[closed]), 0.0),
+            "greatest_pressure": over.max(force[:, 0] / self.area[here]),
+            "dissipated_energy": over.sum(np.sum(force[:, 1:] * slip, axis=1)),
+        }
+
+    def numbers(self) -> dict[str, Any]:
+        """The entries of summary.json that follow from the contact nodes alone; collective, the same on all ranks."""
+        over, x = Reductions(self.comm), self.force
+        slip, stick = self._at_bound, ~self._at_bound
+        if self.coulomb:  # without pressure there is no friction; Tresca friction acts on open nodes too
+            slip, stick = slip & ~self._open, stick & ~self._open
+        counts = {"contact": np.ones(len(x)), "open": self._open, "stick": stick, "slip": slip}
+        least, largest = over.min(self.coefficient), over.max(self.coefficient)
+        same = largest - least <= 1e-12 * largest  # files have it rounded
+        coefficient = least if same else {"min": least, "max": largest}
+        return {
+            "law": "coulomb" if self.coulomb else "tresca",
+            "friction": coefficient if self.coulomb else None,
+            "slip_stress": None if self.coulomb else coefficient,
+            "force_on_body": {
+                "normal": over.sum(x[:, 0]),
+                "tangential": [-over.sum(x[:, 1]), -over.sum(x[:, 2])],
+                "vector": [over.sum(self.on_body[:, k]) for k in range(3)],
+            },
+            "totals": self.totals(),
+            "faces": [self.totals(part) for part in range(len(self.faces))],
+            "nodes": {name: int(over.sum(which.astype(float))) for name, which in counts.items()},
+        }
+
+    def _vectors(self, components: FloatArray) -> FloatArray:
+        vectors: FloatArray = np.einsum("kij,ki->kj", self.frames, components)
+        return vectors
+
+
+def closure(frames: FloatArray, displacement: FloatArray, slip_origin: FloatArray) -> FloatArray:
+    """What displacements do to the gaps: u_n, and slip along t1 and t2, metres; all shapes (m, 3), frames (m, 3, 3)."""
+    moved: FloatArray = np.einsum("kij,kj->ki", frames, displacement)
+    moved[:, 1:] -= np.einsum("kij,kj->ki", frames, slip_origin)[:, 1:]
+    return moved
+
+
+def slip_bound(coulomb: bool, coefficient: FloatArray, normal_force: FloatArray, area: FloatArray) -> FloatArray:
+    """g in newtons: F x_n for Coulomb, slip stress times area for Tresca; shapes (m,)."""
+    bound: FloatArray = coefficient * (np.maximum(normal_force, 0.0) if coulomb else area)
+    return bound

@@ -1,0 +1,55 @@
+"""Where, when and by which command a run was made: the entry `run` of summary.json."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+import sys
+from datetime import datetime
+from typing import Any
+
+from mpi4py import MPI
+
+from ..version import __version__
+
+
+def now() -> datetime:
+    """The time here, with its zone."""
+    return datetime.now().astimezone()
+
+
+def moment(time: datetime) -> str:
+    """ISO 8601 with the zone, to the millisecond: 2026-01-31T12:00:00.000+01:00."""
+    return time.isoformat(timespec="milliseconds")
+
+
+def command() -> str:
+    """The command line of this process as one would type it: `coulomb run CASE.toml`, `python SCRIPT.py`."""
+    script, *arguments = sys.argv or [""]
+    name = os.path.basename(script)
+    if name == "__main__.py":  # python -m PACKAGE
+        name = os.path.basename(os.path.dirname(script))
+    if name.endswith(".py"):
+        return shlex.join(["python", script, *arguments])
+    return shlex.join([name or "python", *([] if name in ("", "-c") else arguments)])
+
+
+def provenance(started: datetime, comm: MPI.Comm) -> dict[str, Any]:
+    """Host, time, command and version, the same on every rank; collective.
+
+    Args:
+        started: When the work began.
+        comm: The ranks.
+    """
+    hosts = sorted(set(comm.allgather(platform.node() or "unknown")))
+    told = {
+        "hosts": hosts,
+        "ranks": comm.size,
+        "started": moment(started),
+        "ended": moment(now()),
+        "command": command(),
+        "coulomb": __version__,
+    }
+    shared: dict[str, Any] = comm.bcast(told)
+    return shared

@@ -1,0 +1,174 @@
+"""Is the answer inside the theory?  Contact is linear here: u_n <= gap at nodes that keep their normals.
+
+The certificate says whether the equations of small strains are solved; this, whether they were the right ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..fem.fields import on_all_ranks
+from ..linalg.reductions import Reductions
+
+if TYPE_CHECKING:
+    from ..fem.body import ElasticBody
+    from ..fem.obstacles import RigidFoundation
+    from .nodal_answer import NodalAnswer
+
+_PRESSING = 1e-6  # a node presses if its force is above this part of the largest
+_ROUNDING = 1e-12  # a distance below this part of the coordinates is none
+
+
+@dataclass(frozen=True)
+class Bound:
+    """How far a measure may go.
+
+    Attributes:
+        warn: Beyond this the answer is inexact for want of theory: a warning.
+        refuse: Beyond this it does not count.
+    """
+
+    warn: float
+    refuse: float
+
+
+GAP_ERROR = Bound(0.05, 0.25)
+"""Contact forces are off by about the same part as the gaps that make them: at a quarter they are a guess."""
+
+TURN = Bound(3.0, 15.0)
+"""In degrees.  sin 15 = 0.26: a quarter of what is taken for pressure acts along the foundation, and the other way."""
+
+SLIP_OVER_CELL = Bound(1.0, math.inf)
+"""Says that normals were kept for long; the harm, if any, is in the turn and the gap error, which decide."""
+
+GRADIENT = Bound(0.05, 0.24)
+"""The theory leaves out half the square of the gradient: 12 % of it at 0.24.  Glued rubber, compressed by a tenth and
+sheared, reaches 0.225 in its corners; a steel block, lifted by 50 mm next to its clamp, 0.25 to 0.41."""
+
+MODES = ("enforce", "warn")
+"""What becomes of an answer beyond a `Bound.refuse`: it does not count, or a warning is enough."""
+
+
+@dataclass(frozen=True)
+class SmallStrain:
+    """How far an answer has gone from the place where the contact conditions were made linear.
+
+    Attributes:
+        gap_error: Largest distance of a pressing node, where it has moved to, from the foundation as it is, over the
+            mean way of the forces that deform the body (as in the certificate).
+        turn: Largest angle in degrees between the foundation's normals at a pressing node before and after.
+        slip_over_cell: Largest way of a pressing node along a foundation that is not plane, from where its normal was
+            taken, over the size of the cells there (square root of the nodal area).
+        gradient: Largest norm of the displacement gradient in a cell: strain and rotation.
+    """
+
+    gap_error: float
+    turn: float
+    slip_over_cell: float
+    gradient: float
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is no longer small, in words, violations included; empty if all is well."""
+        return tuple(text for value, bound, text in self._measures() if not value <= bound.warn)  # nan is beyond
+
+    @property
+    def violations(self) -> tuple[str, ...]:
+        """What is outside the theory, in words: an answer with one does not count; empty if there is none."""
+        return tuple(
+            f"{text} (limit {bound.refuse:g})" for value, bound, text in self._measures() if not value <= bound.refuse
+        )
+
+    @property
+    def mere_warnings(self) -> tuple[str, ...]:
+        """The warnings that are no violations."""
+        measures = self._measures()
+        return tuple(text for value, bound, text in measures if bound.warn < value <= bound.refuse)
+
+    def _measures(self) -> tuple[tuple[float, Bound, str], ...]:
+        """Every measure with its bounds, and what to say of it when it is beyond one."""
+        return (
+            (
+                self.gap_error,
+                GAP_ERROR,
+                f"the foundation's curvature shows: pressing nodes are {self.gap_error:.0%} of the deformation off it "
+                "(smaller load, or smaller load steps with the foundation moved to its new place)",
+            ),
+            (self.turn, TURN, f"the foundation's normal turns by {self.turn:.1f} degrees under a moving node"),
+            (
+                self.slip_over_cell,
+                SLIP_OVER_CELL,
+                f"nodes move by {self.slip_over_cell:.1f} cells along a curved foundation, but keep their normals",
+            ),
+            (
+                self.gradient,
+                GRADIENT,
+                f"displacement gradients reach {self.gradient:.2g}: strains or rotations are no longer small",
+            ),
+        )
+
+
+def known_mode(mode: str) -> str:
+    """The mode, if it is one.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    if mode not in MODES:
+        raise ValueError(f"small_strain must be {' or '.join(map(repr, MODES))}, but is {mode!r}")
+    return mode
+
+
+def small_strain(
+    at_nodes: NodalAnswer, foundations: Sequence[RigidFoundation], body: ElasticBody, u: FloatArray
+) -> SmallStrain:
+    """Measure an answer; collective.
+
+    Args:
+        at_nodes: The answer at the contact nodes.
+        foundations: That of each contact face, where it is at this time.
+        body: The body.
+        u: Displacement in metres, this rank's nodes, shape (k, 3).
+    """
+    over, normal = Reductions(at_nodes.comm), at_nodes.force[:, 0]
+    pressing = normal > _PRESSING * max(over.max(normal), 0.0)
+    way, part = at_nodes.displacement[pressing], at_nodes.part[pressing]
+    before, moved = at_nodes.x[pressing], at_nodes.x[pressing] + way
+    rounding = _ROUNDING * max(over.max(np.abs(moved)), 0.0)
+
+    def measure() -> tuple[FloatArray, FloatArray]:
+        distance, turn = np.zeros(len(before)), np.zeros(len(before))
+        for number, foundation in enumerate(foundations):
+            at = part == number
+            if np.any(at):
+                cosine = np.einsum("ki,ki->k", foundation.normal(before[at]), foundation.normal(moved[at]))
+                turn[at] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+                distance[at] = np.abs(foundation.signed_distance(moved[at]))
+        return np.where(distance < rounding, 0.0, distance), np.where(turn < 1e-5, 0.0, turn)
+
+    try:
+        distance, turn = on_all_ranks(measure, "contact: foundation", at_nodes.comm)
+    except ValueError:  # it has no distance or no normal there: far outside
+        distance, turn = np.full((2, len(before)), math.nan)
+    internal = body.internal_force(u)
+    forces = over.sum(np.linalg.norm(internal, axis=1))
+    deformation = 0.0 if forces == 0.0 else 2.0 * over.dot(u, internal) / forces
+    # Normals were taken where the node is before it moves, against the foundation at its place of now.
+    along = np.linalg.norm(np.einsum("kij,kj->ki", at_nodes.frames[pressing], way)[:, 1:], axis=1)
+    return SmallStrain(
+        gap_error=0.0 if deformation <= 0.0 else largest(distance, over) / deformation,
+        turn=largest(turn, over),
+        slip_over_cell=largest(np.where(turn > 0.0, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
+        gradient=body.greatest_gradient(u),
+    )
+
+
+def largest(values: FloatArray, over: Reductions) -> float:
+    """The largest of values >= 0 on all ranks, 0 if there is none, nan if one is nan."""
+    return over.max(np.append(values, 0.0))

@@ -1,0 +1,75 @@
+"""The answer of a contact problem."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from ..arrays import FloatArray
+from ..solvers.results import CoulombResult, QPResult
+from .certificate import Certificate
+from .nodal_answer import NodalAnswer
+from .small_strain import SmallStrain, small_strain
+
+if TYPE_CHECKING:
+    from .problem import ContactProblem
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Answer of a contact problem.
+
+    Attributes:
+        problem: What was solved.
+        contact_force: x in newtons, this rank's part, shape (3 m,), node by node (n, t1, t2); x_n >= 0 presses.
+        displacement: In metres, this rank's nodes, shape (k, 3).
+        slip_bound: The g in newtons that the solver used, shape (m,).
+        result: What the solver says of it.
+        certificate: Whether it solves the equations of small strains.
+    """
+
+    problem: ContactProblem
+    contact_force: FloatArray
+    displacement: FloatArray
+    slip_bound: FloatArray
+    result: CoulombResult | QPResult
+    certificate: Certificate
+
+    @cached_property
+    def small_strain(self) -> SmallStrain:
+        """How small displacements are, measured by the theory; collective."""
+        problem = self.problem
+        return small_strain(NodalAnswer.of(self), problem.surface.foundations, problem.elasticity, self.displacement)
+
+    @property
+    def outside(self) -> tuple[str, ...]:
+        """Why the answer is outside the theory, in words; empty if it is inside, or if that was accepted; collective.
+
+        Accepted it is by `ContactProblem(..., small_strain="warn")`.
+        """
+        return self.small_strain.violations if self.problem.small_strain == "enforce" else ()
+
+    @property
+    def valid(self) -> bool:
+        """Whether the answer counts: the certificate passed, and it is inside the theory; collective."""
+        return self.certificate.passed and not self.outside
+
+    def write(self, directory: str) -> None:
+        """Fields, history and summary into a directory; what is there is replaced when all is written."""
+        from ..io.output import write
+
+        write(self, directory)
+
+
+def warn(answer: Solution) -> None:
+    """Log, on one rank, how an answer has left the theory; collective."""
+    strain = answer.small_strain
+    if answer.problem.comm.rank == 0:
+        for text in strain.violations:
+            _log.warning("outside small-strain theory: %s", text)
+        for text in strain.mere_warnings:
+            _log.info("%s", text)

@@ -1,0 +1,1 @@
+"""Pictures, films and the report, from the files of a run alone."""

@@ -1,0 +1,159 @@
+"""Runs a drawing module in a process of its own: a renderer may take its process down, and must not start MPI.
+
+As a script, `python apart.py coulomb.pictures.report ...`, it runs the module without the package's `__init__`: the
+modules it serves know neither DOLFINx nor MPI.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import math
+import os
+import runpy
+import signal
+import socket
+import subprocess
+import sys
+import time
+import types
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+PACKAGES = {
+    "matplotlib": "matplotlib",
+    "PIL": "pillow",
+    "jinja2": "jinja2",
+    "pyvista": "pyvista",
+    "vtk": "vtk",
+    "vtkmodules": "vtk",
+}
+"""What only pictures need (the extra `pictures` of pyproject.toml): modules, and the packages that hold them."""
+
+LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "HYDRA_", "SLURM_")
+"""Variables by which MPI's launcher speaks to its processes; this one is none of them."""
+
+
+_LINUX_DIE_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
+
+
+class Apart:
+    """`python -m module arguments` in a process of its own, from now on.
+
+    In a session of its own, so that a Ctrl-C is the caller's, who may want what is being drawn.
+
+    Args:
+        module: Full name, for example "coulomb.pictures.report".
+        arguments: Of its command line.
+    """
+
+    def __init__(self, module: str, arguments: Sequence[str]):
+        environment = {key: value for key, value in os.environ.items() if not key.startswith(LAUNCHER)}
+        command = [sys.executable, str(Path(__file__).resolve()), module, *arguments]
+        self._process: subprocess.Popen[str] | None = None
+        self._fault = ""
+        self._line, its_end = socket.socketpair()  # a pipe that it has closed would end us, by PETSc's hand, as SIGPIPE
+        try:
+            self._process = subprocess.Popen(
+                command,
+                env=environment,
+                stdin=its_end.fileno(),
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                start_new_session=True,
+            )
+        except OSError as error:
+            self._fault = str(error)
+        its_end.close()
+
+    def finish(
+        self, told: str = "", seconds: float | None = 600.0, stop: Callable[[], bool] = lambda: False
+    ) -> tuple[int, str]:
+        """Wait for its end.
+
+        Args:
+            told: For its standard input.
+            seconds: When to give it up; None to wait, as for a window.
+            stop: Asked now and then whether to give it up at once.
+
+        Returns:
+            Its exit code, and what it said: its standard output if the code is 0, else its last line of error.
+        """
+        process = self._process
+        if process is None or process.returncode is not None:
+            return 1, self._fault or "the renderer was stopped"
+        until = math.inf if seconds is None else time.monotonic() + seconds
+        try:
+            with self._line, contextlib.suppress(OSError):  # it may have ended already: its own words say why
+                self._line.sendall(told.encode(), socket.MSG_NOSIGNAL)
+            while True:
+                try:
+                    out, error = process.communicate(timeout=0.1)
+                    break
+                except subprocess.TimeoutExpired:
+                    if stop() or time.monotonic() > until:
+                        return 1, "interrupted" if stop() else f"it took more than {seconds:g} seconds"
+        finally:
+            self.stop()
+        code = process.wait()
+        if code == 0:
+            return 0, out.strip()
+        said = error.strip().splitlines()
+        return code, said[-1] if said else f"the renderer ended with code {code}"
+
+    def stop(self) -> None:
+        """End it, if it has not ended; may be asked for more than once."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.kill()
+            self._process.communicate()
+        self._line.close()
+
+
+def run(
+    module: str, arguments: Sequence[str], seconds: float | None = 600.0, stop: Callable[[], bool] = lambda: False
+) -> tuple[int, str]:
+    """Run `python -m module arguments` apart, as `Apart` and its `finish`."""
+    return Apart(module, arguments).finish(seconds=seconds, stop=stop)
+
+
+def begin_picture() -> Apart:
+    """What draws picture.png: it gets ready, and waits to be told the directory of the run."""
+    return Apart("coulomb.pictures.report", ["overview"])
+
+
+def missing(error: ModuleNotFoundError) -> str:
+    """What to install where a package of PACKAGES is missing; nothing if it is another one."""
+    module = (error.name or "").partition(".")[0]
+    if module not in PACKAGES:
+        return ""
+    every = " ".join(dict.fromkeys(PACKAGES.values()))
+    return f"{PACKAGES[module]} is not installed, and pictures need it: ./install.sh, or pip install {every}"
+
+
+def _bare_package() -> None:
+    """`coulomb` as a place where modules lie, and nothing else."""
+    here = Path(__file__).resolve().parent
+    package = types.ModuleType("coulomb")
+    package.__path__ = [str(here.parent)]
+    sys.modules["coulomb"] = package
+    sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != here]
+
+
+def _end_with_parent() -> None:
+    """On Linux: nobody waits for a picture any more when whoever asked for it is gone."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(_LINUX_DIE_WITH_PARENT, int(signal.SIGKILL), 0, 0, 0)
+
+
+if __name__ == "__main__":
+    _end_with_parent()
+    _bare_package()
+    del sys.argv[0]
+    try:
+        runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+    except ModuleNotFoundError as error:
+        if not missing(error):
+            raise
+        sys.exit(missing(error))

@@ -1,0 +1,111 @@
+"""Contact problems without a mesh: any symmetric positive definite A with b and slip bounds or friction."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from ..linalg.compliance import Compliance, MatrixCompliance
+from ..linalg.reductions import Reductions
+from .automatic import Automatic
+from .coulomb import CoulombProblem, CoulombSolver
+from .path_following import PathFollowing
+from .results import CoulombResult, QPResult
+from .tresca import QPSolver, TrescaQP
+
+
+def solve_tresca(
+    A: Any,
+    b: Any,
+    slip_bound: Any,
+    lower: Any = 0.0,
+    solver: QPSolver | None = None,
+) -> QPResult:
+    """min 1/2 x^T A x - b^T x  subject to  x_n >= lower,  |x_t| <= slip_bound  at every contact.
+
+    Args:
+        A: Symmetric positive definite, shape (3 m, 3 m): a numpy array, a scipy sparse matrix, or an assembled PETSc
+            matrix (whose rows on this rank belong to whole contacts); in any consistent units.
+        b: Shape (3 m,), contact by contact (n, t1, t2); with a PETSc matrix, this rank's part.
+        slip_bound: Radius of every friction disc, >= 0; a number or shape (m,).
+        lower: Lower bound of the normal forces; a number or shape (m,).
+        solver: PathFollowing() by default, or KPRGP().
+
+    Returns:
+        The answer, x contact by contact.
+
+    Raises:
+        ValueError: If A is not square, symmetric and made of blocks of three, or the rest does not fit to it.
+        NotConverged: If the residual stays above the solver's tolerance.
+    """
+    compliance = _compliance(A)
+    bound = _for_each("slip_bound", slip_bound, compliance.nodes)
+    qp = TrescaQP(compliance, _numbers("b", b), bound, _numbers("lower", lower))
+    return (solver or PathFollowing()).solve(qp)
+
+
+def solve_coulomb(A: Any, b: Any, friction: Any, solver: CoulombSolver | None = None) -> CoulombResult:
+    """The same with slip_bound = friction x_n at the solution.
+
+    Args:
+        A: As for `solve_tresca`.
+        b: As for `solve_tresca`.
+        friction: Coefficient of every contact, >= 0; a number or shape (m,).
+        solver: Automatic() by default; OneLoop() or SuccessiveTresca().
+
+    Raises:
+        ValueError: As `solve_tresca`.
+        NotConverged: If the Coulomb residual stays above the solver's tolerance.
+    """
+    compliance = _compliance(A)
+    coefficient = _for_each("friction", friction, compliance.nodes)
+    return (solver or Automatic()).solve(CoulombProblem(compliance, _numbers("b", b), coefficient))
+
+
+def _numbers(name: str, values: Any) -> FloatArray:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be made of numbers") from None
+
+
+def _for_each(name: str, values: Any, nodes: int) -> FloatArray:
+    """A number for every contact, or as given."""
+    numbers = _numbers(name, values)
+    return np.full(nodes, float(numbers)) if numbers.ndim == 0 else numbers
+
+
+def _compliance(A: Any) -> Compliance:
+    if isinstance(A, PETSc.Mat):
+        matrix = A
+    elif scipy.sparse.issparse(A):
+        matrix = _square(scipy.sparse.csr_matrix(A, dtype=np.float64))
+        rows = (matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType), matrix.data)
+        matrix = PETSc.Mat().createAIJ(matrix.shape, csr=rows, comm=MPI.COMM_SELF)
+    else:
+        dense = np.asfortranarray(_square(_numbers("A", A)))
+        matrix = PETSc.Mat().createDense(dense.shape, array=dense, comm=MPI.COMM_SELF)
+    matrix.assemble()
+    size = matrix.norm(PETSc.NormType.FROBENIUS)
+    (rows, columns), over = matrix.getSize(), Reductions(matrix.getComm().tompi4py())
+    if rows != columns or not over.all(matrix.getLocalSize()[0] % 3 == 0):
+        raise ValueError(f"A must be square with three rows a contact on its rank, but is {rows} x {columns}")
+    if not np.isfinite(size):
+        raise ValueError("A has entries that are not finite")
+    if not matrix.isSymmetric(1e-8 * size):
+        raise ValueError("A must be symmetric")
+    compliance = MatrixCompliance(matrix)
+    if not over.min(compliance.diagonal()) > 0.0:
+        raise ValueError("A must be positive definite, but has a diagonal entry that is not positive")
+    return compliance
+
+
+def _square(A: Any) -> Any:
+    if A.ndim != 2 or A.shape[0] != A.shape[1] or A.shape[0] % 3 or A.shape[0] == 0:
+        raise ValueError(f"A must be square with three rows a contact, but has shape {A.shape}")
+    return A
