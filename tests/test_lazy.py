@@ -83,3 +83,13 @@ def test_lazy_names_are_the_public_ones():
     assert set(coulomb.__all__) <= set(dir(coulomb))
     with pytest.raises(AttributeError, match="module 'coulomb' has no attribute 'Block'"):
         coulomb.Block  # noqa: B018
+
+
+def test_dolfinx_is_imported_without_reading_what_is_installed():
+    """UFL of Debian 12 would load pkg_resources; whoever imports that later gets the real one."""
+    program = (
+        "import sys\nimport coulomb.fem.compat\nassert 'pkg_resources' not in sys.modules\n"
+        "import ufl, ffcx\nprint(ufl.__version__, ffcx.__version__)"
+    )
+    done = run_python("-c", program)
+    assert done.returncode == 0 and len(done.stdout.split()) == 2, done.stderr

@@ -15,14 +15,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from .quick_versions import versions_from_metadata
 
 # Debian 12's DOLFINx opens itself with RTLD_GLOBAL and leaves that on; VTK's wheels, imported later, then abort.
 _setdlopenflags = sys.setdlopenflags
 sys.setdlopenflags = lambda flags: None
 try:
-    import dolfinx
-    import dolfinx.fem.petsc
-    import dolfinx.jit
+    with versions_from_metadata():
+        import dolfinx
+        import dolfinx.fem.petsc
+        import dolfinx.jit
     from petsc4py import PETSc
 except ImportError as error:
     hint = f" PETSC_DIR is set ({os.environ['PETSC_DIR']}): try without." if "PETSC_DIR" in os.environ else ""

@@ -167,7 +167,7 @@ def plotter_for(size: tuple[int, int], window: bool = False) -> Any:
     pyvista = renderer()
     plotter = pyvista.Plotter(off_screen=not window, window_size=size)
     plotter.set_background("white")
-    plotter.enable_anti_aliasing("msaa" if window else "ssaa")
+    plotter.enable_anti_aliasing("msaa", multi_samples=8)  # two thirds of the time of drawing four times as large
     return plotter
 
 
