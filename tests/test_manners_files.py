@@ -59,9 +59,9 @@ def test_a_run_onto_a_small_disk(size, force):
 @pytest.mark.parametrize("size", ["64k", "72k"])
 def test_a_disk_that_hdf5_finds_full(size):
     """Where the estimate does not foresee it: one line, no stack of HDF5's, no segmentation fault."""
-    script = "import sys; from coulomb import output; output.size_on_disk = lambda _: 0.0\n"
+    script = "import sys; from coulomb.io import output; output.size_on_disk = lambda _: 0.0\n"
     script += (
-        "from coulomb.cli import main; sys.argv = ['coulomb', 'run', 'case.toml', '--output', 'small/out']; main()"
+        "from coulomb.cli.app import main; sys.argv = ['coulomb', 'run', 'case.toml', '--output', 'small/out']; main()"
     )
     Path("run.py").write_text(script)
     with disk(size):
