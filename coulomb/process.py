@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from .ranks import RANK_VARIABLES
+from .ranks import RANK_VARIABLES, start_alone
 
 _begun = _goes_on = _abruptly = False
 
@@ -60,9 +60,11 @@ def begin() -> None:
     given = os.environ.get("PETSC_OPTIONS", "").split()
     if "-no_signal_handler" not in given:  # it would report a signal as an error, with a traceback
         os.environ["PETSC_OPTIONS"] = " ".join([*given, "-no_signal_handler"])
-    os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")  # no daemon, which would complain of our end
     if _launched():
         os.environ["TERM"] = "dumb"
+        os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")  # no daemon, which would complain of our end
+    else:
+        start_alone()
     _keep_caches_somewhere()
 
 

@@ -23,6 +23,7 @@ from ..fem.surface import interpolated_forces
 from ..io.peak_memory import peak_memory
 from ..linalg.stiffness import DirectSolver, IterativeSolver
 from ..model.problem import ContactProblem
+from ..ranks import ALONE
 from ..solvers.condensed import CondensedConeSystem
 from ..solvers.one_loop import OneLoop
 from ..solvers.results import CoulombResult, NotConverged
@@ -83,7 +84,7 @@ def measure(
                 newton,
                 start,
             ]
-            launcher = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX", "PRTE")
+            launcher = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX", "PRTE", *ALONE)
             environment = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
             environment["OMP_NUM_THREADS"] = "1"
             if os.geteuid() == 0:  # Open MPI asks root to confirm; who starts this as root has
