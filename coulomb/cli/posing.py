@@ -106,5 +106,5 @@ def expected(settings: Case, problem: ContactProblem) -> list[str]:
         "fast as this machine is now"
     )
     if settings.history is not None:
-        lines.append(f"a film of it (coulomb plot --save film.gif): about {about(steps * taken.frame)}")
+        lines.append(f"a film of it (coulomb plot --save film.gif): about {about(taken.picture + steps * taken.frame)}")
     return lines
