@@ -185,7 +185,8 @@ def _from_origin(
 ) -> tuple[FaceNodes, FloatArray, list[str]]:
     """The nodes with the place from which their slip counts, the way of the foundations, and what is not known."""
     count = int(np.max(nodes.part)) + 1
-    moved, x = np.zeros((count, 3)), run.on_face["x"]
+    moved: FloatArray = np.zeros((count, 3))
+    x = run.on_face["x"]
     if start is None:
         if "step" in run.summary or case is None:
             return nodes, moved, ["taken as written, without the load step before: slip_origin"]

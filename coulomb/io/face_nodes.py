@@ -188,7 +188,8 @@ def _face(
 
 def _parts(run: WrittenRun, count: int, said: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """The face of every written facet: that of its contact nodes; of two, the one it is more parallel to."""
-    best, part = np.full(len(run.facets), -np.inf), np.zeros(len(run.facets), dtype=np.int64)
+    best = np.full(len(run.facets), -np.inf)
+    part: npt.NDArray[np.int64] = np.zeros(len(run.facets), dtype=np.int64)
     x = run.on_face["x"][run.facets]
     across = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     across /= np.linalg.norm(across, axis=1)[:, None]
