@@ -88,7 +88,7 @@ def test_only_compat_imports_dolfinx(path):
 def test_only_compat_asks_for_the_version(path):
     text = path.read_text()
     assert "dolfinx.__version__" not in text
-    assert path.name == "versions.py" or "compat.VERSION" not in text  # it tells which one it was
+    assert path.name == "environment.py" or "compat.VERSION" not in text  # it tells which one it was
 
 
 def test_package_imports_neither_plotting_nor_command_line():

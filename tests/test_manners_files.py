@@ -15,7 +15,7 @@ from test_manners_process import CASE, certified, shell
 
 from coulomb.case.case import read_case
 from coulomb.cli import app as cli
-from coulomb.fem.fields import evaluate_amplitude, evaluate_motion
+from coulomb.fem.user_values import evaluate_amplitude, evaluate_motion
 from coulomb.io.fclib import read_fclib
 
 HISTORY = CASE.replace(

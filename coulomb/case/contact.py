@@ -14,7 +14,7 @@ from .body import Table
 from .values import ROWS, TABLES, Duration, Friction, Length, Name, Number, Steps, Stress, Vector
 
 if TYPE_CHECKING:
-    from ..fem.fields import Coefficient
+    from ..fem.user_values import Coefficient
     from ..model.contact import Contact
 
 

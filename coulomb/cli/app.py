@@ -116,7 +116,7 @@ app.command("check-case")(check_case)
 @app.command()
 def info() -> None:
     """Versions and PETSc's packages, for a bug report."""
-    from ..io.versions import details
+    from ..io.environment import details
 
     for name, value in details().items():
         _console.print(f"{name:<18}{value}", markup=False, soft_wrap=True)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from .quick_versions import versions_from_metadata
+from .pkg_resources_stub import versions_from_metadata
 
 # Debian 12's DOLFINx opens itself with RTLD_GLOBAL and leaves that on; VTK's wheels, imported later, then abort.
 _setdlopenflags = sys.setdlopenflags

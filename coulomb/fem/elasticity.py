@@ -12,9 +12,9 @@ from petsc4py import PETSc
 from . import compat
 from .body import strain
 from .compat import fem, ufl
-from .fields import Amplitude, Field
 from .loaded_body import Clamp, LoadedBody, Materials, Spring, Traction
 from .meshes import NamedMesh
+from .user_values import Amplitude, Field
 
 __all__ = ["Clamp", "Elasticity", "Materials", "Spring", "Traction"]
 

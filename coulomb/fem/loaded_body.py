@@ -15,8 +15,8 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from .body import ElasticBody, Material
 from .compat import fem, ufl
-from .fields import Amplitude, Field, evaluate_amplitude, evaluate_vectors, on_all_ranks
 from .meshes import NamedMesh
+from .user_values import Amplitude, Field, evaluate_amplitude, evaluate_vectors, on_all_ranks
 
 _MODES = (
     *("translation along x", "translation along y", "translation along z"),

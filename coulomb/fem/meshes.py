@@ -17,8 +17,8 @@ from ..arrays import FloatArray
 from . import compat, gmsh_format, xdmf_format
 from .box_faces import BOX_FACES
 from .compat import mesh
-from .fields import evaluate_vectors
 from .mesh_file import InspectedMesh, IntArray, MeshFile, inspect
+from .user_values import evaluate_vectors
 
 CELLS = {"hexahedron": mesh.CellType.hexahedron, "tetrahedron": mesh.CellType.tetrahedron}
 

@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
 from .elasticity import Elasticity
-from .fields import on_all_ranks
 from .obstacles import Plane, RigidFoundation
+from .user_values import on_all_ranks
 
 Normals = Literal["foundation", "body"]
 """Whose normals the contact frames take."""

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
-from ..fem.fields import on_all_ranks
+from ..fem.user_values import on_all_ranks
 
 _AT_ONCE = 200_000  # points read at a time: no rank ever holds the whole mesh
 

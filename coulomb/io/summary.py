@@ -17,8 +17,8 @@ from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from ..solvers.results import CoulombResult
 from ..version import __version__
+from .environment import versions
 from .peak_memory import peak_memory
-from .versions import versions
 
 LOOK_AT_GAP = "look at the foundation's place and normal, and at the unit of the mesh (scale)"
 """What to do where nothing touches."""

@@ -10,9 +10,9 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.elasticity import Elasticity
-from ..fem.fields import Coefficient, Motion, evaluate_motion, evaluate_numbers, on_all_ranks
 from ..fem.obstacles import Moved, RigidFoundation
 from ..fem.surface import ContactSurface, Normals, contact_surface, joined
+from ..fem.user_values import Coefficient, Motion, evaluate_motion, evaluate_numbers, on_all_ranks
 
 
 @dataclass(frozen=True)

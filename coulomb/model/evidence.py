@@ -17,8 +17,8 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.body import ElasticBody
-from ..fem.fields import evaluate_motion, evaluate_numbers, on_all_ranks
 from ..fem.surface import tangent_frames, way_along
+from ..fem.user_values import evaluate_motion, evaluate_numbers, on_all_ranks
 from ..linalg.reductions import Reductions
 
 if TYPE_CHECKING:

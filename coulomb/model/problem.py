@@ -13,10 +13,10 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.elasticity import Clamp, Elasticity, Materials, Spring, Traction
-from ..fem.fields import Amplitude, Field
 from ..fem.meshes import NamedMesh
 from ..fem.obstacles import RigidFoundation
 from ..fem.surface import ContactSurface
+from ..fem.user_values import Amplitude, Field
 from ..linalg.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance, SchurCompliance
 from ..linalg.methods import LinearSolver, chosen, contact_last
 from ..linalg.multifrontal import MultifrontalSolver

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.fields import on_all_ranks
+from ..fem.user_values import on_all_ranks
 from ..linalg.reductions import Reductions
 
 if TYPE_CHECKING:
