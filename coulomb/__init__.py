@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from .solvers.cone_systems import DenseConeSystem, KrylovConeSystem
     from .solvers.coulomb import CoulombProblem
     from .solvers.dense_system import DenseSystem
-    from .solvers.fixed_point import SuccessiveTresca
     from .solvers.general import solve_coulomb, solve_tresca
     from .solvers.kprgp import KPRGP
     from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
     from .solvers.one_loop import OneLoop
     from .solvers.path_following import PathFollowing
     from .solvers.results import CoulombResult, NotConverged, Progress, QPResult, Status
+    from .solvers.successive_tresca import SuccessiveTresca
     from .solvers.tresca import TrescaQP
 
 __all__ = [
@@ -110,7 +110,7 @@ _PUBLIC = {
     "solvers.cone_systems": ("DenseConeSystem", "KrylovConeSystem"),
     "solvers.coulomb": ("CoulombProblem",),
     "solvers.dense_system": ("DenseSystem",),
-    "solvers.fixed_point": ("SuccessiveTresca",),
+    "solvers.successive_tresca": ("SuccessiveTresca",),
     "solvers.kprgp": ("KPRGP",),
     "solvers.newton_systems": ("AugmentedSystem", "RecyclingSystem", "SchurComplementSystem"),
     "solvers.one_loop": ("OneLoop",),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from check_runs import BALL, BLOCK, UNASKED, WEDGE, change, copied, edit, field, get, leaves, made, put, run_case, shown
 
-from coulomb.io.check import check
+from coulomb.io.recheck.directory import check
 from coulomb.model.contact import contact_surface as real_surface
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 

@@ -10,7 +10,7 @@ import pytest
 from check_runs import BALL, TRESCA_STEPS, UNASKED, change, copied, edit, field, made, run_case
 from conftest import indentation, run_coulomb
 
-from coulomb.io.check import check
+from coulomb.io.recheck.directory import check
 from coulomb.model.load_history import LoadHistory
 
 RUNS = {"hexahedra, Coulomb": BALL, "tetrahedra, Tresca": TRESCA_STEPS}

@@ -13,7 +13,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, DirectSolver, Elasticity, Material, Spring, Traction
 from coulomb.fem import compat
 from coulomb.fem.compat import fem, io, mesh
-from coulomb.io.check import check
+from coulomb.io.recheck.directory import check
 from coulomb.io.summary import summary
 
 

@@ -14,9 +14,9 @@ from coulomb.pictures import apart
 from coulomb.pictures.plotting import ZONES, renderer
 from coulomb.pictures.report import overview, scene, sheet
 from coulomb.pictures.report.camera import MARGIN, SHAPES, framing
-from coulomb.pictures.report.fields import named
 from coulomb.pictures.report.files import read_run
 from coulomb.pictures.report.scene import VIEWS, Look, automatic_scale, camera_of, limits_of, shoot
+from coulomb.pictures.report.shown_fields import named
 
 PAIRS = list(itertools.combinations(dict(ZONES.values()), 2))
 

@@ -20,8 +20,8 @@ from coulomb.io import output
 from coulomb.io.history_summary import whole
 from coulomb.pictures import apart
 from coulomb.pictures.report import charts, facts, page
-from coulomb.pictures.report.fields import named
 from coulomb.pictures.report.files import read_run
+from coulomb.pictures.report.shown_fields import named
 from coulomb.pictures.report.units import number, quantity, scale_of, vector
 from coulomb.version import __version__
 

@@ -10,11 +10,11 @@ from PIL import Image
 
 from coulomb.pictures.plotting import ZONES, read_grid
 from coulomb.pictures.report import picture
-from coulomb.pictures.report.fields import named
 from coulomb.pictures.report.files import read_run
 from coulomb.pictures.report.picture import plot
 from coulomb.pictures.report.scene import Look, paint, plotter_for
 from coulomb.pictures.report.sheet import sheet
+from coulomb.pictures.report.shown_fields import named
 
 
 def pixels(path):

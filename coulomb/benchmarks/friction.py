@@ -10,11 +10,11 @@ import numpy as np
 
 from ..solvers.cone_systems import DenseConeSystem
 from ..solvers.coulomb import CoulombProblem, CoulombSolver
-from ..solvers.fixed_point import SuccessiveTresca
 from ..solvers.newton_systems import AugmentedSystem
 from ..solvers.one_loop import OneLoop
 from ..solvers.path_following import PathFollowing
 from ..solvers.results import NotConverged
+from ..solvers.successive_tresca import SuccessiveTresca
 from .block import block
 
 FRICTION = (0.1, 0.3, 0.8, 1.5)

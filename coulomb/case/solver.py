@@ -45,10 +45,10 @@ class SolverTable(Table):
         from ..solvers.condensed import CondensedConeSystem, CondensedSystem
         from ..solvers.cone_systems import DenseConeSystem
         from ..solvers.dense_system import DenseSystem
-        from ..solvers.fixed_point import SuccessiveTresca
         from ..solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
         from ..solvers.one_loop import OneLoop
         from ..solvers.path_following import PathFollowing
+        from ..solvers.successive_tresca import SuccessiveTresca
 
         systems: dict[str, type[NewtonSystem]] = {
             "recycling": RecyclingSystem,

@@ -138,10 +138,10 @@ def fclib(
     from ..io.fclib import read_fclib
     from ..solvers.automatic import Automatic
     from ..solvers.dense_system import DenseSystem
-    from ..solvers.fixed_point import SuccessiveTresca
     from ..solvers.general import solve_coulomb
     from ..solvers.path_following import PathFollowing
     from ..solvers.results import CoulombResult, NotConverged
+    from ..solvers.successive_tresca import SuccessiveTresca
 
     trouble = ""
     solver: CoulombSolver = Automatic(tolerance)
@@ -251,7 +251,7 @@ def check(directory: Annotated[Path, typer.Argument(help="Where a run has left i
     """
     refuse_ranks("coulomb check")
 
-    from ..io.check import check as check_files
+    from ..io.recheck.directory import check as check_files
 
     try:
         found = check_files(directory, lambda line: _console.print(line, markup=False, soft_wrap=True))

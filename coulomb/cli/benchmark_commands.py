@@ -27,7 +27,7 @@ def compliance(
     sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
 ) -> None:
     """Three ways to the compliance A on one rank, seconds: what the default choice rests on."""
-    from ..benchmarks.compliance import measure
+    from ..benchmarks.compliance_formation import measure
 
     refuse_ranks("this benchmark")
     console.print(
@@ -249,7 +249,7 @@ def verification(
         _write_csv(directory, "verification", fields, lines)
         drawn = ""
         with _figures(), _writing(directory):
-            from ..benchmarks.verification.plotting import draw
+            from ..benchmarks.verification.figures import draw
 
             for name, verified in found.items():
                 draw(verified.panels, directory / f"{name}.png")

@@ -20,7 +20,7 @@ from ..fem import compat
 from ..fem.body import ElasticBody
 from ..fem.meshes import corners_of, local_facets
 from ..model.nodal_answer import HELD
-from .comparison import OF_LARGEST
+from .recheck.comparison import OF_LARGEST
 
 ON_CELLS = ("von_mises_stress", "young", "poisson")
 """Fields of solution.h5, one number per cell."""

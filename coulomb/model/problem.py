@@ -23,11 +23,11 @@ from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.stiffness import DirectSolver, StiffnessSolver
 from ..solvers.automatic import Automatic
 from ..solvers.coulomb import CoulombProblem, CoulombSolver
-from ..solvers.fixed_point import SuccessiveTresca
 from ..solvers.kprgp import KPRGP
 from ..solvers.one_loop import OneLoop
 from ..solvers.path_following import PathFollowing
 from ..solvers.results import CoulombResult, NotConverged, ProgressCallback, QPResult
+from ..solvers.successive_tresca import SuccessiveTresca
 from ..solvers.tresca import QPSolver, TrescaQP
 from .acceptance import CERTIFIED_FROM, Acceptance
 from .contact import Contact, ContactFaces

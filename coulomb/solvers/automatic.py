@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 from ..arrays import FloatArray
 from .coulomb import CoulombProblem
-from .fixed_point import SuccessiveTresca
 from .one_loop import OneLoop
 from .results import CoulombResult, NotConverged, ProgressCallback, Status, check_constants
+from .successive_tresca import SuccessiveTresca
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from ..plotting import Grid
-from .fields import named
 from .files import Step, read_run
 from .scene import Look, Shot, automatic_scale, camera_of, caption, limits_of, shoot, zone_counts
 from .sheet import ALARM, INK, colour_bar, directions, legend
+from .shown_fields import named
 
 FILE = "picture.png"
 

@@ -15,10 +15,10 @@ from PIL import Image
 
 from ..plotting import ZONES
 from . import charts, facts
-from .fields import named, ramp
 from .files import Run, read_run
 from .scene import Look, Shot, automatic_scale, cropped, limits_of, shoot, zone_counts
 from .sheet import AXES
+from .shown_fields import named, ramp
 from .surface_view import surface_view
 from .units import in_seconds, number, quantity, scale_of, vector
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from .fields import Field, named, ramp
 from .files import Step, read_run
 from .scene import (
     VIEWS,
@@ -24,6 +23,7 @@ from .scene import (
     zone_counts,
 )
 from .sheet import AXES, Pixels, pixels_of, sheet
+from .shown_fields import Field, named, ramp
 
 PICTURES, ANIMATIONS = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
 

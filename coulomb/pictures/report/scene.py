@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from ..plotting import ZONES, FloatArray, Grid, match, nice, patches, polygons, renderer, skin_of, without
 from .camera import Camera, framing
-from .fields import Field, named
 from .files import Run, Step
+from .shown_fields import Field, named
 from .units import in_seconds, number, scale_of
 
 VIEWS = {

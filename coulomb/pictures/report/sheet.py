@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..plotting import ZONES
-from .fields import Field
 from .scene import Shot
+from .shown_fields import Field
 from .units import scale_of
 
 Pixels = npt.NDArray[np.uint8]

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..plotting import ZONES, FloatArray, Grid, match, renderer, skin_of
-from .fields import named, ramp
 from .files import Run, Step
 from .scene import limits_of, looking_at, outward
 from .sheet import AXES
+from .shown_fields import named, ramp
 from .units import in_seconds, scale_of
 
 IntArray = npt.NDArray[np.int64]

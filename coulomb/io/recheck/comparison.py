@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ...arrays import FloatArray
 
 RELATIVE = 1e-9
 """How far a number may be from what follows, over itself: files hold 16 digits, and sums lose a few."""

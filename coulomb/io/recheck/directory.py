@@ -13,8 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from .case_reference import CaseReference
-from .checked_history import HistoryFindings, check_history, check_step, is_history, is_step
-from .checked_run import Findings, check_run
+from .history import HistoryFindings, check_history, check_step, is_history, is_step
+from .run import Findings, check_run
 
 
 def check(directory: str | Path, say: Callable[[str], None] = lambda line: None) -> Findings | HistoryFindings:

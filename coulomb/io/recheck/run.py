@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..model.certificate import Certificate
-from ..solvers.fixed_point import SuccessiveTresca
+from ...arrays import FloatArray
+from ...model.certificate import Certificate
+from ...solvers.successive_tresca import SuccessiveTresca
+from ..run_files import WrittenRun, midpoints, numbers, read_run
 from .case_reference import CaseReference
 from .comparison import Comparison, Rounding
 from .face_nodes import FaceNodes, face_nodes
 from .recomputed import Variant, recomputed
-from .run_files import WrittenRun, midpoints, numbers, read_run
 
 SLIP_BOUND_LIMIT = 1e-6
 """How far the g of successive Tresca's last problem may be from the law's at its forces, over that, and ten times the

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ..arrays import FloatArray
-from ..fem import compat
-from ..fem.obstacles import RigidFoundation
-from ..model.certificate import Certificate, judge
-from ..model.evidence import Evidence, rounding_forces
-from ..model.load_step import Forces
-from ..model.small_strain import SmallStrain, small_strain
+from ...arrays import FloatArray
+from ...fem import compat
+from ...fem.obstacles import RigidFoundation
+from ...model.certificate import Certificate, judge
+from ...model.evidence import Evidence, rounding_forces
+from ...model.load_step import Forces
+from ...model.small_strain import SmallStrain, small_strain
+from ..run_files import WrittenRun
+from ..summary import derived
 from .comparison import Rounding
 from .face_nodes import FaceNodes
-from .run_files import WrittenRun
-from .summary import derived
 
 _FOLLOW = ("pressure", "friction_traction", "slip", "gap", "status", "friction_use")
 """Fields of contact.xdmf that follow from displacement and contact forces; the others are what was given."""

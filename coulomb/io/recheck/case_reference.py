@@ -13,17 +13,17 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ..arrays import FloatArray
-from ..case.case import Case, written_case
-from ..fem import compat
-from ..fem.body import Material
-from ..fem.loaded_body import LoadedBody
-from ..fem.meshes import corners_of
-from ..fem.obstacles import Moved, RigidFoundation
-from ..fem.surface import plane_of_face, way_along
-from ..fem.user_values import evaluate_motion, evaluate_numbers
+from ...arrays import FloatArray
+from ...case.case import Case, written_case
+from ...fem import compat
+from ...fem.body import Material
+from ...fem.loaded_body import LoadedBody
+from ...fem.meshes import corners_of
+from ...fem.obstacles import Moved, RigidFoundation
+from ...fem.surface import plane_of_face, way_along
+from ...fem.user_values import evaluate_motion, evaluate_numbers
+from ..run_files import WrittenRun, midpoints, places
 from .comparison import Comparison
-from .run_files import WrittenRun, midpoints, places
 
 _SOURCE = "the case"
 

@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ..arrays import FloatArray
-from ..linalg.reductions import Reductions
-from ..model.load_step import Energy, Forces, row
+from ...arrays import FloatArray
+from ...linalg.reductions import Reductions
+from ...model.load_step import Energy, Forces, row
+from ..history_summary import whole
+from ..run_files import WrittenRun, numbers, places, read_summary
 from .case_reference import CaseReference
-from .checked_run import Findings, Start, check_run, step_of, verdict
 from .comparison import Comparison
-from .history_summary import whole
-from .run_files import WrittenRun, numbers, places, read_summary
+from .run import Findings, Start, check_run, step_of, verdict
 
 _SERIAL = Reductions(MPI.COMM_SELF)
 

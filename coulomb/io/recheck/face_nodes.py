@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ..arrays import FloatArray
-from ..fem.surface import tangent_frames
-from ..model.evidence import HELD_BEYOND
-from ..model.nodal_answer import NodalAnswer
+from ...arrays import FloatArray
+from ...fem.surface import tangent_frames
+from ...model.evidence import HELD_BEYOND
+from ...model.nodal_answer import NodalAnswer
+from ..run_files import WrittenRun
 from .case_reference import CaseReference
 from .comparison import Comparison
-from .run_files import WrittenRun
 
 _NEARLY_HELD = 0.9
 """Without a case, the normal of a node that is said to be held is that of its facets: only near the foundation's."""

@@ -1,0 +1,1 @@
+"""The files of a run checked again, from themselves alone: `coulomb check`."""
