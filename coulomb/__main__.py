@@ -1,8 +1,14 @@
 """The program: `coulomb`, or `python -m coulomb`.  The process is put in order before anything else is loaded."""
 
+import sys
+
 from .process import begin
 
 begin()
+
+from .pictures import overview_process  # noqa: E402  (streams and signals are in order when it begins)
+
+overview_process.begin_early(sys.argv[1:])
 
 
 def main() -> None:

@@ -98,7 +98,11 @@ def test_package_imports_neither_plotting_nor_command_line():
             assert not uses(path, "pyvista", "vtk", "vtkmodules", "matplotlib"), path
 
 
-@pytest.mark.parametrize("path", [*sorted((PACKAGE / "pictures").rglob("*.py"))], ids=lambda p: p.name)
+LAUNCHES = PACKAGE / "pictures" / "overview_process.py"
+"""Runs in the command line's process."""
+
+
+@pytest.mark.parametrize("path", sorted({*(PACKAGE / "pictures").rglob("*.py")} - {LAUNCHES}), ids=lambda p: p.name)
 def test_what_draws_stands_alone(path):
     """It runs without the package's `__init__` (coulomb.pictures.apart), and may use no other part of it."""
     own = ("coulomb.pictures.plotting", "coulomb.pictures.report")

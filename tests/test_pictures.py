@@ -10,7 +10,7 @@ from PIL import Image
 
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
 from coulomb.io import output
-from coulomb.pictures import apart
+from coulomb.pictures import overview_process
 from coulomb.pictures.plotting import ZONES, renderer
 from coulomb.pictures.report import overview, scene, sheet
 from coulomb.pictures.report.camera import MARGIN, SHAPES, framing
@@ -214,11 +214,11 @@ def test_ticks_are_round(limits):
 
 def test_what_draws_ends_when_nobody_tells_it_what():
     """As where the run that began it is killed: its standard input ends."""
-    assert apart.begin_picture().finish("", seconds=120.0) == (0, "")
+    assert overview_process.begin().finish("", seconds=120.0) == (0, "")
 
 
 def test_what_draws_can_be_stopped():
-    process = apart.begin_picture()
+    process = overview_process.begin()
     process.stop()
     process.stop()
     assert process._process.returncode == -9

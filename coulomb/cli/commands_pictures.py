@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from ..pictures import apart
+from ..pictures import apart, overview_process
 from ..ranks import launched, on_rank_0
 from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
 
@@ -74,12 +74,14 @@ def report(
 
 @contextmanager
 def drawing_soon(settings: Case) -> Iterator[apart.Apart | None]:
-    """What draws picture.png of a single run gets ready while the run computes, which takes as long for a small one.
+    """The process that draws picture.png of a single run loads its libraries while the run computes.
 
-    It is not begun so soon (None) under MPI, whose ranks need all cores, nor for large meshes, which need the memory.
+    None under MPI, whose ranks need all cores, and for large meshes, which need the memory: it begins afterwards there.
     """
     soon = settings.output.picture and settings.history is None and launched() is None and settings.mesh.small
-    renderer = apart.begin_picture() if soon else None
+    if not soon:
+        overview_process.stop_early()
+    renderer = overview_process.begin() if soon else None
     try:
         yield renderer
     finally:

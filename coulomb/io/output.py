@@ -30,7 +30,8 @@ from ..model.nodal_answer import HELD, NodalAnswer
 from ..model.problem import ContactProblem
 from ..model.provenance import moment, now, provenance
 from ..model.solution import Solution
-from ..pictures import apart
+from ..pictures import overview_process
+from ..pictures.apart import Apart
 from ..process import hushed
 from ..ranks import on_rank_0
 from ..solvers.results import OuterStep, QPStep
@@ -98,7 +99,7 @@ def add_picture(
     target: Path,
     comm: MPI.Comm,
     stop: Callable[[], bool] = lambda: False,
-    renderer: apart.Apart | None = None,
+    renderer: Apart | None = None,
 ) -> dict[str, Any]:
     """Draw picture.png of results that are on disk, and say so in their summary; collective.
 
@@ -312,7 +313,7 @@ def write_json(contents: dict[str, Any], path: Path) -> None:
     os.replace(partial, path)
 
 
-def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: apart.Apart | None = None) -> str:
+def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: Apart | None = None) -> str:
     """Draw picture.png of a run, or of the end of a load history; what went wrong, or nothing.
 
     In a process of its own: a renderer may take it down.
@@ -320,9 +321,9 @@ def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: ap
     Args:
         directory: Of the run.
         stop: Asked now and then whether to give it up.
-        renderer: The process that draws, if it has begun already (`apart.begin_picture`).
+        renderer: The process that draws, if it has begun already (`overview_process.begin`).
     """
-    code, said = (renderer or apart.begin_picture()).finish(str(directory.absolute()), stop=stop)
+    code, said = (renderer or overview_process.begin()).finish(str(directory.absolute()), stop=stop)
     if not code:
         return ""
     for name in ("picture.png", ".picture.png"):  # of what was there before, and half a picture

@@ -117,11 +117,6 @@ def run(
     return Apart(module, arguments).finish(seconds=seconds, stop=stop)
 
 
-def begin_picture() -> Apart:
-    """What draws picture.png: it gets ready, and waits to be told the directory of the run."""
-    return Apart("coulomb.pictures.report", ["overview"])
-
-
 def missing(error: ModuleNotFoundError) -> str:
     """What to install where a package of PACKAGES is missing; nothing if it is another one."""
     module = (error.name or "").partition(".")[0]

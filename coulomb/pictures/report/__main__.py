@@ -3,6 +3,7 @@
 A line of standard error, and exit code 2 if the input is wrong, 1 if there is no room for the file.
 """
 
+import os
 import sys
 
 if __name__ == "__main__":
@@ -15,6 +16,9 @@ if __name__ == "__main__":
         else:
             from .picture import main
         sys.stdout.write(main(arguments))
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)  # the files are written, and VTK takes 0.1 to 0.2 s to take down its windows
     except ValueError as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(2)

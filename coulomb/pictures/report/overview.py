@@ -53,7 +53,7 @@ def draw(directory: Path) -> Path:
     shots = [shoot(step, look, camera=camera) for look in looks]
     figure = _composed(shots, looks[0], caption(run, step, scale), run.alarm, zone_counts(step.grid("contact")))
     partial = directory / f".{FILE}"
-    figure.savefig(partial, dpi=DPI, format="png", pil_kwargs={"compress_level": 3})
+    figure.savefig(partial, dpi=DPI, format="png", pil_kwargs={"compress_level": 1})
     return partial.replace(directory / FILE)
 
 

@@ -1,0 +1,129 @@
+"""The process that draws picture.png begins early where it may be needed, and never outlives the run."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from coulomb.pictures import overview_process
+from coulomb.ranks import RANK_VARIABLES
+
+MARK = "COULOMB_TEST_OF_THE_OVERVIEW"
+
+
+class Started:
+    """In place of a process."""
+
+    def __init__(self, module, arguments):
+        self.stopped = False
+
+    def stop(self):
+        self.stopped = True
+
+
+@pytest.fixture
+def two_processors(monkeypatch):
+    """A machine with two processors, no launcher of MPI, and processes that only note that they were started."""
+    for name in RANK_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
+    monkeypatch.setattr(overview_process, "Apart", Started)
+    monkeypatch.setattr(overview_process, "_early", None)
+    return monkeypatch
+
+
+def test_a_run_begins_it_and_takes_it_over_once(two_processors):
+    overview_process.begin_early(["run", "case.toml"])
+    begun = overview_process._early
+    assert isinstance(begun, Started)
+    assert overview_process.begin() is begun and overview_process._early is None
+    assert overview_process.begin() is not begun
+
+
+def test_a_case_without_a_picture_ends_it(two_processors):
+    overview_process.begin_early(["run", "case.toml"])
+    begun = overview_process._early
+    overview_process.stop_early()
+    overview_process.stop_early()
+    assert begun.stopped and overview_process._early is None
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["--help"],
+        ["check-case", "case.toml"],
+        ["run", "--help"],
+        ["run", "c.toml", "--set", "output.picture=false"],
+    ],
+)
+def test_what_needs_no_picture_begins_nothing(two_processors, arguments):
+    overview_process.begin_early(arguments)
+    assert overview_process._early is None
+
+
+@pytest.mark.parametrize("name", RANK_VARIABLES)
+def test_under_mpi_nothing_begins(two_processors, name):
+    two_processors.setenv(name, "0")
+    overview_process.begin_early(["run", "case.toml"])
+    assert overview_process._early is None
+
+
+def test_one_processor_is_left_to_the_run(two_processors):
+    two_processors.setattr(os, "sched_getaffinity", lambda _: {0}, raising=False)
+    overview_process.begin_early(["run", "case.toml"])
+    assert overview_process._early is None
+
+
+def marked(mark):
+    """Processes whose environment has the mark."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            if f"{MARK}={mark}".encode() in place.read_bytes():
+                found.append(int(place.parent.name))
+        except OSError:  # it has ended, or is another user's
+            continue
+    return found
+
+
+def started(mark, *words):
+    environment = {key: value for key, value in os.environ.items() if key not in RANK_VARIABLES} | {MARK: mark}
+    command = [sys.executable, "-m", "coulomb", *words]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def waits_for(condition, seconds=30.0):
+    until = time.monotonic() + seconds
+    while not condition() and time.monotonic() < until:
+        time.sleep(0.02)
+    return condition()
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="no /proc on this platform")
+several = pytest.mark.skipif(overview_process._processors() < 2, reason="on one processor nothing begins early")
+
+
+@needs_proc
+def test_a_wrong_case_leaves_no_process(tmp_path):
+    run = started(str(tmp_path), "run", str(tmp_path / "none.toml"))
+    assert "none.toml" in run.communicate()[0] and run.returncode == 2
+    assert waits_for(lambda: not marked(tmp_path))
+
+
+@needs_proc
+@several
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_signal_while_it_loads_leaves_no_process(tmp_path, number):
+    run = started(str(tmp_path), "run", str(ROOT / "demos" / "block.toml"), "--output", str(tmp_path / "results"))
+    assert waits_for(lambda: len(marked(tmp_path)) > 1)  # the run, and the process begun early
+    run.send_signal(number)
+    run.communicate()
+    assert run.returncode != 0
+    assert waits_for(lambda: not marked(tmp_path))
