@@ -5,7 +5,8 @@ import re
 import pytest
 import wrong_inputs
 from conftest import run_python
-from wrong_inputs import ALL, DOCUMENT, Wrong, answer, document
+from wrong_input import Wrong
+from wrong_inputs import ALL, DOCUMENT, answer, document
 
 
 def test_there_are_forty():

@@ -1,0 +1,93 @@
+"""Springs: formulas, equilibrium, wrong input."""
+
+import numpy as np
+import pytest
+from conftest import STEEL
+from test_elasticity import solve
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, DirectSolver, Elasticity, Spring, Traction
+from coulomb.io.summary import summary
+
+
+def test_a_bar_on_a_spring_is_exact():
+    """Stress s everywhere: u_x = s/k + s x/E."""
+    s, k, E, nu = 1e6, 3e9, STEEL.young, STEEL.poisson
+    elasticity = Elasticity(
+        coulomb.box((2.0, 1.0, 1.5), (4, 2, 3)),
+        STEEL,
+        [Clamp("front", "y"), Clamp("bottom", "z")],
+        [Traction("right", (s, 0.0, 0.0))],
+        springs=[Spring("left", (k, 0.0, 0.0))],
+    )
+    u = solve(elasticity)
+    exact = s / E * elasticity.x * np.array([1.0, -nu, -nu]) + np.array([s / k, 0.0, 0.0])
+    assert np.abs(u - exact).max() <= 1e-10 * np.abs(exact).max()
+    assert np.allclose(elasticity.spring_force(u).sum(axis=0), [-s * 1.5, 0.0, 0.0], atol=1e-6 * s)
+
+
+def sliding(push, k=1e8, **options):
+    return ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (5, 5, 3)),
+        STEEL,
+        [],
+        Contact("bottom", friction=0.3),
+        [Traction("top", (push, 0.0, -9e6))],
+        (0.0, 0.0, -2e6),
+        springs=[Spring("left", k), Spring("right", k)],
+        **options,
+    )
+
+
+def test_block_held_by_friction_and_springs_slides():
+    """Load -9e6 - 1e6 (weight) down, 4e6 along x: friction is F N, the springs carry the rest and give way by it."""
+    solution = sliding(4e6).solve(tolerance=1e-10)
+    assert solution.certificate.passed
+    told = summary(solution)
+    force, spring = np.array(told["force_on_body"]["vector"]), np.array(told["spring_force_on_body"])
+    assert told["nodes"]["stick"] == 0
+    x = solution.contact_force.reshape(-1, 3)
+    assert np.allclose(np.hypot(x[:, 1], x[:, 2]), 0.3 * x[:, 0], rtol=1e-6, atol=1e-8 * x.max())
+    assert -force[0] == pytest.approx(0.3 * force[2], rel=1e-5)  # nodes slip across a little: they spread under load
+    assert np.allclose(force + spring + [4e6, 0.0, -10e6], 0.0, atol=1.0)
+    slip = (4e6 - 0.3 * force[2]) / 1e8  # of two faces of 0.5 m^2
+    assert np.mean(solution.displacement[:, 0]) == pytest.approx(slip, rel=0.01)
+
+
+def test_block_held_by_friction_and_springs_sticks():
+    """Pushed less than friction bears, the springs have nothing to carry but what the elastic body gives way."""
+    told = summary(sliding(1e6).solve())
+    assert told["certificate"]["passed"] and told["nodes"]["stick"] > 0
+    assert told["force_on_body"]["vector"][0] == pytest.approx(-1e6, rel=1e-3)
+    assert 0.0 < -told["spring_force_on_body"][0] < 1e3
+
+
+def test_springs_iteratively():
+    direct, iterative = (
+        sliding(4e6, 1e10, linear_solver=kind).solve() for kind in (DirectSolver, coulomb.IterativeSolver)
+    )
+    assert np.linalg.norm(direct.contact_force - iterative.contact_force) <= 1e-5 * np.linalg.norm(direct.contact_force)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Spring("left", -1.0), r"spring on 'left': stiffness must be a number or three .* but is -1.0"),
+        (lambda: Spring("left", (1.0, 2.0)), "spring on 'left': stiffness must be a number or three"),
+        (lambda: Spring("left", 0.0), "spring on 'left': stiffness must be a number or three"),
+        (lambda: Spring("left", float("nan")), "spring on 'left': stiffness must be a number or three"),
+        (lambda: sprung(Spring("lfet", 1.0)), r"spring: there is no face 'lfet' on this mesh \(did you mean 'left'"),
+        (
+            lambda: sprung(Spring("left", (1e9, 0.0, 0.0))),
+            "floats: its clamps and springs leave it translation along y, translation along z, rotation about x",
+        ),
+        (lambda: sprung(Spring("left", 1e-6)), "the springs are too soft to be told from rounding errors"),
+    ],
+)
+def test_springs_that_are_wrong(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def sprung(*springs):
+    return Elasticity(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), STEEL, [], springs=springs)

@@ -1,0 +1,270 @@
+"""Wrong mesh files, machines without room, and wrong commands: rows of the table of wrong_inputs.py."""
+
+import os
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+from wrong_input import (
+    FROM_FILE,
+    STEPS,
+    FullDisk,
+    Wrong,
+    another_run,
+    case,
+    comm,
+    cut,
+    disk,
+    edit_written_case,
+    flatten,
+    memory,
+    only_faces,
+    part,
+    ran,
+    run,
+    tear,
+    turn_cell,
+    without_field,
+    without_mumps,
+)
+
+MESHES = (
+    Wrong("a box of negative length", run("mesh.box=[3,-1,1]"), r"mesh\.box\.1 = -1: should be greater than 0"),
+    Wrong("a box of no size", run("mesh.box=[1e-200,1,1]"), r"mesh\.box\.0 = 1e-200: should be from 1e-12 to 1e\+12"),
+    Wrong(
+        "a pipe for a mesh",
+        run("mesh={file='part.msh'}"),
+        r"part\.msh: cannot be read: it is a pipe: save the contents in a file first",
+        lambda: os.mkfifo("part.msh"),
+    ),
+    Wrong("no cells", run("mesh.cells=[3,0,1]"), r"mesh\.cells\.1 = 0: should be greater than or equal to 1"),
+    Wrong(
+        "an unknown face of a box",
+        run("contact.face='botom'"),
+        r"contact\.face = 'botom': should be 'left', .* or 'top'",
+    ),
+    Wrong("no mesh file", run(), r"part\.msh: cannot be read: No such file or directory", case(FROM_FILE)),
+    Wrong("a mesh file cut short", run(), r"part\.msh: .*cut short", part(after=lambda text: text[:-300])),
+    Wrong(
+        "a text in place of a mesh",
+        run(),
+        r"part\.msh: is not a MSH file of gmsh's: it does not begin with \$MeshFormat",
+        part(after=lambda _: b"Dear Sir,\n"),
+    ),
+    Wrong("an empty mesh file", run(), r"part\.msh: ", part(after=lambda _: b"")),
+    Wrong(
+        "a mesh of an old format",
+        run(),
+        r"is of MSH version 1\.0; save it as 4\.1 or 2\.2",
+        part(after=lambda text: text.replace(b"2.2 0 8", b"1.0 0 8")),
+    ),
+    Wrong("a mesh of an unknown kind", run("mesh={file='part.vtk'}"), r"file must end in \.msh \(gmsh\) or \.xdmf"),
+    Wrong(
+        "a mesh without the named face",
+        run("contact.face='sole'"),
+        r"no face 'sole' on this mesh.*; its faces are left",
+        part(),
+    ),
+    Wrong(
+        "cells inside out",
+        run(),
+        r"1 of 16 cells .* changes its sign: it is turned inside out; repair",
+        part(turn_cell),
+    ),
+    Wrong("cells without volume", run(), r"16 of 16 cells .* no volume; repair the mesh", part(flatten)),
+    Wrong("a mesh in 2D", run(), r"part\.msh: has no cells in 3D .*mesh the volume \(gmsh -3\)", part(only_faces)),
+    Wrong(
+        "second-order cells",
+        run(),
+        r"has 20-node hexahedra, but contact needs first-order cells",
+        lambda: (
+            case(FROM_FILE)(),
+            Path("part.msh").write_text(
+                "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n20\n"
+                + "".join(f"{i} {i} {i * i} {i**3}\n" for i in range(1, 21))
+                + "$EndNodes\n$Elements\n1\n1 17 2 1 1 "
+                + " ".join(map(str, range(1, 21)))
+                + "\n$EndElements\n"
+            ),
+        ),
+    ),
+    Wrong("two bodies", run(), r"its cells make 2 bodies that share no facets \(8, 8 cells\)", part(tear)),
+    Wrong(
+        "a face inside the body",
+        run("contact.face='seam'"),
+        r"face group 'seam' of .*part\.msh lies inside the body with 4 of its 4 facets",
+        part(lambda file: file.faces.update(seam=file.interface)),
+    ),
+    Wrong(
+        "a contact face without area",
+        run("contact.face='nothing'"),
+        r"contact: face group 'nothing' of part\.msh is empty",
+        part(lambda file: file.faces.update(nothing=np.empty((0, 4), dtype=int))),
+    ),
+    Wrong("a unit of no length", run("mesh.scale=0"), r"mesh\.scale = 0: should be greater than 0", part()),
+    Wrong("a box with a scale", run("mesh.scale=1e-3"), r"scale does not go with a box mesh"),
+    Wrong(
+        "a material for cells that are not there",
+        run("material=[{cells='wood', young=1e10, poisson=0.3}]"),
+        r"material: there is no cell group 'wood' on this mesh; its cell groups are soft, stiff",
+        part(),
+    ),
+    Wrong(
+        "cells without a material",
+        run("material=[{cells='soft', young=1e10, poisson=0.3}]"),
+        r"material: 8 of 16 cells are without a material",
+        part(),
+    ),
+    Wrong("no XDMF file", run("mesh={file='part.xdmf'}"), r"part\.xdmf: cannot be read: No such file"),
+    Wrong(
+        "an XDMF file that is none",
+        run("mesh={file='part.xdmf'}"),
+        r"part\.xdmf: is not XDMF",
+        case("Dear Sir,", "part.xdmf"),
+        library="is not XDMF",
+    ),
+)
+
+RESOURCES = (
+    Wrong(
+        "too little memory for the method asked for",
+        run("mesh.cells=[24,8,8]", "solver={linear_solver='direct', compliance='explicit'}"),
+        r"too little memory: 5832 displacement and 648 contact unknowns \(K factorised, A formed\) need about 0\.\d+ GB"
+        r", and 0\.\d+ GB are free; take .*solver\.linear_solver = \"iterative\".* GB\), a coarser mesh, .*--force",
+        patch=memory(1.7e8 if comm.size == 1 else 3.2e8),
+    ),
+    Wrong(
+        "a mesh beyond any memory",
+        run("mesh.cells=[3000,1000,1000]"),
+        r"a mesh of 3000 x 1000 x 1000 cells has 9021\d{6} displacement unknowns, which need at least 22553 GB, and "
+        r"16 GB are free; take fewer cells",
+        patch=memory(1.6e10),
+    ),
+    Wrong(
+        "more unknowns than PETSc has numbers for",
+        (*run("mesh.cells=[100000,100000,100000]"), "--force"),
+        r"too many unknowns: a mesh of 100000 x 100000 x 100000 cells .* PETSc counts to \d+; take fewer cells",
+        library="this PETSc counts",
+    ),
+    Wrong(
+        "a factorisation without MUMPS",
+        run("solver={linear_solver='direct', compliance='matrix-free'}"),
+        r"this PETSc was built without MUMPS, which factorises K on several ranks and where A is not formed: leave .* "
+        r'at "auto", which then is multigrid',
+        patch=without_mumps,
+    ),
+    Wrong(
+        "a disk without room for the results",
+        run(),
+        r"output results: no space left: the results take about 0\.0\d+ MB, and 0\.001 MB are free; --force",
+        patch=disk(1000),
+    ),
+    Wrong(
+        "a disk that fills up while results are written",
+        run(),
+        r"results: cannot be written: Failed to write HDF5 local dataset into hyperslab; is the disk full\?",
+        patch=lambda: mock.patch("coulomb.fem.compat.xdmf_writer", lambda *_: FullDisk()),
+        code=1,
+    ),
+    Wrong(
+        "no permission to write the results",
+        run(),
+        r"output results: cannot be written: no permission to write in .*; choose another \(--output\)",
+        patch=lambda: mock.patch("os.access", lambda _, mode: not mode & os.W_OK),
+    ),
+    Wrong(
+        "an output directory with too long a name",
+        (*run(), "--output", "x" * 300),
+        r"output x+: cannot be written: File name too long; choose another",
+    ),
+    Wrong(
+        "a file in place of the output directory",
+        (*run(), "--output", "case.toml"),
+        r"output case\.toml: cannot be written: .*case\.toml is no directory",
+    ),
+    Wrong("a log that cannot be written", (*run(), "--log", "."), r"--log \.: cannot be written: Is a directory"),
+)
+
+COMMANDS = (
+    Wrong(
+        "resume where nothing has run", ("resume", "results"), r"results: no case to resume: case\.json cannot be read"
+    ),
+    Wrong(
+        "resume with another mesh",
+        ("resume", "results"),
+        r"results: the case is no longer the one that its 2 load steps were computed from: mesh\.cells\.0 is 4, was 3; "
+        r"put that back \(case\.json\), or run the changed case in another directory",
+        ran(*STEPS[1::2], then=edit_written_case),
+    ),
+    Wrong(
+        "a directory that belongs to another run",
+        run(),
+        r"results is in use by process 7 on elsewhere, since .* \(coulomb run\), which cannot be seen from .*; if that "
+        r"run is known to have ended, remove results/run\.lock",
+        another_run,
+        library="cannot be seen from ",
+    ),
+    Wrong(
+        "resume with a step cut short",
+        ("resume", "results"),
+        r"results/steps/0002/solution\.h5: ",
+        ran(*STEPS[1::2], then=cut("results/steps/0002/solution.h5")),
+        library="solution.h5: ",
+    ),
+    Wrong(
+        "a history where another one is",
+        run(*STEPS[1::2]),
+        r"results already holds 2 load steps: continue with `coulomb resume results`, remove it",
+        ran(*STEPS[1::2]),
+    ),
+    Wrong("check where nothing has run", ("check", "."), r"summary\.json: cannot be read: No such file", alone=True),
+    Wrong(
+        "check of results cut short",
+        ("check", "results"),
+        r"results: is not whole: ",
+        ran(then=cut("results/solution.h5")),
+        alone=True,
+        library="is not whole: ",
+    ),
+    Wrong(
+        "check of a summary that is none",
+        ("check", "."),
+        r"summary\.json: has no 'law'",
+        case("{}", "summary.json"),
+        alone=True,
+    ),
+    Wrong(
+        "check of results of another version",
+        ("check", "results"),
+        r"contact\.h5: has no field 'face': not whole, or written by another version of coulomb: run the case again",
+        ran(then=without_field),
+        alone=True,
+    ),
+    Wrong(
+        "check of a history without one of its steps",
+        ("check", "results"),
+        r"0001: is not whole or missing, but there is a step 0002",
+        ran(*STEPS[1::2], then=lambda: Path("results/steps/0001/summary.json").unlink()),
+        alone=True,
+    ),
+    Wrong("check on two ranks", ("check", "."), r"coulomb check runs on one rank", alone=None),
+    Wrong(
+        "fclib without a file",
+        ("fclib", "none.hdf5"),
+        r"none\.hdf5: cannot be read",
+        alone=True,
+        library="cannot be read",
+    ),
+    Wrong(
+        "export of Tresca friction",
+        ("export", "case.toml", "out.hdf5", "--set", "contact={face='bottom',slip_stress=1e6}"),
+        r"FCLIB's problems have Coulomb friction; this case has a slip stress",
+        alone=True,
+    ),
+    Wrong("new where a file is", ("new", "block", "case.toml"), r"case\.toml: exists already; --force replaces it"),
+    Wrong(
+        "new in a directory that is not there",
+        ("new", "block", "there/a.toml"),
+        r"there/a\.toml: cannot be written: No such",
+    ),
+)

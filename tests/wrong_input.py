@@ -1,0 +1,186 @@
+"""A wrong input: what it is made of, and the directories, files and faults it needs."""
+
+import contextlib
+import io
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from unittest import mock
+
+import h5py
+import numpy as np
+from mesh_files import BoxFile
+from mpi4py import MPI
+
+from coulomb.cli import app as cli
+from coulomb.cli import console
+
+comm = MPI.COMM_WORLD
+
+BLOCK = """\
+[mesh]
+box = [3.0, 1.0, 1.0]
+cells = [3, 1, 1]
+[material]
+young = 2e11
+poisson = 0.3
+[[clamp]]
+face = "left"
+[[traction]]
+face = "top"
+value = [0.0, 0.0, -1e7]
+[contact]
+face = "bottom"
+friction = 0.3
+[output]
+picture = false
+"""
+
+FROM_FILE = BLOCK.replace("box = [3.0, 1.0, 1.0]\ncells = [3, 1, 1]", 'file = "part.msh"')
+TOP = "[{face='top', value=[0,0,-1e-4], amplitude=[[0,0],[1,1]]}]"
+STEPS = ("--set", f"clamp={TOP}", "--set", "traction=[]", "--set", "history={times=[0.5,1]}")
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """One wrong input.
+
+    Attributes:
+        what: In words.
+        arguments: Of coulomb, in a directory where case.toml is BLOCK.
+        message: Regular expression of what is said on standard error.
+        prepare: What else is in that directory.
+        patch: What is simulated.
+        code: The exit code.
+        alone: Whether the command runs on one rank only; False for both, None where it takes two ranks.
+        library: From here on a library speaks, in words that change from version to version.
+    """
+
+    what: str
+    arguments: tuple[str, ...]
+    message: str
+    prepare: Callable[[], None] = lambda: None
+    patch: Callable[[], contextlib.AbstractContextManager] = contextlib.nullcontext
+    code: int = 2
+    alone: bool | None = False
+    library: str = ""
+
+
+def run(*changes, case="case.toml"):
+    return ("run", case, *(word for change in changes for word in ("--set", change)))
+
+
+def case(text, name="case.toml"):
+    return lambda: Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())
+
+
+def part(spoil=lambda file: None, after=lambda text: text, **options):
+    """A mesh file part.msh, spoilt before or after it is written, and a case that reads it."""
+
+    def prepare():
+        file = BoxFile(**options)
+        spoil(file)
+        path = file.write(Path("part.msh"))
+        path.write_bytes(after(path.read_bytes()))
+        case(FROM_FILE)()
+
+    return prepare
+
+
+def turn_cell(file):
+    file.cells[0, [0, 1]] = file.cells[0, [1, 0]]
+
+
+def flatten(file):
+    file.points[:, 2] = 0.0
+
+
+def tear(file):
+    """The cells of one half get nodes of their own."""
+    stiff = file.cell_groups["stiff"]
+    file.cells[stiff] += len(file.points)
+    file.points = np.vstack([file.points, file.points + [5.0, 0.0, 0.0]])
+    file.faces = {}
+
+
+def only_faces(file):
+    file.cell_groups = {}
+
+
+def ran(*changes, then=lambda: None):
+    """A run before, in results."""
+
+    def prepare():
+        case(BLOCK)()
+        with said():
+            cli.app([*run(*changes), "--quiet"], standalone_mode=False)
+        if comm.rank == 0:
+            then()
+
+    return prepare
+
+
+def edit_written_case():
+    path = Path("results/case.json")
+    written = json.loads(path.read_text())
+    written["mesh"]["cells"] = [4, 1, 1]
+    path.write_text(json.dumps(written))
+
+
+def another_run():
+    Path("results").mkdir()
+    told = {
+        "pid": 7,
+        "host": "elsewhere",
+        "started": "boot 1",
+        "since": "2026-01-01 12:00:00",
+        "command": "coulomb run",
+    }
+    Path("results/run.lock").write_text(json.dumps(told))
+
+
+def cut(path):
+    return lambda: Path(path).write_bytes(Path(path).read_bytes()[:2000])
+
+
+def without_field():
+    with h5py.File("results/contact.h5", "r+") as file:
+        del file["Function/face"]
+
+
+def without_mumps():
+    system = SimpleNamespace(hasExternalPackage=lambda name: name != "mumps")
+    return mock.patch("coulomb.linalg.methods.PETSc", SimpleNamespace(Sys=system))
+
+
+def memory(free):
+    return lambda: mock.patch("coulomb.model.estimate.free_memory", lambda: free)
+
+
+def disk(free):
+    return lambda: mock.patch("coulomb.io.output.shutil.disk_usage", lambda _: shutil._ntuple_diskusage(0, 0, free))
+
+
+class FullDisk:
+    """What DOLFINx makes of a disk that is full: here on the last rank alone."""
+
+    def write_mesh(self, _):
+        if comm.rank == comm.size - 1:
+            raise RuntimeError("Failed to write HDF5 local dataset into hyperslab.")
+
+
+@contextlib.contextmanager
+def said():
+    """What is said on standard error, by this rank."""
+    heard = io.StringIO()
+    with (
+        mock.patch.object(console.errors, "quiet", False),
+        mock.patch.object(console.console, "quiet", True),
+        mock.patch.object(
+            console.errors, "_file", heard
+        ),  # `file` cannot be taken back: it would stay what it was then
+    ):
+        yield heard
