@@ -7,8 +7,10 @@ min 1/2 x^T A x - b^T x   subject to   x_n >= 0,  |x_t| <= g,   with g = F x_n a
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .model import writing
 from .version import __version__
 
 if TYPE_CHECKING:
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
     from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
     from .fem.surface import ContactSurface
+    from .io.history_files import HistoryFiles
     from .linalg.stiffness import DirectSolver, IterativeSolver
     from .model.certificate import Certificate, Check, certify
     from .model.contact import Contact
@@ -59,6 +62,7 @@ __all__ = [
     "DirectSolver",
     "Elasticity",
     "Energy",
+    "HistoryFiles",
     "IterativeSolver",
     "KrylovConeSystem",
     "LoadHistory",
@@ -100,6 +104,7 @@ _PUBLIC = {
     "fem.meshes": ("NamedMesh", "box", "read_gmsh", "read_xdmf"),
     "fem.obstacles": ("Cylinder", "Plane", "SignedDistance", "Sphere"),
     "fem.surface": ("ContactSurface",),
+    "io.history_files": ("HistoryFiles",),
     "solvers.general": ("solve_coulomb", "solve_tresca"),
     "model.load_history": ("LoadHistory", "StepFailed"),
     "model.load_step": ("Energy", "LoadStep"),
@@ -132,6 +137,14 @@ if not TYPE_CHECKING:  # a checker would take every name for one of ours
         value: object = getattr(import_module(f".{_HOMES[name]}", __name__), name)
         globals()[name] = value
         return value
+
+
+def _write(solution: Solution, directory: str | Path) -> None:
+    """The writer of `Solution.write`, loaded when it is first needed."""
+    import_module(".io.output", __name__).write(solution, directory)
+
+
+writing.supply(_write)
 
 
 def __dir__() -> list[str]:

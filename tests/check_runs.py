@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from coulomb.case.case import read_case, write_case
 from coulomb.io import output
+from coulomb.io.history_files import HistoryFiles
 
 BLOCK = """\
 [mesh]
@@ -115,7 +116,7 @@ def run_case(text, target):
     settings = read_case(case)
     problem = settings.problem(MPI.COMM_SELF)
     if settings.history is not None:
-        settings.load_history().run(problem, target)
+        settings.load_history().run(problem, HistoryFiles(target))
     else:
         output.write(problem.solve(solver=settings.contact_solver()), target, picture=False)
     write_case(settings, target, MPI.COMM_SELF)

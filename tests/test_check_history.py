@@ -10,6 +10,7 @@ import pytest
 from check_runs import BALL, TRESCA_STEPS, UNASKED, change, copied, edit, field, made, run_case
 from conftest import indentation, run_coulomb
 
+from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck.directory import check
 from coulomb.model.load_history import LoadHistory
 
@@ -43,7 +44,7 @@ def test_without_a_case_that_is_said(text, tmp_path):
 def test_work_of_what_does_not_move(tmp_path):
     """Reactions of 1e9 N at a clamp that stays: their work is 0, or what rounding makes of it from step to step."""
     problem, history = indentation()
-    history.run(problem, tmp_path)
+    history.run(problem, HistoryFiles(tmp_path))
     assert check(tmp_path).passed
 
 

@@ -60,10 +60,13 @@ def test_the_order_of_the_faces_does_not_matter():
 def test_matrix_free_and_written(tmp_path):
     """The same forces by multigrid; the files certify themselves; a line of history.csv has both faces."""
     direct, free = jaws(), jaws(linear_solver=coulomb.IterativeSolver, explicit=False)
-    rows = LoadHistory([1.0, 1.5], tolerance=1e-10).run(direct, tmp_path)
+    files = coulomb.HistoryFiles(tmp_path)
+    LoadHistory([1.0, 1.5], tolerance=1e-10).run(direct, files)
     *_, last = LoadHistory([1.0, 1.5], tolerance=1e-10).steps(free)
-    assert rows[-1]["top_force_x"] == pytest.approx(totals(last.solution, 1)["force"][0], rel=1e-7)
-    assert rows[-1]["bottom_force_x"] + rows[-1]["top_force_x"] == pytest.approx(rows[-1]["force_x"], abs=1e-6)
+    assert files.rows[-1]["top_force_x"] == pytest.approx(totals(last.solution, 1)["force"][0], rel=1e-7)
+    assert files.rows[-1]["bottom_force_x"] + files.rows[-1]["top_force_x"] == pytest.approx(
+        files.rows[-1]["force_x"], abs=1e-6
+    )
     assert check(tmp_path / "steps" / "0002").passed
     write(last.solution, tmp_path / "single", picture=False)
     assert check(tmp_path / "single").passed

@@ -152,11 +152,12 @@ def test_a_step_that_fails_is_halved():
 def test_a_step_that_always_fails_keeps_those_before(tmp_path):
     history = LoadHistory([1.0, 2.0], solver=Fussy(tuple(range(1, 99))), halvings=3)
     with pytest.raises(StepFailed, match=r"load step from 1 s to 1\.125 s failed, halved 3 times: fussy") as failure:
-        history.run(rubbed(), tmp_path)
+        history.run(rubbed(), coulomb.HistoryFiles(tmp_path))
     assert failure.value.problem.time == 1.125
     assert (tmp_path / "steps" / "0001" / "summary.json").exists() and not (tmp_path / "steps" / "0002").exists()
-    rows = LoadHistory([1.0, 2.0]).run(rubbed(), tmp_path, resume=True)
-    assert [row["time"] for row in rows] == [1.0, 2.0]
+    files = coulomb.HistoryFiles(tmp_path, resume=True)
+    LoadHistory([1.0, 2.0]).run(rubbed(), files)
+    assert [row["time"] for row in files.rows] == [1.0, 2.0]
 
 
 def cube(clamp=None, motion=None):

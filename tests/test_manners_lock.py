@@ -16,7 +16,7 @@ from conftest import ROOT, run_coulomb, run_python
 from mpi4py import MPI
 from test_load_history import rubbed
 
-from coulomb import LoadHistory
+from coulomb import HistoryFiles, LoadHistory
 from coulomb.io.lock import NAME, InUseError, locked, refuse_in_use
 
 HISTORY = ROOT / "demos" / "history.toml"
@@ -152,8 +152,10 @@ def test_one_process_may_hold_it_twice_and_what_is_refused_leaves_nothing(tmp_pa
 def test_a_history_from_python_holds_its_directory(tmp_path):
     held = []
     LoadHistory([1.0]).run(
-        rubbed(2), tmp_path / "out", on_step=lambda _: held.append((tmp_path / "out" / NAME).exists())
+        rubbed(2),
+        HistoryFiles(tmp_path / "out"),
+        on_step=lambda _: held.append((tmp_path / "out" / NAME).exists()),
     )
     assert held == [True]
     with another_run(tmp_path / "out", tmp_path), pytest.raises(ValueError, match="is in use by process"):
-        LoadHistory([1.0]).run(rubbed(2), tmp_path / "out", resume=True)
+        LoadHistory([1.0]).run(rubbed(2), HistoryFiles(tmp_path / "out", resume=True))

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from coulomb.case.case import read_case, write_case, written_case
 from coulomb.io.case_record import case_record, refuse_another_case
+from coulomb.io.history_files import HistoryFiles
 from coulomb.model.load_history import LoadHistory
 
 comm = MPI.COMM_WORLD
@@ -43,10 +44,9 @@ def stopped(tmp_path_factory):
     (home / "case.toml").write_text(CASE)
     case = read_case(home / "case.toml")
     write_case(case, home / "out", comm)
-    rows = case.load_history().run(
-        case.problem(comm), home / "out", on_step=lambda _: True, record=case_record(case, comm)
-    )
-    assert len(rows) == 1
+    files = HistoryFiles(home / "out", case=case_record(case, comm))
+    case.load_history().run(case.problem(comm), files, on_step=lambda _: True)
+    assert len(files.rows) == 1
     return home
 
 
@@ -146,7 +146,7 @@ def test_a_refused_run_leaves_the_case_of_the_history(copy):
 
 def test_python_keeps_no_case(tmp_path, stopped):
     case = read_case(stopped / "case.toml")
-    LoadHistory([0.5]).run(case.problem(comm), tmp_path / "out")
+    LoadHistory([0.5]).run(case.problem(comm), HistoryFiles(tmp_path / "out"))
     told = json.loads((tmp_path / "out" / "steps" / "0001" / "summary.json").read_text())
     assert "case" not in told["step"]
 

@@ -16,7 +16,17 @@ from mpi4py import MPI
 from rich.console import Console
 from test_load_history import rubbed
 
-from coulomb import KPRGP, Automatic, LoadHistory, NotConverged, OneLoop, PathFollowing, Status, SuccessiveTresca
+from coulomb import (
+    KPRGP,
+    Automatic,
+    HistoryFiles,
+    LoadHistory,
+    NotConverged,
+    OneLoop,
+    PathFollowing,
+    Status,
+    SuccessiveTresca,
+)
 from coulomb.cli.terminal import Display
 from coulomb.cli.time_left import TimeLeft, about
 from coulomb.model.load_history import StepFailed
@@ -65,15 +75,19 @@ def test_who_is_there_already_has_converged():
 
 def test_a_load_history_stops_and_goes_on(tmp_path):
     history = LoadHistory([1.0, 2.0, 3.0])
-    whole = history.run(rubbed(3), tmp_path / "whole")
+    unbroken, stopped = HistoryFiles(tmp_path / "whole"), tmp_path / "stopped"
+    history.run(rubbed(3), unbroken)
+    whole = unbroken.rows
     first = whole[0]["path_following"]
     with pytest.raises(StepFailed, match="interrupted in the load step from 1 s to 2 s, which is given up") as failure:
-        history.run(rubbed(3), tmp_path / "stopped", progress=Stop(first + 3))
+        history.run(rubbed(3), HistoryFiles(stopped), progress=Stop(first + 3))
     assert failure.value.result.status is Status.INTERRUPTED
-    assert len(list((tmp_path / "stopped" / "steps").iterdir())) == 1
-    rows = history.run(rubbed(3), tmp_path / "stopped", resume=True, on_step=lambda step: True)  # stops after a step
-    assert len(rows) == 2
-    rows = history.run(rubbed(3), tmp_path / "stopped", resume=True)
+    assert len(list((stopped / "steps").iterdir())) == 1
+    files = HistoryFiles(stopped, resume=True)
+    history.run(rubbed(3), files, on_step=lambda step: True)  # stops after a step
+    assert len(files.rows) == 2
+    history.run(rubbed(3), files)
+    rows = files.rows
     assert [row["normal_force"] for row in rows] == pytest.approx([row["normal_force"] for row in whole], rel=1e-9)
 
 

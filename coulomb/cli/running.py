@@ -17,11 +17,12 @@ from ..case.case import Case, write_case
 from ..fem.compilation import announce
 from ..io import output
 from ..io.case_record import case_record, refuse_another_case
+from ..io.history_files import HistoryFiles, refuse_steps
 from ..io.lock import locked
 from ..io.restart import history_in, steps_in
 from ..io.summary import summary
 from ..model.acceptance import left_open
-from ..model.load_history import StepFailed, refuse_steps
+from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
@@ -180,16 +181,14 @@ def _take_steps(
             display.expect(told)
         return session.interruption.asked() and left > 0
 
-    rows: list[dict[str, Any]] = []
+    files = HistoryFiles(target, resume=resume, case=record)
     try:
         if not resume:
             write_case(settings, target, comm)
         with display, bad_input():
             progress = session.progress(display)
-            rows = settings.load_history().run(
-                problem, target, resume=resume, progress=progress, on_step=say, record=record
-            )
-        if rows[-1]["time"] < settings.load_history().times[-1]:
+            settings.load_history().run(problem, files, progress=progress, on_step=say)
+        if files.rows[-1]["time"] < settings.load_history().times[-1]:
             trouble, code = "interrupted between two load steps", INTERRUPTED
     except StepFailed as failure:
         trouble = str(failure)
@@ -215,7 +214,7 @@ def _take_steps(
             done = comm.bcast(len(steps_in(target)) if comm.rank == 0 else None)
             trouble += f"; the {done} load steps before are in {target}{os.sep}; to go on: coulomb resume {target}"
         errors.print(f"error: {trouble}", markup=False)
-    if trouble or not all(row["valid"] for row in rows):
+    if trouble or not all(row["valid"] for row in files.rows):
         raise typer.Exit(code)
 
 

@@ -9,27 +9,19 @@ by friction.  Elastic energy is exact, and so, by the trapezoidal rule, is all w
 in u.  What friction dissipates is taken by the law, x_t . slip >= 0, with the friction of the end of the step; the
 difference, the `imbalance`, is the error of finite steps and falls with their size.
 
-A step that fails is halved.  Everything is on disk before the next step begins: a run that was killed continues with
-the same numbers (`coulomb resume`), on as many ranks as one likes.
+A step that fails is halved.  Where the steps go is the `Recorder`'s part: with `coulomb.HistoryFiles` each is on disk
+before the next begins, and a run that was killed continues with the same numbers, on any number of ranks.
 """
 
 from __future__ import annotations
 
-import csv
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
-from mpi4py import MPI
 
-from ..io import output
-from ..io.history_summary import Told, added, whole
-from ..io.lock import locked
-from ..io.restart import nodal_vectors, read_step, read_summary, steps_in
-from ..ranks import on_rank_0
 from ..solvers.coulomb import CoulombSolver
 from ..solvers.results import NotConverged, ProgressCallback, Status
 from ..solvers.tresca import QPSolver
@@ -74,7 +66,7 @@ class LoadHistory:
     def beginning(self, problem: ContactProblem) -> State:
         """The state at `start`."""
         zero = np.zeros_like(problem.elasticity.x)
-        return State(0, self.start, zero, zero, Energy(), tuple(reversed([float(t) for t in self.times])))
+        return State(0, self.start, Energy(), zero, zero, tuple(reversed([float(t) for t in self.times])))
 
     def steps(
         self, problem: ContactProblem, state: State | None = None, progress: ProgressCallback | None = None
@@ -128,67 +120,48 @@ class LoadHistory:
     def run(
         self,
         problem: ContactProblem,
-        directory: str | Path,
+        recorder: Recorder,
         *,
-        resume: bool = False,
         progress: ProgressCallback | None = None,
         on_step: Callable[[LoadStep], bool | None] | None = None,
-        record: Mapping[str, Any] | None = None,
-    ) -> list[dict[str, Any]]:
-        """Take all steps, and write each of them before the next.
-
-        DIRECTORY/steps/0001, 0002, ... have the results of a step as a single run would write them;
-        DIRECTORY/solution.xdmf and contact.xdmf show them as time series; history.csv has a line for each.
+    ) -> None:
+        """Take all steps, each of them recorded before the next begins; collective.
 
         Args:
             problem: The problem; its own time does not matter.
-            directory: Where to.
-            resume: Continue from the last step that is there.
+            recorder: Where the steps go: `coulomb.HistoryFiles(directory)`, or what the user makes of them.
             progress: Called after every path-following step.
-            on_step: Called after every load step, once it is on disk; a true answer, the same on every rank, ends it.
-            record: What is being computed, kept in the summary of every step under step.case (`case_record`).
-
-        Returns:
-            The lines of history.csv.
+            on_step: Called after every load step, once it is recorded; a true answer, the same on every rank, ends it.
 
         Raises:
-            ValueError: On every rank, if there are steps and `resume` is not asked for, or they do not fit, or another
-                run is at work in the directory.
-            StepFailed: As `steps`; all steps before are kept.
+            ValueError: On every rank, if the recorder cannot begin.
+            StepFailed: As `steps`; all steps before are recorded.
         """
-        with locked(directory, problem.comm):
-            return self._run(problem, Path(directory), resume, progress, on_step, record)
+        with recorder.recording(problem, self.beginning(problem)) as state:
+            for step in self.steps(problem, state, progress):
+                recorder.record(step)
+                if on_step is not None and on_step(step):
+                    break
 
-    def _run(
-        self,
-        problem: ContactProblem,
-        folder: Path,
-        resume: bool,
-        progress: ProgressCallback | None,
-        on_step: Callable[[LoadStep], bool | None] | None,
-        record: Mapping[str, Any] | None,
-    ) -> list[dict[str, Any]]:
-        comm = problem.comm
-        found = comm.bcast(steps_in(folder) if comm.rank == 0 else None)
-        if not resume:
-            refuse_steps(folder, len(found))
-        state = self.beginning(problem)
-        told = [read_summary(folder / "steps" / f"{number:04d}", comm) for number in found]
-        rows, history = [summary["step"]["row"] for summary in told], whole(told)
-        if found:
-            state = restored(problem, folder, found[-1])
-        for step in self.steps(problem, state, progress):
-            target = folder / "steps" / f"{step.state.number:04d}"
-            rows.append(step.row)
-            if len(rows) == len(found) + 1:  # assembly and factorisation, done once, are in the seconds of this step
-                _add(problem.seconds, to=step.solution.problem.seconds)
-            extra = {"step": _record(step, rows[-1], record)}
-            contents = output.write(step.solution, target, picture=False, extra=extra)
-            history = added(history, contents)
-            _write_series(folder, rows, {"start": self.start, **history}, contents, comm)
-            if on_step is not None and on_step(step):
-                break
-        return rows
+
+class Recorder(Protocol):
+    """Keeps the steps of a load history as they are taken, on disk or elsewhere."""
+
+    def recording(self, problem: ContactProblem, beginning: State) -> AbstractContextManager[State]:
+        """Open for the steps of a problem; collective.
+
+        Args:
+            problem: The problem.
+            beginning: The state from which a new history begins.
+
+        Returns:
+            The state to go on from: `beginning`, or that of the last step recorded before.
+        """
+        ...
+
+    def record(self, step: LoadStep) -> None:
+        """Keep a step; collective."""
+        ...
 
 
 class StepFailed(NotConverged):
@@ -197,91 +170,3 @@ class StepFailed(NotConverged):
     def __init__(self, message: str, result: Any, problem: ContactProblem):
         super().__init__(message, result)
         self.problem = problem
-
-
-def refuse_steps(folder: Path, found: int) -> None:
-    """Not to begin a history where another one is.
-
-    Raises:
-        ValueError: If there are load steps.
-    """
-    if found:
-        raise ValueError(
-            f"{folder} already holds {found} load steps: continue with `coulomb resume {folder}`, remove it, "
-            "or choose another directory"
-        )
-
-
-# --- on disk -----------------------------------------------------------------------------------------------------
-
-
-def restored(problem: ContactProblem, folder: Path, number: int) -> State:
-    """The state that a step has left, from its files; collective.
-
-    Raises:
-        ValueError: On every rank, if the files cannot be read or belong to another mesh.
-    """
-    step = folder / "steps" / f"{number:04d}"
-    record = read_step(step, problem.comm)
-    x = problem.elasticity.x
-    return State(
-        number=number,
-        time=record["time"],
-        displacement=nodal_vectors(step / "solution.h5", "displacement", x, problem.comm),
-        on_body=nodal_vectors(step / "contact.h5", "contact_force", x, problem.comm, elsewhere=0.0),
-        energy=Energy(**record["energy"]),
-        pending=tuple(record["pending"]),
-    )
-
-
-def _record(step: LoadStep, row: dict[str, Any], of: Mapping[str, Any] | None) -> dict[str, Any]:
-    """What summary.json of a step keeps for going on."""
-    state = step.state
-    case = {} if of is None else {"case": dict(of)}
-    return {
-        **case,
-        "number": state.number,
-        "time": state.time,
-        "halvings": step.halvings,
-        "energy": asdict(state.energy),
-        "pending": list(state.pending),
-        "row": row,
-    }
-
-
-def _add(seconds: dict[str, float], to: dict[str, float]) -> None:
-    for name, value in seconds.items():
-        to[name] = to.get(name, 0.0) + value
-
-
-def _write_series(
-    folder: Path, rows: list[dict[str, Any]], history: Told, last: dict[str, Any], comm: MPI.Comm
-) -> None:
-    """What speaks of all steps so far; collective.
-
-    Raises:
-        OSError: On every rank, if it cannot be written.
-    """
-    on_rank_0(comm, lambda: _series(folder, rows, history, last))
-
-
-def _series(folder: Path, rows: list[dict[str, Any]], history: Told, last: dict[str, Any]) -> str:
-    """history.csv, the time series over the steps' own files, and the summary, replaced whole."""
-    partial = folder / ".history.csv"
-    with partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-    os.replace(partial, folder / "history.csv")
-    for name in ("solution.xdmf", "contact.xdmf"):
-        output.write_series(folder, name, [(f"steps/{row['step']:04d}", row["time"]) for row in rows])
-    contents = {
-        "steps": len(rows),
-        "time": rows[-1]["time"],
-        "certificate": {"passed": all(row["certified"] for row in rows)},
-        "valid": all(row["valid"] for row in rows),
-        "history": history,
-        "last": last,
-    }
-    output.write_json(contents, folder / "summary.json")
-    return ""

@@ -1,8 +1,9 @@
-"""A load step: what it starts from, what it leaves, and its line of history.csv."""
+"""A load step: what it starts from, what it leaves to the next, and its figures in a line."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -10,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..io.summary import summary, totals
 from ..linalg.reductions import Reductions
+from ..solvers.results import CoulombResult
+from .nodal_answer import NodalAnswer
 from .solution import Solution
 
 _IMBALANCE = 0.25  # of the energy of friction
@@ -105,23 +107,32 @@ class Forces:
 
 
 @dataclass(frozen=True)
-class State:
-    """What a step leaves to the next; this rank's part.
+class Moment:
+    """The end of a load step.
 
     Attributes:
         number: Of the step, from 1; 0 before the first.
         time: When.
-        displacement: Metres, shape (k, 3).
-        on_body: Nodal contact forces on the body in newtons, shape (k, 3).
-        energy: Since the start.
-        pending: Times still to be reached, the next one last.
+        energy: Since the start of the history.
     """
 
     number: int
     time: float
+    energy: Energy
+
+
+@dataclass(frozen=True)
+class State(Moment):
+    """What a step leaves to the next; this rank's part.  Number, time and energy as `Moment` says.
+
+    Attributes:
+        displacement: Metres, shape (k, 3).
+        on_body: Nodal contact forces on the body in newtons, shape (k, 3).
+        pending: Times still to be reached, the next one last.
+    """
+
     displacement: FloatArray
     on_body: FloatArray
-    energy: Energy
     pending: tuple[float, ...]
 
     def after(self, solution: Solution) -> State:
@@ -135,9 +146,9 @@ class State:
         now = forces(solution.displacement, elasticity.load, -problem.nodal_contact_force(solution.contact_force))
         moved = np.zeros_like(now.displacement)
         moved[problem.surface.nodes] = (problem.motions - problem.motions_at(self.time))[problem.surface.part]
-        dissipated = totals(solution)["dissipated_energy"]
+        dissipated = NodalAnswer.of(solution).dissipated_energy
         energy = self.energy.after(then, now, elasticity.fixed, moved, dissipated, Reductions(problem.comm))
-        return State(self.number + 1, problem.time, now.displacement, now.on_body, energy, self.pending[:-1])
+        return State(self.number + 1, problem.time, energy, now.displacement, now.on_body, self.pending[:-1])
 
 
 @dataclass(frozen=True)
@@ -156,36 +167,55 @@ class LoadStep:
 
     @property
     def row(self) -> dict[str, Any]:
-        """Its line of history.csv; collective."""
-        return row(summary(self.solution), self.state.number, self.state.time, self.state.energy)
+        """Its figures, in the order of the columns of a table of steps; collective."""
+        result, certificate = self.solution.result, self.solution.certificate
+        return row(
+            NodalAnswer.of(self.solution).numbers(),
+            self.state,
+            steps=result.path_following if isinstance(result, CoulombResult) else result.iterations,
+            residual=result.residual,
+            certified=certificate.passed,
+            valid=self.solution.valid,
+        )
 
 
-def row(told: dict[str, Any], number: int, time: float, energy: Energy) -> dict[str, Any]:
-    """The line of history.csv of a step: from its summary, its number and time, and the energy since the start."""
-    face = told["totals"]
+def row(
+    numbers: Mapping[str, Any], at: Moment, steps: int, residual: float, certified: bool, valid: bool
+) -> dict[str, Any]:
+    """The figures of a step, by name.
+
+    Args:
+        numbers: What follows from its contact nodes (`NodalAnswer.numbers`).
+        at: Its number, its end, and the energy since the start of the history.
+        steps: Path-following steps.
+        residual: Of its problem.
+        certified: Whether its certificate passed.
+        valid: Whether its answer counts.
+    """
+    face = numbers["totals"]
     centre = face["centre_of_pressure"] or [math.nan] * 3
     axes = ("x", "y", "z")
-    several = told["faces"] if len(told["faces"]) > 1 else []
+    several = numbers["faces"] if len(numbers["faces"]) > 1 else []
     return {
-        "step": number,
-        "time": time,
+        "step": at.number,
+        "time": at.time,
         **{f"force_{a}": value for a, value in zip(axes, face["force"], strict=True)},
         **{f"moment_{a}": value for a, value in zip(axes, face["moment"], strict=True)},
-        "normal_force": told["force_on_body"]["normal"],
+        "normal_force": numbers["force_on_body"]["normal"],
         "contact_area": face["contact_area"],
         **{f"centre_of_pressure_{a}": value for a, value in zip(axes, centre, strict=True)},
         "greatest_slip": face["greatest_slip"],
-        "greatest_pressure": told["maximum"]["contact_pressure"],
-        **{name: told["nodes"][name] for name in ("open", "stick", "slip")},
+        "greatest_pressure": face["greatest_pressure"],
+        **{name: numbers["nodes"][name] for name in ("open", "stick", "slip")},
         **{
             f"{part['faces'][0]}_force_{a}": value
             for part in several
             for a, value in zip(axes, part["force"], strict=True)
         },
-        **{f"energy_{name}": value for name, value in asdict(energy).items()},
-        "energy_imbalance": energy.imbalance,
-        "path_following": told["iterations"]["path_following"],
-        "residual": told["residual"],
-        "certified": told["certificate"]["passed"],
-        "valid": told["valid"],
+        **{f"energy_{name}": value for name, value in asdict(at.energy).items()},
+        "energy_imbalance": at.energy.imbalance,
+        "path_following": steps,
+        "residual": residual,
+        "certified": certified,
+        "valid": valid,
     }

@@ -120,6 +120,14 @@ class NodalAnswer:
         """OPEN, STICK or SLIP, shape (m,); collective."""
         return np.where(self._open, OPEN, np.where(self._at_bound, SLIP, STICK))
 
+    @property
+    def dissipated_energy(self) -> float:
+        """Work of friction against slip from `slip_origin`, joules; collective."""
+        return self._dissipated(np.ones(len(self.part), dtype=bool))
+
+    def _dissipated(self, here: npt.NDArray[np.bool_]) -> float:
+        return Reductions(self.comm).sum(np.sum(self.force[here, 1:] * self.closure[here, 1:], axis=1))
+
     def fields(self) -> dict[str, FloatArray]:
         """The fields of contact.xdmf, scalars (m,) and space vectors (m, 3); Pa, m, N; collective.
 
@@ -167,7 +175,7 @@ class NodalAnswer:
             "centre_of_pressure": None if centre is None else centre.tolist(),
             "greatest_slip": max(over.max(moving[closed]), 0.0),
             "greatest_pressure": over.max(force[:, 0] / self.area[here]),
-            "dissipated_energy": over.sum(np.sum(force[:, 1:] * slip, axis=1)),
+            "dissipated_energy": self._dissipated(here),
         }
 
     def numbers(self) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..arrays import FloatArray
@@ -12,6 +13,7 @@ from ..solvers.results import CoulombResult, QPResult
 from .certificate import Certificate
 from .nodal_answer import NodalAnswer
 from .small_strain import SmallStrain, small_strain
+from .writing import supplied
 
 if TYPE_CHECKING:
     from .problem import ContactProblem
@@ -58,11 +60,13 @@ class Solution:
         """Whether the answer counts: the certificate passed, and it is inside the theory; collective."""
         return self.certificate.passed and not self.outside
 
-    def write(self, directory: str) -> None:
-        """Fields, history and summary into a directory; what is there is replaced when all is written."""
-        from ..io.output import write
+    def write(self, directory: str | Path) -> None:
+        """Fields, history, summary and picture into a directory; what is there is replaced when all is written.
 
-        write(self, directory)
+        Raises:
+            OSError: On every rank, if the directory cannot be written to.
+        """
+        supplied()(self, directory)
 
 
 def warn(answer: Solution) -> None:

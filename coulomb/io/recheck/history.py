@@ -21,7 +21,7 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ...linalg.reductions import Reductions
-from ...model.load_step import Energy, Forces, row
+from ...model.load_step import Energy, Forces, Moment, row
 from ..history_summary import whole
 from ..run_files import WrittenRun, numbers, places, read_summary
 from .case_reference import CaseReference
@@ -193,19 +193,21 @@ class _Chain:
         self._add_energy(findings)
         if self._last is not None and self.case is None:
             _check_gaps(self._last, findings, found)
-        expected, *others = (self._record(findings, number, time, energy, k) for k, energy in enumerate(self._energies))
+        expected, *others = (
+            self._record(findings, Moment(number, time, energy), k) for k, energy in enumerate(self._energies)
+        )
         found.tree("summary.json.step", run.summary["step"], expected, others, "the steps so far")
         self.run, self._last, self.start = run, findings, Start(time, run)
 
-    def _record(self, findings: Findings, number: int, time: float, energy: Energy, variant: int) -> dict[str, Any]:
+    def _record(self, findings: Findings, at: Moment, variant: int) -> dict[str, Any]:
         """What summary.json of the step keeps of the history."""
         summary, derived = findings.run.summary, findings.variants[variant].numbers
-        own = {"iterations": summary.get("iterations"), "residual": summary.get("residual")}
         try:
-            line = row({**derived, **own}, number, time, energy)
+            steps, residual = summary["iterations"]["path_following"], summary["residual"]
         except (KeyError, TypeError):
             raise ValueError(f"{findings.run.folder / 'summary.json'}: has no iterations of its solver") from None
-        return {"number": number, "time": time, "energy": asdict(energy), "row": line}
+        line = row(derived, at, steps, residual, derived["certificate"]["passed"], derived["valid"])
+        return {"number": at.number, "time": at.time, "energy": asdict(at.energy), "row": line}
 
     def _add_energy(self, findings: Findings) -> None:
         run, over = findings.run, _SERIAL

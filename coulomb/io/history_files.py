@@ -1,0 +1,145 @@
+"""A load history on disk: written step by step, and gone on with from there."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ..model.load_step import Energy, LoadStep, State
+from ..model.problem import ContactProblem
+from ..ranks import on_rank_0
+from . import output
+from .history_summary import Told, added, whole
+from .lock import locked
+from .restart import nodal_vectors, read_step, read_summary, steps_in
+
+
+class HistoryFiles:
+    """Writes the steps of `LoadHistory.run` into a directory, each before the next begins.
+
+    DIRECTORY/steps/0001, 0002, ... have the results of a step as a single run would write them;
+    DIRECTORY/solution.xdmf and contact.xdmf show them as time series; history.csv has a line for each.
+
+    Args:
+        directory: Made if need be.
+        resume: Continue from the last step that is there.
+        case: What is being computed, kept in the summary of every step under step.case (`case_record`).
+
+    Attributes:
+        rows: The lines of history.csv so far.
+
+    Raises:
+        ValueError: When the run begins, on every rank: if there are steps and `resume` is not asked for, or they do not
+            fit, or another run is at work in the directory.
+        OSError: On every rank, if a step cannot be written; those before are kept.
+    """
+
+    def __init__(self, directory: str | Path, *, resume: bool = False, case: Mapping[str, Any] | None = None):
+        self.directory = Path(directory)
+        self.rows: list[dict[str, Any]] = []
+        self._resume, self._case = resume, case
+        self._start = 0.0
+        self._history: Told = {}
+        self._seconds: Mapping[str, float] = {}
+
+    @contextmanager
+    def recording(self, problem: ContactProblem, beginning: State) -> Iterator[State]:
+        """The directory is this run's meanwhile; gives the state to go on from (`Recorder`)."""
+        comm = problem.comm
+        with locked(self.directory, comm):
+            found = comm.bcast(steps_in(self.directory) if comm.rank == 0 else None)
+            if not self._resume:
+                refuse_steps(self.directory, len(found))
+            told = [read_summary(self._step(number), comm) for number in found]
+            self.rows, self._history = [summary["step"]["row"] for summary in told], whole(told)
+            self._start, self._seconds = beginning.time, problem.seconds
+            yield self._restored(problem, found[-1]) if found else beginning
+
+    def record(self, step: LoadStep) -> None:
+        """Write a step, and what speaks of all steps so far; collective."""
+        comm = step.solution.problem.comm
+        row = step.row
+        for name, value in self._seconds.items():  # assembly and factorisation, done once, are the first step's
+            own = step.solution.problem.seconds
+            own[name] = own.get(name, 0.0) + value
+        self._seconds = {}
+        extra = {"step": self._record(step, row)}
+        contents = output.write(step.solution, self._step(step.state.number), picture=False, extra=extra)
+        self.rows.append(row)
+        self._history = added(self._history, contents)
+        on_rank_0(comm, lambda: self._write_whole(contents))
+
+    def _step(self, number: int) -> Path:
+        return self.directory / "steps" / f"{number:04d}"
+
+    def _record(self, step: LoadStep, row: dict[str, Any]) -> dict[str, Any]:
+        """What summary.json of a step keeps for going on."""
+        state = step.state
+        case = {} if self._case is None else {"case": dict(self._case)}
+        return {
+            **case,
+            "number": state.number,
+            "time": state.time,
+            "halvings": step.halvings,
+            "energy": asdict(state.energy),
+            "pending": list(state.pending),
+            "row": row,
+        }
+
+    def _restored(self, problem: ContactProblem, number: int) -> State:
+        """The state that a step has left, from its files; collective.
+
+        Raises:
+            ValueError: On every rank, if the files cannot be read or belong to another mesh.
+        """
+        step = self._step(number)
+        record = read_step(step, problem.comm)
+        x = problem.elasticity.x
+        return State(
+            number=number,
+            time=record["time"],
+            energy=Energy(**record["energy"]),
+            displacement=nodal_vectors(step / "solution.h5", "displacement", x, problem.comm),
+            on_body=nodal_vectors(step / "contact.h5", "contact_force", x, problem.comm, elsewhere=0.0),
+            pending=tuple(record["pending"]),
+        )
+
+    def _write_whole(self, last: dict[str, Any]) -> str:
+        """history.csv, the time series over the steps' own files, and the summary, replaced whole; on one rank."""
+        folder, rows = self.directory, self.rows
+        partial = folder / ".history.csv"
+        with partial.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+        os.replace(partial, folder / "history.csv")
+        for name in ("solution.xdmf", "contact.xdmf"):
+            output.write_series(folder, name, [(f"steps/{row['step']:04d}", row["time"]) for row in rows])
+        contents = {
+            "steps": len(rows),
+            "time": rows[-1]["time"],
+            "certificate": {"passed": all(row["certified"] for row in rows)},
+            "valid": all(row["valid"] for row in rows),
+            "history": {"start": self._start, **self._history},
+            "last": last,
+        }
+        output.write_json(contents, folder / "summary.json")
+        return ""
+
+
+def refuse_steps(folder: Path, found: int) -> None:
+    """Not to begin a history where another one is.
+
+    Raises:
+        ValueError: If there are load steps.
+    """
+    if found:
+        raise ValueError(
+            f"{folder} already holds {found} load steps: continue with `coulomb resume {folder}`, remove it, "
+            "or choose another directory"
+        )
