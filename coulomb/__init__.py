@@ -31,16 +31,16 @@ if TYPE_CHECKING:
     from .solvers.automatic import Automatic
     from .solvers.condensed import CondensedConeSystem, CondensedSystem
     from .solvers.cone_systems import DenseConeSystem, KrylovConeSystem
-    from .solvers.coulomb import CoulombProblem
     from .solvers.dense_system import DenseSystem
+    from .solvers.friction_problem import FrictionProblem
     from .solvers.general import solve_coulomb, solve_tresca
     from .solvers.kprgp import KPRGP
+    from .solvers.laws import FrictionLaw
     from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
     from .solvers.one_loop import OneLoop
     from .solvers.path_following import PathFollowing
     from .solvers.results import CoulombResult, NotConverged, Progress, QPResult, Status
     from .solvers.successive_tresca import SuccessiveTresca
-    from .solvers.tresca import TrescaQP
 
 __all__ = [
     "KPRGP",
@@ -54,7 +54,6 @@ __all__ = [
     "Contact",
     "ContactProblem",
     "ContactSurface",
-    "CoulombProblem",
     "CoulombResult",
     "Cylinder",
     "DenseConeSystem",
@@ -62,6 +61,8 @@ __all__ = [
     "DirectSolver",
     "Elasticity",
     "Energy",
+    "FrictionLaw",
+    "FrictionProblem",
     "HistoryFiles",
     "IterativeSolver",
     "KrylovConeSystem",
@@ -85,7 +86,6 @@ __all__ = [
     "StepFailed",
     "SuccessiveTresca",
     "Traction",
-    "TrescaQP",
     "__version__",
     "box",
     "certify",
@@ -113,7 +113,6 @@ _PUBLIC = {
     "solvers.automatic": ("Automatic",),
     "solvers.condensed": ("CondensedConeSystem", "CondensedSystem"),
     "solvers.cone_systems": ("DenseConeSystem", "KrylovConeSystem"),
-    "solvers.coulomb": ("CoulombProblem",),
     "solvers.dense_system": ("DenseSystem",),
     "solvers.successive_tresca": ("SuccessiveTresca",),
     "solvers.kprgp": ("KPRGP",),
@@ -122,7 +121,8 @@ _PUBLIC = {
     "solvers.path_following": ("PathFollowing",),
     "solvers.results": ("CoulombResult", "NotConverged", "Progress", "QPResult", "Status"),
     "linalg.stiffness": ("DirectSolver", "IterativeSolver"),
-    "solvers.tresca": ("TrescaQP",),
+    "solvers.friction_problem": ("FrictionProblem",),
+    "solvers.laws": ("FrictionLaw",),
 }
 """The public names by their module, which is loaded when one of them is first asked for; as imported above."""
 

@@ -6,7 +6,7 @@ from conftest import make_block, run_coulomb, solved_block
 
 import coulomb
 from coulomb.model import certificate as certificate_module
-from coulomb.solvers.coulomb import CoulombProblem
+from coulomb.solvers.friction_problem import FrictionProblem
 from coulomb.solvers.results import Goal, Status
 
 COULOMB = [
@@ -65,8 +65,8 @@ def block6(law, accept):
     solution = solved_block(6, law)
     problem = solution.problem
     if law == "tresca":
-        return coulomb.TrescaQP(problem.A, problem.b, solution.slip_bound, accept=accept)
-    return CoulombProblem(problem.A, problem.b, problem.coefficient, accept)
+        return coulomb.FrictionProblem.tresca(problem.A, problem.b, solution.slip_bound, accept=accept)
+    return FrictionProblem.coulomb(problem.A, problem.b, problem.coefficient, accept)
 
 
 SOLVERS = [("coulomb", solver) for solver in COULOMB] + [("tresca", solver) for solver in TRESCA]
@@ -95,7 +95,7 @@ def test_what_never_passes_is_not_converged(law, solver):
 def test_the_open_contact_is_judged_as_well():
     accept, seen = asked([False])
     problem = solved_block(6).problem
-    pulled = CoulombProblem(problem.A, -np.abs(problem.b), problem.coefficient, accept)
+    pulled = FrictionProblem.coulomb(problem.A, -np.abs(problem.b), problem.coefficient, accept)
     with pytest.raises(coulomb.NotConverged):
         coulomb.OneLoop(1e-8).solve(pulled)
     assert not np.any(seen[0])

@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse
 from conftest import dense_compliance, random_spd
 
-from coulomb import KPRGP, PathFollowing, TrescaQP
+from coulomb import KPRGP, FrictionProblem, PathFollowing
 
 
 def by_clarabel(A, b, slip_bound, lower):
@@ -68,7 +68,7 @@ SOLVED += [
 @pytest.mark.parametrize(("solver", "name"), SOLVED)
 def test_agrees_with_clarabel(solver, name):
     A, b, g = CASES[name]
-    qp = TrescaQP(dense_compliance(A), b, g)
+    qp = FrictionProblem.tresca(dense_compliance(A), b, g)
     result, theirs = solver.solve(qp), by_clarabel(A, b, g, np.zeros(len(g)))
     assert result.residual <= solver.tolerance
     assert qp.objective(result.x) <= qp.objective(theirs) + 1e-9 * abs(qp.objective(theirs))
@@ -83,7 +83,7 @@ def test_agrees_with_clarabel(solver, name):
 def test_zones_are_what_they_are_called():
     for name in ("all open", "all stick", "all slip"):
         A, b, g = CASES[name]
-        x = PathFollowing(tolerance=1e-9).solve(TrescaQP(dense_compliance(A), b, g)).x.reshape(-1, 3)
+        x = PathFollowing(tolerance=1e-9).solve(FrictionProblem.tresca(dense_compliance(A), b, g)).x.reshape(-1, 3)
         use = np.hypot(x[:, 1], x[:, 2]) / g
         assert {
             "all open": x[:, 0].max() <= 1e-6 * np.abs(x).max(),
@@ -95,7 +95,7 @@ def test_zones_are_what_they_are_called():
 def test_zero_bounds_and_lower_bounds():
     A, b, g = CASES["many contacts"]
     g, lower = np.where(np.arange(200) % 5, g, 0.0), np.linspace(-1.0, 1.0, 200) * g.mean()
-    qp = replace(TrescaQP(dense_compliance(A), b, g), lower=lower)
+    qp = replace(FrictionProblem.tresca(dense_compliance(A), b, g), lower=lower)
     theirs = by_clarabel(A, b, g, lower)
     for solver in (PathFollowing(tolerance=1e-9), KPRGP(tolerance=1e-7)):
         assert np.linalg.norm(solver.solve(qp).x - theirs) <= 1e-5 * np.linalg.norm(theirs)

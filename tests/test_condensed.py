@@ -20,7 +20,7 @@ from coulomb import (
 )
 from coulomb.case.case import Case
 from coulomb.solvers.cone import ConeIterate, ScaledCoulomb
-from coulomb.solvers.coulomb import CoulombProblem
+from coulomb.solvers.friction_problem import FrictionProblem
 from coulomb.solvers.scaling import ScaledQP
 
 MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
@@ -76,7 +76,7 @@ def test_cone_step_is_the_dense_step(exact):
     for name in ("dx_n", "dy", "dnu"):
         assert close(getattr(step, name), getattr(expected, name))
     dx = np.column_stack([step.dx_n, scaled.linearize(v).g[:, None] * step.dy])
-    dx[:, 1:] += (scaled._F * step.dx_n)[:, None] * y
+    dx[:, 1:] += (scaled._law.slope * step.dx_n)[:, None] * y
     assert not dx[~f, 1:].any()
     carried = system.carry(x + dx, None, 1.0, 0.0)
     assert close(carried, scaled.A.mult(x + dx)) and system._R.norm() < 1e-9 * scaled.A.s
@@ -174,7 +174,7 @@ def test_a_compliance_without_stiffness_is_refused():
 def test_what_is_kept():
     """K's nonzeros once more, and vectors: nothing of m x m."""
     problem = make_block(4, **MULTIGRID)
-    scaled = ScaledCoulomb(CoulombProblem(problem.A, problem.b, problem.coefficient))
+    scaled = ScaledCoulomb(FrictionProblem.coulomb(problem.A, problem.b, problem.coefficient))
     system, m = CondensedConeSystem(scaled.A), scaled.nodes
     K = problem.elasticity.K
     system.start(np.ones((m, 3)), 0.1)

@@ -13,9 +13,9 @@ from coulomb import (
     Automatic,
     CondensedConeSystem,
     CondensedSystem,
-    CoulombProblem,
     DenseConeSystem,
     DenseSystem,
+    FrictionProblem,
     IterativeSolver,
     NotConverged,
     OneLoop,
@@ -23,7 +23,6 @@ from coulomb import (
     SchurComplementSystem,
     Status,
     SuccessiveTresca,
-    TrescaQP,
 )
 from coulomb.solvers.kprgp import norm_of
 
@@ -156,13 +155,15 @@ def bounds(seed):
 
 @pytest.mark.parametrize("name", [name for name in COULOMB if name not in CONDENSED])
 def test_coulomb_with_products_as_inexact_as_allowed(name):
-    for A, b, _, result in answers(COULOMB[name], lambda A, b, _: CoulombProblem(Sloppy(A), b, np.full(12, 0.4))):
+    for A, b, _, result in answers(
+        COULOMB[name], lambda A, b, _: FrictionProblem.coulomb(Sloppy(A), b, np.full(12, 0.4))
+    ):
         is_fresh(result, A, b, np.trace(A) / len(A), lambda x_n: 0.4 * np.maximum(x_n, 0.0))
 
 
 @pytest.mark.parametrize("name", [name for name in QP if name not in CONDENSED])
 def test_tresca_with_products_as_inexact_as_allowed(name):
-    for A, b, seed, result in answers(QP[name], lambda A, b, seed: TrescaQP(Sloppy(A), b, bounds(seed))):
+    for A, b, seed, result in answers(QP[name], lambda A, b, seed: FrictionProblem.tresca(Sloppy(A), b, bounds(seed))):
         is_fresh(result, A, b, np.trace(A) / len(A), lambda _, g=bounds(seed): g)
 
 
@@ -193,8 +194,8 @@ def test_a_product_that_was_wrong_once(name, product):
     x = np.random.default_rng(11).uniform(1e4, 2e4, len(b))
     b, g = A @ x, np.full(len(b) // 3, 1e5)
     if name == "KPRGP":  # which begins by finding |A|
-        probe = TrescaQP(Sloppy(A), b, g)
+        probe = FrictionProblem.tresca(Sloppy(A), b, g)
         norm_of(probe)
         product += probe.A.products
-    result = QP[name].solve(TrescaQP(Sloppy(A, (product, 1e-4)), b, g))
+    result = QP[name].solve(FrictionProblem.tresca(Sloppy(A, (product, 1e-4)), b, g))
     is_fresh(result, A, b, np.trace(A) / len(A), lambda _: g)

@@ -11,7 +11,7 @@ from conftest import dense_compliance, random_spd
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from coulomb import Automatic, CoulombProblem, DenseConeSystem, NotConverged, OneLoop, Status, SuccessiveTresca
+from coulomb import Automatic, DenseConeSystem, FrictionProblem, NotConverged, OneLoop, Status, SuccessiveTresca
 
 EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "150"))
 SOLVERS = {
@@ -80,7 +80,7 @@ def test_converged_is_true_and_giving_up_rare(name):
 def gives_up(solver, A, b, friction):
     """Whether the solver gives up, and says so; what it does not give up must be right."""
     try:
-        result = solver.solve(CoulombProblem(dense_compliance(A), b, friction))
+        result = solver.solve(FrictionProblem.coulomb(dense_compliance(A), b, friction))
     except NotConverged as failure:
         result = failure.result
         assert result.status is not Status.CONVERGED and result.message == str(failure)

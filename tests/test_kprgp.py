@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, make_block, projected_gradient, random_tresca
 
-from coulomb import KPRGP, NotConverged, PathFollowing, QPResult, Status, TrescaQP
+from coulomb import KPRGP, FrictionProblem, NotConverged, PathFollowing, QPResult, Status
 from coulomb.solvers.kprgp import _split, norm_of
 
 
@@ -35,7 +35,8 @@ def test_counts_its_steps_and_products():
 
 def test_lower_bounds_and_zero_discs():
     qp, A = random_tresca(20, seed=15)
-    qp = replace(qp, lower=np.linspace(-1e5, 1e5, 20), slip_bound=np.where(np.arange(20) % 4, qp.slip_bound, 0.0))
+    qp = qp.with_slip_bound(np.where(np.arange(20) % 4, qp.law.cohesion, 0.0))
+    qp = replace(qp, lower=np.linspace(-1e5, 1e5, 20))
     result = KPRGP(tolerance=1e-9).solve(qp)
     exact = projected_gradient(qp, A)
     assert np.linalg.norm(result.x - exact) <= 1e-6 * np.linalg.norm(exact)
@@ -45,7 +46,7 @@ def test_lower_bounds_and_zero_discs():
 def test_free_and_chopped_gradient_by_hand():
     """A free node, one on its bound, and three on their circles: drawn inward, along, and outward by -gradient."""
     g, a = np.ones(5), 0.1
-    qp = TrescaQP(dense_compliance(np.eye(15)), np.zeros(15), g)
+    qp = FrictionProblem.tresca(dense_compliance(np.eye(15)), np.zeros(15), g)
     x = np.array([[1.0, 0.2, 0.0], [0.0, 0.0, 0.3], [1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
     r = np.array([[2.0, 3.0, 4.0], [-5.0, 1.0, 1.0], [0.0, 2.0, 1.0], [0.0, 0.0, 1.0], [0.0, -2.0, 0.0]])
     split = _split(qp, x.ravel(), r.ravel(), a)

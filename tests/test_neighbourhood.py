@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, random_spd
 
-from coulomb import CoulombProblem, OneLoop, PathFollowing, TrescaQP
+from coulomb import FrictionProblem, OneLoop, PathFollowing
 from coulomb.solvers.cone import ConeIterate, ScaledCoulomb
 from coulomb.solvers.newton_systems import NewtonStep
 from coulomb.solvers.one_loop import _Step
@@ -20,11 +20,11 @@ def start(solver):
     A, b = dense_compliance(random_spd(3 * NODES, 10.0, rng)), rng.standard_normal(3 * NODES)
     zero = np.zeros((NODES, 3))
     if isinstance(solver, PathFollowing):
-        problem = ScaledQP(TrescaQP(A, b, np.ones(NODES)))
+        problem = ScaledQP(FrictionProblem.tresca(A, b, np.ones(NODES)))
         x = zero + [1.0, 0.0, 0.0]
         z = problem.slack(x)
         return problem, Iterate(x, 1.0 / z, z, -problem.gradient(x, 1.0 / z, zero))
-    scaled = ScaledCoulomb(CoulombProblem(A, b, np.full(NODES, 0.5)))
+    scaled = ScaledCoulomb(FrictionProblem.coulomb(A, b, np.full(NODES, 0.5)))
     v = ConeIterate(np.ones(NODES), zero[:, 1:], np.zeros((NODES, 2)), zero)
     v = v._replace(nu=1.0 / scaled.slack(v.x_n, v.y))
     return scaled, v._replace(A_x=-scaled.gradient(v))
@@ -91,7 +91,7 @@ def test_a_warm_start_is_on_the_central_path_of_its_projection():
     rng = np.random.default_rng(6)
     A, g = dense_compliance(random_spd(60, 10.0, rng)), 10.0 ** rng.uniform(-2, 1, 20)
     g[3] = 0.0
-    problem = ScaledQP(TrescaQP(A, rng.standard_normal(60), g))
+    problem = ScaledQP(FrictionProblem.tresca(A, rng.standard_normal(60), g))
     q = rng.standard_normal((20, 3)) * 10.0 ** rng.uniform(-2, 1, (20, 1))
     for theta in (1.0, 1e-4, 1e-9):
         x, nu = problem.smoothed_projection(q, theta)

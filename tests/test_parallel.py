@@ -18,10 +18,10 @@ from coulomb import (
     CondensedSystem,
     Contact,
     ContactProblem,
+    FrictionProblem,
     IterativeSolver,
     OneLoop,
     PathFollowing,
-    TrescaQP,
 )
 from coulomb.case.case import read_case
 from coulomb.io import output
@@ -238,7 +238,7 @@ def test_input_that_is_wrong_on_one_rank_is_an_error_on_all():
     if comm.rank == last and len(b):
         b[0] = np.nan
     if any(comm.allgather(bool(np.isnan(b).any()))):
-        assert "not finite" in same_error(lambda: TrescaQP(problem.A, b, bound))
+        assert "not finite" in same_error(lambda: FrictionProblem.tresca(problem.A, b, bound))
     text = same_error(
         lambda: make_block(2, cells=(6, 2, 2), friction=0.3, explicit=True, linear_solver=IterativeSolver)
     )

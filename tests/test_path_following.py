@@ -11,13 +11,13 @@ from mpi4py import MPI
 from coulomb import (
     AugmentedSystem,
     DenseSystem,
+    FrictionProblem,
     IterativeSolver,
     NotConverged,
     PathFollowing,
     RecyclingSystem,
     SchurComplementSystem,
     Status,
-    TrescaQP,
 )
 from coulomb.solvers.scaling import ScaledQP
 
@@ -37,7 +37,9 @@ def test_agrees_with_projected_gradients(nodes, seed, newton):
 def test_kkt_conditions_by_hand():
     """One node, A = I: x_n = b_n, friction on its disc along b_t; multipliers of both."""
     b = np.array([2.0, 3.0, 4.0])
-    result = PathFollowing(tolerance=1e-10).solve(TrescaQP(dense_compliance(np.eye(3)), b, np.array([1.0])))
+    result = PathFollowing(tolerance=1e-10).solve(
+        FrictionProblem.tresca(dense_compliance(np.eye(3)), b, np.array([1.0]))
+    )
     assert np.allclose(result.x, [2.0, 0.6, 0.8], atol=1e-8)
     assert np.allclose(result.gradient, [0.0, -2.4, -3.2], atol=1e-8)
     assert np.allclose(result.multipliers, [[0.0, 4.0]], atol=1e-7)
@@ -52,7 +54,7 @@ def test_lower_bounds_other_than_zero():
 
 
 def test_open_contact_needs_no_step():
-    qp = TrescaQP(dense_compliance(np.eye(6)), np.array([-1.0, 0, 0, -2.0, 0, 0]), np.zeros(2))
+    qp = FrictionProblem.tresca(dense_compliance(np.eye(6)), np.array([-1.0, 0, 0, -2.0, 0, 0]), np.zeros(2))
     result = PathFollowing().solve(qp)
     assert result.iterations == 0 and not result.x.any() and result.status is Status.CONVERGED
 
@@ -147,7 +149,7 @@ def test_trap_units_do_not_matter(force, length):
     """The same problem with other units of force and length: the same steps, the same answer."""
     qp, A = random_tresca(25, seed=19)
     base = PathFollowing().solve(qp)
-    other = TrescaQP(dense_compliance(A * length / force), qp.b * length, qp.slip_bound * force)
+    other = FrictionProblem.tresca(dense_compliance(A * length / force), qp.b * length, qp.law.cohesion * force)
     result = PathFollowing().solve(other)
     assert result.iterations == base.iterations
     if force == 2.0**-20:  # powers of two: not even the rounding changes
@@ -167,14 +169,14 @@ def test_trap_slip_bounds_over_many_orders(decades):
 
 def test_small_discs_are_scaled_to_unit_discs():
     qp, _ = random_tresca(8, seed=22)
-    scaled = ScaledQP(replace(qp, slip_bound=qp.slip_bound * np.geomspace(1e-8, 1e3, 8)))
+    scaled = ScaledQP(qp.with_slip_bound(qp.law.cohesion * np.geomspace(1e-8, 1e3, 8)))
     assert np.all(scaled._g >= 1.0)
 
 
 def test_trap_zero_slip_bounds():
     """Nodes without friction: no disc, no interior there; the rest as an independent solver has it."""
     qp, A = random_tresca(30, seed=23)
-    qp = replace(qp, slip_bound=np.where(np.arange(30) % 3 == 0, 0.0, qp.slip_bound))
+    qp = qp.with_slip_bound(np.where(np.arange(30) % 3 == 0, 0.0, qp.law.cohesion))
     result = PathFollowing(tolerance=1e-9).solve(qp)
     exact = projected_gradient(qp, A)
     assert not result.x.reshape(-1, 3)[::3, 1:].any()
@@ -217,7 +219,7 @@ def hard_tresca(seed):
     b[0::3] += rng.choice([-1, 0, 3]) * np.abs(b).max()
     force = np.abs(b).mean() / np.diag(A).mean()
     spread = 10 ** -rng.uniform(0, rng.choice([0, 1, 4]), nodes)
-    return TrescaQP(dense_compliance(A), b, force * 10 ** rng.uniform(-3, 2) * spread)
+    return FrictionProblem.tresca(dense_compliance(A), b, force * 10 ** rng.uniform(-3, 2) * spread)
 
 
 @pytest.mark.parametrize("seed", [1072, 1083, 1112, 1153, 1209, 1219, 1236, 1277, 1288, 1299, *range(2000, 2030)])
@@ -235,7 +237,7 @@ def test_trap_hard_problems(seed):
 def test_warm_start_saves_steps_and_changes_nothing():
     qp, _ = random_tresca(60, seed=25)
     first = PathFollowing(tolerance=1e-6).solve(qp)
-    near = replace(qp, slip_bound=1.0001 * qp.slip_bound)
+    near = qp.with_slip_bound(1.0001 * qp.law.cohesion)
     cold = PathFollowing().solve(near)
     warm = PathFollowing().solve(near, first)
     assert warm.iterations < 0.7 * cold.iterations

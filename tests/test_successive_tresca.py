@@ -9,18 +9,20 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, random_spd, solved_block
 
-from coulomb import CoulombProblem, NotConverged, OneLoop, PathFollowing, Status, SuccessiveTresca
+from coulomb import FrictionProblem, NotConverged, OneLoop, PathFollowing, Status, SuccessiveTresca
 
 
 def small_coulomb(nodes, seed, friction):
     rng = np.random.default_rng(seed)
     A = 1e-9 * random_spd(3 * nodes, 50.0, rng)
-    return CoulombProblem(dense_compliance(A), 1e-4 * rng.standard_normal(3 * nodes), np.full(nodes, friction)), A
+    return FrictionProblem.coulomb(
+        dense_compliance(A), 1e-4 * rng.standard_normal(3 * nodes), np.full(nodes, friction)
+    ), A
 
 
 def test_one_node_by_hand():
     """A = I, b = (2, 3, 4), F = 0.5: x_n = 2, friction 1 along (3, 4)/5."""
-    problem = CoulombProblem(dense_compliance(np.eye(3)), np.array([2.0, 3.0, 4.0]), np.array([0.5]))
+    problem = FrictionProblem.coulomb(dense_compliance(np.eye(3)), np.array([2.0, 3.0, 4.0]), np.array([0.5]))
     result = SuccessiveTresca(1e-9).solve(problem)
     assert np.allclose(result.x, [2.0, 0.6, 0.8], atol=1e-7)
 
@@ -44,14 +46,14 @@ def test_answer_satisfies_coulombs_law(friction):
 def test_residual_is_that_of_the_tresca_problem_with_its_own_bound():
     problem, _ = small_coulomb(10, 42, 0.4)
     x = np.abs(1e5 * np.random.default_rng(43).standard_normal(30))
-    assert problem.residual(x) == problem.tresca(0.4 * x[0::3]).residual(x)
+    assert problem.residual(x) == problem.with_slip_bound(0.4 * x[0::3]).residual(x)
 
 
 def test_stops_on_the_coulomb_residual(block6):
     """The status is earned by the residual of the Coulomb problem, recomputed from its definition."""
     result, problem = block6.result, block6.problem
     friction = np.full(len(problem.surface.nodes), 0.3)
-    again = CoulombProblem(problem.A, problem.b, friction).residual(result.x)
+    again = FrictionProblem.coulomb(problem.A, problem.b, friction).residual(result.x)
     assert result.status is Status.CONVERGED
     assert again <= 1e-8 and result.residual == pytest.approx(again, rel=1e-6)
 
@@ -88,7 +90,7 @@ def test_warm_starts_save_most_of_the_steps():
 @pytest.mark.parametrize("friction", [0.8, 1.5])
 def test_acceleration_saves_tresca_problems(friction):
     problem = solved_block(6).problem
-    coulomb = CoulombProblem(problem.A, problem.b, np.full(len(problem.surface.nodes), friction))
+    coulomb = FrictionProblem.coulomb(problem.A, problem.b, np.full(len(problem.surface.nodes), friction))
     plain, accelerated = SuccessiveTresca(memory=0).solve(coulomb), SuccessiveTresca().solve(coulomb)
     assert accelerated.iterations <= 0.8 * plain.iterations
     assert np.linalg.norm(plain.x - accelerated.x) <= 1e-6 * np.linalg.norm(plain.x)
@@ -98,7 +100,7 @@ def test_acceleration_saves_tresca_problems(friction):
 @pytest.mark.parametrize("friction", [0.3, 1.0])
 def test_down_to_a_residual_of_1e_10(solver, friction):
     problem = solved_block(6).problem
-    coulomb = CoulombProblem(problem.A, problem.b, np.full(len(problem.surface.nodes), friction))
+    coulomb = FrictionProblem.coulomb(problem.A, problem.b, np.full(len(problem.surface.nodes), friction))
     assert coulomb.residual(solver.solve(coulomb).x) <= 1e-10
 
 
@@ -114,7 +116,9 @@ def test_history_has_a_record_for_each_tresca_problem():
 
 
 def test_giving_up_says_so_and_carries_the_answer(block6):
-    problem = CoulombProblem(block6.problem.A, block6.problem.b, np.full(len(block6.problem.surface.nodes), 0.3))
+    problem = FrictionProblem.coulomb(
+        block6.problem.A, block6.problem.b, np.full(len(block6.problem.surface.nodes), 0.3)
+    )
     with pytest.raises(NotConverged, match=r"Coulomb residual of .* after 3 Tresca problems .*max_it") as failure:
         SuccessiveTresca(1e-8, max_iterations=3).solve(problem)
     result = failure.value.result
@@ -123,7 +127,9 @@ def test_giving_up_says_so_and_carries_the_answer(block6):
 
 
 def test_inner_failure_stops_the_outer_loop(block6):
-    problem = CoulombProblem(block6.problem.A, block6.problem.b, np.full(len(block6.problem.surface.nodes), 0.3))
+    problem = FrictionProblem.coulomb(
+        block6.problem.A, block6.problem.b, np.full(len(block6.problem.surface.nodes), 0.3)
+    )
     with pytest.raises(NotConverged, match="PF ended with a residual") as failure:
         SuccessiveTresca(1e-8, PathFollowing(max_iterations=2)).solve(problem)
     assert failure.value.result.status is Status.STAGNATED
@@ -168,7 +174,7 @@ def test_nodes_that_carry_dust_do_not_come_and_go():
 
 
 def test_open_contact():
-    problem = CoulombProblem(dense_compliance(np.eye(6)), np.array([-1.0, 2, 0, -2.0, 0, 1]), np.full(2, 0.5))
+    problem = FrictionProblem.coulomb(dense_compliance(np.eye(6)), np.array([-1.0, 2, 0, -2.0, 0, 1]), np.full(2, 0.5))
     result = SuccessiveTresca().solve(problem)
     assert result.status is Status.CONVERGED and not result.x.any()
 
@@ -189,9 +195,9 @@ def test_constants_outside_their_bounds(field, message):
 def test_bad_friction():
     A = dense_compliance(np.eye(6))
     with pytest.raises(ValueError, match=r"shape \(2,\)"):
-        CoulombProblem(A, np.zeros(6), np.ones(3))
+        FrictionProblem.coulomb(A, np.zeros(6), np.ones(3))
     with pytest.raises(ValueError, match="negative"):
-        CoulombProblem(A, np.zeros(6), np.array([0.3, -0.1]))
+        FrictionProblem.coulomb(A, np.zeros(6), np.array([0.3, -0.1]))
 
 
 def test_two_solvers_one_answer():
@@ -200,6 +206,6 @@ def test_two_solvers_one_answer():
 
     solution = solved_block(6)
     friction = np.full(len(solution.problem.surface.nodes), 0.3)
-    problem = CoulombProblem(solution.problem.A, solution.problem.b, friction)
+    problem = FrictionProblem.coulomb(solution.problem.A, solution.problem.b, friction)
     other = SuccessiveTresca(1e-8, PathFollowing(newton=SchurComplementSystem)).solve(problem)
     assert np.linalg.norm(other.x - solution.contact_force) <= 1e-7 * np.linalg.norm(other.x)

@@ -9,10 +9,10 @@ import scipy.linalg
 
 from ..arrays import FloatArray
 from ..solvers.dense_system import augmented_matrix
+from ..solvers.friction_problem import FrictionProblem
 from ..solvers.newton_systems import AugmentedSystem, Linearization, NewtonStep
 from ..solvers.path_following import PathFollowing
 from ..solvers.scaling import ScaledQP
-from ..solvers.tresca import TrescaQP
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Spectra:
         return float(self.schur[-1] / self.schur[0])
 
 
-def measure(qp: TrescaQP, solver: PathFollowing | None = None) -> list[Spectra]:
+def measure(qp: FrictionProblem, solver: PathFollowing | None = None) -> list[Spectra]:
     """Spectra of every step of a run on a small problem whose nodes all have a disc, on one rank.
 
     Args:
@@ -67,7 +67,7 @@ def measure(qp: TrescaQP, solver: PathFollowing | None = None) -> list[Spectra]:
     return [_spectra(number, A, at) for number, at in enumerate(seen, start=1)]
 
 
-def scaled_matrix(qp: TrescaQP) -> FloatArray:
+def scaled_matrix(qp: FrictionProblem) -> FloatArray:
     """A in the variables in which the solver works, dense, shape (3 m, 3 m)."""
     problem = ScaledQP(qp)
     columns = [problem.A.mult(e.reshape(-1, 3)).ravel() for e in np.eye(3 * problem.nodes)]

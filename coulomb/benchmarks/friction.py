@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..solvers.cone_systems import DenseConeSystem
-from ..solvers.coulomb import CoulombProblem, CoulombSolver
+from ..solvers.friction_problem import CoulombSolver, FrictionProblem
 from ..solvers.newton_systems import AugmentedSystem
 from ..solvers.one_loop import OneLoop
 from ..solvers.path_following import PathFollowing
@@ -60,7 +60,7 @@ def measure(sizes: Iterable[int], friction: Iterable[float], tolerance: float, r
     for p in sizes:
         body = block(p)
         for F in friction:
-            problem = CoulombProblem(body.A, body.b, np.full(len(body.surface.nodes), F))
+            problem = FrictionProblem.coulomb(body.A, body.b, np.full(len(body.surface.nodes), F))
             answer, seconds = _least(_tresca, problem, tolerance, repeats)
             krylov = sum(step.krylov for step in answer.history)
             status = answer.status.value
@@ -84,7 +84,7 @@ def measure(sizes: Iterable[int], friction: Iterable[float], tolerance: float, r
 
 
 def _least(
-    prepare: Callable[[CoulombProblem, Any], Callable[[], Any]], problem: CoulombProblem, given: Any, repeats: int
+    prepare: Callable[[FrictionProblem, Any], Callable[[], Any]], problem: FrictionProblem, given: Any, repeats: int
 ) -> tuple[Any, float]:
     """The result, converged or not, and the least time it took."""
     solve, seconds = prepare(problem, given), []
@@ -98,11 +98,11 @@ def _least(
     return result, min(seconds)
 
 
-def _coulomb(problem: CoulombProblem, solver: CoulombSolver) -> Callable[[], Any]:
+def _coulomb(problem: FrictionProblem, solver: CoulombSolver) -> Callable[[], Any]:
     return lambda: solver.solve(problem)
 
 
-def _tresca(problem: CoulombProblem, tolerance: float) -> Callable[[], Any]:
+def _tresca(problem: FrictionProblem, tolerance: float) -> Callable[[], Any]:
     g = problem.slip_bound(OneLoop(tolerance).solve(problem).x)
     paper = PathFollowing(tolerance, newton=AugmentedSystem)
-    return lambda: paper.solve(problem.tresca(g))
+    return lambda: paper.solve(problem.with_slip_bound(g))

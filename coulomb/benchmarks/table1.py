@@ -10,11 +10,11 @@ from typing import NamedTuple
 from ..linalg.compliance import SchurCompliance, estimated_diagonal
 from ..linalg.multifrontal import MultifrontalSolver
 from ..model.problem import ContactProblem
+from ..solvers.friction_problem import QPSolver
 from ..solvers.kprgp import KPRGP
 from ..solvers.newton_systems import AugmentedSystem
 from ..solvers.path_following import PathFollowing
 from ..solvers.results import NotConverged
-from ..solvers.tresca import QPSolver
 from .block import block
 
 RESIDUAL = 1e-6

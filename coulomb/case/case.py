@@ -26,8 +26,7 @@ if TYPE_CHECKING:  # what needs DOLFINx or PETSc is loaded when a case that is r
     from ..fem.loaded_body import Clamp, LoadedBody, Spring, Traction
     from ..model.load_history import LoadHistory
     from ..model.problem import ContactProblem
-    from ..solvers.coulomb import CoulombSolver
-    from ..solvers.tresca import QPSolver
+    from ..solvers.friction_problem import CoulombSolver, QPSolver
 
 
 class Case(Table):

@@ -10,9 +10,8 @@ from .body import Table
 from .values import FileName, Rounds
 
 if TYPE_CHECKING:
-    from ..solvers.coulomb import CoulombSolver
+    from ..solvers.friction_problem import CoulombSolver, QPSolver
     from ..solvers.newton_systems import NewtonSystem
-    from ..solvers.tresca import QPSolver
 
 
 class SolverTable(Table):

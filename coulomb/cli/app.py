@@ -27,7 +27,7 @@ from .console import errors as _errors
 
 if TYPE_CHECKING:
     from ..case.case import Case
-    from ..solvers.coulomb import CoulombSolver
+    from ..solvers.friction_problem import CoulombSolver
 
 app = typer.Typer(
     epilog=EXIT_CODES,

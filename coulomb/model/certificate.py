@@ -22,7 +22,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
-from ..solvers.tresca import natural_residual
+from ..solvers.laws import FrictionLaw
 from .evidence import Before, Evidence, evidence
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     held = (e.displacement - e.prescribed)[e.fixed] / scales.length
     balance, drift = _rigid_motions(e, spring, np.sum(outer, axis=0), scales, over)
     remaining = np.column_stack([e.gap - e.closure[:, 0], -e.closure[:, 1:]])  # what A x - b must be
-    residual = natural_residual(e.force.ravel(), remaining.ravel(), e.bound, e.compliance, over)
+    residual = FrictionLaw.tresca(e.bound).natural_residual(e.force.ravel(), remaining.ravel(), e.compliance, over)
     deepest = _worst(over.max(e.closure[:, 0] - e.gap), 0.0)
 
     def relative(name: str, value: float, meaning: str) -> Check:

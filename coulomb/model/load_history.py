@@ -22,9 +22,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..solvers.coulomb import CoulombSolver
+from ..solvers.friction_problem import CoulombSolver, QPSolver
 from ..solvers.results import NotConverged, ProgressCallback, Status
-from ..solvers.tresca import QPSolver
 from .certificate import certify
 from .load_step import Energy, LoadStep, State
 from .problem import ContactProblem

@@ -22,13 +22,12 @@ from ..linalg.methods import LinearSolver, chosen, contact_last
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.stiffness import DirectSolver, StiffnessSolver
 from ..solvers.automatic import Automatic
-from ..solvers.coulomb import CoulombProblem, CoulombSolver
+from ..solvers.friction_problem import CoulombSolver, FrictionProblem, QPSolver
 from ..solvers.kprgp import KPRGP
 from ..solvers.one_loop import OneLoop
 from ..solvers.path_following import PathFollowing
 from ..solvers.results import CoulombResult, NotConverged, ProgressCallback, QPResult
 from ..solvers.successive_tresca import SuccessiveTresca
-from ..solvers.tresca import QPSolver, TrescaQP
 from .acceptance import CERTIFIED_FROM, Acceptance
 from .contact import Contact, ContactFaces
 from .nodal_answer import closure, slip_bound
@@ -286,13 +285,13 @@ class ContactProblem:
         return self.contacts[0].coulomb
 
     @property
-    def coulomb_problem(self) -> CoulombProblem:
+    def coulomb_problem(self) -> FrictionProblem:
         """A, b and friction, without the body."""
-        return CoulombProblem(self.A, self.b, self.coefficient)
+        return FrictionProblem.coulomb(self.A, self.b, self.coefficient)
 
-    def tresca(self, slip_bound: FloatArray) -> TrescaQP:
+    def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""
-        return TrescaQP(self.A, self.b, slip_bound)
+        return FrictionProblem.tresca(self.A, self.b, slip_bound)
 
     def solve(
         self,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..arrays import FloatArray
-from .coulomb import CoulombProblem
+from .friction_problem import FrictionProblem
 from .one_loop import OneLoop
 from .results import CoulombResult, NotConverged, ProgressCallback, Status, check_constants
 from .successive_tresca import SuccessiveTresca
@@ -35,7 +35,7 @@ class Automatic:
 
     def solve(
         self,
-        problem: CoulombProblem,
+        problem: FrictionProblem,
         *,
         start: FloatArray | None = None,
         progress: ProgressCallback | None = None,

@@ -13,10 +13,10 @@ from ..arrays import FloatArray
 from ..linalg.compliance import Compliance, MatrixCompliance
 from ..linalg.reductions import Reductions
 from .automatic import Automatic
-from .coulomb import CoulombProblem, CoulombSolver
+from .friction_problem import CoulombSolver, FrictionProblem, QPSolver
+from .laws import FrictionLaw
 from .path_following import PathFollowing
 from .results import CoulombResult, QPResult
-from .tresca import QPSolver, TrescaQP
 
 
 def solve_tresca(
@@ -45,18 +45,21 @@ def solve_tresca(
     """
     compliance = _compliance(A)
     bound = _for_each("slip_bound", slip_bound, compliance.nodes)
-    qp = TrescaQP(compliance, _numbers("b", b), bound, _numbers("lower", lower))
+    qp = FrictionProblem.tresca(compliance, _numbers("b", b), bound, _numbers("lower", lower))
     return (solver or PathFollowing()).solve(qp)
 
 
-def solve_coulomb(A: Any, b: Any, friction: Any, solver: CoulombSolver | None = None) -> CoulombResult:
-    """The same with slip_bound = friction x_n at the solution.
+def solve_coulomb(
+    A: Any, b: Any, friction: Any, solver: CoulombSolver | None = None, *, cohesion: Any = 0.0
+) -> CoulombResult:
+    """The same with slip_bound = cohesion + friction x_n at the solution.
 
     Args:
         A: As for `solve_tresca`.
         b: As for `solve_tresca`.
         friction: Coefficient of every contact, >= 0; a number or shape (m,).
         solver: Automatic() by default; OneLoop() or SuccessiveTresca().
+        cohesion: Friction force that every contact bears without pressure, >= 0, in units of force; a number or (m,).
 
     Raises:
         ValueError: As `solve_tresca`.
@@ -64,7 +67,8 @@ def solve_coulomb(A: Any, b: Any, friction: Any, solver: CoulombSolver | None = 
     """
     compliance = _compliance(A)
     coefficient = _for_each("friction", friction, compliance.nodes)
-    return (solver or Automatic()).solve(CoulombProblem(compliance, _numbers("b", b), coefficient))
+    law = FrictionLaw(_for_each("cohesion", cohesion, compliance.nodes), coefficient)
+    return (solver or Automatic()).solve(FrictionProblem(compliance, _numbers("b", b), law))
 
 
 def _numbers(name: str, values: Any) -> FloatArray:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from .friction_problem import FrictionProblem, refuse_slope
 from .results import (
     ActiveSetStep,
     Goal,
@@ -23,7 +24,6 @@ from .results import (
     StepKind,
     check_constants,
 )
-from .tresca import TrescaQP
 
 _PATIENCE = 1000  # steps without a better residual once the certificate has refused an answer
 _ON_CIRCLE = 1.0 - 1e-13  # a projected point lies on its circle up to rounding
@@ -49,7 +49,7 @@ class KPRGP:
     """Algorithm KPRGP as a value.
 
     Attributes:
-        tolerance: Natural residual of the QP at which to stop (`TrescaQP.residual`), as for PathFollowing.
+        tolerance: Natural residual of the QP at which to stop (`FrictionProblem.residual`), as for PathFollowing.
         proportionality: Gamma > 0: CG goes on while |beta|^2 <= Gamma^2 phi~^T phi.
         step: Fixed step of the gradient projections, times |A|, in (0, 2).
         max_iterations: Steps of all kinds before the solver gives up.
@@ -74,13 +74,14 @@ class KPRGP:
 
     def solve(
         self,
-        qp: TrescaQP,
+        qp: FrictionProblem,
         start: QPResult | None = None,
         *,
         tolerance: float | None = None,
         progress: ProgressCallback | None = None,
     ) -> QPResult:
         """Solve a Tresca problem; arguments, result and errors as those of `PathFollowing.solve`."""
+        refuse_slope(qp, "KPRGP", "OneLoop()")
         tolerance = self.tolerance if tolerance is None else tolerance
         over, products = qp.reductions, qp.A.products
         a = self.step / norm_of(qp)
@@ -149,14 +150,14 @@ class KPRGP:
             )
         return result
 
-    def _projected(self, qp: TrescaQP, x: FloatArray, a: float) -> tuple[FloatArray, FloatArray, Split]:
+    def _projected(self, qp: FrictionProblem, x: FloatArray, a: float) -> tuple[FloatArray, FloatArray, Split]:
         """P(x), the gradient there by a fresh product, and its split."""
         x = qp.project(x)
         gradient = qp.gradient(x)
         return x, gradient, _split(qp, x, gradient, a)
 
 
-def norm_of(qp: TrescaQP, precision: float = 1e-2, most: int = 100) -> float:
+def norm_of(qp: FrictionProblem, precision: float = 1e-2, most: int = 100) -> float:
     """|A|, its greatest eigenvalue, by the power method, in metres per newton; a product a step.
 
     Rounded up by the precision asked for: a step of 1.9/|A| must stay below 2/|A|.
@@ -174,8 +175,8 @@ def norm_of(qp: TrescaQP, precision: float = 1e-2, most: int = 100) -> float:
     return (1.0 + precision) * value
 
 
-def _split(qp: TrescaQP, x: FloatArray, gradient: FloatArray, a: float) -> Split:
-    v, g, r = x.reshape(-1, 3), qp.slip_bound, gradient.reshape(-1, 3)
+def _split(qp: FrictionProblem, x: FloatArray, gradient: FloatArray, a: float) -> Split:
+    v, g, r = x.reshape(-1, 3), qp.slip_bound(x), gradient.reshape(-1, 3)
     free = np.empty(v.shape, dtype=bool)
     free[:, 0] = v[:, 0] > qp.lower
     free[:, 1:] = (np.hypot(v[:, 1], v[:, 2]) < _ON_CIRCLE * g)[:, None]
@@ -185,22 +186,22 @@ def _split(qp: TrescaQP, x: FloatArray, gradient: FloatArray, a: float) -> Split
     return Split(free, np.where(free, r, 0.0), np.where(free, 0.0, chopped))
 
 
-def _feasible_step(qp: TrescaQP, x: FloatArray, p: FloatArray, free: npt.NDArray[np.bool_]) -> float:
+def _feasible_step(qp: FrictionProblem, x: FloatArray, p: FloatArray, free: npt.NDArray[np.bool_]) -> float:
     """Largest step along -p that keeps the free unknowns feasible; inf if there is none."""
     with np.errstate(divide="ignore", invalid="ignore"):
         bound = np.where(free[:, 0] & (p[:, 0] > 0.0), (x[:, 0] - qp.lower) / p[:, 0], np.inf)
         squared, outward = np.sum(p[:, 1:] ** 2, axis=1), -np.sum(p[:, 1:] * x[:, 1:], axis=1)
-        room = qp.slip_bound**2 - np.sum(x[:, 1:] ** 2, axis=1)
+        room = qp.law.cohesion**2 - np.sum(x[:, 1:] ** 2, axis=1)
         root = room / (outward + np.sqrt(outward**2 + squared * room))
     disc = root[free[:, 1] & (squared > 0.0)]
     return min(qp.reductions.min(bound), qp.reductions.min(disc))
 
 
-def _multipliers(qp: TrescaQP, x: FloatArray, gradient: FloatArray) -> FloatArray:
+def _multipliers(qp: FrictionProblem, x: FloatArray, gradient: FloatArray) -> FloatArray:
     """Multipliers of the bounds and of the discs in metres, shape (m, 2), as the gradient shows them."""
     v, r = x.reshape(-1, 3), gradient.reshape(-1, 3)
     bound = np.where(v[:, 0] > qp.lower, 0.0, np.maximum(r[:, 0], 0.0))
     size = np.hypot(v[:, 1], v[:, 2])
     along = -np.einsum("ij,ij->i", v[:, 1:], r[:, 1:]) / np.where(size > 0.0, size, 1.0)
-    on_circle = (size >= _ON_CIRCLE * qp.slip_bound) & (size > 0.0)
+    on_circle = (size >= _ON_CIRCLE * qp.slip_bound(x.ravel())) & (size > 0.0)
     return np.column_stack([bound, np.where(on_circle, np.maximum(along, 0.0), 0.0)])

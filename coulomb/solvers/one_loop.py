@@ -1,21 +1,21 @@
-"""Coulomb friction in one path-following loop: the slip bound g = F x_n is an unknown like the others.
+"""Friction in one path-following loop: the bound of friction g = c + F x_n is an unknown like the others.
 
 Algorithm PF for the Tresca problem follows, from theta > 0 down to 0, the solutions of
 
     w_n - nu1 = 0,   w_t + nu2 x_t/g = 0,   nu1 x_n = theta,   nu2 (g^2 - |x_t|^2)/(2 g) = theta        (w = A x - b)
 
-Coulomb's law puts g = F x_n there.  In y = x_t/(F x_n) the cone |x_t| < F x_n is the unit disc (cone.py):
+A law with a slope puts g = c + F x_n there.  In y = x_t/g the cone |x_t| < g is the unit disc (cone.py):
 
-    w_n - nu1 = 0,   w_t + nu2 y = 0,   nu1 x_n = theta,   nu2 F x_n (1 - |y|^2)/2 = theta,   x = (x_n, F x_n y)
+    w_n - nu1 = 0,   w_t + nu2 y = 0,   nu1 x_n = theta,   nu2 g (1 - |y|^2)/2 = theta,   x = (x_n, g y)
 
-Differentiated, with dx_t = F (x_n dy + y dx_n) as the unknown in place of dy, h = nu2/(F x_n), c = F (1 + |y|^2)/2,
-D22 = z/nu, and d the change of the constraints, d1 = -dx_n, d2 = y dx_t - c dx_n:
+Differentiated, with dx_t = g dy + F y dx_n as the unknown in place of dy, h = nu2/g, k = F (1 + |y|^2)/2, D22 = z/nu,
+and d the change of the constraints, d1 = -dx_n, d2 = y dx_t - k dx_n:
 
     row n:   (A dx)_n - dnu1 = r_n              dnu1 = (d1 - r2_1)/D22_1
     row t:   (A dx)_t + h (dx_t - F y dx_n) + y dnu2 = r_t              dnu2 = (d2 - r2_2)/D22_2
 
 With the multipliers eliminated, (A + C) dx = rhs: C is nodal, as in Tresca's J_SC, and unsymmetric by the two terms
-that dx_n sends to row t, -h F y and -y c/D22_2.  With g frozen in a step and updated after it the iteration stalls.
+that dx_n sends to row t, -h F y and -y k/D22_2.  With g frozen in a step and updated after it the iteration stalls.
 
 The step is taken along the curve x_n + alpha dx_n, y + alpha dy, not along the straight line in x_t, so that friction
 stays in proportion to pressure at a node that opens.  On the straight line y is lost there by division: steps block,
@@ -47,7 +47,7 @@ import numpy as np
 from ..arrays import FloatArray
 from .cone import ConeIterate, ScaledCoulomb
 from .cone_systems import ConeSystem, KrylovConeSystem
-from .coulomb import CoulombProblem
+from .friction_problem import FrictionProblem
 from .results import (
     CoulombResult,
     Goal,
@@ -95,7 +95,7 @@ class OneLoop:
     """Coulomb friction by one path-following loop, as a value.
 
     Attributes:
-        tolerance: Coulomb residual at which to stop (`CoulombProblem.residual`).
+        tolerance: Coulomb residual at which to stop (`FrictionProblem.residual`).
         r_tol: Inner precision as in PathFollowing: tol_k = min(r_tol err_(k-1), c_fact tol_(k-1)).
         c_fact: The factor by which tol_k decreases at least.
         gamma: Centrality, nu_i z_i >= gamma theta, in (0, 1).
@@ -127,7 +127,7 @@ class OneLoop:
 
     def solve(
         self,
-        problem: CoulombProblem,
+        problem: FrictionProblem,
         *,
         start: FloatArray | None = None,
         progress: ProgressCallback | None = None,
@@ -160,24 +160,25 @@ class OneLoop:
             raise NotConverged(message, replace(result, message=message))
         return result
 
-    def _open(self, problem: CoulombProblem, goal: Goal) -> CoulombResult | None:
-        """The answer without any contact force, if it is one: there is no path to follow then."""
-        x = np.zeros_like(problem.b)
-        residual = problem.residual(x, -problem.b)
+    def _open(self, problem: FrictionProblem, goal: Goal) -> CoulombResult | None:
+        """The answer, if it is the smallest force the bounds allow: there is no path to follow then."""
+        x = problem.project(np.zeros_like(problem.b))
+        gradient = problem.gradient(x) if problem.reductions.max(np.abs(x)) > 0.0 else -problem.b
+        residual = problem.residual(x, gradient)
         if not goal.reached(residual, x):
             return None
-        status, g = goal.verdict(residual, x, Status.MAX_ITERATIONS), np.zeros_like(problem.friction)
-        return CoulombResult(x, -problem.b, g, status, math.nan, 0, 0, 0, residual, (), self.name)
+        status = goal.verdict(residual, x, Status.MAX_ITERATIONS)
+        return CoulombResult(x, gradient, problem.slip_bound(x), status, math.nan, 0, 0, 0, residual, (), self.name)
 
     def _follow(
-        self, problem: CoulombProblem, goal: Goal, start: FloatArray | None, progress: ProgressCallback | None
+        self, problem: FrictionProblem, goal: Goal, start: FloatArray | None, progress: ProgressCallback | None
     ) -> CoulombResult:
         """One start after another, solved more precisely, then farther inside, until the steps do not block."""
         scaled = ScaledCoulomb(problem)
         newton = self.newton(scaled.A)
         history: list[PathFollowingStep] = []
         results: list[CoulombResult] = []
-        cold: tuple[FloatArray, FloatArray] = (np.ones(scaled.nodes), np.zeros((scaled.nodes, 2)))
+        cold: tuple[FloatArray, FloatArray] = (scaled.lower + 1.0, np.zeros((scaled.nodes, 2)))
         starts = [(*cold, theta, precision) for theta, precision in _STARTS]
         if start is not None:
             starts.insert(0, (*scaled.inside(start, _FLOOR, _INSIDE), *_STARTS[0]))

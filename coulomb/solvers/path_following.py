@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import FloatArray
+from .friction_problem import FrictionProblem, refuse_slope
 from .newton_systems import NewtonStep, NewtonSystem, RecyclingSystem
 from .results import (
     Goal,
@@ -25,7 +26,6 @@ from .results import (
     check_path_constants,
 )
 from .scaling import ScaledQP
-from .tresca import TrescaQP
 
 _TO_BOUNDARY = 0.99  # fraction of the way to the boundary a step may go
 _BACKTRACK = 0.9  # the grid on which the largest step length is sought
@@ -60,7 +60,7 @@ class PathFollowing:
     none needs tuning.
 
     Attributes:
-        tolerance: Natural residual of the QP at which to stop (`TrescaQP.residual`).
+        tolerance: Natural residual of the QP at which to stop (`FrictionProblem.residual`).
         r_tol: Inner precision: CG stops at |residual| <= tol_k |right-hand side| with
             tol_k = min(r_tol err_(k-1), c_fact tol_(k-1)), err the relative change of v in the last step.
         c_fact: The factor by which tol_k decreases at least.
@@ -95,7 +95,7 @@ class PathFollowing:
 
     def solve(
         self,
-        qp: TrescaQP,
+        qp: FrictionProblem,
         start: QPResult | None = None,
         *,
         tolerance: float | None = None,
@@ -114,7 +114,9 @@ class PathFollowing:
 
         Raises:
             NotConverged: With the best answer so far, if the residual stays above the tolerance.
+            ValueError: If friction grows with pressure.
         """
+        refuse_slope(qp, "PathFollowing", "OneLoop()")
         tolerance = self.tolerance if tolerance is None else tolerance
         products = qp.A.products
         goal = Goal(tolerance, qp.accept)
@@ -128,7 +130,7 @@ class PathFollowing:
             )
         return result
 
-    def _trivial(self, qp: TrescaQP, goal: Goal) -> QPResult | None:
+    def _trivial(self, qp: FrictionProblem, goal: Goal) -> QPResult | None:
         """The answer, if it is the smallest force the bounds allow: an open contact has nothing to follow a path to."""
         x = qp.project(np.zeros_like(qp.b))
         gradient = qp.gradient(x) if qp.reductions.max(np.abs(x)) > 0.0 else -qp.b
@@ -138,7 +140,9 @@ class PathFollowing:
         status = goal.verdict(residual, x, Status.MAX_ITERATIONS)
         return QPResult(x, gradient, np.zeros((qp.A.nodes, 2)), status, 0, 0, residual, ())
 
-    def _follow(self, qp: TrescaQP, start: QPResult | None, goal: Goal, progress: ProgressCallback | None) -> QPResult:
+    def _follow(
+        self, qp: FrictionProblem, start: QPResult | None, goal: Goal, progress: ProgressCallback | None
+    ) -> QPResult:
         """Follow the path from one start after another, each farther from the boundary, until the steps do not block.
 
         A start too near the boundary for how far it is from equilibrium has its steps blocked, and cures itself slowly

@@ -19,9 +19,9 @@ from ..arrays import FloatArray
 from ..linalg.compliance import Compliance
 from ..linalg.reductions import Reductions
 from .barrier import Barrier
+from .friction_problem import FrictionProblem
 from .newton_systems import Linearization
 from .scaled_compliance import ScaledCompliance
-from .tresca import TrescaQP
 
 
 def nominal_force(A: Compliance, b: FloatArray, over: Reductions) -> float:
@@ -40,13 +40,13 @@ class ScaledQP(Barrier):
         qp: The problem in newtons and metres.
     """
 
-    def __init__(self, qp: TrescaQP):
-        super().__init__(qp.reductions, qp.slip_bound > 0.0)
+    def __init__(self, qp: FrictionProblem):
+        super().__init__(qp.reductions, qp.law.frictional)
         self.qp, m = qp, self.nodes
         self._a = qp.mean_diagonal
         self._s = nominal_force(qp.A, qp.b, qp.reductions)
         self._s = max(self._s, 0.1 * self._over.max(np.abs(np.asarray(qp.lower))))
-        g = qp.slip_bound / self._s
+        g = qp.law.scaled(self._s).cohesion
         self._W = np.ones((m, 3))
         self._W[self.frictional, 1:] = np.minimum(g[self.frictional], 1.0)[:, None]
         self._g = np.where(self.frictional, np.maximum(g, 1.0), 1.0)

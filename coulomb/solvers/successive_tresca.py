@@ -1,4 +1,4 @@
-"""Coulomb friction by successive Tresca problems: g <- F x_n, until the Coulomb problem's own residual says so."""
+"""Successive Tresca problems, g <- r(x_n) = c + F x_n, until the residual of the problem itself is small enough."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from .anderson import Anderson
-from .coulomb import CoulombProblem
+from .friction_problem import FrictionProblem, QPSolver
 from .path_following import PathFollowing
 from .results import (
     CoulombResult,
@@ -25,7 +25,6 @@ from .results import (
     Status,
     check_constants,
 )
-from .tresca import QPSolver
 
 _PATIENCE = 12  # Tresca problems without a better change of g before the loop is called stagnated
 _TURNS = 5  # so many changes of g in a row, each against the one before and none the best, are an oscillation
@@ -36,7 +35,7 @@ _NEAR = 0.1  # acceleration waits for changes of g below this: farther off it co
 
 @dataclass(frozen=True)
 class SuccessiveTresca:
-    """Fixed point g <- F x_n(g), started without friction; every Tresca problem starts from the last answer.
+    """Fixed point g <- r(x_n(g)), started with the cohesion alone; every Tresca problem starts from the last answer.
 
     Attributes:
         tolerance: Coulomb residual at which to stop.
@@ -72,7 +71,7 @@ class SuccessiveTresca:
 
     def solve(
         self,
-        problem: CoulombProblem,
+        problem: FrictionProblem,
         *,
         start: FloatArray | None = None,
         progress: ProgressCallback | None = None,
@@ -81,7 +80,7 @@ class SuccessiveTresca:
 
         Args:
             problem: The problem.
-            start: Forces in newtons, shape (3 m,), whose F x_n is the first g; 0 by default.
+            start: Forces in newtons, shape (3 m,), whose r(x_n) is the first g; by default the cohesion.
             progress: Called after every path-following step.
 
         Returns:
@@ -94,7 +93,7 @@ class SuccessiveTresca:
         over, A = problem.reductions, problem.A
         products = A.products
         anderson = Anderson(self.memory, over)
-        g = np.zeros_like(problem.friction) if start is None else problem.slip_bound(start)
+        g = problem.law.radius(np.zeros(problem.A.nodes)) if start is None else problem.slip_bound(start)
         old_g, old_wanted = None, None
         last: QPResult | None = None
         best: tuple[float, QPResult, FloatArray] | None = None
@@ -108,6 +107,7 @@ class SuccessiveTresca:
         for iteration in range(1, self.max_iterations + 1):
             began, before = time.perf_counter(), A.products
             inner = min(max(self.inner_precision * residual, 0.1 * goal.residual), 1e-2)
+            inner = inner if problem.sloped else goal.residual  # the only Tresca problem
             warm = last is not None
             last, steps, krylov, trouble = self._tresca(problem, g, last, inner, iteration, progress)
             wanted = problem.slip_bound(last.x)
@@ -177,7 +177,7 @@ class SuccessiveTresca:
 
     def _tresca(
         self,
-        problem: CoulombProblem,
+        problem: FrictionProblem,
         g: FloatArray,
         last: QPResult | None,
         tolerance: float,
@@ -197,7 +197,7 @@ class SuccessiveTresca:
         trouble = ""
         for start in (last, None) if last is not None else (None,):
             try:
-                result = self.qp_solver.solve(problem.tresca(g), start, tolerance=tolerance, progress=report)
+                result = self.qp_solver.solve(problem.with_slip_bound(g), start, tolerance=tolerance, progress=report)
                 trouble = ""
             except NotConverged as failure:
                 assert isinstance(failure.result, QPResult)

@@ -1,0 +1,190 @@
+"""Contact with friction on the contact nodes: A, b and the law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..linalg.compliance import Compliance
+from ..linalg.reductions import Reductions
+from .laws import FrictionLaw
+from .results import Accept, CoulombResult, ProgressCallback, QPResult
+
+
+@dataclass(frozen=True)
+class FrictionProblem:
+    """Contact forces x with x_n >= lower and |x_t| <= r(x_n), and with w = A x - b at every contact node
+
+        w_n >= 0,  (x_n - lower) w_n = 0;    w_t = -s x_t with s >= 0,  s = 0 where |x_t| < r(x_n).
+
+    Where the law has no slope (Tresca's) this is the minimum of 1/2 x^T A x - b^T x under the two constraints, a convex
+    quadratic programme.
+
+    Attributes:
+        A: Compliance, in metres per newton, symmetric positive (semi)definite.
+        b: Free gap closure in metres, this rank's part, shape (3 m,), node by node (n, t1, t2).
+        law: Bound of the friction force of every node.
+        lower: Lower bound of the normal forces in newtons, a number or shape (m,); 0 for plain contact.
+        accept: The certificate that an answer must pass besides; None where the residual alone decides.
+
+    Raises:
+        ValueError: On every rank, if shapes do not fit, a value is not finite, or a cohesion or coefficient of friction
+            is negative on any rank, or a lower bound where the law has a slope.
+    """
+
+    A: Compliance
+    b: FloatArray
+    law: FrictionLaw
+    lower: float | FloatArray = 0.0
+    accept: Accept | None = None
+
+    @classmethod
+    def tresca(
+        cls,
+        A: Compliance,
+        b: FloatArray,
+        slip_bound: FloatArray,
+        lower: float | FloatArray = 0.0,
+        accept: Accept | None = None,
+    ) -> FrictionProblem:
+        """With given slip bounds g >= 0 in newtons, shape (m,)."""
+        over = Reductions(A.comm)
+        if not over.all(slip_bound.shape == (A.nodes,)):
+            raise ValueError(
+                f"slip_bound must have shape ({A.nodes},), one per contact node, but has {slip_bound.shape}"
+            )
+        if not over.all(bool(np.all(np.isfinite(slip_bound)))):
+            raise ValueError("slip_bound has entries that are not finite")
+        if not over.all(bool(np.all(slip_bound >= 0.0))):
+            raise ValueError("slip_bound has negative entries; a friction disc has a radius >= 0")
+        return cls(A, b, FrictionLaw.tresca(slip_bound), lower, accept)
+
+    @classmethod
+    def coulomb(
+        cls,
+        A: Compliance,
+        b: FloatArray,
+        friction: FloatArray,
+        accept: Accept | None = None,
+    ) -> FrictionProblem:
+        """With coefficients of friction F >= 0, shape (m,), and no cohesion."""
+        return cls(A, b, FrictionLaw.coulomb(friction), accept=accept)
+
+    def __post_init__(self) -> None:
+        m, over = self.A.nodes, self.reductions
+        if not over.all(self.b.shape == (3 * m,)):
+            raise ValueError(f"b must have shape ({3 * m},), three entries per contact node, but has {self.b.shape}")
+        for name, values in (("cohesion", self.law.cohesion), ("friction", self.law.friction)):
+            if not over.all(values.shape == (m,)):
+                raise ValueError(f"{name} must have shape ({m},), one per contact node, but has {values.shape}")
+            if not over.all(bool(np.all(np.isfinite(values) & (values >= 0.0)))):
+                raise ValueError(f"{name} has entries that are negative or not finite")
+        if not over.all(np.shape(self.lower) in ((), (m,))):
+            raise ValueError(f"lower must be a number or have shape ({m},), but has {np.shape(self.lower)}")
+        for name, values in (("b", self.b), ("lower", np.asarray(self.lower))):
+            if not over.all(bool(np.all(np.isfinite(values)))):
+                raise ValueError(f"{name} has entries that are not finite")
+        if not over.all(bool(np.all((self.law.friction == 0.0) | (np.asarray(self.lower) >= 0.0)))):
+            raise ValueError("lower must be >= 0 where friction > 0: the bound of friction grows from pressure 0 on")
+
+    @cached_property
+    def reductions(self) -> Reductions:
+        return Reductions(self.A.comm)
+
+    @cached_property
+    def mean_diagonal(self) -> float:
+        """Mean of diag(A) in metres per newton: the scale that turns a gap into a force."""
+        d = self.A.diagonal()
+        return self.reductions.sum(d) / self.reductions.sum(float(d.size))
+
+    @cached_property
+    def sloped(self) -> bool:
+        """Whether friction grows with pressure at any node of any rank: then the problem is no minimum."""
+        return self.reductions.max(self.law.slope) > 0.0
+
+    def slip_bound(self, x: FloatArray) -> FloatArray:
+        """r(x_n) of forces x (3 m,) in newtons, shape (m,)."""
+        return self.law.radius(x[0::3])
+
+    def with_slip_bound(self, slip_bound: FloatArray) -> FrictionProblem:
+        """The Tresca problem with these slip bounds in newtons, shape (m,), judged by its residual alone."""
+        return FrictionProblem(self.A, self.b, FrictionLaw.tresca(slip_bound), self.lower)
+
+    def gradient(self, x: FloatArray) -> FloatArray:
+        """A x - b in metres, shape (3 m,); one product by A."""
+        y = np.empty_like(x)
+        self.A.mult(x, y)
+        return y - self.b
+
+    def objective(self, x: FloatArray) -> float:
+        """1/2 x^T A x - b^T x in joules, least at the solution of a Tresca problem; one product by A."""
+        return 0.5 * (self.reductions.dot(x, self.gradient(x)) - self.reductions.dot(x, self.b))
+
+    def project(self, x: FloatArray) -> FloatArray:
+        """The point nearest to x (3 m,) under x_n >= lower and the law's bound at x_n; feasible in a Tresca problem."""
+        return self.law.project(x, x[0::3], self.lower)
+
+    def residual(self, x: FloatArray, gradient: FloatArray | None = None) -> float:
+        """Natural residual with the mean diagonal of A, relative and scaled: 0 exactly at a solution.
+
+        Args:
+            x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
+            gradient: A x - b where it is known already; else it is computed, with one product.
+        """
+        if gradient is None:
+            gradient = self.gradient(x)
+        return self.law.natural_residual(x, gradient, self.mean_diagonal, self.reductions, self.lower)
+
+
+def refuse_slope(problem: FrictionProblem, solver: str, other: str) -> None:
+    """Refuse a problem whose friction grows with pressure, on behalf of a solver of Tresca problems; collective.
+
+    Raises:
+        ValueError: On every rank, naming the solver and what to use in its place.
+    """
+    if problem.sloped:
+        raise ValueError(
+            f"{solver} solves problems with given slip bounds; where friction grows with pressure use {other} or "
+            f"SuccessiveTresca(qp_solver={solver}())"
+        )
+
+
+class QPSolver(Protocol):
+    """Anything that solves a Tresca problem.
+
+    `solve` raises NotConverged, carrying the result, if the residual stays above the tolerance.
+    """
+
+    @property
+    def tolerance(self) -> float: ...
+
+    def solve(
+        self,
+        qp: FrictionProblem,
+        start: QPResult | None = None,
+        *,
+        tolerance: float | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> QPResult: ...
+
+
+class CoulombSolver(Protocol):
+    """Anything that solves a problem with any law of friction.
+
+    `solve` raises NotConverged, carrying the result, if the residual stays above the tolerance.
+    """
+
+    @property
+    def tolerance(self) -> float: ...
+
+    def solve(
+        self,
+        problem: FrictionProblem,
+        *,
+        start: FloatArray | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> CoulombResult: ...

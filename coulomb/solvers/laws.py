@@ -1,0 +1,111 @@
+"""The law of friction at the contact nodes: |x_t| <= r(x_n) with r = c a + F x_n.
+
+c a is the cohesion of a node in newtons (cohesion in pascals times nodal area), F its coefficient of friction.  F = 0
+is Tresca's law, c = 0 Coulomb's, both together Mohr-Coulomb's; nodes of one problem may have different ones.  Where
+there is slip, friction is at its bound and opposes the slip.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray
+from ..linalg.reductions import Reductions
+
+
+@dataclass(frozen=True)
+class FrictionLaw:
+    """The bound of the friction force of every contact node of this rank.
+
+    Attributes:
+        cohesion: Part of the bound that does not depend on the pressure, c a >= 0 in newtons, shape (m,).
+        friction: Coefficient of friction F >= 0, shape (m,).
+    """
+
+    cohesion: FloatArray
+    friction: FloatArray
+
+    @staticmethod
+    def tresca(slip_bound: FloatArray) -> FrictionLaw:
+        """Given slip bounds in newtons, shape (m,), whatever the pressure."""
+        return FrictionLaw(slip_bound, np.zeros_like(slip_bound))
+
+    @staticmethod
+    def coulomb(friction: FloatArray) -> FrictionLaw:
+        """Bounds in proportion to the normal forces, coefficients of shape (m,)."""
+        return FrictionLaw(np.zeros_like(friction), friction)
+
+    @property
+    def slope(self) -> FloatArray:
+        """dr/dx_n, shape (m,): the coefficient of friction."""
+        return self.friction
+
+    @property
+    def frictional(self) -> npt.NDArray[np.bool_]:
+        """Nodes whose friction is not zero at every pressure, shape (m,)."""
+        return (self.cohesion > 0.0) | (self.friction > 0.0)
+
+    def radius(self, x_n: FloatArray) -> FloatArray:
+        """Bound of the friction force in newtons at normal forces x_n in newtons, both of shape (m,)."""
+        bound: FloatArray = self.cohesion + self.friction * np.maximum(x_n, 0.0)
+        return bound
+
+    def scaled(self, force: FloatArray | float) -> FrictionLaw:
+        """The same law in units of a force, one number or one per node, shape (m,), where normal forces have it too."""
+        return FrictionLaw(self.cohesion / force, self.friction)
+
+    def project(self, x: FloatArray, x_n: FloatArray, lower: float | FloatArray = 0.0) -> FloatArray:
+        """The point nearest to x under x_n' >= lower and |x_t| <= r(x_n), node by node.
+
+        Args:
+            x: Forces in newtons, shape (3 m,), node by node (n, t1, t2).
+            x_n: Normal forces in newtons at which the bound of friction is taken, shape (m,).
+            lower: Lower bound of the normal forces in newtons, a number or shape (m,).
+        """
+        v, bound = x.reshape(-1, 3), self.radius(x_n)
+        p = np.empty_like(v)
+        p[:, 0] = np.maximum(v[:, 0], lower)
+        size = np.hypot(v[:, 1], v[:, 2])
+        inside = size <= bound
+        shrink = np.where(inside, 1.0, bound / np.where(inside, 1.0, size))
+        p[:, 1:] = v[:, 1:] * shrink[:, None]
+        return p.ravel()
+
+    def violation(self, x: FloatArray) -> FloatArray:
+        """Friction force over its bound, |x_t| - r(x_n) in newtons, shape (m,); negative inside it.
+
+        Args:
+            x: Forces in newtons, shape (3 m,), node by node (n, t1, t2).
+        """
+        v = x.reshape(-1, 3)
+        excess: FloatArray = np.hypot(v[:, 1], v[:, 2]) - self.radius(v[:, 0])
+        return excess
+
+    def natural_residual(
+        self,
+        x: FloatArray,
+        gradient: FloatArray,
+        compliance: float,
+        over: Reductions,
+        lower: float | FloatArray = 0.0,
+    ) -> float:
+        """|x - P(x - (A x - b)/a)| / |x|, P the projection with r(x_n) of x itself; 0 exactly at a solution.
+
+        inf for x = 0 where that is no solution.
+
+        Args:
+            x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
+            gradient: A x - b in metres, shape (3 m,).
+            compliance: a, metres per newton.
+            over: Reductions over the ranks.
+            lower: Lower bound of the normal forces in newtons, a number or shape (m,).
+        """
+        distance = over.norm(x - self.project(x - gradient / compliance, x[0::3], lower))
+        size = over.norm(x)
+        if size > 0.0:
+            return distance / size
+        return 0.0 if distance == 0.0 else math.inf

@@ -1,0 +1,145 @@
+"""The law of friction |x_t| <= c a + F x_n: Tresca's, Coulomb's, both together and different from node to node."""
+
+import numpy as np
+import pytest
+from conftest import dense_compliance, random_spd
+from mpi4py import MPI
+from test_against_clarabel import by_clarabel
+
+from coulomb import (
+    KPRGP,
+    Automatic,
+    DenseConeSystem,
+    FrictionLaw,
+    FrictionProblem,
+    OneLoop,
+    PathFollowing,
+    SuccessiveTresca,
+    solve_coulomb,
+    solve_tresca,
+)
+from coulomb.linalg.reductions import Reductions
+
+SOLVERS = {
+    "auto": Automatic(1e-10),
+    "one loop": OneLoop(1e-10),
+    "one loop, dense": OneLoop(1e-10, newton=DenseConeSystem),
+    "successive Tresca": SuccessiveTresca(1e-10),
+}
+NODES = 24
+
+
+def mohr_coulomb(seed):
+    """A third of the nodes with Tresca's law, a third with Coulomb's, a third with both; some without any friction."""
+    rng = np.random.default_rng(seed)
+    A = 1e-9 * random_spd(3 * NODES, 50.0, rng)
+    b = 1e-4 * rng.standard_normal(3 * NODES)
+    kind, none = np.arange(NODES) % 3, np.arange(NODES) % 8 == 5
+    cohesion = np.where((kind == 1) | none, 0.0, 5e4 * rng.uniform(0.2, 2.0, NODES))
+    friction = np.where((kind == 0) | none, 0.0, rng.uniform(0.1, 0.8, NODES))
+    return A, b, FrictionLaw(cohesion, friction)
+
+
+def test_radius_slope_and_violation():
+    law = FrictionLaw(np.array([2.0, 0.0, 3.0]), np.array([0.0, 0.5, 0.1]))
+    assert law.radius(np.array([10.0, 10.0, 10.0])).tolist() == [2.0, 5.0, 4.0]
+    assert law.radius(np.array([-10.0, -10.0, -10.0])).tolist() == [2.0, 0.0, 3.0]  # a pull takes nothing away
+    assert law.slope.tolist() == [0.0, 0.5, 0.1] and law.frictional.all()
+    assert law.violation(np.array([10.0, 3, 4, 10.0, 3, 4, -1.0, 0, 1])).tolist() == [3.0, 0.0, -2.0]
+    assert FrictionLaw(np.zeros(2), np.array([0.0, 0.1])).frictional.tolist() == [False, True]
+    assert law.scaled(10.0).radius(np.ones(3)) == pytest.approx(law.radius(np.full(3, 10.0)) / 10.0)
+
+
+def test_projection_takes_the_bound_where_it_is_told():
+    law = FrictionLaw(np.array([1.0]), np.array([0.5]))
+    assert law.project(np.array([-1.0, 6.0, 8.0]), np.array([8.0])).tolist() == [0.0, 3.0, 4.0]
+    assert law.project(np.array([-1.0, 0.6, 0.8]), np.array([-3.0]), 2.0).tolist() == [2.0, 0.6, 0.8]
+
+
+def test_natural_residual_by_hand():
+    """x = (2, 0, 0), gradient (0, -3, 0), a = 1: x - w = (2, 3, 0) is cut to the bound 1 + 0.5 * 2 = 2."""
+    law, over = FrictionLaw(np.array([1.0]), np.array([0.5])), Reductions(MPI.COMM_SELF)
+    assert law.natural_residual(np.array([2.0, 0, 0]), np.array([0.0, -3.0, 0.0]), 1.0, over) == pytest.approx(1.0)
+    assert law.natural_residual(np.zeros(3), np.array([1.0, 0, 0]), 1.0, over) == 0.0
+    assert law.natural_residual(np.zeros(3), np.array([-1.0, 0, 0]), 1.0, over) == np.inf
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("seed", range(6))
+def test_conditions_node_by_node(name, seed):
+    """Contact and friction written out, with products by plain numpy."""
+    A, b, law = mohr_coulomb(seed)
+    result = SOLVERS[name].solve(FrictionProblem(dense_compliance(A), b, law))
+    x, w = result.x.reshape(-1, 3), (A @ result.x - b).reshape(-1, 3)
+    force, length = np.abs(x).max(), np.abs(w).max()
+    bound, size, slip = law.cohesion + law.friction * x[:, 0], np.hypot(x[:, 1], x[:, 2]), np.hypot(w[:, 1], w[:, 2])
+    assert x[:, 0].min() >= -1e-12 * force and w[:, 0].min() >= -1e-8 * length
+    assert np.abs(x[:, 0] * w[:, 0]).max() <= 1e-8 * force * length
+    assert np.max(size - bound) <= 1e-9 * force
+    assert np.max((bound - size) * slip) <= 1e-7 * force * length
+    assert np.abs(x[:, 1] * w[:, 2] - x[:, 2] * w[:, 1]).max() <= 1e-7 * force * length
+    assert np.max(x[:, 1] * w[:, 1] + x[:, 2] * w[:, 2]) <= 1e-7 * force * length
+    kinds = [(law.cohesion > 0) & (law.friction == 0), (law.cohesion == 0) & (law.friction > 0)]
+    kinds.append((law.cohesion > 0) & (law.friction > 0))
+    slipping = slip > 1e-3 * length
+    assert all(np.any(kind & slipping) and np.any(kind & (x[:, 0] > 1e-3 * force)) for kind in kinds)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_against_clarabel_with_the_bounds_of_the_solution(name):
+    A, b, law = mohr_coulomb(11)
+    x = SOLVERS[name].solve(FrictionProblem(dense_compliance(A), b, law)).x
+    theirs = by_clarabel(A, b, law.radius(x[0::3]), np.zeros(NODES))
+    assert np.linalg.norm(x - theirs) <= 1e-6 * np.linalg.norm(theirs)
+
+
+def test_without_slope_it_is_trescas_problem():
+    A, b, law = mohr_coulomb(12)
+    law = FrictionLaw(law.cohesion, np.zeros(NODES))
+    known = solve_tresca(A, b, law.cohesion, solver=PathFollowing(1e-10)).x
+    for solver in SOLVERS.values():
+        x = solve_coulomb(A, b, 0.0, solver, cohesion=law.cohesion).x
+        assert np.linalg.norm(x - known) <= 1e-8 * np.linalg.norm(known)
+    result = SuccessiveTresca(1e-9).solve(FrictionProblem(dense_compliance(A), b, law))
+    assert result.iterations == 1
+
+
+@pytest.mark.parametrize("seed", [13, 14])
+def test_lower_bounds(seed):
+    """x_n >= l with l >= 0 where friction grows, any l elsewhere."""
+    A, b, law = mohr_coulomb(seed)
+    lower = np.where(law.friction > 0.0, 2e4, -3e4) * np.random.default_rng(seed).uniform(0.0, 1.0, NODES)
+    problem = FrictionProblem(dense_compliance(A), b, law, lower)
+    for solver in SOLVERS.values():
+        x = solver.solve(problem).x
+        theirs = by_clarabel(A, b, law.radius(x[0::3]), lower)
+        assert np.linalg.norm(x - theirs) <= 1e-6 * np.linalg.norm(theirs)
+
+
+def test_one_node_by_hand():
+    """A = I, b = (2, 3, 4): x_n = 2, friction 0.4 + 0.3 * 2 = 1 along (3, 4)/5."""
+    assert np.allclose(solve_coulomb(np.eye(3), [2.0, 3.0, 4.0], 0.3, cohesion=0.4).x, [2.0, 0.6, 0.8], atol=1e-7)
+    open_ = solve_coulomb(np.eye(3), [-2.0, 3.0, 4.0], 0.3, cohesion=0.5).x  # cohesion holds without pressure too
+    assert np.allclose(open_, [0.0, 0.3, 0.4], atol=1e-7)
+
+
+@pytest.mark.parametrize("solver", [PathFollowing(), KPRGP()], ids=["PF", "KPRGP"])
+def test_solvers_of_tresca_problems_say_so(solver):
+    A, b, law = mohr_coulomb(15)
+    with pytest.raises(ValueError, match=r"given slip bounds.*OneLoop\(\) or SuccessiveTresca\(qp_solver="):
+        solver.solve(FrictionProblem(dense_compliance(A), b, law))
+
+
+@pytest.mark.parametrize(
+    ("law", "lower", "message"),
+    [
+        (FrictionLaw(np.ones(3), np.ones(2)), 0.0, r"cohesion must have shape \(2,\)"),
+        (FrictionLaw(np.ones(2), np.ones(3)), 0.0, r"friction must have shape \(2,\)"),
+        (FrictionLaw(-np.ones(2), np.ones(2)), 0.0, "cohesion has entries that are negative"),
+        (FrictionLaw(np.ones(2), np.array([0.1, np.nan])), 0.0, "friction has entries that are .* not finite"),
+        (FrictionLaw(np.ones(2), np.array([0.1, 0.0])), -1.0, "lower must be >= 0 where friction > 0"),
+    ],
+)
+def test_bad_input(law, lower, message):
+    with pytest.raises(ValueError, match=message):
+        FrictionProblem(dense_compliance(np.eye(6)), np.zeros(6), law, lower)
