@@ -16,7 +16,7 @@ from .version import __version__
 if TYPE_CHECKING:
     from .fem.body import Material
     from .fem.elasticity import Elasticity
-    from .fem.loaded_body import Clamp, Spring, Traction
+    from .fem.loaded_body import Clamp, PrescribedDisplacement, Spring, Traction
     from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
     from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
     from .fem.surface import ContactSurface
@@ -74,6 +74,7 @@ __all__ = [
     "OneLoop",
     "PathFollowing",
     "Plane",
+    "PrescribedDisplacement",
     "Progress",
     "QPResult",
     "RecyclingSystem",
@@ -100,7 +101,7 @@ _PUBLIC = {
     "model.contact": ("Contact",),
     "fem.body": ("Material",),
     "fem.elasticity": ("Elasticity",),
-    "fem.loaded_body": ("Clamp", "Spring", "Traction"),
+    "fem.loaded_body": ("Clamp", "PrescribedDisplacement", "Spring", "Traction"),
     "fem.meshes": ("NamedMesh", "box", "read_gmsh", "read_xdmf"),
     "fem.obstacles": ("Cylinder", "Plane", "SignedDistance", "Sphere"),
     "fem.surface": ("ContactSurface",),

@@ -1,7 +1,7 @@
-"""The block of demos/block.toml, through the Python API, solved in two ways.
+"""The block of demos/block.toml, through the Python API, solved by two methods.
 
 A steel block of 3 x 1 x 1 m is clamped on the left, pressed onto a rigid plane by 40 MPa on its top, pulled to the
-right and pushed to the back.  Where does it lift, where does it stick, where does it slide?
+right and pushed to the back.
 
     python demos/block.py
 """
@@ -22,31 +22,31 @@ problem = ContactProblem(
 )
 rank_0 = problem.comm.rank == 0
 
-# The first way, and the default: one path-following loop for the whole problem with friction.  It raises NotConverged
+# The first method, the default: one path-following loop for the whole problem with friction.  It raises NotConverged
 # if the residual of Coulomb's problem stays above the tolerance.
 solution = problem.solve(tolerance=1e-8)
 loop = solution.result
 
-# The second way: the fixed point g <- F x_n of the slip bounds g, a Tresca problem for each.  The contraction is the
-# measured factor by which a problem brings the slip bounds closer to their end (`step.contraction`: at that problem).
-fixed_point = problem.solve(solver=coulomb.SuccessiveTresca(tolerance=1e-8)).result
+# The second method, successive Tresca: Tresca problems, each with the slip bounds g <- F x_n of the one before.  The
+# contraction is the measured factor by which each problem reduces the error of the slip bounds.
+tresca = problem.solve(solver=coulomb.SuccessiveTresca(tolerance=1e-8)).result
 
 total = problem.comm.allreduce(-problem.surface.vectors(solution.contact_force.reshape(-1, 3)).sum(axis=0), op=MPI.SUM)
-apart = problem.comm.allreduce(np.sum((fixed_point.x - loop.x) ** 2), op=MPI.SUM)
+apart = problem.comm.allreduce(np.sum((tresca.x - loop.x) ** 2), op=MPI.SUM)
 size = problem.comm.allreduce(np.sum(loop.x**2), op=MPI.SUM)
 if rank_0:
     print(f"force of the foundation on the block: {total[0]:.6g}, {total[1]:.6g}, {total[2]:.6g} N")
-    print("                      one loop   fixed point")
-    print(f"Tresca problems             -  {fixed_point.iterations:12d}")
-    print(f"contraction                 -  {fixed_point.contraction:12.2g}")
-    print(f"path-following steps {loop.path_following:8d}  {fixed_point.path_following:12d}")
-    print(f"products by A        {loop.products:8d}  {fixed_point.products:12d}")
-    print(f"Coulomb residual     {loop.residual:8.1e}  {fixed_point.residual:12.1e}")
+    print("                      one loop  successive Tresca")
+    print(f"Tresca problems             -  {tresca.iterations:17d}")
+    print(f"contraction                 -  {tresca.contraction:17.2g}")
+    print(f"path-following steps {loop.path_following:8d}  {tresca.path_following:17d}")
+    print(f"products by A        {loop.products:8d}  {tresca.products:17d}")
+    print(f"Coulomb residual     {loop.residual:8.1e}  {tresca.residual:17.1e}")
     print(f"the two answers differ by {np.sqrt(apart / size):.0e} of the forces")
     print("problem  residual  contraction")
-    for step in fixed_point.history:
+    for step in tresca.history:
         print(f"{step.iteration:7d}  {step.residual:8.1e}  {step.contraction:11.2g}")
-    # The solver says it has converged; the certificate says whether it is right.
+    # Independent of the solver: the answer checked against the problem.
     print(solution.certificate)
 
 # Displacement, stress, pressure, friction and slip for ParaView, a summary, and picture.png.

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Material, Plane, Traction
+from coulomb import Contact, ContactProblem, Material, Plane, PrescribedDisplacement, Traction
 
 E, nu, p, F, s0 = 2.1e11, 0.3, 4e7, 0.3, 1e-4
 G = E / (2 * (1 + nu))
@@ -35,7 +35,7 @@ def exact(points):
 problem = ContactProblem(
     mesh=coulomb.box((1.0, 1.0, 1.0), (4, 5, 3), "tetrahedron", place=lambda points: axes @ points),
     material=Material(young=E, poisson=nu),
-    clamps=[Clamp(face, value=exact) for face in ("left", "right", "front", "back")],
+    clamps=[PrescribedDisplacement(face, exact) for face in ("left", "right", "front", "back")],
     tractions=[Traction("top", tuple(axes @ (F * p, 0.0, -p)))],
     contact=Contact("bottom", friction=F, foundation=Plane((0.0, 0.0, 0.0), tuple(axes[:, 2]))),
 )

@@ -9,13 +9,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material
+from coulomb import Contact, ContactProblem, LoadHistory, Material, PrescribedDisplacement
 
 F = 0.3
 
 # The top, held flat, goes down by 0.2 mm until t = 1, then to the right by 2 mm until t = 3, and back until t = 5.
-down = Clamp("top", "z", (0.0, 0.0, -2e-4), amplitude=[(0.0, 0.0), (1.0, 1.0)])
-along = Clamp("top", "xy", (2e-3, 0.0, 0.0), amplitude=[(1.0, 0.0), (3.0, 1.0), (5.0, 0.0)])
+down = PrescribedDisplacement("top", (0.0, 0.0, -2e-4), "z", amplitude=[(0.0, 0.0), (1.0, 1.0)])
+along = PrescribedDisplacement("top", (2e-3, 0.0, 0.0), "xy", amplitude=[(1.0, 0.0), (3.0, 1.0), (5.0, 0.0)])
 problem = ContactProblem(
     mesh=coulomb.box((1.0, 1.0, 1.0), (5, 5, 5)),
     material=Material(young=2.1e11, poisson=0.3),

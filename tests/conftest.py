@@ -133,7 +133,7 @@ def block(tmp_path_factory):
 def failed(tmp_path_factory):
     """The same of a solver that was not given the steps it needs."""
     directory = tmp_path_factory.mktemp("runs") / "failed"
-    given = ("--set", "solver={method='fixed-point', max_outer=3}", "--set", "output.report=true")
+    given = ("--set", "solver={method='successive-tresca', max_outer=3}", "--set", "output.report=true")
     done = run_coulomb("run", ROOT / "demos" / "block.toml", *SMALL_BLOCK, *given, "--output", directory)
     assert done.returncode == 1
     return directory

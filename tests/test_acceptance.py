@@ -23,7 +23,7 @@ def soft_block(friction, **options):
     return coulomb.ContactProblem(
         coulomb.box((4.0, 1.0, 2.0), (8, 3, 4)),
         coulomb.Material(2.1e11, 0.3),
-        [coulomb.Clamp("top", "x", (1e-2, 0.0, 0.0))],
+        [coulomb.PrescribedDisplacement("top", (1e-2, 0.0, 0.0), "x")],
         coulomb.Contact("bottom", friction=friction),
         [coulomb.Traction("top", (0.0, 0.0, -1e6))],
         springs=[coulomb.Spring("top", (0.0, 1e6, 1e6))],

@@ -3,7 +3,7 @@
 import pytest
 from conftest import ROOT
 
-from coulomb import PathFollowing, SchurComplementSystem, SuccessiveTresca
+from coulomb import Clamp, PathFollowing, PrescribedDisplacement, SchurComplementSystem, SuccessiveTresca
 from coulomb.case.case import read_case
 
 BLOCK = ROOT / "demos" / "block.toml"
@@ -43,7 +43,7 @@ def test_solver_and_problem_are_what_the_case_says():
         BLOCK,
         [
             "mesh.cells=[3,1,1]",
-            "solver={tolerance=1e-7, linear_solver='iterative', compliance='matrix-free', method='fixed-point', "
+            "solver={tolerance=1e-7, linear_solver='iterative', compliance='matrix-free', method='successive-tresca', "
             "max_outer=5}",
             "contact.foundation={point=[0,0,-1e-4], normal=[0,0,1]}",
             "clamp.0.value=[0,0,-1e-4]",
@@ -99,6 +99,22 @@ def test_solver_and_problem_are_what_the_case_says():
 def test_bad_settings(change, message):
     with pytest.raises(ValueError, match=message):
         read_case(BLOCK, [change])
+
+
+def test_former_names_are_accepted_and_reported(caplog):
+    """solver.method "fixed-point" is successive Tresca; a clamp with a value is a prescribed displacement."""
+    case = read_case(BLOCK, ["solver.method=fixed-point"])
+    assert case.solver.method == "successive-tresca" and isinstance(case.contact_solver(), SuccessiveTresca)
+    (said,) = caplog.records
+    assert said.levelname == "WARNING" and said.name.startswith("coulomb.")
+    assert 'solver.method = "fixed-point" is now called "successive-tresca"' in said.message
+    caplog.clear()
+    value = (0.0, 0.0, -1e-4)
+    (old,) = (t.support() for t in read_case(BLOCK, ["clamp.0.value=[0,0,-1e-4]"]).clamp)
+    changes = ["clamp=[]", "prescribed_displacement=[{face='left', value=[0,0,-1e-4]}]"]
+    (new,) = (t.support() for t in read_case(BLOCK, changes).prescribed_displacement)
+    assert type(old) is type(new) is PrescribedDisplacement and old == new == PrescribedDisplacement("left", value)
+    assert type(read_case(BLOCK).clamp[0].support()) is Clamp and not caplog.records
 
 
 def test_missing_tables(tmp_path):

@@ -110,7 +110,7 @@ def scaled_block(young, length, stress, offset=0.0):
     problem = coulomb.ContactProblem(
         coulomb.box((3.0 * length, length, length), (9, 3, 3)),
         coulomb.Material(young, 0.277),
-        [coulomb.Clamp("left", value=(0.0, 0.0, offset))],
+        [coulomb.PrescribedDisplacement("left", (0.0, 0.0, offset))],
         coulomb.Contact("bottom", 0.3, foundation=coulomb.Plane((0.0, 0.0, offset), (0.0, 0.0, 1.0))),
         [coulomb.Traction("top", (0.0, stress, -4 * stress)), coulomb.Traction("right", (2 * stress, 0.0, 0.0))],
     )

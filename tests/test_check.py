@@ -43,7 +43,7 @@ def test_same_certificate(run):
 def pressed(place):
     """A block somewhere, pressed down and dragged."""
     mesh = coulomb.box((1.0, 1.0, 1.0), (4, 3, 3), place=place)
-    clamp = coulomb.Clamp("top", value=(1e-4, 0.0, -1e-3))
+    clamp = coulomb.PrescribedDisplacement("top", (1e-4, 0.0, -1e-3))
     return coulomb.ContactProblem(mesh, coulomb.Material(2.1e11, 0.3), [clamp], coulomb.Contact("bottom", 0.3))
 
 
@@ -55,7 +55,7 @@ def pressed(place):
         lambda: coulomb.ContactProblem(
             coulomb.box((3.0, 1.0, 1.0), (6, 2, 2), "tetrahedron"),
             coulomb.Material(2.119e11, 0.277),
-            [coulomb.Clamp("left", value=(0.0, 0.0, -1e-5))],
+            [coulomb.PrescribedDisplacement("left", (0.0, 0.0, -1e-5))],
             coulomb.Contact("bottom", lambda x: 0.1 + 0.1 * x[0]),
             [coulomb.Traction("top", (0.0, 1e7, -4e7))],
         ),

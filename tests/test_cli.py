@@ -46,7 +46,7 @@ def test_directory_of_the_case(tmp_path):
 
 def test_not_converged_exits_1_and_keeps_what_there_is(tmp_path):
     done = run_coulomb(
-        "run", BLOCK, *SMALL, "--set", "solver={method='fixed-point', max_outer=2}", "--output", tmp_path
+        "run", BLOCK, *SMALL, "--set", "solver={method='successive-tresca', max_outer=2}", "--output", tmp_path
     )
     assert done.returncode == 1
     assert "error: successive Tresca ended with a Coulomb residual of" in done.stderr

@@ -68,7 +68,7 @@ def test_demo_block():
     assert 0.0 < rate < 1.0 and 0.7 < mean / rate < 1.4
 
 
-def test_the_fixed_point_is_asked_for_as_readme_says(tmp_path):
+def test_successive_tresca_by_the_command_of_the_readme(tmp_path):
     """The command of the README's first part, with its contraction."""
     first = (ROOT / "README.md").read_text().split("## From Python")[0]
     (command,) = re.findall(r"`coulomb (run demos/block\.toml --set solver\.method=[\w-]+)`", first)

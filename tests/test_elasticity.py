@@ -4,7 +4,7 @@ from conftest import STEEL
 from petsc4py import PETSc
 
 import coulomb
-from coulomb import Clamp, Elasticity, Material, Traction
+from coulomb import Clamp, Elasticity, Material, PrescribedDisplacement, Traction
 
 
 def cube(clamps=(Clamp("left"),), **options):
@@ -38,7 +38,9 @@ def test_prescribed_displacement_is_held():
     def stretch(x):
         return np.vstack([1e-3 * x[0], 2e-3 * x[1], -1e-3 * x[2]])
 
-    elasticity = cube([Clamp(face, value=stretch) for face in ("left", "right", "front", "back", "bottom", "top")])
+    elasticity = cube(
+        [PrescribedDisplacement(face, stretch) for face in ("left", "right", "front", "back", "bottom", "top")]
+    )
     u = solve(elasticity)
     assert np.abs(u - stretch(elasticity.x.T).T).max() <= 1e-14
 
@@ -145,7 +147,10 @@ def test_rollers_on_three_faces_hold_a_body():
         ),
         (lambda: cube(tractions=[Traction("top", (0.0, float("nan"), 0.0))]), "traction on 'top': .* not finite"),
         (lambda: cube(tractions=[Traction("top", (0.0, 1.0))]), "traction on 'top': .* three components"),
-        (lambda: cube([Clamp("left", value=lambda x: x[0])]), r"clamp on 'left': .* must return shape \(3, "),
+        (
+            lambda: cube([PrescribedDisplacement("left", lambda x: x[0])]),
+            r"prescribed displacement on 'left': .* must return shape \(3, ",
+        ),
         (lambda: coulomb.box((1.0, 0.0, 1.0), (1, 1, 1)), "lengths must be three positive"),
         (lambda: coulomb.box((1.0, 1.0, 1.0), (1, 0, 1)), "cells must be three whole numbers"),
         (lambda: coulomb.box((1.0, 1.0, 1.0), (1, 1, 1), "prism"), "cell must be one of hexahedron, tetrahedron"),

@@ -7,7 +7,7 @@ import pytest
 from conftest import make_block
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, Sphere
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, PrescribedDisplacement, Sphere
 from coulomb.fem import surface as surfaces
 from coulomb.model.evidence import evidence
 from coulomb.model.load_history import StepFailed
@@ -86,7 +86,7 @@ def test_held_along_a_tangent_is_not_excused(monkeypatch, components):
     problem = ContactProblem(
         coulomb.box((0.1, 0.1, 0.05), (3, 3, 3)),
         RUBBER,
-        [Clamp("top", value=(0.0, 0.0, -1e-3)), Clamp("left", components)],
+        [PrescribedDisplacement("top", (0.0, 0.0, -1e-3)), Clamp("left", components)],
         Contact("bottom", 0.3),
     )
     assert "penetration" in failed(answer(problem).certificate)
@@ -103,8 +103,8 @@ def moving(normals="foundation", foundation=None):
 
 def dragged():
     """The same block on a foundation at rest, its top pressed and rubbed."""
-    press = Clamp("top", value=(0.0, 0.0, -1e-3), amplitude=[(0.0, 0.0), (1.0, 1.0)])
-    rub = Clamp("top", "x", (2e-3, 0.0, 0.0), amplitude=[(1.0, 0.0), (2.0, 1.0), (3.0, -0.5)])
+    press = PrescribedDisplacement("top", (0.0, 0.0, -1e-3), amplitude=[(0.0, 0.0), (1.0, 1.0)])
+    rub = PrescribedDisplacement("top", (2e-3, 0.0, 0.0), "x", amplitude=[(1.0, 0.0), (2.0, 1.0), (3.0, -0.5)])
     return ContactProblem(coulomb.box((0.1, 0.1, 0.05), (3, 3, 2)), RUBBER, [press, rub], Contact("bottom", 0.4))
 
 

@@ -7,7 +7,7 @@ import pytest
 from made_up import BODY, CASES, failed, made_up
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Traction, certify
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, PrescribedDisplacement, Traction, certify
 from coulomb.model.certificate import SMALLEST, judge
 from coulomb.model.evidence import Evidence
 
@@ -134,7 +134,7 @@ def block(young=2e11, load=1e7, clamp=None, foundation=None):
 @pytest.mark.parametrize("young", [1e-300, 1e-304, 1e292, 1e300])
 def test_a_run_whose_numbers_overflow_is_not_certified(young):
     """Pressed by a clamp: displacements are as usual, forces and compliances beyond all bounds."""
-    problem = block(young, load=0.0, clamp=Clamp("top", value=(1e-4, 0.0, -1e-4)))
+    problem = block(young, load=0.0, clamp=PrescribedDisplacement("top", (1e-4, 0.0, -1e-4)))
     try:
         solution = problem.solve()
     except coulomb.NotConverged as failure:
@@ -152,15 +152,15 @@ def test_ordinary_units_of_all_kinds_pass():
 @pytest.mark.parametrize("along", [(0.0, 0.0, 1.0), (0.3, -0.7, 1.0)])
 def test_a_body_that_is_lifted_off_passes(way, along):
     """Nothing touches, and the only forces are those of rounding."""
-    lift = Clamp("top", value=tuple(way * c for c in along))
+    lift = PrescribedDisplacement("top", tuple(way * c for c in along))
     certificate = block(load=0.0, clamp=lift).solve().certificate
     assert certificate.passed, certificate
 
 
 def test_a_history_that_ends_lifted_off_passes():
-    down = Clamp("top", value=(0.0, 0.0, 1e-4), amplitude=[(0.0, 0.0), (1.0, -1.0), (2.0, -1.0), (4.0, 1.0)])
+    down = PrescribedDisplacement("top", (0.0, 0.0, 1e-4), amplitude=[(0.0, 0.0), (1.0, -1.0), (2.0, -1.0), (4.0, 1.0)])
     rub = [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (4.0, 2.0)]
-    drag = Clamp("top", "x", (2e-4, 0.0, 0.0), amplitude=rub)
+    drag = PrescribedDisplacement("top", (2e-4, 0.0, 0.0), "x", amplitude=rub)
     problem = ContactProblem(
         coulomb.box((1.0, 1.0, 1.0), (3, 3, 2)), Material(2e11, 0.3), [down, drag], Contact("bottom", 0.3)
     )
@@ -172,7 +172,7 @@ def test_a_history_that_ends_lifted_off_passes():
 
 def test_a_lifted_body_that_is_wrong_fails():
     """The least scales are small: a bend of a ten millionth of the way is seen."""
-    problem = block(load=0.0, clamp=Clamp("top", value=(0.0, 0.0, 1e-3)))
+    problem = block(load=0.0, clamp=PrescribedDisplacement("top", (0.0, 0.0, 1e-3)))
     solution = problem.solve()
     u = solution.displacement.copy()
     u[:, 0] += 1e-10 * np.sin(3.0 * problem.elasticity.x[:, 0]) * (~problem.elasticity.fixed[:, 0])

@@ -40,11 +40,16 @@ COULOMB = {
     "one loop": OneLoop(TOLERANCE),
     "one loop, LU": OneLoop(TOLERANCE, newton=DenseConeSystem),
     "one loop, condensed": OneLoop(TOLERANCE, newton=CondensedConeSystem),
-    **{f"fixed point, {name}": SuccessiveTresca(TOLERANCE, solver) for name, solver in QP.items()},
+    **{f"successive Tresca, {name}": SuccessiveTresca(TOLERANCE, solver) for name, solver in QP.items()},
 }
-FORMED = {"LU", "one loop, LU", "fixed point, LU"}  # need the matrix A
-CONDENSED = {"condensed", "one loop, condensed", "fixed point, condensed"}  # need K
-DEAR = {"fixed point, P_AM", "fixed point, P_SC", "fixed point, KPRGP", "KPRGP"}  # many products, each a solve
+FORMED = {"LU", "one loop, LU", "successive Tresca, LU"}  # need the matrix A
+CONDENSED = {"condensed", "one loop, condensed", "successive Tresca, condensed"}  # need K
+DEAR = {
+    "successive Tresca, P_AM",
+    "successive Tresca, P_SC",
+    "successive Tresca, KPRGP",
+    "KPRGP",
+}  # many products, each a solve
 
 
 @functools.cache

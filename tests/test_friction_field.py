@@ -39,7 +39,9 @@ def test_every_node_obeys_its_own_coefficient():
     assert np.sum(friction > 0.999 * bound) > 10 and solution.certificate.passed
 
 
-@pytest.mark.parametrize("solver", [coulomb.OneLoop(), coulomb.SuccessiveTresca()], ids=["one loop", "fixed point"])
+@pytest.mark.parametrize(
+    "solver", [coulomb.OneLoop(), coulomb.SuccessiveTresca()], ids=["one loop", "successive Tresca"]
+)
 def test_no_friction_on_a_part(solver):
     problem = block_with(lambda x: np.where(x[0] > 1.5, 0.0, 0.4))
     solution = problem.solve(solver=solver)
@@ -111,10 +113,10 @@ def test_regions_that_do_not_fit(region, message):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (["solver.max_outer=3"], r'max_outer counts Tresca problems: it needs method = "fixed-point"'),
+        (["solver.max_outer=3"], r'max_outer counts Tresca problems: it needs method = "successive-tresca"'),
         (["solver.method='one-loop'", "solver.newton='schur'"], r'newton = "schur" is for Tresca problems'),
         (["solver.method='one-loop'", "contact={face='bottom', slip_stress=1.0}"], r"solver.method is for Coulomb"),
-        (["solver.method='newton'"], r"solver.method = 'newton': should be 'auto', 'one-loop' or 'fixed-point'"),
+        (["solver.method='newton'"], r"solver.method = 'newton': should be 'auto', 'one-loop' or 'successive-tresca'"),
     ],
 )
 def test_methods_that_do_not_fit(changes, message):
@@ -127,10 +129,10 @@ def test_every_method_of_a_case_gives_the_same_forces():
     for table in (
         "method='one-loop'",
         "newton='dense'",
-        "method='fixed-point'",
+        "method='successive-tresca'",
         "newton='augmented'",
         "newton='schur'",
-        "method='fixed-point', newton='dense'",
+        "method='successive-tresca', newton='dense'",
     ):
         case = read_case(BLOCK, ["mesh.cells=[9,3,3]", f"solver={{{table}}}"])
         solution = case.problem().solve(solver=case.contact_solver())

@@ -22,6 +22,7 @@ from coulomb import (
     NotConverged,
     OneLoop,
     Plane,
+    PrescribedDisplacement,
     Sphere,
     Traction,
 )
@@ -36,8 +37,8 @@ TO_AND_FRO = [(1.0, 0.0), (2.0, 1.0), (4.0, -1.0), (5.0, 0.0)]
 def rubbed(cells=4, sway=2e-3, friction=0.4, material=RUBBER):
     """A block of rubber, its top pressed down by 1 mm until time 1, and moved to and fro along x until time 5."""
     top = [
-        Clamp("top", value=(0.0, 0.0, -1e-3), amplitude=UP),
-        Clamp("top", "x", (sway, 0.0, 0.0), TO_AND_FRO),
+        PrescribedDisplacement("top", (0.0, 0.0, -1e-3), amplitude=UP),
+        PrescribedDisplacement("top", (sway, 0.0, 0.0), "x", amplitude=TO_AND_FRO),
     ]
     mesh = coulomb.box((0.1, 0.1, 0.05), (cells, cells, cells))
     return ContactProblem(mesh, material, top, Contact("bottom", friction))
@@ -104,7 +105,10 @@ def test_moving_the_foundation_is_moving_the_body(foundation):
     times = [0.5, 1.0, 1.5, 2.0, 3.0]
     path = [(0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1e-3), (2.0, 2e-3, 1e-3, 1e-3), (3.0, -1e-3, 0.0, 1e-3)]
     moving = ContactProblem(mesh, RUBBER, [Clamp("top")], Contact("bottom", 0.4, foundation=foundation, motion=path))
-    shift = [Clamp("top", c, tuple(-np.eye(3)[k]), [(r[0], r[1 + k]) for r in path]) for k, c in enumerate("xyz")]
+    shift = [
+        PrescribedDisplacement("top", tuple(-np.eye(3)[k]), c, amplitude=[(r[0], r[1 + k]) for r in path])
+        for k, c in enumerate("xyz")
+    ]
     body = ContactProblem(mesh, RUBBER, shift, Contact("bottom", 0.4, foundation=foundation))
     for one, other in zip(LoadHistory(times).steps(moving), LoadHistory(times).steps(body), strict=True):
         x, y = one.solution.contact_force, other.solution.contact_force
@@ -172,18 +176,21 @@ def cube(clamp=None, motion=None):
         (lambda: LoadHistory([1.0, 1.0]), "times must increase from start = 0"),
         (lambda: LoadHistory([1.0], halvings=-1), "halvings must be at least 0"),
         (
-            lambda: cube(Clamp("top", amplitude=[(1, 0), (0, 1)])),
-            r"clamp on 'top': amplitude: the times of the table must increase, but are \[1.0, 0.0\]",
+            lambda: cube(PrescribedDisplacement("top", (0.0, 0.0, 0.0), amplitude=[(1, 0), (0, 1)])),
+            r"prescribed displacement on 'top': amplitude: the times of the table must increase, but are \[1.0, 0.0\]",
         ),
         (
-            lambda: cube(Clamp("top", amplitude=[(1, 0, 0)])),
-            r"clamp on 'top': amplitude must be a table of rows \[time, factor\]",
+            lambda: cube(PrescribedDisplacement("top", (0.0, 0.0, 0.0), amplitude=[(1, 0, 0)])),
+            r"prescribed displacement on 'top': amplitude must be a table of rows \[time, factor\]",
         ),
         (
-            lambda: cube(Clamp("top", amplitude=lambda t: 1 / t)),
-            "clamp on 'top': the amplitude failed at time 0: (float )?division by zero",
+            lambda: cube(PrescribedDisplacement("top", (0.0, 0.0, 0.0), amplitude=lambda t: 1 / t)),
+            "prescribed displacement on 'top': the amplitude failed at time 0: (float )?division by zero",
         ),
-        (lambda: cube(Clamp("top", amplitude=lambda t: np.nan)), "the amplitude at time 0 is nan"),
+        (
+            lambda: cube(PrescribedDisplacement("top", (0.0, 0.0, 0.0), amplitude=lambda t: np.nan)),
+            "the amplitude at time 0 is nan",
+        ),
         (
             lambda: cube(motion=lambda t: (t, 0)),
             "contact: foundation: the motion at time 0 must be three finite numbers",

@@ -5,7 +5,7 @@ import pytest
 from conftest import STEEL, make_block
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Cylinder, Plane, SignedDistance, Sphere
+from coulomb import Clamp, Contact, ContactProblem, Cylinder, Plane, PrescribedDisplacement, SignedDistance, Sphere
 from coulomb.fem.elasticity import Elasticity
 from coulomb.fem.obstacles import Moved
 from coulomb.fem.surface import contact_surface
@@ -132,7 +132,7 @@ def test_leaving_the_theory_is_said():
     """A cap pressed 5 mm into a ball of 50 mm: curvature, turn of the normals and strain all show."""
     mesh = coulomb.box((0.1, 0.1, 0.05), (8, 8, 4))
     contact = Contact("bottom", 0.1, foundation=Sphere((0.05, 0.05, -0.05), 0.05))
-    press = Clamp("top", value=(0.01, 0.0, -0.02))
+    press = PrescribedDisplacement("top", (0.01, 0.0, -0.02))
     solution = ContactProblem(mesh, coulomb.Material(1e6, 0.3), [press], contact).solve()
     surface, u, measured = solution.problem.surface, solution.displacement, solution.small_strain
     place = (surface.x + u[surface.nodes])[solution.contact_force[0::3] > 1e-6 * solution.contact_force.max()]

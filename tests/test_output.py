@@ -100,7 +100,7 @@ def test_history(run):
     assert float(rows[-1]["residual"]) == solution.result.history[-1].residual
 
 
-def test_history_of_the_fixed_point(tmp_path):
+def test_history_of_successive_tresca(tmp_path):
     solution = make_block(2).solve(solver=SuccessiveTresca())
     output.write(solution, tmp_path, picture=False)
     with (tmp_path / "history.csv").open() as file:

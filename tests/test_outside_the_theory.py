@@ -16,7 +16,7 @@ import typer.testing
 from conftest import ROOT, STEEL, make_block
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Sphere
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, PrescribedDisplacement, Sphere
 from coulomb.cli import app as cli
 from coulomb.model import acceptance, load_history
 from coulomb.model.load_step import Energy
@@ -60,8 +60,11 @@ ABSURD = [
     (BLOCK, "material.young=210.0"),  # GPa, given as Pa
     (BLOCK, INSIDE),
     (BLOCK, "clamp.0.value=[0,0,-1.0]"),
-    (HERTZ, "clamp.0.value=[0,0,-1.0]"),
-    (HERTZ, "clamp.0.value=[1.0,0,-0.0001]"),  # along the ball: gone from where its gaps and normals were taken
+    (HERTZ, "prescribed_displacement.0.value=[0,0,-1.0]"),
+    (
+        HERTZ,
+        "prescribed_displacement.0.value=[1.0,0,-0.0001]",
+    ),  # along the ball: gone from where its gaps and normals were taken
     (HERTZ, "contact.foundation.centre=[0.02,0.02,-0.15]"),
 ]
 
@@ -94,8 +97,8 @@ def test_it_may_be_accepted_knowingly(tmp_path, how):
 @pytest.mark.parametrize(
     ("case", "changes"),
     [
-        (HERTZ, ("clamp.0.value=[0,0,-0.001]",)),
-        (HISTORY, ("clamp.0.value=[0,0,-0.004]", "history={times=[1.0, 2.0]}")),
+        (HERTZ, ("prescribed_displacement.0.value=[0,0,-0.001]",)),
+        (HISTORY, ("prescribed_displacement.0.value=[0,0,-0.004]", "history={times=[1.0, 2.0]}")),
     ],
 )
 def test_rubber_at_a_tenth_is_a_warning(tmp_path, case, changes):
@@ -109,7 +112,7 @@ def test_rubber_at_a_tenth_is_a_warning(tmp_path, case, changes):
 
 def test_every_step_of_a_history_counts(tmp_path):
     """The plate goes down by half the height in the middle of the history, and back."""
-    table = "clamp.0.amplitude=[[0,0], [1,1], [2,50], [3,1]]"
+    table = "prescribed_displacement.0.amplitude=[[0,0], [1,1], [2,50], [3,1]]"
     code, said, complaint = run(tmp_path, HISTORY, table, "history={times=[1.0, 2.0, 3.0]}")
     told = summary_of(tmp_path)
     assert code == 1 and told["certificate"]["passed"] and told["history"]["certified_steps"] == 3
@@ -127,7 +130,7 @@ def test_every_step_of_a_history_counts(tmp_path):
 
 
 def test_force_accepts_a_history(tmp_path):
-    changes = ("clamp.0.value=[0,0,-0.02]", "history={times=[1.0]}")
+    changes = ("prescribed_displacement.0.value=[0,0,-0.02]", "history={times=[1.0]}")
     assert run(tmp_path / "a", HISTORY, *changes)[0] == 1
     code, said, _ = run(tmp_path / "b", HISTORY, *changes, more=("--force",))
     assert code == 0 and said.splitlines()[-1] == "all 1 load steps certified"
@@ -220,7 +223,8 @@ def test_a_foundation_that_ends_where_the_body_goes_is_outside():
     problem = make_block(3, foundation=foundation)
     assert problem.solve().valid
     dragged = ContactProblem(
-        problem.mesh, STEEL, [Clamp("left", value=(0.5, 0.0, 0.0))], Contact("bottom", 0.3, foundation=foundation),
+        problem.mesh, STEEL, [PrescribedDisplacement("left", (0.5, 0.0, 0.0))],
+        Contact("bottom", 0.3, foundation=foundation),
         [coulomb.Traction("top", (0.0, 0.0, -4e7))],
     ).solve()  # fmt: skip
     assert dragged.certificate.passed and not dragged.valid and np.isnan(dragged.small_strain.gap_error)
@@ -246,7 +250,7 @@ def test_a_foundation_that_moves_past_takes_its_normals_along():
     ("case", "changes"),
     [
         (BLOCK, ("contact.foundation={shape='plane', point=[0,0,-1.0], normal=[0,0,1]}",)),
-        (HISTORY, ("clamp.0.value=[0,0,0.001]", "history={times=[1.0, 2.0]}")),
+        (HISTORY, ("prescribed_displacement.0.value=[0,0,0.001]", "history={times=[1.0, 2.0]}")),
     ],
 )
 def test_nothing_touches(tmp_path, case, changes):
@@ -269,7 +273,9 @@ def test_the_smallest_gap_is_said(tmp_path):
 
 def test_a_large_energy_imbalance_is_a_warning(tmp_path):
     """Deep and in one stride: what friction dissipates is taken from the end of the step alone."""
-    code, said, complaint = run(tmp_path, HISTORY, "clamp.0.value=[0,0,-0.004]", "history={times=[1.0, 2.0, 3.0]}")
+    code, said, complaint = run(
+        tmp_path, HISTORY, "prescribed_displacement.0.value=[0,0,-0.004]", "history={times=[1.0, 2.0, 3.0]}"
+    )
     told = summary_of(tmp_path)
     error = float(re.search(r"error of finite steps (\S+)", said).group(1))
     dissipated = float(re.search(r"friction (\S+),", said).group(1))

@@ -22,6 +22,7 @@ from coulomb import (
     IterativeSolver,
     OneLoop,
     PathFollowing,
+    PrescribedDisplacement,
 )
 from coulomb.case.case import read_case
 from coulomb.io import output
@@ -194,7 +195,7 @@ def test_a_rank_without_contact_nodes():
     problem = ContactProblem(
         coulomb.box((1.0, 1.0, 12.0), (2, 2, 24)),
         STEEL,
-        [Clamp("top", value=(0.0, 0.0, -1e-3))],
+        [PrescribedDisplacement("top", (0.0, 0.0, -1e-3))],
         Contact("bottom", friction=0.3),
     )
     nodes = comm.allgather(len(problem.surface.nodes))
@@ -203,7 +204,7 @@ def test_a_rank_without_contact_nodes():
     solution = problem.solve()
     assert solution.certificate.passed
     condensed = ContactProblem(
-        problem.mesh, STEEL, [Clamp("top", value=(0.0, 0.0, -1e-3))], problem.contacts, explicit=False
+        problem.mesh, STEEL, [PrescribedDisplacement("top", (0.0, 0.0, -1e-3))], problem.contacts, explicit=False
     ).solve(solver=OneLoop(newton=CondensedConeSystem))
     assert condensed.certificate.passed
     # a column between two plates, free to bulge: a force between those of free and of hindered bulging
@@ -254,7 +255,9 @@ def test_wrong_bodies_are_errors_on_all_ranks():
     assert "fully clamped" in same_error(
         lambda: ContactProblem(mesh, STEEL, [Clamp("left")], Contact("left", friction=0.3))
     )
-    wrong_here = Clamp("left", value=lambda x: np.full(x.shape, np.nan if comm.rank == comm.size - 1 else 0.0))
+    wrong_here = PrescribedDisplacement(
+        "left", lambda x: np.full(x.shape, np.nan if comm.rank == comm.size - 1 else 0.0)
+    )
     rows = comm.allgather(int((mesh.domain.geometry.x[:, 0] == 0.0).sum()))
     if rows[-1]:
         text = comm.allgather(_error(lambda: ContactProblem(mesh, STEEL, [wrong_here], contact)))

@@ -5,7 +5,7 @@ import pytest
 from conftest import STEEL, reference, solved_block
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Material, Traction
+from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplacement, Traction
 from coulomb.io.summary import summary
 
 FACES = ("left", "right", "front", "back")
@@ -53,7 +53,7 @@ def patch(cells, cell, sides, top, friction):
     return ContactProblem(
         coulomb.box((1.0, 1.0, 1.0), cells, cell),
         STEEL,
-        [Clamp(face, value=sides) for face in FACES],
+        [PrescribedDisplacement(face, sides) for face in FACES],
         Contact("bottom", friction=friction),
         [Traction("top", top)],
     )

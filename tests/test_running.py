@@ -35,7 +35,7 @@ from coulomb.solvers.results import Progress
 BLOCK = ROOT / "demos" / "block.toml"
 SLOW = (  # three seconds of path following
     *("--set", "mesh.cells=[30,10,10]", "--set", "output.picture=false"),
-    *("--set", "solver={linear_solver='iterative', method='fixed-point'}"),
+    *("--set", "solver={linear_solver='iterative', method='successive-tresca'}"),
 )
 
 
@@ -204,7 +204,7 @@ def test_the_log_has_all_that_is_said_and_every_step(tmp_path):
     quiet = run_coulomb(*command, "--log", log, "--quiet")
     assert quiet.returncode == 0 and quiet.stdout == ""
     assert len(log.read_text().splitlines()) == 2 * len(lines)  # added to, and complete though nothing was said
-    fixed = run_coulomb(*command, "--log", log, "--set", "solver.method='fixed-point'")
+    fixed = run_coulomb(*command, "--log", log, "--set", "solver.method='successive-tresca'")
     told = log.read_text().splitlines()[2 * len(lines) :]
     contents = json.loads((tmp_path / "summary.json").read_text())
     assert fixed.returncode == 0

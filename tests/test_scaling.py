@@ -21,7 +21,7 @@ MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
         ("tresca", PathFollowing(1e-8)),
         ("tresca", PathFollowing(1e-8, newton=coulomb.SchurComplementSystem)),
     ],
-    ids=["one loop", "fixed point", "path following", "path following, P_SC"],
+    ids=["one loop", "successive Tresca", "path following", "path following, P_SC"],
 )
 def test_inexact_products_same_answer(law, solver):
     exact = solved_block(6, law)

@@ -59,13 +59,13 @@ def test_stops_on_the_coulomb_residual(block6):
 
 
 @functools.cache
-def fixed_point6(memory=0):
+def solved6(memory=0):
     return SuccessiveTresca(1e-8, memory=memory).solve(solved_block(6).problem.coulomb_problem)
 
 
 def test_contraction_is_measured():
     """ALGORITHMS.md: about 0.12 a step at F = 0.3 on the block.  Of the plain iteration it is the ratio of changes."""
-    result = fixed_point6()
+    result = solved6()
     assert 0.05 < result.contraction < 0.2
     g = [step.change for step in result.history]
     rates = [new / old for old, new in pairwise(g)]
@@ -74,13 +74,13 @@ def test_contraction_is_measured():
 
 
 def test_inner_accuracy_is_tied_to_the_outer_residual():
-    for before, step in pairwise(fixed_point6().history):
+    for before, step in pairwise(solved6().history):
         assert step.inner_tolerance <= 1e-2 * before.residual or step.inner_tolerance == pytest.approx(1e-9)
 
 
 def test_warm_starts_save_most_of_the_steps():
     """The whole Coulomb problem costs a few Tresca problems, not one for every outer step."""
-    result = fixed_point6()
+    result = solved6()
     assert result.iterations <= 12
     assert result.path_following <= 80
     cold = PathFollowing(tolerance=1e-9).solve(solved_block(6).problem.tresca(result.slip_bound))
@@ -105,7 +105,7 @@ def test_down_to_a_residual_of_1e_10(solver, friction):
 
 
 def test_history_has_a_record_for_each_tresca_problem():
-    result = fixed_point6(5)
+    result = solved6(5)
     assert [step.iteration for step in result.history] == list(range(1, result.iterations + 1))
     assert result.history[-1].residual <= 1e-8 < result.history[-2].residual
     assert sum(step.path_following for step in result.history) == result.path_following

@@ -8,7 +8,17 @@ import pytest
 from mpi4py import MPI
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, DirectSolver, IterativeSolver, Material, Sphere, Spring, Traction
+from coulomb import (
+    Contact,
+    ContactProblem,
+    DirectSolver,
+    IterativeSolver,
+    Material,
+    PrescribedDisplacement,
+    Sphere,
+    Spring,
+    Traction,
+)
 from coulomb.linalg.compliance import ExplicitCompliance
 
 RUBBER = Material(1e7, 0.3)
@@ -25,7 +35,7 @@ def problem(time, **options):
     return ContactProblem(
         MESH,
         RUBBER,
-        [Clamp("top", "x", (1e-3, 0.0, 0.0), [(0.0, 0.0), (1.0, 1.0)])],
+        [PrescribedDisplacement("top", (1e-3, 0.0, 0.0), "x", amplitude=[(0.0, 0.0), (1.0, 1.0)])],
         Contact(
             "bottom",
             0.3,

@@ -150,7 +150,7 @@ MATERIALS_AND_LOADS = (
     Wrong(
         "an amplitude whose times do not increase",
         run("history={times=[1]}", "clamp.0.amplitude=[[0,0],[1,1],[1,2]]"),
-        r"clamp on 'left'.*: the times of the table must increase, but are \[0\.0, 1\.0, 1\.0\]",
+        r"prescribed displacement on 'left'.*: the times of the table must increase, but are \[0\.0, 1\.0, 1\.0\]",
     ),
     Wrong(
         "an amplitude without a history",

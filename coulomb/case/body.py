@@ -1,4 +1,4 @@
-"""The tables of a case file that describe the body: mesh, materials, clamps, loads, springs."""
+"""The tables of a case file that describe the body: mesh, materials, supports, loads, springs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .values import TABLES, AmplitudeTable, Cells, FileName, GroupNumber, Length
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from ..fem.loaded_body import Clamp, Spring, Traction
+    from ..fem.loaded_body import PrescribedDisplacement, Spring, Traction
     from ..fem.meshes import NamedMesh
 
 
@@ -103,19 +103,31 @@ MaterialTables = Annotated[
 ]
 
 
-class ClampTable(Table):
+class PrescribedDisplacementTable(Table):
     """Prescribed displacement in metres on a face."""
 
     face: Name
+    value: Vector
     components: Literal["x", "y", "z", "xy", "xz", "yz", "xyz"] = "xyz"
-    value: Vector = (0.0, 0.0, 0.0)
     amplitude: AmplitudeTable | None = None
 
-    def clamp(self) -> Clamp:
-        """What it describes."""
+    def support(self) -> PrescribedDisplacement:
+        """What the table describes."""
+        from ..fem.loaded_body import PrescribedDisplacement
+
+        return PrescribedDisplacement(self.face, self.value, self.components, self.amplitude or 1.0)
+
+
+class ClampTable(PrescribedDisplacementTable):
+    """Zero displacement of a face.  With a value (as in older case files) it is a [[prescribed_displacement]]."""
+
+    value: Vector = (0.0, 0.0, 0.0)
+
+    def support(self) -> PrescribedDisplacement:
+        """What the table describes."""
         from ..fem.loaded_body import Clamp
 
-        return Clamp(self.face, self.components, self.value, self.amplitude or 1.0)
+        return super().support() if any(self.value) or self.amplitude else Clamp(self.face, self.components)
 
 
 class TractionTable(Table):

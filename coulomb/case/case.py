@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -11,10 +12,20 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from ..fem.box_faces import BOX_FACES
-from ..ranks import launched, on_rank_0
-from .body import ClampTable, MaterialTable, MaterialTables, MeshTable, SpringTable, Table, TractionTable
+from ..ranks import is_rank_0, launched, on_rank_0
+from .body import (
+    ClampTable,
+    MaterialTable,
+    MaterialTables,
+    MeshTable,
+    PrescribedDisplacementTable,
+    SpringTable,
+    Table,
+    TractionTable,
+)
 from .contact import ContactTable, ContactTables, HistoryTable
 from .faults import fault_of, tables_of_several
+from .renamed import renamed
 from .solver import OutputTable, SolverTable
 from .text import LARGEST, apply, parsed, read_text
 from .values import TABLES, AmplitudeTable, Vector
@@ -23,10 +34,13 @@ if TYPE_CHECKING:  # what needs DOLFINx or PETSc is loaded when a case that is r
     from mpi4py import MPI
 
     from ..fem.body import Material
-    from ..fem.loaded_body import Clamp, LoadedBody, Spring, Traction
+    from ..fem.loaded_body import LoadedBody, PrescribedDisplacement, Spring, Traction
     from ..model.load_history import LoadHistory
     from ..model.problem import ContactProblem
     from ..solvers.friction_problem import CoulombSolver, QPSolver
+
+
+_log = logging.getLogger(__name__)
 
 
 class Case(Table):
@@ -35,6 +49,7 @@ class Case(Table):
     mesh: MeshTable
     material: MaterialTables
     clamp: Annotated[tuple[ClampTable, ...], Field(max_length=TABLES)] = ()
+    prescribed_displacement: Annotated[tuple[PrescribedDisplacementTable, ...], Field(max_length=TABLES)] = ()
     traction: Annotated[tuple[TractionTable, ...], Field(max_length=TABLES)] = ()
     body_force: Vector = (0.0, 0.0, 0.0)
     body_force_amplitude: AmplitudeTable | None = None
@@ -101,8 +116,9 @@ class Case(Table):
         )
 
     @property
-    def _acting(self) -> tuple[list[Clamp], list[Traction], list[Spring]]:
-        return [t.clamp() for t in self.clamp], [t.traction() for t in self.traction], [t.spring() for t in self.spring]
+    def _acting(self) -> tuple[list[PrescribedDisplacement], list[Traction], list[Spring]]:
+        supports = [t.support() for t in (*self.clamp, *self.prescribed_displacement)]
+        return supports, [t.traction() for t in self.traction], [t.spring() for t in self.spring]
 
     @property
     def contacts(self) -> dict[str, ContactTable]:
@@ -134,8 +150,9 @@ class Case(Table):
             if self.mesh.box is not None:
                 raise ValueError("material: a box has no groups of cells; give one [material]")
         if self.mesh.box is not None:
-            tables: dict[str, tuple[ClampTable | TractionTable | SpringTable, ...]]
-            tables = {"clamp": self.clamp, "traction": self.traction, "spring": self.spring}
+            tables: dict[str, tuple[PrescribedDisplacementTable | TractionTable | SpringTable, ...]]
+            tables = {"clamp": self.clamp, "prescribed_displacement": self.prescribed_displacement}
+            tables |= {"traction": self.traction, "spring": self.spring}
             faces = {f"{key}.{i}": entry.face for key, entries in tables.items() for i, entry in enumerate(entries)}
             for key, face in (faces | {key: table.face for key, table in self.contacts.items()}).items():
                 if face not in BOX_FACES:
@@ -156,8 +173,8 @@ class Case(Table):
         if self.history is None:
             timed: dict[str, Any] = {f"{key}.motion": table.motion for key, table in self.contacts.items()}
             timed |= {"body_force_amplitude": self.body_force_amplitude}
-            timed |= {f"clamp.{k}.amplitude": table.amplitude for k, table in enumerate(self.clamp)}
-            timed |= {f"traction.{k}.amplitude": table.amplitude for k, table in enumerate(self.traction)}
+            for name in ("clamp", "prescribed_displacement", "traction"):
+                timed |= {f"{name}.{k}.amplitude": table.amplitude for k, table in enumerate(getattr(self, name))}
             for key, value in timed.items():
                 if value is not None:
                     raise ValueError(f"{key} depends on time: it needs a [history]")
@@ -201,6 +218,9 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
     tables = parsed(text, path, tables_of_several(Case))
     for change in changes:
         apply(tables, change)
+    if is_rank_0():
+        for note in renamed(tables):
+            _log.warning("%s: %s", path, note)
     _beside(Path(path), tables)
     try:
         return Case.model_validate(tables)

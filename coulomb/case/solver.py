@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from .body import Table
+from .renamed import current_method
 from .values import FileName, Rounds
 
 if TYPE_CHECKING:
@@ -20,16 +21,16 @@ class SolverTable(Table):
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
     linear_solver: Literal["auto", "direct", "iterative"] = "auto"
     compliance: Literal["auto", "explicit", "matrix-free"] = "auto"
-    method: Literal["auto", "one-loop", "fixed-point"] = "auto"
+    method: Annotated[Literal["auto", "one-loop", "successive-tresca"], BeforeValidator(current_method)] = "auto"
     newton: Literal["recycling", "augmented", "schur", "dense", "condensed"] = "recycling"
     max_outer: Rounds | None = None
 
     @model_validator(mode="after")
     def _belongs_together(self) -> SolverTable:
-        if self.max_outer is not None and self.method != "fixed-point":
-            raise ValueError('max_outer counts Tresca problems: it needs method = "fixed-point"')
+        if self.max_outer is not None and self.method != "successive-tresca":
+            raise ValueError('max_outer counts Tresca problems: it needs method = "successive-tresca"')
         if self.method == "one-loop" and self.newton in ("augmented", "schur"):
-            raise ValueError(f'newton = "{self.newton}" is for Tresca problems: it needs method = "fixed-point"')
+            raise ValueError(f'newton = "{self.newton}" is for Tresca problems: it needs method = "successive-tresca"')
         if self.newton == "condensed" and self.compliance == "explicit":
             raise ValueError('newton = "condensed" works with K in place of A: leave compliance at "auto"')
         return self
@@ -59,7 +60,7 @@ class SolverTable(Table):
         path_following = PathFollowing(tolerance=self.tolerance, newton=systems[self.newton])
         if not coulomb:
             return path_following
-        if self.method == "fixed-point" or self.newton in ("augmented", "schur"):
+        if self.method == "successive-tresca" or self.newton in ("augmented", "schur"):
             most = SuccessiveTresca.max_iterations if self.max_outer is None else self.max_outer
             return SuccessiveTresca(self.tolerance, path_following, max_iterations=most)
         if self.newton == "dense":

@@ -12,11 +12,11 @@ from petsc4py import PETSc
 from . import compat
 from .body import strain
 from .compat import fem, ufl
-from .loaded_body import Clamp, LoadedBody, Materials, Spring, Traction
+from .loaded_body import Clamp, LoadedBody, Materials, PrescribedDisplacement, Spring, Traction
 from .meshes import NamedMesh
 from .user_values import Amplitude, Field
 
-__all__ = ["Clamp", "Elasticity", "Materials", "Spring", "Traction"]
+__all__ = ["Clamp", "Elasticity", "Materials", "PrescribedDisplacement", "Spring", "Traction"]
 
 
 class Elasticity(LoadedBody):
@@ -40,7 +40,7 @@ class Elasticity(LoadedBody):
         self,
         mesh: NamedMesh,
         materials: Materials,
-        clamps: Sequence[Clamp],
+        clamps: Sequence[PrescribedDisplacement],
         tractions: Sequence[Traction] = (),
         body_force: Field = (0.0, 0.0, 0.0),
         springs: Sequence[Spring] = (),

@@ -1,4 +1,4 @@
-"""A body with all that acts on it but the foundation: clamps, springs and loads, in the course of time; without K."""
+"""A body with everything that acts on it except the foundation: supports and loads as functions of time; without K."""
 
 from __future__ import annotations
 
@@ -25,31 +25,53 @@ _MODES = (
 
 
 @dataclass(frozen=True)
-class Clamp:
-    """Prescribed displacement on a face.
+class PrescribedDisplacement:
+    """Prescribed displacement on a face (an inhomogeneous Dirichlet condition).
 
     Attributes:
         face: Name of the face.
-        components: Which components are held, letters of "xyz".
-        value: Displacement in metres, a vector or a function of x; components not held are ignored.
-        amplitude: What the value is multiplied by in the course of time; a table stays, before its first row and after
-            its last, as it is there.
+        value: Displacement in metres, a vector or a function of x; components that are not prescribed are ignored.
+        components: Which components are prescribed, letters of "xyz".
+        amplitude: Factor of the value as a function of time; a table is constant before its first and after its last
+            row.
 
     Raises:
         ValueError: If components is not made of different letters of "xyz".
     """
 
     face: str
+    value: Field
     components: str = "xyz"
-    value: Field = (0.0, 0.0, 0.0)
     amplitude: Amplitude = 1.0
+
+    kind = "prescribed displacement"
 
     def __post_init__(self) -> None:
         letters = set(self.components)
         if not letters or len(letters) != len(self.components) or letters - set("xyz"):
-            raise ValueError(
-                f"clamp on {self.face!r}: components must be letters of 'xyz', but are {self.components!r}"
-            )
+            raise ValueError(f"{self.what}: components must be letters of 'xyz', but are {self.components!r}")
+
+    @property
+    def what(self) -> str:
+        """Kind and face, for error messages."""
+        return f"{self.kind} on {self.face!r}"
+
+
+class Clamp(PrescribedDisplacement):
+    """Zero displacement of a face, in all components or in some.
+
+    Args:
+        face: Name of the face.
+        components: Which components are held, letters of "xyz".
+
+    Raises:
+        ValueError: If components is not made of different letters of "xyz".
+    """
+
+    kind = "clamp"
+
+    def __init__(self, face: str, components: str = "xyz"):
+        super().__init__(face, (0.0, 0.0, 0.0), components)
 
 
 @dataclass(frozen=True)
@@ -59,8 +81,8 @@ class Traction:
     Attributes:
         face: Name of the face.
         value: Traction in pascals, a vector or a function of x.
-        amplitude: What the value is multiplied by in the course of time; a table stays, before its first row and after
-            its last, as it is there.
+        amplitude: Factor of the value as a function of time; a table is constant before its first and after its last
+            row.
     """
 
     face: str
@@ -125,7 +147,7 @@ class LoadedBody(ElasticBody):
         self,
         mesh: NamedMesh,
         materials: Materials,
-        clamps: Sequence[Clamp],
+        clamps: Sequence[PrescribedDisplacement],
         tractions: Sequence[Traction] = (),
         body_force: Field = (0.0, 0.0, 0.0),
         springs: Sequence[Spring] = (),
@@ -142,7 +164,7 @@ class LoadedBody(ElasticBody):
         self._load_at(time)
 
     def at(self, time: float) -> Self:
-        """The same body under the loads and prescribed displacements of another time; collective.
+        """This body under the loads and prescribed displacements of another time; collective.
 
         Raises:
             ValueError: On every rank, if an amplitude has no finite value at that time.
@@ -158,7 +180,7 @@ class LoadedBody(ElasticBody):
             self.load += self._factor(amplitude, time, what) * load
         self.prescribed: FloatArray = np.zeros((self._owned, 3))
         for clamp, nodes, values in self._clamps:
-            factor = self._factor(clamp.amplitude, time, f"clamp on {clamp.face!r}")
+            factor = self._factor(clamp.amplitude, time, clamp.what)
             for component in map("xyz".index, clamp.components):
                 self.prescribed[nodes, component] = factor * values[:, component]
 
@@ -166,9 +188,11 @@ class LoadedBody(ElasticBody):
         factor: float = on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)
         return factor
 
-    def _prescribe(self, clamp: Clamp) -> tuple[Clamp, npt.NDArray[np.int32], FloatArray]:
-        nodes = self.nodes(clamp.face, "clamp")
-        values = evaluate_vectors(clamp.value, self.x[nodes], f"clamp on {clamp.face!r}", self.mesh.comm)
+    def _prescribe(
+        self, clamp: PrescribedDisplacement
+    ) -> tuple[PrescribedDisplacement, npt.NDArray[np.int32], FloatArray]:
+        nodes = self.nodes(clamp.face, clamp.kind)
+        values = evaluate_vectors(clamp.value, self.x[nodes], clamp.what, self.mesh.comm)
         for component in map("xyz".index, clamp.components):
             self.fixed[nodes, component] = True
             self.dragged[nodes, component] = values[:, component] != 0.0
@@ -208,7 +232,7 @@ class LoadedBody(ElasticBody):
     def _assemble_loads(
         self, tractions: Sequence[Traction], body_force: Field, body_force_amplitude: Amplitude
     ) -> list[tuple[Amplitude, str, FloatArray]]:
-        """Every load with its amplitude, and what it is called in errors."""
+        """Every load with its amplitude and its name in error messages."""
         loads = [(body_force_amplitude, "body_force", self._integrate(body_force, "body_force", ufl.dx))]
         for traction in tractions:
             facets, what = self.mesh.facets(traction.face, "traction"), f"traction on {traction.face!r}"
@@ -222,7 +246,7 @@ class LoadedBody(ElasticBody):
         density.x.scatter_forward()
         return self._assemble(fem.form(ufl.inner(density, self._test) * measure))
 
-    # --- what others ask ----------------------------------------------------------------------------------------
+    # --- queries ----------------------------------------------------------------------------------------
 
     def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
         """This rank's nodes on a face, sorted; ValueError if there is no such face."""

@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.elasticity import Clamp, Elasticity, Materials, Spring, Traction
+from ..fem.elasticity import Elasticity, Materials, PrescribedDisplacement, Spring, Traction
 from ..fem.meshes import NamedMesh
 from ..fem.obstacles import RigidFoundation
 from ..fem.surface import ContactSurface
@@ -79,7 +79,7 @@ class ContactProblem:
         self,
         mesh: NamedMesh,
         material: Materials,
-        clamps: Sequence[Clamp],
+        clamps: Sequence[PrescribedDisplacement],
         contact: Contact | Sequence[Contact],
         tractions: Sequence[Traction] = (),
         body_force: Field = (0.0, 0.0, 0.0),

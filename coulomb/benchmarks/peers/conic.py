@@ -1,4 +1,4 @@
-"""Clarabel: the Tresca problem as a sparse conic programme in the displacements, Coulomb by fixed point around it.
+"""Clarabel: the Tresca problem as a sparse conic programme in the displacements, Coulomb by successive Tresca.
 
 minimise 1/2 u^T K u - f^T u + g^T s   subject to   B_n u <= c,  |B_t u| <= s (one second-order cone a node)
 
@@ -22,7 +22,7 @@ TOLERANCE = 1e-10
 """Of Clarabel's gap and feasibility; the problem is scaled to a mean diagonal of K of 1 and a greatest load of 1."""
 
 SETTLED = 1e-7
-"""Relative change of the contact forces at which the fixed point ends."""
+"""Relative change of the contact forces at which successive Tresca ends."""
 
 MOST_OUTER = 100
 
@@ -60,7 +60,7 @@ def solve(p: int) -> Answer:
         if np.linalg.norm(x - last) <= SETTLED * np.linalg.norm(x):
             forces = on_body(problem, x.ravel() * size)
             return Answer(time.perf_counter() - began, iterations, problem.surface.x, forces)
-    raise Unsolved(f"the fixed point did not settle in {MOST_OUTER} rounds")
+    raise Unsolved(f"successive Tresca did not converge in {MOST_OUTER} problems")
 
 
 def _settings(clarabel: Any) -> Any:

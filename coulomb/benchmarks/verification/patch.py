@@ -20,7 +20,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...fem.body import Material
-from ...fem.elasticity import Clamp, Traction
+from ...fem.elasticity import PrescribedDisplacement, Traction
 from ...fem.meshes import box
 from ...fem.obstacles import Plane
 from ...io import summary
@@ -74,7 +74,7 @@ class Patch:
         return ContactProblem(
             box((1.0, 1.0, 1.0), CELLS, self.cell, place=lambda x: self.turn @ x),
             STEEL,
-            [Clamp(face, value=self.exact) for face in ("left", "right", "front", "back")],
+            [PrescribedDisplacement(face, self.exact) for face in ("left", "right", "front", "back")],
             Contact("bottom", FRICTION, foundation=Plane((0.0, 0.0, 0.0), tuple(normal))),
             [Traction("top", tuple(self.turn @ (self.shear, 0.0, -PRESSURE)))],
         )

@@ -24,7 +24,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...fem.body import Material
-from ...fem.elasticity import Clamp, Elasticity
+from ...fem.elasticity import Clamp, Elasticity, PrescribedDisplacement
 from ...fem.meshes import box
 from ...io import summary
 from ...linalg.stiffness import DirectSolver
@@ -51,7 +51,10 @@ def problem() -> ContactProblem:
     return ContactProblem(
         box((1.0, 1.0, 1.0), CELLS),
         STEEL,
-        [Clamp("top", "z", (0.0, 0.0, -DOWN), ((0.0, 0.0), (1.0, 1.0))), Clamp("top", "xy", (1.0, 0.0, 0.0), WAY)],
+        [
+            PrescribedDisplacement("top", (0.0, 0.0, -DOWN), "z", amplitude=((0.0, 0.0), (1.0, 1.0))),
+            PrescribedDisplacement("top", (1.0, 0.0, 0.0), "xy", amplitude=WAY),
+        ],
         Contact("bottom", FRICTION),
     )
 
@@ -59,7 +62,9 @@ def problem() -> ContactProblem:
 def bonded_stiffness() -> float:
     """Force on the top along x per metre of its way, the base bonded to the plane, N/m: linear elasticity alone."""
     body = Elasticity(
-        box((1.0, 1.0, 1.0), CELLS), STEEL, [Clamp("bottom"), Clamp("top", "yz"), Clamp("top", "x", (1.0, 0.0, 0.0))]
+        box((1.0, 1.0, 1.0), CELLS),
+        STEEL,
+        [Clamp("bottom"), Clamp("top", "yz"), PrescribedDisplacement("top", (1.0, 0.0, 0.0), "x")],
     )
     u = body.K.createVecRight()
     DirectSolver(body.K).solve(body.f, u)

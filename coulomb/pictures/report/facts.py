@@ -39,11 +39,11 @@ def geometry(run: Run) -> Facts:
 
 def _of_case(case: dict[str, Any]) -> Facts:
     facts: Facts = []
-    for clamp in case.get("clamp", ()):
-        value = clamp.get("value", [0.0] * 3)
-        moved = f", moved by {vector(value, 'm')}" if any(value) else ""
-        held = f"components {clamp.get('components', 'xyz')} held{moved}"
-        facts.append((f"clamp on {clamp['face']}", held + _in_time(clamp.get("amplitude"))))
+    for support in (*case.get("clamp", ()), *case.get("prescribed_displacement", ())):
+        value = support.get("value", [0.0] * 3)
+        kind, moved = ("prescribed displacement", f" = {vector(value, 'm')}") if any(value) else ("clamp", " held")
+        prescribed = f"components {support.get('components', 'xyz')}{moved}"
+        facts.append((f"{kind} on {support['face']}", prescribed + _in_time(support.get("amplitude"))))
     for spring in case.get("spring", ()):
         given = spring["stiffness"]
         along = [float(given)] * 3 if isinstance(given, int | float) else given
