@@ -21,7 +21,7 @@ from ..version import __version__
 from .benchmark_commands import benchmark
 from .case_commands import Changes, check_case, new
 from .commands_pictures import drawing_soon, register
-from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks
+from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks, showing_messages
 from .console import console as _console
 from .console import errors as _errors
 
@@ -46,11 +46,13 @@ def _tell_version(asked: bool) -> None:
 
 @app.callback()
 def _options(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", help="Say which version this is.", is_eager=True, callback=_tell_version)
     ] = False,
 ) -> None:
     """3D contact with Coulomb friction: solved, certified, written.  Begin with: coulomb new block"""
+    context.with_resource(showing_messages(_console))
 
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")]

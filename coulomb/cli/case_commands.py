@@ -74,7 +74,7 @@ def check_case(
     from .posing import doubts, expected, posed
     from .terminal import introduce
 
-    announce(lambda text: console.print(text, markup=False, soft_wrap=True))
+    announce()
     with bad_input():
         problem = posed(settings, directory or Path(settings.output.directory), force=False, now=False)
         for end in settings.history.ends if settings.history is not None else ():

@@ -1,7 +1,8 @@
-"""Where the command line speaks: on rank 0 alone; and the exit codes."""
+"""Output of the command line, on rank 0 only: its consoles, the messages that the library logs, the exit codes."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -38,9 +39,59 @@ console = Console(quiet=_silent, highlight=False)
 errors = Console(quiet=_silent, highlight=False, stderr=True, soft_wrap=True)
 
 
+REPORTED = ("coulomb.model.solution", "coulomb.model.load_history")
+"""Loggers whose messages are not shown: the commands report the same, with their results."""
+
+
+class LibraryMessages(logging.Handler):
+    """Shows what the library logs: information on standard output, warnings and errors on standard error.
+
+    Args:
+        console: Where information goes.
+    """
+
+    def __init__(self, console: Console):
+        super().__init__(logging.INFO)
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.name in REPORTED:
+            return
+        if record.levelno >= logging.WARNING:
+            errors.print(f"{record.levelname.lower()}: {record.getMessage()}", markup=False)
+        else:
+            self._console.print(record.getMessage(), markup=False, soft_wrap=True)
+
+
+@contextmanager
+def showing_messages(of_information: Console) -> Iterator[None]:
+    """Show the library's log messages; inside another such context, in place of it.
+
+    Args:
+        of_information: Where messages of level INFO go; a quiet console for none.
+    """
+    library = logging.getLogger("coulomb")
+    before = [handler for handler in library.handlers if isinstance(handler, LibraryMessages)]
+    level, propagate = library.level, library.propagate
+    messages = LibraryMessages(of_information)
+    for handler in before:
+        library.removeHandler(handler)
+    library.addHandler(messages)
+    library.setLevel(logging.INFO)
+    library.propagate = False  # FFCx 2022 gives the root logger a handler
+    try:
+        yield
+    finally:
+        library.removeHandler(messages)
+        library.setLevel(level)
+        library.propagate = propagate
+        for handler in before:
+            library.addHandler(handler)
+
+
 @contextmanager
 def bad_input() -> Iterator[None]:
-    """A ValueError is the user's to mend: its text, and exit code 2."""
+    """Turns a ValueError into its message and exit code 2."""
     try:
         yield
     except ValueError as error:
@@ -49,10 +100,10 @@ def bad_input() -> Iterator[None]:
 
 
 def refuse_ranks(what: str) -> None:
-    """End a command that works on one rank where there are more.
+    """End a command that runs on one rank only if there are more.
 
     Args:
-        what: Who says so, as "coulomb plot".
+        what: The command, as "coulomb plot".
     """
     if ranks.several():
         errors.print(f"error: {what} runs on one rank", markup=False)

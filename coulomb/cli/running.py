@@ -58,7 +58,7 @@ def compute(
         renderer: The process that draws, if it has begun already.
     """
     with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None):
-        announce(session.tell)
+        announce()
         with bad_input():
             problem = posed(settings, target, force)
         introduce(session.console, source, problem)

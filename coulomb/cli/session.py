@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import sys
 import time
 from collections.abc import Iterator
@@ -17,15 +16,13 @@ from rich.console import Console
 
 from .. import process
 from ..model.provenance import now
-from .console import bad_input, console, errors
+from .console import bad_input, console, errors, showing_messages
 from .interruption import Interruption
 from .log import Log
 
 if TYPE_CHECKING:
     from ..solvers.results import Progress, ProgressCallback
     from .terminal import Display
-
-_library = logging.getLogger("coulomb")
 
 
 @dataclass(frozen=True)
@@ -37,10 +34,6 @@ class Session:
     interruption: Interruption
     began: float
     started: datetime = field(default_factory=now)
-
-    def tell(self, text: str) -> None:
-        """Say a line."""
-        self.console.print(text, markup=False, soft_wrap=True)
 
     def progress(self, display: Display) -> ProgressCallback:
         """Shows a step, notes it in the log, and says whether to stop."""
@@ -66,10 +59,10 @@ def opened(quiet: bool, log_file: Path | None) -> Iterator[Session]:
     began, speaking = time.perf_counter(), Console(quiet=True) if quiet else console
     with bad_input():
         log = Log(log_file, MPI.COMM_WORLD)
-    with log.hearing(speaking, errors), Interruption(MPI.COMM_WORLD) as interruption:
+    with (
+        log.hearing(speaking, errors),
+        showing_messages(speaking),
+        Interruption(MPI.COMM_WORLD) as interruption,
+    ):
         log.line(" ".join(["coulomb", *sys.argv[1:]]))
-        passed_on, _library.propagate = _library.propagate, False  # what it logs is said here in other words
-        try:
-            yield Session(speaking, log, interruption, began)
-        finally:
-            _library.propagate = passed_on
+        yield Session(speaking, log, interruption, began)

@@ -1,32 +1,30 @@
-"""When forms are compiled: once per machine and kind of cell, which takes seconds that somebody waits for."""
+"""Compilation of the finite-element forms, once per machine and kind of cell; it takes seconds and is announced."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
 from typing import Any
 
+_log = logging.getLogger(__name__)
+
 SECONDS = 10
-"""What the compiler takes for all forms of a run, roughly."""
+"""Approximate time of the compiler for all forms of a run."""
 
 
-def announce(say: Callable[[str], None]) -> None:
-    """Have it said, once, when a form is asked for that is not in FFCx's cache; on ranks that compile.
-
-    Args:
-        say: What says it.
-    """
+def announce() -> None:
+    """Log, once, when a form is needed that is not in FFCx's cache; on the ranks that compile."""
     from ffcx.codegeneration import jit
 
-    if not hasattr(jit, "get_cached_module"):  # an FFCx that we do not know: nothing is said
+    if not hasattr(jit, "get_cached_module"):  # an FFCx of another structure: no announcement
         return
-    look_up, said = jit.get_cached_module, False
+    look_up, announced = jit.get_cached_module, False
 
     def looked_up(*arguments: Any) -> Any:
-        nonlocal said
+        nonlocal announced
         found = look_up(*arguments)
-        if found[0] is None and not said:
-            said = True
-            say(f"compiling the finite-element forms, once per machine (about {SECONDS} s)")
+        if found[0] is None and not announced:
+            announced = True
+            _log.info("compiling the finite-element forms, once per machine (about %d s)", SECONDS)
         return found
 
     jit.get_cached_module = looked_up

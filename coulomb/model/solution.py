@@ -76,4 +76,4 @@ def warn(answer: Solution) -> None:
         for text in strain.violations:
             _log.warning("outside small-strain theory: %s", text)
         for text in strain.mere_warnings:
-            _log.info("%s", text)
+            _log.warning("%s", text)

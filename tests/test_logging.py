@@ -1,0 +1,74 @@
+"""Messages of the library: logged under `coulomb`, shown by the command line."""
+
+import logging
+
+import pytest
+from conftest import ROOT, run_coulomb, run_python
+
+from coulomb.cli import console
+
+BLOCK = ROOT / "demos" / "block.toml"
+OLD_NAME = ("--set", "solver.method=fixed-point")
+SMALL = ("--set", "mesh.cells=[3,1,1]", "--set", "output.picture=false")
+MESSAGE = 'solver.method = "fixed-point" is now called "successive-tresca"'
+
+
+def test_a_library_user_sees_the_messages(tmp_path):
+    """With logging.basicConfig and nothing else; without it, warnings alone, by Python's handler of last resort."""
+    script = tmp_path / "user.py"
+    script.write_text(
+        "import logging, sys\n"
+        "if sys.argv[1:]:\n    logging.basicConfig(level=sys.argv[1])\n"
+        "import coulomb\nfrom coulomb.case.case import read_case\n"
+        f"case = read_case({str(BLOCK)!r}, ['solver.method=fixed-point', 'mesh.cells=[3,1,1]', 'material.young=210'])\n"
+        "answer = case.problem().solve(solver=case.contact_solver())\n"
+        "logging.getLogger('coulomb.model').info('information')\n"
+        "sys.exit(not answer.outside)\n"
+    )
+    seen = run_python(script, "INFO")
+    assert seen.returncode == 0, seen.stderr
+    assert f"WARNING:coulomb.case.case:{BLOCK}: {MESSAGE}" in seen.stderr
+    assert "WARNING:coulomb.model.solution:outside small-strain theory: " in seen.stderr
+    assert "INFO:coulomb.model:information" in seen.stderr and not seen.stdout
+    plain = run_python(script)
+    assert plain.returncode == 0 and MESSAGE in plain.stderr and "INFO" not in plain.stderr and not plain.stdout
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_the_command_line_shows_a_warning_once(tmp_path, ranks):
+    log = tmp_path / "run.log"
+    options = (*SMALL, *OLD_NAME, "--output", tmp_path / "out", "--log", log, "--quiet")
+    done = run_coulomb("run", BLOCK, *options, ranks=ranks)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.splitlines() == [f"warning: {BLOCK}: {MESSAGE}; the old name is still accepted"]
+    assert not done.stdout and log.read_text().count(MESSAGE) == 1
+
+
+def test_levels_on_the_command_line(capsys):
+    """Information on standard output unless quiet, warnings and errors on standard error, debugging nowhere."""
+    library = logging.getLogger("coulomb")
+    before = (list(library.handlers), library.level, library.propagate)
+    some = logging.getLogger("coulomb.some.module")
+
+    def log():
+        some.debug("detail")
+        some.info("information, %s", "as [bold]text[/bold]")
+        some.warning("caution")
+        some.error("fault")
+        logging.getLogger("coulomb.model.solution").warning("reported by the command itself")
+        return capsys.readouterr()
+
+    expected = "warning: caution\nerror: fault\n"
+    with console.showing_messages(console.console):
+        assert log() == ("information, as [bold]text[/bold]\n", expected)
+        with console.showing_messages(console.Console(quiet=True)):
+            assert log() == ("", expected)
+        assert log() == ("information, as [bold]text[/bold]\n", expected)
+    assert (list(library.handlers), library.level, library.propagate) == before
+
+
+def test_what_a_command_reports_is_not_shown_twice(tmp_path):
+    """Strains outside the theory: one error, no second message from the library."""
+    done = run_coulomb("run", BLOCK, *SMALL, "--set", "material.young=210.0", "--output", tmp_path)
+    assert done.returncode == 1 and "outside small-strain theory" not in done.stderr
+    assert done.stderr.count("outside the theory of small strains") == 1
