@@ -142,7 +142,7 @@ if not TYPE_CHECKING:  # a checker would take every name for one of ours
 
 def _write(solution: Solution, directory: str | Path) -> None:
     """The writer of `Solution.write`, loaded when it is first needed."""
-    import_module(".io.output", __name__).write(solution, directory)
+    import_module(".pictures.picture_of_run", __name__).write_with_picture(solution, directory)
 
 
 writing.supply(_write)

@@ -10,9 +10,10 @@ import h5py
 import numpy as np
 from mpi4py import MPI
 
-from coulomb.case.case import read_case, write_case
+from coulomb.case.case import read_case
 from coulomb.io import output
 from coulomb.io.history_files import HistoryFiles
+from coulomb.io.written_case import write_case
 
 BLOCK = """\
 [mesh]
@@ -118,7 +119,7 @@ def run_case(text, target):
     if settings.history is not None:
         settings.load_history().run(problem, HistoryFiles(target))
     else:
-        output.write(problem.solve(solver=settings.contact_solver()), target, picture=False)
+        output.write(problem.solve(solver=settings.contact_solver()), target)
     write_case(settings, target, MPI.COMM_SELF)
     return target
 

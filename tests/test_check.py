@@ -19,7 +19,7 @@ BLOCK = ROOT / "demos" / "block.toml"
 def run(tmp_path_factory):
     solution = make_block(4).solve()
     directory = tmp_path_factory.mktemp("check") / "run"
-    output.write(solution, directory, picture=False)
+    output.write(solution, directory)
     return solution, directory
 
 
@@ -70,13 +70,13 @@ def pressed(place):
 )
 def test_other_problems(problem, tmp_path):
     solution = problem().solve()
-    output.write(solution, tmp_path, picture=False)
+    output.write(solution, tmp_path)
     assert_same(check(tmp_path), solution.certificate)
 
 
 def test_far_from_the_origin(tmp_path):
     """DOLFINx writes fields as it evaluates them at the points: there it rounds by their coordinates."""
-    output.write(pressed(lambda x: x + np.array([[1000.0], [-500.0], [3000.0]])).solve(), tmp_path, picture=False)
+    output.write(pressed(lambda x: x + np.array([[1000.0], [-500.0], [3000.0]])).solve(), tmp_path)
     assert check(tmp_path).passed
 
 
@@ -150,7 +150,7 @@ def test_what_is_not_whole_is_refused(copy, spoil, message):
 
 
 def test_files_of_two_runs(copy, tmp_path):
-    output.write(make_block(3).solve(), tmp_path / "other", picture=False)
+    output.write(make_block(3).solve(), tmp_path / "other")
     for name in ("contact.h5", "contact.xdmf"):
         shutil.copy(tmp_path / "other" / name, copy / name)
     with pytest.raises(ValueError, match=r"contact.h5 does not fit to the mesh of solution.xdmf"):
@@ -162,7 +162,7 @@ def test_a_failed_run_says_so_again(tmp_path):
     try:
         problem.solve(solver=coulomb.SuccessiveTresca(max_iterations=2))
     except coulomb.NotConverged as failure:
-        output.write(problem.solution(failure.result), tmp_path, picture=False)
+        output.write(problem.solution(failure.result), tmp_path)
     assert json.loads((tmp_path / "summary.json").read_text())["status"] == "max_iterations"
     done = run_coulomb("check", tmp_path)
     assert done.returncode == 1 and "recorded by the run: certificate had FAILED" in done.stdout

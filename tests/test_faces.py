@@ -68,7 +68,7 @@ def test_matrix_free_and_written(tmp_path):
         files.rows[-1]["force_x"], abs=1e-6
     )
     assert check(tmp_path / "steps" / "0002").passed
-    write(last.solution, tmp_path / "single", picture=False)
+    write(last.solution, tmp_path / "single")
     assert check(tmp_path / "single").passed
 
 

@@ -8,7 +8,7 @@ from conftest import ROOT, STEEL, make_block, run_coulomb
 
 import coulomb
 from coulomb.case.case import read_case
-from coulomb.io import output
+from coulomb.pictures.picture_of_run import write_with_picture
 
 BLOCK = ROOT / "demos" / "block.toml"
 
@@ -53,7 +53,7 @@ def test_no_friction_on_a_part(solver):
 
 def test_picture_of_a_friction_field(tmp_path):
     solution = block_with(lambda x: np.where(x[0] > 1.5, 0.0, 0.4)).solve()
-    assert output.write(solution, tmp_path)["picture"] == "picture.png"
+    assert write_with_picture(solution, tmp_path)["picture"] == "picture.png"
 
 
 def test_slip_stress_as_a_function():

@@ -61,7 +61,7 @@ def test_slip_is_written_as_that_of_the_step(tmp_path):
     contact = Contact("bottom", 0.3, foundation=Plane((0, 0, 0), (0, 0, 1)), motion=way)
     problem = ContactProblem(coulomb.box((0.1, 0.1, 0.05), (4, 4, 3)), RUBBER, [Clamp("top")], contact)
     before, step = LoadHistory([1.5, 2.0]).steps(problem)
-    output.write(step.solution, tmp_path, picture=False)
+    output.write(step.solution, tmp_path)
     elasticity, nodes = step.solution.problem.elasticity, step.solution.problem.surface.nodes
     written = nodal_vectors(tmp_path / "contact.h5", "slip", elasticity.x, problem.comm, elsewhere=0.0)[nodes]
     slip = (step.solution.displacement - before.solution.displacement)[nodes] - [1e-3, 0.0, 0.0]

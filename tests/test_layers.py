@@ -30,9 +30,9 @@ def uses(path, *names):
 ROOMS = {
     "cli": {"benchmarks", "case", "io", "pictures", "model", "solvers", "linalg", "fem"},
     "benchmarks": {"io", "model", "solvers", "linalg", "fem"},
-    "io": {"case", "pictures", "model", "solvers", "linalg", "fem"},
+    "io": {"case", "model", "solvers", "linalg", "fem"},
     "case": {"model", "solvers", "linalg", "fem"},
-    "pictures": set(),
+    "pictures": {"io", "model"},
     "model": {"solvers", "linalg", "fem"},
     "solvers": {"linalg"},
     "linalg": set(),
@@ -92,14 +92,43 @@ def test_package_imports_neither_plotting_nor_command_line():
             assert not uses(path, "pyvista", "vtk", "vtkmodules", "matplotlib"), path
 
 
-LAUNCHES = PACKAGE / "pictures" / "overview_process.py"
-"""Runs in the command line's process."""
+LAUNCH = {PACKAGE / "pictures" / name for name in ("overview_process.py", "picture_of_run.py")}
+"""They run in the process that asks for a picture."""
 
 
-@pytest.mark.parametrize("path", sorted({*(PACKAGE / "pictures").rglob("*.py")} - {LAUNCHES}), ids=lambda p: p.name)
+READERS = ("coulomb.io.run_directory", "coulomb.io.field_files", "coulomb.arrays")
+"""The one reader of the run directory, for all rooms."""
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_the_reader_of_the_run_directory_stands_alone(name):
+    path = PACKAGE.parent / f"{name.replace('.', '/')}.py"
+    assert not uses(path, "dolfinx", "petsc4py", "mpi4py")
+    assert not [used for used in uses(path, "coulomb") if used != "coulomb" and not used.startswith(READERS)]
+
+
+NAMES_OF_FILES = (
+    "summary.json",
+    "history.csv",
+    "case.json",
+    "solution.xdmf",
+    "contact.xdmf",
+    "picture.png",
+    "run.lock",
+)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_one_module_knows_the_files_of_a_run(path):
+    """No other names one in code, only in words: docstrings, and messages that say more than the name."""
+    constants = {n.value for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Constant)}
+    assert path.name == "run_directory.py" or not constants.intersection((*NAMES_OF_FILES, "steps/", "report.html"))
+
+
+@pytest.mark.parametrize("path", sorted({*(PACKAGE / "pictures").rglob("*.py")} - LAUNCH), ids=lambda p: p.name)
 def test_what_draws_stands_alone(path):
-    """It runs without the package's `__init__` (coulomb.pictures.apart), and may use no other part of it."""
-    own = ("coulomb.pictures.plotting", "coulomb.pictures.report")
+    """It runs without the package's `__init__` (coulomb.pictures.apart), with nothing else but the files' format."""
+    own = ("coulomb.pictures.plotting", "coulomb.pictures.report", *READERS)
     assert not uses(path, "dolfinx", "petsc4py", "mpi4py")
     assert not [name for name in uses(path, "coulomb") if name != "coulomb" and not name.startswith(own)]
 

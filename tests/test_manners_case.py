@@ -199,7 +199,7 @@ def test_a_byte_order_mark_is_none_of_our_business():
 def test_a_case_written_by_a_run_may_have_a_mark_too():
     from mpi4py import MPI
 
-    from coulomb.case.case import write_case, written_case
+    from coulomb.io.written_case import write_case, written_case
 
     Path("case.toml").write_text(BLOCK)
     write_case(read_case("case.toml"), Path("out"), MPI.COMM_WORLD)

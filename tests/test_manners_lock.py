@@ -17,7 +17,8 @@ from mpi4py import MPI
 from test_load_history import rubbed
 
 from coulomb import HistoryFiles, LoadHistory
-from coulomb.io.lock import NAME, InUseError, locked, refuse_in_use
+from coulomb.io.lock import InUseError, locked, refuse_in_use
+from coulomb.io.run_directory import LOCK
 
 HISTORY = ROOT / "demos" / "history.toml"
 TINY = (
@@ -59,8 +60,8 @@ def left_behind(folder, **changes):
     script = "from mpi4py import MPI; import os, sys; from coulomb.io.lock import locked\n"
     script += "hold = locked(sys.argv[1], MPI.COMM_WORLD); hold.__enter__(); os.kill(os.getpid(), 9)"
     run_python("-c", script, folder)
-    told = json.loads((folder / NAME).read_text())
-    (folder / NAME).write_text(json.dumps({**told, **changes}))
+    told = json.loads((folder / LOCK).read_text())
+    (folder / LOCK).write_text(json.dumps({**told, **changes}))
 
 
 def without_flock():
@@ -70,7 +71,7 @@ def without_flock():
 @pytest.mark.parametrize("command", ["run", "resume"])
 def test_a_second_run_says_whose_the_directory_is_and_loses_nothing(command, tmp_path):
     assert run_coulomb("run", HISTORY, *TINY, cwd=tmp_path).returncode == 0
-    assert not (tmp_path / "out" / NAME).exists()
+    assert not (tmp_path / "out" / LOCK).exists()
     with another_run(tmp_path / "out", tmp_path) as other:
         before = everything(tmp_path / "out")
         arguments = ("run", HISTORY, *TINY) if command == "run" else ("resume", "out")
@@ -101,13 +102,13 @@ def test_a_killed_run_holds_nothing(tmp_path):
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    assert json.loads((folder / NAME).read_text())["pid"] == process.pid
+    assert json.loads((folder / LOCK).read_text())["pid"] == process.pid
     (folder / ".partial-abc").mkdir()
     refuse_in_use(folder, comm)
     with locked(folder, comm):
-        assert json.loads((folder / NAME).read_text())["pid"] == os.getpid()
+        assert json.loads((folder / LOCK).read_text())["pid"] == os.getpid()
         assert not (folder / ".partial-abc").exists()  # what it was writing
-    assert not (folder / NAME).exists()
+    assert not (folder / LOCK).exists()
 
 
 @pytest.mark.parametrize("flock", [True, False])
@@ -122,9 +123,9 @@ def test_who_holds_a_lock_that_was_left_behind(flock, tmp_path):
             pass
         left_behind(tmp_path, host="elsewhere", started="another-boot 77")
         for ask in (lambda: refuse_in_use(tmp_path, comm), lambda: locked(tmp_path, comm).__enter__()):
-            with pytest.raises(InUseError, match=rf"on elsewhere.*cannot be seen from .*remove .*{NAME}"):
+            with pytest.raises(InUseError, match=rf"on elsewhere.*cannot be seen from .*remove .*{LOCK}"):
                 ask()
-        (tmp_path / NAME).unlink()
+        (tmp_path / LOCK).unlink()
         with locked(tmp_path, comm):
             pass
 
@@ -134,7 +135,7 @@ def test_without_flock_a_living_process_holds_it(tmp_path):
         for ask in (lambda: refuse_in_use(tmp_path, comm), lambda: locked(tmp_path, comm).__enter__()):
             with pytest.raises(InUseError, match=f"in use by process {other.pid} "):
                 ask()
-        (tmp_path / NAME).write_text("")  # made, and not yet written
+        (tmp_path / LOCK).write_text("")  # made, and not yet written
         with pytest.raises(InUseError, match="a run that has just begun; if that run is known to have ended, remove"):
             refuse_in_use(tmp_path, comm)
 
@@ -154,7 +155,7 @@ def test_a_history_from_python_holds_its_directory(tmp_path):
     LoadHistory([1.0]).run(
         rubbed(2),
         HistoryFiles(tmp_path / "out"),
-        on_step=lambda _: held.append((tmp_path / "out" / NAME).exists()),
+        on_step=lambda _: held.append((tmp_path / "out" / LOCK).exists()),
     )
     assert held == [True]
     with another_run(tmp_path / "out", tmp_path), pytest.raises(ValueError, match="is in use by process"):

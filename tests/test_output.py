@@ -11,17 +11,19 @@ from conftest import make_block, solved_block
 
 from coulomb import SuccessiveTresca
 from coulomb.io import output
+from coulomb.io.field_files import read_grid
 from coulomb.io.summary import summary
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 from coulomb.pictures import apart
-from coulomb.pictures.plotting import ZONES, read_grid
+from coulomb.pictures.picture_of_run import write_with_picture
+from coulomb.pictures.plotting import ZONES
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     solution = solved_block(6)
     directory = tmp_path_factory.mktemp("run")
-    output.write(solution, directory)
+    solution.write(directory)
     return solution, directory
 
 
@@ -102,7 +104,7 @@ def test_history(run):
 
 def test_history_of_successive_tresca(tmp_path):
     solution = make_block(2).solve(solver=SuccessiveTresca())
-    output.write(solution, tmp_path, picture=False)
+    output.write(solution, tmp_path)
     with (tmp_path / "history.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == solution.result.iterations
@@ -133,7 +135,7 @@ def test_tresca_counts_slip_on_open_nodes_too():
 
 def test_results_are_replaced_only_when_complete(tmp_path, monkeypatch):
     solution = solved_block(4)
-    output.write(solution, tmp_path, picture=False)
+    output.write(solution, tmp_path)
     (tmp_path / "notes.txt").write_text("mine")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
 
@@ -142,13 +144,13 @@ def test_results_are_replaced_only_when_complete(tmp_path, monkeypatch):
 
     monkeypatch.setattr(output, "_write_history", fail)
     with pytest.raises(OSError, match="No space"):
-        output.write(solution, tmp_path, picture=False)
+        output.write(solution, tmp_path)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_a_picture_that_cannot_be_drawn_loses_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(apart.sys, "executable", "/nonexistent/python")
-    contents = output.write(solved_block(4), tmp_path)
+    contents = write_with_picture(solved_block(4), tmp_path)
     assert contents["picture"].startswith("could not be drawn")
     assert json.loads((tmp_path / "summary.json").read_text())["certificate"]["passed"]
     assert not (tmp_path / "picture.png").exists() and (tmp_path / "contact.h5").exists()

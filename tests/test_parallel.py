@@ -216,10 +216,10 @@ def test_a_rank_without_contact_nodes():
 
 def test_output_is_written_by_all_ranks(shared_directory):
     solution = make_block(4).solve()
-    contents = output.write(solution, shared_directory / "run", picture=False)
+    contents = output.write(solution, shared_directory / "run")
     assert len(set(comm.allgather(json.dumps(contents)))) == 1
     if comm.rank == 0:
-        from coulomb.pictures.plotting import read_grid
+        from coulomb.io.field_files import read_grid
 
         body, contact = (read_grid(shared_directory / "run" / f"{name}.xdmf") for name in ("solution", "contact"))
         assert len(body.points) == 13 * 5 * 5 and len(contact.points) == 13 * 5

@@ -109,7 +109,7 @@ def test_the_camera_sees_everything_and_little_else(lengths, view):
 @pytest.fixture(scope="module")
 def block(tmp_path_factory):
     directory = tmp_path_factory.mktemp("pictures") / "block"
-    output.write(solved_block(6), directory, picture=False)
+    output.write(solved_block(6), directory)
     return read_run(directory)
 
 
@@ -174,7 +174,7 @@ def test_views_stand_above_or_beside_each_other_as_the_body_is_wide_or_not(tmp_p
     )
     solution = problem.solve()
     assert not solution.contact_force.any()
-    output.write(solution, tmp_path, picture=False)
+    output.write(solution, tmp_path)
     width, height = Image.open(overview.draw(tmp_path)).size
     assert (width < height) == wide
 
@@ -188,7 +188,7 @@ def test_a_thin_body_is_not_turned_inside_out(tmp_path):
         Contact("bottom", 0.3),
         [Traction("top", (0.0, 0.0, -4e7))],
     )
-    output.write(problem.solve(), tmp_path, picture=False)
+    output.write(problem.solve(), tmp_path)
     run = read_run(tmp_path)
     body, scale = run.steps[0].grid("solution"), automatic_scale(run)
     height = (body.points + scale * body.fields["displacement"])[:, 2]

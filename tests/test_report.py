@@ -212,7 +212,7 @@ def test_a_history_that_did_not_end_says_so(history, tmp_path):
 def test_a_run_from_python_has_no_case(tmp_path):
     (tmp_path / "case.json").write_text("{}")  # of an earlier run: not of this one
     (tmp_path / "report.html").write_text("")
-    output.write(solved_block(6), tmp_path, picture=False)
+    output.write(solved_block(6), tmp_path)
     assert not (tmp_path / "case.json").exists() and not (tmp_path / "report.html").exists()
     page.write(tmp_path, tmp_path / "report.html")
     assert "loads (20, 30, −120) MN in all" in words_of(tmp_path) and "49 nodes held" in words_of(tmp_path)

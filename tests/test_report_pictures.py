@@ -8,7 +8,8 @@ import pytest
 from conftest import run_coulomb
 from PIL import Image
 
-from coulomb.pictures.plotting import ZONES, read_grid
+from coulomb.io.field_files import read_grid
+from coulomb.pictures.plotting import ZONES
 from coulomb.pictures.report import picture
 from coulomb.pictures.report.files import read_run
 from coulomb.pictures.report.picture import plot

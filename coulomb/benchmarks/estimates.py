@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -12,6 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
+from ..io.run_directory import RunDirectory
 from ..linalg.methods import LinearSolver
 from ..linalg.stiffness import DirectSolver, IterativeSolver
 from ..model.estimate import estimate
@@ -62,7 +62,7 @@ def measure(sizes: Iterable[int]) -> Iterator[Row]:
                 process.returncode = os.waitstatus_to_exitcode(status)
                 if process.returncode != 0:
                     raise RuntimeError(f"p = {p}, {name}: coulomb run ended with {process.returncode}")
-                told = json.loads((Path(directory) / "summary.json").read_text(encoding="utf-8"))
+                told = RunDirectory(Path(directory)).read_summary()
             n, m = told["unknowns"]["displacement"], told["unknowns"]["contact"]
             expected = estimate(n, m, 1, solver, explicit)
             seconds = used.ru_utime + used.ru_stime

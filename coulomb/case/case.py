@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,7 +26,7 @@ from .contact import ContactTable, ContactTables, HistoryTable
 from .faults import fault_of, tables_of_several
 from .renamed import renamed
 from .solver import OutputTable, SolverTable
-from .text import LARGEST, apply, parsed, read_text
+from .text import apply, parsed, read_text
 from .values import TABLES, AmplitudeTable, Vector
 
 if TYPE_CHECKING:  # what needs DOLFINx or PETSc is loaded when a case that is right becomes a problem
@@ -226,42 +225,6 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
         return Case.model_validate(tables)
     except ValidationError as error:
         raise fault_of(error, str(path), Case) from None
-
-
-def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:
-    """Keep a case as DIRECTORY/case.json, for `written_case`; collective.
-
-    Raises:
-        OSError: On every rank, if it cannot be written.
-    """
-
-    def write() -> str:
-        directory.mkdir(parents=True, exist_ok=True)
-        tables = case.model_dump(mode="json", exclude_unset=True)
-        for key in FILES.intersection(tables["mesh"]):
-            tables["mesh"][key] = str(Path(tables["mesh"][key]).absolute())
-        (directory / "case.json").write_text(json.dumps(tables, indent=2) + "\n", encoding="utf-8")
-        return ""
-
-    on_rank_0(comm, write)
-
-
-def written_case(directory: Path) -> Case:
-    """The case that a run has kept in its directory; the same on every rank.
-
-    Raises:
-        ValueError: On every rank, if there is none or it cannot be read.
-    """
-    try:
-        text = on_rank_0(launched(), lambda: read_text(directory / "case.json", 20 * LARGEST))
-    except OSError as error:
-        raise ValueError(
-            f"{directory}: no case to resume: case.json cannot be read: {error.strerror or error}"
-        ) from None
-    try:
-        return Case.model_validate_json(text)
-    except ValidationError as error:
-        raise fault_of(error, f"{directory}/case.json", Case) from None
 
 
 def _beside(case: Path, tables: dict[str, Any]) -> None:

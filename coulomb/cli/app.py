@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .. import process
-from ..case.case import read_case, written_case
+from ..case.case import read_case
+from ..io.written_case import written_case
 from ..ranks import launched
 from ..version import __version__
 from .benchmark_commands import benchmark

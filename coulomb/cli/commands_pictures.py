@@ -12,15 +12,13 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
+from ..io.run_directory import REPORT, RunDirectory
 from ..pictures import apart, overview_process
 from ..ranks import launched, on_rank_0
 from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
 
 if TYPE_CHECKING:
     from ..case.case import Case
-
-PAGE = "report.html"
-"""Name of the report in the directory of its run."""
 
 Directory = Annotated[Path, typer.Argument(help="Where a run has left its results.")]
 
@@ -64,12 +62,12 @@ def plot(
 
 def report(
     directory: Directory,
-    save: Annotated[Path | None, typer.Option(help=f"The page; DIRECTORY/{PAGE} by default.")] = None,
+    save: Annotated[Path | None, typer.Option(help=f"The page; DIRECTORY/{REPORT} by default.")] = None,
 ) -> None:
     """Write one HTML page about a run, certified or not: case, certificate, pictures, convergence, a 3D view."""
     refuse_ranks("coulomb report")
     _refuse_nowhere(save)
-    _apart("page", [str(directory), str(save or directory / PAGE)], seconds=None)
+    _apart("page", [str(directory), str(save or RunDirectory(directory).report)], seconds=None)
 
 
 @contextmanager
@@ -101,8 +99,10 @@ def write_report(directory: Path, stop: Callable[[], bool]) -> str:
     """
 
     def write() -> str:
-        code, said = apart.run("coulomb.pictures.report", ["page", str(directory), str(directory / PAGE)], stop=stop)
-        return f"{PAGE} could not be written: {said}" if code else ""
+        code, said = apart.run(
+            "coulomb.pictures.report", ["page", str(directory), str(RunDirectory(directory).report)], stop=stop
+        )
+        return f"{REPORT} could not be written: {said}" if code else ""
 
     return on_rank_0(launched(), write)
 

@@ -13,19 +13,21 @@ import typer
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-from ..case.case import Case, write_case
+from ..case.case import Case
 from ..fem.compilation import announce
 from ..io import output
 from ..io.case_record import case_record, refuse_another_case
-from ..io.history_files import HistoryFiles, refuse_steps
+from ..io.history_files import HistoryFiles, refuse_steps, steps_on_disk, whole_history
 from ..io.lock import locked
-from ..io.restart import history_in, steps_in
+from ..io.run_directory import PICTURE, RunDirectory
 from ..io.summary import summary
+from ..io.written_case import write_case
 from ..model.acceptance import left_open
 from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
+from ..pictures import picture_of_run
 from ..pictures.apart import Apart
 from ..ranks import on_rank_0
 from ..solvers.results import NotConverged, Status
@@ -97,10 +99,10 @@ def _solve_once(
     written = True
     stopped = session.interruption
     try:
-        contents = output.write(solution, target, False, {"message": trouble})
+        contents = output.write(solution, target, {"message": trouble})
         write_case(settings, target, problem.comm)
         if settings.output.picture and not stopped.asked():
-            contents = output.add_picture(contents, target, problem.comm, lambda: stopped.told, renderer)
+            contents = picture_of_run.add_picture(contents, target, problem.comm, lambda: stopped.told, renderer)
     except OSError as error:
         contents, written = summary(solution), False
         trouble += f"{'; ' if trouble else ''}{target}: cannot be written: {error.strerror or error}"
@@ -136,7 +138,7 @@ def take_steps(session: Session, settings: Case, problem: ContactProblem, target
     with _holding(target, problem.comm):
         with bad_input():
             record = case_record(settings, problem.comm)
-            done = problem.comm.bcast(len(steps_in(target)) if problem.comm.rank == 0 else None)
+            done = steps_on_disk(target, problem.comm)
             changed = refuse_another_case(settings, target, done, problem.comm) if resume and done else []
             if not resume:
                 refuse_steps(target, done)
@@ -195,12 +197,12 @@ def _take_steps(
         if failure.result.status is Status.INTERRUPTED:
             code = INTERRUPTED
         else:
-            trouble += _keep_failed(failure, target / "failed")
+            trouble += _keep_failed(failure, RunDirectory(target).failed.path)
     except OSError as error:
         trouble = (
             f"{target}: cannot be written: {error.strerror or error}; free some space, then: coulomb resume {target}"
         )
-    told = comm.bcast(history_in(target) if comm.rank == 0 else None)
+    told = whole_history(target, comm)
     if told is not None:
         if settings.output.picture and code != INTERRUPTED:
             _draw_last(session, target, comm)
@@ -211,7 +213,7 @@ def _take_steps(
         raise typer.Exit(INTERRUPTED)
     if trouble:
         if code == INTERRUPTED:
-            done = comm.bcast(len(steps_in(target)) if comm.rank == 0 else None)
+            done = steps_on_disk(target, comm)
             trouble += f"; the {done} load steps before are in {target}{os.sep}; to go on: coulomb resume {target}"
         errors.print(f"error: {trouble}", markup=False)
     if trouble or not all(row["valid"] for row in files.rows):
@@ -233,9 +235,9 @@ def _draw_last(session: Session, target: Path, comm: MPI.Comm) -> None:
     stopped = session.interruption
     if stopped.asked():
         return
-    trouble = on_rank_0(comm, lambda: output.draw(target, lambda: stopped.told))
+    trouble = on_rank_0(comm, lambda: picture_of_run.draw(target, lambda: stopped.told))
     if trouble and not stopped.asked():
-        errors.print(f"warning: picture.png {trouble}", markup=False)
+        errors.print(f"warning: {PICTURE} {trouble}", markup=False)
 
 
 def _cut_short(settings: Case, target: Path) -> str:
@@ -248,7 +250,7 @@ def _cut_short(settings: Case, target: Path) -> str:
 
 def _keep_failed(failure: StepFailed, target: Path) -> str:
     try:
-        output.write(failure.problem.solution(failure.result), target, picture=False)
+        output.write(failure.problem.solution(failure.result), target)
     except OSError as error:
         return f"; what it got to could not be written: {error.strerror or error}"
     return f"; what it got to is in {target}"

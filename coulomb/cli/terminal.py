@@ -12,6 +12,7 @@ import numpy as np
 from rich.console import Console
 
 from ..fem import compat
+from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
@@ -124,7 +125,7 @@ def report(console: Console, solution: Solution, contents: dict[str, Any], targe
     refuse(solution.outside)
     picture = contents.get("picture", "")
     if "could not" in picture:
-        errors.print(f"warning: picture.png {picture}", markup=False)
+        errors.print(f"warning: {PICTURE} {picture}", markup=False)
     if target is not None:
         console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
 

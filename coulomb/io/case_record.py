@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from ..case.case import FILES, Case
 from ..ranks import on_rank_0
 from .restart import read_step
+from .run_directory import RunDirectory
 
 _FREE = ("output", "solver", "history.halvings", "small_strain")
 """What may change from one step to the next: where results go, how, not what, is solved, and which strains count."""
@@ -53,7 +54,7 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
     Raises:
         ValueError: On every rank, with the differences, if there are others.
     """
-    step = directory / "steps" / f"{number:04d}"
+    step = RunDirectory(directory).step(number).path
     before = read_step(step, comm).get("case")
     if not isinstance(before, dict) or not {"tables", "files"} <= before.keys():
         raise ValueError(f"{step}: does not say from which case it was computed; run the case anew")

@@ -5,18 +5,22 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+
+from mpi4py import MPI
 
 from ..model.load_step import Energy, LoadStep, State
 from ..model.problem import ContactProblem
 from ..ranks import on_rank_0
 from . import output
+from .field_files import data_of
 from .history_summary import Told, added, whole
 from .lock import locked
-from .restart import nodal_vectors, read_step, read_summary, steps_in
+from .restart import nodal_vectors, read_step, read_summary
+from .run_directory import FIELDS, HISTORY, RunDirectory, step_place
 
 
 class HistoryFiles:
@@ -31,6 +35,7 @@ class HistoryFiles:
         case: What is being computed, kept in the summary of every step under step.case (`case_record`).
 
     Attributes:
+        directory: Of the history.
         rows: The lines of history.csv so far.
 
     Raises:
@@ -40,7 +45,7 @@ class HistoryFiles:
     """
 
     def __init__(self, directory: str | Path, *, resume: bool = False, case: Mapping[str, Any] | None = None):
-        self.directory = Path(directory)
+        self.directory = RunDirectory(Path(directory))
         self.rows: list[dict[str, Any]] = []
         self._resume, self._case = resume, case
         self._start = 0.0
@@ -51,11 +56,11 @@ class HistoryFiles:
     def recording(self, problem: ContactProblem, beginning: State) -> Iterator[State]:
         """The directory is this run's meanwhile; gives the state to go on from (`Recorder`)."""
         comm = problem.comm
-        with locked(self.directory, comm):
-            found = comm.bcast(steps_in(self.directory) if comm.rank == 0 else None)
+        with locked(self.directory.path, comm):
+            found = comm.bcast(self.directory.complete_steps if comm.rank == 0 else None)
             if not self._resume:
-                refuse_steps(self.directory, len(found))
-            told = [read_summary(self._step(number), comm) for number in found]
+                refuse_steps(self.directory.path, len(found))
+            told = [read_summary(self.directory.step(number).path, comm) for number in found]
             self.rows, self._history = [summary["step"]["row"] for summary in told], whole(told)
             self._start, self._seconds = beginning.time, problem.seconds
             yield self._restored(problem, found[-1]) if found else beginning
@@ -69,13 +74,10 @@ class HistoryFiles:
             own[name] = own.get(name, 0.0) + value
         self._seconds = {}
         extra = {"step": self._record(step, row)}
-        contents = output.write(step.solution, self._step(step.state.number), picture=False, extra=extra)
+        contents = output.write(step.solution, self.directory.step(step.state.number).path, extra=extra)
         self.rows.append(row)
         self._history = added(self._history, contents)
         on_rank_0(comm, lambda: self._write_whole(contents))
-
-    def _step(self, number: int) -> Path:
-        return self.directory / "steps" / f"{number:04d}"
 
     def _record(self, step: LoadStep, row: dict[str, Any]) -> dict[str, Any]:
         """What summary.json of a step keeps for going on."""
@@ -97,29 +99,29 @@ class HistoryFiles:
         Raises:
             ValueError: On every rank, if the files cannot be read or belong to another mesh.
         """
-        step = self._step(number)
-        record = read_step(step, problem.comm)
+        step = self.directory.step(number)
+        record = read_step(step.path, problem.comm)
         x = problem.elasticity.x
         return State(
             number=number,
             time=record["time"],
             energy=Energy(**record["energy"]),
-            displacement=nodal_vectors(step / "solution.h5", "displacement", x, problem.comm),
-            on_body=nodal_vectors(step / "contact.h5", "contact_force", x, problem.comm, elsewhere=0.0),
+            displacement=nodal_vectors(data_of(step.solution), "displacement", x, problem.comm),
+            on_body=nodal_vectors(data_of(step.contact), "contact_force", x, problem.comm, elsewhere=0.0),
             pending=tuple(record["pending"]),
         )
 
     def _write_whole(self, last: dict[str, Any]) -> str:
         """history.csv, the time series over the steps' own files, and the summary, replaced whole; on one rank."""
         folder, rows = self.directory, self.rows
-        partial = folder / ".history.csv"
+        partial = folder.history.with_name(f".{HISTORY}")
         with partial.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, list(rows[0]))
             writer.writeheader()
             writer.writerows(rows)
-        os.replace(partial, folder / "history.csv")
-        for name in ("solution.xdmf", "contact.xdmf"):
-            output.write_series(folder, name, [(f"steps/{row['step']:04d}", row["time"]) for row in rows])
+        os.replace(partial, folder.history)
+        for name in FIELDS:
+            output.write_series(folder.path, name, [(step_place(row["step"]), row["time"]) for row in rows])
         contents = {
             "steps": len(rows),
             "time": rows[-1]["time"],
@@ -128,7 +130,7 @@ class HistoryFiles:
             "history": {"start": self._start, **self._history},
             "last": last,
         }
-        output.write_json(contents, folder / "summary.json")
+        output.write_json(contents, folder.summary)
         return ""
 
 
@@ -143,3 +145,19 @@ def refuse_steps(folder: Path, found: int) -> None:
             f"{folder} already holds {found} load steps: continue with `coulomb resume {folder}`, remove it, "
             "or choose another directory"
         )
+
+
+def steps_on_disk(folder: Path, comm: MPI.Comm) -> int:
+    """How many load steps are complete in a directory, the same on every rank; collective."""
+    number: int = comm.bcast(len(RunDirectory(folder).complete_steps) if comm.rank == 0 else 0)
+    return number
+
+
+def whole_history(folder: Path, comm: MPI.Comm) -> Told | None:
+    """The entry `history` of the summary of a load history; None where it cannot be read; collective."""
+    told: Told | None = None
+    if comm.rank == 0:
+        with suppress(ValueError):
+            told = RunDirectory(folder).read_summary().get("history")
+    told = comm.bcast(told)
+    return told

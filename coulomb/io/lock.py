@@ -25,9 +25,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from ..ranks import on_rank_0
-
-NAME = "run.lock"
-"""Of the file, in the directory of a run for as long as it runs."""
+from .run_directory import LOCK
 
 _held: dict[Path, int] = {}
 """Descriptors of the locks of this process, which may ask twice for the same."""
@@ -92,7 +90,7 @@ def locked(directory: str | Path, comm: MPI.Comm) -> Iterator[None]:
         made.extend(_make(folder))
         if folder.resolve() not in _held:
             try:
-                _held[folder.resolve()] = _take(folder / NAME)
+                _held[folder.resolve()] = _take(folder / LOCK)
             except InUseError as error:
                 return str(error)
             mine = True
@@ -106,7 +104,7 @@ def locked(directory: str | Path, comm: MPI.Comm) -> Iterator[None]:
     finally:
         if mine:
             with suppress(OSError):
-                (folder / NAME).unlink()
+                (folder / LOCK).unlink()
             os.close(_held.pop(folder.resolve()))
         for path in made:  # of a run that was refused nothing is left
             with suppress(OSError):
@@ -119,7 +117,7 @@ def refuse_in_use(directory: str | Path, comm: MPI.Comm) -> None:
     Raises:
         InUseError: On every rank, as `locked`.
     """
-    path = Path(directory) / NAME
+    path = Path(directory) / LOCK
 
     def look() -> str:
         try:

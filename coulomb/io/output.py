@@ -1,4 +1,4 @@
-"""Results on disk: XDMF fields, summary, history, picture; and the numbers in the summary."""
+"""Results on disk: XDMF fields, summary, history; and the numbers in the summary."""
 
 from __future__ import annotations
 
@@ -30,19 +30,18 @@ from ..model.nodal_answer import HELD, NodalAnswer
 from ..model.problem import ContactProblem
 from ..model.provenance import moment, now, provenance
 from ..model.solution import Solution
-from ..pictures import overview_process
-from ..pictures.apart import Apart
 from ..process import hushed
 from ..ranks import on_rank_0
 from ..solvers.results import OuterStep, QPStep
+from .field_files import data_of
 from .point_values import dof_of_point, overwrite
+from .run_directory import CASE, CONTACT, FIELDS, HISTORY, PICTURE, REPORT, SOLUTION, SUMMARY
 from .summary import summary
 
 
 def write(
     solution: Solution,
     directory: str | Path,
-    picture: bool = True,
     extra: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Write everything into a directory; files already there are replaced only when all new ones are complete.
@@ -50,7 +49,6 @@ def write(
     Args:
         solution: What to write, converged or not.
         directory: Made if need be.
-        picture: Whether to draw picture.png.
         extra: More entries for summary.json.
 
     Returns:
@@ -64,20 +62,20 @@ def write(
     folder = Path(on_rank_0(comm, lambda: _make_partial(target)))
     try:
         refuse_full_disk(problem, folder)
-        _write_body(solution, str(folder / "solution.xdmf"))
-        _write_contact(solution, str(folder / "contact.xdmf"))
+        _write_body(solution, str(folder / SOLUTION))
+        _write_contact(solution, str(folder / CONTACT))
         contents = {**summary(solution), **(extra or {})}
         contents["run"] = provenance(problem.started, comm)
 
         def finish() -> str:
-            for name in ("solution.xdmf", "contact.xdmf"):
+            for name in FIELDS:
                 _one_grid(folder / name, problem.time)
-            _write_history(solution.result.history, folder / "history.csv")
+            _write_history(solution.result.history, folder / HISTORY)
             contents["seconds"]["output"] = time.perf_counter() - began
             contents["picture"] = "not asked for"
             contents["run"]["ended"] = moment(now())
-            write_json(contents, folder / "summary.json")
-            for name in ("case.json", "report.html", "picture.png"):  # of other results; who has a case writes it after
+            write_json(contents, folder / SUMMARY)
+            for name in (CASE, REPORT, PICTURE):  # of other results; who has a case writes it after
                 (target / name).unlink(missing_ok=True)
             for file in sorted(folder.iterdir()):
                 os.replace(file, target / file.name)
@@ -88,45 +86,8 @@ def write(
         comm.barrier()
         if comm.rank == 0:
             shutil.rmtree(folder, ignore_errors=True)
-    if picture:
-        contents = add_picture(contents, target, comm)
     problem.seconds.update(contents["seconds"])
     return contents
-
-
-def add_picture(
-    contents: dict[str, Any],
-    target: Path,
-    comm: MPI.Comm,
-    stop: Callable[[], bool] = lambda: False,
-    renderer: Apart | None = None,
-) -> dict[str, Any]:
-    """Draw picture.png of results that are on disk, and say so in their summary; collective.
-
-    Args:
-        contents: The summary.
-        target: Where they are.
-        comm: The ranks.
-        stop: Asked now and then whether to give it up.
-        renderer: The process that draws, if it has begun already.
-
-    Returns:
-        The summary, with the picture and its seconds.
-
-    Raises:
-        OSError: On every rank, if the summary cannot be written.
-    """
-
-    def add() -> str:
-        drawing = time.perf_counter()
-        trouble = draw(target, stop, renderer)
-        contents["picture"] = "interrupted" if trouble and stop() else trouble or "picture.png"
-        contents["seconds"]["picture"] = time.perf_counter() - drawing
-        contents["run"]["ended"] = moment(now())
-        write_json(contents, target / "summary.json")
-        return json.dumps(contents)
-
-    return dict(json.loads(on_rank_0(comm, add)))
 
 
 def _make_partial(target: Path) -> str:
@@ -143,7 +104,7 @@ def _write_body(solution: Solution, path: str) -> None:
     domain, comm = elasticity.mesh.domain, solution.problem.comm
     _write_fields(comm, path, domain, [*nodal, elasticity.von_mises(u), elasticity.young, elasticity.poisson])
     owned = dof_of_point(domain, elasticity.V)[: domain.geometry.index_map().size_local]
-    overwrite(comm, _data_of(path), domain, {f.name: f.x.array.reshape(-1, 3)[owned] for f in nodal})
+    overwrite(comm, str(data_of(path)), domain, {f.name: f.x.array.reshape(-1, 3)[owned] for f in nodal})
 
 
 def contact_fields(solution: Solution) -> dict[str, FloatArray]:
@@ -249,12 +210,7 @@ def _write_contact(solution: Solution, path: str) -> None:
         functions.append(function)
         exact[name] = spread[points]
     _write_fields(problem.comm, path, sub, functions)
-    overwrite(problem.comm, _data_of(path), sub, exact)
-
-
-def _data_of(path: str) -> str:
-    """The HDF5 file of an XDMF file."""
-    return str(Path(path).with_suffix(".h5"))
+    overwrite(problem.comm, str(data_of(path)), sub, exact)
 
 
 def _one_grid(path: Path, time: float) -> None:
@@ -311,24 +267,6 @@ def write_json(contents: dict[str, Any], path: Path) -> None:
     partial = path.with_name(f".{path.name}")
     partial.write_text(json.dumps(_finite(contents), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     os.replace(partial, path)
-
-
-def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: Apart | None = None) -> str:
-    """Draw picture.png of a run, or of the end of a load history; what went wrong, or nothing.
-
-    In a process of its own: a renderer may take it down.
-
-    Args:
-        directory: Of the run.
-        stop: Asked now and then whether to give it up.
-        renderer: The process that draws, if it has begun already (`overview_process.begin`).
-    """
-    code, said = (renderer or overview_process.begin()).finish(str(directory.absolute()), stop=stop)
-    if not code:
-        return ""
-    for name in ("picture.png", ".picture.png"):  # of what was there before, and half a picture
-        (directory / name).unlink(missing_ok=True)
-    return f"could not be drawn: {said}"
 
 
 def _finite(value: Any) -> Any:

@@ -18,6 +18,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem import compat
+from .field_files import dataset
 
 
 def dof_of_point(domain: Any, V: Any) -> npt.NDArray[np.int64]:
@@ -51,8 +52,7 @@ def overwrite(comm: MPI.Comm, path: str, domain: Any, fields: Mapping[str, Float
             start, part = own if rank == 0 else comm.recv(source=rank)
             try:
                 if not fault:
-                    group = file[f"Function/{name}"]
-                    group[next(iter(group))][start : start + len(part)] = part
+                    dataset(file, name)[start : start + len(part)] = part
             except (OSError, KeyError, TypeError, ValueError) as error:
                 fault = str(error) or type(error).__name__
     if file is not None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
-import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
@@ -20,7 +17,9 @@ from ..fem import compat
 from ..fem.body import ElasticBody
 from ..fem.meshes import corners_of, local_facets
 from ..model.nodal_answer import HELD
+from .field_files import data_of, read_fields, refuse_misnamed
 from .recheck.comparison import OF_LARGEST
+from .run_directory import OLD, SOLUTION, RunDirectory
 
 ON_CELLS = ("von_mises_stress", "young", "poisson")
 """Fields of solution.h5, one number per cell."""
@@ -35,7 +34,6 @@ ON_FACE = (
 """Fields of contact.h5, one number or vector per node of the contact face."""
 
 _NEEDED = ("law", "mean_compliance", "totals", "certificate")
-_OLD = "not whole, or written by another version of coulomb: run the case again"
 
 Fields = dict[str, FloatArray]
 
@@ -69,6 +67,11 @@ class WrittenRun:
     node: npt.NDArray[np.int64]
     facets: npt.NDArray[np.int64]
     number: npt.NDArray[np.int32]
+
+    @property
+    def files(self) -> RunDirectory:
+        """Where its files are."""
+        return RunDirectory(self.folder)
 
     @property
     def size(self) -> float:
@@ -107,34 +110,36 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
     Raises:
         ValueError: If a file is missing, cannot be read, or does not fit to the others.
     """
-    summary = read_summary(folder / "summary.json", _NEEDED)
-    _sound(summary, folder / "summary.json")
-    for name in ("solution.xdmf", "contact.xdmf", "solution.h5", "contact.h5"):
-        if not (folder / name).is_file():
-            raise ValueError(f"{folder}: is not whole: there is no {name}")
-    _shown_as_named(folder / "solution.xdmf", (*ON_CELLS, *ON_BODY))
-    _shown_as_named(folder / "contact.xdmf", ON_FACE)
+    files = RunDirectory(folder)
+    summary = files.read_summary(_NEEDED)
+    _sound(summary, files.summary)
+    body_data, face_data = data_of(files.solution), data_of(files.contact)
+    for path in (files.solution, files.contact, body_data, face_data):
+        if not path.is_file():
+            raise ValueError(f"{folder}: is not whole: there is no {path.name}")
+    refuse_misnamed(files.solution, (*ON_CELLS, *ON_BODY))
+    refuse_misnamed(files.contact, ON_FACE)
     try:
-        points, cells, in_file = _read(folder / "solution.h5", (*ON_CELLS, *ON_BODY))
-        corners, facets, on_face = _read(folder / "contact.h5", ON_FACE)
+        points, cells, in_file = read_fields(body_data, (*ON_CELLS, *ON_BODY))
+        corners, facets, on_face = read_fields(face_data, ON_FACE)
         for name in ON_CELLS:
-            _fits(folder / "solution.h5", name, in_file[name], (len(cells),))
+            _fits(body_data, name, in_file[name], (len(cells),))
         for name in ON_BODY:
-            _fits(folder / "solution.h5", name, in_file[name], (len(points), 3))
+            _fits(body_data, name, in_file[name], (len(points), 3))
         vectors = {"friction_traction", "slip", "contact_force", "normal", "slip_origin"}
         for name in ON_FACE:
             shape = (len(corners), 3) if name in vectors else (len(corners),)
-            _fits(folder / "contact.h5", name, on_face[name], shape)
+            _fits(face_data, name, on_face[name], shape)
         on_face["x"] = corners
         same = like is not None and np.array_equal(like.points, points) and np.array_equal(like.cells, cells)
-        domain = like.body.domain if like and same else compat.read_mesh(MPI.COMM_SELF, str(folder / "solution.xdmf"))
+        domain = like.body.domain if like and same else compat.read_mesh(MPI.COMM_SELF, str(files.solution))
         of_cell = np.asarray(domain.topology.original_cell_index)
         on_cells = {name: in_file[name][of_cell] for name in ON_CELLS}
         body = ElasticBody(domain, on_cells["young"], on_cells["poisson"])
     except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
         raise ValueError(f"{folder}: is not whole: {error}") from None
-    node = numbers(points, body.x, f"{folder}: solution.h5 does not fit to the mesh of solution.xdmf")
-    unfit = f"{folder}: contact.h5 does not fit to the mesh of solution.xdmf"
+    node = numbers(points, body.x, f"{folder}: {body_data.name} does not fit to the mesh of {SOLUTION}")
+    unfit = f"{folder}: {face_data.name} does not fit to the mesh of {SOLUTION}"
     in_body = numbers(points, corners, unfit)
     rows = np.sort(in_body[facets], axis=1)
     number = local_facets(domain, {"contact": rows})["contact"]
@@ -156,24 +161,6 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
         facets,
         number[of_row],
     )
-
-
-def read_summary(path: Path, needed: tuple[str, ...] = ("certificate",)) -> dict[str, Any]:
-    """A summary.json.
-
-    Raises:
-        ValueError: If it cannot be read, is none, or lacks an entry that is needed.
-    """
-    try:
-        told: Any = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: is not JSON: {error}") from None
-    missing = [key for key in needed if not isinstance(told, dict) or key not in told]
-    if missing:
-        raise ValueError(f"{path}: has no {missing[0]!r}: {_OLD}")
-    return dict(told)
 
 
 def numbers(points: FloatArray, wanted: FloatArray, unfit: str) -> npt.NDArray[np.int64]:
@@ -211,43 +198,7 @@ def _sound(summary: dict[str, Any], path: Path) -> None:
     if isinstance(compliance, bool) or not isinstance(compliance, float | int) or not 0.0 < compliance < math.inf:
         raise ValueError(f"{path}: mean_compliance should be a positive number, but is {compliance!r}")
     if not isinstance(certificate, dict) or not isinstance(certificate.get("passed"), bool):
-        raise ValueError(f"{path}: certificate does not say whether it had passed: {_OLD}")
-
-
-def _shown_as_named(path: Path, names: tuple[str, ...]) -> None:
-    """What ParaView reads shows every field, and from the place in the HDF5 file that has its name.
-
-    Raises:
-        ValueError: If not.
-    """
-    try:
-        grid = ElementTree.parse(path).getroot().find("Domain/Grid")
-        attributes = {} if grid is None else {one.get("Name"): one for one in grid.iter("Attribute")}
-    except (OSError, ElementTree.ParseError) as error:
-        raise ValueError(f"{path}: cannot be read: {error}") from None
-    for name in names:
-        if name not in attributes:
-            raise ValueError(f"{path}: shows no field {name!r}: {_OLD}")
-        place = (attributes[name].findtext("DataItem") or "").strip()
-        if not place.startswith(f"{path.stem}.h5:/Function/{name}/"):
-            raise ValueError(f"{path}: shows {place or 'nothing'} as {name!r}")
-
-
-def _read(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, npt.NDArray[np.int64], Fields]:
-    """Points, cells and fields of a file; scalars (k,), vectors (k, 3)."""
-    with h5py.File(path, "r") as file:
-        points = np.array(file["Mesh/mesh/geometry"], dtype=np.float64)
-        cells = np.array(file["Mesh/mesh/topology"], dtype=np.int64)
-        fields: Fields = {}
-        for name in names:
-            if f"Function/{name}" not in file:
-                raise ValueError(f"{path}: has no field {name!r}: {_OLD}")
-            group = file[f"Function/{name}"]
-            values = np.array(group[next(iter(group))], dtype=np.float64)
-            fields[name] = values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
-    if points.ndim != 2 or points.shape[1] != 3 or not len(cells) or not 0 <= cells.min() <= cells.max() < len(points):
-        raise ValueError(f"{path}: its mesh is damaged")
-    return points, cells, fields
+        raise ValueError(f"{path}: certificate does not say whether it had passed: {OLD}")
 
 
 def _fits(path: Path, name: str, values: FloatArray, shape: tuple[int, ...]) -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import csv
 import ctypes.util
 import os
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import h5py
 import numpy as np
 import numpy.typing as npt
+
+from ..io.field_files import Grid
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -21,33 +21,6 @@ ZONES = {0: ("open", "#dde6ea"), 1: ("stick", "#2159a8"), 2: ("slip", "#e68a1e")
 that see no colours, and far apart for the colour-blind."""
 
 _VTK_TYPES = {"Hexahedron": 12, "Tetrahedron": 10, "Quadrilateral": 9, "Triangle": 5}
-
-
-class Grid(NamedTuple):
-    """What an XDMF file holds: cells (k, nodes a cell), points (n, 3), fields on points or cells by name."""
-
-    cell: str
-    cells: npt.NDArray[np.int64]
-    points: FloatArray
-    fields: dict[str, FloatArray]
-
-
-def read_grid(path: str | Path) -> Grid:
-    """Read an XDMF file of a run with its HDF5 file."""
-    path = Path(path)
-    grid = ElementTree.parse(path).getroot().find("Domain/Grid")
-    if grid is None:
-        raise ValueError(f"{path}: there is no grid in this file")
-
-    def data(element: Any) -> Any:
-        file, _, dataset = element.find("DataItem").text.strip().partition(":")
-        with h5py.File(path.with_name(file), "r") as h5:
-            return h5[dataset][()]
-
-    topology, geometry = grid.find("Topology"), grid.find("Geometry")
-    assert topology is not None and geometry is not None
-    fields = {str(attribute.get("Name")): np.squeeze(data(attribute)) for attribute in grid.findall("Attribute")}
-    return Grid(str(topology.get("TopologyType")), data(topology), data(geometry), fields)
 
 
 def renderer() -> Any:

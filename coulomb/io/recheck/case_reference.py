@@ -14,7 +14,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ...case.case import Case, written_case
+from ...case.case import Case
 from ...fem import compat
 from ...fem.body import Material
 from ...fem.loaded_body import LoadedBody
@@ -22,7 +22,9 @@ from ...fem.meshes import corners_of
 from ...fem.obstacles import Moved, RigidFoundation
 from ...fem.surface import plane_of_face, way_along
 from ...fem.user_values import evaluate_motion, evaluate_numbers
+from ..run_directory import SOLUTION, SUMMARY, RunDirectory
 from ..run_files import WrittenRun, midpoints, places
+from ..written_case import written_case
 from .comparison import Comparison
 
 _SOURCE = "the case"
@@ -55,7 +57,7 @@ class CaseReference:
         Raises:
             ValueError: If it cannot be read or is no case.
         """
-        return CaseReference(written_case(folder)) if (folder / "case.json").exists() else None
+        return CaseReference(written_case(folder)) if RunDirectory(folder).case.exists() else None
 
     @cached_property
     def _body(self) -> LoadedBody:
@@ -135,7 +137,7 @@ class CaseReference:
         if len(body.x) != len(node) or np.any(node < 0) or len(np.unique(cell)) != len(cell) or np.any(cell < 0):
             found.fault("solution.xdmf: its mesh is not the one that the case describes")
             return None
-        x, file = run.body.x, "solution.xdmf"
+        x, file = run.body.x, SOLUTION
         acting = {"held": body.fixed, "prescribed": body.prescribed, "load": body.load, "spring": body.spring}
         for name, expected in acting.items():
             found.field(f"{file}: {name}", run.on_body[name], expected[node], x, _SOURCE)
@@ -153,7 +155,7 @@ class CaseReference:
             "totals": {"faces": [contact.face for contact in self.contacts]},
             "material": [{"cells": name, "young": m.young, "poisson": m.poisson} for name, m in groups],
         }
-        found.tree("summary.json", run.summary, expected, source=_SOURCE)
+        found.tree(SUMMARY, run.summary, expected, source=_SOURCE)
 
     def _faces_of_facets(self, run: WrittenRun, body: LoadedBody, found: Comparison) -> npt.NDArray[np.int64] | None:
         given = []

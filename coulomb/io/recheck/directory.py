@@ -12,8 +12,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from ..run_directory import RunDirectory
 from .case_reference import CaseReference
-from .history import HistoryFindings, check_history, check_step, is_history, is_step
+from .history import HistoryFindings, check_history, check_step
 from .run import Findings, check_run
 
 
@@ -27,10 +28,10 @@ def check(directory: str | Path, say: Callable[[str], None] = lambda line: None)
     Raises:
         ValueError: If a file is missing, cannot be read, or does not fit to the others.
     """
-    folder = Path(directory)
+    folder, files = Path(directory), RunDirectory(Path(directory))
     try:
-        if is_history(folder):
+        if files.is_history:
             return check_history(folder, say)
-        return check_step(folder) if is_step(folder) else check_run(folder, CaseReference.of(folder))
+        return check_step(folder) if files.step_number is not None else check_run(folder, CaseReference.of(folder))
     except (KeyError, TypeError, IndexError, AttributeError) as error:  # entries that are not what they should be
         raise ValueError(f"{folder}: is not whole, or written by another version of coulomb: {error!r}") from None

@@ -16,6 +16,7 @@ from ...arrays import FloatArray
 from ...fem.surface import tangent_frames
 from ...model.evidence import HELD_BEYOND
 from ...model.nodal_answer import NodalAnswer
+from ..run_directory import CONTACT
 from ..run_files import WrittenRun
 from .case_reference import CaseReference
 from .comparison import Comparison
@@ -98,7 +99,7 @@ def face_names(run: WrittenRun) -> list[str]:
             return list(names)
     except (KeyError, TypeError):
         pass
-    raise ValueError(f"{run.folder / 'summary.json'}: totals.faces does not name the contact faces")
+    raise ValueError(f"{run.files.summary}: totals.faces does not name the contact faces")
 
 
 def face_nodes(
@@ -164,7 +165,7 @@ def _face(
     free = np.linalg.norm(np.where(fixed, n, 0.0), axis=1) <= beyond
 
     here = written & free
-    size, file = float(np.max(np.abs(run.points))), "contact.xdmf"
+    size, file = float(np.max(np.abs(run.points))), CONTACT
     found.field(f"{file}: area", run.on_face["area"][on][here], area[here], x[here], "the facets")
     if case is None:
         length = np.linalg.norm(data["normal"], axis=1)

@@ -7,9 +7,7 @@ the time series must follow from the steps.
 
 from __future__ import annotations
 
-import csv
 import re
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -22,8 +20,10 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...linalg.reductions import Reductions
 from ...model.load_step import Energy, Forces, Moment, row
+from ..field_files import read_series
 from ..history_summary import whole
-from ..run_files import WrittenRun, numbers, places, read_summary
+from ..run_directory import FIELDS, SUMMARY, RunDirectory, step_place
+from ..run_files import WrittenRun, numbers, places
 from .case_reference import CaseReference
 from .comparison import Comparison
 from .run import Findings, Start, check_run, step_of, verdict
@@ -93,28 +93,19 @@ class StepFindings:
         return f"{line} certificate passed, files agree" if self.passed else f"{line} FAILED\n{self.details}"
 
 
-def is_history(folder: Path) -> bool:
-    """Whether a directory is that of a load history."""
-    return (folder / "steps").is_dir()
-
-
-def is_step(folder: Path) -> bool:
-    """Whether a directory is that of a load step in a history."""
-    place = folder.absolute()
-    return place.parent.name == "steps" and place.name.isdigit()
-
-
 def check_step(folder: Path) -> Findings:
     """Check one load step where it stands, against the step before it.
 
     Raises:
         ValueError: As `check_run`; also if the step before is not there.
     """
-    place = folder.absolute()
-    case, number = CaseReference.of(place.parents[1]), int(place.name)
+    files = RunDirectory(folder)
+    history, number = files.of_history, files.step_number
+    assert number is not None
+    case = CaseReference.of(history.path)
     if number == 1:
         return check_run(folder, case, start=Start(0.0, None))
-    before = check_run(place.parent / f"{number - 1:04d}", None).run
+    before = check_run(history.step(number - 1).path, None).run
     return check_run(folder, case, before, Start(step_of(before)[1], before))
 
 
@@ -128,12 +119,12 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
     Raises:
         ValueError: If a step is missing, or its files cannot be read or do not fit to the others.
     """
-    case = CaseReference.of(folder)
-    complete, trusted = _complete(folder / "steps")
+    case, files = CaseReference.of(folder), RunDirectory(folder)
+    complete, trusted = _complete(files)
     found, told, steps = Comparison(), [], []
     chain = _Chain(case)
     for number in range(1, complete + 1):
-        findings = check_run(folder / "steps" / f"{number:04d}", case, chain.run, chain.start)
+        findings = check_run(files.step(number).path, case, chain.run, chain.start)
         own = Comparison(findings.run.evaluation)
         chain.follow(findings, number, own)
         faults = (*findings.faults, *own.faults)
@@ -145,27 +136,27 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
         steps.append(StepFindings(number, step_of(findings.run)[1], passed, findings.recorded, faults, details))
         say(str(steps[-1]))
         told.append(findings.run.summary)
-    _check_series(folder, told, found)
+    _check_series(files, told, found)
     trusted += _check_times(case, told, found)
     if case is None or case.absent:
         trusted.append("taken as written, without the load at the start: the energies of the first step")
     return HistoryFindings(tuple(steps), tuple(found.faults), tuple(trusted))
 
 
-def _complete(folder: Path) -> tuple[int, list[str]]:
+def _complete(files: RunDirectory) -> tuple[int, list[str]]:
     """How many steps there are; and that the last was being written when the run ended.
 
     Raises:
         ValueError: If there is none, or one is missing.
     """
-    named = sorted(int(place.name) for place in folder.iterdir() if re.fullmatch(r"\d{4,}", place.name))
-    complete = [number for number in named if (folder / f"{number:04d}" / "summary.json").is_file()]
+    begun = files.begun_steps
+    complete = [number for number in begun if files.step(number).summary.is_file()]
     if not complete:
-        raise ValueError(f"{folder}: holds no load step")
+        raise ValueError(f"{files.step(1).path.parent}: holds no load step")
     for expected, number in enumerate(complete, start=1):
         if number != expected:
-            raise ValueError(f"{folder / f'{expected:04d}'}: is not whole or missing, but there is a step {number:04d}")
-    unfinished = [f"{folder / f'{number:04d}'}: is not whole, and not looked at" for number in named[len(complete) :]]
+            raise ValueError(f"{files.step(expected).path}: is not whole or missing, but there is a step {number:04d}")
+    unfinished = [f"{files.step(number).path}: is not whole, and not looked at" for number in begun[len(complete) :]]
     return len(complete), unfinished
 
 
@@ -205,7 +196,7 @@ class _Chain:
         try:
             steps, residual = summary["iterations"]["path_following"], summary["residual"]
         except (KeyError, TypeError):
-            raise ValueError(f"{findings.run.folder / 'summary.json'}: has no iterations of its solver") from None
+            raise ValueError(f"{findings.run.files.summary}: has no iterations of its solver") from None
         line = row(derived, at, steps, residual, derived["certificate"]["passed"], derived["valid"])
         return {"number": at.number, "time": at.time, "energy": asdict(at.energy), "row": line}
 
@@ -247,7 +238,7 @@ def _recorded_energy(run: WrittenRun) -> Energy:
     try:
         return Energy(**{name: float(run.summary["step"]["energy"][name]) for name in asdict(Energy())})
     except (KeyError, TypeError, ValueError):
-        raise ValueError(f"{run.folder / 'summary.json'}: step has no energy") from None
+        raise ValueError(f"{run.files.summary}: step has no energy") from None
 
 
 def _check_gaps(before: Findings, now: Findings, found: Comparison) -> None:
@@ -274,7 +265,7 @@ def _check_times(case: CaseReference | None, told: Sequence[dict[str, Any]], fou
         found.fault("case.json: has no [history], but there are load steps")
     left = None if history is None else set(history.ends)
     for summary in told:
-        record, where = summary["step"], f"steps/{summary['step']['number']:04d}/summary.json"
+        record, where = summary["step"], f"{step_place(summary['step']['number'])}/{SUMMARY}"
         time, pending = record["time"], record.get("pending")
         if not isinstance(pending, list) or not all(isinstance(t, float | int) for t in pending):
             raise ValueError(f"{where}: step has no list of pending times")
@@ -291,20 +282,16 @@ def _check_times(case: CaseReference | None, told: Sequence[dict[str, Any]], fou
     return [f"not finished: {len(left)} load steps are still to be taken"] if left else []
 
 
-def _check_series(folder: Path, told: Sequence[dict[str, Any]], found: Comparison) -> None:
+def _check_series(files: RunDirectory, told: Sequence[dict[str, Any]], found: Comparison) -> None:
     """history.csv, summary.json and the time series are those of the steps."""
     rows = [summary["step"]["row"] for summary in told]
-    try:
-        with (folder / "history.csv").open(newline="", encoding="utf-8") as file:
-            lines = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{folder / 'history.csv'}: cannot be read: {error}") from None
+    lines = files.read_history()
     if len(lines) != len(rows):
         found.fault(f"history.csv: has {len(lines)} lines, but there are {len(rows)} load steps")
     for number, (line, row_) in enumerate(zip(lines, rows, strict=False), start=1):
         read = {name: _parsed(value) for name, value in line.items()}
         found.tree(f"history.csv: line {number}", read, row_, source=f"step {number}")
-    summary = read_summary(folder / "summary.json", ("steps", "time", "certificate", "last"))
+    summary = files.read_summary(("steps", "time", "certificate", "last"))
     expected = {
         "steps": len(told),
         "time": told[-1]["step"]["time"],
@@ -313,25 +300,11 @@ def _check_series(folder: Path, told: Sequence[dict[str, Any]], found: Compariso
         "history": whole(told),
         "last": told[-1],
     }
-    found.tree("summary.json", summary, expected, source="the steps")
-    for name in ("solution.xdmf", "contact.xdmf"):
-        given = [(f"steps/{one['step']['number']:04d}", float(one["step"]["time"])) for one in told]
-        if _series(folder / name) != given:
+    found.tree(SUMMARY, summary, expected, source="the steps")
+    for name in FIELDS:
+        given = [(step_place(one["step"]["number"]), float(one["step"]["time"])) for one in told]
+        if read_series(files.path / name) != given:
             found.fault(f"{name}: is not the time series of the {len(told)} load steps")
-
-
-def _series(path: Path) -> list[tuple[str, float]]:
-    """Directory and time of each step in a time series."""
-    try:
-        grids = ElementTree.parse(path).getroot().findall("Domain/Grid/Grid")
-        series = []
-        for grid in grids:
-            time, items = grid.find("Time"), {(item.text or "").strip() for item in grid.iter("DataItem")}
-            places = {item.partition(":")[0].rpartition("/")[0] for item in items}
-            series.append((" ".join(sorted(places)), float(time.get("Value", "nan")) if time is not None else np.nan))
-        return series
-    except (OSError, ElementTree.ParseError, ValueError) as error:
-        raise ValueError(f"{path}: cannot be read: {error}") from None
 
 
 def _parsed(text: str | None) -> Any:

@@ -118,4 +118,4 @@ def _recorded_strain(run: WrittenRun) -> tuple[bool, dict[str, float]]:
         measures = {name: math.nan if value is None else float(value) for name, value in values.items()}
         return bool(told["accepted"]), measures  # type: ignore[index]
     except (KeyError, TypeError, ValueError):
-        raise ValueError(f"{run.folder / 'summary.json'}: has no 'small_strain' with all its measures") from None
+        raise ValueError(f"{run.files.summary}: has no 'small_strain' with all its measures") from None

@@ -11,6 +11,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
+from ..run_directory import SUMMARY
 from ..run_files import WrittenRun, midpoints, numbers, read_run
 from .case_reference import CaseReference
 from .comparison import Comparison, Rounding
@@ -172,7 +173,7 @@ def step_of(run: WrittenRun) -> tuple[int, float]:
             return number, float(time)
     except (KeyError, TypeError):
         pass
-    raise ValueError(f"{run.folder / 'summary.json'}: step has no number and time")
+    raise ValueError(f"{run.files.summary}: step has no number and time")
 
 
 def _from_origin(
@@ -241,7 +242,7 @@ def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], f
     found.field("solution.xdmf: von_mises_stress", written, first.stress, middle, "displacement", stresses)
 
     numbers = [other.numbers for other in others]
-    found.tree("summary.json", run.summary, first.numbers, numbers, _SOURCE)
+    found.tree(SUMMARY, run.summary, first.numbers, numbers, _SOURCE)
     _compare_materials(run, found)
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import functools
-import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..plotting import Grid, alarm, read_grid
+from ...io.field_files import Grid, read_grid
+from ...io.run_directory import HISTORY, SUMMARY, RunDirectory, read_json, step_place
+from ..plotting import alarm
 from .units import in_seconds
 
 Rows = list[dict[str, float]]
@@ -38,7 +38,7 @@ class Step:
         Raises:
             ValueError: If the file is needed, and is missing or not whole.
         """
-        path = self.directory / f"{file}.xdmf"
+        path = RunDirectory(self.directory).fields(file)
         try:
             return _read_once(path, path.stat().st_mtime_ns)
         except (OSError, KeyError, SyntaxError) as error:
@@ -53,7 +53,7 @@ class Step:
             try:
                 replace(self, needs=(file,)).grid(file)
             except ValueError:
-                return f"{file}.xdmf"
+                return RunDirectory(self.directory).fields(file).name
         return ""
 
 
@@ -110,8 +110,8 @@ class Run:
         Raises:
             ValueError: If it is no table.
         """
-        path = self.steps[-1].directory / "history.csv"
-        return _rows(path) if path.exists() else []
+        files = RunDirectory(self.steps[-1].directory)
+        return _rows(files) if files.history.exists() else []
 
     @property
     def is_history(self) -> bool:
@@ -146,25 +146,25 @@ def read_run(directory: str | Path, needs: tuple[str, ...] | None = None) -> Run
     Raises:
         ValueError: If the directory holds no run, or a file that cannot be read: which, and why.
     """
-    folder = Path(directory)
+    folder, files = Path(directory), RunDirectory(Path(directory))
     if needs is not None and not _is_whole(folder):
         return _fields_alone(folder, needs)
-    told = _json(folder / "summary.json")
-    if told is None:
-        raise ValueError(f"{folder}: holds no run: there is no summary.json")
+    if not files.summary.exists():
+        raise ValueError(f"{folder}: holds no run: there is no {SUMMARY}")
+    told = files.read_summary()
     steps: tuple[Step, ...] = (Step(folder, None),)
     rows: Rows = []
     last = told
     if "steps" in told:
         rows, last = _rows_of_history(folder, strict=needs is None), told["last"]
-        steps = tuple(Step(folder / "steps" / f"{int(row['step']):04d}", row["time"]) for row in rows)
+        steps = tuple(Step(files.step(int(row["step"])).path, row["time"]) for row in rows)
     if needs is not None:
         steps = tuple(replace(step, needs=needs) for step in steps)
     missing = [key for key in ("status", "law", "certificate", "nodes", "maximum") if key not in last]
     if "steps" in told and "history" not in told:
         missing.append("history")
     if missing or not steps:
-        raise ValueError(f"{folder / 'summary.json'}: has no {(missing or ['steps'])[0]!r}: not a summary of coulomb's")
+        raise ValueError(f"{files.summary}: has no {(missing or ['steps'])[0]!r}: not a summary of coulomb's")
     return Run(
         directory=folder,
         summary=last,
@@ -173,7 +173,7 @@ def read_run(directory: str | Path, needs: tuple[str, ...] | None = None) -> Run
         alarm=alarm(told),
         outside=_violations(told),
         warnings=_warnings(told),
-        case=_json(folder / "case.json") if needs is None else None,
+        case=read_json(files.case) if needs is None and files.case.exists() else None,
         steps=steps,
         rows=rows,
     )
@@ -182,7 +182,7 @@ def read_run(directory: str | Path, needs: tuple[str, ...] | None = None) -> Run
 def _is_whole(folder: Path) -> bool:
     """Whether the summary of a run can be read."""
     try:
-        return _json(folder / "summary.json") is not None
+        return bool(RunDirectory(folder).read_summary())
     except ValueError:
         return False
 
@@ -193,16 +193,18 @@ def _fields_alone(folder: Path, needs: tuple[str, ...]) -> Run:
     Raises:
         ValueError: If there are no fields either.
     """
-    rows = _rows_of_history(folder, strict=False)
-    steps = tuple(Step(folder / "steps" / f"{int(row['step']):04d}", row["time"], needs) for row in rows)
-    if not steps and not any((folder / f"{file}.xdmf").exists() for file in needs):
-        raise ValueError(f"{folder}: holds no run: there is no {' or '.join(f'{file}.xdmf' for file in needs)}")
+    files, rows = RunDirectory(folder), _rows_of_history(folder, strict=False)
+    steps = tuple(Step(files.step(int(row["step"])).path, row["time"], needs) for row in rows)
+    if not steps and not any(files.fields(file).exists() for file in needs):
+        raise ValueError(
+            f"{folder}: holds no run: there is no {' or '.join(files.fields(file).name for file in needs)}"
+        )
     return Run(
         directory=folder,
         summary={},
         history={},
         certified=False,
-        alarm="certificate unknown: summary.json cannot be read",
+        alarm=f"certificate unknown: {SUMMARY} cannot be read",
         outside=(),
         warnings=(),
         case=None,
@@ -213,23 +215,24 @@ def _fields_alone(folder: Path, needs: tuple[str, ...]) -> Run:
 
 def _rows_of_history(folder: Path, strict: bool) -> Rows:
     """history.csv of a load history; where it is missing (or no table, if not strict) by what its steps say."""
-    path = folder / "history.csv"
-    if path.exists() and (folder / "steps").is_dir():
+    files = RunDirectory(folder)
+    if files.history.exists() and files.is_history:
         try:
-            return _rows(path)
+            return _rows(files)
         except ValueError:
             if strict:
                 raise
     rows: Rows = []
-    for number, step in enumerate(sorted((folder / "steps").glob("[0-9]*")), 1):
+    for count, number in enumerate(files.begun_steps, 1):
+        step = files.step(number)
         try:
-            told = _json(step / "summary.json") or {}
+            told = step.read_summary()
         except ValueError:
             told = {}
         row = (told.get("step") or {}).get("row")
         if row is None and strict:
-            raise ValueError(f"{folder}: neither history.csv nor {step.name}/summary.json tells of its step")
-        given = row or {"step": int(step.name), "time": float(number)}
+            raise ValueError(f"{folder}: neither {HISTORY} nor {step_place(number)}/{SUMMARY} tells of its step")
+        given = row or {"step": number, "time": float(count)}
         rows.append({key: math.nan if value is None else float(value) for key, value in given.items()})
     return rows
 
@@ -250,30 +253,9 @@ def _warnings(told: dict[str, Any]) -> tuple[str, ...]:
     return (*remarks, *(text for text in strain.get("warnings", ()) if text not in outside))
 
 
-def _json(path: Path) -> dict[str, Any] | None:
-    """Contents of a file; None where there is none."""
-    try:
-        told: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: is not JSON: {error}") from None
-    if not isinstance(told, dict):
-        raise ValueError(f"{path}: is not an object of JSON")
-    return told
-
-
-def _rows(path: Path) -> Rows:
+def _rows(files: RunDirectory) -> Rows:
     """A table of numbers; words and empty places are nan, True and False are 1 and 0."""
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            return [{key: _number(value) for key, value in row.items()} for row in csv.DictReader(file)]
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, csv.Error) as error:
-        raise ValueError(f"{path}: is no table of text: {error}") from None
+    return [{key: _number(value) for key, value in row.items()} for row in files.read_history()]
 
 
 def _number(text: str | None) -> float:

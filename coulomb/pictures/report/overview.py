@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from ..plotting import Grid
+from ...io.field_files import Grid
+from ...io.run_directory import PICTURE, RunDirectory
 from .files import Step, read_run
 from .scene import Look, Shot, automatic_scale, camera_of, caption, limits_of, shoot, zone_counts
 from .sheet import ALARM, INK, colour_bar, directions, legend
 from .shown_fields import named
-
-FILE = "picture.png"
 
 DPI = 150
 
@@ -52,9 +51,9 @@ def draw(directory: Path) -> Path:
         camera = camera_of([step], looks[0], (round(DPI * _BESIDE[0]), round(DPI * _BESIDE[1])))
     shots = [shoot(step, look, camera=camera) for look in looks]
     figure = _composed(shots, looks[0], caption(run, step, scale), run.alarm, zone_counts(step.grid("contact")))
-    partial = directory / f".{FILE}"
+    partial = directory / f".{PICTURE}"
     figure.savefig(partial, dpi=DPI, format="png", pil_kwargs={"compress_level": 1})
-    return partial.replace(directory / FILE)
+    return partial.replace(RunDirectory(directory).picture)
 
 
 def _composed(shots: list[Shot], look: Look, words: str, alarm: str, zones: dict[str, int]) -> Any:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..plotting import ZONES, FloatArray, Grid, match, nice, patches, polygons, renderer, skin_of, without
+from ...io.field_files import Grid
+from ..plotting import ZONES, FloatArray, match, nice, patches, polygons, renderer, skin_of, without
 from .camera import Camera, framing
 from .files import Run, Step
 from .shown_fields import Field, named

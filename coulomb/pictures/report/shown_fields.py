@@ -9,7 +9,8 @@ from typing import Literal
 import matplotlib
 import numpy as np
 
-from ..plotting import ZONES, FloatArray, Grid
+from ...io.field_files import Grid
+from ..plotting import ZONES, FloatArray
 
 SEQUENTIAL, SHARE, SIGNED = "viridis", "cividis", "RdBu_r"
 """Colour maps of magnitudes, of shares of one, and of what has a sign; all are safe for the colour-blind."""

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..plotting import ZONES, FloatArray, Grid, match, renderer, skin_of
+from ...io.field_files import Grid
+from ..plotting import ZONES, FloatArray, match, renderer, skin_of
 from .files import Run, Step
 from .scene import limits_of, looking_at, outward
 from .sheet import AXES

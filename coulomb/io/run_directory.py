@@ -1,0 +1,169 @@
+"""What the files in a directory of results are called, and how their tables are read: the format, in one place.
+
+Standard library only: the command line and the processes that draw use it without loading DOLFINx, PETSc or MPI.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+SUMMARY = "summary.json"
+"""The numbers of a run, of a load step, or of a whole load history."""
+
+HISTORY = "history.csv"
+"""A line per Newton step or Tresca problem of a solve; of a load history a line per load step."""
+
+CASE = "case.json"
+"""The case as it was run."""
+
+PICTURE = "picture.png"
+REPORT = "report.html"
+
+SOLUTION, CONTACT = "solution.xdmf", "contact.xdmf"
+"""Fields on the body and on the contact face, each with its data in a .h5 file of the same name."""
+
+FIELDS = (SOLUTION, CONTACT)
+
+LOCK = "run.lock"
+"""There for as long as a run is at work."""
+
+_STEPS = "steps"
+
+OLD = "not whole, or written by another version of coulomb: run the case again"
+
+
+@dataclass(frozen=True)
+class RunDirectory:
+    """The directory of a run, of a load history, or of one of its load steps.
+
+    Attributes:
+        path: Where it is.
+    """
+
+    path: Path
+
+    @property
+    def summary(self) -> Path:
+        return self.path / SUMMARY
+
+    @property
+    def history(self) -> Path:
+        return self.path / HISTORY
+
+    @property
+    def case(self) -> Path:
+        return self.path / CASE
+
+    @property
+    def picture(self) -> Path:
+        return self.path / PICTURE
+
+    @property
+    def report(self) -> Path:
+        return self.path / REPORT
+
+    @property
+    def solution(self) -> Path:
+        return self.path / SOLUTION
+
+    @property
+    def contact(self) -> Path:
+        return self.path / CONTACT
+
+    def fields(self, of: str) -> Path:
+        """The XDMF file of "solution" or "contact"."""
+        return {"solution": self.solution, "contact": self.contact}[of]
+
+    @property
+    def failed(self) -> RunDirectory:
+        """Where what a load step that failed has got to is kept."""
+        return RunDirectory(self.path / "failed")
+
+    def step(self, number: int) -> RunDirectory:
+        """That of a load step, from 1."""
+        return RunDirectory(self.path / step_place(number))
+
+    @property
+    def is_history(self) -> bool:
+        """Whether it is that of a load history."""
+        return (self.path / _STEPS).is_dir()
+
+    @property
+    def step_number(self) -> int | None:
+        """Number of the load step whose directory this is; None if it is none."""
+        place = self.path.absolute()
+        return int(place.name) if place.parent.name == _STEPS and place.name.isdigit() else None
+
+    @property
+    def of_history(self) -> RunDirectory:
+        """The load history of which this is a step."""
+        return RunDirectory(self.path.absolute().parents[1])
+
+    @property
+    def begun_steps(self) -> list[int]:
+        """Numbers of the load steps that have a directory, in order."""
+        if not self.is_history:
+            return []
+        places = (self.path / _STEPS).iterdir()
+        return sorted(int(place.name) for place in places if re.fullmatch(r"\d{4,}", place.name))
+
+    @property
+    def complete_steps(self) -> list[int]:
+        """Numbers of the complete load steps, from 1 without a gap; a step is complete once it has a summary."""
+        found: list[int] = []
+        while self.step(len(found) + 1).summary.is_file():
+            found.append(len(found) + 1)
+        return found
+
+    def read_summary(self, needed: tuple[str, ...] = ()) -> dict[str, Any]:
+        """The contents of summary.json.
+
+        Raises:
+            ValueError: If it cannot be read, is none, or lacks an entry that is needed.
+        """
+        contents = read_json(self.summary)
+        for key in needed:
+            if key not in contents:
+                raise ValueError(f"{self.summary}: has no {key!r}: {OLD}")
+        return contents
+
+    def read_history(self) -> list[dict[str, str | None]]:
+        """The lines of history.csv, by the names of its columns.
+
+        Raises:
+            ValueError: If it cannot be read.
+        """
+        try:
+            with self.history.open(newline="", encoding="utf-8") as file:
+                return list(csv.DictReader(file))
+        except OSError as error:
+            raise ValueError(f"{self.history}: cannot be read: {error.strerror}") from None
+        except (ValueError, csv.Error) as error:
+            raise ValueError(f"{self.history}: cannot be read: it is no table of text: {error}") from None
+
+
+def step_place(number: int) -> str:
+    """Directory of a load step, seen from that of its history."""
+    return f"{_STEPS}/{number:04d}"
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """An object of JSON.
+
+    Raises:
+        ValueError: If the file cannot be read, or is none.
+    """
+    try:
+        contents: Any = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: is not JSON: {error}") from None
+    if not isinstance(contents, dict):
+        raise ValueError(f"{path}: is not an object of JSON")
+    return contents

@@ -1,0 +1,53 @@
+"""The case that a run keeps in its directory."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pydantic import ValidationError
+
+from ..case.case import FILES, Case
+from ..case.faults import fault_of
+from ..case.text import LARGEST, read_text
+from ..ranks import launched, on_rank_0
+from .run_directory import CASE, RunDirectory
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:
+    """Keep a case as DIRECTORY/case.json, for `written_case`; collective.
+
+    Raises:
+        OSError: On every rank, if it cannot be written.
+    """
+
+    def write() -> str:
+        directory.mkdir(parents=True, exist_ok=True)
+        tables = case.model_dump(mode="json", exclude_unset=True)
+        for key in FILES.intersection(tables["mesh"]):
+            tables["mesh"][key] = str(Path(tables["mesh"][key]).absolute())
+        RunDirectory(directory).case.write_text(json.dumps(tables, indent=2) + "\n", encoding="utf-8")
+        return ""
+
+    on_rank_0(comm, write)
+
+
+def written_case(directory: Path) -> Case:
+    """The case that a run has kept in its directory; the same on every rank.
+
+    Raises:
+        ValueError: On every rank, if there is none or it cannot be read.
+    """
+    file = RunDirectory(directory).case
+    try:
+        text = on_rank_0(launched(), lambda: read_text(file, 20 * LARGEST))
+    except OSError as error:
+        raise ValueError(f"{directory}: no case to resume: {CASE} cannot be read: {error.strerror or error}") from None
+    try:
+        return Case.model_validate_json(text)
+    except ValidationError as error:
+        raise fault_of(error, str(file), Case) from None

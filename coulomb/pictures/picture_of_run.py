@@ -1,0 +1,88 @@
+"""picture.png in the directory of a run: drawn by a process of its own, and noted in the run's summary."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from ..io.output import write, write_json
+from ..io.run_directory import PICTURE, RunDirectory
+from ..model.provenance import moment, now
+from ..model.solution import Solution
+from ..ranks import on_rank_0
+from . import overview_process
+from .apart import Apart
+
+
+def write_with_picture(solution: Solution, directory: str | Path) -> dict[str, Any]:
+    """Write everything into a directory (`io.output.write`), and draw its picture; collective.
+
+    Returns:
+        The summary.
+
+    Raises:
+        OSError: On every rank, if the directory cannot be written to.
+    """
+    problem = solution.problem
+    contents = add_picture(write(solution, directory), Path(directory), problem.comm)
+    problem.seconds.update(contents["seconds"])
+    return contents
+
+
+def add_picture(
+    contents: dict[str, Any],
+    target: Path,
+    comm: MPI.Comm,
+    stop: Callable[[], bool] = lambda: False,
+    renderer: Apart | None = None,
+) -> dict[str, Any]:
+    """Draw picture.png of results that are on disk, and say so in their summary; collective.
+
+    Args:
+        contents: The summary.
+        target: Where they are.
+        comm: The ranks.
+        stop: Asked now and then whether to give it up.
+        renderer: The process that draws, if it has begun already.
+
+    Returns:
+        The summary, with the picture and its seconds.
+
+    Raises:
+        OSError: On every rank, if the summary cannot be written.
+    """
+
+    def add() -> str:
+        drawing = time.perf_counter()
+        trouble = draw(target, stop, renderer)
+        contents["picture"] = "interrupted" if trouble and stop() else trouble or PICTURE
+        contents["seconds"]["picture"] = time.perf_counter() - drawing
+        contents["run"]["ended"] = moment(now())
+        write_json(contents, RunDirectory(target).summary)
+        return json.dumps(contents)
+
+    return dict(json.loads(on_rank_0(comm, add)))
+
+
+def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: Apart | None = None) -> str:
+    """Draw picture.png of a run, or of the end of a load history; what went wrong, or nothing.
+
+    In a process of its own: a renderer may take it down.
+
+    Args:
+        directory: Of the run.
+        stop: Asked now and then whether to give it up.
+        renderer: The process that draws, if it has begun already (`overview_process.begin`).
+    """
+    code, said = (renderer or overview_process.begin()).finish(str(directory.absolute()), stop=stop)
+    if not code:
+        return ""
+    picture = RunDirectory(directory).picture
+    for file in (picture, picture.with_name(f".{PICTURE}")):  # of what was there before, and half a picture
+        file.unlink(missing_ok=True)
+    return f"could not be drawn: {said}"
