@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..arrays import FloatArray
 from ..io.field_files import Grid
-
-FloatArray = npt.NDArray[np.float64]
 
 ZONES = {0: ("open", "#dde6ea"), 1: ("stick", "#2159a8"), 2: ("slip", "#e68a1e"), 3: ("held", "#2b2b2b")}
 """Name and colour of every status in contact.xdmf: a luminance contrast of 2 between each two, for eyes and printers

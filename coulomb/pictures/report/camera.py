@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..plotting import FloatArray
+from ...arrays import FloatArray
 
 ANGLE = 30.0
 """Opening in degrees of a camera that sees the ball round the scene: how strong the perspective is."""

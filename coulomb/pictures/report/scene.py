@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...arrays import FloatArray
 from ...io.field_files import Grid
-from ..plotting import ZONES, FloatArray, match, nice, patches, polygons, renderer, skin_of, without
+from ..plotting import ZONES, match, nice, patches, polygons, renderer, skin_of, without
 from .camera import Camera, framing
 from .files import Run, Step
 from .shown_fields import Field, named
@@ -139,7 +140,7 @@ def shoot(step: Step, look: Look, size: tuple[int, int] = (1500, 1100), camera: 
 
 def camera_of(steps: Sequence[Step], look: Look, size: tuple[int, int]) -> Camera:
     """From where all these states are seen, nothing of them cut off."""
-    seen = []
+    seen: list[FloatArray] = []
     for step in steps:
         body = step.grid("solution")
         seen += [body.points + look.scale * body.fields["displacement"]]

@@ -9,8 +9,9 @@ from typing import Literal
 import matplotlib
 import numpy as np
 
+from ...arrays import FloatArray
 from ...io.field_files import Grid
-from ..plotting import ZONES, FloatArray
+from ..plotting import ZONES
 
 SEQUENTIAL, SHARE, SIGNED = "viridis", "cividis", "RdBu_r"
 """Colour maps of magnitudes, of shares of one, and of what has a sign; all are safe for the colour-blind."""

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...arrays import FloatArray
 from ...io.field_files import Grid
-from ..plotting import ZONES, FloatArray, match, renderer, skin_of
+from ..plotting import ZONES, match, renderer, skin_of
 from .files import Run, Step
 from .scene import limits_of, looking_at, outward
 from .sheet import AXES
