@@ -99,7 +99,7 @@ def test_regions_of_a_case(tmp_path):
     ("region", "message"),
     [
         ("{box=[[0,0,1],[1,1,2]], friction=0.1}", r"contact.region.0: there is no contact node in its box"),
-        ("{box=[[1,0,0],[0,1,0]], friction=0.1}", r"box must be \[least corner, greatest corner\]"),
+        ("{box=[[1,0,0],[0,1,0]], friction=0.1}", r"box must be \[lower corner, upper corner\]"),
         ("{box=[[0,0,0],[1,1,0]], slip_stress=1.0}", r"region.0 must give friction, as the contact does"),
         ("{box=[[0,0,0],[1,1,0]]}", r"region.0 must give friction"),
         ("{box=[[0,0,0],[1,1,0]], friction=-1}", r"contact.region.0.friction = -1: should be greater"),

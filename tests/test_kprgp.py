@@ -76,7 +76,7 @@ def test_block_needs_many_more_products_than_path_following():
     qp = problem.tresca(problem.slip_bound(problem.b))
     active, interior = KPRGP(tolerance=1e-6).solve(qp), PathFollowing(tolerance=1e-6).solve(qp)
     assert np.linalg.norm(active.x - interior.x) <= 1e-4 * np.linalg.norm(active.x)
-    assert active.products > 3.1 * interior.products  # the paper's greatest advantage
+    assert active.products > 3.1 * interior.products  # the paper's largest advantage
 
 
 def test_giving_up():

@@ -217,7 +217,7 @@ def numbers(directory):
 
 def close(one, other, tolerance):
     scale = np.abs(one).max(axis=0)
-    scale[1:4] = scale[1:4].max()  # force components, moments: of the greatest
+    scale[1:4] = scale[1:4].max()  # force components, moments: of the largest
     return np.all(np.abs(one - other) <= tolerance * np.maximum(scale, scale.max() * 1e-300))
 
 

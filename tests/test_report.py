@@ -74,15 +74,15 @@ def test_a_run_that_failed_is_red(failed):
 def test_page_of_a_history(history):
     text, words = page_of(history), words_of(history)
     assert "6 load steps to time 6 s" in words and "All 6 steps" in words
-    assert "components x held, moved by (2, 0, 0) mm, factor 0 at 1 s, 1 at 2 s, −1 at 4 s, 1 at 6 s" in words
+    assert "components x: (2, 0, 0) mm, factor 0 at 1 s, 1 at 2 s, −1 at 4 s, 1 at 6 s" in words
     assert text.count('<svg role="img"') == 5  # force, hysteresis, surface, effort, convergence
     assert words.count("passed") == 6
     data = data_of(history)
     assert [step["label"] for step in data["steps"]] == [f"time {t}\u202fs" for t in range(1, 7)]
     row = (history / "history.csv").read_text().splitlines()[3].split(",")
-    greatest = float(row[(history / "history.csv").read_text().splitlines()[0].split(",").index("greatest_pressure")])
+    largest = float(row[(history / "history.csv").read_text().splitlines()[0].split(",").index("greatest_pressure")])
     shown = numbers(data["steps"][2]["values"]["pressure"]) * data["fields"][0]["factor"]
-    assert shown.max() == pytest.approx(greatest, rel=1e-6)
+    assert shown.max() == pytest.approx(largest, rel=1e-6)
 
 
 def between(words, start, end):

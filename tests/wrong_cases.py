@@ -236,7 +236,7 @@ CONTACT = (
     Wrong(
         "a region whose corners are exchanged",
         run("contact.region=[{box=[[1,1,1],[0,0,0]], friction=0.1}]"),
-        r"box must be \[least corner, greatest corner\]",
+        r"box must be \[lower corner, upper corner\]",
     ),
     Wrong(
         "a curved contact face without a foundation",

@@ -25,7 +25,7 @@ class Spectra:
         cond_J_SC: Condition number of J_SC.
         augmented: Eigenvalues of P_AM^-1 J_AM, complex if rounding makes them so, shape (5 m,).
         schur: Eigenvalues of P_SC^-1 J_SC, ascending, shape (3 m,).
-        lower: Theorem 1's bound a_min/d_max; a_min the smallest eigenvalue of A, d_max its greatest diagonal entry.
+        lower: Theorem 1's bound a_min/d_max; a_min the smallest eigenvalue of A, d_max its largest diagonal entry.
         upper: Theorem 1's bound a_max/d_min.
     """
 
@@ -39,7 +39,7 @@ class Spectra:
 
     @property
     def cond_preconditioned_AM(self) -> float:
-        """Greatest over smallest modulus of the eigenvalues of P_AM^-1 J_AM."""
+        """Largest over smallest modulus of the eigenvalues of P_AM^-1 J_AM."""
         size = np.abs(self.augmented)
         return float(size.max() / size.min())
 

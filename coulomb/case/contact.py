@@ -67,7 +67,7 @@ class RegionTable(Table):
     @model_validator(mode="after")
     def _corners(self) -> RegionTable:
         if any(low > high for low, high in zip(*self.box, strict=True)):
-            raise ValueError(f"box must be [least corner, greatest corner], but is {[list(c) for c in self.box]}")
+            raise ValueError(f"box must be [lower corner, upper corner], but is {[list(c) for c in self.box]}")
         return self
 
     def holds(self, x: FloatArray) -> Any:

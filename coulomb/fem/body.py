@@ -90,7 +90,7 @@ class ElasticBody:
         stress.interpolate(fem.Expression(equivalent, compat.interpolation_points(W)))
         return stress
 
-    def greatest_gradient(self, u: FloatArray) -> float:
+    def largest_gradient(self, u: FloatArray) -> float:
         """Largest Frobenius norm of the displacement gradient at the cells' midpoints, over all ranks; u is (k, 3)."""
         W = compat.functionspace(self.domain, 0, family="DG")
         size, slope = fem.Function(W), ufl.grad(self.function(u))

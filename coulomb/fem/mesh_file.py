@@ -148,9 +148,9 @@ def _jacobians(points: FloatArray, cells: IntArray) -> tuple[npt.NDArray[np.bool
         edges = points[cells[:, [i, j, k]]] - points[cells[:, [corner]]]
         longest = np.max(np.linalg.norm(edges, axis=2), axis=1)
         values.append(np.linalg.det(edges) / np.where(longest > 0.0, longest, 1.0) ** 3)
-    least, greatest = np.min(values, axis=0), np.max(values, axis=0)
+    least, largest = np.min(values, axis=0), np.max(values, axis=0)
     flat = np.min(np.abs(values), axis=0) < FLAT
-    return flat, ~flat & (np.sign(least) != np.sign(greatest))
+    return flat, ~flat & (np.sign(least) != np.sign(largest))
 
 
 def _all_facets(cells: IntArray) -> tuple[IntArray, IntArray]:

@@ -43,7 +43,7 @@ class FCLIBProblem:
     def residual(self, r: FloatArray) -> float:
         """The residual of that community, |r - P(r - (u + mu |u_t| n))| / (1 + |q|), P the projection on the cones.
 
-        Of the problem scaled to a mean diagonal of W of 1 and a greatest |q| of 1, so that units do not count.
+        Of the problem scaled to a mean diagonal of W of 1 and a largest |q| of 1, so that units do not count.
         """
         d, size = self.W.diagonal().mean(), np.abs(self.q).max() or 1.0
         q, r = self.q / size, r * d / size

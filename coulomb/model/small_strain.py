@@ -165,7 +165,7 @@ def small_strain(
         gap_error=0.0 if deformation <= 0.0 else largest(distance, over) / deformation,
         turn=largest(turn, over),
         slip_over_cell=largest(np.where(turn > 0.0, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
-        gradient=body.greatest_gradient(u),
+        gradient=body.largest_gradient(u),
     )
 
 

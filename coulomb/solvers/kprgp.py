@@ -158,7 +158,7 @@ class KPRGP:
 
 
 def norm_of(qp: FrictionProblem, precision: float = 1e-2, most: int = 100) -> float:
-    """|A|, its greatest eigenvalue, by the power method, in metres per newton; a product a step.
+    """|A|, its largest eigenvalue, by the power method, in metres per newton; a product a step.
 
     Rounded up by the precision asked for: a step of 1.9/|A| must stay below 2/|A|.
     """

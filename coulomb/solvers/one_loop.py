@@ -62,7 +62,7 @@ from .results import (
 _TO_BOUNDARY = 0.99  # fraction of the way to the boundary a step may go
 _BACKTRACK = 0.9  # the grid on which the largest step length is sought
 _WAIT = 3.0  # sigma over the part of N(gamma, beta) that the gradient takes up
-_SLOWEST = 0.9  # the greatest sigma, taken where theta must wait for the gradient
+_SLOWEST = 0.9  # the largest sigma, taken where theta must wait for the gradient
 _BLOCKED = 1e-2  # a step this short, three times in a row, ends a start that is not the last
 _STARTS = ((0.1, 1.0), (0.1, 1e-3), (10.0, 1e-3), (1e3, 1e-3))  # theta over rms(A x - b) there, and r_tol, as parts
 _FLOOR, _INSIDE = 0.1, 0.9  # a warm start: x_n at least so many nominal forces, |y| at most so much

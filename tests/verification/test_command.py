@@ -66,25 +66,25 @@ def test_hertz_pressure_carries_the_force():
 
 def test_traction_of_partial_slip_carries_q():
     """On the first load and on the way back; the displacement formulas join at the turn; the loop has its area."""
-    theory, greatest = PartialSlip(HERTZ), 0.8
+    theory, largest = PartialSlip(HERTZ), 0.8
     unit = FRICTION * HERTZ.p0 * HERTZ.a**2
 
     def moment(time, q):
         return Moment(time, q, 0.0, 0.0, np.empty((0, 2)), 0.0, 0.0)
 
     for time, q in ((LOADED, 0.3), (LOADED, 0.8), (2.5, 0.1), (3.5, -0.6), (5.0, 0.2)):
-        carried = unit * integral(lambda r, m=moment(time, q): known(theory, m, r, greatest).traction, 1.0)
+        carried = unit * integral(lambda r, m=moment(time, q): known(theory, m, r, largest).traction, 1.0)
         assert carried == pytest.approx(q * FRICTION * HERTZ.P, rel=1e-4)
     ends = [
-        known(theory, moment(time, q), np.zeros(1), greatest).way for time, q in ((2.0, 0.8), (2.1, 0.8), (4.0, -0.8))
+        known(theory, moment(time, q), np.zeros(1), largest).way for time, q in ((2.0, 0.8), (2.1, 0.8), (4.0, -0.8))
     ]
     assert ends == pytest.approx([ends[0], ends[0], -ends[0]])
 
-    q = np.linspace(-greatest, greatest, 4001)
-    back = np.array([known(theory, moment(3.0, v), np.zeros(1), greatest).way for v in q])
-    forth = np.array([known(theory, moment(5.0, v), np.zeros(1), greatest).way for v in q])
+    q = np.linspace(-largest, largest, 4001)
+    back = np.array([known(theory, moment(3.0, v), np.zeros(1), largest).way for v in q])
+    forth = np.array([known(theory, moment(5.0, v), np.zeros(1), largest).way for v in q])
     width = theory.d * FRICTION * HERTZ.P * (back - forth)
-    assert theory.loop_energy(greatest) == pytest.approx(abs(area_under(width, q)), rel=1e-4)
+    assert theory.loop_energy(largest) == pytest.approx(abs(area_under(width, q)), rel=1e-4)
 
 
 def test_grading_keeps_its_cells_and_fills_the_body():

@@ -19,7 +19,7 @@ from .answer import Answer, Unsolved, on_body
 from .sparse import free_system
 
 TOLERANCE = 1e-10
-"""Of Clarabel's gap and feasibility; the problem is scaled to a mean diagonal of K of 1 and a greatest load of 1."""
+"""Of Clarabel's gap and feasibility; the problem is scaled to a mean diagonal of K of 1 and a largest load of 1."""
 
 SETTLED = 1e-7
 """Relative change of the contact forces at which successive Tresca ends."""

@@ -17,7 +17,7 @@ from .answer import Answer, Unsolved, on_body
 from .sparse import free_system
 
 TOLERANCE = 1e-8
-"""Of Siconos' residual; the problem is scaled to a mean diagonal of K of 1 and a greatest load of 1."""
+"""Of Siconos' residual; the problem is scaled to a mean diagonal of K of 1 and a largest load of 1."""
 
 
 def solve(p: int) -> Answer:

@@ -22,7 +22,7 @@ from ..block import block
 from .answer import Answer, Unsolved, on_body
 
 TOLERANCE = 1e-9
-"""Of Siconos' residual; the problem is scaled to a mean diagonal of W of 1 and a greatest |q| of 1."""
+"""Of Siconos' residual; the problem is scaled to a mean diagonal of W of 1 and a largest |q| of 1."""
 
 
 def solve(p: int) -> Answer:

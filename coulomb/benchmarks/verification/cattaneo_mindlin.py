@@ -193,17 +193,17 @@ class Known:
     traction: FloatArray
 
 
-def known(theory: PartialSlip, moment: Moment, r: FloatArray, greatest: float) -> Known:
-    """Loading, unloading or reloading, by the time; r over a, shape (m,); `greatest` is Q*/(F P)."""
+def known(theory: PartialSlip, moment: Moment, r: FloatArray, largest: float) -> Known:
+    """Loading, unloading or reloading, by the time; r over a, shape (m,); `largest` is Q*/(F P)."""
     q = moment.force
     if moment.time <= LOADED:
         return Known(theory.displacement(q), theory.radius(q), theory.traction(r, q))
     sign = 1.0 if moment.time <= UNLOADED else -1.0  # reloading is the mirror image of unloading
-    back = 0.5 * (greatest - sign * q)
+    back = 0.5 * (largest - sign * q)
     return Known(
-        sign * (theory.displacement(greatest) - 2.0 * theory.displacement(back)),
+        sign * (theory.displacement(largest) - 2.0 * theory.displacement(back)),
         theory.radius(back),
-        sign * (theory.traction(r, greatest) - 2.0 * theory.traction(r, back)),
+        sign * (theory.traction(r, largest) - 2.0 * theory.traction(r, back)),
     )
 
 
@@ -260,8 +260,8 @@ def verify() -> Verified:
         absolute("loading: delta/d, worst error", 0.0, way_off(loading), held + node, ways),
         absolute("loop: delta/d, worst error", 0.0, way_off(later), held + node, ways),
         relative("energy dissipated in the loop W, J", loop, spent, held + size**2, work),
-        relative("at the other end: Q over the greatest Q", -1.0, at[UNLOADED].force / q, odd, even),
-        relative("the loop closes: Q over the greatest Q", 1.0, at[RELOADED].force / q, odd, even),
+        relative("at the other end: Q over the largest Q", -1.0, at[UNLOADED].force / q, odd, even),
+        relative("the loop closes: Q over the largest Q", 1.0, at[RELOADED].force / q, odd, even),
     )
     return Verified(rows, _panels(run, pairs, q))
 
@@ -270,7 +270,7 @@ def _panels(run: Experiment, pairs: list[tuple[Moment, Known]], q: float) -> tup
     middle = (run.x[:, 1] < 1e-9) & (np.abs(run.x[:, 0]) < 1.4)
     x, fine = run.x[middle, 0], np.linspace(-1.4, 1.4, 561)
     profiles = []
-    for label, time in (("greatest Q", LOADED), ("on the way back", 2.75)):
+    for label, time in (("largest Q", LOADED), ("on the way back", 2.75)):
         moment = next(ours for ours, _ in pairs if ours.time == time)
         formula = known(run.theory, moment, np.abs(fine), q)
         profiles.append(Curve(f"formula, {label}", fine, formula.traction, formula=True))

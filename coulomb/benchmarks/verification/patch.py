@@ -117,7 +117,7 @@ def _rows(name: str, patch: Patch, solution: Solution) -> list[Row]:
     return [
         relative(f"{name}: pressure, worst node, Pa", expected[2], worst[2], allowed, why),
         relative(f"{name}: shear, worst node, Pa", expected[0], worst[0], allowed * PRESSURE / patch.shear, why),
-        absolute(f"{name}: displacement, worst node, over the greatest", 0.0, off, allowed, why),
+        absolute(f"{name}: displacement, worst node, over the largest", 0.0, off, allowed, why),
         absolute(f"{name}: share of nodes that do so", 1.0, alike, 0.0, "a count: all of them"),
     ]
 

@@ -90,7 +90,7 @@ def recomputed(
     told = derived(written, certificate, u, -spring * u, fixed)
     accepted, recorded = _recorded_strain(run)
     if foundations is None:
-        measured = {"gradient": body.greatest_gradient(u)}
+        measured = {"gradient": body.largest_gradient(u)}
     else:
         measured = asdict(small_strain(written, foundations, body, u))
     outside = SmallStrain(**{**recorded, **measured}).violations

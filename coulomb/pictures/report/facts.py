@@ -41,7 +41,7 @@ def _of_case(case: dict[str, Any]) -> Facts:
     facts: Facts = []
     for support in (*case.get("clamp", ()), *case.get("prescribed_displacement", ())):
         value = support.get("value", [0.0] * 3)
-        kind, moved = ("prescribed displacement", f" = {vector(value, 'm')}") if any(value) else ("clamp", " held")
+        kind, moved = ("prescribed displacement", f": {vector(value, 'm')}") if any(value) else ("clamp", " held")
         prescribed = f"components {support.get('components', 'xyz')}{moved}"
         facts.append((f"{kind} on {support['face']}", prescribed + _in_time(support.get("amplitude"))))
     for spring in case.get("spring", ()):

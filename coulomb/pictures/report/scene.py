@@ -43,7 +43,7 @@ _OBLIQUE = ("contact", "iso", "below")  # the others look along an axis: without
 _BODY, _EDGE, _FACE_EDGE = "#f2f0eb", "#c8c5be", "#8a8a8a"
 _LINED = 15_000  # facets up to which their edges are drawn: lines on finer ones would hide the colours
 _TIP = 0.07  # radius of an arrow's tip over its length
-_ARROWS = 22  # along the greatest extent of the contact face
+_ARROWS = 22  # along the largest extent of the contact face
 _INK = "#202020"
 
 
@@ -67,17 +67,17 @@ class Look:
 
 
 def automatic_scale(run: Run) -> float:
-    """A round factor by which the greatest displacement of a run shows: a twentieth of the body's size.
+    """A round factor by which the largest displacement of a run shows: a twentieth of the body's size.
 
     It is less where a thin body would turn inside out: cells are stretched to half their size at most, but for the
     hundredth of them that is stretched most.
     """
-    greatest, stretch, size = 0.0, 0.0, 1.0
+    largest, stretch, size = 0.0, 0.0, 1.0
     for step in run.steps:
         body = step.grid("solution")
         displacement = body.fields["displacement"]
         size = float(np.linalg.norm(np.ptp(body.points, axis=0)))
-        greatest = max(greatest, float(np.linalg.norm(displacement, axis=1).max()))
+        largest = max(largest, float(np.linalg.norm(displacement, axis=1).max()))
         if not displacement.any():
             continue
         edges = np.zeros(len(body.cells))
@@ -86,9 +86,9 @@ def automatic_scale(run: Run) -> float:
             change = np.linalg.norm(displacement[a] - displacement[b], axis=1)
             edges = np.maximum(edges, change / np.linalg.norm(body.points[a] - body.points[b], axis=1))
         stretch = max(stretch, float(np.quantile(edges, 0.99)))
-    if not greatest > 0.0:
+    if not largest > 0.0:
         return 1.0
-    return nice(min(0.05 * size / greatest, 0.5 / stretch if stretch > 0.0 else np.inf))
+    return nice(min(0.05 * size / largest, 0.5 / stretch if stretch > 0.0 else np.inf))
 
 
 def limits_of(run: Run, field: Field) -> tuple[float, float]:
@@ -256,13 +256,13 @@ def _arrows(plotter: Any, contact: Grid, body: Grid, look: Look) -> None:
 def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, FloatArray]:
     """Tails of the arrows on the deformed face, a little in front of it, and the arrows; metres, (k, 3) each.
 
-    One from each cube of a grid over the face, the greatest nine tenths as long as a cube.
+    One from each cube of a grid over the face, the largest nine tenths as long as a cube.
     """
     points, vectors = contact.points, contact.fields[look.field.name]
-    greatest = float(np.linalg.norm(vectors, axis=1).max())
+    largest = float(np.linalg.norm(vectors, axis=1).max())
     extent = np.ptp(points, axis=0)
     reach = float(extent.max())
-    if not greatest > 0.0 or not reach > 0.0:
+    if not largest > 0.0 or not reach > 0.0:
         return points[:0], vectors[:0]
     cell = np.sqrt(float(np.sum(contact.fields["area"])) / max(1, len(points)))
     edge = max(reach / _ARROWS, 1.2 * cell)
@@ -272,7 +272,7 @@ def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, Float
     _, first = np.unique(cube[order], axis=0, return_index=True)
     shown = order[first]
     deformed = points[shown] + look.scale * body.fields["displacement"][match(points[shown], body.points)]
-    return deformed + 4e-3 * reach * contact.fields["normal"][shown], 0.9 * edge / greatest * vectors[shown]
+    return deformed + 4e-3 * reach * contact.fields["normal"][shown], 0.9 * edge / largest * vectors[shown]
 
 
 def thinned(count: int, most: int) -> npt.NDArray[np.int64]:

@@ -66,11 +66,11 @@ class Field:
         """Range of the colours: symmetric for what has a sign, from 0 for magnitudes, 0 to 1 for a share."""
         if self.colours == SHARE:
             return 0.0, 1.0
-        least, greatest = float(np.min(values)), float(np.max(values))
+        least, largest = float(np.min(values)), float(np.max(values))
         if self.signed:
-            most = max(abs(least), abs(greatest)) or 1.0
+            most = max(abs(least), abs(largest)) or 1.0
             return -most, most
-        return 0.0, greatest if greatest > 0.0 else 1.0
+        return 0.0, largest if largest > 0.0 else 1.0
 
 
 FIELDS = (
@@ -106,7 +106,7 @@ def named(name: str) -> Field:
 
 
 def ramp(field: Field, count: int = 65) -> list[str]:
-    """Colours of a field from its least to its greatest value, as #rrggbb; of the zones theirs."""
+    """Colours of a field from its least to its largest value, as #rrggbb; of the zones theirs."""
     if field.zones:
         return [colour for _, colour in ZONES.values()]
     colours = matplotlib.colormaps[field.colours](np.linspace(0.0, 1.0, count))

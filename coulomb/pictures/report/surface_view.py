@@ -45,7 +45,7 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
     outline_nodes, lines = _outline(body)
     direction, up = looking_at(outward(first))
     fields = [_field(run, name) for name in SHOWN]
-    greatest = max(
+    largest = max(
         float(np.linalg.norm(step.grid("contact").fields["friction_traction"], axis=1).max()) for step in run.steps
     )
     every = max(1, -(-len(nodes) // MOST_ARROWS))
@@ -63,7 +63,7 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
         "length": {"factor": length_factor, "unit": length_unit},
         "direction": direction.tolist(),
         "up": up.tolist(),
-        "arrow": {"every": every, "greatest": greatest or 1.0, "length": 1.5 * cell},
+        "arrow": {"every": every, "largest": largest or 1.0, "length": 1.5 * cell},
         "fields": [{key: value for key, value in entry.items() if key != "field"} for entry in fields],
         "steps": [_step(run.steps[k], fields, points, body.points[outline_nodes]) for k in numbers],
         "flat": False,

@@ -11,17 +11,17 @@ _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"
 _AREAS = ((1.0, "m²"), (1e-4, "cm²"), (1e-6, "mm²"), (1e-12, "µm²"))
 
 
-def scale_of(greatest: float, unit: str) -> tuple[float, str]:
-    """The unit in which numbers up to `greatest` read well.
+def scale_of(largest: float, unit: str) -> tuple[float, str]:
+    """The unit in which numbers up to `largest` read well.
 
     Args:
-        greatest: In the bare unit; its sign does not count.
+        largest: In the bare unit; its sign does not count.
         unit: "Pa", "m", "m²", ...; "" has no prefixes.
 
     Returns:
         The factor to divide by, and the unit with its prefix: (1e6, "MPa").
     """
-    size = abs(greatest)
+    size = abs(largest)
     if not unit or unit == "°" or size == 0.0 or not math.isfinite(size):
         return 1.0, unit
     if unit == "m²":
@@ -63,8 +63,8 @@ def in_seconds(value: float, digits: int = 4) -> str:
 
 
 def vector(values: list[float] | tuple[float, ...], unit: str, digits: int = 4) -> str:
-    """Components with one unit: (−14.7, −22.5, 104) MN; what is rounding beside the greatest is 0."""
-    greatest = max((abs(value) for value in values), default=0.0)
-    factor, prefixed = scale_of(greatest, unit)
-    shown = ", ".join(number(0.0 if abs(v) <= 1e-9 * greatest else v / factor, digits) for v in values)
+    """Components with one unit: (−14.7, −22.5, 104) MN; what is rounding beside the largest is 0."""
+    largest = max((abs(value) for value in values), default=0.0)
+    factor, prefixed = scale_of(largest, unit)
+    shown = ", ".join(number(0.0 if abs(v) <= 1e-9 * largest else v / factor, digits) for v in values)
     return f"({shown}){NARROW}{prefixed}"

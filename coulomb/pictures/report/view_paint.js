@@ -8,7 +8,7 @@ function arrowCorners(points, margin) {
   const corners = [];
   for (let node = 0; node < vectors.length / 3; node += told.arrow.every) {
     const at = (array) => [array[3 * node], array[3 * node + 1], array[3 * node + 2]];
-    const length = Math.hypot(...at(vectors)) / told.arrow.greatest; // over the greatest arrow, as all that follows
+    const length = Math.hypot(...at(vectors)) / told.arrow.largest; // over the largest arrow, as all that follows
     if (length < 0.04) continue;
     const along = unit(at(vectors));
     const side = cross(at(normals), along);

@@ -87,7 +87,7 @@ function boxAround() {
   const grow = (points, displacement, more) => {
     for (let k = 0; k < points.length; k++) {
       const at = points[k] + state.scale * displacement[k];
-      const end = more ? at + (more[k] / told.arrow.greatest) * told.arrow.length : at;
+      const end = more ? at + (more[k] / told.arrow.largest) * told.arrow.length : at;
       low[k % 3] = Math.min(low[k % 3], at, end);
       high[k % 3] = Math.max(high[k % 3], at, end);
     }
