@@ -16,7 +16,7 @@ from coulomb.benchmarks.conditioning import measure
 
 # The problem: min 1/2 x^T A x - b^T x subject to x_n >= 0, |x_t| <= g, at 330 contact nodes (Table 1's first line).
 problem = block(p=10, friction=None)
-qp = problem.tresca(problem.slip_bound(problem.b))
+qp = problem.friction_problem
 print(f"{problem.unknowns['displacement']}/{problem.unknowns['contact']} unknowns")
 
 # PF follows the central path nu_i z_i = theta to theta = 0.  Each step solves a Newton system by preconditioned CG, as
@@ -39,7 +39,7 @@ assert np.linalg.norm(path.x - active.x) <= 1e-4 * np.linalg.norm(path.x)
 
 # Theorem 1 on a smaller block: what CG sees stays bounded while the systems themselves become singular.
 small = block(p=3, friction=None)
-spectra = measure(small.tresca(small.slip_bound(small.b)))
+spectra = measure(small.friction_problem)
 print(f"cond(J_AM) ends at {spectra[-1].cond_J_AM:.1e}, cond(P_AM^-1 J_AM) at {spectra[-1].cond_preconditioned_AM:.1e}")
 
 print(problem.solution(result).certificate)

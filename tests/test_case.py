@@ -182,9 +182,9 @@ def test_several_faces(tmp_path):
     path.write_text(JAWS)
     case = read_case(path)
     problem = case.problem()
-    assert problem.surface.faces == ("bottom", "top") and problem.coulomb
+    assert problem.surface.faces == ("bottom", "top")
     top = problem.surface.part == 1
-    assert set(problem.coefficient[~top]) == {0.4} and set(problem.coefficient[top]) == {0.1, 0.2}
+    assert set(problem.law.friction[~top]) == {0.4} and set(problem.law.friction[top]) == {0.1, 0.2}
     (step,) = case.load_history().steps(problem)
     assert step.solution.certificate.passed
     for change, message in (
@@ -195,6 +195,3 @@ def test_several_faces(tmp_path):
     ):
         with pytest.raises(ValueError, match=message):
             read_case(path, [change]).problem()
-    path.write_text(JAWS.replace("friction = 0.4", "slip_stress = 1e5"))
-    with pytest.raises(ValueError, match="give all faces friction"):
-        read_case(path)

@@ -14,7 +14,7 @@ RUNS = {"hexahedra": BLOCK, "tetrahedra": WEDGE}
 ON_BODY = ("displacement", "load", "held", "prescribed", "spring", "von_mises_stress", "young", "poisson")
 ON_FACE = (
     *("pressure", "friction_traction", "slip", "gap", "friction_use", "contact_force", "normal", "initial_gap"),
-    *("area", "coefficient", "slip_bound", "slip_origin", "face"),
+    *("area", "coefficient", "friction", "cohesion", "slip_bound", "slip_origin", "face"),
 )
 GIVEN = {
     "load",
@@ -25,7 +25,8 @@ GIVEN = {
     "poisson",
     "normal",
     "initial_gap",
-    "coefficient",
+    "friction",
+    "cohesion",
     "slip_origin",
 }
 

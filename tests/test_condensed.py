@@ -58,7 +58,7 @@ def close(values, expected, accuracy=1e-8):
 def test_cone_step_is_the_dense_step(exact):
     """From a carried y that lags, the step that the dense system makes of the true A x; and y + w is exact after it."""
     rng = np.random.default_rng(81)
-    scaled = ScaledCoulomb(body().coulomb_problem)
+    scaled = ScaledCoulomb(body().friction_problem)
     m, f = scaled.nodes, scaled.frictional
     assert 0 < f.sum() < m
     angle = rng.uniform(0.0, 6.28, m)
@@ -166,7 +166,7 @@ def test_successive_tresca_without_friction_somewhere():
 def test_a_compliance_without_stiffness_is_refused():
     block = solved_block(6).problem
     with pytest.raises(ValueError, match=r"explicit compliance does not keep: use ContactProblem\(.*explicit=False"):
-        OneLoop(newton=CondensedConeSystem).solve(block.coulomb_problem)
+        OneLoop(newton=CondensedConeSystem).solve(block.friction_problem)
     with pytest.raises(ValueError, match="explicit=False"):
         PathFollowing(newton=CondensedSystem).solve(block.tresca(np.full(len(block.surface.nodes), 1e4)))
 
@@ -174,7 +174,7 @@ def test_a_compliance_without_stiffness_is_refused():
 def test_what_is_kept():
     """K's nonzeros once more, and vectors: nothing of m x m."""
     problem = make_block(4, **MULTIGRID)
-    scaled = ScaledCoulomb(FrictionProblem.coulomb(problem.A, problem.b, problem.coefficient))
+    scaled = ScaledCoulomb(FrictionProblem.coulomb(problem.A, problem.b, problem.law.friction))
     system, m = CondensedConeSystem(scaled.A), scaled.nodes
     K = problem.elasticity.K
     system.start(np.ones((m, 3)), 0.1)

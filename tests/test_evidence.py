@@ -198,5 +198,5 @@ def test_normals_of_a_moved_ball_that_stay_fail(monkeypatch):
 
 def test_the_coefficient_is_the_one_that_was_given():
     problem = make_block(3)
-    problem.coefficient = 0.99 * problem.coefficient
+    problem.law = replace(problem.law, friction=0.99 * problem.law.friction)
     assert "slip inside the cone" in failed(answer(problem).certificate)

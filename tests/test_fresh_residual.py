@@ -83,7 +83,7 @@ def is_fresh(result, A, b, a, bound, accuracy=1e-12):
 def test_coulomb_by_multigrid(name):
     """Products that are solves, exact to 1e-11; those on the way to a few hundredths."""
     problem, A, b = block("coulomb")
-    result = COULOMB[name].solve(problem.coulomb_problem)
+    result = COULOMB[name].solve(problem.friction_problem)
     is_fresh(result, A, b, problem.mean_compliance, lambda x_n: 0.3 * np.maximum(x_n, 0.0), 1e-8)
 
 
@@ -177,10 +177,10 @@ def test_what_is_given_up_is_judged_afresh_too(name):
     """Stopped on the way, by multigrid: A x of the last step is good to a few hundredths of that step."""
     if name in QP:
         problem, A, b = block("tresca")
-        posed, g = problem.tresca(problem.slip_bound(problem.b)), problem.slip_bound(problem.b)
+        posed, g = problem.friction_problem, problem.slip_bound(problem.b)
     else:
         problem, A, b = block("coulomb")
-        posed, g = problem.coulomb_problem, None
+        posed, g = problem.friction_problem, None
     solver = dataclasses.replace({**QP, **COULOMB}[name], max_iterations=5)
     with pytest.raises(NotConverged) as failure:
         solver.solve(posed)

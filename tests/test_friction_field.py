@@ -31,10 +31,10 @@ def test_a_constant_function_is_the_constant():
 def test_every_node_obeys_its_own_coefficient():
     problem = block_with(lambda x: 0.1 + 0.2 * x[0] * x[1])
     x = problem.surface.x
-    assert problem.coefficient == pytest.approx(0.1 + 0.2 * x[:, 0] * x[:, 1])
+    assert problem.law.friction == pytest.approx(0.1 + 0.2 * x[:, 0] * x[:, 1])
     solution = problem.solve()
     force = solution.contact_force.reshape(-1, 3)
-    friction, bound = np.hypot(force[:, 1], force[:, 2]), problem.coefficient * force[:, 0]
+    friction, bound = np.hypot(force[:, 1], force[:, 2]), problem.law.friction * force[:, 0]
     assert np.all(friction <= bound + 1e-6 * force.max())
     assert np.sum(friction > 0.999 * bound) > 10 and solution.certificate.passed
 
@@ -84,7 +84,7 @@ def test_regions_of_a_case(tmp_path):
     problem = read_case(BLOCK, changes).problem()
     x = problem.surface.x
     expected = np.where(x[:, 1] <= 0.5, 0.5, np.where(x[:, 0] <= 1.0 + 1e-9, 0.0, 0.3))
-    assert np.array_equal(problem.coefficient, expected)
+    assert np.array_equal(problem.law.friction, expected)
     arguments = [part for change in changes for part in ("--set", change)]
     done = run_coulomb("run", BLOCK, *arguments, "--set", "output.picture=false", "--output", tmp_path, ranks=2)
     assert done.returncode == 0, done.stderr

@@ -73,7 +73,7 @@ def test_starts_where_it_is_told():
 
 def test_block_needs_many_more_products_than_path_following():
     problem = make_block(6, slip_stress=1e7)
-    qp = problem.tresca(problem.slip_bound(problem.b))
+    qp = problem.friction_problem
     active, interior = KPRGP(tolerance=1e-6).solve(qp), PathFollowing(tolerance=1e-6).solve(qp)
     assert np.linalg.norm(active.x - interior.x) <= 1e-4 * np.linalg.norm(active.x)
     assert active.products > 3.1 * interior.products  # the paper's largest advantage

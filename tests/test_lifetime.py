@@ -24,7 +24,7 @@ def test_matrices_outlive_their_mesh():
 )
 def test_a_tresca_problem_outlives_its_body(options):
     problem = make_block(2, slip_stress=1e7, **options)
-    qp = problem.tresca(problem.slip_bound(problem.b))
+    qp = problem.friction_problem
     expected = problem.solve().contact_force
     del problem
     gc.collect()

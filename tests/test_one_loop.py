@@ -6,6 +6,7 @@ from conftest import dense_compliance, make_block, random_spd, reference, solved
 from mpi4py import MPI
 
 from coulomb import (
+    KPRGP,
     Automatic,
     DenseConeSystem,
     FrictionLaw,
@@ -13,6 +14,7 @@ from coulomb import (
     KrylovConeSystem,
     NotConverged,
     OneLoop,
+    PathFollowing,
     Status,
     SuccessiveTresca,
 )
@@ -117,19 +119,19 @@ def test_steps_and_answers_on_the_block(p, friction):
 
 def test_against_the_independent_solver():
     totals, _ = reference(10, "coulomb")
-    result = OneLoop(1e-8).solve(solved_block(10).problem.coulomb_problem)
+    result = OneLoop(1e-8).solve(solved_block(10).problem.friction_problem)
     assert result.x[0::3].sum() == pytest.approx(totals["total_normal_force_N"], rel=1e-6)
 
 
 def test_krylov_iterations_stay_bounded_to_the_end():
     """The nodal blocks grow without bound as theta goes to 0; the iterations do not."""
-    history = OneLoop(1e-10).solve(solved_block(10).problem.coulomb_problem).history
+    history = OneLoop(1e-10).solve(solved_block(10).problem.friction_problem).history
     assert history[-1].theta < 1e-9 * history[0].theta
     assert max(step.krylov for step in history[-8:]) <= 8
 
 
 def test_accepted_iterates_decrease_theta_and_the_residual_decides():
-    result = OneLoop(1e-8).solve(solved_block(6).problem.coulomb_problem)
+    result = OneLoop(1e-8).solve(solved_block(6).problem.friction_problem)
     thetas = [step.theta for step in result.history]
     for before, after, step in zip(thetas, thetas[1:], result.history[1:], strict=False):
         assert after <= (1.0 - step.alpha * 1e-2 * (1.0 - step.sigma)) * before * (1 + 1e-12)
@@ -142,7 +144,7 @@ def test_units_do_not_matter():
     A = np.array(block.A.dense())
     counts = []
     for force, length in ((1.0, 1.0), (1e-3, 1e3), (1e6, 1e-6)):
-        problem = FrictionProblem.coulomb(dense_compliance(A * length / force), block.b * length, block.coefficient)
+        problem = FrictionProblem.coulomb(dense_compliance(A * length / force), block.b * length, block.law.friction)
         result = OneLoop().solve(problem)
         counts.append(result.path_following)
         assert np.linalg.norm(result.x / force - solved_block(6).contact_force) <= 1e-6 * np.linalg.norm(
@@ -152,12 +154,12 @@ def test_units_do_not_matter():
 
 
 def test_auto_says_what_it_chose():
-    result = Automatic(1e-8).solve(solved_block(6).problem.coulomb_problem)
+    result = Automatic(1e-8).solve(solved_block(6).problem.friction_problem)
     assert result.method == "auto: one loop" and result.iterations == 0
 
 
 def test_auto_falls_back(monkeypatch):
-    problem = solved_block(6).problem.coulomb_problem
+    problem = solved_block(6).problem.friction_problem
     failing = OneLoop(max_iterations=3)
 
     class Short(OneLoop):
@@ -185,7 +187,7 @@ def test_auto_falls_back(monkeypatch):
 
 
 def test_giving_up_says_so_and_carries_the_answer():
-    problem = solved_block(6).problem.coulomb_problem
+    problem = solved_block(6).problem.friction_problem
     with pytest.raises(NotConverged, match=r"one loop ended with a Coulomb residual of .* last residuals") as failure:
         OneLoop(max_iterations=4).solve(problem)
     result = failure.value.result
@@ -201,8 +203,14 @@ def test_constants_outside_their_bounds(field):
 
 
 def test_the_law_decides_which_solvers_fit():
-    with pytest.raises(ValueError, match="Tresca friction needs a QPSolver"):
-        make_block(2, slip_stress=1e7).solve(solver=OneLoop())
+    """Solvers of convex problems refuse friction that grows with pressure; those for that solve the convex ones too."""
+    for solver in (PathFollowing(), KPRGP()):
+        with pytest.raises(ValueError, match="where friction grows with pressure use "):
+            make_block(2).solve(solver=solver)
+    best = make_block(3, slip_stress=1e7).solve(1e-10).contact_force
+    for other in (OneLoop(1e-10), SuccessiveTresca(1e-10, PathFollowing(tolerance=1e-10)), KPRGP(1e-10)):
+        x = make_block(3, slip_stress=1e7).solve(solver=other).contact_force
+        assert np.linalg.norm(x - best) <= 1e-8 * np.linalg.norm(best)
 
 
 def test_start_from_a_coarser_mesh():
@@ -210,7 +218,7 @@ def test_start_from_a_coarser_mesh():
     coarse, fine = solved_block(6), solved_block(12)
     start = interpolated_forces(coarse.contact_force, coarse.problem.surface, fine.problem.surface)
     assert np.linalg.norm(start - fine.contact_force) <= 0.15 * np.linalg.norm(fine.contact_force)
-    problem = fine.problem.coulomb_problem
+    problem = fine.problem.friction_problem
     cold, warm = OneLoop(1e-8).solve(problem), OneLoop(1e-8).solve(problem, start=start)
     assert np.linalg.norm(warm.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)
     assert warm.path_following < cold.path_following and warm.products < cold.products

@@ -54,7 +54,8 @@ def test_vtk_reads_the_contact_surface(run):
     grid = grid if isinstance(grid, pyvista.DataSet) else grid[0]
     assert grid.n_cells == 18 * 6 and grid.n_points == 19 * 7
     names = {"pressure", "friction_traction", "slip", "gap", "status", "friction_use"}
-    names |= {"contact_force", "normal", "initial_gap", "area", "coefficient", "slip_bound", "slip_origin", "face"}
+    names |= {"contact_force", "normal", "initial_gap", "area", "slip_bound", "slip_origin", "face"}
+    names |= {"coefficient", "friction", "cohesion"}
     assert set(grid.point_data.keys()) == names
     surface, x = solution.problem.surface, solution.contact_force.reshape(-1, 3)
     held = np.isclose(grid.points[:, 0], 0.0)

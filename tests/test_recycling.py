@@ -105,7 +105,7 @@ def test_theorem_1_holds_with_the_stand_in(A):
 
 def test_same_steps_with_fewer_products():
     problem = make_block(6, slip_stress=1e7)
-    qp = problem.tresca(problem.slip_bound(problem.b))
+    qp = problem.friction_problem
     learnt, alone = (PathFollowing(newton=newton).solve(qp) for newton in (RecyclingSystem, AugmentedSystem))
     assert abs(learnt.iterations - alone.iterations) <= 2
     assert learnt.products < 0.7 * alone.products

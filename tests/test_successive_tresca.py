@@ -60,7 +60,7 @@ def test_stops_on_the_coulomb_residual(block6):
 
 @functools.cache
 def solved6(memory=0):
-    return SuccessiveTresca(1e-8, memory=memory).solve(solved_block(6).problem.coulomb_problem)
+    return SuccessiveTresca(1e-8, memory=memory).solve(solved_block(6).problem.friction_problem)
 
 
 def test_contraction_is_measured():

@@ -11,7 +11,7 @@ from coulomb.benchmarks.conditioning import measure
 def problems():
     yield "random", random_tresca(12, seed=91, condition=1e2)[0]
     block = make_block(2, slip_stress=1e7)
-    yield "block", block.tresca(block.slip_bound(block.b))
+    yield "block", block.friction_problem
 
 
 @pytest.fixture(scope="module", params=list(problems()), ids=lambda p: p[0])

@@ -83,7 +83,7 @@ def measure(sizes: Iterable[int] = SIZES, names: Iterable[str] | None = None) ->
         raise ValueError(f"there is no solver {unknown[0]!r} in the table; it has {', '.join(columns)}")
     for p in sizes:
         problem = block(p, friction=None)
-        qp = problem.tresca(problem.slip_bound(problem.b))
+        qp = problem.friction_problem
         estimated = replace(qp, A=_with_estimated_diagonal(problem)) if ESTIMATED in chosen else qp
         for name in chosen:
             began = time.perf_counter()

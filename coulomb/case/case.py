@@ -126,11 +126,6 @@ class Case(Table):
             return {"contact": self.contact}
         return {f"contact.{k}": table for k, table in enumerate(self.contact)}
 
-    @property
-    def coulomb(self) -> bool:
-        """Whether friction is Coulomb's; else Tresca's."""
-        return next(iter(self.contacts.values())).friction is not None
-
     def materials(self) -> Material | dict[str, Material]:
         """One for the whole body, or by group of cells."""
         from ..fem.body import Material
@@ -161,9 +156,7 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _method_fits_the_law(self) -> Case:
-        if len({table.friction is None for table in self.contacts.values()}) > 1:
-            raise ValueError("contact: give all faces friction (Coulomb), or all slip_stress (Tresca)")
-        if not self.coulomb and self.solver.method != "auto":
+        if all(table.friction is None for table in self.contacts.values()) and self.solver.method != "auto":
             raise ValueError('solver.method is for Coulomb friction; with slip_stress leave it at "auto"')
         return self
 
@@ -193,7 +186,7 @@ class Case(Table):
 
     def contact_solver(self) -> CoulombSolver | QPSolver:
         """The solver the case asks for."""
-        return self.solver.contact_solver(self.coulomb)
+        return self.solver.contact_solver(any(table.sloped for table in self.contacts.values()))
 
 
 FILES = {"file", "facets", "cell_groups"}

@@ -57,12 +57,17 @@ class FoundationTable(Table):
         return Plane(self.point, self.normal)
 
 
+LAW_KEYS = ("friction", "slip_stress", "cohesion")
+"""What describes the law of friction of a face or a region."""
+
+
 class RegionTable(Table):
     """A part of the contact face, inside a box given by two corners in metres, that rubs differently."""
 
     box: tuple[Vector, Vector]
     friction: Friction | None = None
     slip_stress: Stress | None = None
+    cohesion: Stress | None = None
 
     @model_validator(mode="after")
     def _corners(self) -> RegionTable:
@@ -83,7 +88,7 @@ there."""
 
 
 class ContactTable(Table):
-    """The contact face, and one of two friction laws: friction (Coulomb) or slip_stress in pascals (Tresca)."""
+    """The contact face and its law: friction (Coulomb), perhaps with cohesion, or slip_stress (Tresca), in pascals."""
 
     face: Name
     friction: Friction | None = None
@@ -92,17 +97,28 @@ class ContactTable(Table):
     foundation: FoundationTable | None = None
     normals: Literal["foundation", "body"] = "foundation"
     motion: MotionTable | None = None
+    cohesion: Stress | None = None
 
     @model_validator(mode="after")
     def _one_law(self) -> ContactTable:
         if (self.friction is None) == (self.slip_stress is None):
             raise ValueError("give either friction (Coulomb) or slip_stress (Tresca), one of the two")
-        law = "friction" if self.slip_stress is None else "slip_stress"
-        other = "slip_stress" if law == "friction" else "friction"
+        if self.cohesion is not None and self.friction is None:
+            raise ValueError("cohesion goes with friction; slip_stress is a cohesion alone")
+        given = [name for name in LAW_KEYS if getattr(self, name) is not None]
         for number, region in enumerate(self.region):
-            if getattr(region, law) is None or getattr(region, other) is not None:
-                raise ValueError(f"region.{number} must give {law}, as the contact does, and nothing else but its box")
+            named = [name for name in LAW_KEYS if getattr(region, name) is not None]
+            if not named or not set(named) <= set(given):
+                wanted = " or ".join(given) + (", or both" if len(given) > 1 else "")
+                raise ValueError(
+                    f"region.{number} must give {wanted}, as the contact does, and nothing else but its box"
+                )
         return self
+
+    @property
+    def sloped(self) -> bool:
+        """Whether friction grows with pressure anywhere on the face."""
+        return bool(self.friction) or any(region.friction for region in self.region)
 
     def contact(self) -> Contact:
         """What it describes."""
@@ -115,9 +131,10 @@ class ContactTable(Table):
             self.foundation.foundation() if self.foundation is not None else None,
             self.normals,
             self.motion,
+            self._coefficient("cohesion"),
         )
 
-    def _coefficient(self, law: Literal["friction", "slip_stress"]) -> Coefficient | None:
+    def _coefficient(self, law: Literal["friction", "slip_stress", "cohesion"]) -> Coefficient | None:
         """Of this law: nothing, a number, or a function of place by region; where regions overlap, the last counts."""
         base = getattr(self, law)
         if base is None or not self.region:
@@ -126,7 +143,8 @@ class ContactTable(Table):
         def by_region(x: FloatArray) -> FloatArray:
             values = np.full(x.shape[1], float(base))
             for region in self.region:
-                values[region.holds(x)] = getattr(region, law)
+                if getattr(region, law) is not None:
+                    values[region.holds(x)] = getattr(region, law)
             return values
 
         return by_region

@@ -35,11 +35,11 @@ class SolverTable(Table):
             raise ValueError('newton = "condensed" works with K in place of A: leave compliance at "auto"')
         return self
 
-    def contact_solver(self, coulomb: bool) -> CoulombSolver | QPSolver:
+    def contact_solver(self, sloped: bool) -> CoulombSolver | QPSolver:
         """What the table asks for; a Newton system that is the paper's asks for successive Tresca.
 
         Args:
-            coulomb: Whether friction is Coulomb's; else Tresca's.
+            sloped: Whether friction grows with pressure at any node.
         """
         from ..solvers.automatic import Automatic
         from ..solvers.condensed import CondensedConeSystem, CondensedSystem
@@ -58,7 +58,7 @@ class SolverTable(Table):
             "condensed": CondensedSystem,
         }
         path_following = PathFollowing(tolerance=self.tolerance, newton=systems[self.newton])
-        if not coulomb:
+        if self.method == "auto" and not sloped:
             return path_following
         if self.method == "successive-tresca" or self.newton in ("augmented", "schur"):
             most = SuccessiveTresca.max_iterations if self.max_outer is None else self.max_outer

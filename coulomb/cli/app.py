@@ -208,16 +208,17 @@ def export(
 
     from ..io.fclib import FCLIBProblem, write_fclib
     from ..linalg.compliance import SchurCompliance
+    from ..linalg.reductions import Reductions
 
     try:
         problem = settings.problem()
         if time is not None:
             problem = problem.at(time)
-        if not problem.coulomb:
-            raise ValueError("FCLIB's problems have Coulomb friction; this case has a slip stress")
+        if problem.law.name(Reductions(problem.comm)) != "coulomb":
+            raise ValueError("FCLIB's problems have Coulomb's law; this case has a cohesion or a slip stress")
         if not isinstance(problem.A, SchurCompliance):
             raise ValueError('A is not formed for a problem of this size; set solver.compliance="explicit"')
-        mu = problem.coefficient
+        mu = problem.law.friction
         W = scipy.sparse.csr_matrix(problem.A.dense())
         write_fclib(file, FCLIBProblem(W, -problem.b, mu, case.stem))
     except ValueError as error:

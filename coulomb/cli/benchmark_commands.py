@@ -211,7 +211,7 @@ def conditioning(
     from ..benchmarks.conditioning import measure
 
     problem = block(p, friction=None)
-    spectra = measure(problem.tresca(problem.slip_bound(problem.b)))
+    spectra = measure(problem.friction_problem)
     fields = ("iteration", "J_AM", "J_SC", "P_AM^-1 J_AM", "P_SC^-1 J_SC", "bound")
     rows = [
         (s.iteration, s.cond_J_AM, s.cond_J_SC, s.cond_preconditioned_AM, s.cond_preconditioned_SC, s.upper / s.lower)

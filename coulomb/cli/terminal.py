@@ -14,6 +14,7 @@ from rich.console import Console
 from ..fem import compat
 from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions
+from ..model.nodal_answer import law_numbers
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from ..process import animated
@@ -26,10 +27,7 @@ _UNITS = ((1e3, "km"), (1.0, "m"), (1e-3, "mm"), (1e-6, "um"), (1e-9, "nm"))
 
 def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
     unknowns = problem.unknowns
-    over = Reductions(problem.comm)
-    values = sorted({over.min(problem.coefficient), over.max(problem.coefficient)})
-    shown = " to ".join(f"{value:g}" for value in values)
-    law = f"Coulomb friction {shown}" if problem.coulomb else f"Tresca friction {shown} Pa"
+    law = law_in_words(law_numbers(problem.law, problem.surface.area, Reductions(problem.comm)))
     console.print(
         f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
         f"{problem.comm.size} {'rank' if problem.comm.size == 1 else 'ranks'}\n"
@@ -37,6 +35,19 @@ def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
         markup=False,
         soft_wrap=True,
     )
+
+
+def law_in_words(numbers: dict[str, Any]) -> str:
+    """The law of friction with its coefficients, from `law_numbers`: Mohr-Coulomb friction 0.3, cohesion 2e+06 Pa."""
+
+    def shown(given: Any) -> str:
+        return f"{given['min']:g} to {given['max']:g}" if isinstance(given, dict) else f"{given:g}"
+
+    if numbers["law"] == "tresca":
+        return f"Tresca friction {shown(numbers['slip_stress'])} Pa"
+    if numbers["law"] == "coulomb":
+        return f"Coulomb friction {shown(numbers['friction'])}"
+    return f"Mohr-Coulomb friction {shown(numbers['friction'])}, cohesion {shown(numbers['cohesion'])} Pa"
 
 
 def body_in_words(problem: ContactProblem) -> str:

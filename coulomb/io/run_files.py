@@ -17,6 +17,7 @@ from ..fem import compat
 from ..fem.body import ElasticBody
 from ..fem.meshes import corners_of, local_facets
 from ..model.nodal_answer import HELD
+from ..solvers.laws import LAWS
 from .field_files import data_of, read_fields, refuse_misnamed
 from .recheck.comparison import OF_LARGEST
 from .run_directory import OLD, SOLUTION, RunDirectory
@@ -29,7 +30,7 @@ ON_BODY = ("displacement", "load", "held", "prescribed", "spring")
 
 ON_FACE = (
     *("pressure", "friction_traction", "slip", "gap", "status", "friction_use", "contact_force", "normal"),
-    *("initial_gap", "area", "coefficient", "slip_bound", "slip_origin", "face"),
+    *("initial_gap", "area", "coefficient", "friction", "cohesion", "slip_bound", "slip_origin", "face"),
 )
 """Fields of contact.h5, one number or vector per node of the contact face."""
 
@@ -193,8 +194,8 @@ def midpoints(domain: Any) -> FloatArray:
 def _sound(summary: dict[str, Any], path: Path) -> None:
     """What the certificate needs of a summary."""
     law, compliance, certificate = (summary[key] for key in ("law", "mean_compliance", "certificate"))
-    if law not in ("coulomb", "tresca"):
-        raise ValueError(f"{path}: law should be 'coulomb' or 'tresca', but is {law!r}")
+    if law not in LAWS:
+        raise ValueError(f"{path}: law should be {', '.join(map(repr, LAWS[:-1]))} or {LAWS[-1]!r}, but is {law!r}")
     if isinstance(compliance, bool) or not isinstance(compliance, float | int) or not 0.0 < compliance < math.inf:
         raise ValueError(f"{path}: mean_compliance should be a positive number, but is {compliance!r}")
     if not isinstance(certificate, dict) or not isinstance(certificate.get("passed"), bool):

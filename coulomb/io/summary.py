@@ -52,7 +52,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         "residual": result.residual,
         "contraction": result.contraction if isinstance(result, CoulombResult) else None,
         "iterations": {
-            "outer": result.iterations if problem.coulomb else 0,
+            "outer": result.iterations if isinstance(result, CoulombResult) else 0,
             "path_following": result.path_following if isinstance(result, CoulombResult) else result.iterations,
             "products": result.products,
             "krylov": krylov,

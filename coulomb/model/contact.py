@@ -1,4 +1,4 @@
-"""What the user says of the contact: which face, which foundation, how it rubs."""
+"""What the user says of the contact: which face, which foundation, which law of friction."""
 
 from __future__ import annotations
 
@@ -13,23 +13,29 @@ from ..fem.elasticity import Elasticity
 from ..fem.obstacles import Moved, RigidFoundation
 from ..fem.surface import ContactSurface, Normals, contact_surface, joined
 from ..fem.user_values import Coefficient, Motion, evaluate_motion, evaluate_numbers, on_all_ranks
+from ..solvers.laws import FrictionLaw
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Which face may touch which foundation, and how it rubs there; exactly one of the two friction laws.
+    """Which face may touch which foundation, and its law of friction |x_t| <= c a + F x_n, a the area of a node.
+
+    Coulomb's law has friction F alone, Mohr-Coulomb's friction and cohesion c, Tresca's slip_stress in place of both: a
+    cohesion alone.  A cohesion resists slip, not opening, and acts on open nodes too.
 
     Attributes:
         face: Name of the contact face.
-        friction: Coulomb's coefficient F >= 0, constant or a function of place.
+        friction: Coefficient of friction F >= 0, constant or a function of place.
         slip_stress: Tresca friction: the shear stress in pascals at which the face slips, whatever the pressure;
             constant or a function of place.
         foundation: Rigid foundation; by default the plane of the face itself (gap 0).
         normals: Whose normals the contact frames take, "foundation" or "body" (`contact_surface`).
         motion: Translation of the foundation in the course of time, metres.
+        cohesion: Beside friction: the shear stress c >= 0 in pascals that the face bears without pressure, constant or
+            a function of place.
 
     Raises:
-        ValueError: If not exactly one law is given, or its number is negative or not finite.
+        ValueError: If no law is given, or two, or a number is negative or not finite.
     """
 
     face: str
@@ -38,18 +44,37 @@ class Contact:
     foundation: RigidFoundation | None = None
     normals: Normals = "foundation"
     motion: Motion | None = None
+    cohesion: Coefficient | None = None
 
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):
             raise ValueError("contact: give either friction (Coulomb) or slip_stress (Tresca), one of the two")
-        for name, value in (("friction", self.friction), ("slip_stress", self.slip_stress)):
+        if self.cohesion is not None and self.friction is None:
+            raise ValueError("contact: cohesion goes with friction; slip_stress is a cohesion alone")
+        given = {"friction": self.friction, "slip_stress": self.slip_stress, "cohesion": self.cohesion}
+        for name, value in given.items():
             if value is not None and not callable(value) and not (np.isfinite(value) and value >= 0.0):
                 raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
 
-    @property
-    def coulomb(self) -> bool:
-        """Whether friction is Coulomb's; else Tresca's."""
-        return self.friction is not None
+    def law(self, x: FloatArray, area: FloatArray, comm: MPI.Comm) -> FrictionLaw:
+        """The law of friction at nodes of the face; collective.
+
+        Args:
+            x: Their coordinates in metres, shape (k, 3).
+            area: Their areas in m^2, shape (k,).
+            comm: The ranks.
+
+        Raises:
+            ValueError: On every rank, if a function of place fails, or is negative or not finite on any.
+        """
+
+        def values(name: str, given: Coefficient | None) -> FloatArray:
+            if given is None:
+                return np.zeros(len(x))
+            return evaluate_numbers(given, x, f"contact face {self.face!r}: {name}", comm)
+
+        bearing = ("cohesion", self.cohesion) if self.slip_stress is None else ("slip_stress", self.slip_stress)
+        return FrictionLaw(values(*bearing) * area, values("friction", self.friction))
 
 
 class ContactFaces:
@@ -64,7 +89,7 @@ class ContactFaces:
         foundations: Where they were given, before any motion.
 
     Raises:
-        ValueError: If there is none, or two have different laws.
+        ValueError: If there is none.
     """
 
     def __init__(
@@ -73,8 +98,8 @@ class ContactFaces:
         comm: MPI.Comm,
         foundations: Sequence[RigidFoundation | None] | None = None,
     ):
-        if not contacts or len({contact.coulomb for contact in contacts}) > 1:
-            raise ValueError("contact: give one face or several, all with friction (Coulomb) or all with slip_stress")
+        if not contacts:
+            raise ValueError("contact: give one face or several")
         self._contacts, self._comm = contacts, comm
         self.foundations = [contact.foundation for contact in contacts] if foundations is None else foundations
 
@@ -97,12 +122,11 @@ class ContactFaces:
         faces = zip(self._contacts, moved, strict=True)
         return joined(elasticity, [contact_surface(elasticity, c.face, f, c.normals) for c, f in faces])
 
-    def coefficient(self, surface: ContactSurface) -> FloatArray:
-        """Friction, or slip stress in pascals, at this rank's contact nodes, shape (m,); collective."""
-        values: FloatArray = np.empty(len(surface.nodes))
+    def law(self, surface: ContactSurface) -> FrictionLaw:
+        """The law of friction at this rank's contact nodes; collective."""
+        cohesion, friction = np.zeros((2, len(surface.nodes)))
         for part, contact in enumerate(self._contacts):
-            law, given = ("friction", contact.friction) if contact.coulomb else ("slip_stress", contact.slip_stress)
-            assert given is not None
             here = surface.part == part
-            values[here] = evaluate_numbers(given, surface.x[here], f"contact: {law}", self._comm)
-        return values
+            law = contact.law(surface.x[here], surface.area[here], self._comm)
+            cohesion[here], friction[here] = law.cohesion, law.friction
+        return FrictionLaw(cohesion, friction)

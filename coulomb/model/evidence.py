@@ -18,11 +18,11 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from ..fem.body import ElasticBody
 from ..fem.surface import tangent_frames, way_along
-from ..fem.user_values import evaluate_motion, evaluate_numbers, on_all_ranks
+from ..fem.user_values import evaluate_motion, on_all_ranks
 from ..linalg.reductions import Reductions
+from ..solvers.laws import FrictionLaw
 
 if TYPE_CHECKING:
-    from .contact import Contact
     from .problem import ContactProblem
 
 HELD_BEYOND = 1.0 - 1e-10
@@ -98,12 +98,12 @@ def evidence(problem: ContactProblem, x: FloatArray, u: FloatArray, before: Befo
     else:
         origin = before.displacement
     faces = [_face(problem, number, before) for number in range(len(problem.contacts))]
-    nodes, n, gap, radius, moved = (np.concatenate(part) for part in zip(*faces, strict=True))
+    nodes, n, gap, cohesion, friction, moved = (np.concatenate(part) for part in zip(*faces, strict=True))
     frames = tangent_frames(n)
     force = -np.einsum("kij,kj->ki", frames, on_body[nodes])
     closure = np.einsum("kij,kj->ki", frames, u[nodes])
     closure[:, 1:] -= np.einsum("kij,kj->ki", frames, origin[nodes] + moved)[:, 1:]
-    bound = radius * np.maximum(force[:, 0], 0.0) if problem.coulomb else radius
+    bound = FrictionLaw(cohesion, friction).radius(force[:, 0])
     elsewhere = np.max(np.abs(on_body), axis=1)
     elsewhere[nodes] = 0.0
     stray = elsewhere[elsewhere != 0.0]  # where no force can be, it pulls, whichever way it points
@@ -142,12 +142,12 @@ def rounding_forces(body: ElasticBody, u: FloatArray) -> FloatArray:
 
 def _face(
     problem: ContactProblem, number: int, before: Before | None
-) -> tuple[npt.NDArray[np.int32], FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[npt.NDArray[np.int32], FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Of a contact face, the nodes that are not prescribed along their normal; collective.
 
     Returns:
-        Their numbers among this rank's nodes; n; gap in metres; F, or the slip bound in newtons; and the way of the
-        foundation in this step in metres, shape (m, 3).
+        Their numbers among this rank's nodes; n; gap in metres; cohesion in newtons and friction, as the contact was
+        given; and the foundation's displacement in this step in metres, shape (m, 3).
     """
     contact, elasticity, comm = problem.contacts[number], problem.elasticity, problem.comm
     nodes = elasticity.nodes(contact.face, "contact")
@@ -174,16 +174,5 @@ def _face(
         return way_along(n, place, distance, foundation) if contact.normals == "body" else distance
 
     gap = on_all_ranks(remaining, what, comm)
-    radius = _radius(problem, contact, nodes)
-    return nodes, n, gap, radius, np.tile(moved, (len(nodes), 1))
-
-
-def _radius(problem: ContactProblem, contact: Contact, nodes: npt.NDArray[np.int32]) -> FloatArray:
-    """F, or the slip bound of Tresca's law in newtons, as the contact was given, shape (m,); collective."""
-    law = contact.friction if contact.coulomb else contact.slip_stress
-    assert law is not None
-    values = evaluate_numbers(law, problem.elasticity.x[nodes], f"contact face {contact.face!r}", problem.comm)
-    if contact.coulomb:
-        return values
-    area: FloatArray = values * problem.elasticity.nodal_area(contact.face)[nodes]
-    return area
+    law = contact.law(elasticity.x[nodes], elasticity.nodal_area(contact.face)[nodes], comm)
+    return nodes, n, gap, law.cohesion, law.friction, np.tile(moved, (len(nodes), 1))

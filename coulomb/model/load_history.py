@@ -112,7 +112,7 @@ class LoadHistory:
     ) -> Solution:
         posed = self._posed(problem, state, time)
         start = None
-        if posed.coulomb and state.number > 0:  # from the forces before, in the frames of now
+        if state.number > 0:  # from the forces before, in the frames of now
             start = -posed.surface.components(state.on_body[posed.surface.nodes]).ravel()
         return posed.solve(self.tolerance, self.solver, progress, start)
 

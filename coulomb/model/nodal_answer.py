@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
+from ..solvers.laws import FrictionLaw
 
 if TYPE_CHECKING:
     from .solution import Solution
@@ -36,14 +37,13 @@ class NodalAnswer:
 
     Attributes:
         comm: The ranks.
-        coulomb: Whether friction is Coulomb's; else Tresca's.
+        law: Of friction at these nodes.
         faces: Names of the contact faces.
         part: Which of them a node is on, shape (m,).
         x: Coordinates, shape (m, 3).
         frames: Orthonormal rows n, t1, t2, shape (m, 3, 3).
         gap: Before deformation, shape (m,).
         area: In m^2, shape (m,).
-        coefficient: Friction F, or slip stress in pascals, shape (m,).
         slip_origin: Displacement from which slip counts, space vectors, shape (m, 3).
         displacement: Space vectors, shape (m, 3).
         force: Along n, t1, t2, shape (m, 3); x_n >= 0 presses.
@@ -51,14 +51,13 @@ class NodalAnswer:
     """
 
     comm: MPI.Comm
-    coulomb: bool
+    law: FrictionLaw
     faces: tuple[str, ...]
     part: npt.NDArray[np.int64]
     x: FloatArray
     frames: FloatArray
     gap: FloatArray
     area: FloatArray
-    coefficient: FloatArray
     slip_origin: FloatArray
     displacement: FloatArray
     force: FloatArray
@@ -70,14 +69,13 @@ class NodalAnswer:
         problem, surface = solution.problem, solution.problem.surface
         return NodalAnswer(
             comm=problem.comm,
-            coulomb=problem.coulomb,
+            law=problem.law,
             faces=surface.faces,
             part=surface.part,
             x=surface.x,
             frames=surface.frames,
             gap=surface.gap,
             area=surface.area,
-            coefficient=problem.coefficient,
             slip_origin=problem.slip_origin,
             displacement=solution.displacement[surface.nodes],
             force=solution.contact_force.reshape(-1, 3),
@@ -92,7 +90,13 @@ class NodalAnswer:
     @cached_property
     def bound(self) -> FloatArray:
         """Slip bound of the law at these forces in newtons, shape (m,)."""
-        return slip_bound(self.coulomb, self.coefficient, self.force[:, 0], self.area)
+        return self.law.radius(self.force[:, 0])
+
+    @cached_property
+    def cohesion(self) -> FloatArray:
+        """Shear stress in pascals that the nodes bear without pressure, shape (m,)."""
+        cohesion: FloatArray = self.law.cohesion / self.area
+        return cohesion
 
     @cached_property
     def on_body(self) -> FloatArray:
@@ -128,6 +132,11 @@ class NodalAnswer:
     def _dissipated(self, here: npt.NDArray[np.bool_]) -> float:
         return Reductions(self.comm).sum(np.sum(self.force[here, 1:] * self.closure[here, 1:], axis=1))
 
+    @property
+    def coefficient(self) -> FloatArray:
+        """Friction F; slip stress in pascals where all ranks have Tresca's law; shape (m,); collective."""
+        return self.cohesion if self.law.name(Reductions(self.comm)) == "tresca" else self.law.friction
+
     def fields(self) -> dict[str, FloatArray]:
         """The fields of contact.xdmf, scalars (m,) and space vectors (m, 3); Pa, m, N; collective.
 
@@ -148,6 +157,8 @@ class NodalAnswer:
             "initial_gap": self.gap,
             "area": self.area,
             "coefficient": self.coefficient,
+            "friction": self.law.friction,
+            "cohesion": self.cohesion,
             "slip_bound": self.slip_bound,
             "slip_origin": self.slip_origin,
             "face": self.part.astype(float),
@@ -181,26 +192,25 @@ class NodalAnswer:
     def numbers(self) -> dict[str, Any]:
         """The entries of summary.json that follow from the contact nodes alone; collective, the same on all ranks."""
         over, x = Reductions(self.comm), self.force
-        slip, stick = self._at_bound, ~self._at_bound
-        if self.coulomb:  # without pressure there is no friction; Tresca friction acts on open nodes too
-            slip, stick = slip & ~self._open, stick & ~self._open
+        rubbing = ~self._open | (self.law.cohesion > 0.0)  # a cohesion acts on open nodes too
+        slip, stick = self._at_bound & rubbing, ~self._at_bound & rubbing
         counts = {"contact": np.ones(len(x)), "open": self._open, "stick": stick, "slip": slip}
-        least, largest = over.min(self.coefficient), over.max(self.coefficient)
-        same = largest - least <= 1e-12 * largest  # files have it rounded
-        coefficient = least if same else {"min": least, "max": largest}
+        faces = range(len(self.faces))
         return {
-            "law": "coulomb" if self.coulomb else "tresca",
-            "friction": coefficient if self.coulomb else None,
-            "slip_stress": None if self.coulomb else coefficient,
+            **law_numbers(self.law, self.area, over),
             "force_on_body": {
                 "normal": over.sum(x[:, 0]),
                 "tangential": [-over.sum(x[:, 1]), -over.sum(x[:, 2])],
                 "vector": [over.sum(self.on_body[:, k]) for k in range(3)],
             },
             "totals": self.totals(),
-            "faces": [self.totals(part) for part in range(len(self.faces))],
+            "faces": [{**self.totals(part), **self._law_numbers(part)} for part in faces],
             "nodes": {name: int(over.sum(which.astype(float))) for name, which in counts.items()},
         }
+
+    def _law_numbers(self, part: int) -> dict[str, Any]:
+        here = self.part == part
+        return law_numbers(self.law.at(here), self.area[here], Reductions(self.comm))
 
     def _vectors(self, components: FloatArray) -> FloatArray:
         vectors: FloatArray = np.einsum("kij,ki->kj", self.frames, components)
@@ -214,7 +224,22 @@ def closure(frames: FloatArray, displacement: FloatArray, slip_origin: FloatArra
     return moved
 
 
-def slip_bound(coulomb: bool, coefficient: FloatArray, normal_force: FloatArray, area: FloatArray) -> FloatArray:
-    """g in newtons: F x_n for Coulomb, slip stress times area for Tresca; shapes (m,)."""
-    bound: FloatArray = coefficient * (np.maximum(normal_force, 0.0) if coulomb else area)
-    return bound
+def law_numbers(law: FrictionLaw, area: FloatArray, over: Reductions) -> dict[str, Any]:
+    """Name and coefficients of a law of friction at nodes of these areas in m^2; collective, the same on all ranks.
+
+    Friction, and cohesion in pascals, are a number where all nodes have the same, else the smallest and the largest.
+    With Tresca's law the cohesion has its name, slip_stress, besides, and there is no friction.
+    """
+
+    def number(values: FloatArray) -> float | dict[str, float]:
+        least, largest = (float(f"{value:.15g}") for value in (over.min(values), over.max(values)))
+        same = largest - least <= 1e-12 * largest  # files have it rounded
+        return least if same else {"min": least, "max": largest}
+
+    name, cohesion = law.name(over), number(law.cohesion / area)
+    return {
+        "law": name,
+        "friction": None if name == "tresca" else number(law.friction),
+        "slip_stress": cohesion if name == "tresca" else None,
+        "cohesion": cohesion,
+    }

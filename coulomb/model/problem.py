@@ -21,16 +21,13 @@ from ..linalg.compliance import Compliance, ExplicitCompliance, MatrixFreeCompli
 from ..linalg.methods import LinearSolver, chosen, contact_last
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.stiffness import DirectSolver, StiffnessSolver
-from ..solvers.automatic import Automatic
+from ..solvers.automatic import default_solver
 from ..solvers.friction_problem import CoulombSolver, FrictionProblem, QPSolver
-from ..solvers.kprgp import KPRGP
-from ..solvers.one_loop import OneLoop
-from ..solvers.path_following import PathFollowing
+from ..solvers.laws import FrictionLaw
 from ..solvers.results import CoulombResult, NotConverged, ProgressCallback, QPResult
-from ..solvers.successive_tresca import SuccessiveTresca
 from .acceptance import CERTIFIED_FROM, Acceptance
 from .contact import Contact, ContactFaces
-from .nodal_answer import closure, slip_bound
+from .nodal_answer import closure
 from .provenance import now
 from .small_strain import known_mode
 from .solution import Solution, warn
@@ -40,13 +37,13 @@ from .stopwatch import timed
 class ContactProblem:
     """A linear elastic body in frictional contact with a rigid foundation.
 
-    u = K^-1 (f - B^T x) with the contact forces x, of the Tresca problem with g = F x_n (Coulomb) or given g.
+    u = K^-1 (f - B^T x) with the contact forces x, which obey |x_t| <= c a + F x_n (`solvers/laws.py`).
 
     Args:
         mesh: The body.
         material: Its material, or a mapping of cell groups to theirs.
         clamps: Prescribed displacements; they and the springs must leave it no rigid motion.
-        contact: The contact face, its foundation and friction; or several, which share no node and have one law.
+        contact: The contact face, its foundation and friction; or several, which share no node; their laws may differ.
         tractions: Surface loads.
         body_force: Force per volume in N/m^3.
         springs: Elastic supports.
@@ -60,7 +57,7 @@ class ContactProblem:
     Attributes:
         elasticity: K, f and what belongs to them.
         surface: The contact nodes.
-        coefficient: Friction F, or slip stress in pascals, at this rank's contact nodes, shape (m,).
+        law: Of friction at this rank's contact nodes.
         contacts: The contact faces.
         motions: Where their foundations are at this time, from where they were given, metres, shape (faces, 3).
         slip_origin: Displacement of the contact nodes at which they have not slipped, space vectors in metres, shape
@@ -107,7 +104,7 @@ class ContactProblem:
             self._faces = self._faces.against(self.surface.foundations)  # where none was given, the face's own plane
             self.slip_origin: FloatArray = np.zeros((len(self.surface.nodes), 3))
             self._move_foundations()
-            self.coefficient: FloatArray = self._faces.coefficient(self.surface)
+            self.law: FrictionLaw = self._faces.law(self.surface)
         self.linear_solver, self.explicit = chosen(
             self.unknowns["displacement"], self.unknowns["contact"], self.comm.size, linear_solver, explicit
         )
@@ -235,7 +232,7 @@ class ContactProblem:
     @cached_property
     def mean_compliance(self) -> float:
         """Mean of diag(A) in metres per newton: the scale that turns a gap into a force."""
-        return self.tresca(np.zeros(len(self.surface.nodes))).mean_diagonal
+        return self.friction_problem.mean_diagonal
 
     def displacement(self, x: FloatArray) -> FloatArray:
         """K^-1 (f - B^T x) in metres, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,)."""
@@ -276,18 +273,13 @@ class ContactProblem:
         forces.destroy()
 
     def slip_bound(self, x: FloatArray) -> FloatArray:
-        """g in newtons at the forces x: F x_n for Coulomb, slip stress times area for Tresca; shape (m,)."""
-        return slip_bound(self.coulomb, self.coefficient, x[0::3], self.surface.area)
+        """Bound of the friction force of every node at the forces x (3 m,), newtons, shape (m,)."""
+        return self.law.radius(x[0::3])
 
     @property
-    def coulomb(self) -> bool:
-        """Whether friction is Coulomb's; else Tresca's."""
-        return self.contacts[0].coulomb
-
-    @property
-    def coulomb_problem(self) -> FrictionProblem:
-        """A, b and friction, without the body."""
-        return FrictionProblem.coulomb(self.A, self.b, self.coefficient)
+    def friction_problem(self) -> FrictionProblem:
+        """A, b and the law, without the body."""
+        return FrictionProblem(self.A, self.b, self.law)
 
     def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""
@@ -303,26 +295,22 @@ class ContactProblem:
         """Solve, and certify the answer; whether it counts is `Solution.valid`.  What is outside the theory is logged.
 
         Args:
-            tolerance: Residual of the problem (Coulomb or Tresca) at which to stop, once the certificate passes; a
+            tolerance: Residual of the problem at which to stop, once the certificate passes; a
                 tolerance above 1e-8 asks for less, and the solver stops at it whatever the certificate says.
-            solver: In place of the default (and of its tolerance).  For Coulomb friction Automatic (the default),
-                OneLoop or SuccessiveTresca; for Tresca friction PathFollowing (the default) or KPRGP.  Condensed Newton
-                systems of these need explicit=False.
+            solver: In place of the default (and of its tolerance).  Where friction grows with pressure Automatic (the
+                default), OneLoop or SuccessiveTresca; where it does not, PathFollowing (the default) or KPRGP besides.
+                Condensed Newton systems of these need explicit=False.
             progress: Called after every path-following step.
-            start: For Coulomb friction, forces in newtons to start from, shape (3 m,): those of a load step before, or
-                of a coarser mesh (`surface.interpolate`).
+            start: Forces in newtons to start from, shape (3 m,), as those of a load step before, or of a coarser mesh
+                (`interpolated_forces`); used where friction grows with pressure.
 
         Raises:
             NotConverged: If the residual stays above the tolerance, or the certificate does not pass however small the
                 residual; `solution(error.result)` has what there is.
         """
-        if self.coulomb and isinstance(solver, PathFollowing | KPRGP):
-            raise ValueError("solver: Coulomb friction needs Automatic, OneLoop or SuccessiveTresca(qp_solver=...)")
-        if not self.coulomb and isinstance(solver, Automatic | OneLoop | SuccessiveTresca):
-            raise ValueError("solver: Tresca friction needs a QPSolver such as PathFollowing")
         self.stiffness_solver, self.A, self.b  # noqa: B018  (each is timed on its own)
-        chosen: Any = solver or (Automatic(tolerance) if self.coulomb else PathFollowing(tolerance=tolerance))
-        problem: Any = self.coulomb_problem if self.coulomb else self.tresca(self.slip_bound(self.b))
+        problem = self.friction_problem
+        chosen: Any = solver or default_solver(problem, tolerance)
         acceptance = Acceptance(self)
         if chosen.tolerance <= CERTIFIED_FROM:
             problem = replace(problem, accept=acceptance)
@@ -330,7 +318,7 @@ class ContactProblem:
             try:
                 result: CoulombResult | QPResult = (
                     chosen.solve(problem, start=start, progress=progress)
-                    if self.coulomb
+                    if problem.sloped
                     else chosen.solve(problem, progress=progress)
                 )
             except NotConverged as failure:

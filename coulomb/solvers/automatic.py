@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from ..arrays import FloatArray
 from .friction_problem import FrictionProblem
 from .one_loop import OneLoop
+from .path_following import PathFollowing
 from .results import CoulombResult, NotConverged, ProgressCallback, Status, check_constants
 from .successive_tresca import SuccessiveTresca
 
@@ -73,3 +74,15 @@ class Automatic:
 
 def _chosen(result: CoulombResult, choice: str) -> CoulombResult:
     return replace(result, method=f"auto: {choice}")
+
+
+def default_solver(problem: FrictionProblem, tolerance: float) -> Automatic | PathFollowing:
+    """What solves a problem where nothing else is asked for; collective.
+
+    Where no friction grows with pressure, Algorithm PF: it is the minimum of a convex function.  Else `Automatic`.
+
+    Args:
+        problem: The problem.
+        tolerance: Residual at which to stop.
+    """
+    return Automatic(tolerance) if problem.sloped else PathFollowing(tolerance=tolerance)

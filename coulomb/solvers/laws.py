@@ -16,6 +16,9 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 
+LAWS = ("coulomb", "tresca", "mohr-coulomb")
+"""Names of the laws; Mohr-Coulomb's is also that of faces with different laws together."""
+
 
 @dataclass(frozen=True)
 class FrictionLaw:
@@ -38,6 +41,16 @@ class FrictionLaw:
     def coulomb(friction: FloatArray) -> FrictionLaw:
         """Bounds in proportion to the normal forces, coefficients of shape (m,)."""
         return FrictionLaw(np.zeros_like(friction), friction)
+
+    def name(self, over: Reductions) -> str:
+        """Whose law it is over all ranks, one of `LAWS`: Coulomb's without cohesion, Tresca's without friction."""
+        if over.max(self.cohesion) <= 0.0:
+            return "coulomb"
+        return "mohr-coulomb" if over.max(self.friction) > 0.0 else "tresca"
+
+    def at(self, which: npt.NDArray[np.bool_]) -> FrictionLaw:
+        """The law of some of the nodes."""
+        return FrictionLaw(self.cohesion[which], self.friction[which])
 
     @property
     def slope(self) -> FloatArray:

@@ -45,7 +45,7 @@ def solve(p: int) -> Answer:
     cones = [clarabel.NonnegativeConeT(m)] + [clarabel.SecondOrderConeT(3)] * m
     solver, iterations, x = None, 0, np.zeros((m, 3))
     for _ in range(MOST_OUTER):
-        g = problem.coefficient * np.maximum(x[:, 0], 0.0)
+        g = problem.law.radius(x[:, 0])
         linear = np.concatenate([-f / size, g])
         if solver is None:
             solver = clarabel.DefaultSolver(P, linear, A, right, cones, _settings(clarabel))

@@ -29,9 +29,9 @@ def solve(p: int) -> Answer:
     K, B, f, c = free_system(problem)
     k, size = K.diagonal().mean(), np.abs(f).max()
     contact = sn.GlobalFrictionContactProblem(3)
-    contact.numberOfContacts = len(problem.coefficient)
+    contact.numberOfContacts = len(problem.law.friction)
     contact.M, contact.H = _long(K / k), _long(-B.T)
-    contact.q, contact.b, contact.mu = f / size, c * k / size, problem.coefficient
+    contact.q, contact.b, contact.mu = f / size, c * k / size, problem.law.friction
     r, u, v = np.zeros_like(c), np.zeros_like(c), np.zeros_like(f)
     options = sn.SolverOptions(sn.SICONOS_GLOBAL_FRICTION_3D_ADMM)
     options.dparam[sn.SICONOS_DPARAM_TOL] = TOLERANCE

@@ -46,7 +46,7 @@ def solve_with(p: int, form: Callable[[ContactProblem], FloatArray]) -> Answer:
     W, q = form(problem), -problem.b
     a, size = float(np.mean(np.diag(W))), np.abs(q).max()
     r, u = np.zeros_like(q), np.zeros_like(q)
-    contact = sn.FrictionContactProblem(3, len(q) // 3, W / a, q / size, problem.coefficient)
+    contact = sn.FrictionContactProblem(3, len(q) // 3, W / a, q / size, problem.law.friction)
     options = sn.SolverOptions(sn.SICONOS_FRICTION_3D_NSN_AC)
     options.dparam[sn.SICONOS_DPARAM_TOL] = TOLERANCE
     status = sn.fc3d_driver(contact, r, u, options)

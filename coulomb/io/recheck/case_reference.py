@@ -21,7 +21,8 @@ from ...fem.loaded_body import LoadedBody
 from ...fem.meshes import corners_of
 from ...fem.obstacles import Moved, RigidFoundation
 from ...fem.surface import plane_of_face, way_along
-from ...fem.user_values import evaluate_motion, evaluate_numbers
+from ...fem.user_values import evaluate_motion
+from ...solvers.laws import FrictionLaw
 from ..run_directory import SOLUTION, SUMMARY, RunDirectory
 from ..run_files import WrittenRun, midpoints, places
 from ..written_case import written_case
@@ -75,12 +76,9 @@ class CaseReference:
         """Translations of the foundations at a time in metres, shape (faces, 3)."""
         return np.array([evaluate_motion(contact.motion, time, "contact") for contact in self.contacts])
 
-    def coefficient(self, part: int, x: FloatArray) -> FloatArray:
-        """Friction, or slip stress in pascals, of a face at points (k, 3), shape (k,)."""
-        contact = self.contacts[part]
-        given = contact.friction if contact.coulomb else contact.slip_stress
-        assert given is not None
-        return evaluate_numbers(given, x, "contact", MPI.COMM_SELF)
+    def law(self, part: int, x: FloatArray, area: FloatArray) -> FrictionLaw:
+        """The law of friction of a face at points (k, 3) in metres that have areas (k,) in m^2."""
+        return self.contacts[part].law(x, area, MPI.COMM_SELF)
 
     def foundation(self, part: int, x: FloatArray, area: FloatArray, outward: FloatArray) -> RigidFoundation:
         """That of a face before any motion; of a face without one, its own plane.
@@ -147,11 +145,10 @@ class CaseReference:
         return self._faces_of_facets(run, body, found)
 
     def compare_numbers(self, run: WrittenRun, found: Comparison) -> None:
-        """Compare what summary.json repeats of the case: law, names of faces, materials."""
+        """Compare what summary.json repeats of the case: names of faces, materials."""
         given = self.settings.materials()
         groups = [(None, given)] if isinstance(given, Material) else list(given.items())
         expected = {
-            "law": "coulomb" if self.settings.coulomb else "tresca",
             "totals": {"faces": [contact.face for contact in self.contacts]},
             "material": [{"cells": name, "young": m.young, "poisson": m.poisson} for name, m in groups],
         }

@@ -1,4 +1,4 @@
-"""The nodes of a contact face as files have them: which are judged, with which normal, gap, area and coefficient.
+"""The nodes of a contact face as files have them: which are judged, with which normal, gap, area and law.
 
 All nodes of the written facets are judged but those whose displacement along the normal is prescribed, by the data of
 solution.h5: what contact.h5 says of a node is not believed.
@@ -16,10 +16,14 @@ from ...arrays import FloatArray
 from ...fem.surface import tangent_frames
 from ...model.evidence import HELD_BEYOND
 from ...model.nodal_answer import NodalAnswer
+from ...solvers.laws import FrictionLaw
 from ..run_directory import CONTACT
 from ..run_files import WrittenRun
 from .case_reference import CaseReference
 from .comparison import Comparison
+
+_LAW = ("friction", "cohesion")
+"""Fields of contact.xdmf that say the law of friction."""
 
 _NEARLY_HELD = 0.9
 """Without a case, the normal of a node that is said to be held is that of its facets: only near the foundation's."""
@@ -36,7 +40,8 @@ class FaceNodes:
         n: Normals into the foundation, shape (m, 3).
         gap: Before deformation in metres, shape (m,).
         area: In m^2, shape (m,).
-        coefficient: Friction, or slip stress in pascals, shape (m,).
+        friction: Coefficient of friction, shape (m,).
+        cohesion: In pascals, shape (m,).
         origin: Displacement from which slip counts, shape (m, 3).
     """
 
@@ -46,7 +51,8 @@ class FaceNodes:
     n: FloatArray
     gap: FloatArray
     area: FloatArray
-    coefficient: FloatArray
+    friction: FloatArray
+    cohesion: FloatArray
     origin: FloatArray
 
     def only(self, which: npt.NDArray[np.bool_]) -> FaceNodes:
@@ -57,14 +63,11 @@ class FaceNodes:
         """The same, their slip counted from elsewhere, shape (m, 3)."""
         return replace(self, origin=origin)
 
-    def answer(
-        self, run: WrittenRun, coulomb: bool, displacement: FloatArray, on_body: FloatArray, x: FloatArray
-    ) -> NodalAnswer:
+    def answer(self, run: WrittenRun, displacement: FloatArray, on_body: FloatArray, x: FloatArray) -> NodalAnswer:
         """The answer there.
 
         Args:
             run: The files.
-            coulomb: Whether friction is Coulomb's; else Tresca's.
             displacement: Of the nodes of the body in metres, shape (k, 3).
             on_body: Contact forces on the body at the nodes of the written face in newtons, shape (q, 3).
             x: Coordinates of these, shape (q, 3).
@@ -72,14 +75,13 @@ class FaceNodes:
         frames = tangent_frames(self.n)
         return NodalAnswer(
             comm=MPI.COMM_SELF,
-            coulomb=coulomb,
+            law=FrictionLaw(self.cohesion * self.area, self.friction),
             faces=tuple(face_names(run)),
             part=self.part,
             x=x[self.index],
             frames=frames,
             gap=self.gap,
             area=self.area,
-            coefficient=self.coefficient,
             slip_origin=self.origin,
             displacement=displacement[run.node[self.index]],
             force=-np.einsum("kij,kj->ki", frames, on_body[self.index]),
@@ -152,15 +154,16 @@ def _face(
     area, outward = area[on], outward[on]
     x, fixed = run.on_face["x"][on], run.fixed[run.node[on]]
     written = run.touching[on] & said[on]
-    data = {name: run.on_face[name][on] for name in ("normal", "initial_gap", "coefficient", "slip_origin")}
+    data = {name: run.on_face[name][on] for name in ("normal", "initial_gap", *_LAW, "slip_origin")}
     unit = outward / np.linalg.norm(outward, axis=1)[:, None]
     if case is None:
         n = np.where(written[:, None], data["normal"], unit)
-        gap, coefficient = data["initial_gap"], data["coefficient"]
+        gap = data["initial_gap"]
+        law = FrictionLaw(data["cohesion"] * area, data["friction"])
         beyond = np.where(written, HELD_BEYOND, _NEARLY_HELD)
     else:
         n, gap = case.geometry(number, time, x, area, outward)
-        coefficient = case.coefficient(number, x)
+        law = case.law(number, x, area)
         beyond = np.full(len(x), HELD_BEYOND)
     free = np.linalg.norm(np.where(fixed, n, 0.0), axis=1) <= beyond
 
@@ -179,12 +182,15 @@ def _face(
             *(f"{file}: initial_gap", data["initial_gap"][here], gap[here], x[here], "the foundation of the case"),
             floor=1e-13 * size,
         )
-        found.field(f"{file}: coefficient", data["coefficient"][here], coefficient[here], x[here], "the case")
+        for name, expected in zip(_LAW, (law.friction, law.cohesion / area), strict=True):
+            found.field(f"{file}: {name}", data[name][here], expected[here], x[here], "the case")
     left_out = free & ~written
     if np.any(left_out):
         _report(found, run, _everywhere(run, index[left_out]), "are left out, but are not prescribed in solution.h5")
     part = np.full(len(index), number)
-    return FaceNodes(index, part, written, n, gap, area, coefficient, data["slip_origin"]).only(free)
+    return FaceNodes(index, part, written, n, gap, area, law.friction, law.cohesion / area, data["slip_origin"]).only(
+        free
+    )
 
 
 def _parts(run: WrittenRun, count: int, said: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

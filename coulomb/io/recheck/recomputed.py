@@ -21,7 +21,7 @@ from ..summary import derived
 from .comparison import Rounding
 from .face_nodes import FaceNodes
 
-_FOLLOW = ("pressure", "friction_traction", "slip", "gap", "status", "friction_use")
+_FOLLOW = ("pressure", "friction_traction", "slip", "gap", "status", "friction_use", "coefficient")
 """Fields of contact.xdmf that follow from displacement and contact forces; the others are what was given."""
 
 
@@ -49,7 +49,6 @@ class Variant:
 def recomputed(
     run: WrittenRun,
     nodes: FaceNodes,
-    coulomb: bool,
     foundations: list[RigidFoundation] | None,
     rounding: Rounding | None,
 ) -> Variant:
@@ -65,8 +64,8 @@ def recomputed(
     on_body = np.zeros_like(u)
     on_body[run.node] = on_face
     internal = body.internal_force(u)
-    judged = nodes.answer(run, coulomb, u, on_face, x)
-    written = nodes.only(nodes.written).answer(run, coulomb, u, on_face, x)
+    judged = nodes.answer(run, u, on_face, x)
+    written = nodes.only(nodes.written).answer(run, u, on_face, x)
     certificate = judge(
         Evidence(
             comm=MPI.COMM_SELF,

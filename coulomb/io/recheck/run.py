@@ -147,10 +147,9 @@ def check_run(
     nodes = face_nodes(run, case, time, part, found)
     nodes, moved, say = _from_origin(run, nodes, case, time, start, found)
     trusted += say
-    coulomb = run.summary["law"] == "coulomb" if case is None else case.settings.coulomb
     foundations = None if case is None else case.foundations(time)
     roundings = (None, *(Rounding((seed, abs(step)), run.evaluation) for seed in _SEEDS))
-    variants = tuple(recomputed(run, nodes, coulomb, foundations, rounding) for rounding in roundings)
+    variants = tuple(recomputed(run, nodes, foundations, rounding) for rounding in roundings)
     _compare(run, nodes.only(nodes.written), variants, found)
     certificate = variants[0].certificate
     told = [key for key in run.summary if key not in variants[0].numbers and key not in ("material", "step")]

@@ -310,11 +310,15 @@ def caption(run: Run, step: Step, scale: float) -> str:
 
 
 def friction_in_words(summary: dict[str, Any]) -> str:
-    """The law with its coefficient: Coulomb friction 0.3."""
-    coulomb = summary["law"] == "coulomb"
-    given = summary["friction" if coulomb else "slip_stress"]
-    values = [given["min"], given["max"]] if isinstance(given, dict) else [given]
-    if coulomb:
-        return "Coulomb friction " + " to ".join(number(value) for value in values)
-    factor, unit = scale_of(max(values), "Pa")
-    return "Tresca friction " + " to ".join(number(value / factor) for value in values) + f" {unit}"
+    """The law with its coefficients: Mohr-Coulomb friction 0.3, cohesion 2 MPa."""
+
+    def shown(given: Any, unit: str = "") -> str:
+        values = [given["min"], given["max"]] if isinstance(given, dict) else [given]
+        factor, unit = scale_of(max(values), unit) if unit else (1.0, "")
+        return f"{' to '.join(number(value / factor) for value in values)} {unit}".strip()
+
+    if summary["law"] == "tresca":
+        return f"Tresca friction {shown(summary['slip_stress'], 'Pa')}"
+    if summary["law"] == "coulomb":
+        return f"Coulomb friction {shown(summary['friction'])}"
+    return f"Mohr-Coulomb friction {shown(summary['friction'])}, cohesion {shown(summary['cohesion'], 'Pa')}"
