@@ -182,9 +182,10 @@ def read_run(directory: str | Path, needs: tuple[str, ...] | None = None) -> Run
 def _is_whole(folder: Path) -> bool:
     """Whether the summary of a run can be read."""
     try:
-        return bool(RunDirectory(folder).read_summary())
+        RunDirectory(folder).read_summary()
     except ValueError:
         return False
+    return True
 
 
 def _fields_alone(folder: Path, needs: tuple[str, ...]) -> Run:
