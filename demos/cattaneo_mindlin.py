@@ -56,7 +56,7 @@ problem, history = block(F, motion), LoadHistory([1 + k / 4 for k in range(1, 21
 pressed = replace(
     history.beginning(problem),
     displacement=normal.displacement,
-    on_body=-normal.problem.nodal_contact_force(normal.contact_force),
+    force_on_body=normal.force_on_body,
 )
 ways, forces = [], []
 for step in history.steps(problem, pressed):

@@ -269,14 +269,14 @@ def lost_nodes(monkeypatch):
     """A fault in the contact surface: it leaves out the middle third of the face."""
     from dataclasses import replace
 
-    from coulomb.fem.surface import _contact_matrix
+    from coulomb.fem.contact_matrix import contact_matrix
     from coulomb.model import contact
 
     def without_the_middle(elasticity, face, foundation=None, normals="foundation"):
         surface = real_surface(elasticity, face, foundation, normals)
         keep = ~((surface.x[:, 0] > 0.39) & (surface.x[:, 0] < 0.81))
         of_nodes = {name: getattr(surface, name)[keep] for name in ("part", "nodes", "x", "frames", "gap", "area")}
-        return replace(surface, **of_nodes, B=_contact_matrix(elasticity, of_nodes["nodes"], of_nodes["frames"]))
+        return replace(surface, **of_nodes, B=contact_matrix(elasticity, of_nodes["nodes"], of_nodes["frames"]))
 
     monkeypatch.setattr(contact, "contact_surface", without_the_middle)
 

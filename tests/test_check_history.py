@@ -69,7 +69,7 @@ class ForgetsMotion(LoadHistory):
     """A fault: the slip origin stays where it was when the foundation moves."""
 
     def _posed(self, problem, state, time):
-        return problem.at(time, state.displacement[problem.surface.nodes])
+        return problem.at(time, replace(state, time=time))
 
 
 class ForgetsFoundation(LoadHistory):

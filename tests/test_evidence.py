@@ -9,6 +9,7 @@ from conftest import make_block
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, PrescribedDisplacement, Sphere
 from coulomb.fem import surface as surfaces
+from coulomb.fem.contact_matrix import contact_matrix
 from coulomb.model.evidence import evidence
 from coulomb.model.load_history import StepFailed
 
@@ -35,7 +36,7 @@ def lose(monkeypatch, lost):
     def part(elasticity, face, *arguments):
         found = whole(elasticity, face, *arguments)
         keep = ~lost(found.x)
-        B = surfaces._contact_matrix(elasticity, found.nodes[keep], found.frames[keep])
+        B = contact_matrix(elasticity, found.nodes[keep], found.frames[keep])
         fields = ("part", "nodes", "x", "frames", "gap", "area")
         return replace(found, B=B, **{name: getattr(found, name)[keep] for name in fields})
 
@@ -137,28 +138,32 @@ def test_right_steps_pass(problem):
 def forget_origin(monkeypatch):
     """Every step believes that no node has slipped before."""
     at = ContactProblem.at
-    monkeypatch.setattr(ContactProblem, "at", lambda self, time, slip_origin=None: at(self, time, None))
+    monkeypatch.setattr(ContactProblem, "at", lambda self, time, before=None: at(self, time))
 
 
 def forget_motion_in_origin(monkeypatch):
     """The origin is not carried along with the foundation."""
 
     def posed(self, problem, state, time):
-        return problem.at(time, state.displacement[problem.surface.nodes])
+        return problem.at(time, replace(state, time=time))
 
     monkeypatch.setattr(LoadHistory, "_posed", posed)
 
 
 def forget_origin_in_b(monkeypatch):
     def closure(self, u):
-        return self.surface.components(u[self.surface.nodes])
+        return self.surface.rows(u)
 
     monkeypatch.setattr(ContactProblem, "closure", closure)
 
 
 def wrong_sign_of_origin(monkeypatch):
     at = ContactProblem.at
-    monkeypatch.setattr(ContactProblem, "at", lambda self, time, slip_origin: at(self, time, -slip_origin))
+
+    def wrong(self, time, before):
+        return at(self, time, replace(before, displacement=-before.displacement))
+
+    monkeypatch.setattr(ContactProblem, "at", wrong)
 
 
 @pytest.mark.parametrize("forget", [forget_origin, forget_origin_in_b, wrong_sign_of_origin])

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
+from .contact_matrix import at_nodes_of, contact_matrix, rows_of
 from .elasticity import Elasticity
 from .obstacles import Plane, RigidFoundation
 from .user_values import on_all_ranks
@@ -27,17 +28,20 @@ _RAY_STEPS = 20
 
 @dataclass(frozen=True)
 class ContactSurface:
-    """Contact nodes of this rank (perhaps none), in the order of their rows in B.
+    """Contact points of this rank (perhaps none), in the order of their rows in B.
+
+    Displacement and slip at the contact points are B u, and the nodal forces of contact forces x are B^T x: nothing
+    else says which nodes a contact point takes its displacement from.
 
     Attributes:
         faces: Names of the contact faces.
         part: Which of them a node is on, shape (m,); nodes are in the order of the faces.
-        nodes: Their numbers among this rank's nodes, shape (m,).
+        nodes: The nodes that stand for them in the files, numbers among this rank's nodes, shape (m,).
         x: Coordinates in metres, shape (m, 3).
-        frames: Orthonormal rows n, t1, t2 of every node, shape (m, 3, 3); n points into the foundation.
+        frames: Orthonormal rows n, t1, t2 of every point, shape (m, 3, 3); n points into the foundation.
         gap: Distance to the foundation along n before deformation in metres, shape (m,).
         area: Integral of the hat function over the face in m^2, shape (m,).
-        B: Rows n, t1, t2 of every contact node; columns the displacements.  Shape (3 m, n), distributed.
+        B: Rows n, t1, t2 of every contact point; columns the displacements.  Shape (3 m, n), distributed.
         foundations: What the gaps of each face are measured to.
     """
 
@@ -60,6 +64,21 @@ class ContactSurface:
         """The space vectors (m, 3) of components n, t1, t2 (m, 3)."""
         vectors: FloatArray = np.einsum("kij,ki->kj", self.frames, components)
         return vectors
+
+    def rows(self, u: FloatArray) -> FloatArray:
+        """B u: displacements u (k, 3) of this rank's nodes as the contact points have them, n, t1, t2, metres, (m, 3);
+        collective."""
+        return rows_of(self.B, u)
+
+    def at_nodes(self, x: FloatArray) -> FloatArray:
+        """B^T x: contact forces x (3 m,) in newtons at this rank's nodes, shape (k, 3); collective."""
+        return at_nodes_of(self.B, x)
+
+    @property
+    def nodes_in_rows(self) -> npt.NDArray[np.int64]:
+        """Numbers of the nodes of all ranks that the rows of this rank see, ascending."""
+        seen: npt.NDArray[np.int64] = np.unique(self.B.getValuesCSR()[1] // 3).astype(np.int64)
+        return seen
 
 
 def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurface) -> FloatArray:
@@ -177,7 +196,7 @@ def contact_surface(
     if normals == "body":
         gap = on_all_ranks(lambda: way_along(n, x, gap, foundation), f"contact face {face!r}: foundation", comm)
     frames = tangent_frames(n)
-    B = _contact_matrix(elasticity, nodes, frames)
+    B = contact_matrix(elasticity, nodes, frames)
     return ContactSurface((face,), np.zeros(len(nodes), dtype=np.int64), nodes, x, frames, gap, area, B, (foundation,))
 
 
@@ -206,7 +225,7 @@ def joined(elasticity: Elasticity, surfaces: Sequence[ContactSurface]) -> Contac
         frames,
         np.concatenate([surface.gap for surface in surfaces]),
         np.concatenate([surface.area for surface in surfaces]),
-        _contact_matrix(elasticity, nodes, frames),
+        contact_matrix(elasticity, nodes, frames),
         tuple(foundation for surface in surfaces for foundation in surface.foundations),
     )
 
@@ -251,22 +270,6 @@ def plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArra
         raise ValueError(f"contact face {face!r} is not plane: say which foundation it may touch (contact.foundation)")
     normal[np.abs(normal) < 1e-12] = 0.0
     return Plane(tuple(point), tuple(-normal))
-
-
-def _contact_matrix(elasticity: Elasticity, nodes: npt.NDArray[np.int32], frames: FloatArray) -> PETSc.Mat:
-    first, rows = elasticity.K.getOwnershipRange()[0], 3 * len(nodes)
-    columns = np.repeat(first + 3 * nodes[:, None] + np.arange(3), 3, axis=0)
-    entries = frames.reshape(rows, 3)
-    present = entries != 0.0
-    indptr = np.concatenate([[0], np.cumsum(present.sum(axis=1))])
-    B = PETSc.Mat().createAIJ(
-        ((rows, PETSc.DETERMINE), elasticity.K.getSizes()[1]),
-        csr=(indptr.astype(PETSc.IntType), columns[present].astype(PETSc.IntType), entries[present]),
-        comm=elasticity.mesh.comm,
-    )
-    B.assemble()
-    B.setAttr("mesh", elasticity.mesh)  # keeps it alive: see compat.assemble_matrix
-    return B
 
 
 class _Refusal:

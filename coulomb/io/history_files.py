@@ -101,13 +101,13 @@ class HistoryFiles:
         """
         step = self.directory.step(number)
         record = read_step(step.path, problem.comm)
-        x = problem.elasticity.x
+        x, points = problem.elasticity.x, problem.surface.x
         return State(
             number=number,
             time=record["time"],
             energy=Energy(**record["energy"]),
             displacement=nodal_vectors(data_of(step.solution), "displacement", x, problem.comm),
-            on_body=nodal_vectors(data_of(step.contact), "contact_force", x, problem.comm, elsewhere=0.0),
+            force_on_body=nodal_vectors(data_of(step.contact), "contact_force", points, problem.comm),
             pending=tuple(record["pending"]),
         )
 

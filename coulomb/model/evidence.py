@@ -17,10 +17,12 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.body import ElasticBody
+from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
 from ..fem.surface import tangent_frames, way_along
 from ..fem.user_values import evaluate_motion, on_all_ranks
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
+from .nodal_answer import closure
 
 if TYPE_CHECKING:
     from .problem import ContactProblem
@@ -91,23 +93,37 @@ def evidence(problem: ContactProblem, x: FloatArray, u: FloatArray, before: Befo
         before: What the load step before has left; without, slip counts from the problem's `slip_origin`.
     """
     elasticity, surface = problem.elasticity, problem.surface
-    on_body, origin = np.zeros_like(u), np.zeros_like(u)
-    on_body[surface.nodes] = -surface.vectors(x.reshape(-1, 3))
-    if before is None:
-        origin[surface.nodes] = problem.slip_origin
-    else:
-        origin = before.displacement
     faces = [_face(problem, number, before) for number in range(len(problem.contacts))]
     nodes, n, gap, cohesion, friction, moved = (np.concatenate(part) for part in zip(*faces, strict=True))
     frames = tangent_frames(n)
-    force = -np.einsum("kij,kj->ki", frames, on_body[nodes])
-    closure = np.einsum("kij,kj->ki", frames, u[nodes])
-    closure[:, 1:] -= np.einsum("kij,kj->ki", frames, origin[nodes] + moved)[:, 1:]
-    bound = FrictionLaw(cohesion, friction).radius(force[:, 0])
-    elsewhere = np.max(np.abs(on_body), axis=1)
-    elsewhere[nodes] = 0.0
-    stray = elsewhere[elsewhere != 0.0]  # where no force can be, it pulls, whichever way it points
+    B = contact_matrix(elasticity, nodes, frames)
+
+    number = np.full(len(u), -1)
+    number[nodes] = np.arange(len(nodes))
+    judged = number[surface.nodes]  # the rows of the solver's contact points among those that are judged
+    known = judged >= 0
+
+    def taken(components: FloatArray) -> FloatArray:
+        """Of the solver's contact points, in the frames that are judged; 0 where it has none."""
+        vectors = np.zeros((len(nodes), 3))
+        np.add.at(vectors, judged[known], surface.vectors(components)[known])
+        components_: FloatArray = np.einsum("kij,kj->ki", frames, vectors)
+        return components_
+
+    x = x.reshape(-1, 3)
+    force = taken(x)
+    on_body = -at_nodes_of(B, force)
+    stray = surface.vectors(x)[~known]  # where no force can be, it pulls, whichever way it points
+    np.subtract.at(on_body, surface.nodes[~known], stray)
+    stray = stray[np.any(stray != 0.0, axis=1)]
     none = np.zeros(len(stray))
+    if before is None:
+        origin = taken(problem.slip_origin)
+    else:
+        origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, moved)
+    closed = closure(rows_of(B, u), origin)
+    B.destroy()
+    bound = FrictionLaw(cohesion, friction).radius(force[:, 0])
     return Evidence(
         comm=problem.comm,
         x=elasticity.x,
@@ -118,8 +134,8 @@ def evidence(problem: ContactProblem, x: FloatArray, u: FloatArray, before: Befo
         fixed=elasticity.fixed,
         prescribed=elasticity.prescribed,
         on_body=on_body,
-        force=np.concatenate([force, np.column_stack([-stray, none, none])]),
-        closure=np.concatenate([closure, np.zeros((len(stray), 3))]),
+        force=np.concatenate([force, np.column_stack([-np.max(np.abs(stray), axis=1, initial=0.0), none, none])]),
+        closure=np.concatenate([closed, np.zeros((len(stray), 3))]),
         gap=np.concatenate([gap, none]),
         bound=np.concatenate([bound, none]),
         rounding=rounding_forces(elasticity, u),

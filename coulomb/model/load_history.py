@@ -64,8 +64,8 @@ class LoadHistory:
 
     def beginning(self, problem: ContactProblem) -> State:
         """The state at `start`."""
-        zero = np.zeros_like(problem.elasticity.x)
-        return State(0, self.start, Energy(), zero, zero, tuple(reversed([float(t) for t in self.times])))
+        still, none = np.zeros_like(problem.elasticity.x), np.zeros_like(problem.surface.x)
+        return State(0, self.start, Energy(), still, none, tuple(reversed([float(t) for t in self.times])))
 
     def steps(
         self, problem: ContactProblem, state: State | None = None, progress: ProgressCallback | None = None
@@ -103,9 +103,7 @@ class LoadHistory:
 
     def _posed(self, problem: ContactProblem, state: State, time: float) -> ContactProblem:
         """The step from a state to a time, as a problem."""
-        moved = problem.motions_at(time) - problem.motions_at(state.time)
-        surface = problem.surface
-        return problem.at(time, state.displacement[surface.nodes] + moved[surface.part])
+        return problem.at(time, state)
 
     def _attempt(
         self, problem: ContactProblem, state: State, time: float, progress: ProgressCallback | None
@@ -113,7 +111,7 @@ class LoadHistory:
         posed = self._posed(problem, state, time)
         start = None
         if state.number > 0:  # from the forces before, in the frames of now
-            start = -posed.surface.components(state.on_body[posed.surface.nodes]).ravel()
+            start = -posed.surface.components(state.force_on_body).ravel()
         return posed.solve(self.tolerance, self.solver, progress, start)
 
     def run(

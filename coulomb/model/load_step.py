@@ -64,7 +64,7 @@ class Energy:
         then: Forces,
         now: Forces,
         fixed: npt.NDArray[np.bool_],
-        moved: FloatArray,
+        foundation: float,
         dissipated: float,
         over: Reductions,
     ) -> Energy:
@@ -74,7 +74,7 @@ class Energy:
             then: At its beginning.
             now: At its end.
             fixed: Which components of this rank's nodes are prescribed, shape (k, 3).
-            moved: Way of the foundation in the step at the contact nodes in metres, 0 elsewhere, shape (k, 3).
+            foundation: Work of the moving foundation on the body in the step, joules.
             dissipated: By friction in the step, joules.
             over: The ranks.
         """
@@ -83,7 +83,7 @@ class Energy:
         return Energy(
             loads=self.loads + 0.5 * over.dot(now.load + then.load, change),
             prescribed=self.prescribed + 0.5 * over.dot(np.asarray(reactions), change),
-            foundation=self.foundation + 0.5 * over.dot(now.on_body + then.on_body, moved),
+            foundation=self.foundation + foundation,
             elastic=0.5 * over.dot(now.displacement, now.kept),
             dissipated=self.dissipated + dissipated,
         )
@@ -127,28 +127,31 @@ class State(Moment):
 
     Attributes:
         displacement: Metres, shape (k, 3).
-        on_body: Nodal contact forces on the body in newtons, shape (k, 3).
+        force_on_body: Contact forces on the body at the contact points, space vectors in newtons, shape (m, 3).
         pending: Times still to be reached, the next one last.
     """
 
     displacement: FloatArray
-    on_body: FloatArray
+    force_on_body: FloatArray
     pending: tuple[float, ...]
 
     def after(self, solution: Solution) -> State:
         """The state at the end of the next step, energies brought up to date; collective."""
-        problem, elasticity = solution.problem, solution.problem.elasticity
+        problem, surface, elasticity = solution.problem, solution.problem.surface, solution.problem.elasticity
+        over = Reductions(problem.comm)
 
         def forces(u: FloatArray, load: FloatArray, on_body: FloatArray) -> Forces:
-            return Forces(u, load, elasticity.internal_force(u) - elasticity.spring_force(u), on_body)
+            kept = elasticity.internal_force(u) - elasticity.spring_force(u)
+            return Forces(u, load, kept, surface.at_nodes(surface.components(on_body)))
 
-        then = forces(self.displacement, elasticity.at(self.time).load, self.on_body)
-        now = forces(solution.displacement, elasticity.load, -problem.nodal_contact_force(solution.contact_force))
-        moved = np.zeros_like(now.displacement)
-        moved[problem.surface.nodes] = (problem.motions - problem.motions_at(self.time))[problem.surface.part]
+        on_body = solution.force_on_body
+        then = forces(self.displacement, elasticity.at(self.time).load, self.force_on_body)
+        now = forces(solution.displacement, elasticity.load, on_body)
+        moved = (problem.motions - problem.motions_at(self.time))[surface.part]
+        foundation = 0.5 * over.dot(self.force_on_body + on_body, moved)
         dissipated = NodalAnswer.of(solution).dissipated_energy
-        energy = self.energy.after(then, now, elasticity.fixed, moved, dissipated, Reductions(problem.comm))
-        return State(self.number + 1, problem.time, energy, now.displacement, now.on_body, self.pending[:-1])
+        energy = self.energy.after(then, now, elasticity.fixed, foundation, dissipated, over)
+        return State(self.number + 1, problem.time, energy, now.displacement, on_body, self.pending[:-1])
 
 
 @dataclass(frozen=True)

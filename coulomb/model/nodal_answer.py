@@ -44,8 +44,8 @@ class NodalAnswer:
         frames: Orthonormal rows n, t1, t2, shape (m, 3, 3).
         gap: Before deformation, shape (m,).
         area: In m^2, shape (m,).
-        slip_origin: Displacement from which slip counts, space vectors, shape (m, 3).
-        displacement: Space vectors, shape (m, 3).
+        slip_origin: Displacement from which slip counts, along n, t1, t2, shape (m, 3).
+        displacement: Along n, t1, t2, shape (m, 3).
         force: Along n, t1, t2, shape (m, 3); x_n >= 0 presses.
         slip_bound: The one that the solver used, shape (m,).
     """
@@ -77,7 +77,7 @@ class NodalAnswer:
             gap=surface.gap,
             area=surface.area,
             slip_origin=problem.slip_origin,
-            displacement=solution.displacement[surface.nodes],
+            displacement=surface.rows(solution.displacement),
             force=solution.contact_force.reshape(-1, 3),
             slip_bound=solution.slip_bound,
         )
@@ -85,7 +85,7 @@ class NodalAnswer:
     @cached_property
     def closure(self) -> FloatArray:
         """Displacement along n, and slip along t1 and t2, shape (m, 3)."""
-        return closure(self.frames, self.displacement, self.slip_origin)
+        return closure(self.displacement, self.slip_origin)
 
     @cached_property
     def bound(self) -> FloatArray:
@@ -102,6 +102,11 @@ class NodalAnswer:
     def on_body(self) -> FloatArray:
         """The forces on the body as space vectors, shape (m, 3)."""
         return -self._vectors(self.force)
+
+    @cached_property
+    def moved(self) -> FloatArray:
+        """Displacement as space vectors, shape (m, 3)."""
+        return self._vectors(self.displacement)
 
     @cached_property
     def _friction(self) -> FloatArray:
@@ -160,7 +165,7 @@ class NodalAnswer:
             "friction": self.law.friction,
             "cohesion": self.cohesion,
             "slip_bound": self.slip_bound,
-            "slip_origin": self.slip_origin,
+            "slip_origin": self._vectors(self.slip_origin),
             "face": self.part.astype(float),
         }
 
@@ -217,11 +222,11 @@ class NodalAnswer:
         return vectors
 
 
-def closure(frames: FloatArray, displacement: FloatArray, slip_origin: FloatArray) -> FloatArray:
-    """What displacements do to the gaps: u_n, and slip along t1 and t2, metres; all shapes (m, 3), frames (m, 3, 3)."""
-    moved: FloatArray = np.einsum("kij,kj->ki", frames, displacement)
-    moved[:, 1:] -= np.einsum("kij,kj->ki", frames, slip_origin)[:, 1:]
-    return moved
+def closure(displacement: FloatArray, slip_origin: FloatArray) -> FloatArray:
+    """What displacements do to the gaps: u_n, and slip along t1 and t2, metres; all along n, t1, t2, shapes (m, 3)."""
+    closed = displacement.copy()
+    closed[:, 1:] -= slip_origin[:, 1:]
+    return closed
 
 
 def law_numbers(law: FrictionLaw, area: FloatArray, over: Reductions) -> dict[str, Any]:

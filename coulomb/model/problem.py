@@ -27,6 +27,7 @@ from ..solvers.laws import FrictionLaw
 from ..solvers.results import CoulombResult, NotConverged, ProgressCallback, QPResult
 from .acceptance import CERTIFIED_FROM, Acceptance
 from .contact import Contact, ContactFaces
+from .evidence import Before
 from .nodal_answer import closure
 from .provenance import now
 from .small_strain import known_mode
@@ -60,7 +61,7 @@ class ContactProblem:
         law: Of friction at this rank's contact nodes.
         contacts: The contact faces.
         motions: Where their foundations are at this time, from where they were given, metres, shape (faces, 3).
-        slip_origin: Displacement of the contact nodes at which they have not slipped, space vectors in metres, shape
+        slip_origin: Displacement of the contact points at which they have not slipped, along n, t1, t2, metres, shape
             (m, 3): 0 at first, in a later load step that of the step before, carried along with the foundation.
         linear_solver: The one taken for K^-1 (DirectSolver also stands for MultifrontalSolver: `stiffness_method`).
         explicit: Whether A is formed.
@@ -119,12 +120,12 @@ class ContactProblem:
         """The time at which loads, prescribed displacements and the foundation's place are taken."""
         return self.elasticity.time
 
-    def at(self, time: float, slip_origin: FloatArray | None = None) -> ContactProblem:
+    def at(self, time: float, before: Before | None = None) -> ContactProblem:
         """The problem at another time, K and its solver shared; collective.
 
         Args:
             time: When.
-            slip_origin: Space vectors in metres, shape (m, 3); by default those of this problem.
+            before: What slip counts from, with the foundation carried along since; by default as in this problem.
 
         Raises:
             ValueError: On every rank, if an amplitude or the motion has no value then, or the foundation has moved so
@@ -132,8 +133,9 @@ class ContactProblem:
         """
         self.stiffness_solver, self.A  # noqa: B018  (made once, shared by all times)
         other = self.unsolved_at(time)
-        if slip_origin is not None:
-            other.slip_origin = slip_origin
+        if before is not None:
+            carried = (other.motions - self.motions_at(before.time))[other.surface.part]
+            other.slip_origin = other.surface.rows(before.displacement) + other.surface.components(carried)
         return other
 
     def unsolved_at(self, time: float) -> ContactProblem:
@@ -145,6 +147,7 @@ class ContactProblem:
         with timed(other.seconds, "assembly"):
             other.elasticity = self.elasticity.at(time)
             other._move_foundations()
+            other.slip_origin = other.surface.components(self.surface.vectors(self.slip_origin))
         return other
 
     @property
@@ -200,7 +203,7 @@ class ContactProblem:
         """K^-1."""
         with timed(self.seconds, "stiffness"):
             if contact_last(self.explicit, self.comm.size):
-                return MultifrontalSolver(self.elasticity.K, self.elasticity.x, np.sort(self.surface.nodes))
+                return MultifrontalSolver(self.elasticity.K, self.elasticity.x, self.surface.nodes_in_rows)
             return self.linear_solver(self.elasticity.K)
 
     @cached_property
@@ -226,8 +229,8 @@ class ContactProblem:
         return free.ravel()
 
     def closure(self, u: FloatArray) -> FloatArray:
-        """What u (k, 3) does to the gaps: u_n, and slip along t1 and t2, metres, shape (m, 3)."""
-        return closure(self.surface.frames, u[self.surface.nodes], self.slip_origin)
+        """What u (k, 3) does to the gaps: u_n, and slip along t1 and t2, metres, shape (m, 3); collective."""
+        return closure(self.surface.rows(u), self.slip_origin)
 
     @cached_property
     def mean_compliance(self) -> float:
@@ -240,8 +243,8 @@ class ContactProblem:
             kept: FloatArray = self._free_displacement - self.A.response(x).array_r.reshape(-1, 3)
             return kept
         rhs, u = self.elasticity.K.createVecs()
-        self._apply_BT(x, rhs)
-        rhs.aypx(-1.0, self.elasticity.f)
+        rhs.array[:] = -self.surface.at_nodes(x).ravel()
+        rhs.axpy(1.0, self.elasticity.f)
         self.stiffness_solver.solve(rhs, u)
         values: FloatArray = u.array.reshape(-1, 3).copy()
         rhs.destroy()
@@ -259,18 +262,8 @@ class ContactProblem:
         return values
 
     def nodal_contact_force(self, x: FloatArray) -> FloatArray:
-        """B^T x in newtons, this rank's nodes, shape (k, 3): minus the force on the body."""
-        rhs = self.elasticity.K.createVecRight()
-        self._apply_BT(x, rhs)
-        values: FloatArray = rhs.array.reshape(-1, 3).copy()
-        rhs.destroy()
-        return values
-
-    def _apply_BT(self, x: FloatArray, rhs: Any) -> None:
-        forces = self.surface.B.createVecLeft()
-        forces.array[:] = x
-        self.surface.B.multTranspose(forces, rhs)
-        forces.destroy()
+        """B^T x in newtons, this rank's nodes, shape (k, 3): minus the force on the body; collective."""
+        return self.surface.at_nodes(x)
 
     def slip_bound(self, x: FloatArray) -> FloatArray:
         """Bound of the friction force of every node at the forces x (3 m,), newtons, shape (m,)."""

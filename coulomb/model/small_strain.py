@@ -138,7 +138,7 @@ def small_strain(
     """
     over, normal = Reductions(at_nodes.comm), at_nodes.force[:, 0]
     pressing = normal > _PRESSING * max(over.max(normal), 0.0)
-    way, part = at_nodes.displacement[pressing], at_nodes.part[pressing]
+    way, part = at_nodes.moved[pressing], at_nodes.part[pressing]
     before, moved = at_nodes.x[pressing], at_nodes.x[pressing] + way
     rounding = _ROUNDING * max(over.max(np.abs(moved)), 0.0)
 
@@ -160,7 +160,7 @@ def small_strain(
     forces = over.sum(np.linalg.norm(internal, axis=1))
     deformation = 0.0 if forces == 0.0 else 2.0 * over.dot(u, internal) / forces
     # Normals were taken where the node is before it moves, against the foundation at its place of now.
-    along = np.linalg.norm(np.einsum("kij,kj->ki", at_nodes.frames[pressing], way)[:, 1:], axis=1)
+    along = np.linalg.norm(at_nodes.displacement[pressing, 1:], axis=1)
     return SmallStrain(
         gap_error=0.0 if deformation <= 0.0 else largest(distance, over) / deformation,
         turn=largest(turn, over),

@@ -41,6 +41,11 @@ class Solution:
     result: CoulombResult | QPResult
     certificate: Certificate
 
+    @property
+    def force_on_body(self) -> FloatArray:
+        """Contact forces on the body at this rank's contact points, space vectors in newtons, shape (m, 3)."""
+        return -self.problem.surface.vectors(self.contact_force.reshape(-1, 3))
+
     @cached_property
     def small_strain(self) -> SmallStrain:
         """How small displacements are, measured by the theory; collective."""

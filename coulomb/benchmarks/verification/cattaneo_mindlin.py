@@ -158,7 +158,7 @@ def experiment() -> Experiment:
     pressed_on = replace(
         history.beginning(block),
         displacement=normal.displacement,
-        on_body=-normal.problem.nodal_contact_force(normal.contact_force),
+        force_on_body=normal.force_on_body,
     )
     moments = [
         _moment(step.state.time, step.solution, theory, 2.0 * step.state.energy.dissipated)

@@ -82,8 +82,8 @@ class FaceNodes:
             frames=frames,
             gap=self.gap,
             area=self.area,
-            slip_origin=self.origin,
-            displacement=displacement[run.node[self.index]],
+            slip_origin=np.einsum("kij,kj->ki", frames, self.origin),
+            displacement=np.einsum("kij,kj->ki", frames, displacement[run.node[self.index]]),
             force=-np.einsum("kij,kj->ki", frames, on_body[self.index]),
             slip_bound=run.on_face["slip_bound"][self.index],
         )

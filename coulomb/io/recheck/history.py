@@ -211,7 +211,8 @@ class _Chain:
         for k, variant in enumerate(findings.variants):
             then = self._then(run, k)
             dissipated = variant.numbers["totals"]["dissipated_energy"]
-            self._energies[k] = self._energies[k].after(then, variant.at, run.fixed, moved, dissipated, over)
+            foundation = 0.5 * over.dot(then.on_body + variant.at.on_body, moved)
+            self._energies[k] = self._energies[k].after(then, variant.at, run.fixed, foundation, dissipated, over)
 
     def _then(self, run: WrittenRun, k: int) -> Forces:
         """Displacement and forces at the beginning of the step, at its own nodes."""
