@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .fem.body import Material
     from .fem.elasticity import Elasticity
     from .fem.loaded_body import Clamp, PrescribedDisplacement, Spring, Traction
-    from .fem.meshes import NamedMesh, box, read_gmsh, read_xdmf
+    from .fem.meshes import NamedMesh, box, read_gmsh, read_mesh, read_xdmf
     from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
     from .fem.surface import ContactSurface
     from .io.history_files import HistoryFiles
@@ -91,6 +91,7 @@ __all__ = [
     "box",
     "certify",
     "read_gmsh",
+    "read_mesh",
     "read_xdmf",
     "solve_coulomb",
     "solve_tresca",
@@ -102,7 +103,7 @@ _PUBLIC = {
     "fem.body": ("Material",),
     "fem.elasticity": ("Elasticity",),
     "fem.loaded_body": ("Clamp", "PrescribedDisplacement", "Spring", "Traction"),
-    "fem.meshes": ("NamedMesh", "box", "read_gmsh", "read_xdmf"),
+    "fem.meshes": ("NamedMesh", "box", "read_gmsh", "read_mesh", "read_xdmf"),
     "fem.obstacles": ("Cylinder", "Plane", "SignedDistance", "Sphere"),
     "fem.surface": ("ContactSurface",),
     "io.history_files": ("HistoryFiles",),

@@ -189,7 +189,7 @@ def test_case_with_a_file_is_run_and_checked(case, tmp_path, ranks):
     ("change", "message"),
     [
         ("mesh.file='parts/bra.msh'", "bra.msh: cannot be read: No such file"),
-        ("mesh.file='parts/bar.stl'", "file must end in .msh .gmsh. or .xdmf, but is '.*bar.stl'"),
+        ("mesh.file='parts/bar.stl'", "file must end in one of .msh .gmsh., .*, .mesh .Medit., but is '.*bar.stl'"),
         ("mesh.cells=[1,1,1]", "cells does not go with a .msh mesh"),
         ("mesh.names={a=1}", "names does not go with a .msh mesh"),
         ("mesh.box=[1,1,1]", "give either box .with cells. or file, one of the two"),

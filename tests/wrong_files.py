@@ -58,7 +58,7 @@ MESHES = (
         r"is of MSH version 1\.0; save it as 4\.1 or 2\.2",
         part(after=lambda text: text.replace(b"2.2 0 8", b"1.0 0 8")),
     ),
-    Wrong("a mesh of an unknown kind", run("mesh={file='part.vtk'}"), r"file must end in \.msh \(gmsh\) or \.xdmf"),
+    Wrong("a mesh of an unknown kind", run("mesh={file='part.stl'}"), r"file must end in one of \.msh \(gmsh\), .* \.mesh \(Medit\)"),
     Wrong(
         "a mesh without the named face",
         run("contact.face='sole'"),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
+from ..fem import mesh_formats
 from .values import TABLES, AmplitudeTable, Cells, FileName, GroupNumber, Length, Name, Stiffness, Vector, Young
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ class Table(BaseModel):
 
 
 class MeshTable(Table):
-    """A box, lengths in metres; or a file, .msh (gmsh) or .xdmf, and how many metres its unit of length has."""
+    """A box, lengths in metres; or a mesh file (`mesh_formats`), and how many metres its unit of length has."""
 
     box: tuple[Length, Length, Length] | None = None
     cells: tuple[Cells, Cells, Cells] | None = None
@@ -43,13 +44,15 @@ class MeshTable(Table):
     def _one_mesh(self) -> MeshTable:
         if (self.box is None) == (self.file is None):
             raise ValueError("give either box (with cells) or file, one of the two")
-        for_box, of_xdmf = {"cells", "cell"}, {"facets", "cell_groups", "names", "cell_names"}
-        kind = "box" if self.file is None else Path(self.file).suffix
-        if kind not in ("box", ".msh", ".xdmf"):
-            raise ValueError(f"file must end in .msh (gmsh) or .xdmf, but is {self.file!r}")
-        misplaced = (
-            self.model_fields_set & {"box": of_xdmf | {"scale"}, ".msh": for_box | of_xdmf, ".xdmf": for_box}[kind]
-        )
+        kind = "box" if self.file is None else Path(self.file).suffix.lower()
+        if kind != "box" and kind not in mesh_formats.FORMATS:
+            raise ValueError(f"file must end in one of {mesh_formats.listed()}, but is {self.file!r}")
+        fitting = {"box", "cells", "cell"} if kind == "box" else {"file", "scale"}
+        if kind in mesh_formats.NUMBERED:
+            fitting |= {"names", "cell_names"}
+        if kind == ".xdmf":
+            fitting |= {"facets", "cell_groups"}
+        misplaced = self.model_fields_set - fitting
         if misplaced:
             raise ValueError(f"{', '.join(sorted(misplaced))} does not go with a {kind} mesh")
         if self.box is not None and self.cells is None:
@@ -72,14 +75,14 @@ class MeshTable(Table):
         Raises:
             ValueError: On every rank, if the file cannot be read or used.
         """
-        from ..fem.meshes import box, read_gmsh, read_xdmf
+        from ..fem.meshes import box, read_mesh, read_xdmf
 
         if self.file is None:
             assert self.box is not None and self.cells is not None
             return box(self.box, self.cells, self.cell, comm)
-        if self.file.endswith(".msh"):
-            return read_gmsh(self.file, self.scale, comm)
-        return read_xdmf(self.file, self.facets, self.cell_groups, self.names, self.cell_names, self.scale, comm)
+        if self.facets is not None or self.cell_groups is not None:
+            return read_xdmf(self.file, self.facets, self.cell_groups, self.names, self.cell_names, self.scale, comm)
+        return read_mesh(self.file, self.names, self.cell_names, self.scale, comm)
 
 
 class MaterialTable(Table):

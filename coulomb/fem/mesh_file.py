@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NoReturn
 
 import numpy as np
@@ -49,6 +50,7 @@ class MeshFile:
         cells: Points of every cell in gmsh's (and VTK's) order, shape (c, 4) or (c, 8).
         cell_groups: Cells of every group of cells, by name.
         face_groups: Points of every facet of every group of facets, by name, shape (k, 3) or (k, 4).
+        node_groups: Points of every named set of nodes.  It is a face if it covers whole facets of the boundary.
     """
 
     path: str
@@ -56,11 +58,44 @@ class MeshFile:
     cells: IntArray
     cell_groups: dict[str, IntArray]
     face_groups: dict[str, IntArray]
+    node_groups: dict[str, IntArray] = field(default_factory=dict)
+
+
+_NOT_SUPPORTED = {5: "pyramids", 6: "prisms"}
+_SECOND_ORDER = {
+    **{10: "10-node tetrahedra", 20: "20-node hexahedra", 27: "27-node hexahedra", 15: "15-node prisms"},
+    **{13: "13-node pyramids", 14: "14-node pyramids", 18: "18-node prisms"},
+}
+
+
+def solid_nodes(path: str, solids: Mapping[int, int], surface_elements: int = 0) -> int:
+    """Nodes of the cells of a mesh, 4 or 8.
+
+    Args:
+        path: The file, for messages.
+        solids: How many elements in 3D there are, by their number of nodes.
+        surface_elements: How many elements in 2D there are.
+
+    Raises:
+        ValueError: If there are none, second-order ones, or anything but tetrahedra alone or hexahedra alone.
+    """
+    present = [nodes for nodes, count in solids.items() if count]
+    second = [_SECOND_ORDER.get(nodes, f"{nodes}-node cells") for nodes in present if nodes not in (4, 5, 6, 8)]
+    if second:
+        raise ValueError(f"{path}: has {' and '.join(second)}, but {QUADRATIC}")
+    if not present:
+        flat = f"; it has {surface_elements} surface elements, but no solid ones" if surface_elements else ""
+        raise ValueError(f"{path}: has no tetrahedra or hexahedra{flat}: export the mesh of the volume")
+    if len(present) > 1 or present[0] in _NOT_SUPPORTED:
+        titles = {4: "tetrahedra", 8: "hexahedra", **_NOT_SUPPORTED}
+        kinds = " and ".join(titles[nodes] for nodes in sorted(present))
+        raise ValueError(f"{path}: has {kinds}; it must have hexahedra alone or tetrahedra alone")
+    return present[0]
 
 
 @dataclass(frozen=True)
 class InspectedMesh:
-    """The same, found sound: without points that belong to no cell; of the groups of facets the sound ones.
+    """A mesh without faults: no points outside the cells; the usable face groups, and why others are not usable.
 
     Attributes:
         points: Coordinates in metres, shape (p, 3).
@@ -138,6 +173,15 @@ def inspect(file: MeshFile, scale: float) -> InspectedMesh:
             refused[name] = f"face group {name!r} of {file.path} {fault}"
         else:
             faces[name] = found
+    boundary = rows[count == 1]
+    for name, nodes in file.node_groups.items():
+        if name in file.face_groups:  # the file says exactly which facets
+            continue
+        found, fault = _covered(position[nodes], boundary, len(used))
+        if fault:
+            refused[name] = f"node set {name!r} of {file.path} {fault}"
+        else:
+            faces[name] = found
     return InspectedMesh(points, cells, file.cell_groups, faces, refused)
 
 
@@ -206,6 +250,25 @@ def _on_boundary(position: IntArray, group: IntArray, rows: IntArray, count: Int
             f"lies inside the body with {inside} of its {len(mine)} facets; a face must be on the boundary",
         )
     return mine, ""
+
+
+def _covered(nodes: IntArray, boundary: IntArray, points: int) -> tuple[IntArray, str]:
+    """The boundary facets all of whose corners are in a set of nodes; and why the set is no face, or nothing."""
+    nothing = boundary[:0]
+    if len(nodes) == 0:
+        return nothing, "is empty"
+    if np.any(nodes < 0):
+        return nothing, f"has {np.sum(nodes < 0)} of {len(nodes)} nodes that belong to no cell"
+    inside = np.zeros(points, dtype=bool)
+    inside[nodes] = True
+    found = boundary[np.all(inside[boundary], axis=1)]
+    inside[found] = False
+    if np.any(inside):
+        return nothing, (
+            f"has {inside.sum()} of {len(np.unique(nodes))} nodes that are no corners of boundary facets within the "
+            "set; a face must consist of whole facets"
+        )
+    return found, ""
 
 
 def _seen(bad: npt.NDArray[np.bool_], points: FloatArray, cells: IntArray) -> str:

@@ -1,4 +1,4 @@
-"""Meshes with named boundary faces and cell groups: boxes, and meshes from gmsh and XDMF files."""
+"""Meshes with named boundary faces and cell groups: boxes, and meshes from files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,16 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from . import compat, gmsh_format, xdmf_format
+from . import (
+    abaqus_format,
+    compat,
+    exodus_format,
+    gmsh_format,
+    med_format,
+    mesh_formats,
+    meshio_formats,
+    xdmf_format,
+)
 from .box_faces import BOX_FACES
 from .compat import mesh
 from .mesh_file import InspectedMesh, IntArray, MeshFile, inspect
@@ -158,6 +167,58 @@ def read_xdmf(
         return xdmf_format.read(str(path), on_facets, on_cells, names or {}, cell_names or {})
 
     return _distribute(comm, path, scale, read)
+
+
+def read_mesh(
+    path: str | Path,
+    names: Mapping[str, int] | None = None,
+    cell_names: Mapping[str, int] | None = None,
+    scale: float = 1.0,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> NamedMesh:
+    """Mesh of a file, of first-order hexahedra or tetrahedra; the end of its name says which format it is.
+
+    - `.msh` (gmsh), as `read_gmsh`; `.xdmf`, as `read_xdmf` with the numbers in the same file.
+    - `.inp` (Abaqus, CalculiX): surfaces and sets of surface elements become faces, sets of solid elements groups.
+    - `.med` (Salome): groups of faces and of volumes.
+    - `.e`, `.exo`, `.exii`, `.g` (Exodus II): side sets and blocks of shells become faces, blocks of solids groups.
+    - `.vtu`, `.vtk`, `.bdf`, `.nas` (Nastran), `.mesh` (Medit), by meshio: elements in 2D become faces, those in 3D
+      groups, by the whole number on them, in Nastran that of the property.
+
+    In `.inp`, `.med` and Exodus files a set of nodes is a face too, where no face has its name and the boundary facets
+    with all corners in the set have all of its nodes as corners.
+
+    Args:
+        path: The file; rank 0 reads it.
+        names: Names of faces with the number of their facets, in formats with numbers (XDMF and those by meshio);
+            others are called by the number, as in "3".
+        cell_names: Names of cell groups with the number of their cells, in the same formats.
+        scale: Metres per unit of length of the file: 1e-3 for millimetres.
+        comm: The ranks that share the mesh.
+
+    Raises:
+        ValueError: On every rank, if the format is not known or the file cannot be read or computed with; says why.
+    """
+    end = Path(path).suffix.lower()
+    if end not in mesh_formats.FORMATS:
+        raise ValueError(f"{path}: the name of a mesh file must end in one of {mesh_formats.listed()}")
+    if (names or cell_names) and end not in mesh_formats.NUMBERED:
+        raise ValueError(f"{path}: names and cell_names are for formats with numbered groups, but {end} has names")
+    return _distribute(comm, path, scale, lambda: _read(str(path), end, names or {}, cell_names or {}))
+
+
+def _read(path: str, end: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
+    if end == ".msh":
+        return gmsh_format.read(path)
+    if end == ".xdmf":
+        return xdmf_format.read(path, None, None, names, cell_names)
+    if end == ".inp":
+        return abaqus_format.read(path)
+    if end == ".med":
+        return med_format.read(path)
+    if end in mesh_formats.NUMBERED:
+        return meshio_formats.read(path, names, cell_names)
+    return exodus_format.read(path)
 
 
 def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[], MeshFile]) -> NamedMesh:

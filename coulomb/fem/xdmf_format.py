@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from ..arrays import FloatArray
 from ..regular_file import read_bytes, refuse_irregular
 from .mesh_file import QUADRATIC, IntArray, MeshFile
+from .numbered_groups import members_by_name, only_set
 
 _WIDTH = {"tetrahedron": 4, "hexahedron": 8, "triangle": 3, "quadrilateral": 4}
 _FACE_OF = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
@@ -75,28 +76,16 @@ def _groups(
 ) -> dict[str, IntArray]:
     """Rows of every group, by name or else by number."""
     sources = [(grid, name) for grid in grids for name in grid.numbers]
-    if len(sources) > 1:  # meshio writes gmsh's own numbers beside the physical ones
-        sources = [source for source in sources if source[1] == "gmsh:physical"] or sources
-    if len(sources) > 1:
-        listed = ", ".join(name for _, name in sources)
-        raise ValueError(
-            f"{sources[0][0].where}: has several sets of numbers ({listed}), but needs one; write one only"
-        )
     if not sources:
         if asked is not None or names:
             raise ValueError(f"{asked or mesh.where}: has no whole numbers on its facets or cells, to go by {key}")
         return {}
-    grid, attribute = sources[0]
-    rows, numbers = rows_of(grid, mesh), grid.numbers[attribute]
+    chosen = only_set(sources[0][0].where, [name for _, name in sources])
+    grid = next(grid for grid, name in sources if name == chosen)
+    rows, numbers = rows_of(grid, mesh), grid.numbers[chosen]
     if len(numbers) != len(grid.rows):
-        raise ValueError(f"{grid.where}: {attribute} has {len(numbers)} numbers for {len(grid.rows)} entities")
-    present: list[int] = list(map(int, np.unique(numbers)))
-    for name, number in names.items():
-        if number not in present:
-            listed = ", ".join(map(str, present))
-            raise ValueError(f"{grid.where}: {key} has {name!r} = {number}, but the numbers there are {listed}")
-    title = {number: name for name, number in names.items()}
-    return {title.get(number, str(number)): rows[numbers == number] for number in present}
+        raise ValueError(f"{grid.where}: {chosen} has {len(numbers)} numbers for {len(grid.rows)} entities")
+    return {name: rows[members] for name, members in members_by_name(grid.where, numbers, names, key).items()}
 
 
 def _in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:

@@ -1,0 +1,24 @@
+"""The mesh files that can be read, known before there is a mesh."""
+
+FORMATS = {
+    ".msh": "gmsh",
+    ".xdmf": "XDMF",
+    ".inp": "Abaqus, CalculiX",
+    ".med": "Salome",
+    **dict.fromkeys((".e", ".exo", ".exii", ".g"), "Exodus II"),
+    **dict.fromkeys((".vtu", ".vtk"), "VTK"),
+    **dict.fromkeys((".bdf", ".nas"), "Nastran"),
+    ".mesh": "Medit",
+}
+"""What writes them, by the end of the file's name, in lower case."""
+
+NUMBERED = {".xdmf", ".vtu", ".vtk", ".bdf", ".nas", ".mesh"}
+"""Formats whose groups are numbers on facets and cells, to which a user gives names."""
+
+
+def listed() -> str:
+    """The formats and the ends of their names, for messages."""
+    ends: dict[str, list[str]] = {}
+    for end, title in FORMATS.items():
+        ends.setdefault(title, []).append(end)
+    return ", ".join(f"{', '.join(group)} ({title})" for title, group in ends.items())
