@@ -214,6 +214,12 @@ def test_a_rank_without_contact_nodes():
     assert E * 1e-3 / 12.0 < force < hindered * E * 1e-3 / 12.0
 
 
+def test_ranks_without_cells(shared_directory):
+    """A body of one cell: every other rank has nothing, and still writes its part."""
+    problem = ContactProblem(coulomb.box((1, 1, 1), (1, 1, 1)), STEEL, [Clamp("top")], Contact("bottom", friction=0.3))
+    output.write(problem.solve(), shared_directory)
+
+
 def test_output_is_written_by_all_ranks(shared_directory):
     solution = make_block(4).solve()
     contents = output.write(solution, shared_directory / "run")

@@ -28,6 +28,9 @@ from wrong_input import (
     without_mumps,
 )
 
+NODES = "*NODE\n" + "".join(f"{i}, {x}, {y}, {z}\n" for i, (x, y, z) in enumerate(np.ndindex(2, 2, 2), start=1))
+CUBE = "*ELEMENT, TYPE=C3D8\n1, 1, 5, 7, 3, 2, 6, 8, 4\n"
+
 MESHES = (
     Wrong("a box of negative length", run("mesh.box=[3,-1,1]"), r"mesh\.box\.1 = -1: should be greater than 0"),
     Wrong("a box of no size", run("mesh.box=[1e-200,1,1]"), r"mesh\.box\.0 = 1e-200: should be from 1e-12 to 1e\+12"),
@@ -58,7 +61,11 @@ MESHES = (
         r"is of MSH version 1\.0; save it as 4\.1 or 2\.2",
         part(after=lambda text: text.replace(b"2.2 0 8", b"1.0 0 8")),
     ),
-    Wrong("a mesh of an unknown kind", run("mesh={file='part.stl'}"), r"file must end in one of \.msh \(gmsh\), .* \.mesh \(Medit\)"),
+    Wrong(
+        "a mesh of an unknown kind",
+        run("mesh={file='part.stl'}"),
+        r"file must end in one of \.msh \(gmsh\), .* \.mesh \(Medit\)",
+    ),
     Wrong(
         "a mesh without the named face",
         run("contact.face='sole'"),
@@ -122,6 +129,61 @@ MESHES = (
         r"part\.xdmf: is not XDMF",
         case("Dear Sir,", "part.xdmf"),
         library="is not XDMF",
+    ),
+    Wrong(
+        "an Abaqus file without solid elements",
+        run("mesh={file='part.inp'}"),
+        r"part\.inp: has no tetrahedra or hexahedra; it has 1 surface elements, but no solid ones",
+        case(NODES + "*ELEMENT, TYPE=S4\n1, 1, 2, 4, 3\n", "part.inp"),
+    ),
+    Wrong(
+        "an Abaqus file with two parts",
+        run("mesh={file='part.inp'}"),
+        r"part\.inp: has 2 parts \(plate, punch\); export one body",
+        case("*PART, NAME=plate\n*PART, NAME=punch\n", "part.inp"),
+    ),
+    Wrong(
+        "an Abaqus file that generates nodes",
+        run("mesh={file='part.inp'}"),
+        r"part\.inp: \*NGEN: coulomb does not read it: write the mesh with its nodes",
+        case(NODES + "*NGEN\n1, 8, 1\n", "part.inp"),
+    ),
+    Wrong(
+        "a node set that covers no whole facet",
+        run("mesh={file='part.inp'}", "contact.face='edge'", "clamp.0.face='end'", "traction=[]"),
+        r"contact: node set 'edge' of part\.inp has 2 of 2 nodes that are no corners of boundary facets within",
+        case(NODES + CUBE + "*NSET, NSET=end\n1, 2, 3, 4\n*NSET, NSET=edge\n5, 6\n", "part.inp"),
+    ),
+    Wrong(
+        "numbers for a format with names",
+        run("mesh={file='part.inp', names={sole=1}}"),
+        r"mesh = .*: names does not go with a \.inp mesh",
+    ),
+    Wrong(
+        "a MED file that is none",
+        run("mesh={file='part.med'}"),
+        r"part\.med: is not a MED file: it is not HDF5, or cut short",
+        case("Dear Sir,", "part.med"),
+    ),
+    Wrong(
+        "an Exodus file that is none",
+        run("mesh={file='part.e'}"),
+        r"part\.e: is not an Exodus file, or damaged",
+        case("Dear Sir,", "part.e"),
+        library="or damaged",
+    ),
+    Wrong(
+        "a VTU file that is none",
+        run("mesh={file='part.vtu'}"),
+        r"part\.vtu: cannot be read as vtu",
+        case("Dear Sir,", "part.vtu"),
+        library="cannot be read as vtu",
+    ),
+    Wrong(
+        "a Nastran file with elements in large fields",
+        run("mesh={file='part.bdf'}"),
+        r"part\.bdf: has elements in large fields .* export small fields or free format",
+        case("BEGIN BULK\nCHEXA*  1\nENDDATA\n", "part.bdf"),
     ),
 )
 

@@ -77,20 +77,20 @@ def assemble_matrix(form: Any) -> PETSc.Mat:
     return A
 
 
-def _rows(table: Any) -> npt.NDArray[np.int32]:
-    """A dofmap with as many entries in every row, as an array; an AdjacencyList before 0.7."""
-    return table if isinstance(table, np.ndarray) else table.array.reshape(table.num_nodes, -1)
-
-
 def cell_dofs(V: Any) -> npt.NDArray[np.int32]:
     """Block dofs of every local cell, ghosts included, shape (cells, dofs a cell)."""
-    return _rows(V.dofmap.list)
+    table = V.dofmap.list  # an AdjacencyList before 0.7, perhaps of no cell
+    return table if isinstance(table, np.ndarray) else table.array.reshape(-1, V.dofmap.dof_layout.num_dofs)
 
 
 def cell_geometry(domain: Any) -> npt.NDArray[np.int32]:
     """Geometry nodes of every local cell, ghosts included, shape (cells, nodes a cell)."""
     dofmaps = getattr(domain.geometry, "dofmaps", None)
-    return dofmaps[0] if isinstance(dofmaps, Sequence) else _rows(domain.geometry.dofmap)  # a list from 0.11 on
+    table = dofmaps[0] if isinstance(dofmaps, Sequence) else domain.geometry.dofmap  # a list from 0.11 on
+    if isinstance(table, np.ndarray):
+        return table
+    corners = cpp.mesh.cell_num_entities(domain.topology.cell_type, 0)
+    return table.array.reshape(-1, corners)
 
 
 def interpolation_points(V: Any) -> Any:
@@ -101,7 +101,7 @@ def interpolation_points(V: Any) -> Any:
 def submesh(domain: Any, dim: int, entities: npt.NDArray[np.int32]) -> tuple[Any, npt.NDArray[np.int32]]:
     """Mesh of these entities, and the geometry node of `domain` for each of its own."""
     sub = mesh.create_submesh(domain, dim, entities)
-    return sub[0], np.asarray(sub[3])
+    return sub[0], np.asarray(sub[3], dtype=np.int32)
 
 
 def meshtags(domain: Any, dim: int, entities: npt.NDArray[np.int32], values: npt.NDArray[np.int32]) -> Any:

@@ -287,9 +287,10 @@ def corners_of(domain: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int
         topology.create_connectivity(*dim)
     vertices = topology.connectivity(3, 0).array
     of_vertex = np.empty(int(vertices.max(initial=-1)) + 1, dtype=np.int64)
-    of_vertex[vertices] = compat.cell_geometry(domain).ravel()
-    table = topology.connectivity(2, 0)
-    corners: npt.NDArray[np.int64] = of_vertex[table.array.reshape(table.num_nodes, -1)[facets]]
+    of_cell = compat.cell_geometry(domain)  # perhaps of no cell at all, on this rank
+    of_vertex[vertices] = of_cell.ravel()
+    of_facet = topology.connectivity(2, 0).array.reshape(-1, 3 if of_cell.shape[1] == 4 else 4)
+    corners: npt.NDArray[np.int64] = of_vertex[of_facet[facets]]
     return corners
 
 

@@ -99,12 +99,16 @@ def _shown(value: Any) -> str:
 
 
 def _digest(path: Path) -> str:
-    """SHA-256 of a mesh file, and of the HDF5 files that an XDMF file names."""
+    """SHA-256 of a mesh file, and of the files it names: HDF5 files in XDMF, included ones in Abaqus' format."""
     found = hashlib.sha256()
     files = [path]
     if path.suffix == ".xdmf":
         names = re.findall(r"([^\s<>:\"]+):/", path.read_text(encoding="utf-8", errors="replace"))
         files += [path.parent / name for name in dict.fromkeys(names)]
+    if path.suffix.lower() == ".inp":
+        text = path.read_text(encoding="utf-8", errors="replace")
+        names = re.findall(r'^\*\s*INCLUDE\b.*?=\s*"?([^"\n]+)', text, re.IGNORECASE | re.MULTILINE)
+        files += [path.parent / name.strip() for name in names]
     for file in files:
         if file == path or file.is_file():
             with file.open("rb") as stream:

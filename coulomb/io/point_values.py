@@ -40,11 +40,11 @@ def overwrite(comm: MPI.Comm, path: str, domain: Any, fields: Mapping[str, Float
     Raises:
         OSError: On every rank, if the file cannot be written to.
     """
-    first, last = domain.geometry.index_map().local_range
+    first, _ = domain.geometry.index_map().local_range
     file: Any
     file, fault = _opened(path) if comm.rank == 0 else (None, "")
     for name, values in fields.items():
-        own = (first, np.reshape(values, (last - first, -1)))
+        own = (first, values if values.ndim == 2 else values[:, None])
         if comm.rank > 0:
             comm.send(own, dest=0)
             continue
