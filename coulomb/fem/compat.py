@@ -87,10 +87,8 @@ def cell_geometry(domain: Any) -> npt.NDArray[np.int32]:
     """Geometry nodes of every local cell, ghosts included, shape (cells, nodes a cell)."""
     dofmaps = getattr(domain.geometry, "dofmaps", None)
     table = dofmaps[0] if isinstance(dofmaps, Sequence) else domain.geometry.dofmap  # a list from 0.11 on
-    if isinstance(table, np.ndarray):
-        return table
     corners = cpp.mesh.cell_num_entities(domain.topology.cell_type, 0)
-    return table.array.reshape(-1, corners)
+    return table if isinstance(table, np.ndarray) else table.array.reshape(-1, corners)
 
 
 def interpolation_points(V: Any) -> Any:
