@@ -184,7 +184,7 @@ class _Reader:
     def _fill(self, block: _Block, into: _Set) -> None:
         if "GENERATE" in block.parameters:
             for line in block.lines:
-                given = self._whole(block, [line]).tolist()
+                given: list[int] = list(map(int, self._whole(block, [line])))
                 if len(given) not in (2, 3) or given[-1] < 1:
                     raise self._fault(block, f"GENERATE needs first, last and step, but has {line.strip()!r}")
                 step = given[2] if len(given) == 3 else 1

@@ -105,13 +105,14 @@ def _mesh(path: str, variables: _Variables) -> MeshFile:
 
     cells = np.vstack([rows for *_, rows in blocks])
     row = np.full(element, -1, dtype=np.int64)  # of every element in `cells`
-    cell_groups, at = {}, 0
+    cell_groups: dict[str, IntArray] = {}
+    at = 0
     for name, first, rows in blocks:
-        cell_groups[name] = np.arange(at, at + len(rows))
+        cell_groups[name] = np.arange(at, at + len(rows), dtype=np.int64)
         row[first : first + len(rows)] = cell_groups[name]
         at += len(rows)
     corners = np.full((element, side), -1, dtype=np.int64)  # of every shell
-    face_groups = {}
+    face_groups: dict[str, IntArray] = {}
     for name, first, rows in shells:
         face_groups[name] = corners[first : first + len(rows)] = rows
     for name, number in _titles(variables, "ss"):
