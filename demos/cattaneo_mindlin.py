@@ -2,8 +2,8 @@
 
     python demos/cattaneo_mindlin.py
 
-The formulas, and what they leave out, are in coulomb/benchmarks/verification/cattaneo_mindlin.py; this walks through
-the history that makes the loop.
+The formulas and their assumptions are in coulomb/benchmarks/verification/cattaneo_mindlin.py; this script computes the
+load history of the hysteresis loop.
 """
 
 from dataclasses import replace

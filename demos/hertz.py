@@ -1,4 +1,4 @@
-"""Hertz: a rigid ball pressed into a steel block.  Contact radius and pressure beside the formula of 1882.
+"""Hertz: a rigid ball pressed into a steel block.  Contact radius and pressure compared with the formulas of 1882.
 
 python demos/hertz.py
 
@@ -15,14 +15,14 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Sphere
 
 E, nu, R = 2.1e11, 0.3, 0.1
-a = 1e-3  # the contact radius to aim at, 1 mm: the ball comes up by a^2/R
+a = 1e-3  # the intended contact radius, 1 mm: the ball moves up by a^2/R
 
-# A quarter of a block of 32 a x 32 a x 16 a; cells of a/6 under the ball, larger and larger away from it.
+# A quarter of a block of 32 a x 32 a x 16 a; cells of a/6 under the ball, growing with the distance from it.
 fine, cells, width = 8, 16, 16 * a
 
 
 def place(k):
-    """Where node k of each axis goes."""
+    """Coordinates of node k along each axis."""
     uniform = 4 / 3 * a * k / fine
     return uniform + (width - 4 / 3 * a * cells / fine) * (np.maximum(k - fine, 0) / (cells - fine)) ** 3
 
@@ -36,7 +36,7 @@ problem = ContactProblem(
 solution = problem.solve()
 print(solution.certificate)
 
-# The force follows from the way of the ball; the formulas from the force.
+# The force follows from the displacement of the ball, contact radius and pressure from the force.
 surface, force = problem.surface, solution.contact_force[0::3]
 P = 4 * problem.comm.allreduce(force.sum(), op=MPI.SUM)
 a = (0.75 * P * R * (1 - nu**2) / E) ** (1 / 3)

@@ -19,25 +19,26 @@ problem = block(p=10, friction=None)
 qp = problem.friction_problem
 print(f"{problem.unknowns['displacement']}/{problem.unknowns['contact']} unknowns")
 
-# PF follows the central path nu_i z_i = theta to theta = 0.  Each step solves a Newton system by preconditioned CG, as
-# precisely as the last step asks, and goes as far as the neighbourhood N(gamma, beta) of the path lets it.
+# PF follows the central path nu_i z_i = theta to theta = 0.  Each step solves a Newton system by preconditioned CG,
+# with a tolerance that depends on the last step; the step length is limited by the neighbourhood N(gamma, beta) of the
+# path.
 result = PathFollowing(tolerance=1e-8, r_tol=0.1, c_fact=0.9).solve(qp)
 print("step   theta     alpha   CG  residual")
 for step in result.history:
     print(f"{step.iteration:4d}  {step.theta:.1e}  {step.alpha:6.3f}  {step.krylov:3d}  {step.residual:.1e}")
 
-# The augmented system with P_AM and the Schur complement with P_SC have the same solution; since CG solves both only as
-# precisely as asked, the steps are alike, but not the same.
+# The augmented system with P_AM and the Schur complement with P_SC have the same solution; since CG solves both to a
+# tolerance only, the steps are similar, but not identical.
 for newton in (AugmentedSystem, SchurComplementSystem):
     other = PathFollowing(tolerance=1e-8, newton=newton).solve(qp)
     print(f"{newton.__name__}: {other.iterations} steps, {other.products} products by A")
 
-# KPRGP, the active-set method the paper compares with, needs many times the products for the same residual.
+# KPRGP, the active-set method to which the paper compares, needs many times the products for the same residual.
 path, active = PathFollowing(tolerance=1e-6).solve(qp), KPRGP(tolerance=1e-6).solve(qp)
 print(f"to a residual of 1e-6: PF {path.products} products, KPRGP {active.products}")
 assert np.linalg.norm(path.x - active.x) <= 1e-4 * np.linalg.norm(path.x)
 
-# Theorem 1 on a smaller block: what CG sees stays bounded while the systems themselves become singular.
+# Theorem 1 on a smaller block: the preconditioned condition number stays bounded while that of J becomes infinite.
 small = block(p=3, friction=None)
 spectra = measure(small.friction_problem)
 print(f"cond(J_AM) ends at {spectra[-1].cond_J_AM:.1e}, cond(P_AM^-1 J_AM) at {spectra[-1].cond_preconditioned_AM:.1e}")

@@ -1,4 +1,4 @@
-"""A cube that slides on a tilted plane, in a uniform state of stress: linear elements hold it exactly.
+"""A cube that slides on a tilted plane, in a uniform state of stress, which linear elements represent exactly.
 
     python demos/patch.py
 
@@ -18,7 +18,7 @@ from coulomb import Contact, ContactProblem, Material, Plane, PrescribedDisplace
 E, nu, p, F, s0 = 2.1e11, 0.3, 4e7, 0.3, 1e-4
 G = E / (2 * (1 + nu))
 
-# The axes of the cube: z, the plane's normal, tilted by 30 degrees, and the whole turned about it.
+# The axes of the cube: z, the plane's normal, tilted by 30 degrees; the cube is rotated about it.
 tilt, turn = np.radians(30.0), np.radians(20.0)
 z = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
 x = np.array([1.0, 0.0, 0.0])

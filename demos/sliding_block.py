@@ -1,4 +1,4 @@
-"""A block drawn over a plane until it slides, and back: the force is F times the normal force, exactly.
+"""A block pulled along a plane until it slides, and back: the force is exactly F times the normal force.
 
 python demos/sliding_block.py
 """
@@ -13,7 +13,7 @@ from coulomb import Contact, ContactProblem, LoadHistory, Material, PrescribedDi
 
 F = 0.3
 
-# The top, held flat, goes down by 0.2 mm until t = 1, then to the right by 2 mm until t = 3, and back until t = 5.
+# The top, held flat, moves down by 0.2 mm until t = 1, then to the right by 2 mm until t = 3, and back until t = 5.
 down = PrescribedDisplacement("top", (0.0, 0.0, -2e-4), "z", amplitude=[(0.0, 0.0), (1.0, 1.0)])
 along = PrescribedDisplacement("top", (2e-3, 0.0, 0.0), "xy", amplitude=[(1.0, 0.0), (3.0, 1.0), (5.0, 0.0)])
 problem = ContactProblem(
@@ -34,7 +34,7 @@ energy = step.state.energy
 print(
     f"work {energy.prescribed:.0f} J: {energy.elastic:.0f} J elastic, {energy.dissipated:.0f} J dissipated by friction,"
 )
-print(f"and {energy.imbalance:.0f} J the error of finite steps, which falls with their size")
+print(f"and {energy.imbalance:.0f} J time-stepping error, which decreases with the step size")
 
 figure = Figure(figsize=(6, 4), layout="constrained")
 axis = figure.subplots()

@@ -1,4 +1,4 @@
-"""SSNV128 of code_aster: a plate pressed onto a rigid line and pushed along it; where it lifts, slips and sticks.
+"""SSNV128 of code_aster: a plate pressed onto a rigid line and pushed along it; open, slipping and sticking zones.
 
     python demos/ssnv128.py
 

@@ -134,7 +134,7 @@ def test_demo_sliding_block():
     assert np.all(ratio[:21] <= 1e-9) and np.all(np.diff(ratio[:21]) <= 1e-9) and np.all(np.diff(ratio[20:]) >= -1e-9)
     assert stick[20] == stick[40] == 0 and stick[21] > 30  # turned round, it sticks again
     work, elastic, dissipated = line(text, r"work # J: # J elastic, # J dissipated by friction,")
-    missing = line(text, r"and # J the error of finite steps")[0]
+    missing = line(text, r"and # J time-stepping error")[0]
     assert work - elastic - dissipated == pytest.approx(missing, abs=2.0)  # printed to a joule
     assert abs(missing) < 0.01 * dissipated
 

@@ -1,1 +1,1 @@
-"""Measurements behind the choices: each returns the rows of its table, the command line prints them."""
+"""Benchmarks: each module returns the rows of its table, and the command line prints them."""

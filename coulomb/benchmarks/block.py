@@ -11,11 +11,11 @@ from ..model.contact import Contact
 from ..model.problem import ContactProblem
 
 SLIP_STRESS = 1e7
-"""Of its Tresca variant, in pascals."""
+"""Slip stress of the Tresca variant, in pascals."""
 
 
 def block(p: int, friction: float | None = 0.3, cell: str = "hexahedron", **options: Any) -> ContactProblem:
-    """The block with p cells a metre; friction None is the Tresca variant.  `options` are ContactProblem's."""
+    """The block with p cells per metre; friction None is the Tresca variant; `options` are ContactProblem's."""
     return ContactProblem(
         box((3.0, 1.0, 1.0), (3 * p, p, p), cell),
         Material(young=2.119e11, poisson=0.277),

@@ -1,4 +1,4 @@
-"""Three ways to the compliance A on one rank: Schur complement, many right-hand sides, or no matrix at all."""
+"""Three methods for the compliance A on one rank: Schur complement, many right-hand sides, matrix-free."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .block import block
 
 
 class Row(NamedTuple):
-    """Seconds of factorisation and A by each way, seconds of one product by each, and how far the two A are apart."""
+    """Seconds of factorisation and A by each method, of one product, and the relative difference of the two A."""
 
     p: int
     contact: int
@@ -25,7 +25,7 @@ class Row(NamedTuple):
 
 
 def measure(p: int) -> Row:
-    """Measure the block with p cells a metre."""
+    """Measure the block with p cells per metre."""
     schur, many, free = block(p, explicit=True), block(p, explicit=True), block(p, explicit=False)
     began = time.perf_counter()
     A = schur.A

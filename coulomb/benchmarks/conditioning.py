@@ -52,17 +52,17 @@ def measure(qp: FrictionProblem, solver: PathFollowing | None = None) -> list[Sp
     """Spectra of every step of a run on a small problem whose nodes all have a disc, on one rank.
 
     Args:
-        qp: The problem; everything is of size (5 m)^2 here.
-        solver: By default PathFollowing(); its Newton system is replaced by a J_AM/P_AM that looks on.
+        qp: The problem; matrices are dense, of size (5 m)^2.
+        solver: Default: PathFollowing(); its Newton system is replaced by a J_AM/P_AM that records its linearisations.
     """
     seen: list[Linearization] = []
 
-    class Watched(AugmentedSystem):
+    class Recorded(AugmentedSystem):
         def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep:
             seen.append(at)
             return super().solve(at, r1, r2, tolerance, cap)
 
-    replace(solver or PathFollowing(), newton=Watched).solve(qp)
+    replace(solver or PathFollowing(), newton=Recorded).solve(qp)
     A = scaled_matrix(qp)
     return [_spectra(number, A, at) for number, at in enumerate(seen, start=1)]
 
@@ -96,7 +96,7 @@ def _spectra(iteration: int, A: FloatArray, at: Linearization) -> Spectra:
 
 
 def _generalized(J: FloatArray, P: FloatArray) -> FloatArray:
-    """Eigenvalues of P^-1 J for symmetric positive definite P of any scale: P is scaled to a unit diagonal before."""
+    """Eigenvalues of P^-1 J for symmetric positive definite P, which is first scaled to a unit diagonal."""
     s = 1.0 / np.sqrt(np.diag(P))
     values: FloatArray = scipy.linalg.eigh(s[:, None] * J * s, s[:, None] * P * s, eigvals_only=True)
     return values

@@ -1,4 +1,4 @@
-"""What `coulomb check-case` expects of a run, beside what it takes: the block, each run in a process of its own."""
+"""Estimates of `coulomb check-case` against measured memory and time: the block, each run in a separate process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..model.estimate import estimate
 
 SIZES = (8, 16, 24)
 
-WAYS: tuple[tuple[str, LinearSolver, bool], ...] = (
+METHODS: tuple[tuple[str, LinearSolver, bool], ...] = (
     ("direct, A formed", DirectSolver, True),
     ("direct, A matrix-free", DirectSolver, False),
     ("multigrid", IterativeSolver, False),
@@ -26,7 +26,7 @@ WAYS: tuple[tuple[str, LinearSolver, bool], ...] = (
 
 
 class Row(NamedTuple):
-    """A line of the table; bytes, and seconds of the processor, which others on the machine do not lengthen."""
+    """A row of the table; bytes, and processor seconds, which do not depend on the load of the machine."""
 
     p: int
     method: str
@@ -42,11 +42,11 @@ def measure(sizes: Iterable[int]) -> Iterator[Row]:
     """Rows as they are measured.
 
     Raises:
-        RuntimeError: If a run ends badly.
+        RuntimeError: If a run fails.
     """
     case = str(resources.files("coulomb") / "templates" / "block.toml")
     for p in sizes:
-        for name, solver, explicit in WAYS:
+        for name, solver, explicit in METHODS:
             kind = "direct" if solver is DirectSolver else "iterative"
             form = "explicit" if explicit else "matrix-free"
             with tempfile.TemporaryDirectory() as directory:
@@ -62,8 +62,8 @@ def measure(sizes: Iterable[int]) -> Iterator[Row]:
                 process.returncode = os.waitstatus_to_exitcode(status)
                 if process.returncode != 0:
                     raise RuntimeError(f"p = {p}, {name}: coulomb run ended with {process.returncode}")
-                told = RunDirectory(Path(directory)).read_summary()
-            n, m = told["unknowns"]["displacement"], told["unknowns"]["contact"]
+                summary = RunDirectory(Path(directory)).read_summary()
+            n, m = summary["unknowns"]["displacement"], summary["unknowns"]["contact"]
             expected = estimate(n, m, 1, solver, explicit)
             seconds = used.ru_utime + used.ru_stime
-            yield Row(p, name, n, m, expected.memory, float(told["peak_memory_bytes"]), expected.seconds, seconds)
+            yield Row(p, name, n, m, expected.memory, float(summary["peak_memory_bytes"]), expected.seconds, seconds)

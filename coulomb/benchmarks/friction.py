@@ -1,4 +1,4 @@
-"""Coulomb friction on the block: ways to solve it, over friction and size."""
+"""Coulomb friction on the block: methods compared over friction and size."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from .block import block
 
 FRICTION = (0.1, 0.3, 0.8, 1.5)
 DENSE_UP_TO = 10
-"""Cells a metre up to which the dense one loop is measured."""
+"""Cells per metre up to which the dense one loop is measured."""
 
 TRESCA = "one Tresca problem"
 
 
 def solvers(tolerance: float) -> dict[str, CoulombSolver]:
-    """The ways: successive Tresca with every problem solved to the end, with inner accuracy tied to the outer
+    """The methods: successive Tresca with every problem solved to full accuracy, with inner accuracy tied to the outer
     residual, and accelerated as well (its default); and the one loop."""
     return {
         "plain": SuccessiveTresca(tolerance, inner_precision=1e-12, memory=0, damping=1.0),
@@ -37,7 +37,7 @@ def solvers(tolerance: float) -> dict[str, CoulombSolver]:
 
 
 class Row(NamedTuple):
-    """A line of friction.csv."""
+    """A row of friction.csv."""
 
     method: str
     p: int
@@ -52,7 +52,7 @@ class Row(NamedTuple):
 
 
 def measure(sizes: Iterable[int], friction: Iterable[float], tolerance: float, repeats: int = 1) -> Iterator[Row]:
-    """Rows as they are measured, A formed beforehand; `seconds` is the solver's alone, the least of the repeats.
+    """Rows as they are measured, A formed beforehand; `seconds` is the time of the solver, the minimum of the repeats.
 
     First of every size and friction, for comparison: one Tresca problem with the slip bounds of the answer, by PF with
     P_AM as in the paper.
@@ -86,7 +86,7 @@ def measure(sizes: Iterable[int], friction: Iterable[float], tolerance: float, r
 def _least(
     prepare: Callable[[FrictionProblem, Any], Callable[[], Any]], problem: FrictionProblem, given: Any, repeats: int
 ) -> tuple[Any, float]:
-    """The result, converged or not, and the least time it took."""
+    """The result, converged or not, and the minimum time."""
     solve, seconds = prepare(problem, given), []
     for _ in range(repeats):
         began = time.perf_counter()

@@ -1,7 +1,7 @@
-"""The block with Coulomb friction, larger and larger, beside one linear solve on the same mesh (the yardstick).
+"""The block with Coulomb friction in increasing sizes, compared with one linear solve on the same mesh (the yardstick).
 
-Every size runs in a process of its own (`python -m coulomb.benchmarks.scaling P FRICTION TOLERANCE METHOD NEWTON
-START`), so that its peak memory is its own, under mpirun where ranks are asked for.
+Every size runs in a separate process (`python -m coulomb.benchmarks.scaling P FRICTION TOLERANCE METHOD NEWTON START`),
+to measure its peak memory; under mpirun for several ranks.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ SIZES = (8, 16, 24, 32, 46)
 METHODS = ("auto", "direct", "iterative")
 NEWTON = ("recycling", "condensed")
 STARTS = ("cold", "coarse")
-"""Where a run starts: from nothing, or from the forces on a mesh of half as many cells along each edge."""
+"""Start of a run: zero forces, or the forces on a mesh with half as many cells along each edge."""
 
 
 class Row(NamedTuple):
-    """A line of scaling.csv; seconds from the assembled K to the certificate, without mesh, assembly and output."""
+    """A row of scaling.csv; seconds from the assembled K to the certificate, without mesh, assembly and output."""
 
     p: int
     unknowns: int
@@ -66,10 +66,10 @@ def measure(
     newton: str = "recycling",
     start: str = "cold",
 ) -> Iterator[Row]:
-    """Rows as they are measured, each in processes of its own.
+    """Rows as they are measured, each in separate processes.
 
     Raises:
-        RuntimeError: If one of them ends badly, with what it said.
+        RuntimeError: If one of them fails, with its error output.
     """
     for p in sizes:
         for count in ranks:
@@ -87,7 +87,7 @@ def measure(
             launcher = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX", "PRTE", *ALONE)
             environment = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
             environment["OMP_NUM_THREADS"] = "1"
-            if os.geteuid() == 0:  # Open MPI asks root to confirm; who starts this as root has
+            if os.geteuid() == 0:  # Open MPI asks root for a confirmation
                 environment |= {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
             if count > 1:
                 command = ["mpirun", "-n", str(count), *command]
@@ -100,7 +100,7 @@ def measure(
 def run(p: int, friction: float, tolerance: float, method: str, newton: str, start: str) -> Row:
     """One size in this process; collective.  Condensed systems work matrix-free, with multigrid by default.
 
-    The seconds of a coarse start are those of the coarser mesh too.
+    The seconds of a coarse start include those of the coarser mesh.
     """
     comm = MPI.COMM_WORLD
     options: dict[str, dict[str, Any]] = {
@@ -148,7 +148,7 @@ def run(p: int, friction: float, tolerance: float, method: str, newton: str, sta
 
 
 def _coarse_forces(p: int, friction: float, tolerance: float, body: ContactProblem) -> FloatArray:
-    """The answer with half as many cells along each edge, to a tenth of the accuracy, on the nodes of the body."""
+    """The answer with half as many cells along each edge and ten times the tolerance, on the nodes of the body."""
     coarse = block(p // 2, friction)
     solution = coarse.solve(10.0 * tolerance)
     return interpolated_forces(solution.contact_force, coarse.surface, body.surface)
@@ -172,7 +172,7 @@ def _yardstick(body: ContactProblem) -> float:
 
 
 def exponent(rows: Sequence[Row]) -> float:
-    """Of unknowns in a power law for the seconds, by least squares; of the rows with the fewest ranks."""
+    """Exponent p of seconds ~ unknowns^p by least squares, from the rows with the fewest ranks."""
     alone = [row for row in rows if row.ranks == min(row.ranks for row in rows)]
     n, seconds = (np.log([getattr(row, name) for row in alone]) for name in ("unknowns", "seconds"))
     return float(np.polyfit(n, seconds, 1)[0])

@@ -39,11 +39,12 @@ PAPER = {
     ("PF(0.01,0.99)", 16): "17/157",
     ("KPRGP", 16): "259",
 }
-"""Iterations / products as printed there (KPRGP: products); its loads are not, so they compare in magnitude only."""
+"""Iterations / products as printed in the paper (KPRGP: products); its loads are not given, so only magnitudes can be
+compared."""
 
 
 def solvers() -> dict[str, QPSolver]:
-    """The columns: PF(r_tol, c_fact) as this package solves, the same with the paper's P_AM alone, and KPRGP."""
+    """The columns: PF(r_tol, c_fact) with this package's defaults, with the paper's P_AM alone, and KPRGP."""
     constants = ((0.3, 0.99), (0.1, 0.9), (0.01, 0.99))
     columns: dict[str, PathFollowing] = {
         f"PF({r_tol:g},{c_fact:g})": PathFollowing(tolerance=RESIDUAL, r_tol=r_tol, c_fact=c_fact)
@@ -56,7 +57,7 @@ def solvers() -> dict[str, QPSolver]:
 
 
 class Row(NamedTuple):
-    """A cell of the table, and a line of table1.csv; m is the number of contact unknowns, as the paper counts."""
+    """A cell of the table and a row of table1.csv; m is the number of contact unknowns, as in the paper."""
 
     solver: str
     p: int
@@ -69,9 +70,9 @@ class Row(NamedTuple):
 
 
 def measure(sizes: Iterable[int] = SIZES, names: Iterable[str] | None = None) -> Iterator[Row]:
-    """Rows as they are measured, A formed beforehand; `seconds` is the solver's alone.
+    """Rows as they are measured, A formed beforehand; `seconds` is the time of the solver.
 
-    A solver that does not get to the residual gives its row all the same, with the residual it got to.
+    A solver that does not reach the residual gives a row with the residual that it reached.
 
     Raises:
         ValueError: If a solver's name is unknown.
@@ -97,7 +98,7 @@ def measure(sizes: Iterable[int] = SIZES, names: Iterable[str] | None = None) ->
 
 
 def _with_estimated_diagonal(problem: ContactProblem) -> SchurCompliance:
-    """The same A, with its diagonal as a matrix-free A would have it."""
+    """The same A, with the estimated diagonal of a matrix-free A."""
     assert isinstance(problem.stiffness_solver, MultifrontalSolver)
     diagonal = estimated_diagonal(problem.A, problem.surface.B, problem.elasticity.K)
     return SchurCompliance(problem.surface.B, problem.stiffness_solver, diagonal)

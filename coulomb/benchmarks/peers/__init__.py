@@ -1,7 +1,7 @@
-"""The block with Coulomb friction by coulomb and by its peers, one after the other, each in a process of its own.
+"""The block with Coulomb friction solved by coulomb and by other packages, each in a separate process.
 
-Every peer's clock runs from the description of the problem to the contact forces: meshing, assembly, factorisation and
-whatever else it needs to form its problem are counted, imports and compilation are not.
+Times run from the description of the problem to the contact forces: they include meshing, assembly, factorisation and
+whatever else a package needs to form its problem, but not imports and compilation.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from ...arrays import FloatArray
 
 
 class Peer(NamedTuple):
-    """Where one is found: its module here, and what must be installed for it.
+    """A peer: its module here, and what must be installed for it.
 
     Attributes:
         module: In this package, with a function `solve(p)`.
         needs: A Python module, or an executable.
         package: Where to get it.
-        up_to: Cells a metre up to which it is measured; 0 for any.
+        up_to: Largest number of cells per metre that is measured; 0 for any.
     """
 
     module: str
@@ -52,11 +52,11 @@ PEERS = {
 
 
 class Row(NamedTuple):
-    """A line of peers.csv.
+    """A row of peers.csv.
 
     Attributes:
         peer: Its name.
-        p: Cells a metre.
+        p: Cells per metre.
         seconds: From the description of the problem to the contact forces.
         peak_memory_bytes: Of the process that did the work, its imports included.
         iterations: The peer's own.
@@ -80,12 +80,12 @@ class Skipped(NamedTuple):
 
 
 def measure(sizes: Iterable[int], names: Sequence[str] | None = None, repeats: int = 1) -> Iterator[Row | Skipped]:
-    """Rows as they are measured, coulomb's first: its answer is what the others are compared with.
+    """Rows as they are measured; coulomb's row, with which the others are compared, is the first.
 
     Args:
-        sizes: Cells a metre.
-        names: Of PEERS, all by default; coulomb always takes part.
-        repeats: How often each is run; the least time counts.
+        sizes: Cells per metre.
+        names: Names in PEERS, by default all; coulomb is always included.
+        repeats: How often each is run; the minimum time counts.
 
     Raises:
         ValueError: If a name is not of PEERS.
@@ -115,7 +115,7 @@ def _measure(sizes: Sequence[int], names: Sequence[str], repeats: int) -> Iterat
 
 
 def missing(name: str) -> str:
-    """Why this peer cannot run here; empty if it can."""
+    """Reason why this peer cannot run here; empty if it can."""
     peer = PEERS[name]
     if importlib.util.find_spec(peer.needs) is not None or shutil.which(peer.needs) is not None:
         return ""
@@ -136,7 +136,7 @@ class _Run(NamedTuple):
 
 
 def _least(name: str, p: int, output: Path, repeats: int) -> _Run | str:
-    """The fastest of some runs, or why one of them failed."""
+    """The fastest of several runs, or the reason why one of them failed."""
     best = _run(name, p, output)
     for _ in range(repeats - 1):
         if isinstance(best, str):
@@ -147,7 +147,7 @@ def _least(name: str, p: int, output: Path, repeats: int) -> _Run | str:
 
 
 def _run(name: str, p: int, output: Path) -> _Run | str:
-    """The answer of one peer in a process of its own, or why there is none."""
+    """The answer of one peer in a separate process, or the reason why there is none."""
     output.unlink(missing_ok=True)
     launcher = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX", "PRTE")
     environment = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
@@ -160,7 +160,7 @@ def _run(name: str, p: int, output: Path) -> _Run | str:
     try:
         report = json.loads(said[0])
     except (IndexError, ValueError):
-        complaint = done.stderr.strip().splitlines()[-1:] or ["without a word"]
+        complaint = done.stderr.strip().splitlines()[-1:] or ["no error message"]
         return f"ended with code {done.returncode}: {complaint[0][:300]}"
     if "failed" in report:
         return str(report["failed"])

@@ -1,4 +1,4 @@
-"""`python -m coulomb.benchmarks.peers NAME P OUTPUT.npz`: one peer in this process; a JSON line says how it went."""
+"""`python -m coulomb.benchmarks.peers NAME P OUTPUT.npz`: one peer in this process; a JSON line has the outcome."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from .answer import Answer
 
 
 def main(name: str, p: int, output: str) -> dict[str, float | str]:
-    """Points and forces into the file; what is returned goes to standard output.
+    """Write points and forces to the file; the returned value goes to standard output.
 
-    A failure is of the peer's making: whatever it is, it is put in words for the table.
+    Any exception of the peer becomes a text for the table.
     """
     try:
         answer: Answer = importlib.import_module(f".{PEERS[name].module}", __package__).solve(p)

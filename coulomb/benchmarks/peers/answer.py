@@ -1,4 +1,4 @@
-"""What a peer hands back, and the numbers of the block for those that cannot read a ContactProblem."""
+"""The answer of a peer, and the data of the block for peers that cannot use a ContactProblem."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from ...model.problem import ContactProblem
 LENGTHS = (3.0, 1.0, 1.0)
 YOUNG, POISSON, FRICTION = 2.119e11, 0.277, 0.3
 TRACTIONS = {"top": (0.0, 1e7, -4e7), "right": (2e7, 0.0, 0.0)}
-"""The block of coulomb.benchmarks.block, metres and pascals; a difference would show as force_error."""
+"""The block of coulomb.benchmarks.block, metres and pascals; a discrepancy would appear as force_error."""
 
 
 class Answer(NamedTuple):
-    """Of one peer.
+    """The answer of one peer.
 
     Attributes:
-        seconds: From the description of the problem to the contact forces, imports and warm-up left out.
-        iterations: The peer's own, of its outer loop (or Newton's where there is none).
+        seconds: From the description of the problem to the contact forces, without imports and warm-up.
+        iterations: Iterations of its outer loop (of Newton's method if there is none).
         points: Contact nodes in metres, shape (m, 3), in any order.
         forces: On the body at these nodes in newtons, shape (m, 3).
-        peak_memory_bytes: Of another process that does the work; 0 where this one does it.
+        peak_memory_bytes: Peak memory of a child process that does the work; 0 if this process does it.
     """
 
     seconds: float
@@ -32,7 +32,7 @@ class Answer(NamedTuple):
 
 
 class Unsolved(Exception):
-    """A peer gave no answer; the text says why."""
+    """A peer gave no answer; the message has the reason."""
 
 
 def on_body(problem: ContactProblem, x: FloatArray) -> FloatArray:

@@ -1,9 +1,9 @@
 """CalculiX: dual mortar contact (LINMORTAR) of fully integrated C3D8 on one fixed element, Newton, SPOOLES.
 
-On a plane rigid foundation the biorthogonal multipliers give every node its own gap and its own force: the nodal law of
-the others.  Its contact is never quite hard: pressure and shear stress are a slope times penetration and elastic slip,
-which the multipliers let be so great that neither counts.  (Its node-to-surface contact, a penalty, converges up to
-slopes of about 1e14 Pa/m; its forces are then off by 5e-3 at p = 10.)
+On a plane rigid foundation the biorthogonal multipliers decouple the nodes, so that the contact law is nodal, as in the
+other packages.  Contact is regularised: pressure and shear stress are a slope times penetration and elastic slip; the
+multipliers allow a slope so large that both are negligible.  (Its node-to-surface contact, a penalty, converges up to
+slopes of about 1e14 Pa/m; the error of its forces is then 5e-3 at p = 10.)
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ SLOPE = 1e20
 """Pressure over penetration, and shear stress over elastic slip, in Pa/m."""
 
 CONTROLS = "1e-7,1e-7,,,1e-7,,,-1."
-"""Residual and correction over average force and increment; the last stops it from taking no residual for the end: the
-condensed multipliers leave none from the first steps on, while the contact state still changes."""
+"""Residual and correction over average force and increment; the last disables convergence by a zero residual: with
+condensed multipliers the residual vanishes from the first steps on, while the contact state still changes."""
 
 
 def solve(p: int) -> Answer:
@@ -42,7 +42,7 @@ def solve(p: int) -> Answer:
         iterations = sum(int(line.split()[3]) for line in _lines(directory / "block.sta")[2:])
         table = np.loadtxt(line for line in _lines(directory / "block.dat") if not line.lstrip().startswith("forces"))
     nodes = table[:, 0].astype(np.int64) - 1
-    forces = table[:, 1:] - load[nodes]  # what is printed is what the elements take up
+    forces = table[:, 1:] - load[nodes]  # the printed forces are the element forces
     return Answer(time.perf_counter() - began, iterations, x[nodes], forces, memory)
 
 
@@ -64,7 +64,7 @@ def _run(directory: Path) -> int:
 
 
 def _lines(path: Path) -> list[str]:
-    """Those with something on them; none if there is no such file."""
+    """Its non-empty lines; none if there is no such file."""
     text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
     return [line for line in text.splitlines() if line.strip()]
 

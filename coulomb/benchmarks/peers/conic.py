@@ -1,8 +1,8 @@
 """Clarabel: the Tresca problem as a sparse conic programme in the displacements, Coulomb by successive Tresca.
 
-minimise 1/2 u^T K u - f^T u + g^T s   subject to   B_n u <= c,  |B_t u| <= s (one second-order cone a node)
+minimise 1/2 u^T K u - f^T u + g^T s   subject to   B_n u <= c,  |B_t u| <= s (one second-order cone per node)
 
-The contact forces are the multipliers of the constraints; g = F x_n of the last, until they settle.
+The contact forces are the multipliers of the constraints; g = F x_n of the previous problem, until convergence.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from .answer import Answer, Unsolved, on_body
 from .sparse import free_system
 
 TOLERANCE = 1e-10
-"""Of Clarabel's gap and feasibility; the problem is scaled to a mean diagonal of K of 1 and a largest load of 1."""
+"""Tolerance of Clarabel's gap and feasibility, of the problem scaled to a mean diagonal of K and a largest load of
+1."""
 
 SETTLED = 1e-7
 """Relative change of the contact forces at which successive Tresca ends."""

@@ -1,7 +1,7 @@
 """GetFEM: nodal contact with Coulomb friction (Alart-Curnier augmented Lagrangian) on its own mesh, Newton, MUMPS.
 
-Its basic contact brick, which its brick for a rigid obstacle calls as well: here without the clamped nodes, whose
-multipliers nothing would determine.
+It uses GetFEM's basic contact brick, on which the brick for rigid obstacles is based, without the clamped nodes, whose
+multipliers would be undetermined.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from .answer import FRICTION, LENGTHS, POISSON, TRACTIONS, YOUNG, Answer, Unsolved
 
 TOLERANCE = 1e-9
-"""Of GetFEM's relative residual."""
+"""Tolerance of GetFEM's relative residual."""
 
 AUGMENTATION = 0.2
-"""Over Young's modulus times the cell size: of 0.1, 0.3, 1, 3 and 10, those below 1 take the fewest steps, and with
-those above Newton's method does not converge."""
+"""Over Young's modulus times the cell size: of 0.1, 0.3, 1, 3 and 10, values below 1 need the fewest steps, and with
+values above 1 Newton's method does not converge."""
 
 MOST_STEPS = 100
 CLAMPED, TOP, RIGHT = 1, 2, 3
@@ -37,7 +37,7 @@ def solve(p: int) -> Answer:
     points = gf.MeshIm(mesh, gf.Integ("IM_GAUSS_PARALLELEPIPED(3,3)"))
 
     model = gf.Model("real")
-    model.add_fem_variable("u", space)  # in metres; forces over Young's modulus, so that one residual fits both
+    model.add_fem_variable("u", space)  # in metres; forces over Young's modulus, so that one tolerance suits both
     model.add_initialized_data("lambda", POISSON / ((1.0 + POISSON) * (1.0 - 2.0 * POISSON)))
     model.add_initialized_data("mu", 0.5 / (1.0 + POISSON))
     model.add_isotropic_linearized_elasticity_brick(points, "u", "lambda", "mu")
@@ -59,7 +59,7 @@ def solve(p: int) -> Answer:
 
 
 def _add_contact(gf: Any, model: Any, space: Any, augmentation: float) -> Any:
-    """Contact of the nodes of z = 0 but the clamped ones; their coordinates, shape (m, 3)."""
+    """Contact of the nodes of z = 0 except the clamped ones; their coordinates, shape (m, 3)."""
     nodes = space.basic_dof_nodes()[:, 0::3]
     near = 1e-9
     contact = np.flatnonzero((nodes[2] < near) & (nodes[0] > near))

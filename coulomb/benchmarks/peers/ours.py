@@ -1,4 +1,4 @@
-"""coulomb itself, to a certified answer: what the others are compared with."""
+"""coulomb itself, up to a certified answer: the reference for the others."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def solve(p: int) -> Answer:
     solution = problem.solve(TOLERANCE)
     seconds = time.perf_counter() - began
     if not solution.certificate.passed:
-        raise Unsolved("its answer has no certificate")
+        raise Unsolved("its answer was not certified")
     assert isinstance(solution.result, CoulombResult)
     steps = solution.result.path_following
     return Answer(seconds, steps, problem.surface.x, on_body(problem, solution.contact_force))

@@ -17,7 +17,7 @@ from .answer import Answer, Unsolved, on_body
 from .sparse import free_system
 
 TOLERANCE = 1e-8
-"""Of Siconos' residual; the problem is scaled to a mean diagonal of K of 1 and a largest load of 1."""
+"""Tolerance of Siconos' residual; the problem is scaled to a mean diagonal of K of 1 and a largest load of 1."""
 
 
 def solve(p: int) -> Answer:
@@ -45,7 +45,7 @@ def solve(p: int) -> Answer:
 
 
 def _long(matrix: Any) -> Any:
-    """By columns, with 64-bit indices: what Siconos computes with."""
+    """Compressed columns with 64-bit indices, as Siconos requires."""
     matrix = scipy.sparse.csc_matrix(matrix)
     matrix.indices, matrix.indptr = matrix.indices.astype(np.int64), matrix.indptr.astype(np.int64)
     return matrix

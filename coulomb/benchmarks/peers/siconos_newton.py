@@ -1,8 +1,8 @@
 """Siconos on the condensed problem: its nonsmooth Newton method (Alart-Curnier) with the dense W = B K^-1 B^T.
 
-u = W r + q,  0 <= u_n _|_ r_n >= 0,  |r_t| <= mu r_n opposite to u_t; W is coulomb's A, and q its -b.  W is formed as a
-user of Siconos would, by a factorisation of K and as many right-hand sides as W has columns; `siconos_our_w` takes the
-Schur complement with which coulomb forms its A.
+u = W r + q,  0 <= u_n _|_ r_n >= 0,  |r_t| <= mu r_n opposite to u_t; W is coulomb's A, and q its -b.  W is formed by a
+factorisation of K and one right-hand side per column of W; `siconos_our_w` uses the Schur complement with which coulomb
+forms A.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..block import block
 from .answer import Answer, Unsolved, on_body
 
 TOLERANCE = 1e-9
-"""Of Siconos' residual; the problem is scaled to a mean diagonal of W of 1 and a largest |q| of 1."""
+"""Tolerance of Siconos' residual; the problem is scaled to a mean diagonal of W of 1 and a largest |q| of 1."""
 
 
 def solve(p: int) -> Answer:
@@ -38,7 +38,7 @@ def by_right_hand_sides(problem: ContactProblem) -> FloatArray:
 
 
 def solve_with(p: int, form: Callable[[ContactProblem], FloatArray]) -> Answer:
-    """With W formed by this function of the problem."""
+    """Solve with W formed by the given function."""
     sn: Any = importlib.import_module("siconos.numerics")
     block(1).b  # noqa: B018  (compiles and warms up)
     began = time.perf_counter()

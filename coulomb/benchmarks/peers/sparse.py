@@ -1,4 +1,4 @@
-"""K, B and f of a problem on its free displacements, for those that take sparse matrices."""
+"""K, B and f of a problem on its free displacements, for packages that take sparse matrices."""
 
 from __future__ import annotations
 

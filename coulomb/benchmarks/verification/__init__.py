@@ -1,4 +1,4 @@
-"""Problems whose answers are known, one a module: physics, formula, what we get, and the tolerance with its reason.
+"""Problems with known answers, one per module: physics, formula, computed values, and tolerances with their reasons.
 
 `coulomb benchmark verification` prints the table; tests/verification asserts its rows.
 """
@@ -19,4 +19,4 @@ CASES: dict[str, Callable[[], Verified]] = {
     "cattaneo-mindlin": cattaneo_mindlin.verify,
     "sliding-block": sliding_block.verify,
 }
-"""What there is, by name."""
+"""The cases by name."""

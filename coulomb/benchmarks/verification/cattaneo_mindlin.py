@@ -5,7 +5,7 @@ K. L. Johnson, Contact Mechanics, 7.2 and 7.4.  Under P (Hertz: a, p0) and Q < F
     c = a (1 - Q/(F P))^(1/3),   q = F p0 sqrt(1 - r^2/a^2) - F p0 (c/a) sqrt(1 - r^2/c^2)   (the last for r < c)
     delta = d (1 - (1 - Q/(F P))^(2/3)),   d = 3 F P/(16 a G*),   G* = G/(2 - nu)
 
-When Q goes back from Q*, slip the other way sets in at the edge, and all that changes is the same with twice F:
+When Q decreases from Q*, reverse slip begins at the edge, and the changes are those of a first loading with twice F:
 
     c' = a (1 - (Q* - Q)/(2 F P))^(1/3),   delta = d (2 (1 - (Q* - Q)/(2 F P))^(2/3) - (1 - Q*/(F P))^(2/3) - 1)
 
@@ -13,13 +13,13 @@ Between Q* and -Q* this is a loop, which dissipates, with k = Q*/(F P),
 
     W = 9 F^2 P^2/(10 a G*) (1 - (1 - k)^(5/3) - (5 k/6) (1 + (1 - k)^(2/3)))
 
-Half of the block of `hertz`, with its far face held; the sphere goes to delta = 0.85 d, to -0.85 d, and back.
+Half of the block of `hertz`, with its far face held; the sphere moves to delta = 0.85 d, to -0.85 d, and back.
 
-What the formulas leave out.  They are those of two equal bodies; with a rigid sphere, pressure also shifts the surface
-along itself (Dundurs' beta = (1 - 2 nu)/(2 - 2 nu), 0.29 here), and pressing alone would make shear and slip.  So the
-block is pressed without friction, and friction and slip are counted from there (`slip_origin`), as the theory has it.
-Shear then changes the pressure by beta F, 3 % at F = 0.1, up on one side and down on the other.  And slip is taken to
-be along x, while it is inclined by nu/(4 - 2 nu), 0.09: the traction has a part across of this order (Johnson, 7.2).
+What the formulas neglect.  They hold for two equal bodies; with a rigid sphere, pressure also shifts the surface along
+itself (Dundurs' beta = (1 - 2 nu)/(2 - 2 nu), 0.29 here), and pressing alone would cause shear and slip.  So the block
+is pressed without friction, and slip is measured from that state (`slip_origin`), as in the theory. Shear then changes
+the pressure by beta F, 3 % at F = 0.1, increasing it on one side and decreasing it on the other.  Slip is assumed along
+x, but is inclined by nu/(4 - 2 nu), 0.09: the traction has a transverse part of this order (Johnson, 7.2).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from .table import Curve, Panel, Verified, absolute, relative
 FRICTION = 0.1
 UNIFORM_CELLS = 6
 PRESSED, LOADED, UNLOADED, RELOADED = 1.0, 2.0, 4.0, 6.0
-"""Times of the ends."""
+"""Times at which the motion reverses."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class PartialSlip:
 
     @property
     def d(self) -> float:
-        """Displacement at which all slips."""
+        """Displacement at which all nodes slip."""
         material = self.hertz.material
         G_star = material.young / (2.0 * (1.0 + material.poisson) * (2.0 - material.poisson))
         return 3.0 * FRICTION * self.hertz.P / (16.0 * self.hertz.a * G_star)
@@ -92,13 +92,13 @@ class Moment:
     """One step: forces over F P, displacements over d, radii over a, tractions over F p0.
 
     Attributes:
-        time: When.
+        time: Its time.
         force: Q of the sphere on the block.
-        way: Of the sphere along x.
+        way: Displacement of the sphere along x.
         stick: Radius of a circle of the area of sticking nodes.
         traction: On the block along x and y, shape (m, 2).
         stick_by_moment: Radius from the mean square distance of F p - |q|, which is a Hertzian pressure of radius c.
-        dissipated: By both halves since the sphere was pressed on, joules.
+        dissipated: Energy dissipated by both halves since the end of pressing, joules.
     """
 
     time: float
@@ -132,7 +132,7 @@ class Experiment:
 
 
 def half_block(friction: float, motion: Sequence[tuple[float, float, float, float]]) -> ContactProblem:
-    """Half of the block over the sphere, which begins to move when it has been pressed on."""
+    """Half of the block above the sphere, which moves after it has been pressed on."""
     place, cells = grading(UNIFORM_CELLS, 2 * UNIFORM_CELLS, WIDTH), 2 * UNIFORM_CELLS
     middle = np.array([[cells], [0.0], [0.0]])
     return ContactProblem(
@@ -145,7 +145,7 @@ def half_block(friction: float, motion: Sequence[tuple[float, float, float, floa
 
 
 def experiment() -> Experiment:
-    """Press without friction; from there, with friction, right, left and right."""
+    """Press without friction; then, with friction, move right, left and right."""
     up = A**2 / RADIUS
     normal = half_block(0.0, [(0.0, 0.0, 0.0, 0.0), (PRESSED, 0.0, 0.0, up)]).solve()
     hertz = Hertz(2.0 * float(normal.contact_force[0::3].sum()), RADIUS, STEEL)
@@ -186,7 +186,7 @@ def _moment(time: float, solution: Solution, theory: PartialSlip, dissipated: fl
 
 @dataclass(frozen=True)
 class Known:
-    """What the formulas say of a moment with its force, in the same units."""
+    """The formulas for a moment with the same force, in the same units."""
 
     way: float
     stick: float
@@ -219,11 +219,11 @@ def verify() -> Verified:
     held = A / WIDTH * (3.0 - 2.0 * nu) / (math.pi * (2.0 - nu))
     beta = (1.0 - 2.0 * nu) / (2.0 - 2.0 * nu)
     inclined = nu / (4.0 - 2.0 * nu)
-    edge = f"h/a = {size:.2g}: a boundary of zones lies somewhere in a cell"
+    edge = f"h/a = {size:.2g}: the boundary of the zones is located to a cell"
     node = size**2 / 6.0
     second = f"5/12 (h/a)^2 = {2.5 * node:.2g}: a node's force stands for the traction over its hat function (hertz)"
-    upright = f"h/a = {size:.2g}: the last cell cannot follow the upright tangents at r = c and a"
-    ways = f"the half space goes on behind the held face: Cerruti's displacement, {held:.1%}; (h/a)^2/6 = {node:.2g}"
+    upright = f"h/a = {size:.2g}: the last cell cannot resolve the vertical tangents at r = c and a"
+    ways = f"the half space continues behind the held face: Cerruti's displacement, {held:.1%}; (h/a)^2/6 = {node:.2g}"
     work = (
         f"Cerruti's {held:.1%}, and (h/a)^2 = {size**2:.2g}: the slip zone's boundary moves through cells in 16 steps"
     )
@@ -255,7 +255,7 @@ def verify() -> Verified:
             0.0,
             max(run.mean_square(ours.traction[:, 1]) for ours in run.moments),
             inclined,
-            f"nu/(4 - 2 nu) = {inclined:.2g}: slip is inclined by as much, the formulas leave it out",
+            f"nu/(4 - 2 nu) = {inclined:.2g}: inclination of slip, which the formulas neglect",
         ),
         absolute("loading: delta/d, worst error", 0.0, way_off(loading), held + node, ways),
         absolute("loop: delta/d, worst error", 0.0, way_off(later), held + node, ways),

@@ -1,4 +1,4 @@
-"""Pictures of the cases: the formula as a line, ours as dots."""
+"""Pictures of the cases: the formula as a line, computed values as dots."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ DOTS = "os^D"
 
 
 def draw(panels: Sequence[Panel], path: Path) -> None:
-    """Side by side, into a PNG file."""
+    """Draw the panels side by side into a PNG file."""
     figure = Figure(figsize=(5.2 * len(panels), 4.4), layout="constrained")
     for axis, panel in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
         lines, dots, colours = cycle(LINES), cycle(DOTS), cycle(COLOURS)
         style = "-"
         for curve in panel.curves:
             if curve.formula and curve.line:
-                style = next(lines) if curve.label else style  # without a label, it goes on
+                style = next(lines) if curve.label else style  # without a label: continues the curve before
                 axis.plot(curve.x, curve.y, "k" + style, linewidth=1.2, label=curve.label, zorder=2)
             else:
                 mark, colour = ("+", "k") if curve.formula else (next(dots), next(colours))

@@ -5,20 +5,21 @@ K. L. Johnson, Contact Mechanics, 4.2: with E* = E/(1 - nu^2), the radius R and 
     a^3 = 3 P R/(4 E*),   p(r) = p0 sqrt(1 - r^2/a^2),   p0 = 3 P/(2 pi a^2),   approach a^2/R
 
 The block is a quarter of one of 32 a x 32 a x 16 a: two planes of symmetry, its far face held along the sphere's
-motion; a/R = 1/100, so that the sphere is a paraboloid to 1e-4.  The sphere comes from below by a given way; P follows,
-and with it the formulas.  Cells have the size h up to 4 a/3 from the centre and grow beyond.  A body of finite size L
-bends the surface under the contact by (a/L)^3 of the sphere's curvature, less than the mesh errs; its approach it
-changes by a/L.
+motion; a/R = 1/100, so that the sphere is a paraboloid to 1e-4.  The displacement of the sphere is prescribed; P
+follows, and the formulas are evaluated for it.  Cells have the size h up to 4 a/3 from the centre and grow beyond.  A
+body of finite size L bends the surface under the contact by (a/L)^3 of the sphere's curvature, less than the mesh
+error; it changes the approach by a/L.
 
-What the mesh resolves.  The pressure ends like a square root, with an upright tangent.  Nodal pressures cannot follow
-it in the last cell: their error in the mean square is of order h, and a radius taken from the area of the pressing
-nodes is uncertain by a cell.  Integrals of the pressure are better: displacements err by h in the energy norm, linear
-functionals of the answer by h^2.  Such a one is the mean square distance from the centre, 2 a^2/5 in theory, which
-gives a second radius.  Errors are root mean squares over twelve loads, since the edge falls differently into the cells.
+Mesh resolution.  The pressure vanishes at the edge like a square root, with a vertical tangent.  Nodal pressures cannot
+resolve it in the last cell: their mean square error is of order h, and a radius computed from the area of the nodes in
+contact is uncertain by a cell.  Integrals of the pressure are better: the displacement error is of order h in the
+energy norm, that of linear functionals of order h^2.  One of these is the mean square distance from the centre, 2 a^2/5
+in theory, which gives a second radius.  Errors are root mean squares over twelve loads, since the edge's position in a
+cell varies.
 
-How much of h^2.  A node stands for its hat function, over which r^2 has a mean that is h^2/3 more than at the node.
-So the pressure at the centre is less by p0 (h/a)^2/6, the gap r^2/2R more by (h/a)^2/6 of the approach, and forces at
-nodes have a mean square distance that is more by h^2/3, which is 5/12 (h/a)^2 of the second radius.
+The constant of h^2.  A node represents its hat function, over which the mean of r^2 exceeds its value at the node by
+h^2/3. So the pressure at the centre is smaller by p0 (h/a)^2/6, the gap r^2/2R larger by (h/a)^2/6 of the approach, and
+the mean square distance of nodal forces is larger by h^2/3, which is 5/12 (h/a)^2 of the second radius.
 """
 
 from __future__ import annotations
@@ -42,14 +43,14 @@ from .table import Curve, Panel, Row, Verified, absolute, order
 
 STEEL = Material(young=2.1e11, poisson=0.3)
 RADIUS, A = 0.1, 1e-3
-"""Of the sphere, and of the contact it is to make; metres."""
+"""Radius of the sphere, and intended contact radius; metres."""
 
 WIDTH = 16.0 * A
 UNIFORM = 4.0 / 3.0 * A
-"""Half width of the block, and of its part with cells of one size."""
+"""Half width of the block, and of its part with uniform cells."""
 
 LOADS = tuple((0.84 + 0.03 * k) ** 2 for k in range(12))
-"""Ways of the sphere over a^2/R: the edge of the contact moves by a cell of the coarsest mesh, a/3."""
+"""Displacements of the sphere over a^2/R: the edge of the contact moves by a cell of the coarsest mesh, a/3."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Hertz:
 
 
 def grading(uniform: int, cells: int, width: float) -> Callable[[FloatArray], FloatArray]:
-    """Where the k-th of `cells` cells from the centre begins: the first `uniform` fill UNIFORM, the others grow."""
+    """Start of the k-th of `cells` cells from the centre: the first `uniform` fill UNIFORM, the others grow."""
     outer = width - UNIFORM * cells / uniform
 
     def place(k: FloatArray) -> FloatArray:
@@ -96,7 +97,7 @@ def grading(uniform: int, cells: int, width: float) -> Callable[[FloatArray], Fl
 
 
 def problem(uniform: int, width: float = WIDTH) -> ContactProblem:
-    """A quarter of the block over the sphere; at the time t, the sphere has come by t a^2/R."""
+    """A quarter of the block above the sphere; at time t, the sphere has moved by t a^2/R."""
     cells = 2 * uniform + (uniform // 2 if width > WIDTH else 0)
     place = grading(uniform, cells, width)
     return ContactProblem(
@@ -114,18 +115,18 @@ def problem(uniform: int, width: float = WIDTH) -> ContactProblem:
 
 @dataclass(frozen=True)
 class Pressed:
-    """One answer beside the formulas for its force.
+    """One answer, and the formulas for its force.
 
     Attributes:
-        theory: Of the whole sphere's force.
+        theory: The formulas for the force of the whole sphere.
         r: Distances of the contact nodes from the centre, shape (m,).
         pressure: There, shape (m,).
         profile: Error of the pressure in the mean square over the face, over the mean square of the formula.
         centre: Pressure at the centre.
-        by_area: Radius of a circle of the area of the pressing nodes.
-        by_moment: Radius from the mean square distance, each node with its force.
-        way: Of the sphere.
-        moment: Of the forces on the quarter about the sphere's centre, over P a.
+        by_area: Radius of a circle with the area of the nodes in contact.
+        by_moment: Radius from the mean square distance, weighted by the nodal forces.
+        way: Displacement of the sphere.
+        moment: Moment of the forces on the quarter about the sphere's centre, over P a.
     """
 
     theory: Hertz
@@ -140,7 +141,7 @@ class Pressed:
 
 
 def pressed(solution: Solution) -> Pressed:
-    """What a solution of the quarter says."""
+    """The measures of a solution of the quarter."""
     surface, force = solution.problem.surface, solution.contact_force[0::3]
     theory = Hertz(4.0 * float(force.sum()), RADIUS, STEEL)
     r, pressure = np.hypot(surface.x[:, 0], surface.x[:, 1]), force / surface.area
@@ -161,7 +162,7 @@ def pressed(solution: Solution) -> Pressed:
 
 
 def verify(meshes: tuple[int, ...] = (4, 6, 8)) -> Verified:
-    """On several meshes, given by their cells in 4 a/3; and on one of them in a block twice as large."""
+    """Results on several meshes, given by their cells in 4 a/3, and on one of them in a block twice as large."""
     found = {uniform: _series(problem(uniform)) for uniform in meshes}
     h = np.array([UNIFORM / A / uniform for uniform in meshes])
     profile = _rms([[answer.profile for answer in answers] for answers in found.values()])
@@ -173,10 +174,10 @@ def verify(meshes: tuple[int, ...] = (4, 6, 8)) -> Verified:
     small = _too_near(found[middle])
     large = _too_near(_series(problem(middle, 2.0 * WIDTH)))
     coarse = UNIFORM / A / middle
-    edge = f"h/a = {size:.3g}: the last cell cannot follow the upright tangent at the edge"
-    node = f"(h/a)^2/6 = {size**2 / 6.0:.2g}: a node has the mean of the pressure over its hat function"
-    second = f"5/12 (h/a)^2 = {size**2 * 5.0 / 12.0:.2g}: a node's force stands for the pressure over its hat function"
-    orders = "1 from the edge, more from smooth parts; twelve loads leave their mean square uncertain by a tenth or two"
+    edge = f"h/a = {size:.3g}: the last cell cannot resolve the vertical tangent at the edge"
+    node = f"(h/a)^2/6 = {size**2 / 6.0:.2g}: a node represents the mean of the pressure over its hat function"
+    second = f"5/12 (h/a)^2 = {size**2 * 5.0 / 12.0:.2g}: a node's force represents the pressure over its hat function"
+    orders = "1 from the edge, more from smooth parts; the mean square of twelve loads is uncertain by 0.1 to 0.2"
     rows = (
         absolute("pressure at the centre, error over p0", 0.0, float(centre[-1]), size**2 / 6.0, node),
         absolute("pressure profile, root mean square error", 0.0, float(profile[-1]), size, edge),
@@ -191,7 +192,7 @@ def verify(meshes: tuple[int, ...] = (4, 6, 8)) -> Verified:
             2.0,
             order(h, by_moment),
             0.5,
-            "2 for a linear functional; uncertain as the others, over meshes that differ by no more than 2",
+            "2 for a linear functional; uncertain as the others, over meshes that differ by a factor of 2",
         ),
         absolute(
             "moment about the sphere's centre, over P a",
@@ -207,14 +208,14 @@ def verify(meshes: tuple[int, ...] = (4, 6, 8)) -> Verified:
             0.0,
             2.0 * large - small,
             coarse**2 / 6.0,
-            f"(h/a)^2/6 = {coarse**2 / 6.0:.2g}: the mean gap of a node; of the block, a/L squared is left",
+            f"(h/a)^2/6 = {coarse**2 / 6.0:.2g}: the mean gap of a node; the remaining effect of the block is (a/L)^2",
         ),
     )
     return Verified(rows, _panels(fine, h, profile, by_area, by_moment))
 
 
 _HELD = (
-    "the half space goes on behind the held face: its displacement there, under a point load; and (h/a)^2/6, the "
+    "the half space continues behind the held face: its displacement there, under a point load; and (h/a)^2/6, the "
     "mean gap of a node"
 )
 
@@ -233,7 +234,7 @@ def _series(block: ContactProblem) -> list[Pressed]:
 
 
 def _rms(errors: list[list[float]]) -> FloatArray:
-    """Root mean square over the loads, for each mesh."""
+    """Root mean square over the loads, per mesh."""
     mean: FloatArray = np.sqrt(np.mean(np.square(errors), axis=1))
     return mean
 

@@ -1,4 +1,4 @@
-"""Patch tests: a cube on a rigid plane in a uniform state of stress, which linear elements hold exactly.
+"""Patch tests: a cube on a rigid plane in a uniform state of stress, which linear elements represent exactly.
 
 The unit cube carries the traction (tau, 0, -p) on its top; on its sides the displacements of the exact solution are
 prescribed.  Sticking throughout (|tau| < F p):
@@ -9,7 +9,7 @@ Sliding throughout, by s0 > 0 along x (sigma_xx = 0, sigma_yy = -nu p, sigma_zz 
 
     u = (s0 + (nu (1 + nu) p/E) x + (F p/G) z, 0, -((1 - nu^2) p/E) z),   contact traction (-F p, 0, p)
 
-Each on hexahedra and on tetrahedra, upright and turned in space with its plane, so that no axis is a coordinate axis.
+Each on hexahedra and on tetrahedra, upright and rotated in space with its plane, so that no axis is a coordinate axis.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ RESIDUAL = 1e-10
 
 TURN = np.linalg.qr(np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.1], [0.48, 0.64, 0.7]]))[0]
 TURN *= np.linalg.det(TURN)
-"""A rotation that leaves no axis where it was."""
+"""A rotation that changes every axis."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Patch:
 
 
 def verify() -> Verified:
-    """All eight of them."""
+    """All eight patch tests."""
     rows: list[Row] = []
     shears = []
     for sliding in (False, True):
@@ -118,12 +118,12 @@ def _rows(name: str, patch: Patch, solution: Solution) -> list[Row]:
         relative(f"{name}: pressure, worst node, Pa", expected[2], worst[2], allowed, why),
         relative(f"{name}: shear, worst node, Pa", expected[0], worst[0], allowed * PRESSURE / patch.shear, why),
         absolute(f"{name}: displacement, worst node, over the largest", 0.0, off, allowed, why),
-        absolute(f"{name}: share of nodes that do so", 1.0, alike, 0.0, "a count: all of them"),
+        absolute(f"{name}: share of nodes in this state", 1.0, alike, 0.0, "a count: all of them"),
     ]
 
 
 def _amplification(problem: ContactProblem) -> float:
-    """What an error is at most over the natural residual: (1 + L)/m for a strongly monotone problem."""
+    """Bound of the error over the natural residual: (1 + L)/m for a strongly monotone problem."""
     assert isinstance(problem.A, SchurCompliance)
     eigenvalues = np.linalg.eigvalsh(problem.A.dense()) / problem.mean_compliance
     return float((1.0 + eigenvalues[-1]) / eigenvalues[0])

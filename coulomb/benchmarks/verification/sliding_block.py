@@ -1,18 +1,18 @@
-"""A block drawn over a plane until it slides, and back: friction is F times the normal force, not about that.
+"""A block pulled along a plane until it slides, and back: friction is exactly F times the normal force.
 
-A cube of 1 m of steel stands on a rigid plane.  Its top, held flat, is pressed down by 0.2 mm, then drawn to the right
-by s(t), and back.  Friction grows while the block shears, node after node slips, and from then on, by Coulomb's law
-summed over the nodes, all of which slip the same way,
+A cube of 1 m of steel stands on a rigid plane.  Its top, held flat, is pressed down by 0.2 mm, then moved to the right
+by s(t), and back.  Friction grows while the block shears, until all nodes slip in the same direction; from then on, by
+Coulomb's law summed over the nodes,
 
     T = -F N sign(ds/dt)
 
-whatever the mesh.  Sliding by ds dissipates F N ds; after the reversal the block sticks at first, and the force falls
-as steeply as if its base were bonded to the plane; sliding back, all is the mirror image of sliding forth.
+on any mesh.  Sliding by ds dissipates F N ds.  After the reversal the block sticks at first, and the force decreases
+with the stiffness of a block bonded to the plane; sliding back is the mirror image of sliding forth.
 
-The slip of a step is taken with the friction of its end (backward Euler).  While a node slips, its friction changes by
-dg along a step, and the energy dissipated errs by dg ds/2: over n steps, by something that falls at least like 1/n.
+The slip of a step is multiplied by the friction at its end (backward Euler).  While a node slips, its friction changes
+by dg in a step, and the error of the dissipated energy is dg ds/2: over n steps it decreases at least like 1/n.
 Pressing alone is proportional loading: slip and friction grow together, n steps dissipate (1 + 1/n) times the energy of
-infinitely many, and the imbalance of the energy is exactly n times less than that of one step.
+infinitely many, and the energy imbalance is exactly 1/n of that of one step.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ CELLS = (6, 6, 6)
 RESIDUAL = 1e-10
 
 SHEARED, RIGHT, RETURNED, LEFT = 2.0, 7.0, 8.0, 13.0
-"""Times: the top has gone 0.5 mm; slid on 20 mm; come back 0.5 mm; slid back 20 mm."""
+"""Times at which the top has moved 0.5 mm; slid 20 mm; moved back 0.5 mm; slid back 20 mm."""
 
 WAY = ((0.0, 0.0), (1.0, 0.0), (SHEARED, 5e-4), (RIGHT, 20.5e-3), (RETURNED, 20e-3), (LEFT, 0.0))
-"""Way of the top along x in metres."""
+"""Displacement of the top along x in metres."""
 
 
 def problem() -> ContactProblem:
-    """The block: pressed down until t = 1, drawn to the right until t = 7, then to the left."""
+    """The block: pressed down until t = 1, moved to the right until t = 7, then to the left."""
     return ContactProblem(
         box((1.0, 1.0, 1.0), CELLS),
         STEEL,
@@ -60,7 +60,7 @@ def problem() -> ContactProblem:
 
 
 def bonded_stiffness() -> float:
-    """Force on the top along x per metre of its way, the base bonded to the plane, N/m: linear elasticity alone."""
+    """Force on the top along x per metre of displacement with a bonded base, N/m, from linear elasticity."""
     body = Elasticity(
         box((1.0, 1.0, 1.0), CELLS),
         STEEL,
@@ -72,7 +72,7 @@ def bonded_stiffness() -> float:
 
 
 def verify() -> Verified:
-    """The whole history, and its beginning in more and more steps."""
+    """The whole history, and its beginning with increasing numbers of steps."""
     block = problem()
     times = [
         *(1.0 + k / 10 for k in range(11)),
@@ -89,8 +89,8 @@ def verify() -> Verified:
 
     change = max(_off(left, at[LEFT - 1.0]), _off(right, before))
     steady = (
-        "exact on any mesh once sliding is steady: the residual 1e-10, and all that the last of five steps of 4 mm has "
-        f"changed of T and N, {change:.1g}"
+        "exact on any mesh once sliding is steady: the residual 1e-10, and the change of T and N in the last of five "
+        f"steps of 4 mm, {change:.1g}"
     )
     fall = force(turned)[0] - T
     stuck = "all nodes stick in that step: a linear problem; two forces T to the residual 1e-10, over their difference"
@@ -131,7 +131,7 @@ def verify() -> Verified:
             8.0,
             press[0] / press[1],
             reached * pressing[0].state.energy.elastic,
-            "proportional loading: exact, to the residuals of the last steps over the imbalances' part of the energy",
+            "proportional loading: exact up to the last residuals over the imbalance's share of the energy",
         ),
         Row(
             "shearing: order of the energy imbalance in the step, at least",
@@ -139,25 +139,25 @@ def verify() -> Verified:
             p,
             max(0.0, 1.0 - p),
             0.0,
-            "backward Euler errs by dg ds/2 a step, first order; more where dg of different nodes cancel",
+            "backward Euler has the error dg ds/2 per step, first order; higher if dg of different nodes cancel",
         ),
     )
     return Verified(rows, _panels(times, steps, bonded, parts, shear))
 
 
 def way(time: float) -> float:
-    """Of the top along x, metres."""
+    """Displacement of the top along x, metres."""
     return float(np.interp(time, *np.transpose(WAY)))
 
 
 def force(step: LoadStep) -> tuple[float, float]:
-    """Of the plane on the block, along x and along z, newtons: T and N."""
+    """Forces T and N of the plane on the block along x and z, newtons."""
     total = summary.totals(step.solution)["force"]
     return total[0], total[2]
 
 
 def _off(step: LoadStep, then: LoadStep) -> float:
-    """By how much T and N of a step differ from those of another, relatively, the larger of both."""
+    """Largest relative difference of T and N between two steps."""
     return max(abs(now / before - 1.0) for now, before in zip(force(step), force(then), strict=True))
 
 
@@ -172,7 +172,7 @@ def _last(block: ContactProblem, times: Sequence[float]) -> LoadStep:
 
 
 def _imbalance_of_shearing(block: ContactProblem, n: int) -> float:
-    """Of the energy between t = 1 and 2 in n steps, joules."""
+    """Energy imbalance between t = 1 and 2 in n steps, joules."""
     first, *_, last = LoadHistory([1.0 + k / n for k in range(n + 1)], tolerance=RESIDUAL).steps(block)
     return abs(last.state.energy.imbalance - first.state.energy.imbalance)
 
@@ -194,11 +194,14 @@ def _panels(
     near[:reversed_at] = False
     return (
         Panel(
-            "drawn right, and back", "way of the top, mm", "T / (F N)", _scaled((*loop, Curve("coulomb", ways, ratios)))
+            "to the right, and back",
+            "displacement of the top, mm",
+            "T / (F N)",
+            _scaled((*loop, Curve("coulomb", ways, ratios))),
         ),
         Panel(
             "the reversal",
-            "way of the top, mm",
+            "displacement of the top, mm",
             "T / (F N)",
             _scaled((bond, Curve("coulomb", ways[near], ratios[near]))),
         ),

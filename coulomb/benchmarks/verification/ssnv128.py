@@ -2,9 +2,9 @@
 
 Validation manual V6.04.128, plane strain (here one layer of cells with u_y = 0): 40 x 40 mm, E = 1.3e11 Pa, nu = 0.2,
 F = 1; 5e7 Pa on top, 15e7 Pa on the left, symmetry u_x = 0 on the right, the corner (40 mm, 0) held.  There is no
-closed solution: the manual gives numbers, tangential displacements of the contact line and the pressure at 38.75 mm.
+closed solution: the manual gives tangential displacements of the contact line and the pressure at 38.75 mm.
 
-A clamp holds a face, not an edge: the corner is the end of the line, a sliver of 0.01 mm whose bottom is held.
+Supports act on faces, not edges: the corner is the end of the line, a strip of 0.01 mm whose bottom is held.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ PRESSURE_AT, PRESSURE = 38.75e-3, 8.389e7
 CELLS = 32
 
 REFINED = 1e-3
-"""By how much ours change at most, relatively, from 32 x 32 to 64 x 64 cells: 7e-4."""
+"""Largest relative change of our values from 32 x 32 to 64 x 64 cells: 7e-4."""
 
-_PRINTED = "half a unit of the last digit printed, and what halving the cells changes of ours, less than 0.1 %"
+_PRINTED = "half a unit of the last printed digit, and the change of our values when the cells are halved, below 0.1 %"
 _OTHERS = (
-    "5 %, the tolerance given with the reference values, numerical ones themselves; ours stays when the cells "
-    "are halved, to less than 0.1 %"
+    "5 %, the tolerance given with the (numerical) reference values; our value changes by less than 0.1 % "
+    "when the cells are halved"
 )
 
 
 def plate() -> NamedMesh:
-    """32 x 32 squares of 1.25 mm, and the sliver, whose bottom is the face "corner"."""
+    """32 x 32 squares of 1.25 mm, and the strip, whose bottom is the face "corner"."""
 
     def place(x: FloatArray) -> FloatArray:
         column = np.rint(x[0])
@@ -65,7 +65,7 @@ def problem() -> ContactProblem:
 
 
 def _tolerance(known: float, place: float) -> tuple[float, str]:
-    """Of a displacement, and why; the manual's last one is off by more than its digits."""
+    """Tolerance of a displacement and its reason; the manual's last value is less accurate than its digits."""
     return (0.05, _OTHERS) if place == PLACES[-1] else (0.5e-7 / known + REFINED, _PRINTED)
 
 

@@ -1,4 +1,4 @@
-"""What a case returns: rows of the table, and curves for its picture."""
+"""Results of a case: rows of the table, and curves for its picture."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...arrays import FloatArray
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the table.
+    """A row of the table.
 
     Attributes:
         quantity: What is compared, with its unit.
@@ -20,7 +20,7 @@ class Row:
         ours: What was computed.
         error: Distance between the two, relative to the formula unless that is 0, an order or a share.
         tolerance: Largest error allowed.
-        why: What the tolerance comes from: theory or the size of the mesh.
+        why: Reason of the tolerance: theory or mesh size.
     """
 
     quantity: str
@@ -47,7 +47,7 @@ def absolute(quantity: str, formula: float, ours: float, tolerance: float, why: 
 
 @dataclass(frozen=True)
 class Curve:
-    """The formula, a line unless it is known at single places; or ours, dots."""
+    """A curve: the formula as a line (points if it is known at single places), or computed values as dots."""
 
     label: str
     x: FloatArray
@@ -72,7 +72,7 @@ class Verified:
     """A case that has been computed.
 
     Attributes:
-        rows: Its lines of the table.
+        rows: Its rows of the table.
         panels: Its picture.
     """
 
