@@ -133,13 +133,13 @@ def test_what_was_tampered_with_fails(copy, file, field, function, failing):
         (lambda d: (d / "summary.json").unlink(), "summary.json: cannot be read: No such file"),
         (lambda d: (d / "summary.json").write_text("{"), "summary.json: is not JSON"),
         (lambda d: (d / "summary.json").write_text("{}"), "summary.json: has no 'law'"),
-        (lambda d: (d / "contact.h5").unlink(), "is not whole"),
-        (lambda d: (d / "contact.xdmf").unlink(), "is not whole: there is no contact.xdmf"),
+        (lambda d: (d / "contact.h5").unlink(), "is incomplete"),
+        (lambda d: (d / "contact.xdmf").unlink(), "is incomplete: there is no contact.xdmf"),
         (lambda d: (d / "contact.xdmf").write_text("<Xdmf>"), "contact.xdmf: cannot be read"),
         (lambda d: swap(d / "contact.xdmf", "/pressure/", "/gap/"), "shows contact.h5:/Function/gap/0 as 'pressure'"),
         (lambda d: swap(d / "contact.xdmf", '"status"', '"state"'), "contact.xdmf: shows no field 'status'"),
         (lambda d: (d / "solution.xdmf").write_text(""), "solution.xdmf: cannot be read"),
-        (lambda d: (d / "contact.h5").write_bytes((d / "contact.h5").read_bytes()[:3000]), "is not whole"),
+        (lambda d: (d / "contact.h5").write_bytes((d / "contact.h5").read_bytes()[:3000]), "is incomplete"),
         (lambda d: change(d / "contact.h5", "contact_force", lambda x: np.nan * x), "entries that are not finite"),
     ],
 )
@@ -153,7 +153,7 @@ def test_files_of_two_runs(copy, tmp_path):
     output.write(make_block(3).solve(), tmp_path / "other")
     for name in ("contact.h5", "contact.xdmf"):
         shutil.copy(tmp_path / "other" / name, copy / name)
-    with pytest.raises(ValueError, match=r"contact.h5 does not fit to the mesh of solution.xdmf"):
+    with pytest.raises(ValueError, match=r"contact.h5 does not match the mesh of solution.xdmf"):
         check(copy)
 
 

@@ -37,7 +37,7 @@ def test_without_a_case_that_is_said(text, tmp_path):
     (folder / "case.json").unlink()
     found = check(folder)
     assert found.passed, found
-    assert "without a case.json: the way of the foundation" in found.ending
+    assert "without a case.json: the foundation's displacement" in found.ending
     assert "without the load at the start: the energies of the first step" in found.ending
 
 
@@ -122,7 +122,7 @@ def on_a_plane():
 
 
 def test_gaps_to_a_plane_without_a_case(tmp_path):
-    """They change by the way of the foundation, to less than the certificate sees."""
+    """They change by the displacement of the foundation, by less than the certificate detects."""
     folder = copied(on_a_plane(), tmp_path / "run")
     (folder / "case.json").unlink()
     assert check(folder).passed
@@ -188,7 +188,7 @@ def test_an_unfinished_history_says_so(tmp_path):
     found = check(folder)
     assert text != BALL and found.passed, found
     assert "not finished: 1 load steps are still to be taken" in found.ending
-    assert "0004: is not whole, and not looked at" in found.ending
+    assert "0004: is incomplete and was not checked" in found.ending
 
 
 def scale(entry, *path):
@@ -287,7 +287,7 @@ def test_the_command(tmp_path):
 
 
 DAMAGED = {
-    "a step is missing": (lambda d: shutil.rmtree(d / "steps/0002"), "0002: is not whole or missing"),
+    "a step is missing": (lambda d: shutil.rmtree(d / "steps/0002"), "0002: is incomplete or missing"),
     "no steps": (lambda d: [shutil.rmtree(p) for p in (d / "steps").iterdir()], "steps: holds no load step"),
     "no summary": (lambda d: (d / "summary.json").unlink(), "summary.json: cannot be read"),
     "no history.csv": (lambda d: (d / "history.csv").unlink(), "history.csv: cannot be read"),
@@ -297,7 +297,10 @@ DAMAGED = {
     "no record": (lambda d: edit(d / STEP, lambda s: s.pop("step")), "step has no number and time"),
     "no pending": (lambda d: edit(d / STEP, lambda s: s["step"].pop("pending")), "no list of pending times"),
     "text for a time": (lambda d: edit(d / STEP, lambda s: s["step"].update(time="x")), "step has no number and time"),
-    "no row": (lambda d: edit(d / STEP, lambda s: s["step"].pop("row")), "is not whole, or written by another version"),
+    "no row": (
+        lambda d: edit(d / STEP, lambda s: s["step"].pop("row")),
+        "is incomplete, or written by another version",
+    ),
 }
 
 

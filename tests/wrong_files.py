@@ -283,10 +283,10 @@ COMMANDS = (
     Wrong(
         "check of results cut short",
         ("check", "results"),
-        r"results: is not whole: ",
+        r"results: is incomplete: ",
         ran(then=cut("results/solution.h5")),
         alone=True,
-        library="is not whole: ",
+        library="is incomplete: ",
     ),
     Wrong(
         "check of a summary that is none",
@@ -298,14 +298,14 @@ COMMANDS = (
     Wrong(
         "check of results of another version",
         ("check", "results"),
-        r"contact\.h5: has no field 'face': not whole, or written by another version of coulomb: run the case again",
+        r"contact\.h5: has no field 'face': incomplete, or written by another version of coulomb: run the case again",
         ran(then=without_field),
         alone=True,
     ),
     Wrong(
         "check of a history without one of its steps",
         ("check", "results"),
-        r"0001: is not whole or missing, but there is a step 0002",
+        r"0001: is incomplete or missing, but there is a step 0002",
         ran(*STEPS[1::2], then=lambda: Path("results/steps/0001/summary.json").unlink()),
         alone=True,
     ),

@@ -53,7 +53,7 @@ def read(
 
     Raises:
         OSError: If a file cannot be read.
-        ValueError: If a file is no XDMF, not whole, or has not what is asked for.
+        ValueError: If a file is no XDMF, incomplete, or has not what is asked for.
     """
     mesh, *others = _grids(path, tuple(_FACE_OF), "cells in 3D")
     if any(grid.kind != mesh.kind for grid in others):

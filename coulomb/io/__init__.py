@@ -1,1 +1,1 @@
-"""The run directory: written, read, checked again; summary, lock, FCLIB files, versions."""
+"""The run directory: writing, reading, rechecking; summary, lock, FCLIB files, versions."""

@@ -1,4 +1,4 @@
-"""What a load step was computed from, kept with it, so that nobody goes on from it with something else."""
+"""Record of the case from which a load step was computed, kept to prevent a continuation with another case."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .restart import read_step
 from .run_directory import RunDirectory
 
 _FREE = ("output", "solver", "history.halvings", "small_strain")
-"""What may change from one step to the next: where results go, how, not what, is solved, and which strains count."""
+"""What may change between steps: the output, the solution method, and the treatment of large strains."""
 
 
 def case_record(case: Case, comm: MPI.Comm) -> dict[str, Any]:
@@ -43,26 +43,26 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
     """Compare a case with the one that a load step was computed from; collective.
 
     Args:
-        case: The case to go on with.
-        directory: Of the history.
-        number: Of the step.
+        case: The case with which to continue.
+        directory: The directory of the history.
+        number: Number of the step.
         comm: The ranks.
 
     Returns:
-        What has changed and may: in words.
+        Descriptions of the permitted changes.
 
     Raises:
-        ValueError: On every rank, with the differences, if there are others.
+        ValueError: On every rank, with the differences, if there are other changes.
     """
     step = RunDirectory(directory).step(number).path
     before = read_step(step, comm).get("case")
     if not isinstance(before, dict) or not {"tables", "files"} <= before.keys():
-        raise ValueError(f"{step}: does not say from which case it was computed; run the case anew")
+        raise ValueError(f"{step}: has no record of the case it was computed from; run the case again")
     now = case_record(case, comm)
     try:
         then = Case.model_validate(before["tables"]).model_dump(mode="json")
     except ValidationError:
-        raise ValueError(f"{step}: was computed by another version of coulomb; run the case anew") from None
+        raise ValueError(f"{step}: was computed by another version of coulomb; run the case again") from None
     changed = [
         f"the contents of mesh.{key}" for key in before["files"] if now["files"].get(key) != before["files"][key]
     ]
@@ -74,13 +74,13 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
         listed = "; ".join(changed[:5]) + (f"; and {len(changed) - 5} more" if len(changed) > 5 else "")
         raise ValueError(
             f"{directory}: the case is no longer the one that its {number} load steps were computed from: {listed}; "
-            "put that back (case.json), or run the changed case in another directory"
+            "undo the changes (case.json), or run the changed case in another directory"
         )
     return free
 
 
 def _differences(then: Any, now: Any, key: str = "") -> Iterator[tuple[str, str]]:
-    """Keys at which two cases differ, and how, in words."""
+    """Keys at which two cases differ, with a description of each difference."""
     if isinstance(then, Mapping) and isinstance(now, Mapping):
         for name in {**then, **now}:
             yield from _differences(then.get(name), now.get(name), f"{key}.{name}" if key else str(name))

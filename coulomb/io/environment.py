@@ -1,4 +1,4 @@
-"""With what a run was made: versions, for the summary and for a bug report."""
+"""Software versions of a run, for the summary and for bug reports."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _PACKAGES = (
 
 
 def versions() -> dict[str, str]:
-    """What made a run, by name; no paths."""
+    """Versions by name, without paths."""
     return {
         "coulomb": __version__,
         "Python": platform.python_version(),
@@ -40,7 +40,7 @@ def versions() -> dict[str, str]:
 
 
 def details() -> dict[str, str]:
-    """What a bug report needs: versions, PETSc's packages and numbers, MPI, BLAS, and where they are."""
+    """Information for a bug report: versions, PETSc's packages and number types, MPI, BLAS, and their paths."""
     petsc = ".".join(map(str, PETSc.Sys.getVersion()))
     return {
         "coulomb": __version__,
@@ -56,7 +56,7 @@ def details() -> dict[str, str]:
 
 
 def version(name: str) -> str:
-    """Of an installed package."""
+    """Version of an installed package."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:

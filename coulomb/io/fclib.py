@@ -4,8 +4,8 @@ V. Acary, M. Bremond, T. Koziara, F. Perignon: FCLIB, a collection of discrete 3
 
     u = W r + q;   per contact, in the order n, t1, t2:   0 <= u_n _|_ r_n >= 0,  |r_t| <= mu r_n,  r_t opposes u_t
 
-In the words of this package A = W, b = -q, x = r, F = mu.  The global form M v = H r + f, u = H^T v + w is condensed to
-W = H^T M^-1 H, q = H^T M^-1 f + w.
+In the notation of this package A = W, b = -q, x = r, F = mu.  The global form M v = H r + f, u = H^T v + w is condensed
+to W = H^T M^-1 H, q = H^T M^-1 f + w.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class FCLIBProblem:
         W: Delassus matrix, symmetric positive semidefinite, sparse, shape (3 m, 3 m).
         q: Free velocity or displacement, shape (3 m,), contact by contact (n, t1, t2).
         mu: Friction coefficients, shape (m,).
-        title: As the file has it.
+        title: Title in the file.
     """
 
     W: Any
@@ -41,9 +41,10 @@ class FCLIBProblem:
     title: str = ""
 
     def residual(self, r: FloatArray) -> float:
-        """The residual of that community, |r - P(r - (u + mu |u_t| n))| / (1 + |q|), P the projection on the cones.
+        """FCLIB's residual, |r - P(r - (u + mu |u_t| n))| / (1 + |q|), P the projection on the cones.
 
-        Of the problem scaled to a mean diagonal of W of 1 and a largest |q| of 1, so that units do not count.
+        Evaluated for the problem scaled to a mean diagonal of W of 1 and a largest |q| of 1, to be independent of
+        units.
         """
         d, size = self.W.diagonal().mean(), np.abs(self.q).max() or 1.0
         q, r = self.q / size, r * d / size
@@ -66,7 +67,7 @@ def read_fclib(path: str | Path) -> FCLIBProblem:
     """Read a local or a global problem; the global one is condensed.
 
     Raises:
-        ValueError: If the file cannot be read or holds no three-dimensional friction problem; says what is missing.
+        ValueError: If the file cannot be read or contains no three-dimensional friction problem.
     """
     try:
         refuse_irregular(path)
@@ -97,7 +98,7 @@ def _problem(group: Any, W: Any, q: FloatArray) -> FCLIBProblem:
     if dimension != 3:
         raise ValueError(f"{group.file.filename}: the problem has {dimension} dimensions, not 3")
     if W.shape != (3 * len(mu), 3 * len(mu)) or q.shape != (3 * len(mu),):
-        raise ValueError(f"{group.file.filename}: W {W.shape}, q {q.shape} and mu {mu.shape} do not fit together")
+        raise ValueError(f"{group.file.filename}: W {W.shape}, q {q.shape} and mu {mu.shape} have incompatible shapes")
     title = group["info/title"][()] if "info/title" in group else b""
     return FCLIBProblem(0.5 * (W + W.T), q, mu, title.decode() if isinstance(title, bytes) else str(title))
 
@@ -114,7 +115,7 @@ def _read_matrix(group: Any) -> Any:
 
 
 def write_fclib(path: str | Path, problem: FCLIBProblem, r: FloatArray | None = None) -> None:
-    """Write a local problem, and its solution where there is one.
+    """Write a local problem, and its solution if there is one.
 
     Args:
         path: File to write; replaced if it exists.
@@ -122,7 +123,7 @@ def write_fclib(path: str | Path, problem: FCLIBProblem, r: FloatArray | None = 
         r: Contact forces of a solution, shape (3 m,).
 
     Raises:
-        OSError: If it cannot be written; no part of it is left then.
+        OSError: If it cannot be written; no partial file is left then.
     """
     path = Path(path)
     partial = path.with_name(f".{path.name}.partial")
@@ -135,7 +136,7 @@ def write_fclib(path: str | Path, problem: FCLIBProblem, r: FloatArray | None = 
 
 
 def _contents(problem: FCLIBProblem, r: FloatArray | None) -> bytes:
-    """The file, made in memory: HDF5 leaves a wreck where the disk is full, and may take the process along."""
+    """Contents of the file, made in memory: with a full disk HDF5 leaves a damaged file and may end the process."""
     W = scipy.sparse.csc_matrix(problem.W)
     with h5py.File("fclib", "w", driver="core", backing_store=False) as file:
         local = file.create_group("fclib_local")

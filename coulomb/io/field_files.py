@@ -1,4 +1,5 @@
-"""The XDMF files of a run with their HDF5 files, read: meshes, fields, time series.  Knows neither DOLFINx nor MPI."""
+"""The XDMF files of a run with their HDF5 files: reading of meshes, fields and time series.  Uses neither DOLFINx nor
+MPI."""
 
 from __future__ import annotations
 
@@ -14,11 +15,11 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from .run_directory import OLD
 
-_AT_ONCE = 200_000  # points read at a time: no rank ever holds the whole mesh
+_AT_ONCE = 200_000  # points read at a time: no rank needs memory for the whole mesh
 
 
 class Grid(NamedTuple):
-    """What an XDMF file holds: cells (k, nodes a cell), points (n, 3), fields on points or cells by name."""
+    """Contents of an XDMF file: cells (k, nodes per cell), points (n, 3), fields on points or cells by name."""
 
     cell: str
     cells: npt.NDArray[np.int64]
@@ -38,7 +39,7 @@ def dataset(file: Any, name: str) -> Any:
 
 
 def read_grid(path: str | Path) -> Grid:
-    """All that an XDMF file shows, read from where it says.
+    """Read the contents of an XDMF file from the HDF5 data sets to which it refers.
 
     Raises:
         ValueError: If there is no grid in the file.
@@ -82,7 +83,7 @@ def read_fields(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, npt.NDA
 
 
 def parts_of_field(path: Path, name: str) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Points (q, 3) and values (q, d) of a field of an HDF5 file, some at a time.
+    """Points (q, 3) and values (q, d) of a field of an HDF5 file, in parts.
 
     Raises:
         ValueError: If there are not as many values as points.
@@ -91,14 +92,14 @@ def parts_of_field(path: Path, name: str) -> Iterator[tuple[FloatArray, FloatArr
     with h5py.File(path, "r") as file:
         points, field = file["Mesh/mesh/geometry"], dataset(file, name)
         if len(field) != len(points):
-            raise ValueError(f"{name} does not fit to the mesh")
+            raise ValueError(f"{name} does not match the mesh")
         for first in range(0, len(points), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             yield np.array(points[part]), np.array(field[part])
 
 
 def refuse_misnamed(path: Path, names: tuple[str, ...]) -> None:
-    """What ParaView reads shows every field, and from the place in the HDF5 file that has its name.
+    """Check that an XDMF file has every field, and that each refers to the HDF5 data set with its name.
 
     Raises:
         ValueError: If not.

@@ -1,4 +1,4 @@
-"""A load history on disk: written step by step, and gone on with from there."""
+"""A load history on disk: written step by step, and continued from there."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from .run_directory import FIELDS, HISTORY, RunDirectory, step_place
 class HistoryFiles:
     """Writes the steps of `LoadHistory.run` into a directory, each before the next begins.
 
-    DIRECTORY/steps/0001, 0002, ... have the results of a step as a single run would write them;
-    DIRECTORY/solution.xdmf and contact.xdmf show them as time series; history.csv has a line for each.
+    DIRECTORY/steps/0001, 0002, ... have the results of the steps in the format of a single run;
+    DIRECTORY/solution.xdmf and contact.xdmf show them as time series; history.csv has a row per step.
 
     Args:
-        directory: Made if need be.
-        resume: Continue from the last step that is there.
-        case: What is being computed, kept in the summary of every step under step.case (`case_record`).
+        directory: Created if necessary.
+        resume: Continue from the last step that exists.
+        case: Record of the case, stored in the summary of every step under step.case (`case_record`).
 
     Attributes:
-        directory: Of the history.
-        rows: The lines of history.csv so far.
+        directory: The directory.
+        rows: The rows of history.csv so far.
 
     Raises:
-        ValueError: When the run begins, on every rank: if there are steps and `resume` is not asked for, or they do not
-            fit, or another run is at work in the directory.
-        OSError: On every rank, if a step cannot be written; those before are kept.
+        ValueError: When the run begins, on every rank: if there are steps and `resume` is not set, if they belong to
+            another problem, or if another run uses the directory.
+        OSError: On every rank, if a step cannot be written; the steps before are kept.
     """
 
     def __init__(self, directory: str | Path, *, resume: bool = False, case: Mapping[str, Any] | None = None):
@@ -54,7 +54,7 @@ class HistoryFiles:
 
     @contextmanager
     def recording(self, problem: ContactProblem, beginning: State) -> Iterator[State]:
-        """The directory is this run's meanwhile; gives the state to go on from (`Recorder`)."""
+        """Lock the directory for this run; gives the state from which to continue (`Recorder`)."""
         comm = problem.comm
         with locked(self.directory.path, comm):
             found = comm.bcast(self.directory.complete_steps if comm.rank == 0 else None)
@@ -66,10 +66,13 @@ class HistoryFiles:
             yield self._restored(problem, found[-1]) if found else beginning
 
     def record(self, step: LoadStep) -> None:
-        """Write a step, and what speaks of all steps so far; collective."""
+        """Write a step and the files of all steps so far; collective."""
         comm = step.solution.problem.comm
         row = step.row
-        for name, value in self._seconds.items():  # assembly and factorisation, done once, are the first step's
+        for (
+            name,
+            value,
+        ) in self._seconds.items():  # assembly and factorisation, done once, are counted in the first step
             own = step.solution.problem.seconds
             own[name] = own.get(name, 0.0) + value
         self._seconds = {}
@@ -80,7 +83,7 @@ class HistoryFiles:
         on_rank_0(comm, lambda: self._write_whole(contents))
 
     def _record(self, step: LoadStep, row: dict[str, Any]) -> dict[str, Any]:
-        """What summary.json of a step keeps for going on."""
+        """Data in the summary of a step from which the history can be continued."""
         state = step.state
         case = {} if self._case is None else {"case": dict(self._case)}
         return {
@@ -94,7 +97,7 @@ class HistoryFiles:
         }
 
     def _restored(self, problem: ContactProblem, number: int) -> State:
-        """The state that a step has left, from its files; collective.
+        """The state after a step, from its files; collective.
 
         Raises:
             ValueError: On every rank, if the files cannot be read or belong to another mesh.
@@ -112,7 +115,7 @@ class HistoryFiles:
         )
 
     def _write_whole(self, last: dict[str, Any]) -> str:
-        """history.csv, the time series over the steps' own files, and the summary, replaced whole; on one rank."""
+        """Replace history.csv, the time series of the steps' files, and the summary; on one rank."""
         folder, rows = self.directory, self.rows
         partial = folder.history.with_name(f".{HISTORY}")
         with partial.open("w", newline="", encoding="utf-8") as file:
@@ -135,7 +138,7 @@ class HistoryFiles:
 
 
 def refuse_steps(folder: Path, found: int) -> None:
-    """Not to begin a history where another one is.
+    """Refuse to start a history in the directory of another one.
 
     Raises:
         ValueError: If there are load steps.
@@ -154,7 +157,7 @@ def steps_on_disk(folder: Path, comm: MPI.Comm) -> int:
 
 
 def whole_history(folder: Path, comm: MPI.Comm) -> Told | None:
-    """The entry `history` of the summary of a load history; None where it cannot be read; collective."""
+    """The entry `history` of the summary of a load history; None if it cannot be read; collective."""
     told: Told | None = None
     if comm.rank == 0:
         with suppress(ValueError):

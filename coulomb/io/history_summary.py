@@ -1,9 +1,9 @@
 """The numbers of a whole load history, from the summaries of its steps: the entry `history` of its summary.json.
 
-A step's summary speaks of that step alone: its iterations, its seconds, its largest pressure, the slip since the step
-before.  Here iterations and seconds are sums over all steps; pressures, slips, residuals and the measures of the
-certificate are the largest of all steps, each with the step and the time where it was found; energies count from the
-start of the history.
+The summary of a step is about that step: its iterations, time, largest pressure, and slip since the step before.  Here
+iterations and seconds are sums over all steps; pressures, slips, residuals and the measures of the
+certificate are the largest of all steps, each with its step and time; energies are accumulated from the start of the
+history.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ Told = dict[str, Any]
 
 
 def whole(steps: Iterable[Mapping[str, Any]]) -> Told:
-    """What the summaries of all steps, in their order, say together; empty of none."""
+    """Summary of the history from those of all steps in order; empty without steps."""
     return reduce(added, steps, {})
 
 
 def added(before: Told, step: Mapping[str, Any]) -> Told:
-    """The history with one step more.
+    """The history extended by one step.
 
     Args:
-        before: What the steps before say together; empty before the first.
+        before: Summary of the steps before; empty before the first.
         step: summary.json of the step.
     """
     record = step["step"]
@@ -69,12 +69,12 @@ def _sum(before: Mapping[str, float], step: Mapping[str, float]) -> Told:
 
 
 def _number(value: float | None) -> float:
-    """Files have null where a number is not finite: worse than every other."""
+    """Infinity for null, which replaces non-finite numbers in files."""
     return math.inf if value is None or math.isnan(value) else value
 
 
 def _larger(before: Told | None, now: Told) -> Told:
-    """The larger value; the earlier one of equals."""
+    """The larger value; the earlier one if equal."""
     return now if before is None or _number(now["value"]) > _number(before["value"]) else before
 
 
@@ -83,7 +83,7 @@ def _largest_of(before: Mapping[str, Told], now: Mapping[str, float], where: Tol
 
 
 def _certificate(before: Mapping[str, Told], now: Mapping[str, Any], where: Told) -> Told:
-    """Of every condition the worst step; it has passed if it has at every step."""
+    """Worst step per condition; a condition has passed if it passed in every step."""
     worst: Told = {}
     for name, check in now.items():
         if not isinstance(check, Mapping):
@@ -99,9 +99,9 @@ def _warnings(largest: Mapping[str, Told]) -> list[str]:
 
 
 def _outside(before: Told | None, step: Mapping[str, Any]) -> Told | None:
-    """How many steps are outside the theory of small strains, the first of them and what was said of it; null if none.
+    """Number of steps outside the theory of small strains, the first of them and its violations; null if none.
 
-    Steps where that was accepted do not count.
+    Steps for which this was accepted are not counted.
     """
     if step["small_strain"]["accepted"] or not step["small_strain"]["violations"]:
         return before
@@ -111,7 +111,7 @@ def _outside(before: Told | None, step: Mapping[str, Any]) -> Told | None:
 
 
 def _violations(outside: Told | None, steps: int) -> list[str]:
-    """The same in words."""
+    """Description of the steps outside the theory."""
     if outside is None:
         return []
     first, *others = outside["violations"]
@@ -119,18 +119,18 @@ def _violations(outside: Told | None, steps: int) -> list[str]:
 
 
 def _rounding(largest: Mapping[str, Told], compliance: float | None) -> float:
-    """Energy below which there is nothing but rounding, joules: of a node, held at its place, that moves so far."""
+    """Energy of rounding errors in joules: of a fixed node moved by the rounding error of its coordinates."""
     return 1e-12 * _number(largest["displacement"]["value"]) ** 2 / compliance if compliance else 0.0
 
 
 def _remarks(energies: str, touching: int) -> list[str]:
-    """What is to be said of a history, besides its certificates and its strains."""
+    """Remarks on a history, besides its certificates and strains."""
     remarks = [energies] if energies else []
     return remarks if touching else [*remarks, f"nothing touches in any load step: {LOOK_AT_GAP}"]
 
 
 def _runs(before: list[Told], run: Told | None, number: int) -> list[Told]:
-    """The runs that made the history, each with its first and last step: one, and one more for every resume."""
+    """The run and resumes of the history, each with its first and last step."""
     if run is None:  # written by an older version
         return before
     if before and all(before[-1][key] == run[key] for key in ("started", "hosts", "command")):

@@ -1,10 +1,10 @@
 """One run at a time in a directory of results.
 
-The lock is a file in the directory that says whose it is.  It is held twice over.  `flock` on it ends with its process,
-whatever ended that, so that on one machine (and on NFS 4 and Lustre where they offer it, between machines) nothing is
-ever stale.  Where the file system offers no `flock`, or keeps it to one machine, what is written in the file decides: a
-process of this machine that is gone, or whose number another one has got since, holds nothing; one of another machine
-cannot be seen from here, and whoever knows that it is gone removes the file.  O_EXCL says who made the file.
+The lock is a file in the directory with the process that holds it, protected in two ways.  A `flock` on the file ends
+with its process in any case, so that locks are never stale on one machine (and between machines on NFS 4 and Lustre, if
+they support it).  If the file system has no `flock`, or only a local one, the contents of the file decide: a process of
+this machine that has ended, or whose number has been reused, holds no lock; a process of another machine cannot be
+checked, and the user must remove the file once it has ended.  O_EXCL determines which process created the file.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from ..ranks import on_rank_0
 from .run_directory import LOCK
 
 _held: dict[Path, int] = {}
-"""Descriptors of the locks of this process, which may ask twice for the same."""
+"""Descriptors of the locks of this process, which may request the same lock twice."""
 
 _NOT_OFFERED = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)
 
 
 class InUseError(ValueError):
-    """The directory belongs to a run that goes on."""
+    """The directory is in use by another run."""
 
 
 @dataclass(frozen=True)
 class Holder:
-    """Who holds a lock.
+    """The holder of a lock.
 
     Attributes:
         pid: Number of the process.
         host: Its machine.
-        started: When it began, as its kernel counts: another process with its number began at another time.
-        since: When it took the lock, in words.
+        started: Its start time in the kernel's units, which differs for a later process with the same number.
+        since: Time at which it took the lock, as text.
         command: Its command line.
     """
 
@@ -57,17 +57,17 @@ class Holder:
 
     @property
     def is_here(self) -> bool:
-        """Whether its process is one of this machine's, by number."""
+        """Whether a process with its number exists on this machine."""
         return self.host == socket.gethostname()
 
     @property
     def shares_kernel(self) -> bool:
-        """Whether its `flock` would be seen here: on this machine, in whatever container."""
+        """Whether its `flock` is visible here: on this machine, in any container."""
         return self.is_here or self.started.partition(" ")[0] == _started(os.getpid()).partition(" ")[0]
 
     @property
     def is_gone(self) -> bool:
-        """Whether it is known to have ended; of another machine nothing is known."""
+        """Whether it is known to have ended; unknown for other machines."""
         return self.is_here and _started(self.pid) != self.started
 
     def __str__(self) -> str:
@@ -76,10 +76,10 @@ class Holder:
 
 @contextmanager
 def locked(directory: str | Path, comm: MPI.Comm) -> Iterator[None]:
-    """Hold a directory, made if need be, for as long as the context lasts; rank 0 holds it for all; collective.
+    """Lock a directory, created if necessary, for the duration of the context; rank 0 holds the lock; collective.
 
     Raises:
-        InUseError: On every rank, if another run holds it: whose it is, and what to do.
+        InUseError: On every rank, if another run holds it, with its holder and a remedy.
         OSError: On every rank, if the directory cannot be written to.
     """
     folder, fault, mine = Path(directory), "", False
@@ -106,13 +106,13 @@ def locked(directory: str | Path, comm: MPI.Comm) -> Iterator[None]:
             with suppress(OSError):
                 (folder / LOCK).unlink()
             os.close(_held.pop(folder.resolve()))
-        for path in made:  # of a run that was refused nothing is left
+        for path in made:  # a refused run leaves no directory behind
             with suppress(OSError):
                 path.rmdir()
 
 
 def refuse_in_use(directory: str | Path, comm: MPI.Comm) -> None:
-    """See whether another run holds a directory, before anything is computed for it; collective.
+    """Check before any computation whether another run holds a directory; collective.
 
     Raises:
         InUseError: On every rank, as `locked`.
@@ -122,7 +122,7 @@ def refuse_in_use(directory: str | Path, comm: MPI.Comm) -> None:
     def look() -> str:
         try:
             descriptor = os.open(path, os.O_RDWR)
-        except OSError:  # there is none; what else is wrong shows when it is taken
+        except OSError:  # there is no lock; other errors appear when it is taken
             return ""
         try:
             return "" if path.parent.resolve() in _held else _in_use(path, descriptor, _flock(descriptor))
@@ -134,21 +134,21 @@ def refuse_in_use(directory: str | Path, comm: MPI.Comm) -> None:
 
 
 def _make(folder: Path) -> list[Path]:
-    """Make a directory and those it is in; what was made, the innermost first."""
+    """Create a directory and its parents; returns those created, the innermost first."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     return missing
 
 
 def _take(path: Path) -> int:
-    """The descriptor of the lock, ours now."""
+    """Take the lock; returns its descriptor."""
     while True:
         try:
             descriptor, ours = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644), True
         except FileExistsError:
             try:
                 descriptor, ours = os.open(path, os.O_RDWR), False
-            except FileNotFoundError:  # given back just now
+            except FileNotFoundError:  # released in the meantime
                 continue
         try:
             alone = _flock(descriptor)
@@ -157,7 +157,7 @@ def _take(path: Path) -> int:
                 continue
             if fault := "" if ours and alone is not False else _in_use(path, descriptor, alone):
                 raise InUseError(fault)
-            if not ours:  # left behind by a process that was killed, and so may be what it was writing
+            if not ours:  # left by a killed process, possibly with partial files
                 for partial in path.parent.glob(".partial-*"):
                     shutil.rmtree(partial, ignore_errors=True)
             os.ftruncate(descriptor, 0)
@@ -169,7 +169,7 @@ def _take(path: Path) -> int:
 
 
 def _flock(descriptor: int) -> bool | None:
-    """Whether the file is ours alone now; None where the file system does not say."""
+    """Whether this process has the lock on the file; None if the file system has no locks."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
@@ -180,7 +180,7 @@ def _flock(descriptor: int) -> bool | None:
 
 
 def _is_still(path: Path, descriptor: int) -> bool:
-    """Whether the file is where it was, and has not been given back in the meantime."""
+    """Whether the file still exists, that is, was not released in the meantime."""
     try:
         return os.path.samestat(os.stat(path), os.fstat(descriptor))
     except FileNotFoundError:
@@ -188,14 +188,14 @@ def _is_still(path: Path, descriptor: int) -> bool:
 
 
 def _in_use(path: Path, descriptor: int, alone: bool | None) -> str:
-    """Who else holds the lock, and what to do; nothing if it is free."""
+    """Message with another holder of the lock and a remedy; empty if it is free."""
     holder = _holder(descriptor)
     remove = f"if that run is known to have ended, remove {path}"
     if alone is False:
-        who = str(holder) if holder is not None else "a run that has just begun"
+        who = str(holder) if holder is not None else "a run that has just started"
         return f"{path.parent} is in use by {who}: wait for its end, or choose another directory"
     if holder is None:
-        return "" if alone else f"{path.parent} is in use by a run that has just begun; {remove}"
+        return "" if alone else f"{path.parent} is in use by a run that has just started; {remove}"
     if holder.is_gone or (alone and holder.shares_kernel):
         return ""
     if holder.is_here:
@@ -204,7 +204,7 @@ def _in_use(path: Path, descriptor: int, alone: bool | None) -> str:
 
 
 def _holder(descriptor: int) -> Holder | None:
-    """What the file says; None if it says nothing."""
+    """The holder in the file; None if it is empty or unreadable."""
     try:
         told = json.loads(os.pread(descriptor, 1 << 16, 0))
         return Holder(int(told["pid"]), **{field.name: str(told[field.name]) for field in fields(Holder)[1:]})
@@ -219,7 +219,7 @@ def _me() -> Holder:
 
 
 def _started(pid: int) -> str:
-    """When a process began: the boot of its machine, and clock ticks since; empty if there is none, or no /proc."""
+    """Start time of a process: boot of its machine, and clock ticks since; empty without such a process or /proc."""
     try:
         ticks = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()[19]
         boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="utf-8").strip()

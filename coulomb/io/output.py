@@ -1,4 +1,4 @@
-"""Results on disk: XDMF fields, summary, history; and the numbers in the summary."""
+"""Writes the results of a run: XDMF fields, summary.json, history.csv."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def write(
     directory: str | Path,
     extra: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Write everything into a directory; files already there are replaced only when all new ones are complete.
+    """Write all results into a directory; existing files are replaced only when all new ones are complete.
 
     Args:
-        solution: What to write, converged or not.
-        directory: Made if need be.
-        extra: More entries for summary.json.
+        solution: The answer, converged or not.
+        directory: Created if necessary.
+        extra: Additional entries for summary.json.
 
     Returns:
         The summary, with the seconds of the output added.
@@ -75,7 +75,7 @@ def write(
             contents["picture"] = "not asked for"
             contents["run"]["ended"] = moment(now())
             write_json(contents, folder / SUMMARY)
-            for name in (CASE, REPORT, PICTURE):  # of other results; who has a case writes it after
+            for name in (CASE, REPORT, PICTURE):  # belongs to other results; commands with a case write it afterwards
                 (target / name).unlink(missing_ok=True)
             for file in sorted(folder.iterdir()):
                 os.replace(file, target / file.name)
@@ -113,7 +113,7 @@ def contact_fields(solution: Solution) -> dict[str, FloatArray]:
 
 
 def _write_fields(comm: MPI.Comm, path: str, domain: Any, functions: Sequence[Any]) -> None:
-    """A mesh and functions on it, one after another: where a rank fails, no other goes on to wait for it.
+    """Write a mesh and functions on it; an error on one rank is raised on all, to avoid a deadlock.
 
     Raises:
         OSError: On every rank.
@@ -133,11 +133,11 @@ def _write_fields(comm: MPI.Comm, path: str, domain: Any, functions: Sequence[An
         try:
             with hushed():
                 action()
-        except RuntimeError as error:  # of HDF5, which does not say why
+        except RuntimeError as error:  # from HDF5, which gives no reason
             fault = str(error)
         faults = [text for text in comm.allgather(fault) if text]
         if faults:
-            # Closing it would fail again, in its destructor, and end the process: it is never destroyed.  HDF5 would
+            # Closing it would fail again in its destructor and end the process, so it is never destroyed.  HDF5 would
             # close it at the end of the process, with the same result.
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))
             process.end_abruptly()
@@ -145,22 +145,22 @@ def _write_fields(comm: MPI.Comm, path: str, domain: Any, functions: Sequence[An
 
 
 def size_on_disk(problem: ContactProblem) -> float:
-    """Bytes that the fields of a solution take, nearly; collective."""
+    """Approximate bytes of the fields of a solution; collective."""
     domain, comm = problem.mesh.domain, problem.comm
     points, cells = (float(domain.topology.index_map(dim).size_global) for dim in (0, 3))
     facets: int = comm.allreduce(len(_contact_facets(problem)), op=MPI.SUM)
     width = float(compat.cell_geometry(domain).shape[1])
-    # coordinates and 5 vectors a point, 3 numbers a cell; on the face coordinates, 6 vectors and 8 numbers per node
+    # coordinates and 5 vectors per point, 3 numbers per cell; on the face coordinates, 6 vectors and 8 numbers per node
     return 8e4 + 24.0 * 6.0 * points + 8.0 * (width + 3.0) * cells + (24.0 * 7.0 + 64.0) * 1.5 * facets
 
 
 def refuse_full_disk(problem: ContactProblem, target: Path, times: int = 1) -> None:
-    """See beforehand that there is too little room; HDF5, when it finds out, says little of it and leaves a wreck.
+    """Check the free disk space beforehand; with a full disk HDF5 leaves damaged files and no clear message.
 
     Args:
-        problem: What will be written.
-        target: The directory, or where it will be.
-        times: How often.
+        problem: The problem whose results will be written.
+        target: The directory, which may not exist yet.
+        times: How many such results.
 
     Raises:
         OSError: On every rank.
@@ -214,7 +214,7 @@ def _write_contact(solution: Solution, path: str) -> None:
 
 
 def _one_grid(path: Path, time: float) -> None:
-    """DOLFINx writes a grid for the mesh and one for every function; a reader wants all of it on one."""
+    """Merge the grids that DOLFINx writes for the mesh and every function into one, as readers expect."""
     tree = ElementTree.parse(path)
     domain = tree.getroot().find("Domain")
     assert domain is not None
@@ -228,12 +228,12 @@ def _one_grid(path: Path, time: float) -> None:
 
 
 def write_series(folder: Path, name: str, steps: Sequence[tuple[str, float]]) -> None:
-    """A time series DIRECTORY/`name` over the files `name` of the steps, which stay where they are; on one rank.
+    """A time series DIRECTORY/`name` that refers to the files `name` of the steps; on one rank.
 
     Args:
         folder: Where the series goes.
-        name: Of the XDMF files.
-        steps: Directory of each step, seen from `folder`, and its time.
+        name: Name of the XDMF files.
+        steps: Directory of each step relative to `folder`, and its time.
     """
     root = ElementTree.Element("Xdmf", Version="3.0")
     series = ElementTree.SubElement(
@@ -263,14 +263,14 @@ def _write_history(history: tuple[OuterStep, ...] | tuple[QPStep, ...], path: Pa
 
 
 def write_json(contents: dict[str, Any], path: Path) -> None:
-    """Write a file of JSON, replaced whole."""
+    """Write a JSON file, replacing an existing one atomically."""
     partial = path.with_name(f".{path.name}")
     partial.write_text(json.dumps(_finite(contents), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     os.replace(partial, path)
 
 
 def _finite(value: Any) -> Any:
-    """JSON has no nan and inf: null in their place."""
+    """Replace nan and inf, which JSON does not have, by null."""
     if isinstance(value, dict):
         return {key: _finite(entry) for key, entry in value.items()}
     if isinstance(value, list):

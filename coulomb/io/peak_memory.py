@@ -7,10 +7,10 @@ from pathlib import Path
 
 
 def peak_memory(pid: int | str = "self") -> int:
-    """In bytes; 0 if the process is gone.
+    """Peak memory in bytes; 0 if the process has ended.
 
-    From the kernel's high-water mark: getrusage counts in what a process was before it became another program, that is
-    its parent's memory.  Where there is no such file, getrusage is what there is for this process.
+    From the kernel's high-water mark, since getrusage includes the memory before exec, that is, the parent's.  Without
+    such a file, getrusage is used for this process.
     """
     try:
         lines = Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines()

@@ -1,8 +1,8 @@
-"""Nodal fields in the HDF5 file of an XDMF file, to the last digit.
+"""Nodal fields in the HDF5 file of an XDMF file, without rounding errors.
 
-DOLFINx before 0.7 evaluates a function at the points of the mesh when it writes it: every basis function that should be
-zero there is so up to rounding only, and neighbours show through, a pressure of 1e8 Pa as 1e-8 Pa at an open node.  So
-the values are written once more over those, as they are.
+DOLFINx before 0.7 evaluates a function at the points of the mesh when it writes it: basis functions of other nodes are
+zero there only up to rounding, so that a pressure of 1e8 Pa contributes 1e-8 Pa to a neighbouring open node.  Therefore
+the exact values are written over these.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from .field_files import dataset
 
 
 def dof_of_point(domain: Any, V: Any) -> npt.NDArray[np.int64]:
-    """For each of this rank's points of a mesh, in their own order, the block dof of a first-order space there."""
+    """Block dof of a first-order space for each of this rank's mesh points, in their order."""
     dofs = np.zeros(len(domain.geometry.x), dtype=np.int64)
     dofs[compat.cell_geometry(domain)] = compat.cell_dofs(V)
     return dofs
 
 
 def overwrite(comm: MPI.Comm, path: str, domain: Any, fields: Mapping[str, FloatArray]) -> None:
-    """Write nodal fields over those that are in a file; collective.
+    """Overwrite nodal fields in a file; collective.
 
     Args:
         comm: The ranks.
@@ -48,7 +48,7 @@ def overwrite(comm: MPI.Comm, path: str, domain: Any, fields: Mapping[str, Float
         if comm.rank > 0:
             comm.send(own, dest=0)
             continue
-        for rank in range(comm.size):  # one part at a time: no rank ever holds the whole mesh
+        for rank in range(comm.size):  # in parts: no rank needs memory for the whole mesh
             start, part = own if rank == 0 else comm.recv(source=rank)
             try:
                 if not fault:
@@ -66,7 +66,7 @@ def overwrite(comm: MPI.Comm, path: str, domain: Any, fields: Mapping[str, Float
 
 
 def _opened(path: str) -> tuple[Any, str]:
-    """The file, or why it cannot be opened."""
+    """The file, or the reason why it cannot be opened."""
     try:
         return h5py.File(path, "r+"), ""
     except OSError as error:

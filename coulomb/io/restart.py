@@ -1,4 +1,4 @@
-"""What a run has written, read back on any number of ranks."""
+"""Reading of the files of a run on any number of ranks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .run_directory import SUMMARY, RunDirectory
 
 
 def read_step(directory: Path, comm: MPI.Comm) -> dict[str, Any]:
-    """What the summary of a load step keeps for going on, the same on every rank.
+    """Data in the summary of a load step for its continuation, the same on every rank.
 
     Raises:
         ValueError: On every rank, if it cannot be read.
@@ -30,7 +30,7 @@ def read_summary(directory: Path, comm: MPI.Comm) -> dict[str, Any]:
     """The summary of a load step, the same on every rank.
 
     Raises:
-        ValueError: On every rank, if it cannot be read, or is none of a load step.
+        ValueError: On every rank, if it cannot be read, or is not that of a load step.
     """
 
     def read() -> dict[str, Any]:
@@ -46,14 +46,14 @@ def read_summary(directory: Path, comm: MPI.Comm) -> dict[str, Any]:
 
 
 def nodal_vectors(path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewhere: float | None = None) -> FloatArray:
-    """A vector field of a file of DOLFINx's at this rank's points, found by their coordinates; collective.
+    """A vector field of a DOLFINx file at this rank's points, found by their coordinates; collective.
 
     Args:
         path: HDF5 file.
-        name: Of the field.
+        name: Name of the field.
         x: Points in metres, shape (k, 3).
         comm: The ranks.
-        elsewhere: Value at points that the file does not have; by default that is an error.
+        elsewhere: Value at points that are not in the file; by default such points are an error.
 
     Raises:
         ValueError: On every rank, if the file cannot be read or lacks a point.
@@ -71,7 +71,7 @@ def nodal_vectors(path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewher
                 found = np.isfinite(distance)
                 values[number[found]] = vectors[found]
         if np.any(np.isnan(values)):
-            raise ValueError("belongs to another mesh, or is not whole")
+            raise ValueError("belongs to another mesh, or is incomplete")
         return values
 
     return on_all_ranks(read, str(path), comm)

@@ -1,4 +1,4 @@
-"""What the files in a directory of results are called, and how their tables are read: the format, in one place.
+"""Format of a directory of results: names of the files, and the reading of their tables.
 
 Standard library only: the command line and the processes that draw use it without loading DOLFINx, PETSc or MPI.
 """
@@ -16,7 +16,7 @@ SUMMARY = "summary.json"
 """The numbers of a run, of a load step, or of a whole load history."""
 
 HISTORY = "history.csv"
-"""A line per Newton step or Tresca problem of a solve; of a load history a line per load step."""
+"""A row per Newton step or Tresca problem of a solve; for a load history a row per load step."""
 
 CASE = "case.json"
 """The case as it was run."""
@@ -30,11 +30,11 @@ SOLUTION, CONTACT = "solution.xdmf", "contact.xdmf"
 FIELDS = (SOLUTION, CONTACT)
 
 LOCK = "run.lock"
-"""There for as long as a run is at work."""
+"""Exists while a run uses the directory."""
 
 _STEPS = "steps"
 
-OLD = "not whole, or written by another version of coulomb: run the case again"
+OLD = "incomplete, or written by another version of coulomb: run the case again"
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class RunDirectory:
     """The directory of a run, of a load history, or of one of its load steps.
 
     Attributes:
-        path: Where it is.
+        path: Its path.
     """
 
     path: Path
@@ -81,21 +81,21 @@ class RunDirectory:
 
     @property
     def failed(self) -> RunDirectory:
-        """Where what a load step that failed has got to is kept."""
+        """Directory of the last iterate of a failed load step."""
         return RunDirectory(self.path / "failed")
 
     def step(self, number: int) -> RunDirectory:
-        """That of a load step, from 1."""
+        """Directory of a load step, from 1."""
         return RunDirectory(self.path / step_place(number))
 
     @property
     def is_history(self) -> bool:
-        """Whether it is that of a load history."""
+        """Whether it belongs to a load history."""
         return (self.path / _STEPS).is_dir()
 
     @property
     def step_number(self) -> int | None:
-        """Number of the load step whose directory this is; None if it is none."""
+        """Number of the load step whose directory this is; None for other directories."""
         place = self.path.absolute()
         return int(place.name) if place.parent.name == _STEPS and place.name.isdigit() else None
 
@@ -114,7 +114,7 @@ class RunDirectory:
 
     @property
     def complete_steps(self) -> list[int]:
-        """Numbers of the complete load steps, from 1 without a gap; a step is complete once it has a summary."""
+        """Numbers of the complete load steps, from 1 without a gap; a step with a summary is complete."""
         found: list[int] = []
         while self.step(len(found) + 1).summary.is_file():
             found.append(len(found) + 1)
@@ -124,7 +124,7 @@ class RunDirectory:
         """The contents of summary.json.
 
         Raises:
-            ValueError: If it cannot be read, is none, or lacks an entry that is needed.
+            ValueError: If it cannot be read, is not a summary, or lacks a required entry.
         """
         contents = read_json(self.summary)
         for key in needed:
@@ -133,7 +133,7 @@ class RunDirectory:
         return contents
 
     def read_history(self) -> list[dict[str, str | None]]:
-        """The lines of history.csv, by the names of its columns.
+        """The rows of history.csv, by column names.
 
         Raises:
             ValueError: If it cannot be read.
@@ -144,19 +144,19 @@ class RunDirectory:
         except OSError as error:
             raise ValueError(f"{self.history}: cannot be read: {error.strerror}") from None
         except (ValueError, csv.Error) as error:
-            raise ValueError(f"{self.history}: cannot be read: it is no table of text: {error}") from None
+            raise ValueError(f"{self.history}: cannot be read: it is not a text table: {error}") from None
 
 
 def step_place(number: int) -> str:
-    """Directory of a load step, seen from that of its history."""
+    """Directory of a load step relative to that of its history."""
     return f"{_STEPS}/{number:04d}"
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """An object of JSON.
+    """Read a JSON object.
 
     Raises:
-        ValueError: If the file cannot be read, or is none.
+        ValueError: If the file cannot be read, or is not a JSON object.
     """
     try:
         contents: Any = json.loads(path.read_text(encoding="utf-8"))

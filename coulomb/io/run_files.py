@@ -1,4 +1,4 @@
-"""The files of a run, read back on one rank: the body and what acts on it, the contact face, and the summary."""
+"""Reading of the files of a run on one rank: the body with loads and supports, the contact face, and the summary."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ Fields = dict[str, FloatArray]
 
 @dataclass(frozen=True)
 class WrittenRun:
-    """What the files of a run say; metres, newtons and pascals.
+    """Contents of the files of a run; metres, newtons and pascals.
 
     Attributes:
-        folder: Where they are.
+        folder: Their directory.
         summary: summary.json.
-        points: Of the body as the file has them, shape (k, 3).
-        cells: Their numbers, cell by cell as the file has them.
-        body: The body made of them, with the materials of the files; its nodes may be in another order.
+        points: Nodes of the body in the order of the file, shape (k, 3).
+        cells: Their numbers per cell, in the order of the file.
+        body: The body with the materials of the files; its nodes may be in another order.
         on_cells: Fields of the cells, in the order of `body.domain`, shape (c,).
         on_body: Vectors at the nodes of `body`, shape (k, 3).
         on_face: Fields at the q nodes of the contact face, and their coordinates "x".
         node: Numbers of these nodes in `body`, shape (q,).
-        facets: Facets of the contact face, rows of numbers of nodes of the face, as the file has them.
+        facets: Facets of the contact face, rows of node numbers, in the order of the file.
         number: Their numbers in `body.domain`, shape (facets,).
     """
 
@@ -71,7 +71,7 @@ class WrittenRun:
 
     @property
     def files(self) -> RunDirectory:
-        """Where its files are."""
+        """The directory of its files."""
         return RunDirectory(self.folder)
 
     @property
@@ -81,9 +81,9 @@ class WrittenRun:
 
     @property
     def evaluation(self) -> float:
-        """By what part of the largest entry a field may be off: DOLFINx writes it as evaluated at the points.
+        """Tolerance of a field relative to its largest entry: DOLFINx writes fields as evaluated at the points.
 
-        For that it looks for the place of a point in its cell, as exact as coordinates are over the length of an edge.
+        For that it computes reference coordinates, with the relative accuracy of coordinates over the edge length.
         """
         corners = self.points[self.cells]
         edge = float(np.min(np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2)))
@@ -105,11 +105,11 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
     """Read the files of a run, or of a load step.
 
     Args:
-        folder: With solution.xdmf, contact.xdmf, their .h5 files, and summary.json.
-        like: Another one, whose mesh is taken if it is the same.
+        folder: Directory with solution.xdmf, contact.xdmf, their .h5 files, and summary.json.
+        like: Another run, whose mesh is reused if it is identical.
 
     Raises:
-        ValueError: If a file is missing, cannot be read, or does not fit to the others.
+        ValueError: If a file is missing, cannot be read, or does not match the others.
     """
     files = RunDirectory(folder)
     summary = files.read_summary(_NEEDED)
@@ -117,7 +117,7 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
     body_data, face_data = data_of(files.solution), data_of(files.contact)
     for path in (files.solution, files.contact, body_data, face_data):
         if not path.is_file():
-            raise ValueError(f"{folder}: is not whole: there is no {path.name}")
+            raise ValueError(f"{folder}: is incomplete: there is no {path.name}")
     refuse_misnamed(files.solution, (*ON_CELLS, *ON_BODY))
     refuse_misnamed(files.contact, ON_FACE)
     try:
@@ -138,9 +138,9 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
         on_cells = {name: in_file[name][of_cell] for name in ON_CELLS}
         body = ElasticBody(domain, on_cells["young"], on_cells["poisson"])
     except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
-        raise ValueError(f"{folder}: is not whole: {error}") from None
-    node = numbers(points, body.x, f"{folder}: {body_data.name} does not fit to the mesh of {SOLUTION}")
-    unfit = f"{folder}: {face_data.name} does not fit to the mesh of {SOLUTION}"
+        raise ValueError(f"{folder}: is incomplete: {error}") from None
+    node = numbers(points, body.x, f"{folder}: {body_data.name} does not match the mesh of {SOLUTION}")
+    unfit = f"{folder}: {face_data.name} does not match the mesh of {SOLUTION}"
     in_body = numbers(points, corners, unfit)
     rows = np.sort(in_body[facets], axis=1)
     number = local_facets(domain, {"contact": rows})["contact"]
@@ -165,7 +165,7 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
 
 
 def numbers(points: FloatArray, wanted: FloatArray, unfit: str) -> npt.NDArray[np.int64]:
-    """For every wanted point (q, 3) its number among the points (k, 3), to 1e-9 of their extent.
+    """Number of every wanted point (q, 3) among the points (k, 3), matched to 1e-9 of their extent.
 
     Raises:
         ValueError: `unfit`, if one is not among them.
@@ -177,7 +177,7 @@ def numbers(points: FloatArray, wanted: FloatArray, unfit: str) -> npt.NDArray[n
 
 
 def places(points: FloatArray, wanted: FloatArray) -> npt.NDArray[np.int64]:
-    """The same, -1 for a point that is not among them."""
+    """As `numbers`, with -1 for a point that is not among them."""
     if not len(points):
         return np.full(len(wanted), -1)
     distance, number = cKDTree(points).query(wanted)
@@ -186,13 +186,13 @@ def places(points: FloatArray, wanted: FloatArray) -> npt.NDArray[np.int64]:
 
 
 def midpoints(domain: Any) -> FloatArray:
-    """Of the cells of a mesh on one rank, metres, shape (c, 3)."""
+    """Midpoints of the cells of a mesh on one rank, metres, shape (c, 3)."""
     middle: FloatArray = domain.geometry.x[compat.cell_geometry(domain)].mean(axis=1)
     return middle
 
 
 def _sound(summary: dict[str, Any], path: Path) -> None:
-    """What the certificate needs of a summary."""
+    """Check the entries of a summary that the certificate needs."""
     law, compliance, certificate = (summary[key] for key in ("law", "mean_compliance", "certificate"))
     if law not in LAWS:
         raise ValueError(f"{path}: law should be {', '.join(map(repr, LAWS[:-1]))} or {LAWS[-1]!r}, but is {law!r}")
@@ -204,6 +204,6 @@ def _sound(summary: dict[str, Any], path: Path) -> None:
 
 def _fits(path: Path, name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
     if values.shape != shape:
-        raise ValueError(f"{path}: {name} does not fit to the mesh")
+        raise ValueError(f"{path}: {name} does not match the mesh")
     if not np.all(np.isfinite(values)):
         raise ValueError(f"{path}: {name} has entries that are not finite")

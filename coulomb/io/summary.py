@@ -1,4 +1,4 @@
-"""The numbers of an answer: what `summary.json` holds."""
+"""The contents of `summary.json` for one answer."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from ..version import __version__
 from .environment import versions
 from .peak_memory import peak_memory
 
-LOOK_AT_GAP = "look at the foundation's place and normal, and at the unit of the mesh (scale)"
-"""What to do where nothing touches."""
+LOOK_AT_GAP = "check the foundation's position and normal, and the unit of the mesh (scale)"
+"""Advice if no node is in contact."""
 
 
 def node_status(solution: Solution) -> npt.NDArray[np.int64]:
@@ -30,7 +30,7 @@ def node_status(solution: Solution) -> npt.NDArray[np.int64]:
 
 
 def summary(solution: Solution) -> dict[str, Any]:
-    """What `summary.json` holds; collective, the same on every rank."""
+    """Contents of `summary.json`; collective, the same on every rank."""
     problem, result = solution.problem, solution.result
     elasticity, u = problem.elasticity, solution.displacement
     history: Any = result.history
@@ -81,9 +81,9 @@ def derived(
 
     Args:
         at_nodes: The answer at the contact nodes.
-        certificate: What it was judged.
-        displacement: Of this rank's nodes in metres, shape (k, 3).
-        spring_force: Of the springs on the body in newtons, shape (k, 3).
+        certificate: Its certificate.
+        displacement: Displacement of this rank's nodes in metres, shape (k, 3).
+        spring_force: Forces of the springs on the body in newtons, shape (k, 3).
         fixed: Which components are prescribed, shape (k, 3).
     """
     over, numbers = Reductions(at_nodes.comm), at_nodes.numbers()
@@ -116,7 +116,7 @@ def certificate_numbers(certificate: Certificate) -> dict[str, Any]:
 
 
 def remarks(solution: Solution) -> list[str]:
-    """What is to be said of an answer, besides its certificate and its strains; collective."""
+    """Remarks on an answer, besides its certificate and strains; collective."""
     over, problem = Reductions(solution.problem.comm), solution.problem
     if over.max(solution.contact_force[0::3]) > 0.0:
         return []
@@ -125,12 +125,12 @@ def remarks(solution: Solution) -> list[str]:
 
 
 def totals(solution: Solution, part: int | None = None) -> dict[str, Any]:
-    """What the contact does as a whole, or one of its faces: `NodalAnswer.totals`; collective."""
+    """Totals of the contact, or of one of its faces: `NodalAnswer.totals`; collective."""
     return NodalAnswer.of(solution).totals(part)
 
 
 def _materials(problem: ContactProblem) -> list[dict[str, Any]]:
-    """The material of every group of cells; of the whole body, without a group."""
+    """The material of every group of cells, or of the whole body."""
     given = problem.elasticity.materials
     groups = [(None, given)] if isinstance(given, Material) else list(given.items())
     return [{"cells": name, "young": material.young, "poisson": material.poisson} for name, material in groups]

@@ -1,1 +1,1 @@
-"""The files of a run checked again, from themselves alone: `coulomb check`."""
+"""Recheck of the files of a run, from the files alone: `coulomb check`."""

@@ -1,7 +1,8 @@
-"""What a case says of the files of a run: law and coefficient, materials, clamps, springs, loads, faces, foundations.
+"""Input data in the files of a run as the case defines them: law, coefficients, materials, supports, loads,
+foundations.
 
-Made from the tables of case.json and the mesh that they name, on one rank; the surface, the frames and the matrices
-that the solver works with take no part.
+Computed from the tables of case.json and the mesh to which they refer, on one rank, without the surface, the frames and
+the matrices that the solver uses.
 """
 
 from __future__ import annotations
@@ -32,13 +33,13 @@ _SOURCE = "the case"
 
 
 class CaseReference:
-    """A case, asked what a run of it must have written.
+    """The input data that a run of a case must have written.
 
     Args:
         settings: The case.
 
     Attributes:
-        settings: As given.
+        settings: The case.
         contacts: Its contact faces.
         absent: Mesh files that are no longer there: then the body and what acts on it cannot be compared.
     """
@@ -53,10 +54,10 @@ class CaseReference:
 
     @staticmethod
     def of(folder: Path) -> CaseReference | None:
-        """That of a directory with case.json; None where there is none, as after a run from Python.
+        """Reference of a directory with case.json; None without one, as after a run from Python.
 
         Raises:
-            ValueError: If it cannot be read or is no case.
+            ValueError: If it cannot be read or is not a case.
         """
         return CaseReference(written_case(folder)) if RunDirectory(folder).case.exists() else None
 
@@ -65,10 +66,10 @@ class CaseReference:
         return self.settings.body(MPI.COMM_SELF)
 
     def body(self, time: float) -> LoadedBody:
-        """The body with what acts on it at a time.
+        """The body with loads and supports at a time.
 
         Raises:
-            ValueError: If the parts of the case do not fit together.
+            ValueError: If the parts of the case are inconsistent.
         """
         return self._body.at(time)
 
@@ -81,7 +82,7 @@ class CaseReference:
         return self.contacts[part].law(x, area, MPI.COMM_SELF)
 
     def foundation(self, part: int, x: FloatArray, area: FloatArray, outward: FloatArray) -> RigidFoundation:
-        """That of a face before any motion; of a face without one, its own plane.
+        """Foundation of a face before any motion; by default the plane of the face.
 
         Args:
             part: Number of the face.
@@ -99,14 +100,14 @@ class CaseReference:
         return self._foundations[part]
 
     def foundations(self, time: float) -> list[RigidFoundation]:
-        """Those of all faces that `foundation` was asked for, where they are at a time."""
+        """Foundations of all faces for which `foundation` was called, moved to a time."""
         motion = self.motion(time)
         return [Moved(f, motion[k]) if np.any(motion[k]) else f for k, f in sorted(self._foundations.items())]
 
     def geometry(
         self, part: int, time: float, x: FloatArray, area: FloatArray, outward: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Normals into the foundation (k, 3) and gaps (k,) in metres of all nodes of a face, as `foundation` has them.
+        """Normals into the foundation (k, 3) and gaps (k,) in metres of all nodes of a face, for its `foundation`.
 
         Raises:
             ValueError: If the foundation has no distance or normal at a node.
@@ -123,7 +124,7 @@ class CaseReference:
         """Compare mesh, materials, clamps, springs, loads and contact faces.
 
         Returns:
-            Number of the contact face of each of the run's facets; None if the mesh is another one.
+            Number of the contact face of each of the run's facets; None if the mesh differs.
         """
         try:
             body = self.body(time)
@@ -145,7 +146,7 @@ class CaseReference:
         return self._faces_of_facets(run, body, found)
 
     def compare_numbers(self, run: WrittenRun, found: Comparison) -> None:
-        """Compare what summary.json repeats of the case: names of faces, materials."""
+        """Compare the input data in summary.json: names of faces, materials."""
         given = self.settings.materials()
         groups = [(None, given)] if isinstance(given, Material) else list(given.items())
         expected = {

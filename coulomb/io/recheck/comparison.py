@@ -1,9 +1,9 @@
-"""Written numbers against those that follow from others: what differs by more than rounding, in words.
+"""Comparison of written with recomputed numbers: messages for differences beyond rounding.
 
-A number may differ by 1e-9 of itself, so that a factor of 1 + 1e-6 is seen in each entry, however many there are; and
-by what rounding makes of it.  That is measured, not guessed: everything is computed once more from data that are
-rounded otherwise (`Rounding`), and differences of that size are none.  So where large numbers cancel (the force balance
-of a body, the strain of one that moves far) the tolerance is as large as it must be and no larger.
+A number may differ by 1e-9 of itself, so that a factor of 1 + 1e-6 is detected in every entry, and by the effect of
+rounding.  This effect is measured: everything is recomputed from perturbed data (`Rounding`), and differences of that
+size are accepted.  So the tolerance is only as large as necessary where large numbers cancel (the force balance of a
+body, the strain of a body with a large displacement).
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ import numpy.typing as npt
 from ...arrays import FloatArray
 
 RELATIVE = 1e-9
-"""How far a number may be from what follows, over itself: files hold 16 digits, and sums lose a few."""
+"""Relative tolerance of a recomputed number: files hold 16 digits, of which sums lose a few."""
 
 _OF_ITSELF, OF_LARGEST = 1e-13, 1e-14
 
 
 class Rounding:
-    """Data rounded otherwise: each entry changed by up to 1e-13 of itself and a part of the largest, 1e-14 or more.
+    """Perturbation of data: each entry is changed by up to 1e-13 of itself and a part of the largest, 1e-14 or more.
 
-    That is a hundred times and more what rounding does: of several such changes chance makes none as small as that.
+    This is at least a hundred times the rounding error, so that the effect of rounding is not underestimated by chance.
 
     Args:
-        seed: Of the changes: two that are the same would cancel in a difference.
-        of_largest: The part of the largest.
+        seed: Seed of the changes: equal ones would cancel in a difference.
+        of_largest: The part of the largest entry.
     """
 
     def __init__(self, seed: Sequence[int], of_largest: float = OF_LARGEST):
         self._random, self._of_largest = np.random.default_rng(seed), of_largest
 
     def of(self, values: FloatArray, scale: float = 0.0) -> FloatArray:
-        """The same numbers, rounded otherwise; `scale` is the largest number that they were made from."""
+        """Perturbed numbers; `scale` is the largest number that they were computed from."""
         size = np.abs(values)
         by: FloatArray = self._random.uniform(-1.0, 1.0, values.shape)
         by *= _OF_ITSELF * size + self._of_largest * np.max(size, initial=scale)
@@ -44,10 +44,10 @@ class Rounding:
 
 
 class Comparison:
-    """Collects what does not follow.
+    """Collects differences.
 
     Args:
-        of_largest: A difference that is none in any field, over the largest entry of the field.
+        of_largest: Accepted difference in any field, relative to its largest entry.
 
     Attributes:
         faults: One line each.
@@ -58,7 +58,7 @@ class Comparison:
         self._of_largest = of_largest
 
     def fault(self, text: str) -> None:
-        """Something is wrong."""
+        """Add a fault."""
         self.faults.append(text)
 
     def field(
@@ -76,11 +76,11 @@ class Comparison:
         Args:
             what: Its file and name.
             written: Its values, shape (k,) or (k, 3).
-            expected: What they must be.
+            expected: The recomputed values.
             x: The points, shape (k, 3).
-            source: What that follows from, as in "follows from ...".
-            others: What they would be with the data rounded otherwise.
-            floor: A difference that is none, besides.
+            source: What they follow from, as in "follows from ...".
+            others: The values recomputed from perturbed data.
+            floor: Additional accepted difference.
 
         Returns:
             Whether they agree.
@@ -104,13 +104,13 @@ class Comparison:
     def tree(
         self, what: str, written: Any, expected: Any, others: Sequence[Any] = (), source: str = "the fields"
     ) -> None:
-        """Compare entries of JSON: all that is expected must be there, and agree; numbers to rounding, others exactly.
+        """Compare JSON entries: all expected ones must exist and agree; numbers up to rounding, others exactly.
 
         Args:
             what: File and key.
-            written: What is there.
-            expected: What must be.
-            others: What that would be with the data rounded otherwise.
+            written: The entries in the file.
+            expected: The recomputed entries.
+            others: The entries recomputed from perturbed data.
             source: What it follows from.
         """
         if isinstance(expected, Mapping) and isinstance(written, Mapping):
@@ -143,7 +143,7 @@ def _is_float(value: Any) -> bool:
 
 
 def _at(tree: Any, key: Any) -> Any:
-    """An entry of another tree, None where it has none."""
+    """An entry of another tree, None if it has none."""
     try:
         return tree[key]
     except (KeyError, IndexError, TypeError):

@@ -1,7 +1,7 @@
-"""The nodes of a contact face as files have them: which are judged, with which normal, gap, area and law.
+"""The nodes of a contact face in the files: those to check, with normal, gap, area and law.
 
-All nodes of the written facets are judged but those whose displacement along the normal is prescribed, by the data of
-solution.h5: what contact.h5 says of a node is not believed.
+All nodes of the written facets are checked, except those whose displacement along the normal is prescribed according to
+solution.h5; the status in contact.h5 is not used.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .case_reference import CaseReference
 from .comparison import Comparison
 
 _LAW = ("friction", "cohesion")
-"""Fields of contact.xdmf that say the law of friction."""
+"""Fields of contact.xdmf with the law of friction."""
 
 _NEARLY_HELD = 0.9
-"""Without a case, the normal of a node that is said to be held is that of its facets: only near the foundation's."""
+"""Without a case, the normal of a held node is that of its facets, which is only near the foundation's."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class FaceNodes:
         area: In m^2, shape (m,).
         friction: Coefficient of friction, shape (m,).
         cohesion: In pascals, shape (m,).
-        origin: Displacement from which slip counts, shape (m, 3).
+        origin: Displacement from which slip is measured, shape (m, 3).
     """
 
     index: npt.NDArray[np.int64]
@@ -56,19 +56,19 @@ class FaceNodes:
     origin: FloatArray
 
     def only(self, which: npt.NDArray[np.bool_]) -> FaceNodes:
-        """Some of them."""
+        """A subset of the nodes."""
         return FaceNodes(**{name: values[which] for name, values in vars(self).items()})
 
     def from_origin(self, origin: FloatArray) -> FaceNodes:
-        """The same, their slip counted from elsewhere, shape (m, 3)."""
+        """The same nodes with another slip origin, shape (m, 3)."""
         return replace(self, origin=origin)
 
     def answer(self, run: WrittenRun, displacement: FloatArray, on_body: FloatArray, x: FloatArray) -> NodalAnswer:
-        """The answer there.
+        """The answer at the nodes.
 
         Args:
             run: The files.
-            displacement: Of the nodes of the body in metres, shape (k, 3).
+            displacement: Displacement of the nodes of the body in metres, shape (k, 3).
             on_body: Contact forces on the body at the nodes of the written face in newtons, shape (q, 3).
             x: Coordinates of these, shape (q, 3).
         """
@@ -90,7 +90,7 @@ class FaceNodes:
 
 
 def face_names(run: WrittenRun) -> list[str]:
-    """Names of the contact faces, as summary.json has them.
+    """Names of the contact faces in summary.json.
 
     Raises:
         ValueError: If it has none.
@@ -111,14 +111,14 @@ def face_nodes(
     facet_part: npt.NDArray[np.int64] | None,
     found: Comparison,
 ) -> FaceNodes:
-    """The nodes to be judged; what is written of them is compared with the case and the facets.
+    """The nodes to check; their written data are compared with the case and the facets.
 
     Args:
         run: The files.
-        case: The case, where there is one.
+        case: The case, if there is one.
         time: The time of the run.
-        facet_part: Number of the face of each written facet, where the case says it.
-        found: Where to report.
+        facet_part: Number of the face of each written facet, if there is a case.
+        found: Collects the differences.
 
     Raises:
         ValueError: If no node is left.
@@ -134,7 +134,7 @@ def face_nodes(
     if np.any(stray):
         _report(found, run, stray, "are written as contact nodes, but are prescribed along their normal, or on no face")
     if not np.any(judged.written):
-        raise ValueError(f"{run.folder}: contact.h5 has no contact node that could be judged")
+        raise ValueError(f"{run.folder}: contact.h5 has no contact node to check")
     return judged
 
 
@@ -147,7 +147,7 @@ def _face(
     said: npt.NDArray[np.bool_],
     found: Comparison,
 ) -> FaceNodes:
-    """Those of one face."""
+    """The nodes of one face."""
     area, outward = (of(run.number[facets])[run.node] for of in (run.body.area_of, run.body.normal_of))
     on = area > 0.0
     index = np.flatnonzero(on)
@@ -194,7 +194,8 @@ def _face(
 
 
 def _parts(run: WrittenRun, count: int, said: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """The face of every written facet: that of its contact nodes; of two, the one it is more parallel to."""
+    """The face of every written facet: that of its contact nodes; if they are on two, the one to which the facet is
+    more parallel."""
     best = np.full(len(run.facets), -np.inf)
     part: npt.NDArray[np.int64] = np.zeros(len(run.facets), dtype=np.int64)
     x = run.on_face["x"][run.facets]

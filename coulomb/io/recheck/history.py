@@ -1,8 +1,8 @@
-"""The files of a load history: each step judged against the step before as it is written, and what is said of them all.
+"""Recheck of a load history: each step relative to the written step before, and the files of the whole history.
 
-Slip counts from where the step before has left each node, carried along with the foundation: both are taken from there
-and from the case, not from what the step says of itself.  Energies are added up again; history.csv, summary.json and
-the time series must follow from the steps.
+Slip is measured from the displacement after the step before plus the foundation's displacement: both are taken from
+that step and from the case, not from the records of the step itself.  Energies are summed again; history.csv,
+summary.json and the time series must follow from the steps.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ _SERIAL = Reductions(MPI.COMM_SELF)
 
 @dataclass(frozen=True)
 class HistoryFindings:
-    """What was found in the directory of a load history.
+    """Result of the check of a load history.
 
     Attributes:
-        steps: Of its steps.
-        faults: What does not follow from the steps, a line each.
-        trusted: What could be compared with nothing, or is not there, a line each.
+        steps: Results of its steps.
+        faults: Data that do not follow from the steps, a line each.
+        trusted: Data that could not be compared or are missing, a line each.
     """
 
     steps: tuple[StepFindings, ...]
@@ -47,7 +47,7 @@ class HistoryFindings:
 
     @property
     def passed(self) -> bool:
-        """Whether all steps are certified, and all follows."""
+        """Whether all steps are certified and all data agree."""
         return all(step.passed for step in self.steps) and not self.faults
 
     @property
@@ -57,7 +57,7 @@ class HistoryFindings:
 
     @property
     def ending(self) -> str:
-        """What is said once all steps have been."""
+        """The lines after those of the steps."""
         good = sum(step.passed for step in self.steps)
         before = f"recorded by the run: certificates {'had passed' if self.recorded else 'had FAILED'}"
         besides = ", but the files of the whole FAILED" if self.faults else ""
@@ -70,15 +70,15 @@ class HistoryFindings:
 
 @dataclass(frozen=True)
 class StepFindings:
-    """What was found in the files of a load step.
+    """Result of the check of a load step.
 
     Attributes:
-        number: Of the step.
-        time: Its end.
-        passed: Whether its certificate passes, and all follows.
+        number: Number of the step.
+        time: End of the step.
+        passed: Whether its certificate passes and all data agree.
         recorded: Whether the run itself recorded that its certificate had passed.
-        faults: What does not follow, a line each.
-        details: What is said where it has not passed.
+        faults: Data that do not agree, a line each.
+        details: Lines to print if it has not passed.
     """
 
     number: int
@@ -94,7 +94,7 @@ class StepFindings:
 
 
 def check_step(folder: Path) -> Findings:
-    """Check one load step where it stands, against the step before it.
+    """Check one load step in its history, relative to the step before.
 
     Raises:
         ValueError: As `check_run`; also if the step before is not there.
@@ -113,11 +113,11 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
     """Check a load history, step by step.
 
     Args:
-        folder: Of the history.
-        say: Called with what was found of a step, as soon as it was.
+        folder: Directory of the history.
+        say: Called with the result of each step.
 
     Raises:
-        ValueError: If a step is missing, or its files cannot be read or do not fit to the others.
+        ValueError: If a step is missing, or its files cannot be read or do not match the others.
     """
     case, files = CaseReference.of(folder), RunDirectory(folder)
     complete, trusted = _complete(files)
@@ -144,7 +144,7 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
 
 
 def _complete(files: RunDirectory) -> tuple[int, list[str]]:
-    """How many steps there are; and that the last was being written when the run ended.
+    """Number of complete steps, and messages on an incomplete last one.
 
     Raises:
         ValueError: If there is none, or one is missing.
@@ -155,17 +155,17 @@ def _complete(files: RunDirectory) -> tuple[int, list[str]]:
         raise ValueError(f"{files.step(1).path.parent}: holds no load step")
     for expected, number in enumerate(complete, start=1):
         if number != expected:
-            raise ValueError(f"{files.step(expected).path}: is not whole or missing, but there is a step {number:04d}")
-    unfinished = [f"{files.step(number).path}: is not whole, and not looked at" for number in begun[len(complete) :]]
+            raise ValueError(f"{files.step(expected).path}: is incomplete or missing, but there is a step {number:04d}")
+    unfinished = [f"{files.step(number).path}: is incomplete and was not checked" for number in begun[len(complete) :]]
     return len(complete), unfinished
 
 
 class _Chain:
-    """What a step leaves to the next, and what its records must be.
+    """Data passed from step to step, and the expected records.
 
     Attributes:
         run: The last step; None before the first.
-        start: Where the next begins.
+        start: Start of the next step.
     """
 
     def __init__(self, case: CaseReference | None) -> None:
@@ -191,7 +191,7 @@ class _Chain:
         self.run, self._last, self.start = run, findings, Start(time, run)
 
     def _record(self, findings: Findings, at: Moment, variant: int) -> dict[str, Any]:
-        """What summary.json of the step keeps of the history."""
+        """Data of the history in summary.json of the step."""
         summary, derived = findings.run.summary, findings.variants[variant].numbers
         try:
             steps, residual = summary["iterations"]["path_following"], summary["residual"]
@@ -227,7 +227,7 @@ class _Chain:
         return Forces(at.displacement[order], at.load[order], at.kept[order], at.on_body[order])
 
     def _load_at_start(self, run: WrittenRun) -> FloatArray | None:
-        """The load at time 0 at the nodes of a run, shape (k, 3); None where no case says it."""
+        """The load at time 0 at the nodes of a run, shape (k, 3); None without a case."""
         if self.case is None or self.case.absent:
             return None
         body = self.case.body(0.0)
@@ -243,7 +243,7 @@ def _recorded_energy(run: WrittenRun) -> Energy:
 
 
 def _check_gaps(before: Findings, now: Findings, found: Comparison) -> None:
-    """Where a foundation is a plane, its way in the step shows in the gaps."""
+    """Compare the displacement of a plane foundation in the step with the change of the gaps."""
     same = places(before.run.on_face["x"][before.nodes.index], now.run.on_face["x"][now.nodes.index])
     for part in range(len(now.moved)):
         here = (now.nodes.part == part) & (same >= 0)
@@ -255,12 +255,12 @@ def _check_gaps(before: Findings, now: Findings, found: Comparison) -> None:
         floor = 1e-13 * float(np.max(np.abs(now.run.points)))
         expected = then.gap + n @ now.moved[part]
         x = now.run.on_face["x"][now.nodes.index[here]]
-        source = "the step before, and the way of the foundation in slip_origin"
+        source = "the step before, and the foundation's displacement in slip_origin"
         found.field("contact.xdmf: initial_gap", now.nodes.gap[here], expected, x, source, floor=floor)
 
 
 def _check_times(case: CaseReference | None, told: Sequence[dict[str, Any]], found: Comparison) -> list[str]:
-    """The steps end where they should; what is still to be done, in words."""
+    """Check the last time; returns messages on steps still to be taken."""
     history = case.settings.history if case is not None else None
     if case is not None and history is None:
         found.fault("case.json: has no [history], but there are load steps")
@@ -284,7 +284,7 @@ def _check_times(case: CaseReference | None, told: Sequence[dict[str, Any]], fou
 
 
 def _check_series(files: RunDirectory, told: Sequence[dict[str, Any]], found: Comparison) -> None:
-    """history.csv, summary.json and the time series are those of the steps."""
+    """Compare history.csv, summary.json and the time series with the steps."""
     rows = [summary["step"]["row"] for summary in told]
     lines = files.read_history()
     if len(lines) != len(rows):
@@ -309,7 +309,7 @@ def _check_series(files: RunDirectory, told: Sequence[dict[str, Any]], found: Co
 
 
 def _parsed(text: str | None) -> Any:
-    """A number or truth of a csv file; a number that is none is null, as in JSON."""
+    """A number or boolean of a csv file; nan and inf are None, as in JSON."""
     if text in ("True", "False"):
         return text == "True"
     try:

@@ -1,4 +1,5 @@
-"""What follows from displacement and contact forces in the files of a run: fields, numbers, certificate, strains."""
+"""Data that follow from displacement and contact forces in the files of a run: fields, numbers, certificate,
+strains."""
 
 from __future__ import annotations
 
@@ -22,20 +23,20 @@ from .comparison import Rounding
 from .face_nodes import FaceNodes
 
 _FOLLOW = ("pressure", "friction_traction", "slip", "gap", "status", "friction_use", "coefficient")
-"""Fields of contact.xdmf that follow from displacement and contact forces; the others are what was given."""
+"""Fields of contact.xdmf that follow from displacement and contact forces; the others are input data."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """What follows from displacement and contact forces, as they are written or rounded otherwise.
+    """Data recomputed from displacement and contact forces, as written or perturbed.
 
     Attributes:
         at: Displacement and forces at the nodes of the body.
-        fields: Of the written contact nodes.
+        fields: Fields of the written contact nodes.
         stress: Von Mises stress of the cells in pascals.
         numbers: Entries of summary.json.
-        certificate: Of all nodes of the contact face.
-        outside: Why the answer is outside the theory of small strains, in words, unless that was accepted.
+        certificate: Certificate with all nodes of the contact face.
+        outside: Violations of the theory of small strains, unless they were accepted.
     """
 
     at: Forces
@@ -52,7 +53,7 @@ def recomputed(
     foundations: list[RigidFoundation] | None,
     rounding: Rounding | None,
 ) -> Variant:
-    """What follows from the written numbers, or from these rounded otherwise; None for foundations nobody knows."""
+    """Data recomputed from the written or perturbed numbers; `foundations` is None if they are unknown."""
 
     def taken(values: FloatArray, scale: float = 0.0) -> FloatArray:
         return values if rounding is None else rounding.of(values, scale)
@@ -106,10 +107,10 @@ def recomputed(
 
 
 def _recorded_strain(run: WrittenRun) -> tuple[bool, dict[str, float]]:
-    """Whether small_strain was accepted beyond its limits, and its measures; null is not a number.
+    """Whether small_strain was accepted beyond its limits, and its measures; null becomes nan.
 
     Raises:
-        ValueError: If summary.json does not say.
+        ValueError: If summary.json lacks them.
     """
     told = run.summary.get("small_strain")
     try:

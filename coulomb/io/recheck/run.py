@@ -1,4 +1,4 @@
-"""The files of one run, or of one load step: certified, and compared with what follows from them and from the case."""
+"""Recheck of one run or load step: certificate, and comparison of all files with recomputed data and the case."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from .face_nodes import FaceNodes, face_nodes
 from .recomputed import Variant, recomputed
 
 SLIP_BOUND_LIMIT = 1e-6
-"""How far the g of successive Tresca's last problem may be from the law's at its forces, over that, and ten times the
-natural residual besides; that of other solvers is the law's."""
+"""Accepted relative difference between g of the last Tresca problem and the law at its forces, plus ten times the
+natural residual; for other solvers g is that of the law."""
 
 _SEEDS = (1, 2, 3)
-"""Of the roundings that are tried: that a sum is changed by less than a hundredth in all has a chance of 1e-6."""
+"""Seeds of the perturbations: the probability that all change a sum by less than a hundredth of their size is 1e-6."""
 
 _MOST = 12
-"""Faults that are listed: one wrong number makes many others wrong."""
+"""Maximum number of faults listed; one wrong number causes many."""
 
 _SOURCE = "displacement and contact forces"
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where a load step begins.
+    """Start of a load step.
 
     Attributes:
-        time: When.
+        time: Its time.
         run: The step before; None before the first: a body without displacement.
     """
 
@@ -44,7 +44,7 @@ class Start:
     run: WrittenRun | None
 
     def at(self, run: WrittenRun, name: str = "displacement") -> FloatArray:
-        """Vectors of the step before at the nodes of this one's body, shape (k, 3).
+        """Vectors of the step before at the nodes of this step's body, shape (k, 3).
 
         Raises:
             ValueError: If it has another mesh.
@@ -59,17 +59,17 @@ class Start:
 
 @dataclass(frozen=True)
 class Findings:
-    """What was found in the files of a run, or of a load step.
+    """Result of the check of a run or a load step.
 
     Attributes:
-        certificate: Of displacement and contact forces.
-        faults: What does not follow from them or from the case, a line each.
-        trusted: What could be compared with nothing, a line each.
+        certificate: Certificate of displacement and contact forces.
+        faults: Data that do not follow from them or from the case, a line each.
+        trusted: Data that could not be compared, a line each.
         recorded: Whether the run itself recorded that its certificate had passed.
-        run: What was read.
-        moved: Way of the foundations in the load step in metres, shape (faces, 3).
-        nodes: Those that are written as contact nodes.
-        variants: What follows from the numbers as they are, and rounded otherwise.
+        run: The files.
+        moved: Displacement of the foundations in the load step in metres, shape (faces, 3).
+        nodes: The nodes that are written as contact nodes.
+        variants: Data recomputed from the numbers as written, and perturbed.
     """
 
     certificate: Certificate
@@ -83,22 +83,22 @@ class Findings:
 
     @property
     def passed(self) -> bool:
-        """Whether the certificate passes, the answer is inside the theory, and all follows."""
+        """Whether the certificate passes, the answer is inside the theory, and all data agree."""
         return self.certificate.passed and not self.outside and not self.faults
 
     @property
     def outside(self) -> tuple[str, ...]:
-        """Why the answer is outside the theory of small strains, in words, unless that was accepted."""
+        """Violations of the theory of small strains, unless they were accepted."""
         return self.variants[0].outside
 
     @property
     def verdict(self) -> list[str]:
-        """What is said of fields and numbers, in lines."""
+        """Lines about fields and numbers."""
         return verdict(self.faults)
 
     @property
     def ending(self) -> str:
-        """All that is said."""
+        """All lines."""
         return str(self)
 
     def __str__(self) -> str:
@@ -108,7 +108,7 @@ class Findings:
 
 
 def verdict(faults: tuple[str, ...]) -> list[str]:
-    """What is said of fields and numbers that were compared, in lines."""
+    """Lines about the comparison of fields and numbers."""
     if not faults:
         return ["files agree: every field and number that can be computed again"]
     more = [f"  and {len(faults) - _MOST} more"] if len(faults) > _MOST else []
@@ -121,27 +121,27 @@ def check_run(
     """Check the files of a single run, or of a load step.
 
     Args:
-        folder: With solution.xdmf, contact.xdmf, their .h5 files, and summary.json.
-        case: What was run, if that is known.
-        like: Another run, whose mesh is taken if it is the same.
-        start: Where a load step begins; without it the slip origin of a step is taken as it is written.
+        folder: Directory with solution.xdmf, contact.xdmf, their .h5 files, and summary.json.
+        case: The case, if there is one.
+        like: Another run, whose mesh is reused if it is identical.
+        start: Start of the load step; without it the slip origin is taken as written.
 
     Raises:
-        ValueError: If a file is missing, cannot be read, or does not fit to the others.
+        ValueError: If a file is missing, cannot be read, or does not match the others.
     """
     run = read_run(folder, like)
     found = Comparison(run.evaluation)
     step, time = step_of(run) if "step" in run.summary else (0, 0.0)
     trusted, part = [], None
     if case is None:
-        trusted.append("taken as written, without a case.json: materials, friction, normals, gaps, loads, clamps")
+        trusted.append("taken as written, without a case.json: materials, friction, normals, gaps, loads, supports")
     else:
         if case.settings.history is not None and "step" not in run.summary:
             found.fault("case.json: has a [history], but these are the results of a single run")
         case.compare_numbers(run, found)
         if case.absent:
             absent = ", ".join(case.absent)
-            trusted.append(f"taken as written, since {absent} is not there: mesh, material, loads, clamps, springs")
+            trusted.append(f"taken as written, since {absent} is not there: mesh, material, loads, supports, springs")
         else:
             part = case.compare_body(run, time, found)
     nodes = face_nodes(run, case, time, part, found)
@@ -183,7 +183,7 @@ def _from_origin(
     start: Start | None,
     found: Comparison,
 ) -> tuple[FaceNodes, FloatArray, list[str]]:
-    """The nodes with the place from which their slip counts, the way of the foundations, and what is not known."""
+    """The nodes with their slip origin, the displacement of the foundations, and what is unknown."""
     count = int(np.max(nodes.part)) + 1
     moved: FloatArray = np.zeros((count, 3))
     x = run.on_face["x"]
@@ -197,11 +197,13 @@ def _from_origin(
         if case is not None:
             moved = case.motion(time) - case.motion(start.time)
         else:
-            say = ["taken as written, without a case.json: the way of the foundation, the same at all nodes of a face"]
+            say = [
+                "taken as written, without a case.json: the foundation's displacement, the same at all nodes of a face"
+            ]
             for part in range(count):
                 here = nodes.written & (nodes.part == part)
                 moved[part] = np.mean((nodes.origin - before)[here], axis=0) if np.any(here) else 0.0
-        origin, source = before + moved[nodes.part], "the step before, and the way of the foundation"
+        origin, source = before + moved[nodes.part], "the step before, and the foundation's displacement"
         here = nodes.written
         floor = run.evaluation * float(np.max(np.abs(before), initial=0.0))
         where = x[nodes.index[here]]
@@ -213,7 +215,7 @@ def _from_origin(
 
 
 def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], found: Comparison) -> None:
-    """Compare all that follows from displacement and contact forces with what is written."""
+    """Compare all data that follow from displacement and contact forces with the files."""
     first, *others = variants
     at, x = nodes.index, run.on_face["x"]
     found.field("contact.xdmf: status", run.on_face["status"], np.round(run.on_face["status"]), x, "whole numbers")
@@ -223,10 +225,10 @@ def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], f
             limit = SLIP_BOUND_LIMIT + 10.0 * first.certificate["natural residual"].value
             off = float(np.linalg.norm(run.on_face["slip_bound"][at] - expected))
             if not off <= limit * float(np.linalg.norm(expected)):
-                found.fault(f"contact.xdmf: slip_bound: is off the law's at the contact forces by {off:.3g} N")
+                found.fault(f"contact.xdmf: slip_bound: differs from the law at the contact forces by {off:.3g} N")
             continue
         rounded = [other.fields[name] for other in others]
-        if name == "status":  # a rounding error is no excuse
+        if name == "status":  # exact: rounding errors are not accepted
             rounded = []
         found.field(f"contact.xdmf: {name}", run.on_face[name][at], expected, x[at], _SOURCE, rounded)
     none = ~run.touching
@@ -246,7 +248,7 @@ def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], f
 
 
 def _compare_materials(run: WrittenRun, found: Comparison) -> None:
-    """Every cell has a material that summary.json names, and every one of these is in a cell."""
+    """Check that the materials in summary.json are those of the cells."""
     told = run.summary.get("material")
     try:
         listed = np.array([[float(entry["young"]), float(entry["poisson"])] for entry in told or []]).reshape(-1, 2)

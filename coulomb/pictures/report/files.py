@@ -36,7 +36,7 @@ class Step:
         """The grid of "contact" or "solution".
 
         Raises:
-            ValueError: If the file is needed, and is missing or not whole.
+            ValueError: If the file is needed, and is missing or incomplete.
         """
         path = RunDirectory(self.directory).fields(file)
         try:
