@@ -136,7 +136,7 @@ def test_without_flock_a_living_process_holds_it(tmp_path):
             with pytest.raises(InUseError, match=f"in use by process {other.pid} "):
                 ask()
         (tmp_path / LOCK).write_text("")  # made, and not yet written
-        with pytest.raises(InUseError, match="a run that has just begun; if that run is known to have ended, remove"):
+        with pytest.raises(InUseError, match="a run that has just started; if that run is known to have ended, remove"):
             refuse_in_use(tmp_path, comm)
 
 

@@ -96,7 +96,7 @@ def test_an_edited_case_is_refused_by_name(copy, tables, named):
     edit(copy, **tables)
     said = refused(copy)
     assert "the case is no longer the one that its 1 load steps were computed from: " in said and named in said
-    assert "put that back (case.json), or run the changed case in another directory" in said
+    assert "undo the changes (case.json), or run the changed case in another directory" in said
 
 
 def test_an_edited_mesh_is_refused(copy):
@@ -120,7 +120,7 @@ def test_steps_that_do_not_say_are_refused(copy):
     del told["step"]["case"]
     step.write_text(json.dumps(told))
     edit(copy)
-    assert "does not say from which case it was computed" in refused(copy)
+    assert "has no record of the case it was computed from" in refused(copy)
 
 
 def test_the_command(copy):

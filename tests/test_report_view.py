@@ -344,5 +344,5 @@ PHONE = """
 @needs_chromium
 def test_console_of_a_broken_page_is_seen(block, tmp_path):
     """The tests above can fail."""
-    _, console = open_page(page_of(block).replace("const told = JSON", "const told = JASON"), tmp_path, "")
+    _, console = open_page(page_of(block).replace("const data = JSON", "const data = JASON"), tmp_path, "")
     assert any("JASON" in line for line in console)

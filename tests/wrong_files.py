@@ -255,7 +255,7 @@ COMMANDS = (
         "resume with another mesh",
         ("resume", "results"),
         r"results: the case is no longer the one that its 2 load steps were computed from: mesh\.cells\.0 is 4, was 3; "
-        r"put that back \(case\.json\), or run the changed case in another directory",
+        r"undo the changes \(case\.json\), or run the changed case in another directory",
         ran(*STEPS[1::2], then=edit_written_case),
     ),
     Wrong(
@@ -320,7 +320,7 @@ COMMANDS = (
     Wrong(
         "export of Tresca friction",
         ("export", "case.toml", "out.hdf5", "--set", "contact={face='bottom',slip_stress=1e6}"),
-        r"FCLIB's problems have Coulomb friction; this case has a slip stress",
+        r"FCLIB's problems have Coulomb's law; this case has a cohesion or a slip stress",
         alone=True,
     ),
     Wrong("new where a file is", ("new", "block", "case.toml"), r"case\.toml: exists already; --force replaces it"),

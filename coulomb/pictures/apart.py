@@ -1,7 +1,7 @@
-"""Runs a drawing module in a process of its own: a renderer may take its process down, and must not start MPI.
+"""Runs a drawing module in a separate process: a renderer may crash, and must not start MPI.
 
-As a script, `python apart.py coulomb.pictures.report ...`, it runs the module without the package's `__init__`: the
-modules it serves know neither DOLFINx nor MPI.
+As a script, `python apart.py coulomb.pictures.report ...`, it runs the module without the package's `__init__`; such
+modules import neither DOLFINx nor MPI.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ PACKAGES = {
     "vtk": "vtk",
     "vtkmodules": "vtk",
 }
-"""What only pictures need (the extra `pictures` of pyproject.toml): modules, and the packages that hold them."""
+"""Modules that only pictures need, and their packages (the extra `pictures` of pyproject.toml)."""
 
 LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "HYDRA_", "SLURM_")
-"""Variables by which MPI's launcher speaks to its processes; this one is none of them."""
+"""Variables that MPI's launcher sets for its processes; the drawing process is not one of them."""
 
 
 _LINUX_DIE_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
 
 
 class Apart:
-    """`python -m module arguments` in a process of its own, from now on.
+    """`python -m module arguments` in a separate process, started at once.
 
-    In a session of its own, so that a Ctrl-C is the caller's, who may want what is being drawn.
+    In a separate session, so that only the caller receives Ctrl-C and can let the drawing finish.
 
     Args:
         module: Full name, for example "coulomb.pictures.report".
-        arguments: Of its command line.
+        arguments: Its command line.
     """
 
     def __init__(self, module: str, arguments: Sequence[str]):
@@ -52,7 +52,9 @@ class Apart:
         command = [sys.executable, str(Path(__file__).resolve()), module, *arguments]
         self._process: subprocess.Popen[str] | None = None
         self._fault = ""
-        self._line, its_end = socket.socketpair()  # a pipe that it has closed would end us, by PETSc's hand, as SIGPIPE
+        self._line, its_end = (
+            socket.socketpair()
+        )  # writing to a pipe that it has closed would end this process by SIGPIPE, due to PETSc
         try:
             self._process = subprocess.Popen(
                 command,
@@ -68,25 +70,25 @@ class Apart:
         its_end.close()
 
     def finish(
-        self, told: str = "", seconds: float | None = 600.0, stop: Callable[[], bool] = lambda: False
+        self, line: str = "", seconds: float | None = 600.0, stop: Callable[[], bool] = lambda: False
     ) -> tuple[int, str]:
-        """Wait for its end.
+        """Wait for it to end.
 
         Args:
-            told: For its standard input.
-            seconds: When to give it up; None to wait, as for a window.
-            stop: Asked now and then whether to give it up at once.
+            line: Text for its standard input.
+            seconds: Time limit; None to wait without limit, as for a window.
+            stop: Called repeatedly; a true result ends the process.
 
         Returns:
-            Its exit code, and what it said: its standard output if the code is 0, else its last line of error.
+            Its exit code, and its standard output if the code is 0, else its last line of standard error.
         """
         process = self._process
         if process is None or process.returncode is not None:
             return 1, self._fault or "the renderer was stopped"
         until = math.inf if seconds is None else time.monotonic() + seconds
         try:
-            with self._line, contextlib.suppress(OSError):  # it may have ended already: its own words say why
-                self._line.sendall(told.encode(), socket.MSG_NOSIGNAL)
+            with self._line, contextlib.suppress(OSError):  # it may have ended already: its error output has the reason
+                self._line.sendall(line.encode(), socket.MSG_NOSIGNAL)
             while True:
                 try:
                     out, error = process.communicate(timeout=0.1)
@@ -103,7 +105,7 @@ class Apart:
         return code, said[-1] if said else f"the renderer ended with code {code}"
 
     def stop(self) -> None:
-        """End it, if it has not ended; may be asked for more than once."""
+        """End it if it has not ended; may be called more than once."""
         if self._process is not None and self._process.poll() is None:
             self._process.kill()
             self._process.communicate()
@@ -113,12 +115,12 @@ class Apart:
 def run(
     module: str, arguments: Sequence[str], seconds: float | None = 600.0, stop: Callable[[], bool] = lambda: False
 ) -> tuple[int, str]:
-    """Run `python -m module arguments` apart, as `Apart` and its `finish`."""
+    """Run `python -m module arguments` in a separate process and wait for it, as `Apart.finish`."""
     return Apart(module, arguments).finish(seconds=seconds, stop=stop)
 
 
 def missing(error: ModuleNotFoundError) -> str:
-    """What to install where a package of PACKAGES is missing; nothing if it is another one."""
+    """Advice on a missing package of PACKAGES; empty for other packages."""
     module = (error.name or "").partition(".")[0]
     if module not in PACKAGES:
         return ""
@@ -127,7 +129,7 @@ def missing(error: ModuleNotFoundError) -> str:
 
 
 def _bare_package() -> None:
-    """`coulomb` as a place where modules lie, and nothing else."""
+    """Register `coulomb` as a namespace without running its `__init__`."""
     here = Path(__file__).resolve().parent
     package = types.ModuleType("coulomb")
     package.__path__ = [str(here.parent)]
@@ -136,7 +138,7 @@ def _bare_package() -> None:
 
 
 def _end_with_parent() -> None:
-    """On Linux: nobody waits for a picture any more when whoever asked for it is gone."""
+    """On Linux: end this process when its parent ends."""
     if sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(_LINUX_DIE_WITH_PARENT, int(signal.SIGKILL), 0, 0, 0)

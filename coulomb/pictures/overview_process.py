@@ -1,4 +1,4 @@
-"""The process that draws picture.png: begun before it is needed, since it needs a second to load what it draws with."""
+"""The process that draws picture.png, started early, since it needs a second to load its libraries."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ _early: Apart | None = None
 
 
 def begin_early(arguments: Sequence[str]) -> None:
-    """Begin the process before the command line is read, where a run may need it and a second processor is there.
+    """Start the process before the command line is parsed, if a run may need it and there is a second processor.
 
-    `begin` takes it over; `stop_early` ends it where the case turns out not to need it.  If the program ends before,
-    the process ends too.
+    `begin` takes it over; `stop_early` ends it if the case does not need it.  It also ends with the program.
 
     Args:
-        arguments: Of the command line, the command first.
+        arguments: The command line, starting with the command.
     """
     global _early
     runs = arguments[:1] == ["run"] and not _WITHOUT.intersection(arguments)
@@ -29,14 +28,14 @@ def begin_early(arguments: Sequence[str]) -> None:
 
 
 def begin() -> Apart:
-    """The process begun early, or else a new one: it waits to read the directory of the run from its standard input."""
+    """The process started early, or a new one; it reads the directory of the run from its standard input."""
     global _early
     begun, _early = _early, None
     return begun or _new()
 
 
 def stop_early() -> None:
-    """End the process begun early, if there is one and nothing has taken it over."""
+    """End the process started early, if there is one that has not been taken over."""
     if _early is not None:
         begin().stop()
 

@@ -1,4 +1,4 @@
-"""picture.png in the directory of a run: drawn by a process of its own, and noted in the run's summary."""
+"""picture.png in the directory of a run: drawn by a separate process, and recorded in the run's summary."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .apart import Apart
 
 
 def write_with_picture(solution: Solution, directory: str | Path) -> dict[str, Any]:
-    """Write everything into a directory (`io.output.write`), and draw its picture; collective.
+    """Write all results into a directory (`io.output.write`), and draw its picture; collective.
 
     Returns:
         The summary.
@@ -41,14 +41,14 @@ def add_picture(
     stop: Callable[[], bool] = lambda: False,
     renderer: Apart | None = None,
 ) -> dict[str, Any]:
-    """Draw picture.png of results that are on disk, and say so in their summary; collective.
+    """Draw picture.png of results on disk and record it in their summary; collective.
 
     Args:
         contents: The summary.
-        target: Where they are.
+        target: Their directory.
         comm: The ranks.
-        stop: Asked now and then whether to give it up.
-        renderer: The process that draws, if it has begun already.
+        stop: Called repeatedly; a true result stops the drawing.
+        renderer: The drawing process, if it has been started already.
 
     Returns:
         The summary, with the picture and its seconds.
@@ -70,19 +70,19 @@ def add_picture(
 
 
 def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: Apart | None = None) -> str:
-    """Draw picture.png of a run, or of the end of a load history; what went wrong, or nothing.
+    """Draw picture.png of a run, or of the end of a load history; returns an error message, or nothing.
 
-    In a process of its own: a renderer may take it down.
+    In a separate process, since a renderer may crash.
 
     Args:
-        directory: Of the run.
-        stop: Asked now and then whether to give it up.
-        renderer: The process that draws, if it has begun already (`overview_process.begin`).
+        directory: Directory of the run.
+        stop: Called repeatedly; a true result stops the drawing.
+        renderer: The drawing process, if it has been started already (`overview_process.begin`).
     """
     code, said = (renderer or overview_process.begin()).finish(str(directory.absolute()), stop=stop)
     if not code:
         return ""
     picture = RunDirectory(directory).picture
-    for file in (picture, picture.with_name(f".{PICTURE}")):  # of what was there before, and half a picture
+    for file in (picture, picture.with_name(f".{PICTURE}")):  # the old picture, and a partial new one
         file.unlink(missing_ok=True)
     return f"could not be drawn: {said}"

@@ -1,4 +1,4 @@
-"""Pictures from the files of a run.  Knows neither DOLFINx nor the solvers: it draws in a process apart."""
+"""Pictures from the files of a run, drawn in a separate process; imports neither DOLFINx nor the solvers."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ..arrays import FloatArray
 from ..io.field_files import Grid
 
 ZONES = {0: ("open", "#dde6ea"), 1: ("stick", "#2159a8"), 2: ("slip", "#e68a1e"), 3: ("held", "#2b2b2b")}
-"""Name and colour of every status in contact.xdmf: a luminance contrast of 2 between each two, for eyes and printers
-that see no colours, and far apart for the colour-blind."""
+"""Name and colour of every status in contact.xdmf: a luminance contrast of 2 between any two, for greyscale,
+and colours that the colour-blind can distinguish."""
 
 _VTK_TYPES = {"Hexahedron": 12, "Tetrahedron": 10, "Quadrilateral": 9, "Triangle": 5}
 
 
 def renderer() -> Any:
-    """pyvista, set to draw without a display where there is none."""
+    """pyvista, configured to draw without a display if there is none."""
     if not os.environ.get("DISPLAY") and "VTK_DEFAULT_OPENGL_WINDOW" not in os.environ:  # the search takes a while
         window = "vtkOSOpenGLRenderWindow" if ctypes.util.find_library("OSMesa") else "vtkEGLRenderWindow"
         os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
@@ -33,7 +33,7 @@ def renderer() -> Any:
 
 
 def polygons(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Cells (k, corners) in VTK's way: the number of corners, then the corners."""
+    """Cells (k, corners) in VTK's format: the number of corners, then the corners."""
     return np.column_stack([np.full(len(cells), cells.shape[1]), cells]).ravel()
 
 
@@ -54,7 +54,7 @@ def match(points: FloatArray, nodes: FloatArray) -> npt.NDArray[np.int64]:
 
 
 def without(skin: Any, nodes: npt.NDArray[np.int64]) -> Any:
-    """The skin but for the faces whose corners are all among these nodes."""
+    """The skin without the faces whose corners are all among these nodes."""
     corners = skin.regular_faces
     inside = np.isin(skin.point_data["node"], nodes)[corners].all(axis=1)
     return type(skin)(skin.points, polygons(corners[~inside]))
@@ -70,7 +70,7 @@ def patches(pyvista: Any, cells: npt.NDArray[np.int64], points: FloatArray, chos
 
 
 def alarm(contents: dict[str, Any]) -> str:
-    """What a picture must say in red of a run with this summary.json; empty if its answer counts."""
+    """The alarm in red for a run with this summary.json; empty if its answer counts."""
     if not contents["certificate"]["passed"]:
         return "NOT CERTIFIED"
     return "" if contents.get("valid", True) else "OUTSIDE THE THEORY"
@@ -83,7 +83,8 @@ def nice(value: float) -> float:
 
 
 def table1(csv_file: str | Path) -> Path:
-    """Products and seconds of every solver against the contact unknowns, log-log, beside its table1.csv."""
+    """Products and seconds of every solver against the contact unknowns, log-log, from table1.csv into the same
+    directory."""
     rows = _read_csv(csv_file)
     figure, axes = _axes(2)
     for name in dict.fromkeys(row["solver"] for row in rows):
@@ -96,7 +97,8 @@ def table1(csv_file: str | Path) -> Path:
 
 
 def friction(csv_file: str | Path) -> Path:
-    """Products and seconds of every method against friction, a line for each size, beside its friction.csv."""
+    """Products and seconds of every method against friction, a line per size, from friction.csv into the same
+    directory."""
     rows = _read_csv(csv_file)
     figure, axes = _axes(2)
     methods = list(dict.fromkeys(row["method"] for row in rows))
@@ -115,7 +117,8 @@ def friction(csv_file: str | Path) -> Path:
 
 
 def scaling(csv_file: str | Path) -> Path:
-    """Seconds of the contact problem and of the yardstick, and memory, against the unknowns, beside its scaling.csv."""
+    """Seconds of the contact problem and of the yardstick, and memory, against the unknowns, from scaling.csv into the
+    same directory."""
     rows = _read_csv(csv_file)
     figure, axes = _axes(2)
     for ranks in dict.fromkeys(row["ranks"] for row in rows):
@@ -133,7 +136,7 @@ def scaling(csv_file: str | Path) -> Path:
 
 
 def peers(csv_file: str | Path) -> Path:
-    """Seconds and peak memory of every peer against the cells a metre, beside its peers.csv."""
+    """Seconds and peak memory of every peer against the cells per metre, from peers.csv into the same directory."""
     rows = _read_csv(csv_file)
     figure, axes = _axes(2)
     for name in dict.fromkeys(row["peer"] for row in rows):
@@ -143,12 +146,13 @@ def peers(csv_file: str | Path) -> Path:
         axes[1].loglog(p, [float(row["peak_memory_bytes"]) / 2**30 for row in mine], "o-", label=name)
     axes[0].set_ylabel("seconds")
     axes[1].set_ylabel("peak memory, GiB")
-    _finish(axes, "cells a metre", [float(row["p"]) for row in rows])
+    _finish(axes, "cells per metre", [float(row["p"]) for row in rows])
     return _save(figure, csv_file)
 
 
 def conditioning(csv_file: str | Path) -> Path:
-    """Condition numbers against the path-following step, beside its conditioning.csv (the paper's Figure 1)."""
+    """Condition numbers against the path-following step, from conditioning.csv into the same directory (the paper's
+    Figure 1)."""
     rows = _read_csv(csv_file)
     figure, (axis,) = _axes(1)
     styles = {"J_AM": "s-", "J_SC": "o-", "P_AM^-1 J_AM": "s--", "P_SC^-1 J_SC": "o--", "bound": "k:"}
@@ -162,7 +166,7 @@ def conditioning(csv_file: str | Path) -> Path:
 
 
 def _finish(axes: Any, label: str, sizes: Sequence[float]) -> None:
-    """A logarithmic axis that names the sizes measured, and the legend beside the last picture."""
+    """A logarithmic axis with ticks at the measured sizes, and the legend beside the last picture."""
     shown = sorted(set(sizes))
     for axis in axes:
         axis.set_xscale("log")

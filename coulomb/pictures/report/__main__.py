@@ -1,6 +1,7 @@
-"""`page DIRECTORY FILE`, `overview`, or `plot DIRECTORY FIELD SCALE VIEW SAVE STEP`: called apart by the command line.
+"""`page DIRECTORY FILE`, `overview`, or `plot DIRECTORY FIELD SCALE VIEW SAVE STEP`: run in a separate process by the
+command line.
 
-A line of standard error, and exit code 2 if the input is wrong, 1 if there is no room for the file.
+On failure one line on standard error, and exit code 2 if the input is wrong, 1 if there is no room for the file.
 """
 
 import os
@@ -18,7 +19,7 @@ if __name__ == "__main__":
         sys.stdout.write(main(arguments))
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(0)  # the files are written, and VTK takes 0.1 to 0.2 s to take down its windows
+        os._exit(0)  # the files are written, and VTK needs 0.1 to 0.2 s to close its windows
     except ValueError as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(2)

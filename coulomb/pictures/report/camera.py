@@ -1,4 +1,4 @@
-"""From where a picture is taken: as near as can be with nothing cut off, and in the shape of what is seen."""
+"""Camera of a picture: as close as possible with nothing cut off, and with the aspect ratio of the scene."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from ...arrays import FloatArray
 
 ANGLE = 30.0
-"""Opening in degrees of a camera that sees the ball round the scene: how strong the perspective is."""
+"""Opening angle in degrees of a camera that sees the bounding sphere: the strength of the perspective."""
 
 SHAPES = 0.2, 6.0
-"""Least and largest width over height of a picture: what is thinner gets empty space beside it."""
+"""Smallest and largest aspect ratio of a picture; thinner scenes get empty space."""
 
 MARGIN = 0.015
 """Empty border on each side, over width and height: room for the width of lines."""
@@ -24,13 +24,13 @@ class Camera:
     """A camera of VTK's.
 
     Attributes:
-        position: Where it is, (3,).
-        focal_point: What it looks at, (3,).
-        up: What is up, (3,), at a right angle to where it looks.
+        position: Its position, (3,).
+        focal_point: The point in the centre of view, (3,).
+        up: Upward direction, (3,), perpendicular to the direction of view.
         opening: Without perspective half the height of what is seen, metres; else the tangent of half the opening.
-        centre: By how many halves of width and height the middle of the picture is off the axis.
+        centre: Offset of the picture's centre from the axis, over half the width and height.
         parallel: Whether there is no perspective.
-        size: Of the picture in pixels, width and height.
+        size: Size of the picture in pixels, width and height.
     """
 
     position: FloatArray
@@ -43,14 +43,14 @@ class Camera:
 
     @property
     def axes(self) -> FloatArray:
-        """Of x, y and z the direction in the picture, right and up, (3, 2)."""
+        """Directions of x, y and z in the picture, right and up, (3, 2)."""
         forward = self.focal_point - self.position
         right = np.cross(forward, self.up)
         found: FloatArray = np.column_stack([right / np.linalg.norm(right), self.up])
         return found
 
     def aim(self, plotter: Any) -> None:
-        """Let a plotter look through it."""
+        """Apply it to a plotter."""
         camera = plotter.camera
         camera.position, camera.focal_point, camera.up = map(tuple, (self.position, self.focal_point, self.up))
         camera.SetParallelProjection(self.parallel)
@@ -64,13 +64,13 @@ class Camera:
 
 
 def framing(points: FloatArray, direction: FloatArray, up: FloatArray, most: tuple[int, int], parallel: bool) -> Camera:
-    """The camera that sees all points, and as little else as can be.
+    """The camera with the closest view of all points.
 
     Args:
         points: (k, 3).
         direction: From the points to the camera.
-        up: What is up, not along `direction`.
-        most: Pixels, width and height; the picture has one of them.
+        up: Upward direction, not parallel to `direction`.
+        most: Maximum pixels, width and height; the picture reaches one of them.
         parallel: Whether there is no perspective.
     """
     back = direction / np.linalg.norm(direction)

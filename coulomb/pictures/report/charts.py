@@ -16,11 +16,11 @@ from .units import scale_of
 
 _INK = "#010203"  # becomes the page's own colour
 _FIRST, _SECOND, _THIRD, _FOURTH = "#0b84d8", "#e06c00", "#009e73", "#b05ea5"
-"""Okabe and Ito's colours for the colour-blind, a little brighter: they stand on white and on black."""
+"""Okabe and Ito's colours for the colour-blind, a little brighter, for white and black backgrounds."""
 
 
 def convergence(run: Run) -> str:
-    """How the (last) solve came to its end: residuals, measured rate, theta, CG iterations."""
+    """Convergence of the (last) solve: residuals, measured rate, theta, CG iterations."""
     rows = run.iterations
     if not rows:
         return ""
@@ -54,7 +54,7 @@ def convergence(run: Run) -> str:
 
 
 def _measured_rate(axis: Any, number: Any, residual: Any, rate: float | None) -> None:
-    """A line that falls by the measured rate, from the last residual backwards."""
+    """A line with the measured rate, backwards from the last residual."""
     if rate is None or not 0.0 < rate or len(number) < 2:
         return
     shown = residual[-1] * rate ** (number - number[-1])
@@ -63,7 +63,7 @@ def _measured_rate(axis: Any, number: Any, residual: Any, rate: float | None) ->
 
 
 def forces(run: Run) -> str:
-    """Of a load history: force on the body and energies against time."""
+    """For a load history: force on the body and energies against time."""
     rows, time = run.rows, _column(run.rows, "time")
     figure, axes = _figure(2)
     parts = [_column(rows, f"force_{axis}") for axis in "xyz"]
@@ -72,7 +72,7 @@ def forces(run: Run) -> str:
         colour = {"x": _SECOND, "y": _THIRD, "z": _FIRST}[axis]
         axes[0].plot(time, part / factor, style, color=colour, markersize=3, label=f"along {axis}")
     axes[0].set(xlabel="time, s", ylabel=f"contact force on the body, {unit}")
-    names = {"loads": "loads", "prescribed": "clamps", "foundation": "foundation"}
+    names = {"loads": "loads", "prescribed": "prescribed displacements", "foundation": "foundation"}
     curves = {names.get(name, name): _column(rows, f"energy_{name}") for name in (*names, "elastic", "dissipated")}
     factor, unit = scale_of(max(float(np.max(np.abs(curve))) for curve in curves.values()), "J")
     for (name, curve), colour in zip(curves.items(), ("#8a8a8a", _FOURTH, "#8a8a8a", _FIRST, _SECOND), strict=True):
@@ -88,13 +88,15 @@ def forces(run: Run) -> str:
 
 
 def surface(run: Run) -> str:
-    """Of a load history: zones, and the largest pressure and slip, against time."""
+    """For a load history: zones, and the largest pressure and slip, against time."""
     rows, time = run.rows, _column(run.rows, "time")
     figure, (left, right) = _figure(2)
     counts = [zone_counts(step.grid("contact")) for step in run.steps]
     zones = [(name, colour) for name, colour in ZONES.values() if any(count[name] for count in counts)]
     stacked = [np.array([count[name] for count in counts]) for name, _ in zones]
-    ends = np.concatenate([[run.history.get("start", 0.0)], time])  # each step is as wide as it is long, the first too
+    ends = np.concatenate(
+        [[run.history.get("start", 0.0)], time]
+    )  # the width of a step is its duration, of the first as well
     wide = [np.concatenate([counted[:1], counted]) for counted in stacked]
     left.stackplot(ends, wide, colors=[colour for _, colour in zones], labels=[name for name, _ in zones], step="pre")
     left.set(xlabel="time, s", ylabel="contact nodes", ylim=(0, None))
@@ -115,7 +117,7 @@ def surface(run: Run) -> str:
 
 
 def force_displacement(run: Run) -> str:
-    """Of a load history: contact force against the displacement that drives it; nothing if none is prescribed."""
+    """For a load history: contact force against the prescribed displacement or motion; empty without one."""
     drive, what = _drive(run)
     if drive is None:
         return ""
@@ -139,7 +141,8 @@ def force_displacement(run: Run) -> str:
 
 
 def _drive(run: Run) -> tuple[Any, str]:
-    """What moves most in a history, at every step, (steps, 3), and what it is: clamps or the foundation."""
+    """The largest motion in a history at every step, (steps, 3), and its source: a prescribed displacement or the
+    foundation."""
     found: list[tuple[Any, str]] = []
     body = run.steps[0].grid("solution")
     if "held" in body.fields and "prescribed" in body.fields:
@@ -161,7 +164,7 @@ def _drive(run: Run) -> tuple[Any, str]:
 
 
 def effort(run: Run) -> str:
-    """Of a load history: path-following steps and residual of every load step."""
+    """For a load history: path-following steps and residual per load step."""
     figure, (left, right) = _figure(2)
     number = _column(run.rows, "step")
     left.bar(number, _column(run.rows, "path_following"), color=_FIRST, width=0.7)
@@ -174,20 +177,20 @@ def effort(run: Run) -> str:
 
 
 def _legend(axis: Any) -> None:
-    """Above the axes, where no curve is."""
+    """Place the legend above the axes."""
     longest = max(len(label) for label in axis.get_legend_handles_labels()[1])
     shape = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4 if longest < 9 else 2, "borderaxespad": 0.2}
     axis.legend(frameon=False, labelcolor=_INK, fontsize=8.5, columnspacing=1.2, **shape)
 
 
 def _decades(axis: Any) -> None:
-    """A logarithmic axis from one power of ten to another, so that it always has ticks that name one."""
+    """A logarithmic axis between powers of ten, so that it has labelled ticks."""
     low, high = axis.get_ylim()
     axis.set_ylim(10.0 ** np.floor(np.log10(low)), 10.0 ** np.ceil(np.log10(high)))
 
 
 def _whole(*axes: Any) -> None:
-    """Ticks at whole numbers alone."""
+    """Ticks at integers only."""
     for axis in axes:
         axis.get_major_locator().set_params(integer=True)
 
@@ -212,7 +215,7 @@ def _figure(count: int) -> tuple[Any, Any]:
 
 
 def _svg(figure: Any, title: str) -> str:
-    """A figure as an element of the page: no address, no ground, colours of the text; it scales."""
+    """A figure as a scalable element of the page, without links and background, in the text's colour."""
     with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": title}):
         file = io.StringIO()
         figure.savefig(file, format="svg", transparent=True)

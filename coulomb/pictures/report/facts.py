@@ -1,4 +1,4 @@
-"""What was solved and what came out, as rows of words: from the summary, the case and the fields of a run."""
+"""Problem and results as rows of text, from the summary, the case and the fields of a run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CELLS = {"Hexahedron": "hexahedra", "Tetrahedron": "tetrahedra"}
 
 
 def geometry(run: Run) -> Facts:
-    """Size, mesh, materials, supports, loads, contact: from the case where there is one, else from the files."""
+    """Size, mesh, materials, supports, loads, contact: from the case if there is one, else from the files."""
     body, summary = run.steps[-1].grid("solution"), run.summary
     extent = " × ".join(quantity(length, "m") for length in np.ptp(body.points, axis=0))
     mesh = (run.case or {}).get("mesh", {})
@@ -57,7 +57,7 @@ def _of_case(case: dict[str, Any]) -> Facts:
 
 
 def _in_time(amplitude: list[list[float]] | None) -> str:
-    """Rows [time, factor] in words."""
+    """Rows [time, factor] as text."""
     if not amplitude:
         return ""
     shown = ", ".join(f"{number(factor)} at {in_seconds(time)}" for time, factor in amplitude[:8])
@@ -65,12 +65,12 @@ def _in_time(amplitude: list[list[float]] | None) -> str:
 
 
 def _of_fields(run: Run) -> Facts:
-    """Of a run without case.json, made from Python."""
+    """Facts of a run without case.json, from Python."""
     body = run.steps[-1].grid("solution")
     load, held = body.fields.get("load"), body.fields.get("held")
     facts: Facts = []
     if held is not None:
-        facts.append(("clamps", f"{np.count_nonzero(np.any(held > 0.5, axis=1))} nodes held"))
+        facts.append(("prescribed displacements", f"{np.count_nonzero(np.any(held > 0.5, axis=1))} nodes held"))
     if load is not None:
         facts.append(("loads", f"{vector(load.sum(axis=0).tolist(), 'N')} in all"))
     return facts
@@ -98,7 +98,7 @@ def _contact(run: Run) -> Facts:
 
 
 def _foundation(contact: dict[str, Any], where: str) -> Facts:
-    """What a contact face of the case may touch, and how that moves."""
+    """Foundation of a contact face of the case, and its motion."""
     facts: Facts = []
     foundation = contact.get("foundation")
     if foundation:
@@ -120,25 +120,25 @@ def _foundation(contact: dict[str, Any], where: str) -> Facts:
 
 
 def totals(run: Run) -> Facts:
-    """What the contact does as a whole, at the end of the run."""
+    """Totals at the end of the run."""
     summary, nodes, largest = run.summary, zone_counts(run.steps[-1].grid("contact")), run.summary["maximum"]
-    told = summary.get("totals") or {}
+    totals = summary.get("totals") or {}
     rows = [
         ("contact force on the body", vector(summary["force_on_body"]["vector"], "N", 5)),
         ("normal force", quantity(summary["force_on_body"]["normal"], "N", 6)),
         ("largest contact pressure", quantity(largest["contact_pressure"], "Pa", 5)),
         ("largest displacement", quantity(largest["displacement"], "m", 5)),
     ]
-    if told:
-        rows[1:1] = [("moment about the origin", vector(told["moment"], "N m", 5))]
+    if totals:
+        rows[1:1] = [("moment about the origin", vector(totals["moment"], "N m", 5))]
         rows += [
-            ("area in contact", quantity(told["contact_area"], "m²")),
-            ("centre of pressure", vector(told["centre_of_pressure"], "m") if told["centre_of_pressure"] else "–"),
+            ("area in contact", quantity(totals["contact_area"], "m²")),
+            ("centre of pressure", vector(totals["centre_of_pressure"], "m") if totals["centre_of_pressure"] else "–"),
         ]
         in_step = " in the last step" if run.is_history else ""
         rows += [
-            (f"largest slip{in_step}", quantity(told["greatest_slip"], "m")),
-            (f"energy dissipated by friction{in_step}", quantity(told["dissipated_energy"], "J")),
+            (f"largest slip{in_step}", quantity(totals["greatest_slip"], "m")),
+            (f"energy dissipated by friction{in_step}", quantity(totals["dissipated_energy"], "J")),
         ]
     springs = summary.get("spring_force_on_body") or []
     if any(springs):
@@ -148,7 +148,7 @@ def totals(run: Run) -> Facts:
 
 
 def history_totals(run: Run) -> Facts:
-    """Of a load history: the largest values of all steps, and the energies since the start; empty of a single run."""
+    """For a load history: the largest values of all steps, and the energies since the start; empty for a single run."""
     if not run.is_history:
         return []
     largest, energy = run.history["maximum"], run.history["energy"]
@@ -161,18 +161,22 @@ def history_totals(run: Run) -> Facts:
         ("largest penetration", at_step(largest["penetration"], "m")),
         ("energy dissipated by friction", quantity(energy["dissipated"], "J")),
     ]
-    for name, text in (("loads", "loads"), ("prescribed", "clamps"), ("foundation", "the foundation")):
+    for name, text in (
+        ("loads", "loads"),
+        ("prescribed", "prescribed displacements"),
+        ("foundation", "the foundation"),
+    ):
         if energy[name]:
             rows.append((f"work of {text}", quantity(energy[name], "J")))
     rows += [
         ("elastic energy at the end", quantity(energy["elastic"], "J")),
-        ("error of finite steps (energy)", quantity(energy["imbalance"], "J", 2)),
+        ("time-stepping error (energy)", quantity(energy["imbalance"], "J", 2)),
     ]
     return [*rows, ("step intervals halved", str(halved))] if halved else rows
 
 
 def at_step(found: dict[str, Any], unit: str, digits: int = 5) -> str:
-    """A largest value with its step: 133.8 kPa (step 6, time 6 s)."""
+    """A maximum with its step: 133.8 kPa (step 6, time 6 s)."""
     return f"{quantity(found['value'], unit, digits)} (step {found['step']}, time {in_seconds(found['time'])})"
 
 
@@ -195,9 +199,9 @@ def effort(run: Run) -> Facts:
 
 
 def seconds(run: Run) -> Facts:
-    """Of every part of all steps, the longest first; what is left of the run's time; and that time."""
-    told = (run.history if run.is_history else run.summary).get("seconds", {})
-    spent = {name: value for name, value in told.items() if name != "total"}
+    """Times of all parts, the longest first, the remaining time, and the total."""
+    seconds = (run.history if run.is_history else run.summary).get("seconds", {})
+    spent = {name: value for name, value in seconds.items() if name != "total"}
     rows = sorted(spent.items(), key=lambda item: -item[1])
     wall = sum(_duration(made) for made in run.made)
     if wall > 0.0:
@@ -206,7 +210,7 @@ def seconds(run: Run) -> Facts:
 
 
 def made(run: Run) -> list[Facts]:
-    """Where, when and by which command: a table for the run, and one for every resume."""
+    """Host, date and command: a table for the run, and one per resume."""
     return [
         [
             *([("load steps", f"{entry['first_step']} to {entry['last_step']}")] if len(run.made) > 1 else []),
@@ -222,7 +226,7 @@ def made(run: Run) -> list[Facts]:
 
 
 def made_in_short(run: Run) -> str:
-    """Date, host and version in a line; empty where they are not known."""
+    """Date, host and version in one line; empty if unknown."""
     if not run.made:
         return ""
     first, resumed = run.made[0], len(run.made) - 1
@@ -240,16 +244,16 @@ def _duration(entry: dict[str, Any]) -> float:
 
 
 def in_date(moment: str) -> str:
-    """ISO 8601 for a reader: 2026-01-31 12:00:00 UTC+01:00."""
+    """Readable date and time: 2026-01-31 12:00:00 UTC+01:00."""
     time = datetime.fromisoformat(moment)
     zone = time.strftime("%z")
     return f"{time:%Y-%m-%d %H:%M:%S} UTC" + (f"{zone[:3]}:{zone[3:5]}" if zone.strip("+-0") else "")
 
 
 def checks(run: Run) -> list[dict[str, Any]]:
-    """The certificate, a row for each condition, of a history at its worst step.
+    """The certificate, a row per condition, for a history at the worst step.
 
-    `decades` is how many powers of ten the value is above its limit, `share` the length of its bar in percent.
+    `decades` is the number of decades of the value above its limit, `share` the length of its bar in percent.
     """
     rows = []
     for name, check in run.certificate.items():

@@ -1,7 +1,7 @@
 """picture.png of a run, or of the end of a load history: contact pressure and zones, as `coulomb plot` draws them.
 
-The process begins while the run still computes: it loads what draws, draws something small, by which most of the time
-of a first picture is spent, and waits to be told what to draw.
+The process starts while the run still computes: it loads its libraries, draws a small warm-up picture, which takes most
+of the time of a first picture, and waits for the directory on standard input.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from .shown_fields import named
 DPI = 150
 
 WIDE = 1.5
-"""Width over height of the body in the picture from which on the two views stand one above the other."""
+"""Aspect ratio of the body in the picture above which the two views are stacked."""
 
 # inches
 _BORDER, _HEAD, _BAR, _LEGEND = 0.25, 0.42, 0.78, 0.42
 _ABOVE, _BESIDE = (8.3, 3.7), (5.4, 5.4)
-"""Largest width and height of a view, one above the other and side by side."""
+"""Largest width and height of a view, stacked and side by side."""
 
 
 def draw(directory: Path) -> Path:
     """Draw picture.png into the directory of a run.
 
     Args:
-        directory: Of the run, with solution.xdmf, contact.xdmf and summary.json.
+        directory: Directory of the run, with solution.xdmf, contact.xdmf and summary.json.
 
     Raises:
-        ValueError: If the directory holds no run, or a file of it cannot be read.
+        ValueError: If the directory contains no run, or a file cannot be read.
     """
     run = read_run(directory)
-    run = replace(run, steps=run.steps[-1:])  # of a load history, which may be long, the last
+    run = replace(run, steps=run.steps[-1:])  # the last step of a load history, which may be long
     step, scale = run.steps[-1], automatic_scale(run)
     pressure, status = named("pressure"), named("status")
     looks = [Look(field, limits_of(run, field), scale, "contact") for field in (pressure, status)]
@@ -86,10 +86,10 @@ def _composed(shots: list[Shot], look: Look, words: str, alarm: str, zones: dict
 
 
 class _Cube(Step):
-    """A state with one cell, of no run."""
+    """A state with one cell, for the warm-up."""
 
     def grid(self, file: str) -> Grid:
-        """A cube, or its lower face, with all fields that a view of it needs."""
+        """A cube, or its lower face, with all fields that a view needs."""
         points = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
         if file == "solution":
             return Grid("Hexahedron", np.array([[0, 1, 3, 2, 4, 5, 7, 6]]), points, {"displacement": 0.0 * points})
@@ -99,7 +99,7 @@ class _Cube(Step):
 
 
 def _warm_up() -> None:
-    """Draw something small, to no file: whatever is loaded or compiled for a first picture then is."""
+    """Draw a small picture without a file, to load and compile everything that a picture needs."""
     cube = _Cube(Path(), None)
     looks = [Look(named(name), (0.0, 3.0), 1.0, "contact") for name in ("pressure", "status")]
     shots = [shoot(cube, look, (60, 60)) for look in looks]
@@ -109,10 +109,10 @@ def _warm_up() -> None:
 
 
 def main(arguments: list[str]) -> str:
-    """No arguments: warm up, then draw the run whose directory standard input says."""
+    """Without arguments: warm up, then draw the run in the directory given on standard input."""
     assert not arguments
     _warm_up()
-    told = sys.stdin.read()
-    if not told:  # whoever started this process does not need it, or is no more
+    directory = sys.stdin.read()
+    if not directory:  # no picture is needed, or the parent process has ended
         return ""
-    return str(draw(Path(told)))
+    return str(draw(Path(directory)))

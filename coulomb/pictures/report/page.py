@@ -1,4 +1,4 @@
-"""The report of a run: one page of HTML that needs nothing but itself."""
+"""The report of a run: one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ PICTURES = (
     ("displacement", "iso"),
     ("von_mises_stress", "iso"),
 )
-"""Fields and from where one looks at them."""
+"""Fields and views of the pictures."""
 
 SCRIPTS = (("view_state.js", "view_paint.js", "view_hand.js", "view.js"), ("scroll.js",))
-"""What runs in the page: the files of each entry in one function, in this order."""
+"""Scripts of the page: the files of each entry in one function, in this order."""
 
 
 def write(directory: str | Path, save: str | Path) -> Path:
     """Write the report of a run.
 
     Args:
-        directory: Of the run, single or a load history; converged or not.
+        directory: Directory of the run, single or a load history; converged or not.
         save: The page.
 
     Raises:
-        ValueError: If the directory holds no run, or a file of it cannot be read.
-        OSError: If the page cannot be written; no part of it is left then.
+        ValueError: If the directory contains no run, or a file cannot be read.
+        OSError: If the page cannot be written; no partial file is left then.
     """
     page = render(read_run(directory))
     target = Path(save)
@@ -105,7 +105,7 @@ def render(run: Run) -> str:
 
 
 def _unfinished(run: Run) -> str:
-    """What a history has still to do, in words; empty if it came to its end."""
+    """A sentence about the steps not taken; empty if the history is complete."""
     pending = (run.summary.get("step") or {}).get("pending") if run.is_history else None
     if not pending:
         return ""
@@ -114,9 +114,9 @@ def _unfinished(run: Run) -> str:
 
 
 def _tiles(run: Run) -> list[tuple[str, str]]:
-    """The numbers one looks for first."""
+    """The key figures."""
     summary, nodes = run.summary, zone_counts(run.steps[-1].grid("contact"))
-    told = summary.get("totals") or {}
+    totals = summary.get("totals") or {}
     normal = summary["force_on_body"]["normal"]
     along = sum(value**2 for value in summary["force_on_body"]["tangential"]) ** 0.5
     zones = f"{nodes['open']} / {nodes['stick']} / {nodes['slip']}"
@@ -126,8 +126,8 @@ def _tiles(run: Run) -> list[tuple[str, str]]:
             ("friction force", quantity(along, "N")),
             ("largest pressure", quantity(summary["maximum"]["contact_pressure"], "Pa")),
         ]
-        if told:
-            tiles.append(("largest slip", quantity(told["greatest_slip"], "m")))
+        if totals:
+            tiles.append(("largest slip", quantity(totals["greatest_slip"], "m")))
         return [*tiles, ("open / stick / slip", zones)]
     pressure, slip = run.history["maximum"]["contact_pressure"], run.history["maximum"]["slip_in_a_step"]
     return [
@@ -142,7 +142,7 @@ def _tiles(run: Run) -> list[tuple[str, str]]:
 
 
 def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
-    """Pictures of the last step, with what their colours mean."""
+    """Pictures of the last step, with their colour legends."""
     found = []
     step = run.steps[-1]
     for name, view in PICTURES:
@@ -176,7 +176,7 @@ def _axes(shot: Shot) -> list[dict[str, Any]]:
     found = []
     for name, colour, (right, up) in zip("xyz", AXES, shot.axes, strict=True):
         length = float(np.hypot(right, up))
-        away = (right / length, up / length) if length > 0.1 else (0.7, 0.7)  # else it points at the camera
+        away = (right / length, up / length) if length > 0.1 else (0.7, 0.7)  # otherwise it points at the camera
         place = [1.25 * length * v + 0.38 * w for v, w in zip((right, up), away, strict=True)] if length > 0.1 else away
         ends = {"x": float(right), "y": -float(up), "name_x": float(place[0]), "name_y": 0.17 - float(place[1])}
         found.append({"name": name, "colour": colour, **ends})
@@ -192,7 +192,7 @@ def _charts(run: Run) -> dict[str, str]:
 
 
 def _table(run: Run) -> list[list[str]]:
-    """Of a load history: time, force, zones, energy of friction, certificate; a row for each step."""
+    """For a load history: time, force, zones, energy of friction, certificate; a row per step."""
     return [
         [
             f"{int(row['step'])}",

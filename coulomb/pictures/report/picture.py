@@ -30,7 +30,7 @@ PICTURES, ANIMATIONS = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
 SHOT = (1500, 1100)
 """Pixels of the body in a picture, at most."""
 
-_SECONDS = 0.15  # that a frame stays
+_SECONDS = 0.15  # duration of a frame
 
 
 def plot(
@@ -39,18 +39,18 @@ def plot(
     """Draw a run.
 
     Args:
-        directory: Of the run.
-        field: One of `fields.FIELDS`, of vectors also with _x, _y, _z.
-        scale: Of the displacement; None chooses one that shows.
+        directory: Directory of the run.
+        field: One of `fields.FIELDS`, vectors also with _x, _y, _z.
+        scale: Factor of the displacement; None chooses a visible one.
         view: One of `VIEWS`; None chooses by the field.
-        save: Where to: a picture, or for a load history an animation; None opens a window.
-        step: Of a load history, from 1; None for the last.
+        save: File of a picture, or for a load history of an animation; None opens a window.
+        step: Step of a load history, from 1; None for the last.
 
     Returns:
-        What to say about it.
+        A message for the user.
 
     Raises:
-        ValueError: If the directory holds no run, or field, view, step or the ending of `save` is not known.
+        ValueError: If the directory contains no run, or field, view, step or the ending of `save` is not known.
     """
     chosen = named(field)
     if view is not None and view not in VIEWS:
@@ -105,16 +105,16 @@ def plot(
 
 
 def _without(steps: tuple[Step, ...]) -> str:
-    """What a picture goes without."""
+    """A remark on missing files."""
     lacking = steps[-1].lacks
     return f"; without {lacking}, which cannot be read" if lacking else ""
 
 
 def film_writer(save: Path, field: Field) -> Any:
-    """What writes frames as a film; asked for before anything is drawn.
+    """The writer of a film, checked before anything is drawn.
 
     Raises:
-        ValueError: For .mp4, if there is nothing that writes it: what to install.
+        ValueError: For .mp4, if there is no writer, with the package to install.
     """
     if save.suffix.lower() == ".gif":
         return lambda frames: _gif(frames, field, save)
@@ -137,7 +137,7 @@ def film_writer(save: Path, field: Field) -> Any:
 
 
 def _gif(frames: list[Pixels], field: Field, save: Path) -> None:
-    """All frames in the same 256 colours, so that nothing flickers: the field's own, greys, and what else they need."""
+    """All frames in the same 256 colours, to avoid flicker: those of the field, greys, and others that they need."""
     sample = Image.fromarray(np.concatenate([frames[len(frames) // 2], frames[-1]]))
     own = [int(colour[k : k + 2], 16) for colour in (*ramp(field, 140), *AXES) for k in (1, 3, 5)]
     greys = [int(grey) for grey in np.linspace(0, 255, 27).round() for _ in "rgb"]
@@ -150,7 +150,7 @@ def _gif(frames: list[Pixels], field: Field, save: Path) -> None:
 
 
 def main(arguments: list[str]) -> str:
-    """DIRECTORY FIELD SCALE VIEW SAVE STEP; "-" where nothing is chosen."""
+    """DIRECTORY FIELD SCALE VIEW SAVE STEP; "-" for defaults."""
     directory, field, scale, view, save, step = (None if given == "-" else given for given in arguments)
     assert directory is not None and field is not None
     return plot(

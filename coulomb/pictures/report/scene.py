@@ -28,7 +28,7 @@ VIEWS = {
     "left": ((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
     "right": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
 }
-"""From where one looks, and what is up; "contact": at the contact face from outside the body."""
+"""Direction of view and upward direction; "contact": at the contact face from outside the body."""
 
 _EDGES = {
     "Tetrahedron": ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)),
@@ -39,9 +39,9 @@ _EDGES = {
 }
 """Corners at the ends of the edges of a cell."""
 
-_OBLIQUE = ("contact", "iso", "below")  # the others look along an axis: without perspective
+_OBLIQUE = ("contact", "iso", "below")  # the others are along an axis: without perspective
 _BODY, _EDGE, _FACE_EDGE = "#f2f0eb", "#c8c5be", "#8a8a8a"
-_LINED = 15_000  # facets up to which their edges are drawn: lines on finer ones would hide the colours
+_LINED = 15_000  # facets up to which their edges are drawn: on finer ones lines would cover the colours
 _TIP = 0.07  # radius of an arrow's tip over its length
 _ARROWS = 22  # along the largest extent of the contact face
 _INK = "#202020"
@@ -49,14 +49,14 @@ _INK = "#202020"
 
 @dataclass(frozen=True)
 class Look:
-    """How to show a state.
+    """Display settings of a state.
 
     Attributes:
-        field: What the colours mean.
+        field: The field shown by colours.
         limits: Range of the colours, in the bare unit of the field.
-        scale: Of the displacement.
+        scale: Factor of the displacement.
         view: One of `VIEWS`.
-        caption: At the top of a window, with colour bar and axes; empty for what `sheet` or the page surrounds.
+        caption: Text at the top of a window, with colour bar and axes; empty if `sheet` or the page adds these.
     """
 
     field: Field
@@ -67,10 +67,10 @@ class Look:
 
 
 def automatic_scale(run: Run) -> float:
-    """A round factor by which the largest displacement of a run shows: a twentieth of the body's size.
+    """A round factor that shows the largest displacement of a run as a twentieth of the body's size.
 
-    It is less where a thin body would turn inside out: cells are stretched to half their size at most, but for the
-    hundredth of them that is stretched most.
+    It is smaller for thin bodies, which would be turned inside out: strains shown are at most one half, except in the
+    hundredth of the cells with the largest strains.
     """
     largest, stretch, size = 0.0, 0.0, 1.0
     for step in run.steps:
@@ -109,11 +109,11 @@ def outward(contact: Grid) -> FloatArray:
 
 @dataclass(frozen=True)
 class Shot:
-    """What the camera saw.
+    """A rendered picture.
 
     Attributes:
         pixels: Red, green, blue and opacity, (height, width, 4).
-        axes: Of x, y and z the direction in the picture, right and up, (3, 2).
+        axes: Directions of x, y and z in the picture, right and up, (3, 2).
     """
 
     pixels: npt.NDArray[np.uint8]
@@ -121,13 +121,13 @@ class Shot:
 
 
 def shoot(step: Step, look: Look, size: tuple[int, int] = (1500, 1100), camera: Camera | None = None) -> Shot:
-    """A state of the body, without any words and on no ground.
+    """Render a state of the body, without text and with transparent background.
 
     Args:
         step: The state.
         look: How to show it.
-        size: Pixels that the picture has at most.
-        camera: From where; by default from where this state is seen whole.
+        size: Maximum size of the picture in pixels.
+        camera: The camera; by default one that sees the whole state.
     """
     camera = camera or camera_of([step], look, size)
     plotter = plotter_for(camera.size)
@@ -139,7 +139,7 @@ def shoot(step: Step, look: Look, size: tuple[int, int] = (1500, 1100), camera: 
 
 
 def camera_of(steps: Sequence[Step], look: Look, size: tuple[int, int]) -> Camera:
-    """From where all these states are seen, nothing of them cut off."""
+    """The camera that sees all these states completely."""
     seen: list[FloatArray] = []
     for step in steps:
         body = step.grid("solution")
@@ -165,7 +165,7 @@ def cropped(shots: list[Shot]) -> list[Shot]:
 
 
 def plotter_for(size: tuple[int, int], window: bool = False) -> Any:
-    """An empty stage, white; without a window unless one is asked for."""
+    """An empty white plotter, by default without a window."""
     pyvista = renderer()
     plotter = pyvista.Plotter(off_screen=not window, window_size=size)
     plotter.set_background("white")
@@ -174,7 +174,7 @@ def plotter_for(size: tuple[int, int], window: bool = False) -> Any:
 
 
 def paint(plotter: Any, step: Step, look: Look) -> None:
-    """Put a state onto an empty stage and look at it."""
+    """Add a state to an empty plotter and set the camera."""
     pyvista, field = renderer(), look.field
     body, contact = step.grid("solution"), step.grid("contact")
     displacement = body.fields["displacement"]
@@ -196,10 +196,10 @@ def paint(plotter: Any, step: Step, look: Look) -> None:
             skin.cell_data["shown"] = values[skin.cell_data["vtkOriginalCellIds"]]
         plotter.add_mesh(skin, edge_color=_FACE_EDGE, line_width=0.5, show_edges=skin.n_cells <= _LINED, **colours)
         rest = skin_of(pyvista, body, body.points).extract_feature_edges(40.0, manifold_edges=False)
-        plotter.add_mesh(rest, color=_FACE_EDGE, line_width=1)  # where the body was
+        plotter.add_mesh(rest, color=_FACE_EDGE, line_width=1)  # undeformed body
     else:
         bare, lined = without(skin, in_contact), skin.n_cells <= _LINED
-        if bare.n_cells:  # nothing of a body whose file is missing
+        if bare.n_cells:  # no body if its file is missing
             plotter.add_mesh(bare, color=_BODY, show_edges=lined, edge_color=_EDGE, ambient=0.75, diffuse=0.3)
         if field.zones:
             _zones(plotter, contact, points, bool(look.caption))
@@ -224,7 +224,7 @@ def _bar(field: Field, unit: str) -> dict[str, Any]:
 
 
 def _zones(plotter: Any, contact: Grid, points: FloatArray, legend: bool) -> None:
-    """The part of the face nearest to each node in the colour of its status, and how many nodes have it."""
+    """The part of the face nearest to each node in the colour of its status, and the number of nodes per status."""
     pyvista, status = renderer(), np.rint(contact.fields["status"]).astype(int)
     parts = pyvista.MultiBlock()
     names = {}
@@ -242,7 +242,7 @@ def _zones(plotter: Any, contact: Grid, points: FloatArray, legend: bool) -> Non
 
 
 def _arrows(plotter: Any, contact: Grid, body: Grid, look: Look) -> None:
-    """Arrows along a vector field of the contact face: so few and slim that the colours below stay seen."""
+    """Arrows along a vector field of the contact face: few and slim, to keep the colours below visible."""
     pyvista = renderer()
     tails, along = _arrows_of(contact, body, look)
     if not along.any():
@@ -254,9 +254,9 @@ def _arrows(plotter: Any, contact: Grid, body: Grid, look: Look) -> None:
 
 
 def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, FloatArray]:
-    """Tails of the arrows on the deformed face, a little in front of it, and the arrows; metres, (k, 3) each.
+    """Tails of the arrows slightly in front of the deformed face, and the arrows; metres, (k, 3) each.
 
-    One from each cube of a grid over the face, the largest nine tenths as long as a cube.
+    One per cube of a grid over the face; the largest has nine tenths of the length of a cube.
     """
     points, vectors = contact.points, contact.fields[look.field.name]
     largest = float(np.linalg.norm(vectors, axis=1).max())
@@ -268,7 +268,7 @@ def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, Float
     edge = max(reach / _ARROWS, 1.2 * cell)
     cube = np.floor((points - points.min(axis=0)) / edge)
     off = np.linalg.norm((points - points.min(axis=0)) / edge - cube - 0.5, axis=1)
-    order = np.lexsort((off, *cube.T))  # of each cube the node nearest to its middle first
+    order = np.lexsort((off, *cube.T))  # the node nearest to the centre of each cube first
     _, first = np.unique(cube[order], axis=0, return_index=True)
     shown = order[first]
     deformed = points[shown] + look.scale * body.fields["displacement"][match(points[shown], body.points)]
@@ -276,7 +276,7 @@ def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, Float
 
 
 def thinned(count: int, most: int) -> npt.NDArray[np.int64]:
-    """At most so many of `count` numbers, evenly."""
+    """At most `most` of `count` numbers, evenly spaced."""
     return np.arange(0, count, max(1, -(-count // most)))
 
 
@@ -289,20 +289,20 @@ def _look(plotter: Any, view: str, contact: Grid) -> None:
 
 
 def looking_at(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """From where to look at a face with this outward normal: along it and a little from two sides; and what is up."""
+    """Direction of view of a face with this outward normal, inclined to it in two directions, and upward direction."""
     along = np.eye(3)[np.argmin(np.abs(normal))]
     across: FloatArray = np.cross(normal, along)
     return normal + 0.25 * along + 0.6 * across, -across
 
 
 def zone_counts(contact: Grid) -> dict[str, int]:
-    """Number of nodes in every zone, by its name."""
+    """Number of nodes per zone, by name."""
     status = np.rint(contact.fields["status"]).astype(int)
     return {name: int(np.count_nonzero(status == code)) for code, (name, _) in ZONES.items()}
 
 
 def caption(run: Run, step: Step, scale: float) -> str:
-    """Name of its directory, friction, time and the scale of the displacement, in a line."""
+    """Name of its directory, friction, time and the scale of the displacement in one line."""
     parts = [f"{run.directory.resolve().name}: {friction_in_words(run.summary) if run.summary else 'friction unknown'}"]
     if step.time is not None:
         parts.append(f"time {in_seconds(step.time)}")

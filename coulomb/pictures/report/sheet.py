@@ -1,4 +1,4 @@
-"""A picture with what it needs to be read: caption, directions, colour bar with its unit, or the names of the zones."""
+"""A picture with caption, axes, and a colour bar with its unit or the names of the zones."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .units import scale_of
 Pixels = npt.NDArray[np.uint8]
 
 SIZE = (8.8, 6.4)
-"""Of a sheet in inches; 150 pixels each, even numbers, as films need them."""
+"""Size of a sheet in inches of 150 pixels; even numbers of pixels, as films require."""
 
 AXES = ("#d55e00", "#009e73", "#0b84d8")
 """Colours of x, y and z."""
@@ -33,16 +33,16 @@ def sheet(
     zones: dict[str, int],
     largest: float,
 ) -> Any:
-    """A matplotlib figure: the picture in the middle, words around it.
+    """A matplotlib figure with the picture and text around it.
 
     Args:
         shot: The picture, cropped.
-        field: What its colours mean.
+        field: The field shown by colours.
         limits: Their range, in the bare unit.
-        caption: At the top.
-        alarm: Below it, in red.
-        zones: Of every zone the number of nodes, for the field `status`.
-        largest: Magnitude of the field in this state, in the bare unit: the colours may range over other states too.
+        caption: Text at the top.
+        alarm: Text below it, in red.
+        zones: Number of nodes per zone, for the field `status`.
+        largest: Magnitude of the field in this state, in the bare unit: the colour range may include other states.
     """
     from matplotlib.figure import Figure
 
@@ -68,13 +68,13 @@ def colour_bar(
     largest: float,
     box: tuple[float, float, float, float],
 ) -> None:
-    """What the colours mean: round numbers below a bar, and below them the field and its unit.
+    """Colour bar with round numbers, the field and its unit below.
 
     Args:
-        figure: Where to.
-        field: What is shown.
+        figure: The figure.
+        field: The field.
         limits: Range of the colours, in the bare unit.
-        largest: Magnitude of the field, which is written beside it.
+        largest: Magnitude of the field, written beside the bar.
         box: Left, bottom, width and height of the bar, over those of the figure.
     """
     from matplotlib.ticker import MaxNLocator
@@ -95,13 +95,13 @@ def colour_bar(
 
 
 def legend(figure: Any, zones: dict[str, int], middle: tuple[float, float], columns: int = 4) -> None:
-    """The colours of the zones with the number of nodes in each; of nodes that are held only where there are some.
+    """Legend of the zones with their numbers of nodes; held nodes only if there are any.
 
     Args:
-        figure: Where to.
-        zones: Of every zone the number of nodes.
-        middle: Of the legend, over width and height of the figure.
-        columns: Zones beside each other.
+        figure: The figure.
+        zones: Number of nodes per zone.
+        middle: Centre of the legend, over width and height of the figure.
+        columns: Zones per row.
     """
     from matplotlib.patches import Patch
 
@@ -115,7 +115,7 @@ def legend(figure: Any, zones: dict[str, int], middle: tuple[float, float], colu
 
 
 def directions(axes: Any, shot: Shot) -> None:
-    """The axes x, y, z as the camera saw them."""
+    """The axes x, y, z as seen by the camera."""
     axes.set(xlim=(-1.35, 1.35), ylim=(-1.35, 1.35), aspect="equal")
     axes.set_axis_off()
     for name, (right, up), colour in zip("xyz", shot.axes, AXES, strict=True):

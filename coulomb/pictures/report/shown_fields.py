@@ -1,4 +1,4 @@
-"""The fields of a run that can be shown: where they are, their units and colours."""
+"""The fields of a run that can be shown: files, units and colours."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...io.field_files import Grid
 from ..plotting import ZONES
 
 SEQUENTIAL, SHARE, SIGNED = "viridis", "cividis", "RdBu_r"
-"""Colour maps of magnitudes, of shares of one, and of what has a sign; all are safe for the colour-blind."""
+"""Colour maps of magnitudes, of fractions, and of signed values; all are suitable for the colour-blind."""
 
 
 @dataclass(frozen=True)
@@ -22,13 +22,13 @@ class Field:
     """A field of contact.xdmf or solution.xdmf.
 
     Attributes:
-        name: In the file.
+        name: Name in the file.
         file: "contact" or "solution".
-        title: In words.
-        unit: Without prefix.
+        title: Name in pictures.
+        unit: Unit without prefix.
         colours: Matplotlib's name of the colour map.
         vector: Whether it has three components; its magnitude is shown, or one of them.
-        component: 0, 1, 2, of a vector; None for the magnitude.
+        component: 0, 1 or 2 for a component of a vector; None for the magnitude.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Field:
         return self.component is not None
 
     def values(self, grid: Grid) -> FloatArray:
-        """Of a grid, one number a point or cell.
+        """Values on a grid, one number per point or cell.
 
         Raises:
             ValueError: If the file does not have the field.
@@ -63,7 +63,7 @@ class Field:
         return magnitude if self.component is None else found[:, self.component]
 
     def limits(self, values: FloatArray) -> tuple[float, float]:
-        """Range of the colours: symmetric for what has a sign, from 0 for magnitudes, 0 to 1 for a share."""
+        """Range of the colours: symmetric for signed values, from 0 for magnitudes, 0 to 1 for fractions."""
         if self.colours == SHARE:
             return 0.0, 1.0
         least, largest = float(np.min(values)), float(np.max(values))
@@ -86,10 +86,10 @@ FIELDS = (
 
 
 def named(name: str) -> Field:
-    """The field of this name; of a vector `_x`, `_y` or `_z` chooses a component.
+    """The field of this name; `_x`, `_y` or `_z` chooses a component of a vector.
 
     Raises:
-        ValueError: If there is none: the known ones, and the nearest.
+        ValueError: If there is none; the message has the known names, and the closest.
     """
     known = {field.name: field for field in FIELDS}
     for field in FIELDS:
@@ -106,7 +106,7 @@ def named(name: str) -> Field:
 
 
 def ramp(field: Field, count: int = 65) -> list[str]:
-    """Colours of a field from its least to its largest value, as #rrggbb; of the zones theirs."""
+    """Colours of a field from its lowest to its highest value, or of the zones, as #rrggbb."""
     if field.zones:
         return [colour for _, colour in ZONES.values()]
     colours = matplotlib.colormaps[field.colours](np.linspace(0.0, 1.0, count))

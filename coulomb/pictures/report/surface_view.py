@@ -1,4 +1,4 @@
-"""What the interactive view of the contact surface shows, as data inside the page (view.js and its parts draw it)."""
+"""Data in the page for the interactive view of the contact surface (drawn by view.js and its parts)."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ IntArray = npt.NDArray[np.int64]
 SHOWN = ("pressure", "friction_traction", "friction_use", "status", "slip", "gap")
 
 MOST_NODES, MOST_VALUES, MOST_ARROWS = 40_000, 1_500_000, 900
-"""What a page holds: nodes of the surface, numbers over all nodes and steps, arrows."""
+"""Limits of a page: nodes of the surface, numbers over all nodes and steps, arrows."""
 
-_A_NODE = len(SHOWN) + 6  # numbers of a node in a step: fields, displacement, traction
+_A_NODE = len(SHOWN) + 6  # numbers per node and step: fields, displacement, traction
 
 
 def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
-    """The data, and what had to be left out, in words (or nothing).
+    """The data, and a remark on what had to be left out (or nothing).
 
     Args:
         run: The run.
-        scale: Of the displacement, where the slider begins.
+        scale: Initial factor of the displacement.
     """
     first, body = run.steps[-1].grid("contact"), run.steps[-1].grid("solution")
     nodes, cells = thinned_surface(first, MOST_NODES)
@@ -77,7 +77,7 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
 
 
 def _field(run: Run, name: str) -> dict[str, Any]:
-    """A field as the chooser offers it; values come divided by `factor`."""
+    """Entry of the field menu; values are divided by `factor`."""
     field = named(name)
     low, high = limits_of(run, field)
     factor, unit = scale_of(max(abs(low), abs(high)), field.unit)
@@ -89,7 +89,7 @@ def _field(run: Run, name: str) -> dict[str, Any]:
 
 
 def _step(step: Step, fields: Sequence[dict[str, Any]], points: FloatArray, outline: FloatArray) -> dict[str, Any]:
-    """What changes in a step, at these points: a history resumed on other ranks has its nodes in another order."""
+    """Data of a step at these points: a history resumed on other ranks has its nodes in another order."""
     contact, body = step.grid("contact"), step.grid("solution")
     displacement, nodes = body.fields["displacement"], match(points, contact.points)
     return {
@@ -102,12 +102,12 @@ def _step(step: Step, fields: Sequence[dict[str, Any]], points: FloatArray, outl
 
 
 def thinned_surface(contact: Grid, most: int) -> tuple[IntArray, IntArray]:
-    """A surface with at most about so many nodes: of each cube of a grid the node nearest to the others' mean.
+    """A surface with at most about `most` nodes: per cube of a grid the node nearest to the mean of its nodes.
 
-    Values stay those of nodes, none is averaged.
+    Values are those of nodes; none is averaged.
 
     Returns:
-        Numbers of the nodes kept (k,), and the cells between them, by their places in that list; corners of cells of a
+        Numbers of the nodes kept (k,), and the cells between them, by their indices in that list; corners of cells of a
         thinned surface may coincide.
     """
     points, cells = contact.points, np.asarray(contact.cells, dtype=np.int64)
@@ -133,7 +133,7 @@ def thinned_surface(contact: Grid, most: int) -> tuple[IntArray, IntArray]:
 
 
 def _triangles(cells: IntArray) -> IntArray:
-    """Of triangles and quadrilaterals, without those whose corners coincide."""
+    """Triangles of triangles and quadrilaterals, without degenerate ones."""
     parts = [cells[:, :3]] if cells.shape[1] == 3 else [cells[:, :3], cells[:, [0, 2, 3]]]
     found = np.concatenate(parts)
     proper = (found[:, 0] != found[:, 1]) & (found[:, 1] != found[:, 2]) & (found[:, 2] != found[:, 0])
@@ -152,13 +152,13 @@ def _outline(body: Grid) -> tuple[IntArray, IntArray]:
     """Nodes and segments of the body's sharp edges."""
     skin = skin_of(renderer(), body, body.points)
     sharp = skin.extract_feature_edges(40.0, manifold_edges=False)
-    if sharp.n_points == 0:  # a ball has none
+    if sharp.n_points == 0:  # a sphere has none
         return np.empty(0, dtype=np.int64), np.empty((0, 2), dtype=np.int64)
     nodes: IntArray = np.asarray(sharp.point_data["node"], dtype=np.int64)
     return nodes, np.asarray(sharp.lines, dtype=np.int64).reshape(-1, 3)[:, 1:]
 
 
 def _packed(values: FloatArray | IntArray, kind: type[np.generic] = np.float32) -> str:
-    """Numbers as text for the page: little endian, base64."""
+    """Numbers as base64 text for the page, little endian."""
     little = np.dtype(kind).newbyteorder("<")
     return base64.b64encode(np.ascontiguousarray(values, dtype=little).tobytes()).decode("ascii")

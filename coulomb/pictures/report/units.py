@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 
 NARROW = "\u202f"
-"""Between a number and its unit: no line ends here."""
+"""Non-breaking space between a number and its unit."""
 
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 _AREAS = ((1.0, "m²"), (1e-4, "cm²"), (1e-6, "mm²"), (1e-12, "µm²"))
 
 
 def scale_of(largest: float, unit: str) -> tuple[float, str]:
-    """The unit in which numbers up to `largest` read well.
+    """The SI prefix suited for numbers up to `largest`.
 
     Args:
-        largest: In the bare unit; its sign does not count.
+        largest: In the bare unit; the sign is ignored.
         unit: "Pa", "m", "m²", ...; "" has no prefixes.
 
     Returns:
@@ -34,7 +34,7 @@ def scale_of(largest: float, unit: str) -> tuple[float, str]:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number in few digits; very large and small ones as 1.2×10⁻⁸, what is not one as a dash."""
+    """A number in few digits; very large and small ones as 1.2×10⁻⁸, nan as a dash."""
     if not math.isfinite(value):
         return "–"
     shown = f"{value:.{digits}g}"
@@ -63,7 +63,7 @@ def in_seconds(value: float, digits: int = 4) -> str:
 
 
 def vector(values: list[float] | tuple[float, ...], unit: str, digits: int = 4) -> str:
-    """Components with one unit: (−14.7, −22.5, 104) MN; what is rounding beside the largest is 0."""
+    """Components with one unit: (−14.7, −22.5, 104) MN; rounding errors relative to the largest are shown as 0."""
     largest = max((abs(value) for value in values), default=0.0)
     factor, prefixed = scale_of(largest, unit)
     shown = ", ".join(number(0.0 if abs(v) <= 1e-9 * largest else v / factor, digits) for v in values)

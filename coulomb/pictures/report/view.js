@@ -1,7 +1,7 @@
 // The contact surface in three dimensions: controls, legend and axes, and what is done when something changes.
 // No library and no network.  Together with view_state.js, view_paint.js and view_hand.js, in one function of the page.
 
-const stage = (told.flat ? null : webgl()) || flat();
+const stage = (data.flat ? null : webgl()) || flat();
 let current = scene();
 
 /** After a change of field, step, scale or arrows. */
@@ -30,7 +30,7 @@ function home() {
 
 /** Where x, y and z point, in the corner of the view; the one nearest to the eye is drawn last. */
 function axes() {
-  const seen = told.axes.map(({ name, colour }, k) => {
+  const seen = data.axes.map(({ name, colour }, k) => {
     const [x, y, z] = state.turn.map((row) => row[k]);
     const length = Math.hypot(x, y);
     const [nameX, nameY] = length > 0.15 ? [x * (1 + 0.35 / length), y * (1 + 0.35 / length)] : [0.35, 0.35];
@@ -78,14 +78,14 @@ function control(name, kind, change) {
   element.addEventListener(kind, () => (change(element), refresh()));
   return element;
 }
-const chooser = control("field", "change", (element) => ((state.field = told.fields[element.selectedIndex]), legend()));
-for (const field of told.fields) chooser.add(new Option(field.title));
+const chooser = control("field", "change", (element) => ((state.field = data.fields[element.selectedIndex]), legend()));
+for (const field of data.fields) chooser.add(new Option(field.title));
 const scale = control("scale", "input", (element) => {
   state.scale = Number(element.value);
   part("scale-value").textContent = `× ${digits(state.scale)}`;
 });
-Object.assign(scale, { max: 2 * told.scale, step: told.scale / 50, value: told.scale });
-part("scale-value").textContent = `× ${digits(told.scale)}`;
+Object.assign(scale, { max: 2 * data.scale, step: data.scale / 50, value: data.scale });
+part("scale-value").textContent = `× ${digits(data.scale)}`;
 control("arrows", "change", (element) => (state.arrows = element.checked));
 const time = control("step", "input", (element) => {
   state.step = Number(element.value);

@@ -117,8 +117,8 @@ function showTip() {
   tip.hidden = spot.hidden = across < 0 || across > 1 || down < 0 || down > 1;
   if (tip.hidden) return;
   const [wide, high] = [canvas.clientWidth, canvas.clientHeight];
-  const at = Array.from(surface.points.subarray(3 * node, 3 * node + 3), (x) => digits(x / told.length.factor)).join(", ");
-  tip.textContent = `${withUnit(current.values[node])} at (${at}) ${told.length.unit}`;
+  const at = Array.from(surface.points.subarray(3 * node, 3 * node + 3), (x) => digits(x / data.length.factor)).join(", ");
+  tip.textContent = `${withUnit(current.values[node])} at (${at}) ${data.length.unit}`;
   const left = Math.max(Math.min(across * wide + 12, wide - tip.offsetWidth - 6), 4);
   const top = Math.min(Math.max(down * high - 34, 4), high - tip.offsetHeight - 4);
   tip.style.transform = `translate(${left}px, ${top}px)`;

@@ -6,14 +6,14 @@
 function arrowCorners(points, margin) {
   const vectors = steps[state.step].arrows;
   const corners = [];
-  for (let node = 0; node < vectors.length / 3; node += told.arrow.every) {
+  for (let node = 0; node < vectors.length / 3; node += data.arrow.every) {
     const at = (array) => [array[3 * node], array[3 * node + 1], array[3 * node + 2]];
-    const length = Math.hypot(...at(vectors)) / told.arrow.largest; // over the largest arrow, as all that follows
+    const length = Math.hypot(...at(vectors)) / data.arrow.largest; // over the largest arrow, as all that follows
     if (length < 0.04) continue;
     const along = unit(at(vectors));
     const side = cross(at(normals), along);
-    const foot = at(points).map((entry, k) => entry + 0.004 * told.size * at(normals)[k]);
-    const place = (forth, wide) => foot.map((entry, k) => entry + told.arrow.length * (forth * along[k] + wide * side[k]));
+    const foot = at(points).map((entry, k) => entry + 0.004 * data.size * at(normals)[k]);
+    const place = (forth, wide) => foot.map((entry, k) => entry + data.arrow.length * (forth * along[k] + wide * side[k]));
     const head = Math.min(0.3, 0.45 * length);
     const [neck, wide, wing, tip] = [length - head, 0.1 * head + margin, 0.38 * head + 2 * margin, length + 2 * margin];
     const shaft = [place(-margin, -wide), place(-margin, wide), place(neck, wide), place(neck, -wide)];

@@ -3,7 +3,7 @@
 const root = document.getElementById("view3d");
 const canvas = root.querySelector("canvas");
 const part = (name) => root.querySelector(`[data-part="${name}"]`);
-const told = JSON.parse(document.getElementById("view3d-data").textContent);
+const data = JSON.parse(document.getElementById("view3d-data").textContent);
 
 // --- data --------------------------------------------------------------------------------------------------------
 
@@ -11,10 +11,10 @@ const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeA
 const floats = (text) => new Float32Array(bytes(text));
 const integers = (text) => new Uint32Array(bytes(text));
 
-const surface = { points: floats(told.points), triangles: integers(told.triangles), edges: integers(told.edges) };
-const normals = floats(told.normals);
-const outline = { points: floats(told.outline.points), lines: integers(told.outline.lines) };
-const steps = told.steps.map((step) => ({
+const surface = { points: floats(data.points), triangles: integers(data.triangles), edges: integers(data.edges) };
+const normals = floats(data.normals);
+const outline = { points: floats(data.outline.points), lines: integers(data.outline.lines) };
+const steps = data.steps.map((step) => ({
   label: step.label,
   surface: floats(step.surface),
   outline: floats(step.outline),
@@ -29,19 +29,19 @@ const cellSize = (() => {
     const [a, b] = [3 * surface.edges[k], 3 * surface.edges[k + 1]];
     sum += Math.hypot(...[0, 1, 2].map((c) => surface.points[a + c] - surface.points[b + c]));
   }
-  return (2 * sum) / Math.max(surface.edges.length, 1) || told.size;
+  return (2 * sum) / Math.max(surface.edges.length, 1) || data.size;
 })();
 
 // --- state -------------------------------------------------------------------------------------------------------
 
-const start = orthonormal(told.direction, told.up);
+const start = orthonormal(data.direction, data.up);
 const state = {
   turn: start, // rows right, up and towards the eye
   zoom: 1, // 1: the body fills the frame
   shift: [0, 0], // of the middle of the frame from the middle of the body, right and up, metres
-  field: told.fields[0],
+  field: data.fields[0],
   step: steps.length - 1,
-  scale: told.scale,
+  scale: data.scale,
   arrows: true,
 };
 
@@ -87,7 +87,7 @@ function boxAround() {
   const grow = (points, displacement, more) => {
     for (let k = 0; k < points.length; k++) {
       const at = points[k] + state.scale * displacement[k];
-      const end = more ? at + (more[k] / told.arrow.largest) * told.arrow.length : at;
+      const end = more ? at + (more[k] / data.arrow.largest) * data.arrow.length : at;
       low[k % 3] = Math.min(low[k % 3], at, end);
       high[k % 3] = Math.max(high[k % 3], at, end);
     }
@@ -99,7 +99,7 @@ function boxAround() {
   const middle = low.map((entry, k) => (entry + high[k]) / 2);
   const half = low.map((entry, k) => (high[k] - entry) / 2);
   const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((c) => half.map((entry, k) => ((c >> k) & 1 ? entry : -entry)));
-  return { middle, corners, size: 2 * Math.hypot(...half) || told.size };
+  return { middle, corners, size: 2 * Math.hypot(...half) || data.size };
 }
 
 /** Half the width and height that the box takes on the screen, seen as now, metres. */
