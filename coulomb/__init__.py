@@ -126,12 +126,12 @@ _PUBLIC = {
     "solvers.friction_problem": ("FrictionProblem",),
     "solvers.laws": ("FrictionLaw",),
 }
-"""The public names by their module, which is loaded when one of them is first asked for; as imported above."""
+"""The public names by module; a module is loaded when one of its names is first used."""
 
 _HOMES = {name: home for home, names in _PUBLIC.items() for name in names}
 
 
-if not TYPE_CHECKING:  # a checker would take every name for one of ours
+if not TYPE_CHECKING:  # type checkers would accept every name
 
     def __getattr__(name: str) -> object:
         if name not in _HOMES:

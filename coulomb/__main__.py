@@ -1,4 +1,4 @@
-"""The program: `coulomb`, or `python -m coulomb`.  The process is put in order before anything else is loaded."""
+"""The program: `coulomb`, or `python -m coulomb`.  Signals and streams are set up before anything else is loaded."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The array type of both rooms."""
+"""The array type of all packages."""
 
 from typing import Any
 

@@ -1,12 +1,12 @@
-"""The process that the command line is: its streams, its signals, its caches.  Loaded before anything that takes time.
+"""Standard streams, signals and caches of the command line.  Loaded before anything that takes time.
 
-- Ctrl-C and the signals that end a job act at once and in silence, from the first import on, until there is something
-  to keep (`interruption`): exit codes 130, 143 and, as the shell counts, 128 and the number of the signal.
-- A pipe that nobody reads on (`| head`) ends a command in silence, as it ends other programs (141).  A run goes on
-  without its listener, since its results are elsewhere; so it does when the disk of its log is full.
-- A stream that is closed is a stream to nowhere, and its number is given to no other file.
-- Under a launcher of MPI standard output may look like a terminal, but is a log: nothing but text goes there.
-- Where no cache can be written (a read-only home), forms and fonts are kept in the directory for temporary files.
+- Ctrl-C and the signals that end a job act at once and without a message, from the first import on, until there are
+  results to keep (`interruption`): exit codes 130, 143, that is, 128 plus the number of the signal.
+- A closed pipe (`| head`) ends a command without a message, as for other programs (141).  A run continues, since its
+  results are files; it also continues if the disk of its log is full.
+- A closed standard stream is replaced by the null device, so that no other file gets its number.
+- Under an MPI launcher standard output may be a terminal device, but is treated as a log: plain text only.
+- If no cache can be written (a read-only home), forms and fonts are kept in the directory for temporary files.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _begun = _goes_on = _abruptly = False
 
 
 class _Stream(io.FileIO):
-    """A standard stream that nobody has to be afraid of: what cannot be written goes nowhere, from then on."""
+    """A standard stream without exceptions: after the first failed write it is replaced by the null device."""
 
     fault: OSError | None = None
 
@@ -40,7 +40,7 @@ class _Stream(io.FileIO):
             if error.errno != errno.EPIPE and self.fileno() == 1:
                 with io.FileIO(2, "w", closefd=False) as other:
                     word = "warning" if _goes_on else "error"
-                    _try_to_write(other, f"{word}: standard output: {error.strerror}; the rest is not said\n")
+                    _try_to_write(other, f"{word}: standard output: {error.strerror}; further output is discarded\n")
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self.fileno())
             os.close(nowhere)
@@ -48,7 +48,7 @@ class _Stream(io.FileIO):
 
 
 def begin() -> None:
-    """Put the process in order, before the rest is imported; the second time nothing happens."""
+    """Set up the process before the rest is imported; further calls have no effect."""
     global _begun
     if _begun:
         return
@@ -56,40 +56,42 @@ def begin() -> None:
     _open_streams()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if not _launched():
-        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # else MPI's own pipes may be meant
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # under a launcher it may concern MPI's own pipes
     given = os.environ.get("PETSC_OPTIONS", "").split()
     if "-no_signal_handler" not in given:  # it would report a signal as an error, with a traceback
         os.environ["PETSC_OPTIONS"] = " ".join([*given, "-no_signal_handler"])
     if _launched():
         os.environ["TERM"] = "dumb"
-        os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")  # no daemon, which would complain of our end
+        os.environ.setdefault(
+            "OMPI_MCA_ess_singleton_isolated", "1"
+        )  # no daemon, which would report the end of this process
     else:
         start_alone()
     _keep_caches_somewhere()
 
 
 def hear_signals_again() -> None:
-    """Once MPI has started: Open MPI 5 takes SIGHUP for itself, and nothing comes of it."""
+    """Restore signal handlers after the start of MPI: Open MPI 5 takes over SIGHUP and ignores it."""
     for number in (signal.SIGHUP, signal.SIGTERM, signal.SIGUSR1):
         signal.signal(number, signal.getsignal(number))
 
 
 def go_on_unheard() -> None:
-    """From here on the results are what matters: a pipe that nobody reads on ends nothing."""
+    """From here on a closed pipe does not end the process, which has results to write."""
     global _goes_on
     _goes_on = True
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
 def end_abruptly() -> None:
-    """Let the program end without the ends of its libraries: one of them has a file that it cannot close."""
+    """End the program without the exit handlers of its libraries, one of which has a file that it cannot close."""
     global _abruptly
     _abruptly = True
 
 
 @contextmanager
 def hushed() -> Iterator[None]:
-    """What libraries in C say on standard error goes nowhere: their stack of calls where an exception says it."""
+    """Suppress standard error of C libraries, whose call stacks only repeat an exception."""
     if sys.stderr is not None:
         sys.stderr.flush()
     before, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
@@ -103,11 +105,11 @@ def hushed() -> Iterator[None]:
 
 
 def ended(code: int, failed: int) -> int:
-    """The exit code, once all that is said has been written.
+    """The exit code, after flushing all output.
 
     Args:
-        code: Of the command.
-        failed: What to make of 0 if something could not be said, and was all there was.
+        code: Exit code of the command.
+        failed: Exit code in place of 0 if the output, the only result, could not be written.
     """
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
@@ -120,7 +122,7 @@ def ended(code: int, failed: int) -> int:
 
 
 def animated() -> bool:
-    """Whether standard output is a terminal that somebody looks at, where a line may change."""
+    """Whether standard output is an interactive terminal, on which a line can be updated."""
     dull = _launched() or "NO_COLOR" in os.environ or os.environ.get("TERM", "dumb") in ("dumb", "unknown", "")
     return not dull and sys.stdout.isatty()
 
@@ -130,7 +132,7 @@ def _open_streams() -> None:
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: this one
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number: this one
     for name, number in (("stdout", 1), ("stderr", 2)):
         encoding = getattr(getattr(sys, name), "encoding", None) or "utf-8"
         raw = _Stream(number, "w", closefd=False)
@@ -152,16 +154,16 @@ def _launched() -> bool:
 
 
 def _keep_caches_somewhere() -> None:
-    """Let DOLFINx and matplotlib keep what they make, where the home directory cannot be written."""
+    """Redirect the caches of DOLFINx and matplotlib if the home directory is not writable."""
     home = os.path.expanduser("~")
-    if not os.environ.get("XDG_CACHE_HOME"):  # an empty one means here to DOLFINx, and nothing to the standard
+    if not os.environ.get("XDG_CACHE_HOME"):  # empty means the working directory to DOLFINx, and unset in the standard
         os.environ.pop("XDG_CACHE_HOME", None)
     cache = os.environ.get("XDG_CACHE_HOME", os.path.join(home, ".cache"))
     if os.path.isabs(home) and _writable(Path(cache)):
         return
     try:
         place = _own_directory()
-    except OSError:  # nowhere at all: whoever needs it says so
+    except OSError:  # no writable place: the libraries report it when they need one
         return
     os.environ["XDG_CACHE_HOME"] = str(place)
     os.environ.setdefault("MPLCONFIGDIR", str(place / "matplotlib"))
@@ -176,7 +178,7 @@ def _writable(path: Path) -> bool:
 
 
 def _own_directory() -> Path:
-    """A directory for temporary files that keeps its name from run to run, and is nobody else's."""
+    """A directory for temporary files with a fixed name, owned by this user only."""
     place = Path(tempfile.gettempdir()) / f"coulomb-{os.getuid()}"
     place.mkdir(mode=0o700, exist_ok=True)
     found = place.lstat()

@@ -1,7 +1,7 @@
-"""Which process speaks and reads for all of them, asked without MPI where nobody has started this one under it.
+"""The ranks of a run, determined without starting MPI if the process has no launcher.
 
-MPI takes longer to start than a case takes to be read, so a process that no launcher has started does without it until
-there is something to compute.
+The start of MPI takes longer than reading a case, so a process without launcher does not start it before there is
+something to compute.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ RANK_VARIABLES = (
     "PMI_RANK",  # MPICH, Intel MPI, Cray PALS
     "MV2_COMM_WORLD_RANK",  # MVAPICH2
     "FLUX_TASK_RANK",
-    "SLURM_PROCID",  # also of a batch script, which is one process: MPI says so
+    "SLURM_PROCID",  # also set in a batch script, which is one process according to MPI
 )
-"""What a launcher of MPI calls a process's number; each of them sets one or several of these."""
+"""Variables in which MPI launchers pass the number of a process; each sets one or several of these."""
 
 
 def launched() -> MPI.Comm | None:
-    """All ranks where a launcher has started this process; None where it is alone as far as one can see."""
+    """All ranks if a launcher has started this process; None if there is no sign of a launcher."""
     if not any(name in os.environ for name in RANK_VARIABLES):
         return None
     from mpi4py import MPI
@@ -35,13 +35,13 @@ def launched() -> MPI.Comm | None:
 
 
 ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self"}
-"""Settings of Open MPI for a process that no launcher has started; those that it launches must not inherit them."""
+"""Settings of Open MPI for a process without launcher; MPI processes that it starts must not inherit them."""
 
 
 def start_alone() -> None:
-    """Spare Open MPI what a process without launcher has no use for: together half a second of its start.
+    """Disable parts of Open MPI that a process without launcher does not need, which saves half a second.
 
-    That is the daemon of Open MPI 4, for processes that this one would start by MPI, and the search for networks.
+    These are the daemon of Open MPI 4, for processes started by MPI, and the search for networks.
     """
     for name, value in ALONE.items():
         os.environ.setdefault(name, value)

@@ -1,4 +1,4 @@
-"""Files that are files: a pipe has no end that one could wait for, a device perhaps none at all."""
+"""Reading of regular files only: reading a pipe or a device might not end."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a dev
 
 
 def refuse_irregular(path: str | Path) -> None:
-    """See that a path, if it leads anywhere, leads to a file or a directory, before it is opened.
+    """Check before opening that a path is a file or a directory.
 
     Raises:
-        OSError: If it leads to a pipe, a device or a socket, or nowhere.
+        OSError: If it is a pipe, a device or a socket, or does not exist.
     """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "a name cannot have a NUL character", str(path))
@@ -24,14 +24,14 @@ def refuse_irregular(path: str | Path) -> None:
 
 
 def read_bytes(path: str | Path, most: int | None = None) -> bytes:
-    """What a file holds.
+    """Contents of a file.
 
     Args:
         path: The file.
-        most: How many bytes are read at most.
+        most: Maximum size in bytes.
 
     Raises:
-        OSError: If it cannot be read, is none, or is larger.
+        OSError: If it cannot be read, is not a regular file, or is larger.
     """
     refuse_irregular(path)
     with Path(path).open("rb") as file:

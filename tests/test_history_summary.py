@@ -63,7 +63,7 @@ def test_energy_of_the_history_is_the_sum_over_its_steps(done):
     assert told["history"]["energy"]["dissipated"] == pytest.approx(sum(dissipated)) != dissipated[-1]
     rows = list(csv.DictReader((directory / "history.csv").open()))
     assert float(rows[-1]["energy_dissipated"]) == pytest.approx(sum(dissipated))
-    assert f"friction {sum(dissipated):.6g}, error of finite steps" in said
+    assert f"friction {sum(dissipated):.6g}, time-stepping error" in said
 
 
 def test_terminal_says_what_its_figures_are_of(done):

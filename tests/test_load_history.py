@@ -70,7 +70,7 @@ def test_slip_increments_are_judged_as_such():
 
 
 def test_energy():
-    """Friction dissipates in every step; the imbalance is the error of finite steps, of first order at least."""
+    """Friction dissipates in every step; the imbalance is the time-stepping error, of first order at least."""
     imbalance = []
     for n in (1, 2, 4):
         energies = [step.state.energy for step in LoadHistory(np.linspace(0, 5, 5 * n + 1)[1:]).steps(rubbed())]

@@ -173,9 +173,9 @@ SLIPS = {
         r"output\.tolerance = 1e-08: .*; it belongs to \[solver\]",
     ),
     "True": (BLOCK.replace("false", "False"), r"Invalid value .*: picture = False; in TOML it is false"),
-    "no quotes": (BLOCK.replace('"left"', "left"), r"Invalid value .*: face = left; text stands in quotes"),
+    "no quotes": (BLOCK.replace('"left"', "left"), r"Invalid value .*: face = left; text must be in quotes"),
     "UTF-16": (BLOCK.encode("utf-16"), r"case\.toml: cannot be read: it is text in UTF-16; save it as UTF-8$"),
-    "Latin-1": (b"# Reibungs\xfcbung\n" + BLOCK.encode(), r"case\.toml: cannot be read: it is no text in UTF-8: "),
+    "Latin-1": (b"# Reibungs\xfcbung\n" + BLOCK.encode(), r"case\.toml: cannot be read: it is not UTF-8 text: "),
 }
 
 

@@ -117,7 +117,7 @@ def test_a_log_onto_a_full_disk_ends_alone():
 def test_a_folder_that_is_not_there(command):
     done = shell(f"coulomb {command}")
     assert done.returncode == 2
-    assert re.fullmatch(r"error: --save there/file\.\w+: there is no folder there; make it first\n", done.stderr)
+    assert re.fullmatch(r"error: --save there/file\.\w+: there is no folder there; create it first\n", done.stderr)
     Path("there/file.png").mkdir(parents=True)
     Path("there/file.html").mkdir()
     done = shell(f"coulomb {command}")

@@ -91,7 +91,7 @@ def test_standard_output_on_a_full_disk(command, code):
     word = "error" if code else "warning"
     assert (done.returncode, done.stderr) == (
         code,
-        f"{word}: standard output: No space left on device; the rest is not said\n",
+        f"{word}: standard output: No space left on device; further output is discarded\n",
     )
     assert "run" not in command or certified()
 

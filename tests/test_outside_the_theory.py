@@ -277,7 +277,7 @@ def test_a_large_energy_imbalance_is_a_warning(tmp_path):
         tmp_path, HISTORY, "prescribed_displacement.0.value=[0,0,-0.004]", "history={times=[1.0, 2.0, 3.0]}"
     )
     told = summary_of(tmp_path)
-    error = float(re.search(r"error of finite steps (\S+)", said).group(1))
+    error = float(re.search(r"time-stepping error (\S+)", said).group(1))
     dissipated = float(re.search(r"friction (\S+),", said).group(1))
     assert code == 0 and abs(error) > 0.25 * dissipated
     assert "warning: the energies do not add up, by" in complaint and "more load steps" in complaint

@@ -139,7 +139,7 @@ def test_a_signal_stops_a_load_history_which_resumes(tmp_path):
     assert code == 130, said
     done = len(list((out / "steps").glob("*/summary.json")))
     assert 2 <= done < 24
-    assert f"the {done} load steps before are in {out}/; to go on: coulomb resume {out}" in said
+    assert f"the {done} load steps before are in {out}/; to continue: coulomb resume {out}" in said
     done = run_coulomb("resume", out, "--quiet", "--log", log)
     assert done.returncode == 0 and done.stdout == done.stderr == ""
     with (out / "history.csv").open() as file:

@@ -20,7 +20,7 @@ CASE_FILES = (
     Wrong(
         "a case that is no text",
         run(),
-        r"case\.toml: cannot be read: it is no text in UTF-8: ",
+        r"case\.toml: cannot be read: it is not UTF-8 text: ",
         case(b"\xfc\xff"),
         library="UTF-8: ",
     ),
@@ -86,7 +86,7 @@ CASE_FILES = (
     Wrong(
         "--set in a table that is not there",
         run("traction.7.face='top'"),
-        r"no such place in the case; lists count from 0",
+        r"no such place in the case; lists are numbered from 0",
     ),
     Wrong("an unknown method", run("solver.linear_solver='lu'"), r"'lu': should be 'auto', 'direct' or 'iterative'"),
     Wrong(

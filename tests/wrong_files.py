@@ -323,7 +323,7 @@ COMMANDS = (
         r"FCLIB's problems have Coulomb's law; this case has a cohesion or a slip stress",
         alone=True,
     ),
-    Wrong("new where a file is", ("new", "block", "case.toml"), r"case\.toml: exists already; --force replaces it"),
+    Wrong("new where a file is", ("new", "block", "case.toml"), r"case\.toml: already exists; --force replaces it"),
     Wrong(
         "new in a directory that is not there",
         ("new", "block", "there/a.toml"),

@@ -1,1 +1,1 @@
-"""A TOML case file, checked, and turned into a problem and its solver."""
+"""Case files: TOML, validated, and converted to a problem and its solver."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 SMALL = 200_000
-"""Cells of a mesh beside which a process that waits to draw does not count."""
+"""Number of cells up to which a waiting drawing process needs little memory in comparison."""
 
 
 class Table(BaseModel):
@@ -28,7 +28,7 @@ class Table(BaseModel):
 
 
 class MeshTable(Table):
-    """A box, lengths in metres; or a mesh file (`mesh_formats`), and how many metres its unit of length has."""
+    """A box, lengths in metres; or a mesh file (`mesh_formats`), and the metres per unit of length of the file."""
 
     box: tuple[Length, Length, Length] | None = None
     cells: tuple[Cells, Cells, Cells] | None = None
@@ -61,11 +61,11 @@ class MeshTable(Table):
 
     @property
     def small(self) -> bool:
-        """Whether it has at most about SMALL cells, as far as one can tell before it is read."""
+        """Whether it has at most about SMALL cells, estimated without reading it."""
         if self.file is None:
             return self.cells is not None and math.prod(self.cells) <= SMALL
         try:
-            return os.path.getsize(self.file) <= 100 * SMALL  # bytes of a cell
+            return os.path.getsize(self.file) <= 100 * SMALL  # bytes per cell
         except OSError:
             return False
 
@@ -93,7 +93,7 @@ class MaterialTable(Table):
 
 
 class GroupMaterialTable(MaterialTable):
-    """The same, of a group of cells."""
+    """Young's modulus and Poisson's ratio of a group of cells."""
 
     cells: Name
 
@@ -141,7 +141,7 @@ class TractionTable(Table):
     amplitude: AmplitudeTable | None = None
 
     def traction(self) -> Traction:
-        """What it describes."""
+        """What the table describes."""
         from ..fem.loaded_body import Traction
 
         return Traction(self.face, self.value, self.amplitude or 1.0)
@@ -158,7 +158,7 @@ class SpringTable(Table):
     stiffness: Annotated[tuple[Stiffness, Stiffness, Stiffness], BeforeValidator(_along_axes)]
 
     def spring(self) -> Spring:
-        """What it describes."""
+        """What the table describes."""
         from ..fem.loaded_body import Spring
 
         return Spring(self.face, self.stiffness)

@@ -1,4 +1,4 @@
-"""A TOML case file: read, checked, and turned into a problem."""
+"""A case file: read, validated, and converted to a problem."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .solver import OutputTable, SolverTable
 from .text import apply, parsed, read_text
 from .values import TABLES, AmplitudeTable, Vector
 
-if TYPE_CHECKING:  # what needs DOLFINx or PETSc is loaded when a case that is right becomes a problem
+if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
     from mpi4py import MPI
 
     from ..fem.body import Material
@@ -60,10 +60,10 @@ class Case(Table):
     output: OutputTable = OutputTable()
 
     def problem(self, comm: MPI.Comm | None = None) -> ContactProblem:
-        """Mesh and problem of the case, on these ranks, by default all.
+        """Mesh and problem of the case on these ranks, by default all.
 
         Raises:
-            ValueError: If the parts do not fit together, on every rank.
+            ValueError: On every rank, if the parts are inconsistent.
         """
         from mpi4py import MPI
 
@@ -101,10 +101,10 @@ class Case(Table):
         return problem
 
     def body(self, comm: MPI.Comm) -> LoadedBody:
-        """The body of the case alone, with all that acts on it but the foundation, at time 0; without K.
+        """The body of the case with loads and supports at time 0, without the foundation and without K.
 
         Raises:
-            ValueError: If the parts do not fit together, on every rank.
+            ValueError: On every rank, if the parts are inconsistent.
         """
         from ..fem.loaded_body import LoadedBody
 
@@ -127,7 +127,7 @@ class Case(Table):
         return {f"contact.{k}": table for k, table in enumerate(self.contact)}
 
     def materials(self) -> Material | dict[str, Material]:
-        """One for the whole body, or by group of cells."""
+        """The material of the whole body, or per group of cells."""
         from ..fem.body import Material
 
         if isinstance(self.material, MaterialTable):
@@ -136,7 +136,7 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _parts_of_a_mesh(self) -> Case:
-        """A box has known faces and no groups of cells; of a file it is known when it is read."""
+        """Check faces and materials of a box; those of a file are checked when it is read."""
         if not isinstance(self.material, MaterialTable):
             groups = [table.cells for table in self.material]
             if len(set(groups)) < len(groups) or not groups:
@@ -185,12 +185,12 @@ class Case(Table):
         )
 
     def contact_solver(self) -> CoulombSolver | QPSolver:
-        """The solver the case asks for."""
+        """The solver of the case."""
         return self.solver.contact_solver(any(table.sloped for table in self.contacts.values()))
 
 
 FILES = {"file", "facets", "cell_groups"}
-"""Keys of the mesh that name files."""
+"""Keys of the mesh whose values are file names."""
 
 
 def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
@@ -201,7 +201,7 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
         changes: Settings "key.key=value" that replace or add to those of the file, values in TOML.
 
     Raises:
-        ValueError: If the file cannot be read, is no TOML, or does not describe a case: key, value, what is allowed.
+        ValueError: If the file cannot be read, is not TOML, or is not a valid case, with key, value and allowed values.
     """
     try:
         text = on_rank_0(launched(), lambda: read_text(path))
@@ -221,7 +221,7 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
 
 
 def _beside(case: Path, tables: dict[str, Any]) -> None:
-    """Names of mesh files, relative to the case's directory."""
+    """Make names of mesh files relative to the case's directory."""
     mesh = tables.get("mesh")
     for key in FILES:
         if isinstance(mesh, dict) and isinstance(mesh.get(key), str):

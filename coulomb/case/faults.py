@@ -1,4 +1,4 @@
-"""What is wrong with the tables of a case, in the words of the case file: key, value, what is allowed or meant."""
+"""Error messages for the tables of a case: key, value, and what is allowed or probably meant."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from .body import ONE, SEVERAL
 from .contact import FACE, FACES
 
 _MOST = 10
-"""Faults that are listed; a table of a hundred thousand wrong rows has one too."""
+"""Maximum number of faults listed."""
 
 _FIRST_KEY = {"mesh": "file", "output": "directory", "contact": "face", "material": "young", "history": "times"}
-"""What somebody means who gives a value where a table stands."""
+"""The probable key if a value is given in place of a table."""
 
 _Model = type[BaseModel]
 
@@ -26,11 +26,11 @@ _short.maxlevel, _short.maxdict, _short.maxlist, _short.maxtuple = 3, 4, 6, 6
 
 
 def fault_of(error: ValidationError, where: str, case: _Model) -> ValueError:
-    """All faults that pydantic has found, a line for each, as one error.
+    """All faults found by pydantic, one per line, as one error.
 
     Args:
-        error: Of the validation.
-        where: The file, for messages.
+        error: The validation error.
+        where: The file, for the messages.
         case: The model of a whole case.
     """
     entries = error.errors(include_url=False)
@@ -53,7 +53,7 @@ def _explain(entry: Any, case: _Model) -> str:
         return f"{key} = {_shown(given)}: there is no such key{_meant(location, case)}"
     if entry["type"] == "missing":
         return f"{key}: is missing"
-    if key == "case":  # of parts that do not fit together; the message says which
+    if key == "case":  # inconsistent parts, named in the message
         return str(entry["msg"]).removeprefix("Value error, ")
     if entry["type"] == "tuple_type" and isinstance(given, dict) and names in tables_of_several(case):
         return f"{key}: there may be several: write [[{names}]], with double brackets, in place of [{names}]"
@@ -71,7 +71,7 @@ def _explain(entry: Any, case: _Model) -> str:
 
 
 def _shown(value: Any) -> str:
-    """A value, shortened; of a monster what can be shown."""
+    """A shortened value."""
     try:
         return _short.repr(value)
     except (RecursionError, ValueError):  # nested without end; thousands of digits
@@ -79,7 +79,7 @@ def _shown(value: Any) -> str:
 
 
 def _meant(location: tuple[int | str, ...], case: _Model) -> str:
-    """Where a key belongs, or what it may be a slip for, and what is known where it stands."""
+    """The table to which a key belongs, or a similar key, and the known keys of its table."""
     name = str(location[-1])
     here = ".".join(part for part in location[:-1] if isinstance(part, str))
     known = {place: list(model.model_fields) for place, model, _ in _tables(case)}
@@ -99,16 +99,16 @@ def _meant(location: tuple[int | str, ...], case: _Model) -> str:
 
 
 def _tables(model: _Model, name: str = "", several: bool = False) -> Iterator[tuple[str, _Model, bool]]:
-    """Every table of a case: its dotted name, empty for the case, its model, and whether there may be several."""
+    """Every table of a case: dotted name (empty for the case), model, and whether there may be several."""
     yield name, model, several
     for key, field in model.model_fields.items():
         found = list(_models(field.annotation))
-        for inner, in_list in found[-1:]:  # of one or several the model of several, which has all keys
+        for inner, in_list in found[-1:]:  # of alternatives the model for several, which has all keys
             yield from _tables(inner, f"{name}.{key}" if name else key, in_list)
 
 
 def _models(annotation: Any, in_list: bool = False) -> Iterator[tuple[_Model, bool]]:
-    """The tables an annotation is made of, and whether in a list."""
+    """The tables in an annotation, and whether they are in a list."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation, in_list
         return

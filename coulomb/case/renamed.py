@@ -14,7 +14,7 @@ def current_method(method: Any) -> Any:
 
 
 def renamed(tables: dict[str, Any]) -> list[str]:
-    """What a case should write in place of former values, one line for each.
+    """Messages on former values in a case, one line each.
 
     Args:
         tables: The tables of the case, not yet validated.

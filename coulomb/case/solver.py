@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class SolverTable(Table):
-    """Accuracy, and the methods where the choice by size is not wanted; newton = "condensed" works matrix-free."""
+    """Accuracy, and methods in place of the choice by size; newton = "condensed" is matrix-free."""
 
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
     linear_solver: Literal["auto", "direct", "iterative"] = "auto"
@@ -36,7 +36,7 @@ class SolverTable(Table):
         return self
 
     def contact_solver(self, sloped: bool) -> CoulombSolver | QPSolver:
-        """What the table asks for; a Newton system that is the paper's asks for successive Tresca.
+        """The solver of the table; the paper's Newton systems imply successive Tresca.
 
         Args:
             sloped: Whether friction grows with pressure at any node.
@@ -71,7 +71,7 @@ class SolverTable(Table):
 
 
 class OutputTable(Table):
-    """Where results go, whether to draw them, and whether to write a page about them."""
+    """Directory of the results, and whether to write a picture and the report."""
 
     directory: FileName = "results"
     picture: bool = True

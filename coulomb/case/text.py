@@ -1,4 +1,4 @@
-"""The text of a case, from a file or from --set, as tables of TOML; what is wrong with the text, in words."""
+"""Parsing of the text of a case, from a file or --set, and messages about syntax errors."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from typing import Any
 from ..regular_file import read_bytes
 
 LARGEST = 4_000_000
-"""Bytes of a case file: a hundred thousand rows of an amplitude.  TOML is read at about a megabyte per second."""
+"""Maximum bytes of a case file: a hundred thousand rows of an amplitude.  TOML is read at about a megabyte per
+second."""
 
 _DEEPEST = 20
-"""Names in a dotted key; a case needs four."""
+"""Maximum number of names in a dotted key; a case needs four."""
 
 _TOO_DEEP = re.compile(rf'(?:\b[\w-]{{1,50}}"?[ \t]*\.[ \t]*"?){{{_DEEPEST}}}\w')
-"""A key of more names than that: tomllib takes the square of their number."""
+"""A key with more names: the time of tomllib grows with the square of their number."""
 
 _OTHER_TEXT = ((codecs.BOM_UTF32_LE, "UTF-32"), (codecs.BOM_UTF16_LE, "UTF-16"), (codecs.BOM_UTF16_BE, "UTF-16"))
 
 
 def read_text(path: str | Path, most: int = LARGEST) -> str:
-    """What a file says, without the mark that some editors put before UTF-8.
+    """Text of a file, without a byte order mark.
 
     Raises:
-        OSError: If it cannot be read as UTF-8, or has more than so many bytes: why.
+        OSError: If it cannot be read as UTF-8, or has more than `most` bytes, with the reason.
     """
     found = read_bytes(path, most)
     for mark, name in _OTHER_TEXT:
@@ -36,19 +37,19 @@ def read_text(path: str | Path, most: int = LARGEST) -> str:
     try:
         return found.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise OSError(errno.EILSEQ, f"it is no text in UTF-8: {error}", str(path)) from None
+        raise OSError(errno.EILSEQ, f"it is not UTF-8 text: {error}", str(path)) from None
 
 
 def parsed(text: str, path: str | Path, several: set[str]) -> dict[str, Any]:
-    """The tables of a case.
+    """Parse the tables of a case.
 
     Args:
         text: TOML.
-        path: Where it is from, for messages.
-        several: Names of tables that a case may have several of.
+        path: The file, for messages.
+        several: Names of tables of which a case may have several.
 
     Raises:
-        ValueError: If it is not TOML: where, the line itself, and what may be meant.
+        ValueError: If it is not TOML, with the position, the line, and a hint.
     """
     lines = text.splitlines()
     try:
@@ -75,7 +76,7 @@ def _hint(fault: str, line: str, several: set[str]) -> str:
     if "Invalid value" in fault and value.split("#")[0].strip() in ("True", "False"):
         return f"; in TOML it is {value.split('#')[0].strip().lower()}"
     if "Invalid value" in fault and re.match(r"[A-Za-z_]", value):
-        return "; text stands in quotes"
+        return "; text must be in quotes"
     return ""
 
 
@@ -83,7 +84,7 @@ def apply(tables: dict[str, Any], change: str) -> None:
     """Put a setting "key.key=value" into the tables.
 
     Raises:
-        ValueError: If it is none, or there is no such place.
+        ValueError: If it is not a setting, or there is no such place.
     """
     key, equals, value = change.partition("=")
     parts, said = key.strip().split("."), f"--set {change[:80]}{' ...' if len(change) > 80 else ''}"
@@ -104,4 +105,4 @@ def apply(tables: dict[str, Any], change: str) -> None:
         else:
             place[parts[-1]] = new
     except (ValueError, IndexError, TypeError, AttributeError):
-        raise ValueError(f"{said}: there is no such place in the case; lists count from 0") from None
+        raise ValueError(f"{said}: there is no such place in the case; lists are numbered from 0") from None

@@ -1,1 +1,1 @@
-"""The command line: commands, progress, log, interruption.  Nobody imports it."""
+"""The command line: commands, progress, log, interruption.  Not imported by other parts of the package."""

@@ -1,7 +1,8 @@
-"""The command line: `coulomb run CASE.toml`, `coulomb info`.  Only rank 0 speaks; exit codes: console.py.
+"""The commands of `coulomb`, except those of benchmarks, cases and pictures.  Output is on rank 0; exit codes:
+console.py.
 
-What needs MPI, PETSc or DOLFINx is imported by the command that needs it, when it runs: help, and what is said of a
-wrong case, come at once.
+Modules that need MPI, PETSc or DOLFINx are imported by the command that needs them, so that help and messages about
+wrong cases are immediate.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ app.add_typer(benchmark, name="benchmark")
 register(app)
 
 
-def _tell_version(asked: bool) -> None:
+def _show_version(asked: bool) -> None:
     if asked:
         _console.print(f"coulomb {__version__}", markup=False)
         raise typer.Exit
@@ -49,19 +50,19 @@ def _tell_version(asked: bool) -> None:
 def _options(
     context: typer.Context,
     version: Annotated[
-        bool, typer.Option("--version", help="Say which version this is.", is_eager=True, callback=_tell_version)
+        bool, typer.Option("--version", help="Show the version.", is_eager=True, callback=_show_version)
     ] = False,
 ) -> None:
-    """3D contact with Coulomb friction: solved, certified, written.  Begin with: coulomb new block"""
+    """3D contact with Coulomb friction: solved, certified, written.  Start with: coulomb new block"""
     context.with_resource(showing_messages(_console))
 
 
-Quiet = Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print only warnings and errors.")]
 Force = Annotated[
     bool, typer.Option("--force", help="Run with too little memory or disk, and accept strains outside the theory.")
 ]
 LogFile = Annotated[
-    Path | None, typer.Option("--log", help="Add all that is said, and every step, to this file, with the time.")
+    Path | None, typer.Option("--log", help="Append all output and every step to this file, with the time.")
 ]
 
 
@@ -70,9 +71,9 @@ def run(
     case: Annotated[Path, typer.Argument(help="Case file, TOML.", metavar="CASE.toml")],
     changes: Changes = None,
     directory: Annotated[
-        Path | None, typer.Option("--output", help="Where the results go, in place of the case's output.directory.")
+        Path | None, typer.Option("--output", help="Directory of the results, in place of the case's output.directory.")
     ] = None,
-    page: Annotated[bool, typer.Option("--report", help="Write report.html too, as output.report = true.")] = False,
+    page: Annotated[bool, typer.Option("--report", help="Write report.html as well, as output.report = true.")] = False,
     quiet: Quiet = False,
     log_file: LogFile = None,
     force: Force = False,
@@ -93,19 +94,19 @@ def run(
 
 @app.command()
 def resume(
-    directory: Annotated[Path, typer.Argument(help="Where a load history has left its steps.")],
+    directory: Annotated[Path, typer.Argument(help="Directory of a load history.")],
     quiet: Quiet = False,
     log_file: LogFile = None,
     force: Force = False,
 ) -> None:
-    """Continue a load history that was interrupted, from its last step, on as many ranks as you like."""
+    """Continue a load history that was interrupted, from its last step, on any number of ranks."""
     from .session import opened
 
     with opened(quiet, log_file) as session:
         with bad_input():
             settings = written_case(directory)
             if settings.history is None:
-                raise ValueError(f"{directory} holds a single run, no load history: there is nothing to resume")
+                raise ValueError(f"{directory} contains a single run, not a load history: there is nothing to resume")
 
         from .running import compute
 
@@ -130,9 +131,11 @@ def fclib(
     file: Annotated[Path, typer.Argument(help="Problem in FCLIB's HDF5 format, local or global.")],
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of lines.")] = False,
     tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-8,
-    dense: Annotated[bool, typer.Option("--dense", help="Newton systems by dense algebra: hard, small ones.")] = False,
+    dense: Annotated[
+        bool, typer.Option("--dense", help="Dense Newton systems: for small, ill-conditioned problems.")
+    ] = False,
 ) -> None:
-    """Solve a friction problem from elsewhere, and report the residual its community uses."""
+    """Solve a friction problem in FCLIB's format, and report its residual as defined by FCLIB."""
     refuse_ranks("coulomb fclib")
     if tolerance > 1.0:
         _errors.print(f"error: --tolerance must be from 1e-12 to 1, but is {tolerance}", markup=False)
@@ -189,12 +192,12 @@ def export(
     changes: Annotated[list[str] | None, typer.Option("--set", help="Replace a setting; may be repeated.")] = None,
     at: Annotated[
         float | None,
-        typer.Option("--time", help="Of a load history: whose loads; by default the end of its last step."),
+        typer.Option("--time", help="Time of the loads of a load history; by default the end of its last step."),
     ] = None,
 ) -> None:
-    """Write the contact problem of a case, condensed to its contact nodes, for other solvers to read.
+    """Write the contact problem of a case, condensed to its contact nodes, in FCLIB's format.
 
-    Of a load history it is the problem of a single step, from the body at rest to the loads of one time.
+    For a load history it is the problem of a single step, from the undeformed body to the loads at one time.
     """
     refuse_ranks("coulomb export")
 
@@ -202,7 +205,7 @@ def export(
         settings = read_case(case, changes or ())
         time = _time_of(settings, at)
         if not file.absolute().parent.is_dir():
-            raise ValueError(f"{file}: there is no folder {file.parent}; make it first")
+            raise ValueError(f"{file}: there is no folder {file.parent}; create it first")
 
     import scipy.sparse
 
@@ -232,10 +235,10 @@ def export(
 
 
 def _time_of(settings: Case, asked: float | None) -> float | None:
-    """The time at which a case is exported; None of a case without a history.
+    """The time at which a case is exported; None for a case without a history.
 
     Raises:
-        ValueError: If the time asked for is none of the history's.
+        ValueError: If the given time is outside the history.
     """
     if settings.history is None:
         if asked is not None:
@@ -248,7 +251,7 @@ def _time_of(settings: Case, asked: float | None) -> float | None:
 
 
 @app.command()
-def check(directory: Annotated[Path, typer.Argument(help="Where a run has left its results.")]) -> None:
+def check(directory: Annotated[Path, typer.Argument(help="Directory of the results of a run.")]) -> None:
     """Check results from their files alone: 0 if they are certified and agree, 1 if not, 2 if they cannot be read.
 
     A run, a load history with all its steps, or one of these steps.
@@ -268,7 +271,7 @@ def check(directory: Annotated[Path, typer.Argument(help="Where a run has left i
 
 
 def main() -> None:
-    """Entry point; what no rank foresaw ends all of them."""
+    """Entry point; an unexpected exception on one rank ends all ranks."""
     process.begin()
     code = 0
     try:

@@ -1,4 +1,4 @@
-"""`coulomb benchmark ...`: each prints its table and, with --output, writes it as CSV with a figure."""
+"""`coulomb benchmark ...`: each prints a table and, with --output, writes it as CSV with a figure."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
 if TYPE_CHECKING:
     from ..benchmarks.verification import Verified
 
-benchmark = typer.Typer(help="Measurements behind the choices.", no_args_is_help=True)
+benchmark = typer.Typer(help="Benchmarks and verification.", no_args_is_help=True)
 
 
 @benchmark.command()
 def compliance(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")] = None,
 ) -> None:
-    """Three ways to the compliance A on one rank, seconds: what the default choice rests on."""
+    """Three methods for the compliance A on one rank, seconds: the basis of the default."""
     from ..benchmarks.compliance_formation import measure
 
     refuse_ranks("this benchmark")
@@ -44,7 +44,7 @@ def compliance(
 
 @benchmark.command()
 def table1(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")] = None,
     solver: Annotated[list[str] | None, typer.Option("--solver", help="A column, as KPRGP; repeat.")] = None,
     directory: Annotated[Path | None, typer.Option("--output", help="For table1.csv and table1.png.")] = None,
 ) -> None:
@@ -71,15 +71,15 @@ def table1(
 
 @benchmark.command()
 def friction(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")] = None,
     coefficients: Annotated[
         list[float] | None, typer.Option("--friction", min=0.0, help="Friction coefficient; repeat.")
     ] = None,
     tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-8,
-    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Runs; the least time counts.")] = 1,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Number of runs; the minimum time counts.")] = 1,
     directory: Annotated[Path | None, typer.Option("--output", help="For friction.csv and friction.png.")] = None,
 ) -> None:
-    """Ways to Coulomb friction on the block, beside one Tresca problem solved as in the paper."""
+    """Methods for Coulomb friction on the block, compared with one Tresca problem solved as in the paper."""
     from ..benchmarks.friction import FRICTION, TRESCA, Row, measure
 
     console.print(f"Coulomb block to a residual of {tolerance:g}; time over that of one Tresca problem", soft_wrap=True)
@@ -99,7 +99,7 @@ def friction(
 
 @benchmark.command()
 def scaling(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")] = None,
     ranks: Annotated[list[int] | None, typer.Option("--ranks", min=1, help="Ranks to run on; repeat.")] = None,
     coefficient: Annotated[float, typer.Option("--friction", min=0.0)] = 0.3,
     tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-7,
@@ -108,11 +108,13 @@ def scaling(
     start: Annotated[str, typer.Option("--start", help="cold, or coarse: from half as many cells.")] = "cold",
     directory: Annotated[Path | None, typer.Option("--output", help="For scaling.csv and scaling.png.")] = None,
 ) -> None:
-    """Coulomb friction up to a million unknowns, beside one linear solve on the same mesh (the yardstick)."""
+    """Coulomb friction up to a million unknowns, compared with one linear solve on the same mesh (the yardstick)."""
     from ..benchmarks.scaling import METHODS, NEWTON, SIZES, STARTS, Row, exponent, measure
 
     if several() or method not in METHODS:
-        errors.print("error: this benchmark runs on one rank, and starts others; --method is auto, direct or iterative")
+        errors.print(
+            "error: this benchmark runs on one rank, and starts others itself; --method is auto, direct or iterative"
+        )
         raise typer.Exit(BAD_INPUT)
     if newton not in NEWTON or start not in STARTS:
         errors.print("error: --newton is recycling or condensed, --start is cold or coarse", markup=False)
@@ -125,7 +127,7 @@ def scaling(
             row = next(results)
         except StopIteration:
             break
-        except RuntimeError as error:  # what was measured so far is kept
+        except RuntimeError as error:  # the rows so far are kept
             errors.print(f"error: {error}", markup=False)
             failed = True
             break
@@ -147,9 +149,9 @@ def scaling(
 
 @benchmark.command()
 def estimates(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")] = None,
 ) -> None:
-    """What `coulomb check-case` expects of the block, beside what it takes."""
+    """Estimates of `coulomb check-case` for the block, compared with measurements."""
     from ..benchmarks.estimates import SIZES, measure
 
     refuse_ranks("this benchmark")
@@ -171,12 +173,12 @@ def estimates(
 
 @benchmark.command()
 def peers(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells a metre of the block; repeat.")] = None,
-    names: Annotated[list[str] | None, typer.Option("--peer", help="One of them, as GetFEM; repeat.")] = None,
-    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Runs of each; the least time counts.")] = 1,
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")] = None,
+    names: Annotated[list[str] | None, typer.Option("--peer", help="A peer, as GetFEM; repeat.")] = None,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Runs of each; the minimum time counts.")] = 1,
     directory: Annotated[Path | None, typer.Option("--output", help="For peers.csv and peers.png.")] = None,
 ) -> None:
-    """The block by coulomb and by other packages, each in a process of its own, on one thread."""
+    """The block by coulomb and by other packages, each in a separate process, on one thread."""
     from ..benchmarks.peers import Row, Skipped, measure
 
     refuse_ranks("this benchmark")
@@ -203,7 +205,7 @@ def peers(
 
 @benchmark.command()
 def conditioning(
-    p: Annotated[int, typer.Option("--p", min=1, max=5, help="Cells a metre of the block: dense algebra.")] = 3,
+    p: Annotated[int, typer.Option("--p", min=1, max=5, help="Cells per metre of the block: dense algebra.")] = 3,
     directory: Annotated[Path | None, typer.Option("--output", help="For conditioning.csv and .png.")] = None,
 ) -> None:
     """Figure 1 of the paper: condition numbers of the Newton systems along a path-following run."""
@@ -225,10 +227,11 @@ def conditioning(
 
 @benchmark.command()
 def verification(
-    names: Annotated[list[str] | None, typer.Option("--case", help="One of them, as hertz; repeat.")] = None,
+    names: Annotated[list[str] | None, typer.Option("--case", help="A case, as hertz; repeat.")] = None,
     directory: Annotated[Path | None, typer.Option("--output", help="For verification.csv and the pictures.")] = None,
 ) -> None:
-    """Known answers: patch tests, SSNV128, Hertz, Cattaneo-Mindlin, a sliding block.  Exit code 1 if one is missed."""
+    """Verification: patch tests, SSNV128, Hertz, Cattaneo-Mindlin, a sliding block.  Exit code 1 if a tolerance is
+    exceeded."""
     from ..benchmarks.verification import CASES
 
     unknown = [name for name in names or () if name not in CASES]
@@ -279,7 +282,7 @@ def _print_verified(name: str, verified: Verified) -> None:
 
 
 def _write_table(directory: Path | None, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """name.csv and its figure name.png, where a directory is given."""
+    """Write name.csv and its figure name.png, if a directory is given."""
     if directory is None or console.quiet or not rows:
         return
     from ..pictures import plotting
@@ -293,7 +296,7 @@ def _write_table(directory: Path | None, name: str, fields: Sequence[str], rows:
 
 @contextmanager
 def _figures() -> Iterator[None]:
-    """What was measured is kept without its figure where nothing is there to draw it."""
+    """Keep the table without a figure if the packages for drawing are missing."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -304,7 +307,7 @@ def _figures() -> Iterator[None]:
 
 @contextmanager
 def _writing(directory: Path) -> Iterator[None]:
-    """Ends the command with one line where its files cannot be written; its table has been printed."""
+    """End the command with a message if its files cannot be written."""
     try:
         yield
     except OSError as error:

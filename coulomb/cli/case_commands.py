@@ -1,4 +1,4 @@
-"""`coulomb new` and `coulomb check-case`: a case file to begin with, and what a case will take."""
+"""`coulomb new` and `coulomb check-case`: write a template case file; validate a case and estimate its cost."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Changes = Annotated[
 
 
 class Kind(StrEnum):
-    """The cases there are to begin with."""
+    """The templates."""
 
     block = "block"
     hertz = "hertz"
@@ -28,11 +28,11 @@ class Kind(StrEnum):
 
 
 def new(
-    kind: Annotated[Kind, typer.Argument(help="What to begin with.")],
+    kind: Annotated[Kind, typer.Argument(help="The template.")],
     file: Annotated[Path | None, typer.Argument(help="File to write; by default KIND.toml.", metavar="[FILE]")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
 ) -> None:
-    """Write a case file with comments: a block dragged along a plane, a ball in rubber, friction that remembers."""
+    """Write a case file with comments: a block pushed along a plane, a ball in rubber, or a load history."""
     target = file or Path(f"{kind.value}.toml")
     text = (resources.files("coulomb") / "templates" / f"{kind.value}.toml").read_text(encoding="utf-8")
     text = text.replace(f"{kind.value}.toml", str(target))
@@ -51,7 +51,7 @@ def new(
         try:
             on_rank_0(launched(), write)
         except FileExistsError:
-            raise ValueError(f"{target}: exists already; --force replaces it") from None
+            raise ValueError(f"{target}: already exists; --force replaces it") from None
         except OSError as error:
             raise ValueError(f"{target}: cannot be written: {error.strerror or error}") from None
     console.print(f"{target} written; next: coulomb check-case {target}", markup=False, soft_wrap=True)
@@ -64,8 +64,8 @@ def check_case(
 ) -> None:
     """Validate a case without solving it, and estimate size, memory and time; 0 if it can be run, 2 if not.
 
-    All is done that a run does before it factorises K: mesh, clamps, loads and contact are looked at, for every load
-    step, and K is assembled.
+    Performs all steps of a run up to the factorisation of K: mesh, supports, loads and contact are checked, for every
+    load step, and K is assembled.
     """
     with bad_input():
         settings = read_case(case, changes or ())

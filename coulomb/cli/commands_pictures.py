@@ -1,4 +1,4 @@
-"""`coulomb plot` and `coulomb report`: pictures and a page from the files of a run, drawn in a process apart."""
+"""`coulomb plot` and `coulomb report`: pictures and the report from the files of a run, made in a separate process."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
 if TYPE_CHECKING:
     from ..case.case import Case
 
-Directory = Annotated[Path, typer.Argument(help="Where a run has left its results.")]
+Directory = Annotated[Path, typer.Argument(help="Directory of the results of a run.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -38,7 +38,7 @@ def plot(
             "with _x, _y or _z a component."
         ),
     ] = "pressure",
-    scale: Annotated[float | None, typer.Option(help="Of the displacement; by default such that it shows.")] = None,
+    scale: Annotated[float | None, typer.Option(help="Factor of the displacement; by default a visible one.")] = None,
     view: Annotated[
         str | None, typer.Option(help="contact, iso, below, top, bottom, front, back, left, right.")
     ] = None,
@@ -46,13 +46,13 @@ def plot(
         Path | None,
         typer.Option(help="FILE.png, .jpg, .pdf or .svg; of a load history also .gif or .mp4. Without it: a window."),
     ] = None,
-    step: Annotated[int | None, typer.Option(help="Of a load history, from 1; the last by default.")] = None,
+    step: Annotated[int | None, typer.Option(help="Step of a load history, from 1; by default the last.")] = None,
 ) -> None:
     """Show or save a picture of a run, or a film of a load history."""
     refuse_ranks("coulomb plot")
     if save is None and not _display():
         save = Path("plot.png")
-        console.print("there is no display: the picture goes to a file", markup=False)
+        console.print("there is no display: the picture is written to a file", markup=False)
     if scale is not None and not (math.isfinite(scale) and 0.0 <= scale <= 1e12):
         _refuse(f"--scale must be from 0 to 1e12, but is {scale}")
     _refuse_nowhere(save)
@@ -62,7 +62,7 @@ def plot(
 
 def report(
     directory: Directory,
-    save: Annotated[Path | None, typer.Option(help=f"The page; DIRECTORY/{REPORT} by default.")] = None,
+    save: Annotated[Path | None, typer.Option(help=f"File of the page; by default DIRECTORY/{REPORT}.")] = None,
 ) -> None:
     """Write one HTML page about a run, certified or not: case, certificate, pictures, convergence, a 3D view."""
     refuse_ranks("coulomb report")
@@ -74,7 +74,7 @@ def report(
 def drawing_soon(settings: Case) -> Iterator[apart.Apart | None]:
     """The process that draws picture.png of a single run loads its libraries while the run computes.
 
-    None under MPI, whose ranks need all cores, and for large meshes, which need the memory: it begins afterwards there.
+    None under MPI, whose ranks need all cores, and for large meshes, which need the memory: there it starts afterwards.
     """
     soon = settings.output.picture and settings.history is None and launched() is None and settings.mesh.small
     if not soon:
@@ -91,11 +91,11 @@ def write_report(directory: Path, stop: Callable[[], bool]) -> str:
     """Write the report of a run that has just been written; collective.
 
     Args:
-        directory: Of the run.
-        stop: Asked now and then whether to give it up.
+        directory: Directory of the run.
+        stop: Called repeatedly; a true result stops the drawing.
 
     Returns:
-        What went wrong, or nothing: a run does not fail for its report.
+        An error message, or nothing: a run does not fail because of its report.
     """
 
     def write() -> str:
@@ -113,11 +113,11 @@ def _refuse(fault: str) -> NoReturn:
 
 
 def _refuse_nowhere(save: Path | None) -> None:
-    """See that the folder of a file is there, before anything is drawn."""
+    """Check that the folder of a file exists, before anything is drawn."""
     if save is None:
         return
     if not os.path.isdir(save.parent):
-        _refuse(f"--save {save}: there is no folder {save.parent}; make it first")
+        _refuse(f"--save {save}: there is no folder {save.parent}; create it first")
     if os.path.isdir(save):
         _refuse(f"--save {save}: is a folder; name the file in it")
 

@@ -16,19 +16,19 @@ FAILED, BAD_INPUT, CRASHED, INTERRUPTED = 1, 2, 3, 130
 
 EXIT_CODES = """Exit codes:
 
-0  the certificate passed and strains are small, or what was asked for is done
+0  the certificate passed and strains are small, or the command is done
 
-1  not certified, outside the theory, not converged, or results not written; what there is is kept, marked so
+1  not certified, outside the theory, not converged, or results not written; what exists is kept and marked
 
-2  wrong input, or more memory needed than there is; nothing was solved
+2  wrong input, or not enough memory or disk; nothing was solved
 
-3  a crash: a bug worth reporting
+3  a crash: please report it
 
-130  interrupted by Ctrl-C, SIGTERM, SIGHUP or SIGUSR1; everything is kept, marked so
+130  interrupted by Ctrl-C, SIGTERM, SIGHUP or SIGUSR1; what exists is kept and marked
 
-130, 143, 129, 138  the same before there is something to keep: at once, in silence
+130, 143, 129, 138  the same before there is anything to keep: immediate end without a message
 
-141  what reads the output has gone; a run goes on
+141  the reader of standard output has closed it; a run continues
 """
 
 _all = ranks.launched()

@@ -1,4 +1,5 @@
-"""Ctrl-C, and the signals by which a batch system ends a job: stop after the current step, with everything kept."""
+"""Handling of Ctrl-C and the signals by which a batch system ends a job: stop after the current step and keep
+everything."""
 
 from __future__ import annotations
 
@@ -10,25 +11,27 @@ from typing import Any
 from mpi4py import MPI
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
-"""Open MPI's mpirun passes SIGUSR1 on as it is; after SIGINT and SIGTERM it kills in a second (docs/cluster.md).
+"""Open MPI's mpirun passes SIGUSR1 on unchanged; after SIGINT and SIGTERM it kills its processes within a second
+(docs/cluster.md).
 
-SIGHUP is the end of the terminal, unless `nohup` has it ignored."""
+SIGHUP is the end of the terminal, unless `nohup` ignores it."""
 
 
 class Interruption:
-    """Whether somebody wants the run to stop; a context that puts the handlers of the signals back at its end.
+    """Whether a signal has requested a stop; a context that restores the signal handlers at its end.
 
-    It listens from the first time it is asked.  Before, while K is assembled and factorised, there is nothing to keep,
-    and Python would not come to hear of a signal: it acts as ever, at once.  The second signal ends the process.
+    Handlers are installed by the first call of `asked`.  Before, while K is assembled and factorised, there is nothing
+    to
+    keep, and Python could not run a handler: signals end the process at once.  A second signal does so, too.
 
     Args:
-        comm: The ranks, which stop together, whichever of them was told.
+        comm: The ranks, which all stop if one of them receives a signal.
     """
 
     def __init__(self, comm: MPI.Comm):
         self._comm = comm
         self._before: dict[signal.Signals, Any] = {}
-        self._told = self._said = False
+        self._requested = self._said = False
 
     def __enter__(self) -> Interruption:
         return self
@@ -39,30 +42,30 @@ class Interruption:
         self._before = {}
 
     @property
-    def told(self) -> bool:
-        """Whether this rank knows that somebody wants the run to stop; not collective."""
-        return self._told
+    def requested(self) -> bool:
+        """Whether this rank knows of a request to stop; not collective."""
+        return self._requested
 
     def asked(self) -> bool:
         """Whether to stop, the same on every rank; collective."""
         if not self._before:
             heard = [n for n in SIGNALS if n is not signal.SIGHUP or signal.getsignal(n) is not signal.SIG_IGN]
             self._before = {number: signal.signal(number, self._receive) for number in heard}
-        told: bool = self._comm.allreduce(self._told, op=MPI.LOR)
-        if told:
+        requested: bool = self._comm.allreduce(self._requested, op=MPI.LOR)
+        if requested:
             self._say()
-        self._told = told
-        return told
+        self._requested = requested
+        return requested
 
     def _receive(self, number: int, _: FrameType | None) -> None:
-        if self._told:
+        if self._requested:
             signal.signal(number, signal.SIG_DFL)
             os.kill(os.getpid(), number)
-        self._told = True
+        self._requested = True
         self._say()
 
     def _say(self) -> None:
-        """Straight to the terminal: a handler must not use the buffers it may have interrupted."""
+        """Write to the terminal directly: a handler must not use buffers that it may have interrupted."""
         if not self._said and self._comm.rank == 0:
             os.write(2, b"\nstopping after this step, everything is kept; once more to stop at once\n")
         self._said = True

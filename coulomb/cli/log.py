@@ -1,4 +1,4 @@
-"""The log of a run: all that is said, and every path-following step, with the time."""
+"""The log file of a run: all output and every path-following step, with the time."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 class Log(RenderHook):
-    """A text file that grows line by line, each flushed; only rank 0 writes.
+    """A text file to which lines are appended without buffering; only rank 0 writes.
 
     Args:
-        path: The file, added to where it exists; None for no log.
+        path: The file, appended to if it exists; None for no log.
         comm: The ranks.
 
     Raises:
@@ -38,7 +38,7 @@ class Log(RenderHook):
 
     @contextmanager
     def hearing(self, *consoles: Console) -> Iterator[None]:
-        """All that these say goes into the log as well, even where they are quiet; closes it in the end."""
+        """Log everything printed on these consoles, even if they are quiet; closes the log at the end."""
         if self._file is None:
             yield
             return
@@ -70,7 +70,7 @@ class Log(RenderHook):
         try:
             lines = "".join(f"{now} {since:9.2f} s  {line}\n" for line in text.splitlines())
             self._file.write(lines.encode())
-        except OSError as error:  # a full disk: the run is worth more than its log
+        except OSError as error:  # a full disk: the run continues without its log
             self._file.close()
             self._file = None
             errors.print(f"warning: the log {self._path} ends here: {error.strerror or error}", markup=False)
@@ -81,7 +81,7 @@ def _opened(path: Path, comm: MPI.Comm) -> RawIOBase | None:
 
     def open_() -> str:
         path.parent.mkdir(parents=True, exist_ok=True)
-        opened.append(path.open("ab", buffering=0))  # nothing is left to be written when it fails
+        opened.append(path.open("ab", buffering=0))  # unbuffered: no pending output when it fails
         return ""
 
     try:

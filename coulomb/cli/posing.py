@@ -1,4 +1,4 @@
-"""From a case to a problem that the machine has room for, and what solving it will take."""
+"""From a case to a problem for which memory and disk suffice, and its estimated cost."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from .time_left import about
 
 
 def posed(settings: Case, target: Path, force: bool, now: bool = True) -> ContactProblem:
-    """The problem of a case, once it is clear that memory and disk have room for it; collective.
+    """The problem of a case, after a check of memory and disk; collective.
 
     Args:
         settings: The case.
-        target: Where the results will go.
-        force: Not to mind memory and disk, nor strains outside the theory.
-        now: Whether it is to run at once, so that the directory must be free.
+        target: Directory of the results.
+        force: Skip the checks of memory and disk, and accept strains outside the theory.
+        now: Whether the run follows at once, so that the directory must not be in use.
 
     Raises:
         ValueError: On every rank.
@@ -48,15 +48,15 @@ def posed(settings: Case, target: Path, force: bool, now: bool = True) -> Contac
         try:
             refuse_full_disk(problem, target, steps)
         except OSError as error:
-            raise ValueError(f"output {target}: {error.strerror}; --force runs all the same") from None
+            raise ValueError(f"output {target}: {error.strerror}; --force runs nevertheless") from None
     return problem
 
 
 def refuse_unwritable(target: Path, comm: MPI.Comm) -> None:
-    """See beforehand that results could not be written.
+    """Check beforehand that results can be written.
 
     Raises:
-        ValueError: On every rank, if the directory, or what would hold it, is none or does not let us in.
+        ValueError: On every rank, if the directory or its parent is not a directory or not writable.
     """
 
     def fault() -> str:
@@ -76,34 +76,34 @@ def refuse_unwritable(target: Path, comm: MPI.Comm) -> None:
 
 
 def doubts(settings: Case) -> None:
-    """Say what is allowed, but hardly meant."""
+    """Warn about settings that are allowed but probably not intended."""
     materials = settings.materials()
     given = [materials] if isinstance(materials, Material) else list(materials.values())
     highest = max(material.poisson for material in given)
     if highest > LOCKING_ABOVE:
         errors.print(
             f"warning: material: poisson = {highest} is near 0.5: above {LOCKING_ABOVE:g} first-order elements lock "
-            "and give far too stiff an answer, whatever the certificate says of the discrete problem",
+            "and give an answer that is far too stiff, although the discrete problem is certified",
             markup=False,
         )
 
 
 def expected(settings: Case, problem: ContactProblem) -> list[str]:
-    """What solving it will take, in lines; collective."""
+    """Estimated cost of the solution, in lines; collective."""
     taken, ranks = estimate_of(problem, measure(problem.comm)), problem.comm.size
     seconds, steps, drawn = taken.seconds, 1, ""
     lines = [f"K {problem.stiffness_method}, A {'explicit' if problem.explicit else 'matrix-free'}"]
     if settings.history is not None:
         steps = len(settings.history.ends)
         seconds += (steps - 1) * taken.seconds_a_step
-        lines.append(f"{steps} load steps, each halved up to {settings.history.halvings} times where it fails")
+        lines.append(f"{steps} load steps, each halved up to {settings.history.halvings} times if it fails")
     if settings.output.picture:
         seconds, drawn = seconds + taken.picture, ", its picture included"
     disk = steps * size_on_disk(problem)
     lines.append(
         f"about {gigabytes(taken.memory)} of memory, {gigabytes(disk)} on disk and {about(seconds)}"
-        f"{f' on {ranks} ranks, a core for each' if ranks > 1 else ' on one core'}{drawn}; good to a factor of two, as "
-        "fast as this machine is now"
+        f"{f' on {ranks} ranks, a core for each' if ranks > 1 else ' on one core'}{drawn}; accurate to a "
+        "factor of two, at the present speed of this machine"
     )
     if settings.history is not None:
         lines.append(f"a film of it (coulomb plot --save film.gif): about {about(taken.picture + steps * taken.frame)}")

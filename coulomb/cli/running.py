@@ -1,4 +1,4 @@
-"""A run from its problem to its exit code: solved, written, said, and stopped when somebody asks for it."""
+"""A run from its problem to its exit code: solution, output, report, interruption."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ def compute(
     resume: bool = False,
     renderer: Apart | None = None,
 ) -> None:
-    """Pose the problem of a case and solve it, or go on with its load history; ends the command with its exit code.
+    """Pose the problem of a case and solve it, or continue its load history; ends the command with its exit code.
 
     Args:
-        session: What accompanies the run.
+        session: Console, log and interruption of the run.
         settings: The case.
-        source: Where it comes from, as the user says it.
-        target: Where the results go.
-        force: Not to mind memory and disk.
-        resume: To go on from the load steps in `target`.
-        renderer: The process that draws, if it has begun already.
+        source: Its file or directory as given by the user.
+        target: Directory of the results.
+        force: Skip the checks of memory and disk.
+        resume: Continue from the load steps in `target`.
+        renderer: The drawing process, if it has been started already.
     """
     with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None):
         announce()
@@ -73,7 +73,7 @@ def compute(
 
 @contextmanager
 def _holding(target: Path, comm: MPI.Comm) -> Iterator[None]:
-    """The directory of the results is ours; ends the command where it is another's, or cannot be made."""
+    """Lock the directory of the results; ends the command if it is in use or cannot be created."""
     with ExitStack() as stack:
         with bad_input():
             try:
@@ -102,7 +102,7 @@ def _solve_once(
         contents = output.write(solution, target, {"message": trouble})
         write_case(settings, target, problem.comm)
         if settings.output.picture and not stopped.asked():
-            contents = picture_of_run.add_picture(contents, target, problem.comm, lambda: stopped.told, renderer)
+            contents = picture_of_run.add_picture(contents, target, problem.comm, lambda: stopped.requested, renderer)
     except OSError as error:
         contents, written = summary(solution), False
         trouble += f"{'; ' if trouble else ''}{target}: cannot be written: {error.strerror or error}"
@@ -112,7 +112,7 @@ def _solve_once(
     if not trouble and (said := left_open(solution.certificate, settings.solver.tolerance)):
         errors.print(f"warning: {said}", markup=False)
     if written and interrupted:
-        trouble = f"interrupted: {trouble}; the answer so far is in {target}{os.sep}, marked so"
+        trouble = f"interrupted: {trouble}; the answer so far is in {target}{os.sep}, marked as interrupted"
     elif written and stopped.asked():
         interrupted, trouble = True, _cut_short(settings, target)
     if trouble:
@@ -124,7 +124,7 @@ def _solve_once(
 
 
 def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[Solution, str]:
-    """The solution, converged or not, and what went wrong."""
+    """The solution, converged or not, and an error message or nothing."""
     display = Display(session.console, tolerance=settings.solver.tolerance)
     try:
         with display:
@@ -178,9 +178,9 @@ def _take_steps(
         warned = max(warned, warnings, key=len)
         left = len(step.state.pending)
         if left:
-            told = f"{left} load steps left, about {about(left * (time.perf_counter() - began) / taken)}"
-            session.log.line(told)
-            display.expect(told)
+            remaining = f"{left} load steps left, about {about(left * (time.perf_counter() - began) / taken)}"
+            session.log.line(remaining)
+            display.expect(remaining)
         return session.interruption.asked() and left > 0
 
     files = HistoryFiles(target, resume=resume, case=record)
@@ -202,30 +202,30 @@ def _take_steps(
         trouble = (
             f"{target}: cannot be written: {error.strerror or error}; free some space, then: coulomb resume {target}"
         )
-    told = whole_history(target, comm)
-    if told is not None:
+    history = whole_history(target, comm)
+    if history is not None:
         if settings.output.picture and code != INTERRUPTED:
             _draw_last(session, target, comm)
         _write_page(session, settings, target)
-        report_history(console, told, taken, time.perf_counter() - began, target)
+        report_history(console, history, taken, time.perf_counter() - began, target)
     if not trouble and session.interruption.asked():
         errors.print(f"error: {_cut_short(settings, target)}", markup=False)
         raise typer.Exit(INTERRUPTED)
     if trouble:
         if code == INTERRUPTED:
             done = steps_on_disk(target, comm)
-            trouble += f"; the {done} load steps before are in {target}{os.sep}; to go on: coulomb resume {target}"
+            trouble += f"; the {done} load steps before are in {target}{os.sep}; to continue: coulomb resume {target}"
         errors.print(f"error: {trouble}", markup=False)
     if trouble or not all(row["valid"] for row in files.rows):
         raise typer.Exit(code)
 
 
 def _write_page(session: Session, settings: Case, target: Path) -> None:
-    """Write report.html if the case asks for it, and nobody wants to stop; collective."""
+    """Write report.html if the case requests it and the run is not to stop; collective."""
     stopped = session.interruption
     if not settings.output.report or stopped.asked():
         return
-    trouble = write_report(target, lambda: stopped.told)
+    trouble = write_report(target, lambda: stopped.requested)
     if trouble and not stopped.asked():
         errors.print(f"warning: {trouble}", markup=False)
 
@@ -235,13 +235,13 @@ def _draw_last(session: Session, target: Path, comm: MPI.Comm) -> None:
     stopped = session.interruption
     if stopped.asked():
         return
-    trouble = on_rank_0(comm, lambda: picture_of_run.draw(target, lambda: stopped.told))
+    trouble = on_rank_0(comm, lambda: picture_of_run.draw(target, lambda: stopped.requested))
     if trouble and not stopped.asked():
         errors.print(f"warning: {PICTURE} {trouble}", markup=False)
 
 
 def _cut_short(settings: Case, target: Path) -> str:
-    """What to say of a run that was stopped when its results were there."""
+    """Message for a run that was stopped after its results were written."""
     asked = {"picture": settings.output.picture, "report": settings.output.report}
     drawn = [name for name, wanted in asked.items() if wanted]
     missing = f", but the {' and the '.join(drawn)} may be missing" if drawn else ""
@@ -252,5 +252,5 @@ def _keep_failed(failure: StepFailed, target: Path) -> str:
     try:
         output.write(failure.problem.solution(failure.result), target)
     except OSError as error:
-        return f"; what it got to could not be written: {error.strerror or error}"
-    return f"; what it got to is in {target}"
+        return f"; the last iterate could not be written: {error.strerror or error}"
+    return f"; the last iterate is in {target}"

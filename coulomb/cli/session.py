@@ -1,4 +1,4 @@
-"""What accompanies a run from its first word to its last; knows MPI, and no DOLFINx."""
+"""Console, log and interruption of a run; uses MPI, but not DOLFINx."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Session:
-    """What accompanies a run: where it speaks, its log, who may stop it, and when it began."""
+    """Console, log, interruption and start time of a run."""
 
     console: Console
     log: Log
@@ -36,7 +36,7 @@ class Session:
     started: datetime = field(default_factory=now)
 
     def progress(self, display: Display) -> ProgressCallback:
-        """Shows a step, notes it in the log, and says whether to stop."""
+        """Callback that shows a step, logs it, and returns whether to stop."""
 
         def progress(at: Progress) -> bool:
             display(at)
@@ -51,8 +51,8 @@ def opened(quiet: bool, log_file: Path | None) -> Iterator[Session]:
     """A session, to the end of its run.
 
     Args:
-        quiet: Whether to say nothing but errors.
-        log_file: What is said goes there too, with the time.
+        quiet: Whether to print only warnings and errors.
+        log_file: File to which all output is appended, with the time.
     """
     process.go_on_unheard()
     process.hear_signals_again()

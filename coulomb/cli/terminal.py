@@ -1,4 +1,4 @@
-"""What a run says on the terminal; only rank 0 speaks."""
+"""Output of a run on the terminal, on rank 0."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def law_in_words(numbers: dict[str, Any]) -> str:
 
 
 def body_in_words(problem: ContactProblem) -> str:
-    """Size of the body and its mesh: a forgotten scale is seen here; collective."""
+    """Size of the body and its mesh, which shows a forgotten scale; collective."""
     elasticity, domain, over = problem.elasticity, problem.mesh.domain, Reductions(problem.comm)
     lengths = [over.max(elasticity.x[:, k]) - over.min(elasticity.x[:, k]) for k in range(3)]
     cells, nodes = (domain.topology.index_map(dim).size_global for dim in (3, 0))
@@ -60,7 +60,7 @@ def body_in_words(problem: ContactProblem) -> str:
 
 
 def metres(length: float) -> str:
-    """A length in the unit in which it reads well: 3 m, 40 mm, 2.5 km."""
+    """A length in a suitable unit: 3 m, 40 mm, 2.5 km."""
     factor, unit = next((pair for pair in _UNITS if abs(length) >= 0.9995 * pair[0]), _UNITS[-1])
     return f"{length / factor:.4g} {unit}"
 
@@ -69,9 +69,9 @@ class Display:
     """Progress: one line that changes on a terminal, a line for each Tresca problem (or PF step) elsewhere.
 
     Args:
-        console: Where to.
-        by_step: Whether somebody else speaks of load steps: no lines then.
-        tolerance: Residual at which the solve ends, for the time left; 0 if that is not to be told.
+        console: The console.
+        by_step: Whether load steps are printed elsewhere: no lines then.
+        tolerance: Residual at which the solve ends, for the time left; 0 to omit it.
     """
 
     def __init__(self, console: Console, by_step: bool = False, tolerance: float = 0.0):
@@ -98,9 +98,9 @@ class Display:
             self._line()
         self._last = progress
 
-    def expect(self, told: str) -> None:
-        """What is still to come, for the line that changes."""
-        self._expected = told
+    def expect(self, text: str) -> None:
+        """Set the estimate shown in the changing line."""
+        self._expected = text
 
     def _shown(self, progress: Progress) -> str:
         left = self._time_left.seconds
@@ -141,45 +141,45 @@ def report(console: Console, solution: Solution, contents: dict[str, Any], targe
         console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
 
 
-def report_history(console: Console, told: dict[str, Any], taken: int, seconds: float, target: Path) -> None:
-    """The last lines of a load history: figures of all its steps, each said to be so.
+def report_history(console: Console, history: dict[str, Any], taken: int, seconds: float, target: Path) -> None:
+    """Print the last lines of a load history: figures of all its steps, labelled as such.
 
     Args:
-        console: Where to.
-        told: The entry `history` of its summary (`history_summary`).
-        taken: Load steps of this run; the others were there before (`coulomb resume`).
-        seconds: Of this run.
-        target: Where the results are.
+        console: The console.
+        history: The entry `history` of its summary (`history_summary`).
+        taken: Load steps of this run; the others existed before (`coulomb resume`).
+        seconds: Time of this run.
+        target: Directory of the results.
     """
-    energy, done, largest = told["energy"], told["iterations"], told["maximum"]
-    pressure, slip, residual = largest["contact_pressure"], largest["slip_in_a_step"], told["residual"]
-    before = f", {told['steps'] - taken} were there before" if taken < told["steps"] else ""
+    energy, done, largest = history["energy"], history["iterations"], history["maximum"]
+    pressure, slip, residual = largest["contact_pressure"], largest["slip_in_a_step"], history["residual"]
+    before = f", {history['steps'] - taken} were there before" if taken < history["steps"] else ""
     lines = (
-        f"all {told['steps']} steps: largest pressure {pressure['value']:.6g} Pa (step {pressure['step']}), "
+        f"all {history['steps']} steps: largest pressure {pressure['value']:.6g} Pa (step {pressure['step']}), "
         f"largest slip in one step {slip['value']:.6g} m (step {slip['step']}); "
         f"{done['path_following']} path-following steps, {done['products']} products, "
         f"largest residual {_figure(residual['value'])} (step {residual['step']})",
         f"energy in J since the start: loads {energy['loads']:.6g}, prescribed displacements "
         f"{energy['prescribed']:.6g}, foundation {energy['foundation']:.6g}; elastic {energy['elastic']:.6g}, friction "
-        f"{energy['dissipated']:.6g}, error of finite steps {energy['imbalance']:.2g}",
+        f"{energy['dissipated']:.6g}, time-stepping error {energy['imbalance']:.2g}",
         f"{taken} steps in this run{before}, {seconds:.2f} seconds; results in {target}{os.sep}",
-        _steps_that_count(told),
+        _steps_that_count(history),
     )
-    warn(*told["remarks"])
-    refuse(told["violations"])
+    warn(*history["remarks"])
+    refuse(history["violations"])
     for line in lines:
         console.print(line, markup=False, soft_wrap=True)
 
 
-def _steps_that_count(told: dict[str, Any]) -> str:
-    certified, outside = told["certified_steps"], told["outside"]
-    many = f"all {certified}" if certified == told["steps"] else f"{certified} of {told['steps']}"
+def _steps_that_count(history: dict[str, Any]) -> str:
+    certified, outside = history["certified_steps"], history["outside"]
+    many = f"all {certified}" if certified == history["steps"] else f"{certified} of {history['steps']}"
     beyond = f", {outside['steps']} outside the theory of small strains" if outside is not None else ""
     return f"{many} load steps certified{beyond}"
 
 
 def _figure(value: float | None) -> str:
-    """A residual; files have null for what is no number."""
+    """A residual; None, which files have for nan, as nan."""
     return "nan" if value is None else f"{value:.1e}"
 
 
@@ -189,10 +189,10 @@ def warn(*texts: str) -> None:
 
 
 def refuse(outside: Sequence[str]) -> None:
-    """Say why an answer does not count although its equations are solved."""
+    """Print why an answer does not count although its equations are solved."""
     if outside:
         errors.print(
-            f"error: outside the theory of small strains: {'; '.join(outside)}; the results are kept, marked so; look "
-            'at units, loads and foundation, or accept it knowingly: small_strain = "warn" in the case, or --force',
+            f"error: outside the theory of small strains: {'; '.join(outside)}; the results are kept and marked; check "
+            'units, loads and foundation, or accept it by small_strain = "warn" in the case, or --force',
             markup=False,
         )

@@ -1,4 +1,4 @@
-"""How much longer a run may take, judged by how it went so far."""
+"""Estimate of the remaining time of a run."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import math
 
 from ..solvers.results import Progress
 
-_STEPS = 5  # the last steps, whose pace is taken
-_LEAST = 0.2  # decades a step: a residual that falls more slowly, as at first, says nothing of the end
+_STEPS = 5  # number of last steps from which the rate is computed
+_LEAST = 0.2  # decades per step: a slower decrease, as in the first steps, gives no estimate
 
 
 class TimeLeft:
     """Seconds to the tolerance, while the residual of path following falls geometrically.
 
-    Nothing is said of the first steps, where it does not fall yet, and of successive Tresca problems, whose residuals
-    begin anew with every problem.
+    There is no estimate for the first steps, where it does not fall yet, and for successive Tresca, whose residuals
+    start again with every problem.
 
     Args:
         tolerance: Residual at which the solve ends.
@@ -25,7 +25,7 @@ class TimeLeft:
         self._seen: list[tuple[int, float, float]] = []
 
     def note(self, progress: Progress, now: float) -> None:
-        """A step, and when it ended, in seconds."""
+        """Record a step and the time of its end in seconds."""
         if self._seen and progress.path_following <= self._seen[-1][0]:
             self._seen = []
         if progress.outer == 0 and progress.residual > 0.0:
@@ -33,7 +33,7 @@ class TimeLeft:
 
     @property
     def seconds(self) -> float | None:
-        """Or None, where it cannot be told."""
+        """The remaining seconds, or None without an estimate."""
         if len(self._seen) <= _STEPS or self._tolerance <= 0.0:
             return None
         (first, high, then), (last, low, now) = self._seen[-_STEPS - 1], self._seen[-1]

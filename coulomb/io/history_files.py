@@ -17,7 +17,7 @@ from ..model.problem import ContactProblem
 from ..ranks import on_rank_0
 from . import output
 from .field_files import data_of
-from .history_summary import Told, added, whole
+from .history_summary import Entries, added, whole
 from .lock import locked
 from .restart import nodal_vectors, read_step, read_summary
 from .run_directory import FIELDS, HISTORY, RunDirectory, step_place
@@ -49,7 +49,7 @@ class HistoryFiles:
         self.rows: list[dict[str, Any]] = []
         self._resume, self._case = resume, case
         self._start = 0.0
-        self._history: Told = {}
+        self._history: Entries = {}
         self._seconds: Mapping[str, float] = {}
 
     @contextmanager
@@ -60,8 +60,8 @@ class HistoryFiles:
             found = comm.bcast(self.directory.complete_steps if comm.rank == 0 else None)
             if not self._resume:
                 refuse_steps(self.directory.path, len(found))
-            told = [read_summary(self.directory.step(number).path, comm) for number in found]
-            self.rows, self._history = [summary["step"]["row"] for summary in told], whole(told)
+            summaries = [read_summary(self.directory.step(number).path, comm) for number in found]
+            self.rows, self._history = [summary["step"]["row"] for summary in summaries], whole(summaries)
             self._start, self._seconds = beginning.time, problem.seconds
             yield self._restored(problem, found[-1]) if found else beginning
 
@@ -156,11 +156,11 @@ def steps_on_disk(folder: Path, comm: MPI.Comm) -> int:
     return number
 
 
-def whole_history(folder: Path, comm: MPI.Comm) -> Told | None:
+def whole_history(folder: Path, comm: MPI.Comm) -> Entries | None:
     """The entry `history` of the summary of a load history; None if it cannot be read; collective."""
-    told: Told | None = None
+    entry: Entries | None = None
     if comm.rank == 0:
         with suppress(ValueError):
-            told = RunDirectory(folder).read_summary().get("history")
-    told = comm.bcast(told)
-    return told
+            entry = RunDirectory(folder).read_summary().get("history")
+    entry = comm.bcast(entry)
+    return entry

@@ -18,15 +18,15 @@ from ..model.load_step import Energy
 from ..model.small_strain import SmallStrain
 from .summary import LOOK_AT_GAP
 
-Told = dict[str, Any]
+Entries = dict[str, Any]
 
 
-def whole(steps: Iterable[Mapping[str, Any]]) -> Told:
+def whole(steps: Iterable[Mapping[str, Any]]) -> Entries:
     """Summary of the history from those of all steps in order; empty without steps."""
     return reduce(added, steps, {})
 
 
-def added(before: Told, step: Mapping[str, Any]) -> Told:
+def added(before: Entries, step: Mapping[str, Any]) -> Entries:
     """The history extended by one step.
 
     Args:
@@ -64,7 +64,7 @@ def added(before: Told, step: Mapping[str, Any]) -> Told:
     }
 
 
-def _sum(before: Mapping[str, float], step: Mapping[str, float]) -> Told:
+def _sum(before: Mapping[str, float], step: Mapping[str, float]) -> Entries:
     return {name: before.get(name, 0) + step.get(name, 0) for name in dict.fromkeys([*before, *step])}
 
 
@@ -73,18 +73,18 @@ def _number(value: float | None) -> float:
     return math.inf if value is None or math.isnan(value) else value
 
 
-def _larger(before: Told | None, now: Told) -> Told:
+def _larger(before: Entries | None, now: Entries) -> Entries:
     """The larger value; the earlier one if equal."""
     return now if before is None or _number(now["value"]) > _number(before["value"]) else before
 
 
-def _largest_of(before: Mapping[str, Told], now: Mapping[str, float], where: Told) -> Told:
+def _largest_of(before: Mapping[str, Entries], now: Mapping[str, float], where: Entries) -> Entries:
     return {name: _larger(before.get(name), {"value": value, **where}) for name, value in now.items()}
 
 
-def _certificate(before: Mapping[str, Told], now: Mapping[str, Any], where: Told) -> Told:
+def _certificate(before: Mapping[str, Entries], now: Mapping[str, Any], where: Entries) -> Entries:
     """Worst step per condition; a condition has passed if it passed in every step."""
-    worst: Told = {}
+    worst: Entries = {}
     for name, check in now.items():
         if not isinstance(check, Mapping):
             continue
@@ -93,12 +93,12 @@ def _certificate(before: Mapping[str, Told], now: Mapping[str, Any], where: Told
     return {**worst, "passed": bool(now["passed"]) and before.get("passed", True)}
 
 
-def _warnings(largest: Mapping[str, Told]) -> list[str]:
+def _warnings(largest: Mapping[str, Entries]) -> list[str]:
     """The small-strain warnings with the largest figures of the history."""
     return list(SmallStrain(**{name: _number(entry["value"]) for name, entry in largest.items()}).warnings)
 
 
-def _outside(before: Told | None, step: Mapping[str, Any]) -> Told | None:
+def _outside(before: Entries | None, step: Mapping[str, Any]) -> Entries | None:
     """Number of steps outside the theory of small strains, the first of them and its violations; null if none.
 
     Steps for which this was accepted are not counted.
@@ -110,7 +110,7 @@ def _outside(before: Told | None, step: Mapping[str, Any]) -> Told | None:
     return {**before, "steps": before["steps"] + 1}
 
 
-def _violations(outside: Told | None, steps: int) -> list[str]:
+def _violations(outside: Entries | None, steps: int) -> list[str]:
     """Description of the steps outside the theory."""
     if outside is None:
         return []
@@ -118,7 +118,7 @@ def _violations(outside: Told | None, steps: int) -> list[str]:
     return [f"{outside['steps']} of {steps} load steps, the first is step {outside['first']}: {first}", *others]
 
 
-def _rounding(largest: Mapping[str, Told], compliance: float | None) -> float:
+def _rounding(largest: Mapping[str, Entries], compliance: float | None) -> float:
     """Energy of rounding errors in joules: of a fixed node moved by the rounding error of its coordinates."""
     return 1e-12 * _number(largest["displacement"]["value"]) ** 2 / compliance if compliance else 0.0
 
@@ -129,7 +129,7 @@ def _remarks(energies: str, touching: int) -> list[str]:
     return remarks if touching else [*remarks, f"nothing touches in any load step: {LOOK_AT_GAP}"]
 
 
-def _runs(before: list[Told], run: Told | None, number: int) -> list[Told]:
+def _runs(before: list[Entries], run: Entries | None, number: int) -> list[Entries]:
     """The run and resumes of the history, each with its first and last step."""
     if run is None:  # written by an older version
         return before

@@ -206,8 +206,8 @@ def _in_use(path: Path, descriptor: int, alone: bool | None) -> str:
 def _holder(descriptor: int) -> Holder | None:
     """The holder in the file; None if it is empty or unreadable."""
     try:
-        told = json.loads(os.pread(descriptor, 1 << 16, 0))
-        return Holder(int(told["pid"]), **{field.name: str(told[field.name]) for field in fields(Holder)[1:]})
+        entries = json.loads(os.pread(descriptor, 1 << 16, 0))
+        return Holder(int(entries["pid"]), **{field.name: str(entries[field.name]) for field in fields(Holder)[1:]})
     except (ValueError, KeyError, TypeError):
         return None
 

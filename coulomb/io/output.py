@@ -173,8 +173,8 @@ def refuse_full_disk(problem: ContactProblem, target: Path, times: int = 1) -> N
             place = place.parent
         free = shutil.disk_usage(place).free
         if free < needed:
-            told = f"no space left: the results take about {needed / 1e6:.3g} MB, and {free / 1e6:.3g} MB are free"
-            raise OSError(errno.ENOSPC, told)
+            message = f"no space left: the results take about {needed / 1e6:.3g} MB, and {free / 1e6:.3g} MB are free"
+            raise OSError(errno.ENOSPC, message)
         return ""
 
     on_rank_0(problem.comm, look)

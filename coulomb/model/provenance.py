@@ -43,7 +43,7 @@ def provenance(started: datetime, comm: MPI.Comm) -> dict[str, Any]:
         comm: The ranks.
     """
     hosts = sorted(set(comm.allgather(platform.node() or "unknown")))
-    told = {
+    entry = {
         "hosts": hosts,
         "ranks": comm.size,
         "started": moment(started),
@@ -51,5 +51,5 @@ def provenance(started: datetime, comm: MPI.Comm) -> dict[str, Any]:
         "command": command(),
         "coulomb": __version__,
     }
-    shared: dict[str, Any] = comm.bcast(told)
+    shared: dict[str, Any] = comm.bcast(entry)
     return shared

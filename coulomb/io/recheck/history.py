@@ -121,7 +121,7 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
     """
     case, files = CaseReference.of(folder), RunDirectory(folder)
     complete, trusted = _complete(files)
-    found, told, steps = Comparison(), [], []
+    found, summaries, steps = Comparison(), [], []
     chain = _Chain(case)
     for number in range(1, complete + 1):
         findings = check_run(files.step(number).path, case, chain.run, chain.start)
@@ -135,9 +135,9 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
         passed = findings.passed and not faults
         steps.append(StepFindings(number, step_of(findings.run)[1], passed, findings.recorded, faults, details))
         say(str(steps[-1]))
-        told.append(findings.run.summary)
-    _check_series(files, told, found)
-    trusted += _check_times(case, told, found)
+        summaries.append(findings.run.summary)
+    _check_series(files, summaries, found)
+    trusted += _check_times(case, summaries, found)
     if case is None or case.absent:
         trusted.append("taken as written, without the load at the start: the energies of the first step")
     return HistoryFindings(tuple(steps), tuple(found.faults), tuple(trusted))
@@ -259,13 +259,13 @@ def _check_gaps(before: Findings, now: Findings, found: Comparison) -> None:
         found.field("contact.xdmf: initial_gap", now.nodes.gap[here], expected, x, source, floor=floor)
 
 
-def _check_times(case: CaseReference | None, told: Sequence[dict[str, Any]], found: Comparison) -> list[str]:
+def _check_times(case: CaseReference | None, summaries: Sequence[dict[str, Any]], found: Comparison) -> list[str]:
     """Check the last time; returns messages on steps still to be taken."""
     history = case.settings.history if case is not None else None
     if case is not None and history is None:
         found.fault("case.json: has no [history], but there are load steps")
     left = None if history is None else set(history.ends)
-    for summary in told:
+    for summary in summaries:
         record, where = summary["step"], f"{step_place(summary['step']['number'])}/{SUMMARY}"
         time, pending = record["time"], record.get("pending")
         if not isinstance(pending, list) or not all(isinstance(t, float | int) for t in pending):
@@ -283,9 +283,9 @@ def _check_times(case: CaseReference | None, told: Sequence[dict[str, Any]], fou
     return [f"not finished: {len(left)} load steps are still to be taken"] if left else []
 
 
-def _check_series(files: RunDirectory, told: Sequence[dict[str, Any]], found: Comparison) -> None:
+def _check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], found: Comparison) -> None:
     """Compare history.csv, summary.json and the time series with the steps."""
-    rows = [summary["step"]["row"] for summary in told]
+    rows = [summary["step"]["row"] for summary in summaries]
     lines = files.read_history()
     if len(lines) != len(rows):
         found.fault(f"history.csv: has {len(lines)} lines, but there are {len(rows)} load steps")
@@ -294,18 +294,18 @@ def _check_series(files: RunDirectory, told: Sequence[dict[str, Any]], found: Co
         found.tree(f"history.csv: line {number}", read, row_, source=f"step {number}")
     summary = files.read_summary(("steps", "time", "certificate", "last"))
     expected = {
-        "steps": len(told),
-        "time": told[-1]["step"]["time"],
-        "certificate": {"passed": all(one["certificate"]["passed"] for one in told)},
-        "valid": all(one["valid"] for one in told),
-        "history": whole(told),
-        "last": told[-1],
+        "steps": len(summaries),
+        "time": summaries[-1]["step"]["time"],
+        "certificate": {"passed": all(one["certificate"]["passed"] for one in summaries)},
+        "valid": all(one["valid"] for one in summaries),
+        "history": whole(summaries),
+        "last": summaries[-1],
     }
     found.tree(SUMMARY, summary, expected, source="the steps")
     for name in FIELDS:
-        given = [(step_place(one["step"]["number"]), float(one["step"]["time"])) for one in told]
+        given = [(step_place(one["step"]["number"]), float(one["step"]["time"])) for one in summaries]
         if read_series(files.path / name) != given:
-            found.fault(f"{name}: is not the time series of the {len(told)} load steps")
+            found.fault(f"{name}: is not the time series of the {len(summaries)} load steps")
 
 
 def _parsed(text: str | None) -> Any:

@@ -87,7 +87,7 @@ def recomputed(
         )
     )
     stress = body.von_mises(body.function(u))
-    told = derived(written, certificate, u, -spring * u, fixed)
+    numbers = derived(written, certificate, u, -spring * u, fixed)
     accepted, recorded = _recorded_strain(run)
     if foundations is None:
         measured = {"gradient": body.largest_gradient(u)}
@@ -95,12 +95,12 @@ def recomputed(
         measured = asdict(small_strain(written, foundations, body, u))
     outside = SmallStrain(**{**recorded, **measured}).violations
     for check in certificate.checks:
-        del told["certificate"][check.name.replace(" ", "_")]["meaning"]
+        del numbers["certificate"][check.name.replace(" ", "_")]["meaning"]
     return Variant(
         at=Forces(u, run.on_body["load"], internal + spring * u, on_body),
         fields={name: v for name, v in written.fields().items() if name in _FOLLOW} | {"slip_bound": written.bound},
         stress=stress.x.array[compat.cell_dofs(stress.function_space)[:, 0]],
-        numbers={**told, "small_strain": measured, "valid": certificate.passed and (accepted or not outside)},
+        numbers={**numbers, "small_strain": measured, "valid": certificate.passed and (accepted or not outside)},
         certificate=certificate,
         outside=() if accepted else outside,
     )
@@ -112,10 +112,10 @@ def _recorded_strain(run: WrittenRun) -> tuple[bool, dict[str, float]]:
     Raises:
         ValueError: If summary.json lacks them.
     """
-    told = run.summary.get("small_strain")
+    given = run.summary.get("small_strain")
     try:
-        values = {field.name: told[field.name] for field in fields(SmallStrain)}  # type: ignore[index]
+        values = {field.name: given[field.name] for field in fields(SmallStrain)}  # type: ignore[index]
         measures = {name: math.nan if value is None else float(value) for name, value in values.items()}
-        return bool(told["accepted"]), measures  # type: ignore[index]
+        return bool(given["accepted"]), measures  # type: ignore[index]
     except (KeyError, TypeError, ValueError):
         raise ValueError(f"{run.files.summary}: has no 'small_strain' with all its measures") from None

@@ -152,8 +152,8 @@ def check_run(
     variants = tuple(recomputed(run, nodes, foundations, rounding) for rounding in roundings)
     _compare(run, nodes.only(nodes.written), variants, found)
     certificate = variants[0].certificate
-    told = [key for key in run.summary if key not in variants[0].numbers and key not in ("material", "step")]
-    trusted.append(f"as recorded by the run, nothing to compare with: {', '.join(told)}")
+    unchecked = [key for key in run.summary if key not in variants[0].numbers and key not in ("material", "step")]
+    trusted.append(f"as recorded by the run, nothing to compare with: {', '.join(unchecked)}")
     recorded = bool(run.summary["certificate"]["passed"])
     written = nodes.only(nodes.written)
     return Findings(certificate, tuple(found.faults), tuple(trusted), recorded, run, moved, written, variants)
@@ -249,9 +249,9 @@ def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], f
 
 def _compare_materials(run: WrittenRun, found: Comparison) -> None:
     """Check that the materials in summary.json are those of the cells."""
-    told = run.summary.get("material")
+    given = run.summary.get("material")
     try:
-        listed = np.array([[float(entry["young"]), float(entry["poisson"])] for entry in told or []]).reshape(-1, 2)
+        listed = np.array([[float(entry["young"]), float(entry["poisson"])] for entry in given or []]).reshape(-1, 2)
     except (KeyError, TypeError, ValueError):
         listed = np.empty((0, 2))
     cells = np.column_stack([run.on_cells["young"], run.on_cells["poisson"]])
