@@ -72,6 +72,7 @@ def box(request, tmp_path_factory):
 
 def same(domain, box):
     file, expected = box
+    assert not [name for name in (*domain.faces, *domain.cells) if name.startswith("_")]  # Abaqus' internal sets
     assert set(file.faces) <= set(domain.faces) and {"soft", "stiff"} <= set(domain.cells)
     for name, rows in file.faces.items():
         assert len(domain.faces[name]) == len(rows), name
@@ -138,7 +139,7 @@ def read_text(tmp_path, text, name="part.inp"):
         (TWO.replace("2, 5, 9, 11, 7,", "2, 5, 9, 11,\n 7,").replace("*ELEMENT, ", "*ELEMENT,\n"), {"all": 2}, {}),
         (TWO.replace("1, 0, 0, 0", "1").replace("5, 1, 0, 0", "5, 1.0D+00"), {"all": 2}, {}),
         (TWO + "*INSTANCE, NAME=i, PART=p\n*END INSTANCE\n", {"all": 2}, {}),
-        (TWO + "*NSET, NSET=same\n9, 10, 11, 12\n*SURFACE, NAME=same\n1, S6\n", {}, {"same": 1}),
+        (TWO + "*NSET, NSET=same, GENERATE\n1, 12\n*SURFACE, NAME=same\n1, S6\n", {}, {"same": 1}),
     ],
 )
 def test_abaqus_sets_and_surfaces(text, cells, faces, tmp_path):
@@ -297,6 +298,14 @@ def test_nastran_of_gmsh_has_no_bulk_statement(tmp_path):
     text = (tmp_path / "box.bdf").read_text()
     (tmp_path / "box.bdf").write_text(text.replace("BEGIN BULK\n", ""))
     assert set(coulomb.read_mesh(tmp_path / "box.bdf", **NAMES).faces) == set(NUMBERS)
+
+
+def test_vtk_of_gmsh_has_its_numbers_as_scalars(tmp_path):
+    text = "# vtk DataFile Version 2.0\nbox, Created by Gmsh\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n"
+    text += "0 0 0\n1 0 0\n0 1 0\n0 0 1\n\nCELLS 2 9\n4 0 1 2 3\n3 0 1 2\n\nCELL_TYPES 2\n10\n5\n\n"
+    text += "CELL_DATA 2\nSCALARS CellEntityIds int 1\nLOOKUP_TABLE default\n7\n5\n"
+    read = read_text(tmp_path, text, "part.vtk")
+    assert len(read.faces["5"]) == 1 and len(read.cells["7"]) == 1
 
 
 def test_names_and_formats_that_do_not_fit(tmp_path):
