@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from skips import pytest_addoption, pytest_sessionfinish, pytest_terminal_summary  # noqa: F401  # hooks of pytest
 
 import coulomb
-from coulomb.linalg.compliance import ExplicitCompliance
+from coulomb.linalg.compliance import MatrixCompliance
 
 DATA = Path(__file__).with_name("data")
 ROOT = Path(__file__).parents[1]
@@ -56,7 +56,7 @@ def dense_compliance(A):
     """A symmetric numpy matrix as a Compliance on one rank."""
     matrix = PETSc.Mat().createDense(A.shape, array=np.asfortranarray(A), comm=PETSc.COMM_SELF)
     matrix.assemble()
-    return ExplicitCompliance(matrix)
+    return MatrixCompliance(matrix)
 
 
 def random_spd(size, condition, rng):

@@ -147,7 +147,7 @@ def test_without_mumps_the_choice_is_multigrid_where_mumps_would_be_needed(monke
         with pytest.raises(ValueError, match="without MUMPS"):
             chosen(100, 30, *asked)
     problem = make_block(2)  # on one rank the Schur complement needs none
-    assert problem.explicit and problem.solve().certificate.passed
+    assert problem.body.explicit and problem.solve().certificate.passed
 
 
 def test_the_choice_by_size():

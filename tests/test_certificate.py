@@ -98,7 +98,7 @@ def test_force_balance_by_hand(block6):
     problem, x = block6.problem, block6.contact_force
     internal = problem.elasticity.internal_force(block6.displacement)
     reaction = internal[problem.elasticity.fixed].reshape(-1, 3).sum(axis=0)
-    reaction -= problem.elasticity.load[problem.elasticity.fixed].reshape(-1, 3).sum(axis=0)
+    reaction -= problem.loading.load[problem.elasticity.fixed].reshape(-1, 3).sum(axis=0)
     on_body = -problem.surface.vectors(x.reshape(-1, 3)).sum(axis=0)
     loads = np.array([2e7 * 1.0, 1e7 * 3.0, -4e7 * 3.0])
     assert np.abs(reaction + on_body + loads).max() <= 1e-9 * np.abs(loads).max()

@@ -80,8 +80,7 @@ class ForgetsFoundation(LoadHistory):
         if state.number == 0:
             return posed
         first = problem.at(self.times[0])
-        posed.motions, posed.surface = first.motions, first.surface
-        return posed
+        return posed.in_state(replace(posed.state, motions=first.motions, surface=first.surface))
 
 
 class ForgetsLoad(LoadHistory):
@@ -89,11 +88,8 @@ class ForgetsLoad(LoadHistory):
 
     def _posed(self, problem, state, time):
         posed = super()._posed(problem, state, time)
-        elasticity = problem.elasticity.at(time)
-        elasticity.load = problem.elasticity.at(self.times[0]).load
-        elasticity._build_in()
-        posed.elasticity = elasticity
-        return posed
+        loading = replace(posed.loading, load=problem.elasticity.at(self.times[0]).load)
+        return posed.in_state(replace(posed.state, loading=loading))
 
 
 @pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)

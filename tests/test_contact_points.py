@@ -16,7 +16,6 @@ from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane
 from coulomb.fem import contact_matrix
 from coulomb.io import output
 from coulomb.io.restart import nodal_vectors
-from coulomb.model.evidence import evidence
 from coulomb.model.nodal_answer import NodalAnswer
 
 RUBBER = Material(1e7, 0.3)
@@ -67,7 +66,7 @@ def test_A_b_and_displacement_are_those_of_the_weights(ways):
     surface, elasticity = problem.surface, problem.elasticity
     assert len(surface.nodes_in_rows) > len(surface.nodes)
     B = np.einsum("kij,kl->kilj", surface.frames, weights_of(problem).toarray()).reshape(3 * len(surface.nodes), -1)
-    K, f = dense(elasticity.K), elasticity.f.array_r
+    K, f = dense(elasticity.K), problem.f.array_r
     x = np.random.default_rng(1).normal(size=len(B)) * 10.0
     u = np.linalg.solve(K, f - B.T @ x)
     assert problem.displacement(x).ravel() == pytest.approx(u, abs=1e-9 * np.abs(u).max())
@@ -82,11 +81,11 @@ def test_A_b_and_displacement_are_those_of_the_weights(ways):
 @pytest.mark.parametrize("foundation", [None, Sphere((0.05, 0.05, -0.5), 0.5)], ids=["plane", "ball"])
 def test_every_step_is_certified_and_slips_by_the_weights(foundation, tmp_path):
     problem = dragged(foundation=foundation)
-    W, motion, before = weights_of(problem), problem.motions_at(0.0)[0], np.zeros_like(problem.elasticity.x)
+    W, motion, before = weights_of(problem), problem.body.motions(0.0)[0], np.zeros_like(problem.elasticity.x)
     for step in LoadHistory([1.0, 1.5, 2.0, 3.0]).steps(problem):
         solution, surface = step.solution, step.solution.problem.surface
         assert solution.certificate.passed, solution.certificate
-        here = problem.motions_at(step.state.time)[0]
+        here = problem.body.motions(step.state.time)[0]
         slip = surface.components(W @ (solution.displacement - before) - (here - motion))
         slip[:, 0] = 0.0
         answer = NodalAnswer.of(solution)
@@ -115,7 +114,7 @@ def test_work_is_that_of_forces_and_displacements_at_the_points():
         }
         contact = np.vdot(force, W @ (u1 - u0))
         assert energy["loads"] + energy["prescribed"] + contact == pytest.approx(energy["elastic"], abs=1e-9)
-        moved = problem.motions_at(later.state.time)[0] - problem.motions_at(earlier.state.time)[0]
+        moved = problem.body.motions(later.state.time)[0] - problem.body.motions(earlier.state.time)[0]
         assert energy["foundation"] == pytest.approx(force.sum(axis=0) @ moved, rel=1e-9)
         surface, end = later.solution.problem.surface, later.state.force_on_body
         slip = W @ (u1 - u0) - moved
@@ -149,7 +148,7 @@ def test_what_is_judged_is_built_anew_from_the_weights():
     """Points that the solver has lost or moved are seen, as with one node per point."""
     problem = dragged().at(1.0)
     solution = problem.solve()
-    judged = evidence(problem, solution.contact_force, solution.displacement)
+    judged = problem.evidence(solution.contact_force, solution.displacement)
     order = np.argsort(problem.surface.nodes)
     assert judged.closure[:, 0] == pytest.approx(
         np.einsum("ki,ki->k", problem.surface.frames[:, 0], weights_of(problem) @ solution.displacement)[order],

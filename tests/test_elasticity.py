@@ -17,7 +17,7 @@ def solve(elasticity):
     from coulomb import DirectSolver
 
     u = elasticity.K.createVecRight()
-    DirectSolver(elasticity.K).solve(elasticity.f, u)
+    DirectSolver(elasticity.K).solve(elasticity.f(elasticity.at(0.0)), u)
     return u.array.reshape(-1, 3)
 
 
@@ -54,7 +54,7 @@ def test_loads_add_up():
         body_force=(0.0, 0.0, -10.0),
     )
     # top: area 2; right: integral of z over 1 x 1.5; body: volume 3
-    assert np.allclose(elasticity.load.sum(axis=0), [2.0 + 1.125, 4.0, 6.0 - 30.0])
+    assert np.allclose(elasticity.at(0.0).load.sum(axis=0), [2.0 + 1.125, 4.0, 6.0 - 30.0])
 
 
 def test_constrained_rows_carry_the_mean_diagonal():
@@ -100,7 +100,7 @@ def test_solvers_agree():
     answers = []
     for solver in (DirectSolver, IterativeSolver):
         u = elasticity.K.createVecRight()
-        solver(elasticity.K).solve(elasticity.f, u)
+        solver(elasticity.K).solve(elasticity.f(elasticity.at(0.0)), u)
         answers.append(u.array.copy())
     assert np.linalg.norm(answers[0] - answers[1]) <= 1e-9 * np.linalg.norm(answers[0])
 

@@ -68,7 +68,7 @@ def test_what_is_written_is_the_answer_to_the_last_bit(cell, tmp_path):
     body, at = fields(tmp_path / "solution.h5"), fields(tmp_path / "contact.h5")
     node = order(body["x"], elasticity.x)
     assert np.array_equal(body["displacement"][node], solution.displacement)
-    assert np.array_equal(body["load"][node], elasticity.load)
+    assert np.array_equal(body["load"][node], solution.problem.loading.load)
     assert np.array_equal(body["held"][node], elasticity.fixed.astype(float))
     node = order(at["x"], surface.x)
     assert np.array_equal(at["pressure"][node], solution.contact_force[0::3] / surface.area)

@@ -94,7 +94,7 @@ def test_work_of_loads():
     problem = ContactProblem(coulomb.box((0.1, 0.1, 0.05), (3, 3, 3)), RUBBER, [Clamp("left")], far, pull)
     *_, last = LoadHistory([0.25, 1.0]).steps(problem)
     energy, solution = last.state.energy, last.solution
-    half = 0.5 * np.vdot(solution.problem.elasticity.load, solution.displacement)
+    half = 0.5 * np.vdot(solution.problem.loading.load, solution.displacement)
     assert energy.loads == pytest.approx(half, rel=1e-9) and energy.elastic == pytest.approx(half, rel=1e-9)
 
 

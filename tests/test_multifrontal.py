@@ -95,7 +95,7 @@ def test_borders_are_few_runs():
 def test_less_work_than_mumps_beside_a_schur_complement():
     """At p = 10 MUMPS takes 6.8e9 operations with Debian's only order, AMD, and 1.8e9 where nothing is kept."""
     problem = block(10, explicit=True)
-    solver = problem.stiffness_solver
+    solver = problem.body.stiffness_solver
     assert operations(solver._fronts) <= 4.5e9
     assert 1.0 < operations(solver._fronts) / DirectSolver(problem.elasticity.K).factor.getMumpsRinfog(3) < 3.0
 

@@ -138,15 +138,15 @@ def test_force_accepts_a_history(tmp_path):
 
 def doctored(monkeypatch):
     """The next certificates fail in one condition; the solver's status is what it was."""
-    honest = load_history.certify
+    honest = load_history.judge
 
-    def certify(*arguments):
+    def judge(*arguments):
         certificate = honest(*arguments)
         first, *others = certificate.checks
         return replace(certificate, checks=(replace(first, value=2.0 * first.limit), *others))
 
     for module in (acceptance, load_history):
-        monkeypatch.setattr(module, "certify", certify)
+        monkeypatch.setattr(module, "judge", judge)
 
 
 LOOSE = "solver.tolerance=1e-7"  # the solver does not ask for the certificate

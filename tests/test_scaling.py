@@ -36,7 +36,7 @@ def test_multigrid_iterations_of_the_whole_problem():
     problem = make_block(8, **MULTIGRID)
     result = problem.solve(1e-7).result
     assert result.path_following <= 24 and result.products <= 110
-    assert problem.stiffness_solver.iterations <= 4 * result.products
+    assert problem.body.stiffness_solver.iterations <= 4 * result.products
 
 
 def test_following_does_not_add_up():
@@ -59,7 +59,7 @@ def test_following_does_not_add_up():
 
 def test_a_loose_product_costs_less():
     problem = make_block(4, **MULTIGRID)
-    A, solver = problem.A, problem.stiffness_solver
+    A, solver = problem.A, problem.body.stiffness_solver
     rng, y = np.random.default_rng(92), np.empty(3 * len(problem.surface.nodes))
     counts = []
     for tolerance in (0.1, 1e-3, 0.0):  # of something new each time: a solve starts from the last ones

@@ -97,5 +97,5 @@ def test_the_formed_matrix_turned():
     turn = np.einsum("kij,klj->kil", after.surface.frames, before.surface.frames)
     x = np.random.default_rng([9, before.comm.rank]).standard_normal(3 * len(turn))
     expected = product(formed[1], x)
-    assert close(product(formed[0].turned(turn), x), expected, 1e-12)
+    assert close(product(formed[0].rotated(turn, after.surface.B), x), expected, 1e-12)
     assert not close(product(formed[0], x), expected, 1e-2)

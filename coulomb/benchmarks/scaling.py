@@ -139,7 +139,7 @@ def run(p: int, friction: float, tolerance: float, method: str, newton: str, sta
         peak_memory_bytes=comm.allreduce(peak_memory()),
         residual=result.residual,
         setup_seconds=body.seconds["stiffness"],
-        multigrid_iterations=body.stiffness_solver.iterations,
+        multigrid_iterations=body.body.stiffness_solver.iterations,
         certified=solution.certificate.passed,
         newton=newton,
         start=start,
@@ -158,15 +158,15 @@ def _yardstick(body: ContactProblem) -> float:
     """Seconds of one elasticity solve on the same mesh with the bottom held: multigrid set-up and CG to 1e-8."""
     clamps, elasticity = [Clamp("left"), Clamp("bottom")], body.elasticity
     held = Elasticity(body.mesh, elasticity.materials, clamps)
-    held.f.array[:] = np.where(held.fixed, 0.0, elasticity.load).ravel()
-    u = held.K.createVecRight()
+    f, u = held.K.createVecs()
+    f.array[:] = np.where(held.fixed, 0.0, body.loading.load).ravel()
     body.comm.barrier()
     began = time.perf_counter()
     solver = IterativeSolver(held.K, tolerance=1e-8)
-    solver.solve(held.f, u)
+    solver.solve(f, u)
     body.comm.barrier()
     seconds = time.perf_counter() - began
-    for thing in (solver, held.K, held.f, u):
+    for thing in (solver, held.K, f, u):
         thing.destroy()
     return seconds
 

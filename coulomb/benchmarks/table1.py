@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
-from ..linalg.compliance import SchurCompliance, estimated_diagonal
+from ..linalg.compliance import SchurCompliance
+from ..linalg.diagonal_estimate import estimated_diagonal
 from ..linalg.multifrontal import MultifrontalSolver
 from ..model.problem import ContactProblem
 from ..solvers.friction_problem import QPSolver
@@ -99,6 +100,6 @@ def measure(sizes: Iterable[int] = SIZES, names: Iterable[str] | None = None) ->
 
 def _with_estimated_diagonal(problem: ContactProblem) -> SchurCompliance:
     """The same A, with the estimated diagonal of a matrix-free A."""
-    assert isinstance(problem.stiffness_solver, MultifrontalSolver)
+    assert isinstance(problem.body.stiffness_solver, MultifrontalSolver)
     diagonal = estimated_diagonal(problem.A, problem.surface.B, problem.elasticity.K)
-    return SchurCompliance(problem.surface.B, problem.stiffness_solver, diagonal)
+    return SchurCompliance(problem.surface.B, problem.body.stiffness_solver, diagonal)

@@ -59,8 +59,14 @@ class Case(Table):
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
 
-    def problem(self, comm: MPI.Comm | None = None) -> ContactProblem:
+    def problem(
+        self, comm: MPI.Comm | None = None, small_strain: Literal["enforce", "warn"] | None = None
+    ) -> ContactProblem:
         """Mesh and problem of the case on these ranks, by default all.
+
+        Args:
+            comm: The ranks.
+            small_strain: In place of the case's.
 
         Raises:
             ValueError: On every rank, if the parts are inconsistent.
@@ -92,7 +98,7 @@ class Case(Table):
             explicit={"auto": False if condensed else None, "explicit": True, "matrix-free": False}[
                 self.solver.compliance
             ],
-            small_strain=self.small_strain,
+            small_strain=small_strain or self.small_strain,
         )
         regions = {f"{key}.region.{k}": region for key, t in self.contacts.items() for k, region in enumerate(t.region)}
         for key, region in regions.items():

@@ -78,7 +78,7 @@ def check_case(
     with bad_input():
         problem = posed(settings, directory or Path(settings.output.directory), force=False, now=False)
         for end in settings.history.ends if settings.history is not None else ():
-            problem.unsolved_at(end)
+            problem.at(end)
     introduce(console, case, problem)
     doubts(settings)
     for line in expected(settings, problem):

@@ -39,10 +39,8 @@ def posed(settings: Case, target: Path, force: bool, now: bool = True) -> Contac
         if not force:
             refuse_too_many_cells(settings.mesh.cells, comm)
         refuse_uncountable(settings.mesh.cells)
-    problem = settings.problem(comm)
-    if force:
-        problem.small_strain = "warn"
-    else:
+    problem = settings.problem(comm, small_strain="warn" if force else None)
+    if not force:
         refuse_too_large(problem)
         steps = 1 if settings.history is None else len(settings.history.ends)
         try:
@@ -92,7 +90,7 @@ def expected(settings: Case, problem: ContactProblem) -> list[str]:
     """Estimated cost of the solution, in lines; collective."""
     taken, ranks = estimate_of(problem, measure(problem.comm)), problem.comm.size
     seconds, steps, drawn = taken.seconds, 1, ""
-    lines = [f"K {problem.stiffness_method}, A {'explicit' if problem.explicit else 'matrix-free'}"]
+    lines = [f"K {problem.body.stiffness_method}, A {'explicit' if problem.body.explicit else 'matrix-free'}"]
     if settings.history is not None:
         steps = len(settings.history.ends)
         seconds += (steps - 1) * taken.seconds_a_step

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Self
 
 import numpy as np
 from mpi4py import MPI
@@ -12,7 +11,7 @@ from petsc4py import PETSc
 from . import compat
 from .body import strain
 from .compat import fem, ufl
-from .loaded_body import Clamp, LoadedBody, Materials, PrescribedDisplacement, Spring, Traction
+from .loaded_body import Clamp, LoadedBody, Loading, Materials, PrescribedDisplacement, Spring, Traction
 from .meshes import NamedMesh
 from .user_values import Amplitude, Field
 
@@ -23,14 +22,13 @@ class Elasticity(LoadedBody):
     """K u = f on trilinear hexahedra or linear tetrahedra, with clamps and springs built in.
 
     Constrained rows and columns of K are zero but for the diagonal, which is the mean diagonal of the free ones (a 1
-    there would spoil the multigrid and every scale); f has the prescribed values, so that K u = f holds them exactly.
-    Springs act at the nodes, each with the area of its hat function: diagonal in K, and exact for a face that moves
-    without tilting.
+    there would spoil the multigrid and every scale); f, which depends on time, has the prescribed values, so that
+    K u = f holds them exactly.  Springs act at the nodes, each with the area of its hat function: diagonal in K, and
+    exact for a face that moves without tilting.
 
     Attributes:
         K: Stiffness, N/m; block size 3, symmetric positive definite, with the rigid body modes as its near-nullspace;
             it does not change with time.
-        f: Load in newtons, with the prescribed displacements built in.
 
     Raises:
         ValueError: As `LoadedBody`, or if the springs that hold the body are too soft to be told from rounding.
@@ -45,33 +43,21 @@ class Elasticity(LoadedBody):
         body_force: Field = (0.0, 0.0, 0.0),
         springs: Sequence[Spring] = (),
         body_force_amplitude: Amplitude = 1.0,
-        time: float = 0.0,
     ):
-        super().__init__(mesh, materials, clamps, tractions, body_force, springs, body_force_amplitude, time)
+        super().__init__(mesh, materials, clamps, tractions, body_force, springs, body_force_amplitude)
         trial = ufl.TrialFunction(self.V)
         self.K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * ufl.dx))
         self._add_springs()
         self._held = self._eliminate_fixed()
         self._attach_rigid_body_modes()
-        self._build_in()
 
-    def at(self, time: float) -> Self:
-        """The same body and K under the loads and prescribed displacements of another time; collective.
-
-        Raises:
-            ValueError: On every rank, if an amplitude has no finite value at that time.
-        """
-        other = super().at(time)
-        other._build_in()
-        return other
-
-    def _build_in(self) -> None:
-        """f: the load, and the prescribed displacements."""
-        self.f = self.K.createVecRight()
-        free = self.load
-        if self.mesh.comm.allreduce(bool(np.any(self.prescribed)), op=MPI.LOR):
-            free = self.load - self.internal_force(self.prescribed)
-        self.f.array[:] = np.where(self.fixed, self._held * self.prescribed, free).ravel()
+    def f(self, loading: Loading) -> PETSc.Vec:
+        """The load in newtons with the prescribed displacements built in, so that K u = f; collective."""
+        f, free = self.K.createVecRight(), loading.load
+        if self.mesh.comm.allreduce(bool(np.any(loading.prescribed)), op=MPI.LOR):
+            free = loading.load - self.internal_force(loading.prescribed)
+        f.array[:] = np.where(self.fixed, self._held * loading.prescribed, free).ravel()
+        return f
 
     def _add_springs(self) -> None:
         comm = self.mesh.comm

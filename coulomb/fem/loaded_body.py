@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -124,19 +123,31 @@ Materials = Material | Mapping[str, Material]
 """One for the whole body, or one for every group of cells, by its name."""
 
 
+@dataclass(frozen=True)
+class Loading:
+    """What acts on a body at a time; this rank's k nodes.
+
+    Attributes:
+        time: When.
+        load: Nodal forces of tractions and body force in newtons, shape (k, 3).
+        prescribed: Prescribed displacements in metres, 0 elsewhere, shape (k, 3).
+    """
+
+    time: float
+    load: FloatArray
+    prescribed: FloatArray
+
+
 class LoadedBody(ElasticBody):
-    """An elastic body with its clamps, springs and loads.
+    """An elastic body with its clamps, springs and loads; `at` says what acts on it at a time.
 
     Attributes:
         mesh: The body.
         materials: What it is made of: a Material, or a mapping of cell groups to theirs.
         V: Its space of displacements.
-        load: The load in newtons, this rank's part, shape (k, 3).
         fixed: Which components are prescribed, this rank's nodes, shape (k, 3).
-        prescribed: Their values in metres, 0 elsewhere, shape (k, 3).
         spring: Stiffness of the springs at this rank's nodes along x, y, z in N/m, shape (k, 3).
         dragged: Which components are prescribed to be other than 0 at some time, shape (k, 3).
-        time: The time of load and prescribed.
 
     Raises:
         ValueError: If a face is unknown, a value not finite, a cell without a material or with two, or if clamps and
@@ -152,7 +163,6 @@ class LoadedBody(ElasticBody):
         body_force: Field = (0.0, 0.0, 0.0),
         springs: Sequence[Spring] = (),
         body_force_amplitude: Amplitude = 1.0,
-        time: float = 0.0,
     ):
         super().__init__(mesh.domain, *material_of_cells(mesh, materials))
         self.mesh, self.materials = mesh, materials
@@ -161,28 +171,21 @@ class LoadedBody(ElasticBody):
         self._support(springs)
         self._refuse_floating_body()
         self._loads = self._assemble_loads(tractions, body_force, body_force_amplitude)
-        self._load_at(time)
 
-    def at(self, time: float) -> Self:
-        """This body under the loads and prescribed displacements of another time; collective.
+    def at(self, time: float) -> Loading:
+        """Loads and prescribed displacements at a time; collective.
 
         Raises:
             ValueError: On every rank, if an amplitude has no finite value at that time.
         """
-        other = copy.copy(self)
-        other._load_at(time)
-        return other
-
-    def _load_at(self, time: float) -> None:
-        self.time = time
-        self.load: FloatArray = np.zeros((self._owned, 3))
-        for amplitude, what, load in self._loads:
-            self.load += self._factor(amplitude, time, what) * load
-        self.prescribed: FloatArray = np.zeros((self._owned, 3))
-        for clamp, nodes, values in self._clamps:
-            factor = self._factor(clamp.amplitude, time, clamp.what)
-            for component in map("xyz".index, clamp.components):
-                self.prescribed[nodes, component] = factor * values[:, component]
+        load, prescribed = np.zeros((2, self._owned, 3))
+        for amplitude, what, nodal in self._loads:
+            load += self._factor(amplitude, time, what) * nodal
+        for support, nodes, values in self._clamps:
+            factor = self._factor(support.amplitude, time, support.what)
+            for component in map("xyz".index, support.components):
+                prescribed[nodes, component] = factor * values[:, component]
+        return Loading(time, load, prescribed)
 
     def _factor(self, amplitude: Amplitude, time: float, what: str) -> float:
         factor: float = on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)

@@ -98,7 +98,11 @@ def _make_partial(target: Path) -> str:
 def _write_body(solution: Solution, path: str) -> None:
     elasticity = solution.problem.elasticity
     u = elasticity.function(solution.displacement)
-    given = {"load": elasticity.load, "held": elasticity.fixed, "prescribed": elasticity.prescribed}
+    given = {
+        "load": solution.problem.loading.load,
+        "held": elasticity.fixed,
+        "prescribed": solution.problem.loading.prescribed,
+    }
     given["spring"] = elasticity.spring
     nodal = [u, *(elasticity.function(values.astype(float), name) for name, values in given.items())]
     domain, comm = elasticity.mesh.domain, solution.problem.comm

@@ -45,7 +45,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         "mean_compliance": problem.mean_compliance,
         "method": {
             "solver": result.method if isinstance(result, CoulombResult) else "path following",
-            "stiffness": problem.stiffness_solver.name,
+            "stiffness": problem.body.stiffness_solver.name,
             "compliance": problem.A.name,
             "ranks": problem.comm.size,
         },

@@ -13,8 +13,8 @@ from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dtrtri
 
 from ..arrays import FloatArray
+from .diagonal_estimate import estimated_diagonal
 from .multifrontal import MultifrontalSolver
-from .reductions import Reductions
 from .stiffness import DirectSolver, StiffnessSolver
 
 _COLUMNS_AT_ONCE = 512  # right-hand sides of one MatMatSolve: bounds the memory to this many displacement fields
@@ -69,6 +69,29 @@ class Compliance(Protocol):
         ...
 
 
+class BodyCompliance(Compliance, Protocol):
+    """A = B K^-1 B^T of a body whose K and B are at hand."""
+
+    def rotated(self, rotation: FloatArray, B: PETSc.Mat) -> BodyCompliance:
+        """The same in other frames: R A R^T; collective.
+
+        Args:
+            rotation: R, from old to new components, shape (m, 3, 3).
+            B: The contact matrix in the new frames.
+        """
+        ...
+
+    def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
+        """K^-1 (f - B^T x) in metres, this rank's part, shape (n,); collective.
+
+        Args:
+            x: Contact forces in newtons, shape (3 m,).
+            f: Load in newtons.
+            free: K^-1 f, shape (n,).
+        """
+        ...
+
+
 class MatrixCompliance:
     """A as an assembled matrix, dense or sparse, rows distributed over the ranks.
 
@@ -108,20 +131,32 @@ class MatrixCompliance:
 
 
 class ExplicitCompliance(MatrixCompliance):
-    """A = B K^-1 B^T, formed as a dense matrix."""
+    """A = B K^-1 B^T, formed as a dense matrix.
+
+    Args:
+        matrix: A.
+        B: Contact matrix, 3 rows a contact node.
+        solver: K^-1.
+    """
 
     name = "explicit"
 
-    def turned(self, turn: FloatArray) -> ExplicitCompliance:
-        """The same in other frames: R A R^T with R the nodal matrices `turn` (m, 3, 3), from old to new components."""
-        whole = np.concatenate(self.comm.allgather(turn))
+    def __init__(self, matrix: PETSc.Mat, B: PETSc.Mat, solver: StiffnessSolver):
+        super().__init__(matrix)
+        self._B, self._solver = B, solver
+
+    def rotated(self, rotation: FloatArray, B: PETSc.Mat) -> ExplicitCompliance:
+        whole = np.concatenate(self.comm.allgather(rotation))
         rows = self.matrix.getDenseArray().reshape(self.nodes, 3, len(whole), 3)
-        rows = np.einsum("kab,kblc->kalc", turn, rows)
+        rows = np.einsum("kab,kblc->kalc", rotation, rows)
         rows = np.einsum("kalc,ldc->kald", rows, whole)
         A = np.asfortranarray(rows.reshape(3 * self.nodes, 3 * len(whole)))
         matrix = PETSc.Mat().createDense(self.matrix.getSizes(), array=A, comm=self.comm)
         matrix.assemble()
-        return ExplicitCompliance(matrix)
+        return ExplicitCompliance(matrix, B, self._solver)
+
+    def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
+        return _displacement(self._solver, self._B, x, f)
 
     @classmethod
     def from_stiffness(cls, B: PETSc.Mat, solver: DirectSolver) -> ExplicitCompliance:
@@ -159,7 +194,7 @@ class ExplicitCompliance(MatrixCompliance):
                 done.destroy()
         every_column.destroy()
         A.assemble()
-        return cls(A)
+        return cls(A, B, solver)
 
 
 class SchurCompliance:
@@ -221,9 +256,11 @@ class SchurCompliance:
             inverse[i, i + 1 : i + 3] = inverse[i + 1, i + 2] = 0.0
         return inverse
 
-    def turned(self, B: PETSc.Mat) -> SchurCompliance:
-        """The same in other frames: those of another B."""
+    def rotated(self, rotation: FloatArray, B: PETSc.Mat) -> SchurCompliance:
         return SchurCompliance(B, self._solver)
+
+    def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
+        return _displacement(self._solver, self.B, x, f)
 
 
 class MatrixFreeCompliance:
@@ -287,41 +324,27 @@ class MatrixFreeCompliance:
         """What is known of K^-1 B^T x of the x to come: `follow` starts there."""
         response.copy(self._followed)
 
+    def rotated(self, rotation: FloatArray, B: PETSc.Mat) -> MatrixFreeCompliance:
+        return MatrixFreeCompliance(B, self.K, self._solver)
+
+    def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
+        """By a correction of K^-1 B^T x of the last products."""
+        changed: FloatArray = free - self.response(x).array_r
+        return changed
+
     def diagonal(self) -> FloatArray:
         return self._diagonal
 
 
-def estimated_diagonal(A: Compliance, B: PETSc.Mat, K: PETSc.Mat, probes: int = 8) -> FloatArray:
-    """diag(A) of A = B K^-1 B^T from a few products, shape (3 m,).
-
-    diag(A) is close to a multiple of diag(B diag(K)^-1 B^T), one multiple for each of n, t1 and t2, found from products
-    with random signs v, since the mean of v_i (A v)_i is A_ii (Hutchinson 1989).  It misses how much the whole body
-    gives way at a node; CG does not mind (`coulomb benchmark table1` shows both).
-
-    Args:
-        A: The compliance; `probes` products are made.
-        B: Contact matrix, 3 rows a contact node.
-        K: The stiffness matrix, of which only the diagonal is read.
-        probes: Products to spend.
-    """
-    over = Reductions(A.comm)
-    u, x = B.createVecs()
-    squares = B.duplicate(copy=True)
-    indptr, indices, values = squares.getValuesCSR()
-    squares.setValuesCSR(indptr, indices, values**2)
-    squares.assemble()
-    K.getDiagonal(u)
-    u.reciprocal()
-    squares.mult(u, x)
-    local = x.array_r.reshape(-1, 3).copy()
-    for done in (squares, u, x):
+def _displacement(solver: StiffnessSolver, B: PETSc.Mat, x: FloatArray, f: PETSc.Vec) -> FloatArray:
+    """K^-1 (f - B^T x) by one solve, this rank's part."""
+    rhs, forces = B.createVecs()
+    u = rhs.duplicate()
+    forces.array[:] = x
+    B.multTranspose(forces, rhs)
+    rhs.aypx(-1.0, f)
+    solver.solve(rhs, u)
+    values: FloatArray = u.array_r.copy()
+    for done in (rhs, forces, u):
         done.destroy()
-    random = np.random.default_rng([2718, A.comm.rank])
-    traces, y = np.zeros(3), np.empty(3 * A.nodes)
-    for _ in range(probes):
-        v = random.choice([-1.0, 1.0], size=3 * A.nodes)
-        A.mult(v, y, 0.03)
-        traces += [over.sum((v * y)[k::3]) / probes for k in range(3)]
-    local_traces = np.array([over.sum(local[:, k]) for k in range(3)])
-    estimate: FloatArray = (local * (traces / local_traces)).ravel()
-    return estimate
+    return values

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from ..solvers.results import NotConverged, Status
-from .certificate import Certificate, certify
+from .certificate import Certificate, judge
 from .settled import settled
 from .stopwatch import timed
 
@@ -61,7 +61,7 @@ class Acceptance:
                 if not over.all(np.array_equal(force, x)):
                     u = problem.displacement(force)
             with timed(problem.seconds, "certificate"):
-                self._last = (x.copy(), Judged(force, u, certify(problem, force, u)))
+                self._last = (x.copy(), Judged(force, u, judge(problem.evidence(force, u))))
         return self._last[1]
 
     def explained(self, failure: NotConverged, tolerance: float) -> NotConverged:
@@ -73,7 +73,7 @@ class Acceptance:
         remedies = ["a look at the units of lengths, forces and stiffnesses"]
         if Reductions(problem.comm).max(problem.elasticity.spring) > 0.0:
             remedies.insert(0, "a clamp or stiffer springs in place of those that let the body move as a whole")
-        if problem.stiffness_solver.tolerance > 0.0:
+        if problem.body.stiffness_solver.tolerance > 0.0:
             remedies.insert(0, 'K factorised (linear_solver = "direct")')
         said = f"{failure}; what does not pass: {what_fails(certificate)}; what may help: {', or '.join(remedies)}"
         return NotConverged(said, result)

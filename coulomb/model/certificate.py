@@ -16,17 +16,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
-from .evidence import Before, Evidence, evidence
-
-if TYPE_CHECKING:
-    from .problem import ContactProblem
+from .evidence import Evidence
 
 LIMIT = 1e-6
 """Limit of every relative measure."""
@@ -88,19 +84,6 @@ class Certificate:
             for check in self.checks
         ]
         return "\n".join([*lines, f"certificate {'passed' if self.passed else 'FAILED'}"])
-
-
-def certify(problem: ContactProblem, x: FloatArray, u: FloatArray, before: Before | None = None) -> Certificate:
-    """Check an answer; collective.
-
-    Args:
-        problem: The contact problem.
-        x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
-        u: Displacement in metres, this rank's nodes, shape (k, 3).
-        before: What the load step before has left, such as a `State`: slip counts from there, and from where the
-            foundation was then; without, from the problem's `slip_origin`.
-    """
-    return judge(evidence(problem, x, u, before))
 
 
 def judge(e: Evidence) -> Certificate:

@@ -122,8 +122,8 @@ def estimate_of(problem: ContactProblem, slowness: Slowness = SAME) -> Estimate:
         size["displacement"],
         size["contact"],
         problem.comm.size,
-        problem.linear_solver,
-        problem.explicit,
+        problem.body.linear_solver,
+        problem.body.explicit,
         slenderness(problem),
         slowness,
     )
@@ -153,8 +153,8 @@ def refuse_too_large(problem: ContactProblem) -> None:
     fits = _least_room(comm, share)
     if needed <= fits:
         return
-    way = "K factorised" if problem.linear_solver is DirectSolver else "multigrid"
-    way += ", A formed" if problem.explicit else ", A matrix-free"
+    way = "K factorised" if problem.body.linear_solver is DirectSolver else "multigrid"
+    way += ", A formed" if problem.body.explicit else ", A matrix-free"
     others = (
         (DirectSolver, False, 'solver.linear_solver = "direct" with solver.compliance = "matrix-free"'),
         (IterativeSolver, False, 'solver.linear_solver = "iterative" with solver.compliance = "matrix-free"'),

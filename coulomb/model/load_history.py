@@ -24,7 +24,7 @@ import numpy as np
 
 from ..solvers.friction_problem import CoulombSolver, QPSolver
 from ..solvers.results import NotConverged, ProgressCallback, Status
-from .certificate import certify
+from .certificate import judge
 from .load_step import Energy, LoadStep, State
 from .problem import ContactProblem
 from .solution import Solution
@@ -95,7 +95,7 @@ class LoadHistory:
                 state = replace(state, pending=(*state.pending, middle))
                 continue
             # Judged from what the step before has left, not from the slip origin that the solver was given.
-            judged = certify(solution.problem, solution.contact_force, solution.displacement, state)
+            judged = judge(solution.problem.evidence(solution.contact_force, solution.displacement, state))
             solution = replace(solution, certificate=judged)
             state = state.after(solution)
             yield LoadStep(solution, state, halved)

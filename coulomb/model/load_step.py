@@ -146,8 +146,8 @@ class State(Moment):
 
         on_body = solution.force_on_body
         then = forces(self.displacement, elasticity.at(self.time).load, self.force_on_body)
-        now = forces(solution.displacement, elasticity.load, on_body)
-        moved = (problem.motions - problem.motions_at(self.time))[surface.part]
+        now = forces(solution.displacement, problem.loading.load, on_body)
+        moved = (problem.motions - problem.body.motions(self.time))[surface.part]
         foundation = 0.5 * over.dot(self.force_on_body + on_body, moved)
         dissipated = NodalAnswer.of(solution).dissipated_energy
         energy = self.energy.after(then, now, elasticity.fixed, foundation, dissipated, over)

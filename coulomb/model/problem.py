@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -10,28 +9,31 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..fem.elasticity import Elasticity, Materials, PrescribedDisplacement, Spring, Traction
+from ..fem.loaded_body import Loading
 from ..fem.meshes import NamedMesh
 from ..fem.obstacles import RigidFoundation
 from ..fem.surface import ContactSurface
 from ..fem.user_values import Amplitude, Field
-from ..linalg.compliance import Compliance, ExplicitCompliance, MatrixFreeCompliance, SchurCompliance
-from ..linalg.methods import LinearSolver, chosen, contact_last
-from ..linalg.multifrontal import MultifrontalSolver
-from ..linalg.stiffness import DirectSolver, StiffnessSolver
+from ..linalg.compliance import BodyCompliance
+from ..linalg.methods import LinearSolver
 from ..solvers.automatic import default_solver
 from ..solvers.friction_problem import CoulombSolver, FrictionProblem, QPSolver
 from ..solvers.laws import FrictionLaw
 from ..solvers.results import CoulombResult, NotConverged, ProgressCallback, QPResult
 from .acceptance import CERTIFIED_FROM, Acceptance
-from .contact import Contact, ContactFaces
-from .evidence import Before
+from .contact import Contact
+from .contact_body import ContactBody
+from .evidence import Evidence
+from .gathered_evidence import gather_evidence
 from .nodal_answer import closure
 from .provenance import now
 from .small_strain import known_mode
 from .solution import Solution, warn
+from .state import Before, ContactState
 from .stopwatch import timed
 
 
@@ -56,15 +58,8 @@ class ContactProblem:
             worth a warning, "warn".
 
     Attributes:
-        elasticity: K, f and what belongs to them.
-        surface: The contact nodes.
-        law: Of friction at this rank's contact nodes.
-        contacts: The contact faces.
-        motions: Where their foundations are at this time, from where they were given, metres, shape (faces, 3).
-        slip_origin: Displacement of the contact points at which they have not slipped, along n, t1, t2, metres, shape
-            (m, 3): 0 at first, in a later load step that of the step before, carried along with the foundation.
-        linear_solver: The one taken for K^-1 (DirectSolver also stands for MultifrontalSolver: `stiffness_method`).
-        explicit: Whether A is formed.
+        body: What does not change with time: K, K^-1, A, contact faces and foundations.
+        state: What does: loads, gaps, frames, the law of friction, the place from which slip counts.
         small_strain: As given.
         seconds: Wall time of each phase so far.
         started: When the work on it began.
@@ -89,134 +84,112 @@ class ContactProblem:
         explicit: bool | None = None,
         small_strain: str = "enforce",
     ):
+        contacts = (contact,) if isinstance(contact, Contact) else tuple(contact)
         self.small_strain = known_mode(small_strain)
-        chosen(0, 0, mesh.comm.size, linear_solver, explicit)  # what cannot be is refused before the assembly
-        self.mesh = mesh
-        self.contacts = (contact,) if isinstance(contact, Contact) else tuple(contact)
-        self.seconds: dict[str, float] = {}
         self.started = now()
-        with timed(self.seconds, "assembly"):
-            self.elasticity = Elasticity(
-                mesh, material, clamps, tractions, body_force, springs, body_force_amplitude, time
-            )
-            self._faces = ContactFaces(self.contacts, self.comm)
-            self.motions: FloatArray = np.zeros((len(self.contacts), 3))
-            self.surface: ContactSurface = self._faces.surface(self.elasticity, self.motions)
-            self._faces = self._faces.against(self.surface.foundations)  # where none was given, the face's own plane
-            self.slip_origin: FloatArray = np.zeros((len(self.surface.nodes), 3))
-            self._move_foundations()
-            self.law: FrictionLaw = self._faces.law(self.surface)
-        self.linear_solver, self.explicit = chosen(
-            self.unknowns["displacement"], self.unknowns["contact"], self.comm.size, linear_solver, explicit
+        self.body = ContactBody(
+            *(mesh, material, clamps, contacts, tractions, body_force, springs, body_force_amplitude),
+            *(time, linear_solver, explicit),
         )
-
-    @property
-    def comm(self) -> MPI.Comm:
-        """The ranks that share the problem."""
-        return self.mesh.comm
-
-    @property
-    def time(self) -> float:
-        """The time at which loads, prescribed displacements and the foundation's place are taken."""
-        return self.elasticity.time
+        self.seconds = self.body.seconds
+        with timed(self.seconds, "assembly"):
+            self.state = self.body.state(time)
 
     def at(self, time: float, before: Before | None = None) -> ContactProblem:
-        """The problem at another time, K and its solver shared; collective.
+        """The problem at another time, body, K^-1 and A shared; collective.
 
         Args:
             time: When.
-            before: What slip counts from, with the foundation carried along since; by default as in this problem.
+            before: What the load step before has left, from which slip counts, with the foundation carried along since;
+                by default slip counts from the body without displacement.
 
         Raises:
             ValueError: On every rank, if an amplitude or the motion has no value then, or the foundation has moved so
                 that other nodes than before can touch it.
         """
-        self.stiffness_solver, self.A  # noqa: B018  (made once, shared by all times)
-        other = self.unsolved_at(time)
-        if before is not None:
-            carried = (other.motions - self.motions_at(before.time))[other.surface.part]
-            other.slip_origin = other.surface.rows(before.displacement) + other.surface.components(carried)
-        return other
+        seconds: dict[str, float] = {}
+        with timed(seconds, "assembly"):
+            state = self.body.state(time, before)
+        return self.in_state(state, seconds)
 
-    def unsolved_at(self, time: float) -> ContactProblem:
-        """The same, for who only wants to look at it: what was not made before is not shared."""
-        other = copy.copy(self)
-        other.seconds = {}
-        for name in ("b", "_free_displacement"):
-            other.__dict__.pop(name, None)
-        with timed(other.seconds, "assembly"):
-            other.elasticity = self.elasticity.at(time)
-            other._move_foundations()
-            other.slip_origin = other.surface.components(self.surface.vectors(self.slip_origin))
-        return other
+    def in_state(self, state: ContactState, seconds: dict[str, float] | None = None) -> ContactProblem:
+        """The problem of the same body in another state.
+
+        Args:
+            state: The state.
+            seconds: Wall time that was spent on it.
+        """
+        return _InState(self, state, {} if seconds is None else seconds)
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share the problem."""
+        return self.body.comm
+
+    @property
+    def mesh(self) -> NamedMesh:
+        """The mesh of the body."""
+        return self.body.mesh
+
+    @property
+    def elasticity(self) -> Elasticity:
+        """K and what belongs to it."""
+        return self.body.elasticity
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contact faces."""
+        return self.body.contacts
 
     @property
     def foundations(self) -> tuple[RigidFoundation, ...]:
         """Of all contact faces, where they were given; of a face without one, its own plane."""
-        return tuple(foundation for foundation in self._faces.foundations if foundation is not None)
-
-    def motions_at(self, time: float) -> FloatArray:
-        """Translations of the foundations of all contact faces at a time in metres, shape (faces, 3); collective."""
-        return self._faces.motions(time)
-
-    def _move_foundations(self) -> None:
-        """Gaps, and where they turn also frames, B and A, for where the foundations are at this time."""
-        where = self.motions_at(self.time)
-        if np.array_equal(where, self.motions):
-            return
-        self.motions, before = where, self.surface
-        after = self._faces.surface(self.elasticity, where)
-        if not self.comm.allreduce(np.array_equal(before.nodes, after.nodes), op=MPI.LAND):
-            raise ValueError(f"contact: at time {self.time:g} the foundation has turned its normals to other nodes")
-        turned = not np.allclose(before.frames, after.frames, rtol=0.0, atol=1e-14)
-        if not self.comm.allreduce(turned, op=MPI.LOR):
-            self.surface = replace(after, frames=before.frames, B=before.B)
-            return
-        self.surface = after
-        if "A" in self.__dict__:
-            turn = np.einsum("kij,klj->kil", after.frames, before.frames)
-            A = self.A
-            if isinstance(A, SchurCompliance):
-                self.A = A.turned(after.B)
-            elif isinstance(A, ExplicitCompliance):
-                self.A = A.turned(turn)
-            else:
-                self.A = MatrixFreeCompliance(after.B, self.elasticity.K, self.stiffness_solver)
-
-    @cached_property
-    def unknowns(self) -> dict[str, int]:
-        """Free displacement unknowns and contact unknowns, over all ranks."""
-        free = int(np.count_nonzero(~self.elasticity.fixed))
-        contact = 3 * len(self.surface.nodes)
-        return {
-            "displacement": self.comm.allreduce(free, op=MPI.SUM),
-            "contact": self.comm.allreduce(contact, op=MPI.SUM),
-        }
+        return self.body.foundations
 
     @property
-    def stiffness_method(self) -> str:
-        """Name of the solver for K^-1: where A is formed on one rank, it gives the Schur complement as well."""
-        return MultifrontalSolver.name if contact_last(self.explicit, self.comm.size) else self.linear_solver.name
+    def unknowns(self) -> dict[str, int]:
+        """Free displacement unknowns and contact unknowns, over all ranks."""
+        return self.body.unknowns
+
+    @property
+    def time(self) -> float:
+        """The time at which loads, prescribed displacements and the foundation's place are taken."""
+        return self.state.time
+
+    @property
+    def loading(self) -> Loading:
+        """Loads and prescribed displacements."""
+        return self.state.loading
+
+    @property
+    def motions(self) -> FloatArray:
+        """Translations of the foundations from where they were given, metres, shape (faces, 3)."""
+        return self.state.motions
+
+    @property
+    def surface(self) -> ContactSurface:
+        """The contact points."""
+        return self.state.surface
+
+    @property
+    def law(self) -> FrictionLaw:
+        """Of friction at this rank's contact points."""
+        return self.state.law
+
+    @property
+    def slip_origin(self) -> FloatArray:
+        """Displacement of the contact points from which slip counts, along n, t1, t2, metres, shape (m, 3)."""
+        return self.state.slip_origin
 
     @cached_property
-    def stiffness_solver(self) -> StiffnessSolver:
-        """K^-1."""
-        with timed(self.seconds, "stiffness"):
-            if contact_last(self.explicit, self.comm.size):
-                return MultifrontalSolver(self.elasticity.K, self.elasticity.x, self.surface.nodes_in_rows)
-            return self.linear_solver(self.elasticity.K)
+    def f(self) -> PETSc.Vec:
+        """Load in newtons, with the prescribed displacements built in; not to be changed."""
+        return self.elasticity.f(self.loading)
 
     @cached_property
-    def A(self) -> Compliance:
-        """Compliance B K^-1 B^T of the contact nodes, metres per newton."""
-        solver = self.stiffness_solver
-        with timed(self.seconds, "compliance"):
-            if isinstance(solver, MultifrontalSolver):
-                return SchurCompliance(self.surface.B, solver)
-            if self.explicit:
-                assert isinstance(solver, DirectSolver)
-                return ExplicitCompliance.from_stiffness(self.surface.B, solver)
-            return MatrixFreeCompliance(self.surface.B, self.elasticity.K, solver)
+    def A(self) -> BodyCompliance:
+        """Compliance B K^-1 B^T of the contact points, metres per newton."""
+        return self.body.compliance(self.surface, self.seconds)
 
     @cached_property
     def b(self) -> FloatArray:
@@ -238,25 +211,15 @@ class ContactProblem:
         return self.friction_problem.mean_diagonal
 
     def displacement(self, x: FloatArray) -> FloatArray:
-        """K^-1 (f - B^T x) in metres, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,)."""
-        if "A" in self.__dict__ and isinstance(self.A, MatrixFreeCompliance):
-            kept: FloatArray = self._free_displacement - self.A.response(x).array_r.reshape(-1, 3)
-            return kept
-        rhs, u = self.elasticity.K.createVecs()
-        rhs.array[:] = -self.surface.at_nodes(x).ravel()
-        rhs.axpy(1.0, self.elasticity.f)
-        self.stiffness_solver.solve(rhs, u)
-        values: FloatArray = u.array.reshape(-1, 3).copy()
-        rhs.destroy()
-        u.destroy()
-        return values
+        """K^-1 (f - B^T x) in metres, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,); collective."""
+        return self.A.displacement(x, self.f, self._free_displacement.ravel()).reshape(-1, 3)
 
     @cached_property
     def _free_displacement(self) -> FloatArray:
         """K^-1 f in metres, this rank's nodes, shape (k, 3): the body without contact."""
-        u, solver = self.elasticity.K.createVecRight(), self.stiffness_solver
+        u, solver = self.elasticity.K.createVecRight(), self.body.stiffness_solver
         with timed(self.seconds, "displacement"):
-            solver.solve(self.elasticity.f, u)
+            solver.solve(self.f, u)
         values: FloatArray = u.array.reshape(-1, 3).copy()
         u.destroy()
         return values
@@ -264,6 +227,16 @@ class ContactProblem:
     def nodal_contact_force(self, x: FloatArray) -> FloatArray:
         """B^T x in newtons, this rank's nodes, shape (k, 3): minus the force on the body; collective."""
         return self.surface.at_nodes(x)
+
+    def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
+        """What an answer is judged by, from body, contact faces and foundations as they were given; collective.
+
+        Args:
+            x: Contact forces in newtons, shape (3 m,), point by point (n, t1, t2) of the surface.
+            u: Displacement in metres, this rank's nodes, shape (k, 3).
+            before: What the load step before has left; without, slip counts from `slip_origin`.
+        """
+        return gather_evidence(self.body, self.state, x, u, self.mean_compliance, before)
 
     def slip_bound(self, x: FloatArray) -> FloatArray:
         """Bound of the friction force of every node at the forces x (3 m,), newtons, shape (m,)."""
@@ -301,8 +274,7 @@ class ContactProblem:
             NotConverged: If the residual stays above the tolerance, or the certificate does not pass however small the
                 residual; `solution(error.result)` has what there is.
         """
-        self.stiffness_solver, self.A, self.b  # noqa: B018  (each is timed on its own)
-        problem = self.friction_problem
+        problem = self.friction_problem  # what K^-1, A and b take is timed on its own
         chosen: Any = solver or default_solver(problem, tolerance)
         acceptance = Acceptance(self)
         if chosen.tolerance <= CERTIFIED_FROM:
@@ -328,3 +300,11 @@ class ContactProblem:
         if isinstance(result, CoulombResult):
             g = np.where(g > 0.0, result.slip_bound, 0.0)  # as the forces, exactly zero at open nodes
         return Solution(self, x, judged.displacement, g, result, judged.certificate)
+
+
+class _InState(ContactProblem):
+    """A contact problem made of parts of another one."""
+
+    def __init__(self, of: ContactProblem, state: ContactState, seconds: dict[str, float]):
+        self.body, self.state, self.seconds = of.body, state, seconds
+        self.small_strain, self.started = of.small_strain, of.started

@@ -18,7 +18,7 @@ def free_system(problem: ContactProblem) -> tuple[Any, Any, FloatArray, FloatArr
     c = np.zeros((len(problem.surface.gap), 3))
     c[:, 0] = problem.surface.gap
     K, B = (_csr(matrix, len(fixed)) for matrix in (problem.elasticity.K, problem.surface.B))
-    return K[free][:, free], B[:, free], problem.elasticity.load.ravel()[free], c.ravel()
+    return K[free][:, free], B[:, free], problem.loading.load.ravel()[free], c.ravel()
 
 
 def _csr(matrix: Any, columns: int) -> Any:

@@ -67,7 +67,7 @@ def bonded_stiffness() -> float:
         [Clamp("bottom"), Clamp("top", "yz"), PrescribedDisplacement("top", (1.0, 0.0, 0.0), "x")],
     )
     u = body.K.createVecRight()
-    DirectSolver(body.K).solve(body.f, u)
+    DirectSolver(body.K).solve(body.f(body.at(0.0)), u)
     return float(body.internal_force(u.array.reshape(-1, 3))[body.nodes("top", "reaction"), 0].sum())
 
 

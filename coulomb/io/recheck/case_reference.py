@@ -62,16 +62,13 @@ class CaseReference:
         return CaseReference(written_case(folder)) if RunDirectory(folder).case.exists() else None
 
     @cached_property
-    def _body(self) -> LoadedBody:
-        return self.settings.body(MPI.COMM_SELF)
-
-    def body(self, time: float) -> LoadedBody:
-        """The body with loads and supports at a time.
+    def body(self) -> LoadedBody:
+        """The body of the case.
 
         Raises:
             ValueError: If the parts of the case are inconsistent.
         """
-        return self._body.at(time)
+        return self.settings.body(MPI.COMM_SELF)
 
     def motion(self, time: float) -> FloatArray:
         """Translations of the foundations at a time in metres, shape (faces, 3)."""
@@ -127,7 +124,8 @@ class CaseReference:
             Number of the contact face of each of the run's facets; None if the mesh differs.
         """
         try:
-            body = self.body(time)
+            body = self.body
+            loading = body.at(time)
         except ValueError as error:
             found.fault(f"case.json: {error}")
             return None
@@ -137,7 +135,7 @@ class CaseReference:
             found.fault("solution.xdmf: its mesh is not the one that the case describes")
             return None
         x, file = run.body.x, SOLUTION
-        acting = {"held": body.fixed, "prescribed": body.prescribed, "load": body.load, "spring": body.spring}
+        acting = {"held": body.fixed, "prescribed": loading.prescribed, "load": loading.load, "spring": body.spring}
         for name, expected in acting.items():
             found.field(f"{file}: {name}", run.on_body[name], expected[node], x, _SOURCE)
         for name, function in (("young", body.young), ("poisson", body.poisson)):

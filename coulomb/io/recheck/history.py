@@ -230,8 +230,10 @@ class _Chain:
         """The load at time 0 at the nodes of a run, shape (k, 3); None without a case."""
         if self.case is None or self.case.absent:
             return None
-        body = self.case.body(0.0)
-        load: FloatArray = body.load[numbers(body.x, run.body.x, f"{run.folder}: has another mesh than the case")]
+        body = self.case.body
+        load: FloatArray = body.at(0.0).load[
+            numbers(body.x, run.body.x, f"{run.folder}: has another mesh than the case")
+        ]
         return load
 
 

@@ -1,0 +1,50 @@
+"""The diagonal of a compliance that is not formed, from a few products."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from .reductions import Reductions
+
+if TYPE_CHECKING:
+    from .compliance import Compliance
+
+
+def estimated_diagonal(A: Compliance, B: PETSc.Mat, K: PETSc.Mat, probes: int = 8) -> FloatArray:
+    """diag(A) of A = B K^-1 B^T from a few products, shape (3 m,).
+
+    diag(A) is close to a multiple of diag(B diag(K)^-1 B^T), one multiple for each of n, t1 and t2, found from products
+    with random signs v, since the mean of v_i (A v)_i is A_ii (Hutchinson 1989).  It misses how much the whole body
+    gives way at a node; CG does not mind (`coulomb benchmark table1` shows both).
+
+    Args:
+        A: The compliance; `probes` products are made.
+        B: Contact matrix, 3 rows a contact node.
+        K: The stiffness matrix, of which only the diagonal is read.
+        probes: Products to spend.
+    """
+    over = Reductions(A.comm)
+    u, x = B.createVecs()
+    squares = B.duplicate(copy=True)
+    indptr, indices, values = squares.getValuesCSR()
+    squares.setValuesCSR(indptr, indices, values**2)
+    squares.assemble()
+    K.getDiagonal(u)
+    u.reciprocal()
+    squares.mult(u, x)
+    local = x.array_r.reshape(-1, 3).copy()
+    for done in (squares, u, x):
+        done.destroy()
+    random = np.random.default_rng([2718, A.comm.rank])
+    traces, y = np.zeros(3), np.empty(3 * A.nodes)
+    for _ in range(probes):
+        v = random.choice([-1.0, 1.0], size=3 * A.nodes)
+        A.mult(v, y, 0.03)
+        traces += [over.sum((v * y)[k::3]) / probes for k in range(3)]
+    local_traces = np.array([over.sum(local[:, k]) for k in range(3)])
+    estimate: FloatArray = (local * (traces / local_traces)).ravel()
+    return estimate

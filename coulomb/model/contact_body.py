@@ -1,0 +1,182 @@
+"""A body with its contact faces: what does not change with time is made once, and shared by all states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from ..fem.elasticity import Elasticity, Materials, PrescribedDisplacement, Spring, Traction
+from ..fem.meshes import NamedMesh
+from ..fem.obstacles import RigidFoundation
+from ..fem.surface import ContactSurface
+from ..fem.user_values import Amplitude, Field
+from ..linalg.compliance import BodyCompliance, ExplicitCompliance, MatrixFreeCompliance, SchurCompliance
+from ..linalg.methods import LinearSolver, chosen, contact_last
+from ..linalg.multifrontal import MultifrontalSolver
+from ..linalg.stiffness import DirectSolver, StiffnessSolver
+from .contact import Contact, ContactFaces
+from .state import Before, ContactState
+from .stopwatch import timed
+
+
+class ContactBody:
+    """An elastic body and its contact faces: K, K^-1 and A, each made when it is first needed.
+
+    Args:
+        mesh: The body; this and the following as for `ContactProblem`.
+        material: What it is made of.
+        clamps: Prescribed displacements.
+        contacts: The contact faces.
+        tractions: Surface loads.
+        body_force: Force per volume in N/m^3.
+        springs: Elastic supports.
+        body_force_amplitude: What it is multiplied by in the course of time.
+        time: When the foundations are where the frames are taken in which A is made; in others it is rotated.
+        linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
+        explicit: Whether to form the matrix A; by default chosen by size.
+
+    Attributes:
+        mesh: The body.
+        contacts: The contact faces.
+        elasticity: K and what belongs to it.
+        linear_solver: The one taken for K^-1 (DirectSolver also stands for MultifrontalSolver: `stiffness_method`).
+        explicit: Whether A is formed.
+        seconds: Wall time of assembly, factorisation and A so far.
+
+    Raises:
+        ValueError: On every rank, if the input does not fit together.
+    """
+
+    def __init__(
+        self,
+        mesh: NamedMesh,
+        material: Materials,
+        clamps: Sequence[PrescribedDisplacement],
+        contacts: Sequence[Contact],
+        tractions: Sequence[Traction],
+        body_force: Field,
+        springs: Sequence[Spring],
+        body_force_amplitude: Amplitude,
+        time: float,
+        linear_solver: LinearSolver | None,
+        explicit: bool | None,
+    ):
+        chosen(0, 0, mesh.comm.size, linear_solver, explicit)  # what cannot be is refused before the assembly
+        self.mesh, self.contacts = mesh, tuple(contacts)
+        self.seconds: dict[str, float] = {}
+        with timed(self.seconds, "assembly"):
+            self.elasticity = Elasticity(mesh, material, clamps, tractions, body_force, springs, body_force_amplitude)
+            faces, still = ContactFaces(self.contacts, self.comm), np.zeros((len(self.contacts), 3))
+            self._reference: ContactSurface = faces.surface(self.elasticity, still)
+            self._faces = faces.against(self._reference.foundations)  # where none was given, the face's own plane
+            self._reference = self.surface(self.motions(time), time)
+        self.linear_solver, self.explicit = chosen(
+            self.unknowns["displacement"], self.unknowns["contact"], self.comm.size, linear_solver, explicit
+        )
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share the body."""
+        return self.mesh.comm
+
+    @property
+    def foundations(self) -> tuple[RigidFoundation, ...]:
+        """Of all contact faces, where they were given; of a face without one, its own plane."""
+        return tuple(foundation for foundation in self._faces.foundations if foundation is not None)
+
+    @cached_property
+    def unknowns(self) -> dict[str, int]:
+        """Free displacement unknowns and contact unknowns, over all ranks."""
+        free = int(np.count_nonzero(~self.elasticity.fixed))
+        contact = 3 * len(self._reference.nodes)
+        return {
+            "displacement": self.comm.allreduce(free, op=MPI.SUM),
+            "contact": self.comm.allreduce(contact, op=MPI.SUM),
+        }
+
+    # --- at a time ----------------------------------------------------------------------------------------------
+
+    def motions(self, time: float) -> FloatArray:
+        """Translations of the foundations of all contact faces at a time in metres, shape (faces, 3); collective."""
+        return self._faces.motions(time)
+
+    def surface(self, motions: FloatArray, time: float) -> ContactSurface:
+        """The contact surface with the foundations moved so far (faces, 3); collective.
+
+        Frames and B are the same objects for all places of the foundations that turn no normal.
+
+        Raises:
+            ValueError: On every rank, if other nodes than before can touch them; `time` is for the message.
+        """
+        after, before = self._faces.surface(self.elasticity, motions), self._reference
+        if not self.comm.allreduce(np.array_equal(before.nodes, after.nodes), op=MPI.LAND):
+            raise ValueError(f"contact: at time {time:g} the foundation has turned its normals to other nodes")
+        turned = not np.allclose(before.frames, after.frames, rtol=0.0, atol=1e-14)
+        if self.comm.allreduce(turned, op=MPI.LOR):
+            return after
+        return replace(after, frames=before.frames, B=before.B)
+
+    def state(self, time: float, before: Before | None = None) -> ContactState:
+        """The state at a time; collective.
+
+        Args:
+            time: When.
+            before: What the load step before has left, from which slip counts, with the foundation carried along since;
+                by default slip counts from the body without displacement.
+
+        Raises:
+            ValueError: On every rank, if an amplitude or a motion has no value then, or other nodes than before can
+                touch the foundation.
+        """
+        motions = self.motions(time)
+        surface = self.surface(motions, time)
+        origin: FloatArray = np.zeros_like(surface.x)
+        if before is not None:
+            carried = (motions - self.motions(before.time))[surface.part]
+            origin = surface.rows(before.displacement) + surface.components(carried)
+        return ContactState(self.elasticity.at(time), motions, surface, self._faces.law(surface), origin)
+
+    # --- K^-1 and A ---------------------------------------------------------------------------------------------
+
+    @property
+    def stiffness_method(self) -> str:
+        """Name of the solver for K^-1: where A is formed on one rank, it gives the Schur complement as well."""
+        return MultifrontalSolver.name if contact_last(self.explicit, self.comm.size) else self.linear_solver.name
+
+    @cached_property
+    def stiffness_solver(self) -> StiffnessSolver:
+        """K^-1."""
+        with timed(self.seconds, "stiffness"):
+            if contact_last(self.explicit, self.comm.size):
+                return MultifrontalSolver(self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows)
+            return self.linear_solver(self.elasticity.K)
+
+    @cached_property
+    def _compliance(self) -> BodyCompliance:
+        """A in the frames of the reference."""
+        solver, B = self.stiffness_solver, self._reference.B
+        with timed(self.seconds, "compliance"):
+            if isinstance(solver, MultifrontalSolver):
+                return SchurCompliance(B, solver)
+            if isinstance(solver, DirectSolver) and self.explicit:
+                return ExplicitCompliance.from_stiffness(B, solver)
+            return MatrixFreeCompliance(B, self.elasticity.K, solver)
+
+    def compliance(self, surface: ContactSurface, seconds: dict[str, float]) -> BodyCompliance:
+        """A = B K^-1 B^T in the frames of a surface of this body, metres per newton; collective.
+
+        Args:
+            surface: The surface.
+            seconds: Where the wall time of rotating A is added.
+        """
+        A = self._compliance
+        if surface.B is self._reference.B:
+            return A
+        rotation = np.einsum("kij,klj->kil", surface.frames, self._reference.frames)
+        with timed(seconds, "compliance"):
+            return A.rotated(rotation, surface.B)

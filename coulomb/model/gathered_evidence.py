@@ -1,0 +1,129 @@
+"""What an answer is judged by, taken from the problem as it was given: faces, foundations, motions, coefficients.
+
+The contact surface and the slip origin that the solver works with take no part: nodes come from the facets of the named
+faces, normals and gaps from the foundations where they are at this time, and the place from which slip counts from the
+displacement that the step before has left.  So a node that the surface has lost, a foundation that was not moved, or a
+slip that was forgotten is seen.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray
+from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
+from ..fem.surface import tangent_frames, way_along
+from ..fem.user_values import evaluate_motion, on_all_ranks
+from ..solvers.laws import FrictionLaw
+from .contact_body import ContactBody
+from .evidence import HELD_BEYOND, Evidence, rounding_forces
+from .nodal_answer import closure
+from .state import Before, ContactState
+
+
+def gather_evidence(
+    body: ContactBody,
+    state: ContactState,
+    x: FloatArray,
+    u: FloatArray,
+    compliance: float,
+    before: Before | None,
+) -> Evidence:
+    """The evidence for an answer; collective.
+
+    Args:
+        body: The body with its contact faces.
+        state: The time, the loads, and the contact points to which the forces belong.
+        x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2) of its surface.
+        u: Displacement in metres, this rank's nodes, shape (k, 3).
+        compliance: Mean diagonal of A, metres per newton.
+        before: What the load step before has left; None where slip counts from the state's `slip_origin`.
+    """
+    elasticity, surface = body.elasticity, state.surface
+    faces = [_face(body, number, state.time, before) for number in range(len(body.contacts))]
+    nodes, n, gap, cohesion, friction, moved = (np.concatenate(part) for part in zip(*faces, strict=True))
+    frames = tangent_frames(n)
+    B = contact_matrix(elasticity, nodes, frames)
+
+    number = np.full(len(u), -1)
+    number[nodes] = np.arange(len(nodes))
+    judged = number[surface.nodes]  # the rows of the solver's contact points among those that are judged
+    known = judged >= 0
+
+    def taken(components: FloatArray) -> FloatArray:
+        """Of the solver's contact points, in the frames that are judged; 0 where it has none."""
+        vectors = np.zeros((len(nodes), 3))
+        np.add.at(vectors, judged[known], surface.vectors(components)[known])
+        components_: FloatArray = np.einsum("kij,kj->ki", frames, vectors)
+        return components_
+
+    x = x.reshape(-1, 3)
+    force = taken(x)
+    on_body = -at_nodes_of(B, force)
+    stray = surface.vectors(x)[~known]  # where no force can be, it pulls, whichever way it points
+    np.subtract.at(on_body, surface.nodes[~known], stray)
+    stray = stray[np.any(stray != 0.0, axis=1)]
+    none = np.zeros(len(stray))
+    if before is None:
+        origin = taken(state.slip_origin)
+    else:
+        origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, moved)
+    closed = closure(rows_of(B, u), origin)
+    B.destroy()
+    bound = FrictionLaw(cohesion, friction).radius(force[:, 0])
+    return Evidence(
+        comm=body.comm,
+        x=elasticity.x,
+        displacement=u,
+        internal=elasticity.internal_force(u),
+        load=state.loading.load,
+        spring=elasticity.spring,
+        fixed=elasticity.fixed,
+        prescribed=state.loading.prescribed,
+        on_body=on_body,
+        force=np.concatenate([force, np.column_stack([-np.max(np.abs(stray), axis=1, initial=0.0), none, none])]),
+        closure=np.concatenate([closed, np.zeros((len(stray), 3))]),
+        gap=np.concatenate([gap, none]),
+        bound=np.concatenate([bound, none]),
+        rounding=rounding_forces(elasticity, u),
+        compliance=compliance,
+    )
+
+
+def _face(
+    body: ContactBody, number: int, time: float, before: Before | None
+) -> tuple[npt.NDArray[np.int32], FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Of a contact face, the nodes that are not prescribed along their normal; collective.
+
+    Returns:
+        Their numbers among this rank's nodes; n; gap in metres; cohesion in newtons and friction, as the contact was
+        given; and the foundation's displacement in this step in metres, shape (m, 3).
+    """
+    contact, elasticity, comm = body.contacts[number], body.elasticity, body.comm
+    nodes = elasticity.nodes(contact.face, "contact")
+    what = f"contact face {contact.face!r}"
+
+    def way() -> tuple[FloatArray, FloatArray]:
+        here = evaluate_motion(contact.motion, time, what)
+        return here, here - evaluate_motion(contact.motion, before.time, what) if before else np.zeros(3)
+
+    here, moved = on_all_ranks(way, "", comm)
+    foundation, place = body.foundations[number], elasticity.x[nodes] - here  # seen by the foundation at rest
+    if contact.normals == "body":
+        outward = elasticity.nodal_normal(contact.face)[nodes]
+        n = outward / np.linalg.norm(outward, axis=1)[:, None]
+    else:
+        n = on_all_ranks(lambda: -foundation.normal(place) if len(place) else np.zeros((0, 3)), what, comm)
+    free = np.linalg.norm(np.where(elasticity.fixed[nodes], n, 0.0), axis=1) <= HELD_BEYOND
+    nodes, n, place = nodes[free], n[free], place[free]
+
+    def remaining() -> FloatArray:
+        if len(place) == 0:
+            return np.zeros(0)
+        distance = foundation.signed_distance(place)
+        return way_along(n, place, distance, foundation) if contact.normals == "body" else distance
+
+    gap = on_all_ranks(remaining, what, comm)
+    law = contact.law(elasticity.x[nodes], elasticity.nodal_area(contact.face)[nodes], comm)
+    return nodes, n, gap, law.cohesion, law.friction, np.tile(moved, (len(nodes), 1))

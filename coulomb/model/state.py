@@ -1,0 +1,46 @@
+"""What of a contact problem depends on time, as a value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from ..arrays import FloatArray
+from ..fem.loaded_body import Loading
+from ..fem.surface import ContactSurface
+from ..solvers.laws import FrictionLaw
+
+
+@dataclass(frozen=True)
+class ContactState:
+    """A contact problem at one time; this rank's m contact points.
+
+    Attributes:
+        loading: Loads and prescribed displacements.
+        motions: Translations of the foundations from where they were given, metres, shape (faces, 3).
+        surface: Contact points with their frames, gaps and B, for where the foundations are.
+        law: Of friction at the contact points.
+        slip_origin: Displacement of the contact points at which they have not slipped, along n, t1, t2, metres, shape
+            (m, 3): 0 at first, in a later load step that of the step before, carried along with the foundation.
+    """
+
+    loading: Loading
+    motions: FloatArray
+    surface: ContactSurface
+    law: FrictionLaw
+    slip_origin: FloatArray
+
+    @property
+    def time(self) -> float:
+        """When."""
+        return self.loading.time
+
+
+class Before(Protocol):
+    """Where a load step begins: the time and the displacement (k, 3) in metres that the step before has left."""
+
+    @property
+    def time(self) -> float: ...
+
+    @property
+    def displacement(self) -> FloatArray: ...
