@@ -78,7 +78,7 @@ def test_what_is_absurd_but_finite_does_not_count(tmp_path, case, change):
     assert told["certificate"]["passed"] and not told["valid"] and told["small_strain"]["violations"]
     words, kind = words_of(tmp_path)
     assert kind == "failed" and re.search(r"OUTSIDE THE THEORY All \d+ conditions hold", words)
-    assert "not what this body would do" in words
+    assert "do not describe the behaviour of the body" in words
 
 
 @pytest.mark.parametrize("how", ["case", "force"])

@@ -120,7 +120,7 @@ def test_constants_outside_their_bounds(field):
         PathFollowing(**field)
 
 
-# --- traps (ALGORITHMS.md, section 1) -------------------------------------------------------------------------------
+# --- known pitfalls of the algorithm -----------------------------------------------------------------------------
 
 
 class Blocked(AugmentedSystem):

@@ -64,7 +64,7 @@ def solved6(memory=0):
 
 
 def test_contraction_is_measured():
-    """ALGORITHMS.md: about 0.12 a step at F = 0.3 on the block.  Of the plain iteration it is the ratio of changes."""
+    """About 0.12 per step at F = 0.3 on the block; for the plain iteration it is the ratio of changes."""
     result = solved6()
     assert 0.05 < result.contraction < 0.2
     g = [step.change for step in result.history]

@@ -1,4 +1,4 @@
-// Charts and tables that are wider than a phone can be scrolled sideways: the page shows that there is more, and where.
+// Charts and tables wider than the screen can be scrolled sideways; the page indicates where there is more.
 
 for (const frame of document.querySelectorAll(".chart, .wide")) {
   const hint = document.createElement("p");
@@ -10,7 +10,7 @@ for (const frame of document.querySelectorAll(".chart, .wide")) {
     frame.classList.toggle("more-left", left);
     frame.classList.toggle("more-right", right);
     hint.textContent = rest > 1 ? `${left ? "← " : ""}scroll sideways${right ? " →" : ""}` : "";
-    if (rest > 1) frame.tabIndex = 0; // keys scroll it, too
+    if (rest > 1) frame.tabIndex = 0; // scrollable by keys as well
     else frame.removeAttribute("tabindex");
   };
   frame.addEventListener("scroll", look, { passive: true });

@@ -1,4 +1,4 @@
-// The contact surface in three dimensions: controls, legend and axes, and what is done when something changes.
+// Interactive 3D view of the contact surface: controls, legend, axes and updates.
 // No library and no network.  Together with view_state.js, view_paint.js and view_hand.js, in one function of the page.
 
 const stage = (data.flat ? null : webgl()) || flat();
@@ -100,5 +100,5 @@ new ResizeObserver(redraw).observe(canvas);
 
 legend();
 refresh();
-canvas.dataset.drawn = stage.painted(); // for tests: what came of it
+canvas.dataset.drawn = stage.painted(); // for tests: number of pixels drawn
 canvas.dataset.by = stage.kind;

@@ -1,4 +1,4 @@
-// The reader's hand: turning, zooming and moving by mouse, touch and keys; and the value at the node pointed at.
+// Input: rotating, zooming and moving by mouse, touch and keys; value at the node under the pointer.
 
 const fingers = new Map();
 let spread = 0;
@@ -81,7 +81,7 @@ const digits = (value) => Number(value.toPrecision(4)).toString();
 const withUnit = (value) =>
   state.field.zones ? state.field.zones[Math.round(value)].name : `${digits(value)} ${state.field.unit}`;
 
-const pointed = { node: -1, from: null }; // the node, and the place of the mouse that chose it; none of a tap: it stays
+const pointed = { node: -1, from: null }; // the node, and the mouse position that chose it; null after a tap, whose node stays
 
 /** The node at a place of the window: it keeps its tip while the view changes, or the mouse finds another one. */
 function pointAt(place, stays = false) {

@@ -1,4 +1,4 @@
-// Drawing the contact surface: WebGL 2 where there is one, else triangles from back to front on a flat canvas.
+// Drawing of the contact surface: WebGL 2 if available, else triangles from back to front on a 2D canvas.
 
 // --- geometry of a state ---------------------------------------------------------------------------------------
 
@@ -8,7 +8,7 @@ function arrowCorners(points, margin) {
   const corners = [];
   for (let node = 0; node < vectors.length / 3; node += data.arrow.every) {
     const at = (array) => [array[3 * node], array[3 * node + 1], array[3 * node + 2]];
-    const length = Math.hypot(...at(vectors)) / data.arrow.largest; // over the largest arrow, as all that follows
+    const length = Math.hypot(...at(vectors)) / data.arrow.largest; // over the largest arrow, as below
     if (length < 0.04) continue;
     const along = unit(at(vectors));
     const side = cross(at(normals), along);
@@ -49,7 +49,7 @@ function lineStrength() {
   return Math.min(Math.max((pixels - 3) / 17, 0), 0.9);
 }
 
-const [WHITE, BLACK] = [[1, 1, 1], [0.08, 0.08, 0.08]]; // arrows are black with a white rim: seen on every colour
+const [WHITE, BLACK] = [[1, 1, 1], [0.08, 0.08, 0.08]]; // black arrows with a white rim are visible on every colour
 
 // --- drawing with WebGL ----------------------------------------------------------------------------------------
 
@@ -64,7 +64,7 @@ const VERTEX = `#version 300 es
     shade = colour;
     share = vec4(equal(ivec4(int(zone + 0.5)), ivec4(0, 1, 2, 3)));
   }`;
-// Zones do not blend: a point has the colour of the nearest corner of its triangle.
+// Zones are not blended: a point has the colour of the nearest corner of its triangle.
 const FRAGMENT = `#version 300 es
   precision highp float;
   in vec3 shade; in vec4 share;

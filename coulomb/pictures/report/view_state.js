@@ -1,4 +1,4 @@
-// What the view shows: the data of the page, and from where one looks.
+// State of the view: the data of the page, and the direction of view.
 
 const root = document.getElementById("view3d");
 const canvas = root.querySelector("canvas");
@@ -36,9 +36,9 @@ const cellSize = (() => {
 
 const start = orthonormal(data.direction, data.up);
 const state = {
-  turn: start, // rows right, up and towards the eye
+  turn: start, // rows: right, up and towards the viewer
   zoom: 1, // 1: the body fills the frame
-  shift: [0, 0], // of the middle of the frame from the middle of the body, right and up, metres
+  shift: [0, 0], // of the frame's centre from the body's centre, right and up, metres
   field: data.fields[0],
   step: steps.length - 1,
   scale: data.scale,
