@@ -81,7 +81,7 @@ def test_springs_iteratively():
             lambda: sprung(Spring("left", (1e9, 0.0, 0.0))),
             "floats: its clamps and springs leave it translation along y, translation along z, rotation about x",
         ),
-        (lambda: sprung(Spring("left", 1e-6)), "the springs are too soft to be told from rounding errors"),
+        (lambda: sprung(Spring("left", 1e-6)), "the springs are too soft in comparison with rounding errors"),
     ],
 )
 def test_springs_that_are_wrong(make, message):

@@ -87,7 +87,7 @@ def test_nodes_held_along_a_tangent_stay_and_carry_no_friction_there():
             [Clamp("left"), PrescribedDisplacement("right", (1e-3, 0, 0), "x")],
             "bottom",
             None,
-            "dragged along the foundation",
+            "moved along the foundation",
         ),
     ],
 )

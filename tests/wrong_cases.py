@@ -138,7 +138,7 @@ MATERIALS_AND_LOADS = (
         r"spring on 'top': stiffness .* not all 0",
     ),
     Wrong(
-        "springs too soft to be told from rounding errors",
+        "springs too soft in comparison with rounding errors",
         run("clamp=[]", "spring=[{face='top', stiffness=1e-6}]"),
         r"the springs are too soft .* make the springs stiffer, or hold the body by a clamp",
     ),
@@ -187,9 +187,9 @@ CONTACT = (
         r"'left' is fully clamped: none of its nodes",
     ),
     Wrong(
-        "a contact face dragged by a clamp",
+        "a contact face with a prescribed sliding",
         run("clamp=[{face='left'}, {face='bottom', components='x', value=[1e-3,0,0]}]"),
-        r"is dragged along the foundation by a clamp of non-zero value; clamp it in full",
+        r"is moved along the foundation by a prescribed displacement; prescribe all components",
     ),
     Wrong(
         "a contact face held obliquely",
@@ -197,12 +197,12 @@ CONTACT = (
             "clamp=[{face='left'},{face='right',components='x'}]",
             "contact.foundation={point=[0,0,0], normal=[0.3,0,1]}",
         ),
-        r"is held by a clamp obliquely to the foundation's normal",
+        r"is held obliquely to the foundation's normal",
     ),
     Wrong(
         "a foundation turned away",
         run("contact.foundation={point=[0,0,0], normal=[0,0,-1]}"),
-        r"contact face 'bottom' is turned away from the foundation: turn the normal round",
+        r"contact face 'bottom' is turned away from the foundation: reverse the normal",
     ),
     Wrong(
         "a foundation that moves to the other side",
@@ -241,7 +241,7 @@ CONTACT = (
     Wrong(
         "a curved contact face without a foundation",
         run("contact.face='both'"),
-        r"contact face 'both' is not plane: say which foundation it may touch",
+        r"contact face 'both' is not plane: give its foundation",
         part(lambda file: file.faces.update(both=np.vstack([file.faces["bottom"], file.faces["right"]]))),
     ),
 )

@@ -1,1 +1,1 @@
-"""The finite-element room: meshes, elasticity, contact surfaces.  Knows DOLFINx, and no solver."""
+"""Finite elements: meshes, elasticity, contact surfaces.  Uses DOLFINx, but no solver."""

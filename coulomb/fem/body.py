@@ -1,4 +1,4 @@
-"""A linear elastic body: displacements, stresses and the forces they make at the nodes."""
+"""A linear elastic body: displacements, stresses and internal nodal forces."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from . import compat
 from .compat import fem, ufl
 
 LOCKING_ABOVE = 0.49
-"""Poisson's ratio from which on first-order elements hardly change their volume, and so hardly bend."""
+"""Poisson's ratio above which first-order elements lock: nearly constant volume prevents their bending."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class ElasticBody:
     Attributes:
         V: Space of displacements.
         x: Coordinates of this rank's nodes in metres, shape (k, 3).
-        young: As given, a function that is constant on every cell.
-        poisson: The same.
+        young: Young's modulus, a function that is constant on every cell.
+        poisson: Poisson's ratio, a function that is constant on every cell.
     """
 
     def __init__(self, domain: Any, young: FloatArray, poisson: FloatArray):
@@ -75,7 +75,7 @@ class ElasticBody:
         return function
 
     def internal_force(self, u: FloatArray) -> FloatArray:
-        """Nodal forces in newtons of the stress of u, assembled anew and without K; shapes (k, 3)."""
+        """Internal nodal forces of u in newtons, assembled from the stress without K; shapes (k, 3)."""
         self._u.x.array[: 3 * self._owned] = u.ravel()
         self._u.x.scatter_forward()
         return self._assemble(self._internal_form)
@@ -96,7 +96,7 @@ class ElasticBody:
         size, slope = fem.Function(W), ufl.grad(self.function(u))
         size.interpolate(fem.Expression(ufl.sqrt(ufl.inner(slope, slope)), compat.interpolation_points(W)))
         values = size.x.array
-        # NaN wins, which a reduction by MPI.MAX does not promise
+        # nan is propagated, which a reduction by MPI.MAX does not guarantee
         return float(np.max(self.domain.comm.allgather(float(np.max(values, initial=0.0)))))
 
     def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:

@@ -1,6 +1,6 @@
-"""The only place that asks which DOLFINx this is: 0.5 (Debian 12) to 0.9 (Debian 13), and 0.11.
+"""The only module that depends on the DOLFINx version: 0.5 (Debian 12) to 0.9 (Debian 13), and 0.11.
 
-Everything else takes DOLFINx's `mesh`, `fem`, `io` and `cpp` from here, so that this module is imported first.
+Other modules import DOLFINx's `mesh`, `fem`, `io` and `cpp` from here, so that this module is imported first.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from .pkg_resources_stub import versions_from_metadata
 
-# Debian 12's DOLFINx opens itself with RTLD_GLOBAL and leaves that on; VTK's wheels, imported later, then abort.
+# Debian 12's DOLFINx sets RTLD_GLOBAL and does not reset it; VTK's wheels, imported later, then abort.
 _setdlopenflags = sys.setdlopenflags
 sys.setdlopenflags = lambda flags: None
 try:
@@ -29,7 +29,7 @@ try:
 except ImportError as error:
     hint = f" PETSC_DIR is set ({os.environ['PETSC_DIR']}): try without." if "PETSC_DIR" in os.environ else ""
     raise ImportError(
-        f"coulomb needs DOLFINx 0.5 or newer with petsc4py and mpi4py, which pip does not bring ({error}). "
+        f"coulomb needs DOLFINx 0.5 or newer with petsc4py and mpi4py, which pip does not install ({error}). "
         f"On Debian: ./install.sh, or apt-get install python3-dolfinx-real.{hint}"
     ) from error
 finally:
@@ -62,7 +62,8 @@ def functionspace(domain: Any, degree: int, shape: tuple[int, ...] = (), family:
 
 
 def _settle(domain: Any) -> None:
-    """FFCx 0.5 rewrites the mesh's element when it compiles a form, and looks for the next one by another name."""
+    """FFCx 0.5 modifies the mesh's element when it compiles a form, and then uses another cache name for the next
+    one."""
     element = domain._ufl_coordinate_element
     if getattr(getattr(element, "_sub_element", None), "_variant", "") is None:
         shape = (element.family(), element.cell(), element.degree(), element.quadrature_scheme())
@@ -78,13 +79,13 @@ def assemble_matrix(form: Any) -> PETSc.Mat:
 
 
 def cell_dofs(V: Any) -> npt.NDArray[np.int32]:
-    """Block dofs of every local cell, ghosts included, shape (cells, dofs a cell)."""
-    table = V.dofmap.list  # an AdjacencyList before 0.7, perhaps of no cell
+    """Block dofs of every local cell, ghosts included, shape (cells, dofs per cell)."""
+    table = V.dofmap.list  # an AdjacencyList before 0.7, possibly empty
     return table if isinstance(table, np.ndarray) else table.array.reshape(-1, V.dofmap.dof_layout.num_dofs)
 
 
 def cell_geometry(domain: Any) -> npt.NDArray[np.int32]:
-    """Geometry nodes of every local cell, ghosts included, shape (cells, nodes a cell)."""
+    """Geometry nodes of every local cell, ghosts included, shape (cells, nodes per cell)."""
     dofmaps = getattr(domain.geometry, "dofmaps", None)
     table = dofmaps[0] if isinstance(dofmaps, Sequence) else domain.geometry.dofmap  # a list from 0.11 on
     corners = cpp.mesh.cell_num_entities(domain.topology.cell_type, 0)
@@ -103,13 +104,13 @@ def submesh(domain: Any, dim: int, entities: npt.NDArray[np.int32]) -> tuple[Any
 
 
 def meshtags(domain: Any, dim: int, entities: npt.NDArray[np.int32], values: npt.NDArray[np.int32]) -> Any:
-    """MeshTags of entities in any order; an entity named twice keeps the first value."""
+    """MeshTags of entities in any order; a repeated entity keeps its first value."""
     unique, first = np.unique(entities, return_index=True)
     return mesh.meshtags(domain, dim, unique.astype(np.int32), values[first].astype(np.int32))
 
 
 def create_mesh(comm: Any, cell: str, cells: npt.NDArray[np.int64], x: FloatArray) -> Any:
-    """Distributed first-order mesh of the cells and points that this rank brings, in DOLFINx's order of points."""
+    """Distributed first-order mesh of the cells and points given on this rank, in DOLFINx's order of points."""
     if not hasattr(basix, "ufl"):  # until 0.6
         return mesh.create_mesh(comm, cells, x, ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1)))
     return mesh.create_mesh(comm, cells=cells, x=x, e=ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(3,))))

@@ -19,10 +19,10 @@ __all__ = ["Clamp", "Elasticity", "Materials", "PrescribedDisplacement", "Spring
 
 
 class Elasticity(LoadedBody):
-    """K u = f on trilinear hexahedra or linear tetrahedra, with clamps and springs built in.
+    """K u = f on trilinear hexahedra or linear tetrahedra, with prescribed displacements and springs.
 
-    Constrained rows and columns of K are zero but for the diagonal, which is the mean diagonal of the free ones (a 1
-    there would spoil the multigrid and every scale); f, which depends on time, has the prescribed values, so that
+    Constrained rows and columns of K are zero except for the diagonal, which is the mean diagonal of the free ones (a 1
+    there would disturb multigrid and all scales); f, which depends on time, has the prescribed values, so that
     K u = f holds them exactly.  Springs act at the nodes, each with the area of its hat function: diagonal in K, and
     exact for a face that moves without tilting.
 
@@ -31,7 +31,8 @@ class Elasticity(LoadedBody):
             it does not change with time.
 
     Raises:
-        ValueError: As `LoadedBody`, or if the springs that hold the body are too soft to be told from rounding.
+        ValueError: As `LoadedBody`, or if the springs that hold the body are too soft in comparison with rounding
+            errors.
     """
 
     def __init__(
@@ -52,7 +53,7 @@ class Elasticity(LoadedBody):
         self._attach_rigid_body_modes()
 
     def f(self, loading: Loading) -> PETSc.Vec:
-        """The load in newtons with the prescribed displacements built in, so that K u = f; collective."""
+        """The load in newtons, with the prescribed displacements included, so that K u = f; collective."""
         f, free = self.K.createVecRight(), loading.load
         if self.mesh.comm.allreduce(bool(np.any(loading.prescribed)), op=MPI.LOR):
             free = loading.load - self.internal_force(loading.prescribed)
@@ -70,12 +71,12 @@ class Elasticity(LoadedBody):
         free = self._rigid_motions(np.where(self.fixed, 1.0, self.spring / stiff), 1e-12 * count)
         if free:
             raise ValueError(
-                f"the springs are too soft to be told from rounding errors: against {free} the nodes have less than "
+                f"the springs are too soft in comparison with rounding errors: against {free} the nodes have less than "
                 "1e-12 of the body's own stiffness; make the springs stiffer, or hold the body by a clamp"
             )
 
     def _eliminate_fixed(self) -> float:
-        """Zero the rows and columns of the fixed components; what stands on their diagonal then."""
+        """Zero the rows and columns of the fixed components; returns their new diagonal entry."""
         comm = self.mesh.comm
         diagonal = self.K.getDiagonal()
         free = diagonal.array[~self.fixed.ravel()]

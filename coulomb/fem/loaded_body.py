@@ -91,7 +91,7 @@ class Traction:
 
 @dataclass(frozen=True)
 class Spring:
-    """Elastic support of a face, towards where it is before deformation (Winkler's foundation).
+    """Elastic support of a face towards its undeformed position (Winkler foundation).
 
     Attributes:
         face: Name of the face.
@@ -120,15 +120,15 @@ class Spring:
 
 
 Materials = Material | Mapping[str, Material]
-"""One for the whole body, or one for every group of cells, by its name."""
+"""A material for the whole body, or one per group of cells, by name."""
 
 
 @dataclass(frozen=True)
 class Loading:
-    """What acts on a body at a time; this rank's k nodes.
+    """Loads and prescribed displacements of a body at a time; this rank's k nodes.
 
     Attributes:
-        time: When.
+        time: The time.
         load: Nodal forces of tractions and body force in newtons, shape (k, 3).
         prescribed: Prescribed displacements in metres, 0 elsewhere, shape (k, 3).
     """
@@ -139,19 +139,19 @@ class Loading:
 
 
 class LoadedBody(ElasticBody):
-    """An elastic body with its clamps, springs and loads; `at` says what acts on it at a time.
+    """An elastic body with its supports, springs and loads; `at` gives the loading at a time.
 
     Attributes:
         mesh: The body.
-        materials: What it is made of: a Material, or a mapping of cell groups to theirs.
+        materials: A Material, or a mapping of cell groups to materials.
         V: Its space of displacements.
         fixed: Which components are prescribed, this rank's nodes, shape (k, 3).
         spring: Stiffness of the springs at this rank's nodes along x, y, z in N/m, shape (k, 3).
         dragged: Which components are prescribed to be other than 0 at some time, shape (k, 3).
 
     Raises:
-        ValueError: If a face is unknown, a value not finite, a cell without a material or with two, or if clamps and
-            springs leave the body a rigid motion.
+        ValueError: If a face is unknown, a value not finite, a cell without a material or with two, or if supports and
+            springs allow a rigid motion.
     """
 
     def __init__(

@@ -40,7 +40,7 @@ class NamedMesh:
         domain: The DOLFINx mesh, coordinates in metres.
         faces: This rank's boundary facets of each face, by name; facet numbers of `domain`.
         cells: This rank's own cells of each group, by name; cell numbers of `domain`.
-        refused: Groups of facets in the file that are no faces, by name, and why.
+        refused: Groups of facets in the file that cannot be faces, by name, with the reason.
     """
 
     domain: Any
@@ -58,7 +58,7 @@ class NamedMesh:
         """This rank's facets of a face.
 
         Raises:
-            ValueError: If there is no such face; `what` says who asks.
+            ValueError: If there is no such face; the message begins with `what`.
         """
         if face in self.refused:
             raise ValueError(f"{what}: {self.refused[face]}")
@@ -68,7 +68,7 @@ class NamedMesh:
         """This rank's own cells of a group.
 
         Raises:
-            ValueError: If there is no such group; `what` says who asks.
+            ValueError: If there is no such group; the message begins with `what`.
         """
         return _named(self.cells, cells, what, "cell group")
 
@@ -96,10 +96,10 @@ def box(
         cells: Cells along each edge.
         cell: "hexahedron", or "tetrahedron" (each hexahedron cut into six).
         comm: The ranks that share the mesh.
-        place: Where the nodes x (3, k) of the regular box go, shape (3, k): for graded meshes and curved bodies.
+        place: Maps the nodes x (3, k) of the regular box to their positions, shape (3, k): for graded or curved meshes.
 
     Raises:
-        ValueError: If a length or a number of cells is not positive, the cell unknown, or a node placed nowhere.
+        ValueError: If a length or a number of cells is not positive, the cell unknown, or a position not finite.
     """
     if len(lengths) != 3 or not all(np.isfinite(length) and length > 0.0 for length in lengths):
         raise ValueError(f"box: lengths must be three positive numbers in metres, but are {list(lengths)}")
@@ -133,7 +133,7 @@ def read_gmsh(path: str | Path, scale: float = 1.0, comm: MPI.Comm = MPI.COMM_WO
         comm: The ranks that share the mesh.
 
     Raises:
-        ValueError: On every rank, if the file cannot be read, or a mesh in it not be computed with; says why.
+        ValueError: On every rank, if the file cannot be read, or its mesh cannot be used, with the reason.
     """
     return _distribute(comm, path, scale, lambda: gmsh_format.read(str(path)))
 
@@ -159,7 +159,7 @@ def read_xdmf(
         comm: The ranks that share the mesh.
 
     Raises:
-        ValueError: On every rank, if a file cannot be read, or a mesh in it not be computed with; says why.
+        ValueError: On every rank, if a file cannot be read, or its mesh cannot be used, with the reason.
     """
 
     def read() -> MeshFile:
@@ -176,7 +176,7 @@ def read_mesh(
     scale: float = 1.0,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> NamedMesh:
-    """Mesh of a file, of first-order hexahedra or tetrahedra; the end of its name says which format it is.
+    """Mesh of a file, of first-order hexahedra or tetrahedra; the format is determined by the file name extension.
 
     - `.msh` (gmsh), as `read_gmsh`; `.xdmf`, as `read_xdmf` with the numbers in the same file.
     - `.inp` (Abaqus, CalculiX): surfaces and sets of surface elements become faces, sets of solid elements groups.
@@ -197,7 +197,7 @@ def read_mesh(
         comm: The ranks that share the mesh.
 
     Raises:
-        ValueError: On every rank, if the format is not known or the file cannot be read or computed with; says why.
+        ValueError: On every rank, if the format is not known or the file cannot be read or used, with the reason.
     """
     end = Path(path).suffix.lower()
     if end not in mesh_formats.FORMATS:
@@ -222,7 +222,7 @@ def _read(path: str, end: str, names: Mapping[str, int], cell_names: Mapping[str
 
 
 def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[], MeshFile]) -> NamedMesh:
-    """Read and inspect on rank 0; then every rank gets its share, and finds the groups by the points' numbers."""
+    """Read and inspect on rank 0; then distribute, and find the groups on each rank by the numbers of their points."""
     if not (math.isfinite(scale) and scale > 0.0):
         raise ValueError(f"{path}: scale must be a positive number of metres per unit, but is {scale}")
     sound: InspectedMesh | None = None
@@ -234,7 +234,7 @@ def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[
             fault = f"{error.filename or path}: cannot be read: {error.strerror or error}"
         except ValueError as error:
             fault = str(error)
-        except Exception as error:  # whatever a damaged file leads to must not leave the other ranks waiting
+        except Exception as error:  # no error due to a damaged file may leave the other ranks waiting
             fault = f"{path}: is damaged, or too large for one rank: {type(error).__name__}: {error}"
     fault = comm.bcast(fault)
     if fault:
@@ -243,7 +243,7 @@ def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[
     width, face_groups, cell_groups, refused = comm.bcast(told)
     cells: IntArray = np.empty((0, width), dtype=np.int64)
     points: FloatArray = np.empty((0, 3))
-    if sound is not None:  # DOLFINx counts the corners of a hexahedron like those of a grid, gmsh goes round
+    if sound is not None:  # DOLFINx numbers the corners of a hexahedron as in a grid, gmsh around its faces
         cells = sound.cells[:, [0, 1, 3, 2, 4, 5, 7, 6]] if width == 8 else sound.cells
         points = sound.points
     domain = compat.create_mesh(comm, "hexahedron" if width == 8 else "tetrahedron", cells, points)
@@ -263,7 +263,7 @@ def local_facets(domain: Any, groups: dict[str, IntArray]) -> dict[str, npt.NDAr
         groups: Facets by name, each a row of the sorted numbers of its points in the file, shape (k, corners).
 
     Returns:
-        Numbers of facets; a row that is no boundary facet of this rank is left out.
+        Numbers of facets; rows that are not boundary facets of this rank are left out.
     """
     corners = _width(groups.values())
     if corners == 0:
@@ -287,7 +287,7 @@ def corners_of(domain: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int
         topology.create_connectivity(*dim)
     vertices = topology.connectivity(3, 0).array
     of_vertex = np.empty(int(vertices.max(initial=-1)) + 1, dtype=np.int64)
-    of_cell = compat.cell_geometry(domain)  # perhaps of no cell at all, on this rank
+    of_cell = compat.cell_geometry(domain)  # there may be no cell on this rank
     of_vertex[vertices] = of_cell.ravel()
     of_facet = topology.connectivity(2, 0).array.reshape(-1, 3 if of_cell.shape[1] == 4 else 4)
     corners: npt.NDArray[np.int64] = of_vertex[of_facet[facets]]
@@ -303,7 +303,7 @@ _SIX = ((0, 1, 3, 7), (0, 1, 7, 5), (0, 5, 7, 4), (0, 3, 2, 7), (0, 6, 4, 7), (0
 
 
 def volume(named: NamedMesh) -> float:
-    """Volume in cubic metres of this rank's own cells; faces of hexahedra that are not plane by triangles."""
+    """Volume in cubic metres of this rank's own cells; non-planar faces of hexahedra are split into triangles."""
     domain = named.domain
     owned = domain.topology.index_map(3).size_local
     corners = domain.geometry.x[compat.cell_geometry(domain)[:owned]]

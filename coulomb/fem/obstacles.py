@@ -1,4 +1,4 @@
-"""Rigid foundations that a body may touch."""
+"""Rigid foundations."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ..arrays import FloatArray
 Point = tuple[float, float, float]
 
 _DIFFERENCE = 1e-5
-"""Step of the differences that make a normal, over the size of what they are taken at: the cube root of rounding."""
+"""Relative step of the finite differences for a normal: the cube root of the rounding error."""
 
 
 class RigidFoundation(Protocol):
-    """The free side of a rigid foundation."""
+    """A rigid foundation."""
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
         """Distance in metres of the points x (k, 3) from the foundation, negative inside it, shape (k,)."""
@@ -123,12 +123,12 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class SignedDistance:
-    """Any foundation, as a function.
+    """A foundation given by a function.
 
     Attributes:
-        function: x (3, k) in metres -> signed distances (k,) in metres, negative inside the foundation.  A function
-            that is merely zero on the surface, such as z - h(x, y), will do: it is divided by its gradient's length.
-        gradient: x (3, k) -> its gradient, shape (3, k); by default central differences, good to about 1e-10.
+        function: x (3, k) in metres -> signed distances (k,) in metres, negative inside the foundation.  It may be
+            any function that is zero on the surface, such as z - h(x, y): it is divided by the length of its gradient.
+        gradient: x (3, k) -> its gradient, shape (3, k); by default central differences, accurate to about 1e-10.
     """
 
     function: Callable[[FloatArray], FloatArray]

@@ -1,4 +1,4 @@
-"""UFL and FFCx 2022 (Debian 12) ask pkg_resources for their own version: it reads all that is installed first."""
+"""UFL and FFCx 2022 (Debian 12) get their version from pkg_resources, which reads all installed packages at import."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import types
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_SLOW = "pkg_resources"  # a tenth of a second and more, of every start
+_SLOW = "pkg_resources"  # more than a tenth of a second of every start
 
 
 @contextmanager
 def versions_from_metadata() -> Iterator[None]:
-    """Where pkg_resources is not loaded yet, what is imported inside gets one that knows `get_distribution` alone."""
+    """If pkg_resources is not loaded yet, imports inside this context get a stub with `get_distribution` only."""
     if _SLOW in sys.modules:
         yield
         return

@@ -19,30 +19,30 @@ from .obstacles import Plane, RigidFoundation
 from .user_values import on_all_ranks
 
 Normals = Literal["foundation", "body"]
-"""Whose normals the contact frames take."""
+"""Source of the normals of the contact frames."""
 
 
 _RAY_STEPS = 20
-"""Newton steps along a ray, many more than are needed where it meets the foundation at all."""
+"""Maximum Newton steps along a ray, far more than needed for a ray that meets the foundation."""
 
 
 @dataclass(frozen=True)
 class ContactSurface:
     """Contact points of this rank (perhaps none), in the order of their rows in B.
 
-    Displacement and slip at the contact points are B u, and the nodal forces of contact forces x are B^T x: nothing
-    else says which nodes a contact point takes its displacement from.
+    Displacement and slip at the contact points are B u, and the nodal forces of contact forces x are B^T x: only B
+    defines the nodes from which the displacement of a contact point is interpolated.
 
     Attributes:
         faces: Names of the contact faces.
         part: Which of them a node is on, shape (m,); nodes are in the order of the faces.
-        nodes: The nodes that stand for them in the files, numbers among this rank's nodes, shape (m,).
+        nodes: The nodes that represent them in the files, numbers among this rank's nodes, shape (m,).
         x: Coordinates in metres, shape (m, 3).
         frames: Orthonormal rows n, t1, t2 of every point, shape (m, 3, 3); n points into the foundation.
         gap: Distance to the foundation along n before deformation in metres, shape (m,).
         area: Integral of the hat function over the face in m^2, shape (m,).
         B: Rows n, t1, t2 of every contact point; columns the displacements.  Shape (3 m, n), distributed.
-        foundations: What the gaps of each face are measured to.
+        foundations: The foundation of each face, to which gaps are measured.
     """
 
     faces: tuple[str, ...]
@@ -66,7 +66,7 @@ class ContactSurface:
         return vectors
 
     def rows(self, u: FloatArray) -> FloatArray:
-        """B u: displacements u (k, 3) of this rank's nodes as the contact points have them, n, t1, t2, metres, (m, 3);
+        """B u: displacement of the contact points in n, t1, t2 (m, 3) from u (k, 3) of this rank's nodes, metres;
         collective."""
         return rows_of(self.B, u)
 
@@ -76,23 +76,23 @@ class ContactSurface:
 
     @property
     def nodes_in_rows(self) -> npt.NDArray[np.int64]:
-        """Numbers of the nodes of all ranks that the rows of this rank see, ascending."""
+        """Global numbers of the nodes in the rows of this rank, ascending."""
         seen: npt.NDArray[np.int64] = np.unique(self.B.getValuesCSR()[1] // 3).astype(np.int64)
         return seen
 
 
 def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurface) -> FloatArray:
-    """Nodal forces on another mesh of the same face: to start from there, not to be believed; collective.
+    """Nodal forces on another mesh of the same face, as an initial guess; collective.
 
     Tractions are averaged over the four nearest nodes, weighted by the inverse squares of their distances.
 
     Args:
         x: Forces in newtons on the coarse mesh, shape (3 m,).
         coarse: Its contact surface.
-        fine: That of the other mesh.
+        fine: The contact surface of the other mesh.
 
     Returns:
-        Forces in newtons, shape (3 m',), of the other's nodes.
+        Forces in newtons at the nodes of the other mesh, shape (3 m',).
     """
     comm = fine.B.getComm().tompi4py()
     tractions = coarse.vectors(x.reshape(-1, 3)) / coarse.area[:, None]
@@ -111,12 +111,12 @@ def tangent_frames(n: FloatArray) -> FloatArray:
 
     Of the coordinate axes, the one nearest to n is dropped; t1 and t2 are the other two, in their order, made
     orthogonal to n and then to each other.  So t1, t2 are x, y on a horizontal face, and an axis perpendicular to n
-    always is a tangent: a node held in that direction keeps clean rows.
+    always is a tangent: a node held in that direction has a row that involves only held components.
     """
-    nearest = np.argmax(np.round(np.abs(n), 9), axis=1)  # at 45 degrees rounding errors must not choose
+    nearest = np.argmax(np.round(np.abs(n), 9), axis=1)  # at 45 degrees the choice must not depend on rounding
     others = np.array([[1, 2], [0, 2], [0, 1]])[nearest]
     t1, t2 = np.eye(3)[others[:, 0]], np.eye(3)[others[:, 1]]
-    square = np.abs(np.einsum("ki,ki->k", t2, n)) < 1e-12  # such an axis must stay: make it the first
+    square = np.abs(np.einsum("ki,ki->k", t2, n)) < 1e-12  # an axis perpendicular to n must be kept: make it the first
     first, second = np.where(square[:, None], t2, t1), np.where(square[:, None], t1, t2)
     first = first - np.einsum("ki,ki->k", first, n)[:, None] * n
     first /= np.linalg.norm(first, axis=1)[:, None]
@@ -138,21 +138,21 @@ def contact_surface(
 
     The condition at a node is linear, u_n <= gap.  With the foundation's normals, n = -grad phi at the node and gap =
     phi, the signed distance: exact to first order in u, and the condition itself for a plane.  With the body's, n is
-    the mean normal of the facets around the node, weighted by its hat function, and gap is the way along n to the
-    foundation; where that misses it, to the plane that touches the foundation nearest to the node.
+    the mean normal of the facets around the node, weighted by its hat function, and gap is the distance along n to the
+    foundation; if that ray misses it, to the tangent plane of the foundation's point nearest to the node.
 
-    Nodes that cannot approach the foundation, clamped in full or along the normal, are left out.  A node held along
-    a tangent stays, and has no friction in that direction.
+    Nodes whose normal displacement is prescribed are no contact nodes.  A node held along a tangent is one, without
+    friction in that direction.
 
     Args:
         elasticity: The body with its clamps.
         face: Name of the face.
         foundation: The obstacle; by default the plane of the face, which must then be plane.
-        normals: Whose normals to take, of the nodes as they are before deformation.
+        normals: Source of the normals, before deformation.
 
     Raises:
         ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from the
-            foundation, held obliquely to it, dragged along it by a clamp, or has no free node.
+            foundation, held obliquely to it, moved along it by a prescribed displacement, or has no free node.
     """
     comm = elasticity.mesh.comm
     candidates = elasticity.nodes(face, "contact")
@@ -169,23 +169,24 @@ def contact_surface(
     refuse.where(area <= 0.0, x, "has a node without area")
     inwards = _evaluate(foundation.normal, x, 3, comm, face)
     away = np.einsum("ki,ki->k", inwards, outward) >= 0.0
-    refuse.where(away, x, "is turned away from the foundation: turn the normal round, or leave such facets out")
+    refuse.where(away, x, "is turned away from the foundation: reverse the normal, or leave such facets out")
     n = -inwards if normals == "foundation" else outward / np.linalg.norm(outward, axis=1)[:, None]
 
-    held = np.where(fixed, n, 0.0)  # the part of n along held components
+    held = np.where(fixed, n, 0.0)  # the component of n along held directions
     touching_held = np.linalg.norm(held, axis=1)
     left_out = touching_held > 1.0 - 1e-10
     oblique = ~left_out & (touching_held > 1e-10)
-    refuse.where(oblique, x, "is held by a clamp obliquely to the foundation's normal; hold it in full or not at all")
+    refuse.where(oblique, x, "is held obliquely to the foundation's normal; hold all components or none")
     keep = ~left_out
-    # A held component is no unknown: A has for it the compliance of the number that stands in for its row of K, not 0.
-    # Held at 0 that row asks for no friction, and none is found.  Dragged by d it would find one, against a slip of d
-    # less that compliance times the friction: a wrong slip, a wrong direction of friction, and a clamp that gives way.
+    # A held component is not an unknown: A has for it the compliance of the diagonal entry in its row of K, not 0.
+    # Held at 0, it has no slip and no friction.  With a prescribed displacement d it would have friction against the
+    # slip d less that compliance times the friction: a wrong slip and a wrong direction, and the prescribed value would
+    # not hold.
     dragged = keep & np.any(elasticity.dragged[candidates], axis=1)
     refuse.where(
         dragged,
         x,
-        "is dragged along the foundation by a clamp of non-zero value; clamp it in full, or end the clamp before it",
+        "is moved along the foundation by a prescribed displacement; prescribe all components, or exclude the face",
     )
     if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
         raise ValueError(f"contact face {face!r} is fully clamped: none of its nodes can move against the foundation")
@@ -204,7 +205,7 @@ def joined(elasticity: Elasticity, surfaces: Sequence[ContactSurface]) -> Contac
     """Several contact faces as one surface; collective.
 
     Raises:
-        ValueError: On every rank, if two faces share a node: its six forces could not be told apart.
+        ValueError: On every rank, if two faces share a node: its forces would not be unique.
     """
     if len(surfaces) == 1:
         return surfaces[0]
@@ -233,7 +234,7 @@ def joined(elasticity: Elasticity, surfaces: Sequence[ContactSurface]) -> Contac
 def _evaluate(
     function: Callable[[FloatArray], FloatArray], x: FloatArray, width: int, comm: MPI.Comm, face: str
 ) -> FloatArray:
-    """What a foundation says at the points x (k, 3): shape (k,), or (k, 3) for width 3; ValueError on every rank."""
+    """Values of a foundation at the points x (k, 3): shape (k,), or (k, 3) for width 3; ValueError on every rank."""
 
     def evaluate() -> FloatArray:
         values: FloatArray = np.asarray(function(x)) if len(x) else np.empty((0, width)[: 2 if width > 1 else 1])
@@ -245,9 +246,9 @@ def _evaluate(
 
 
 def way_along(n: FloatArray, x: FloatArray, distance: FloatArray, foundation: RigidFoundation) -> FloatArray:
-    """Way in metres from x along n to the foundation (k,); Newton's method along each ray.
+    """Distance in metres from x along n to the foundation (k,); Newton's method along each ray.
 
-    Where a ray misses, it is that to the tangent plane of the foundation's point nearest to x.
+    If a ray misses it, the distance to the tangent plane of the foundation's point nearest to x.
     """
     tangent: FloatArray = distance / -np.einsum("ki,ki->k", n, foundation.normal(x)) if len(x) else distance
     way, missed = tangent.copy(), np.zeros(len(x), dtype=bool)
@@ -267,13 +268,14 @@ def plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArra
     point = comm.allreduce(area @ x, op=MPI.SUM) / total
     normal = comm.allreduce(outward.sum(axis=0), op=MPI.SUM) / total
     if not np.linalg.norm(normal) > 1.0 - 1e-8:
-        raise ValueError(f"contact face {face!r} is not plane: say which foundation it may touch (contact.foundation)")
+        raise ValueError(f"contact face {face!r} is not plane: give its foundation (contact.foundation)")
     normal[np.abs(normal) < 1e-12] = 0.0
     return Plane(tuple(point), tuple(-normal))
 
 
 class _Refusal:
-    """Raises ValueError on every rank where a condition holds at a node of any rank, and names the first such node."""
+    """Raises ValueError on every rank if a condition holds at a node of any rank; the message names the first such
+    node."""
 
     def __init__(self, comm: MPI.Comm, what: str):
         self._comm, self._what = comm, what

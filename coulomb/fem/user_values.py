@@ -1,4 +1,4 @@
-"""What a user gives as a value or as a function of place, evaluated so that a fault on one rank is an error on all."""
+"""User data, values or functions of place and time, evaluated such that a fault on one rank is an error on all."""
 
 from __future__ import annotations
 
@@ -21,27 +21,26 @@ Coefficient = float | Callable[[FloatArray], FloatArray]
 
 
 Amplitude = float | Callable[[float], float] | Sequence[tuple[float, float]]
-"""What a load is multiplied by in the course of time: a number, a function of time, or a table of (time, factor).
+"""Factor of a load: a number, a function of time, or a table of (time, factor).
 
-A table is linear between its rows; before the first and after the last row the factor stays what it is there."""
+A table is linear between its rows, and constant before the first and after the last row."""
 
 Motion = Callable[[float], Sequence[float]] | Sequence[tuple[float, float, float, float]]
-"""A translation in metres in the course of time: a function of time, or a table of (time, x, y, z), taken like those of
-`Amplitude`."""
+"""A translation in metres: a function of time, or a table of (time, x, y, z), interpolated as for `Amplitude`."""
 
 
 def evaluate_amplitude(amplitude: Amplitude, time: float, what: str) -> float:
-    """The factor at a time; tables are linear in between and constant beyond their ends.
+    """The factor at a time; tables are linear between rows and constant beyond.
 
     Raises:
-        ValueError: If a function fails or its value is no finite number, or the table's times do not increase.
+        ValueError: If a function fails or its value is not a finite number, or the table's times do not increase.
     """
     if isinstance(amplitude, int | float):
         return float(amplitude)
     if callable(amplitude):
         try:
             value = float(amplitude(time))
-        except Exception as error:  # whatever a user's function raises
+        except Exception as error:  # user functions may raise anything
             raise ValueError(f"{what}: the amplitude failed at time {time:g}: {error}") from None
         if not np.isfinite(value):
             raise ValueError(f"{what}: the amplitude at time {time:g} is {value}")
@@ -50,7 +49,7 @@ def evaluate_amplitude(amplitude: Amplitude, time: float, what: str) -> float:
 
 
 def evaluate_motion(motion: Motion | None, time: float, what: str) -> FloatArray:
-    """The translation at a time, shape (3,); none without a motion.
+    """The translation at a time, shape (3,); zero without a motion.
 
     Raises:
         ValueError: As `evaluate_amplitude`.
@@ -60,7 +59,7 @@ def evaluate_motion(motion: Motion | None, time: float, what: str) -> FloatArray
     if callable(motion):
         try:
             value = np.array(motion(time), dtype=np.float64)
-        except Exception as error:  # whatever a user's function raises
+        except Exception as error:  # user functions may raise anything
             raise ValueError(f"{what}: the motion failed at time {time:g}: {error}") from None
         if value.shape != (3,) or not np.all(np.isfinite(value)):
             raise ValueError(f"{what}: the motion at time {time:g} must be three finite numbers, but is {value}")
@@ -140,12 +139,13 @@ def _place(x: FloatArray, where: npt.NDArray[np.bool_]) -> str:
 
 
 def on_all_ranks(evaluate: Callable[[], Value], what: str, comm: MPI.Comm) -> Value:
-    """What it returns; or a ValueError on every rank, with the first fault of any, after `what` if there is one."""
+    """The result of a call; or a ValueError on every rank with the first fault of any rank, after `what` if it is
+    given."""
     fault = ""
     value: Value | None = None
     try:
         value = evaluate()
-    except Exception as error:  # whatever a user's function raises
+    except Exception as error:  # user functions may raise anything
         fault = str(error) or type(error).__name__
     faults = [text for text in comm.allgather(fault) if text]
     if faults:
