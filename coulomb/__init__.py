@@ -30,17 +30,15 @@ if TYPE_CHECKING:
     from .model.problem import ContactProblem
     from .model.solution import Solution
     from .solvers.automatic import Automatic
-    from .solvers.condensed import CondensedConeSystem, CondensedSystem
-    from .solvers.cone_systems import DenseConeSystem, KrylovConeSystem
+    from .solvers.condensed import CondensedSystem
     from .solvers.dense_system import DenseSystem
     from .solvers.friction_problem import FrictionProblem
     from .solvers.general import solve_coulomb, solve_tresca
+    from .solvers.interior_point import InteriorPoint
     from .solvers.kprgp import KPRGP
     from .solvers.laws import FrictionLaw
-    from .solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
-    from .solvers.one_loop import OneLoop
-    from .solvers.path_following import PathFollowing
-    from .solvers.results import CoulombResult, NotConverged, Progress, QPResult, Status
+    from .solvers.newton_systems import AugmentedSystem, SchurComplementSystem
+    from .solvers.results import NotConverged, Progress, SolverResult, Status
     from .solvers.successive_tresca import SuccessiveTresca
 
 __all__ = [
@@ -50,14 +48,11 @@ __all__ = [
     "Certificate",
     "Check",
     "Clamp",
-    "CondensedConeSystem",
     "CondensedSystem",
     "Contact",
     "ContactProblem",
     "ContactSurface",
-    "CoulombResult",
     "Cylinder",
-    "DenseConeSystem",
     "DenseSystem",
     "DirectSolver",
     "Elasticity",
@@ -65,23 +60,20 @@ __all__ = [
     "FrictionLaw",
     "FrictionProblem",
     "HistoryFiles",
+    "InteriorPoint",
     "IterativeSolver",
-    "KrylovConeSystem",
     "LoadHistory",
     "LoadStep",
     "Material",
     "NamedMesh",
     "NotConverged",
-    "OneLoop",
-    "PathFollowing",
     "Plane",
     "PrescribedDisplacement",
     "Progress",
-    "QPResult",
-    "RecyclingSystem",
     "SchurComplementSystem",
     "SignedDistance",
     "Solution",
+    "SolverResult",
     "Sphere",
     "Spring",
     "Status",
@@ -115,15 +107,13 @@ _PUBLIC = {
     "model.problem": ("ContactProblem",),
     "model.solution": ("Solution",),
     "solvers.automatic": ("Automatic",),
-    "solvers.condensed": ("CondensedConeSystem", "CondensedSystem"),
-    "solvers.cone_systems": ("DenseConeSystem", "KrylovConeSystem"),
+    "solvers.condensed": ("CondensedSystem",),
     "solvers.dense_system": ("DenseSystem",),
     "solvers.successive_tresca": ("SuccessiveTresca",),
+    "solvers.interior_point": ("InteriorPoint",),
     "solvers.kprgp": ("KPRGP",),
-    "solvers.newton_systems": ("AugmentedSystem", "RecyclingSystem", "SchurComplementSystem"),
-    "solvers.one_loop": ("OneLoop",),
-    "solvers.path_following": ("PathFollowing",),
-    "solvers.results": ("CoulombResult", "NotConverged", "Progress", "QPResult", "Status"),
+    "solvers.newton_systems": ("AugmentedSystem", "SchurComplementSystem"),
+    "solvers.results": ("NotConverged", "Progress", "SolverResult", "Status"),
     "linalg.stiffness": ("DirectSolver", "IterativeSolver"),
     "solvers.friction_problem": ("FrictionProblem",),
     "solvers.laws": ("FrictionLaw",),

@@ -22,7 +22,7 @@ problem = ContactProblem(
 )
 rank_0 = problem.comm.rank == 0
 
-# The first method, the default: one path-following loop for the whole problem with friction.  It raises NotConverged
+# The first method, the default: the interior-point method on the whole problem with friction.  It raises NotConverged
 # if the residual of Coulomb's problem stays above the tolerance.
 solution = problem.solve(tolerance=1e-8)
 loop = solution.result
@@ -36,10 +36,10 @@ apart = problem.comm.allreduce(np.sum((tresca.x - loop.x) ** 2), op=MPI.SUM)
 size = problem.comm.allreduce(np.sum(loop.x**2), op=MPI.SUM)
 if rank_0:
     print(f"force of the foundation on the block: {total[0]:.6g}, {total[1]:.6g}, {total[2]:.6g} N")
-    print("                      one loop  successive Tresca")
-    print(f"Tresca problems             -  {tresca.iterations:17d}")
+    print("                interior point  successive Tresca")
+    print(f"Tresca problems             -  {tresca.outer_steps:17d}")
     print(f"contraction                 -  {tresca.contraction:17.2g}")
-    print(f"path-following steps {loop.path_following:8d}  {tresca.path_following:17d}")
+    print(f"path-following steps {loop.newton_steps:8d}  {tresca.newton_steps:17d}")
     print(f"products by A        {loop.products:8d}  {tresca.products:17d}")
     print(f"Coulomb residual     {loop.residual:8.1e}  {tresca.residual:17.1e}")
     print(f"the two answers differ by {np.sqrt(apart / size):.0e} of the forces")

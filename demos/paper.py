@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from coulomb import KPRGP, AugmentedSystem, PathFollowing, SchurComplementSystem
+from coulomb import KPRGP, AugmentedSystem, InteriorPoint, SchurComplementSystem
 from coulomb.benchmarks.block import block
 from coulomb.benchmarks.conditioning import measure
 
@@ -22,19 +22,19 @@ print(f"{problem.unknowns['displacement']}/{problem.unknowns['contact']} unknown
 # PF follows the central path nu_i z_i = theta to theta = 0.  Each step solves a Newton system by preconditioned CG,
 # with a tolerance that depends on the last step; the step length is limited by the neighbourhood N(gamma, beta) of the
 # path.
-result = PathFollowing(tolerance=1e-8, r_tol=0.1, c_fact=0.9).solve(qp)
+result = InteriorPoint(tolerance=1e-8, r_tol=0.1, c_fact=0.9).solve(qp)
 print("step   theta     alpha   CG  residual")
 for step in result.history:
     print(f"{step.iteration:4d}  {step.theta:.1e}  {step.alpha:6.3f}  {step.krylov:3d}  {step.residual:.1e}")
 
 # The augmented system with P_AM and the Schur complement with P_SC have the same solution; since CG solves both to a
 # tolerance only, the steps are similar, but not identical.
-for newton in (AugmentedSystem, SchurComplementSystem):
-    other = PathFollowing(tolerance=1e-8, newton=newton).solve(qp)
-    print(f"{newton.__name__}: {other.iterations} steps, {other.products} products by A")
+for newton in (AugmentedSystem(), SchurComplementSystem()):
+    other = InteriorPoint(tolerance=1e-8, newton=newton).solve(qp)
+    print(f"{type(newton).__name__}: {other.newton_steps} steps, {other.products} products by A")
 
 # KPRGP, the active-set method to which the paper compares, needs many times the products for the same residual.
-path, active = PathFollowing(tolerance=1e-6).solve(qp), KPRGP(tolerance=1e-6).solve(qp)
+path, active = InteriorPoint(tolerance=1e-6).solve(qp), KPRGP(tolerance=1e-6).solve(qp)
 print(f"to a residual of 1e-6: PF {path.products} products, KPRGP {active.products}")
 assert np.linalg.norm(path.x - active.x) <= 1e-4 * np.linalg.norm(path.x)
 

@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse
 from conftest import dense_compliance, random_spd
 
-from coulomb import KPRGP, FrictionProblem, PathFollowing
+from coulomb import KPRGP, FrictionProblem, InteriorPoint
 
 
 def by_clarabel(A, b, slip_bound, lower):
@@ -59,7 +59,7 @@ CASES = {
 
 
 # KPRGP's products grow with the condition of A: thousands of steps at 1e6, millions at 1e8.
-SOLVED = [pytest.param(PathFollowing(tolerance=1e-10), name, id=f"PF-{name}") for name in CASES]
+SOLVED = [pytest.param(InteriorPoint(tolerance=1e-10), name, id=f"PF-{name}") for name in CASES]
 SOLVED += [
     pytest.param(KPRGP(tolerance=1e-7), name, id=f"KPRGP-{name}") for name in CASES if not name.startswith("condition")
 ]
@@ -83,7 +83,7 @@ def test_agrees_with_clarabel(solver, name):
 def test_zones_are_what_they_are_called():
     for name in ("all open", "all stick", "all slip"):
         A, b, g = CASES[name]
-        x = PathFollowing(tolerance=1e-9).solve(FrictionProblem.tresca(dense_compliance(A), b, g)).x.reshape(-1, 3)
+        x = InteriorPoint(tolerance=1e-9).solve(FrictionProblem.tresca(dense_compliance(A), b, g)).x.reshape(-1, 3)
         use = np.hypot(x[:, 1], x[:, 2]) / g
         assert {
             "all open": x[:, 0].max() <= 1e-6 * np.abs(x).max(),
@@ -97,5 +97,5 @@ def test_zero_bounds_and_lower_bounds():
     g, lower = np.where(np.arange(200) % 5, g, 0.0), np.linspace(-1.0, 1.0, 200) * g.mean()
     qp = replace(FrictionProblem.tresca(dense_compliance(A), b, g), lower=lower)
     theirs = by_clarabel(A, b, g, lower)
-    for solver in (PathFollowing(tolerance=1e-9), KPRGP(tolerance=1e-7)):
+    for solver in (InteriorPoint(tolerance=1e-9), KPRGP(tolerance=1e-7)):
         assert np.linalg.norm(solver.solve(qp).x - theirs) <= 1e-5 * np.linalg.norm(theirs)

@@ -3,7 +3,7 @@
 import pytest
 from conftest import ROOT
 
-from coulomb import Clamp, PathFollowing, PrescribedDisplacement, SchurComplementSystem, SuccessiveTresca
+from coulomb import Clamp, InteriorPoint, PrescribedDisplacement, SchurComplementSystem, SuccessiveTresca
 from coulomb.case.case import read_case
 
 BLOCK = ROOT / "demos" / "block.toml"
@@ -35,7 +35,7 @@ def test_changes():
     assert case.traction[1].value == (0.0, 0.0, 1.0)
     assert case.contact.friction is None
     solver = case.contact_solver()
-    assert isinstance(solver, PathFollowing) and solver.newton is SchurComplementSystem
+    assert isinstance(solver, InteriorPoint) and solver.newton == SchurComplementSystem(rank=0)
 
 
 def test_solver_and_problem_are_what_the_case_says():

@@ -6,22 +6,18 @@ import numpy as np
 import pytest
 from conftest import make_block, reference, solved_block
 
-import coulomb.solvers.condensed as condensed
 from coulomb import (
-    CondensedConeSystem,
     CondensedSystem,
-    DenseConeSystem,
     DenseSystem,
     DirectSolver,
+    InteriorPoint,
     IterativeSolver,
-    OneLoop,
-    PathFollowing,
     SuccessiveTresca,
 )
 from coulomb.case.case import Case
-from coulomb.solvers.cone import ConeIterate, ScaledCoulomb
 from coulomb.solvers.friction_problem import FrictionProblem
-from coulomb.solvers.scaling import ScaledQP
+from coulomb.solvers.interior_point import newton_step
+from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
 
 MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
 
@@ -37,11 +33,8 @@ def body():
     return make_block(2, friction, linear_solver=DirectSolver, explicit=False)
 
 
-@pytest.fixture
-def exact(monkeypatch):
-    """Steps as exact as rounding allows, springs as stiff as they are."""
-    for name, value in (("_LOOSE", 1e-14), ("_TIGHT", 1e-14), ("_CONTRAST", 1e-13)):
-        monkeypatch.setattr(condensed, name, value)
+EXACT = CondensedSystem(loose=1e-14, tight=1e-14, contrast=1e-13)
+"""Steps as exact as rounding allows, springs as stiff as they are."""
 
 
 def lagging(system, x):
@@ -55,62 +48,60 @@ def close(values, expected, accuracy=1e-8):
     return np.abs(values - expected).max() <= accuracy * np.abs(expected).max()
 
 
-def test_cone_step_is_the_dense_step(exact):
+def test_cone_step_is_the_dense_step():
     """From a carried y that lags, the step that the dense system makes of the true A x; and y + w is exact after it."""
     rng = np.random.default_rng(81)
-    scaled = ScaledCoulomb(body().friction_problem)
+    scaled = ScaledProblem(body().friction_problem)
     m, f = scaled.nodes, scaled.frictional
     assert 0 < f.sum() < m
     angle = rng.uniform(0.0, 6.28, m)
     y = (f * rng.uniform(0.0, 0.99, m))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     x_n, nu = 10.0 ** rng.uniform(-1, 1, m), 10.0 ** rng.uniform(-2, 1, (m, 2))
     x, target = scaled.forces(x_n, y), 0.3
-    dense, system = DenseConeSystem(scaled.A), CondensedConeSystem(scaled.A)
-    v = ConeIterate(x_n, y, nu, scaled.A.mult(x))
+    dense, system = (kind.system(scaled.A, scaled.sloped) for kind in (DenseSystem(), EXACT))
+    v = Iterate(x_n, y, nu, scaled.A.mult(x))
     image = lagging(system, x)
     assert close(image, 0.7 * v.A_x) and system._R.norm() > 0.01 * scaled.A.s
-    z, loop = scaled.slack(x_n, y), OneLoop()
-    expected = loop._newton_step(scaled, dense, v, z, target, 1e-12, 1.0)
+    expected = newton_step(InteriorPoint(), scaled, dense, v, target, 1e-12, 1.0)
     late = v._replace(A_x=image)
-    step = loop._newton_step(scaled, system, late, z, target, 1e-12, 1.0)
+    step = newton_step(InteriorPoint(), scaled, system, late, target, 1e-12, 1.0)
     for name in ("dx_n", "dy", "dnu"):
         assert close(getattr(step, name), getattr(expected, name))
-    dx = np.column_stack([step.dx_n, scaled.linearize(v).g[:, None] * step.dy])
-    dx[:, 1:] += (scaled._law.slope * step.dx_n)[:, None] * y
+    dx = np.column_stack([step.dx_n, scaled.linearize(v).r[:, None] * step.dy])
+    dx[:, 1:] += (scaled.law.slope * step.dx_n)[:, None] * y
     assert not dx[~f, 1:].any()
-    carried = system.carry(x + dx, None, 1.0, 0.0)
+    carried = system.advance(x + dx, None, 1.0, 0.0)
     assert close(carried, scaled.A.mult(x + dx)) and system._R.norm() < 1e-9 * scaled.A.s
     assert close(carried, image + step.A_dx)
     half = x + dx
     half[:, 0] *= 1.5  # a bend: in R, and in what judges, not in the carried A x
-    bent = system.carry(half, None, 0.0, 0.0)
+    bent = system.advance(half, None, 0.0, 0.0)
     assert close(bent, carried) and system._R.norm() > 1e-3 * scaled.A.s
-    assert close(system.judge(half), scaled.A.mult(half))
+    assert close(system.exact_product(half), scaled.A.mult(half))
     system.destroy()
 
 
-def test_tresca_step_is_the_dense_step(exact):
+def test_tresca_step_is_the_dense_step():
     rng = np.random.default_rng(82)
     problem = body()
     bound = 10.0 ** rng.uniform(3, 6, len(problem.surface.nodes))  # some much smaller than the forces: W is not 1
     bound[::5] = 0.0
-    scaled = ScaledQP(problem.tresca(bound))
+    scaled = ScaledProblem(problem.tresca(bound))
     m, f = scaled.nodes, scaled.frictional
     assert scaled.A.W.min() < 0.5
-    x = np.column_stack([rng.uniform(0.1, 2.0, m), np.zeros((m, 2))])
-    angle = rng.uniform(0.0, 6.28, m)
-    radius = f * rng.uniform(0.0, 0.99, m) * scaled._g
-    x[:, 1:] = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    dense, system = (kind.system(scaled.A, scaled.sloped) for kind in (DenseSystem(), EXACT))
+    x_n, angle = rng.uniform(0.1, 2.0, m), rng.uniform(0.0, 6.28, m)
+    y = (f * rng.uniform(0.0, 0.99, m))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     nu = scaled.on_constraints(10.0 ** rng.uniform(-2, 1, (m, 2)))
-    z = scaled.slack(x)
-    at, r2 = scaled.linearize(x, nu, z), scaled.on_constraints(z - 0.3 / scaled.safe(nu))
-    dense, system = DenseSystem(scaled.A), CondensedSystem(scaled.A)
-    expected = dense.solve(at, -scaled.gradient(x, nu, scaled.A.mult(x)), r2, 0.0, 0.0)
-    image = lagging(system, x)
-    step = system.solve(at, -scaled.gradient(x, nu, image), r2, 0.0, 0.0)
-    assert close(step.dx, expected.dx) and close(step.dnu, expected.dnu)
-    carried = system.carry(x + step.dx, None, 1.0, 0.0)
-    assert close(carried, scaled.A.mult(x + step.dx)) and system._R.norm() < 1e-9 * scaled.A.s
+    x = scaled.forces(x_n, y)
+    v = Iterate(x_n, y, nu, scaled.A.mult(x))
+    expected = newton_step(InteriorPoint(), scaled, dense, v, 0.3, 1e-12, 1.0)
+    step = newton_step(InteriorPoint(), scaled, system, v._replace(A_x=lagging(system, x)), 0.3, 1e-12, 1.0)
+    for name in ("dx_n", "dy", "dnu"):
+        assert close(getattr(step, name), getattr(expected, name))
+    end = scaled.forces(step.at(1.0).x_n, step.at(1.0).y)
+    advanced = system.advance(end, None, 1.0, 0.0)
+    assert close(advanced, scaled.A.mult(end)) and system._R.norm() < 1e-9 * scaled.A.s
     system.destroy()
 
 
@@ -121,7 +112,7 @@ def test_whole_answers(p, law):
     tresca = law == "tresca"
     friction = None if tresca else float(law)
     known = make_block(p, friction, slip_stress=1e7 if tresca else None).solve(1e-9)
-    solver = PathFollowing(1e-8, newton=CondensedSystem) if tresca else OneLoop(1e-8, newton=CondensedConeSystem)
+    solver = InteriorPoint(1e-8, newton=CondensedSystem())
     problem = make_block(p, friction, slip_stress=1e7 if tresca else None, **MULTIGRID)
     solution = problem.solve(solver=solver)
     assert solution.certificate.passed and solution.result.residual <= 1e-8
@@ -137,7 +128,10 @@ def test_whole_answers(p, law):
 
 def test_krylov_iterations_stay_bounded():
     """Springs grow without bound as theta goes to 0; the iterations do not, on a finer mesh neither."""
-    for p, solver in ((8, OneLoop(1e-9, newton=CondensedConeSystem)), (4, OneLoop(1e-9, newton=CondensedConeSystem))):
+    for p, solver in (
+        (8, InteriorPoint(1e-9, newton=CondensedSystem())),
+        (4, InteriorPoint(1e-9, newton=CondensedSystem())),
+    ):
         history = make_block(p, **MULTIGRID).solve(solver=solver).result.history
         assert len(history) <= 24
         assert history[-1].theta < 1e-9 * history[0].theta
@@ -146,7 +140,7 @@ def test_krylov_iterations_stay_bounded():
 
 def test_multipliers_keep_their_digits():
     """C^-1 by differences loses dnu where a node slips, D22 -> 0: the gradient stays at 1e-6."""
-    history = make_block(6, **MULTIGRID).solve(solver=OneLoop(1e-9, newton=CondensedConeSystem)).result.history
+    history = make_block(6, **MULTIGRID).solve(solver=InteriorPoint(1e-9, newton=CondensedSystem())).result.history
     assert history[-1].gradient <= 1e-8 * history[0].gradient
 
 
@@ -154,8 +148,8 @@ def test_successive_tresca_without_friction_somewhere():
     problem = make_block(3, friction, **MULTIGRID)
     known = make_block(3, friction).solve(1e-9)
     for solver in (
-        OneLoop(1e-8, newton=CondensedConeSystem),
-        SuccessiveTresca(1e-8, PathFollowing(newton=CondensedSystem)),
+        InteriorPoint(1e-8, newton=CondensedSystem()),
+        SuccessiveTresca(1e-8, InteriorPoint(newton=CondensedSystem())),
     ):
         solution = problem.solve(solver=solver)
         assert solution.certificate.passed
@@ -166,20 +160,20 @@ def test_successive_tresca_without_friction_somewhere():
 def test_a_compliance_without_stiffness_is_refused():
     block = solved_block(6).problem
     with pytest.raises(ValueError, match=r"explicit compliance does not keep: use ContactProblem\(.*explicit=False"):
-        OneLoop(newton=CondensedConeSystem).solve(block.friction_problem)
+        InteriorPoint(newton=CondensedSystem()).solve(block.friction_problem)
     with pytest.raises(ValueError, match="explicit=False"):
-        PathFollowing(newton=CondensedSystem).solve(block.tresca(np.full(len(block.surface.nodes), 1e4)))
+        InteriorPoint(newton=CondensedSystem()).solve(block.tresca(np.full(len(block.surface.nodes), 1e4)))
 
 
 def test_what_is_kept():
     """K's nonzeros once more, and vectors: nothing of m x m."""
     problem = make_block(4, **MULTIGRID)
-    scaled = ScaledCoulomb(FrictionProblem.coulomb(problem.A, problem.b, problem.law.friction))
-    system, m = CondensedConeSystem(scaled.A), scaled.nodes
+    scaled = ScaledProblem(FrictionProblem.coulomb(problem.A, problem.b, problem.law.friction))
+    system, m = CondensedSystem().system(scaled.A, True), scaled.nodes
     K = problem.elasticity.K
     system.start(np.ones((m, 3)), 0.1)
-    v = ConeIterate(np.ones(m), np.zeros((m, 2)), np.ones((m, 2)), np.zeros((m, 3)))
-    system.solve(scaled.linearize(v), np.ones((m, 3)), np.ones((m, 3)), 0.1, np.inf)
+    v = Iterate(np.ones(m), np.zeros((m, 2)), np.ones((m, 2)), np.zeros((m, 3)))
+    system.solve(scaled.linearize(v), np.ones((m, 3)), np.zeros((m, 2)), np.ones((m, 3)), 0.1, np.inf)
     assert system._stiffened.getInfo()["nz_used"] == K.getInfo()["nz_used"]
     arrays = [value for value in vars(system).values() if isinstance(value, np.ndarray)]
     assert arrays and max(array.size for array in arrays) == 9 * m
@@ -197,12 +191,12 @@ def test_case_file():
     }
     case = Case.model_validate(tables)
     solver = case.contact_solver()
-    assert isinstance(solver, OneLoop) and solver.newton is CondensedConeSystem
+    assert isinstance(solver, InteriorPoint) and solver.newton == CondensedSystem()
     problem = case.problem()
     assert problem.solve(solver=solver).certificate.passed
     assert problem.A.name == "matrix-free" and isinstance(problem.body.stiffness_solver, IterativeSolver)
     tables["contact"] = {"face": "bottom", "slip_stress": 1e7}
-    assert Case.model_validate(tables).contact_solver().newton is CondensedSystem
+    assert Case.model_validate(tables).contact_solver().newton == CondensedSystem()
     tables["solver"]["compliance"] = "explicit"
     with pytest.raises(ValueError, match='leave compliance at "auto"'):
         Case.model_validate(tables)

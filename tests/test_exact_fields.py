@@ -105,7 +105,7 @@ def test_without_friction_there_is_none(tmp_path):
     assert solution.contact_force.any()
 
 
-@pytest.mark.parametrize("solver", [coulomb.OneLoop(), coulomb.SuccessiveTresca()])
+@pytest.mark.parametrize("solver", [coulomb.InteriorPoint(), coulomb.SuccessiveTresca()])
 def test_what_is_judged_is_what_is_written(solver):
     """The certificate is of the settled forces, and these are the solver's within its residual."""
     problem = make_block(4)

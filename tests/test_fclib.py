@@ -8,9 +8,8 @@ from conftest import ROOT
 from coulomb import (
     Automatic,
     DenseSystem,
-    OneLoop,
-    PathFollowing,
-    RecyclingSystem,
+    InteriorPoint,
+    SchurComplementSystem,
     SuccessiveTresca,
     solve_coulomb,
     solve_tresca,
@@ -26,7 +25,7 @@ NAMES = [path.name for path in FILES] or ["none"]
 
 def solver(name):
     """PF; for the capsules, rank 570 of 858 and slip bounds over nine decades, CG stops at 1e-6 where LU does not."""
-    return PathFollowing(newton=DenseSystem if name.startswith("Capsules") else RecyclingSystem)
+    return InteriorPoint(newton=DenseSystem() if name.startswith("Capsules") else SchurComplementSystem())
 
 
 def load(name):
@@ -55,7 +54,7 @@ def test_coulomb(name, method):
     data, W = load(name)
     ways = {
         "successive Tresca": SuccessiveTresca(1e-7, solver(name)),
-        "one loop": OneLoop(1e-7),
+        "one loop": InteriorPoint(1e-7),
         "auto": Automatic(1e-7),
     }
     result = solve_coulomb(W, -data["q"], data["mu"], ways[method])

@@ -11,15 +11,12 @@ from coulomb import (
     KPRGP,
     AugmentedSystem,
     Automatic,
-    CondensedConeSystem,
     CondensedSystem,
-    DenseConeSystem,
     DenseSystem,
     FrictionProblem,
+    InteriorPoint,
     IterativeSolver,
     NotConverged,
-    OneLoop,
-    PathFollowing,
     SchurComplementSystem,
     Status,
     SuccessiveTresca,
@@ -28,18 +25,18 @@ from coulomb.solvers.kprgp import norm_of
 
 TOLERANCE = 1e-8
 QP = {
-    "P_AM with what was learnt": PathFollowing(TOLERANCE),
-    "P_AM": PathFollowing(TOLERANCE, newton=AugmentedSystem),
-    "P_SC": PathFollowing(TOLERANCE, newton=SchurComplementSystem),
-    "LU": PathFollowing(TOLERANCE, newton=DenseSystem),
-    "condensed": PathFollowing(TOLERANCE, newton=CondensedSystem),
+    "P_AM with what was learnt": InteriorPoint(TOLERANCE),
+    "P_AM": InteriorPoint(TOLERANCE, newton=AugmentedSystem(rank=0)),
+    "P_SC": InteriorPoint(TOLERANCE, newton=SchurComplementSystem(rank=0)),
+    "LU": InteriorPoint(TOLERANCE, newton=DenseSystem()),
+    "condensed": InteriorPoint(TOLERANCE, newton=CondensedSystem()),
     "KPRGP": KPRGP(TOLERANCE),
 }
 COULOMB = {
     "auto": Automatic(TOLERANCE),
-    "one loop": OneLoop(TOLERANCE),
-    "one loop, LU": OneLoop(TOLERANCE, newton=DenseConeSystem),
-    "one loop, condensed": OneLoop(TOLERANCE, newton=CondensedConeSystem),
+    "one loop": InteriorPoint(TOLERANCE),
+    "one loop, LU": InteriorPoint(TOLERANCE, newton=DenseSystem()),
+    "one loop, condensed": InteriorPoint(TOLERANCE, newton=CondensedSystem()),
     **{f"successive Tresca, {name}": SuccessiveTresca(TOLERANCE, solver) for name, solver in QP.items()},
 }
 FORMED = {"LU", "one loop, LU", "successive Tresca, LU"}  # need the matrix A
@@ -101,7 +98,7 @@ class Sloppy:
         A: The matrix.
         once: A product whose error nobody asked for, counted from 1, and how large it is; none by default.
 
-    `follow` corrects the last product, error and all, as multigrid does.
+    `mult_incremental` corrects the last product, error and all, as multigrid does.
     """
 
     name = "sloppy"
@@ -118,7 +115,7 @@ class Sloppy:
         tolerance = self._once[1] if self.products == self._once[0] else tolerance
         y[:] = self._off(self._A @ x, 0.0, tolerance)
 
-    def follow(self, x, y, tolerance=0.0):
+    def mult_incremental(self, x, y, tolerance=0.0):
         self.products += 1
         y[:] = self._last = self._off(self._A @ x, self._last, tolerance)
 

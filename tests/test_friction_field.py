@@ -40,7 +40,7 @@ def test_every_node_obeys_its_own_coefficient():
 
 
 @pytest.mark.parametrize(
-    "solver", [coulomb.OneLoop(), coulomb.SuccessiveTresca()], ids=["one loop", "successive Tresca"]
+    "solver", [coulomb.InteriorPoint(), coulomb.SuccessiveTresca()], ids=["one loop", "successive Tresca"]
 )
 def test_no_friction_on_a_part(solver):
     problem = block_with(lambda x: np.where(x[0] > 1.5, 0.0, 0.4))

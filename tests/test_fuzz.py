@@ -11,13 +11,13 @@ from conftest import dense_compliance, random_spd
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from coulomb import Automatic, DenseConeSystem, FrictionProblem, NotConverged, OneLoop, Status, SuccessiveTresca
+from coulomb import Automatic, DenseSystem, FrictionProblem, InteriorPoint, NotConverged, Status, SuccessiveTresca
 
 EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "150"))
 SOLVERS = {
     "auto": Automatic(1e-8),
-    "one loop": OneLoop(1e-8),
-    "one loop, dense": OneLoop(1e-8, newton=DenseConeSystem),
+    "one loop": InteriorPoint(1e-8),
+    "one loop, dense": InteriorPoint(1e-8, newton=DenseSystem()),
     "successive Tresca": SuccessiveTresca(1e-8, max_iterations=30),
     "plain": SuccessiveTresca(1e-8, memory=0, damping=1.0, max_iterations=20),
 }

@@ -9,7 +9,7 @@ from conftest import STEEL
 from test_load_history import RUBBER, UP, rubbed
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, OneLoop, Plane, Sphere, Spring, Traction
+from coulomb import Clamp, Contact, ContactProblem, InteriorPoint, LoadHistory, Plane, Sphere, Spring, Traction
 from coulomb.io import output
 from coulomb.io.restart import nodal_vectors
 from coulomb.io.summary import totals
@@ -22,9 +22,9 @@ class Noting:
     tolerance: float = 1e-8
     starts: list = field(default_factory=list)
 
-    def solve(self, problem, *, start=None, progress=None):
+    def solve(self, problem, start=None, *, gradient=None, progress=None):
         self.starts.append(start)
-        return OneLoop(self.tolerance).solve(problem, start=start, progress=progress)
+        return InteriorPoint(self.tolerance).solve(problem, start=start, progress=progress)
 
 
 def test_a_step_starts_from_the_forces_before():

@@ -120,7 +120,7 @@ def test_other_units(metre, newton, steps_off):
         force, displacement = theirs.contact_force / newton, theirs.displacement / metre
         assert np.linalg.norm(force - ours.contact_force) <= AGREE * np.linalg.norm(ours.contact_force)
         assert np.linalg.norm(displacement - ours.displacement) <= AGREE * np.linalg.norm(ours.displacement)
-        assert abs(theirs.result.path_following - ours.result.path_following) <= steps_off
+        assert abs(theirs.result.newton_steps - ours.result.newton_steps) <= steps_off
         mine, yours = plain.row, other.row
         for name in ("energy_foundation", "energy_elastic", "energy_dissipated"):
             assert yours[name] == pytest.approx(mine[name], rel=1e-6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, make_block, projected_gradient, random_tresca
 
-from coulomb import KPRGP, FrictionProblem, NotConverged, PathFollowing, QPResult, Status
+from coulomb import KPRGP, FrictionProblem, InteriorPoint, NotConverged, SolverResult, Status
 from coulomb.solvers.kprgp import _split, norm_of
 
 
@@ -14,8 +14,8 @@ from coulomb.solvers.kprgp import _split, norm_of
 def test_agrees_with_projected_gradients_and_path_following(nodes, seed):
     qp, A = random_tresca(nodes, seed)
     result = KPRGP(tolerance=1e-9).solve(qp)
-    exact, other = projected_gradient(qp, A), PathFollowing(tolerance=1e-9).solve(qp)
-    assert result.status is Status.CONVERGED and isinstance(result, QPResult)
+    exact, other = projected_gradient(qp, A), InteriorPoint(tolerance=1e-9).solve(qp)
+    assert result.status is Status.CONVERGED and isinstance(result, SolverResult)
     assert np.linalg.norm(result.x - exact) <= 1e-6 * np.linalg.norm(exact)
     assert np.linalg.norm(result.x - other.x) <= 1e-6 * np.linalg.norm(exact)
     assert np.allclose(result.multipliers, other.multipliers, atol=1e-5 * np.abs(other.multipliers).max())
@@ -27,7 +27,7 @@ def test_counts_its_steps_and_products():
     before = qp.A.products
     result = KPRGP(tolerance=1e-6).solve(qp)
     kinds = [result.steps(kind) for kind in ("cg", "expansion", "proportioning")]
-    assert sum(kinds) == result.iterations and all(kinds)
+    assert sum(kinds) == len(result.history) and all(kinds)
     assert result.products == qp.A.products - before
     # one product a CG step, two an expansion, one a proportioning step; besides: start, |A|, the last check
     assert result.products - (kinds[0] + 2 * kinds[1] + kinds[2]) <= 102
@@ -68,15 +68,15 @@ def test_norm_by_the_power_method():
 def test_starts_where_it_is_told():
     qp, _ = random_tresca(30, seed=72)
     answer = KPRGP(tolerance=1e-8).solve(qp)
-    assert KPRGP(tolerance=1e-7).solve(qp, answer).iterations == 0
+    assert KPRGP(tolerance=1e-7).solve(qp, answer.x).history == ()
 
 
 def test_block_needs_many_more_products_than_path_following():
     problem = make_block(6, slip_stress=1e7)
     qp = problem.friction_problem
-    active, interior = KPRGP(tolerance=1e-6).solve(qp), PathFollowing(tolerance=1e-6).solve(qp)
+    active, interior = KPRGP(tolerance=1e-6).solve(qp), InteriorPoint(tolerance=1e-6).solve(qp)
     assert np.linalg.norm(active.x - interior.x) <= 1e-4 * np.linalg.norm(active.x)
-    assert active.products > 3.1 * interior.products  # the paper's largest advantage
+    assert active.products > 3.1 * interior.products  # the paper's greatest advantage
 
 
 def test_giving_up():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import make_block
 
-from coulomb import DirectSolver, IterativeSolver, PathFollowing
+from coulomb import DirectSolver, InteriorPoint, IterativeSolver
 
 
 def test_matrices_outlive_their_mesh():
@@ -28,5 +28,5 @@ def test_a_tresca_problem_outlives_its_body(options):
     expected = problem.solve().contact_force
     del problem
     gc.collect()
-    x = PathFollowing(tolerance=1e-8).solve(qp).x
+    x = InteriorPoint(tolerance=1e-8).solve(qp).x
     assert np.linalg.norm(x - expected) <= 1e-6 * np.linalg.norm(expected)

@@ -17,10 +17,10 @@ from coulomb import (
     Clamp,
     Contact,
     ContactProblem,
+    InteriorPoint,
     LoadHistory,
     Material,
     NotConverged,
-    OneLoop,
     Plane,
     PrescribedDisplacement,
     Sphere,
@@ -138,9 +138,9 @@ class Fussy:
     tolerance: float = 1e-8
     calls: list = field(default_factory=list)
 
-    def solve(self, problem, *, start=None, progress=None):
+    def solve(self, problem, start=None, *, gradient=None, progress=None):
         self.calls.append(len(self.calls))
-        result = OneLoop(self.tolerance).solve(problem, progress=progress)
+        result = InteriorPoint(self.tolerance).solve(problem, progress=progress)
         if self.calls[-1] in self.failures:
             raise NotConverged("fussy", result)
         return result

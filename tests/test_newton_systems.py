@@ -8,10 +8,12 @@ from conftest import dense_compliance, random_spd
 
 from coulomb import AugmentedSystem, DenseSystem, SchurComplementSystem
 from coulomb.solvers.dense_system import augmented_matrix
-from coulomb.solvers.newton_systems import Linearization
+from coulomb.solvers.linearization import Linearization
 from coulomb.solvers.scaled_compliance import ScaledCompliance
 
 NODES = 9
+ONE = np.ones((NODES, 3))
+ZERO_ONE = np.zeros(NODES), np.ones(NODES)  # no slope, and unit discs
 
 
 @pytest.fixture
@@ -27,7 +29,7 @@ def system():
     y[4], h[4], D22[4, 1] = 0.0, 0.0, 1.0
     r1, r2 = rng.standard_normal((NODES, 3)), rng.standard_normal((NODES, 2)) * np.minimum(D22, 1.0)
     r1[4, 1:], r2[4, 1] = 0.0, 0.0
-    return A, Linearization(h, y, D22, frictional), r1, r2
+    return A, Linearization(*ZERO_ONE, h, y, D22, frictional), r1, r2
 
 
 def dense_blocks(A, at):
@@ -46,17 +48,17 @@ def dense_blocks(A, at):
 
 def make(kind, A):
     scaled = ScaledCompliance(dense_compliance(A), np.ones((NODES, 3)), 1.0, 1.0)
-    return kind(scaled), scaled.A
+    return kind.system(scaled, False), scaled.A
 
 
-@pytest.mark.parametrize("kind", [AugmentedSystem, SchurComplementSystem])
+@pytest.mark.parametrize("kind", [AugmentedSystem(rank=0), SchurComplementSystem(rank=0)])
 def test_solves_the_newton_system(kind, system):
     A, at, r1, r2 = system
     J11, J12, D22 = dense_blocks(A, at)
     J = np.block([[J11, J12], [J12.T, -D22]])
     exact = np.linalg.solve(J, np.concatenate([r1.ravel(), r2.ravel()]))
     newton, compliance = make(kind, A)
-    step = newton.solve(at, r1, r2, 1e-13, np.inf)
+    step = newton.solve(at, r1, r2, ONE, 1e-13, np.inf)
     newton.destroy()
     dx, dnu = exact[: 3 * NODES].reshape(-1, 3), exact[3 * NODES :].reshape(-1, 2)
     assert np.allclose(step.dx, dx, rtol=1e-8, atol=1e-10 * np.abs(dx).max())
@@ -71,8 +73,8 @@ def test_dense_system_and_its_matrix(system):
     J = np.block([[J11, J12], [J12.T, -D22]])
     assert np.array_equal(augmented_matrix(A, at), J)
     exact = np.linalg.solve(J, np.concatenate([r1.ravel(), r2.ravel()]))
-    newton, compliance = make(DenseSystem, A)
-    step = newton.solve(at, r1, r2, 0.1, np.inf)
+    newton, compliance = make(DenseSystem(), A)
+    step = newton.solve(at, r1, r2, ONE, 0.1, np.inf)
     assert compliance.products == 3 * NODES and step.iterations == 0
     assert np.allclose(step.dx.ravel(), exact[: 3 * NODES], rtol=1e-8, atol=1e-12 * np.abs(exact).max())
     assert np.allclose(step.dnu.ravel(), exact[3 * NODES :], rtol=1e-6, atol=1e-9 * np.abs(exact).max())
@@ -84,9 +86,9 @@ def test_both_systems_make_the_same_iterates(system):
     A, at, r1, r2 = system
     for tolerance in (0.3, 1e-2, 1e-4, 1e-8):
         steps = []
-        for kind in (AugmentedSystem, SchurComplementSystem):
+        for kind in (AugmentedSystem(rank=0), SchurComplementSystem(rank=0)):
             newton, _ = make(kind, A)
-            steps.append(newton.solve(at, r1, r2, tolerance, np.inf))
+            steps.append(newton.solve(at, r1, r2, ONE, tolerance, np.inf))
             newton.destroy()
         am, sc = steps
         assert am.iterations == sc.iterations
@@ -101,31 +103,31 @@ def test_preconditioners_are_the_papers(system):
     r1, r2 = rng.standard_normal((NODES, 3)), rng.standard_normal((NODES, 2))
     r1[4, 1:], r2[4, 1] = 0.0, 0.0
 
-    newton, _ = make(AugmentedSystem, A)
-    newton.solve(at, r1, r2, 0.5, np.inf)
+    newton, _ = make(AugmentedSystem(rank=0), A)
+    newton.solve(at, r1, r2, ONE, 0.5, np.inf)
     z = newton._preconditioner(np.hstack([r1, r2]))
     exact = np.linalg.solve(np.block([[J11, J12], [J12.T, -D22]]), np.concatenate([r1.ravel(), r2.ravel()]))
     assert np.allclose(z[:, :3].ravel(), exact[: 3 * NODES], rtol=1e-9, atol=1e-12)
     assert np.allclose(z[:, 3:].ravel(), exact[3 * NODES :], rtol=1e-9, atol=1e-9 * np.abs(exact).max())
 
-    newton, _ = make(SchurComplementSystem, A)
-    newton.solve(at, r1, r2, 0.5, np.inf)
+    newton, _ = make(SchurComplementSystem(rank=0), A)
+    newton.solve(at, r1, r2, ONE, 0.5, np.inf)
     exact = np.linalg.solve(J11 + J12 @ np.linalg.solve(D22, J12.T), r1.ravel())
     assert np.allclose(newton._preconditioner(r1).ravel(), exact, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", [AugmentedSystem, SchurComplementSystem])
+@pytest.mark.parametrize("kind", [AugmentedSystem(rank=0), SchurComplementSystem(rank=0)])
 def test_preconditioners_do_not_cancel(kind):
     """Active constraints have D22 -> 0: what is left of dx is then small, and must keep all its digits."""
     rng = np.random.default_rng(32)
     A = random_spd(3 * NODES, 10.0, rng)
     y = rng.standard_normal((NODES, 2))
     y *= 0.9999999 / np.linalg.norm(y, axis=1)[:, None]
-    at = Linearization(np.full(NODES, 0.3), y, np.full((NODES, 2), 1e-14), np.ones(NODES, dtype=bool))
+    at = Linearization(*ZERO_ONE, np.full(NODES, 0.3), y, np.full((NODES, 2), 1e-14), np.ones(NODES, dtype=bool))
     newton, _ = make(kind, A)
-    newton.solve(at, np.ones((NODES, 3)), np.zeros((NODES, 2)), 0.5, np.inf)
+    newton.solve(at, np.ones((NODES, 3)), np.zeros((NODES, 2)), ONE, 0.5, np.inf)
     r = rng.standard_normal((NODES, 3))
-    z = newton._preconditioner(np.hstack([r, np.zeros((NODES, kind.block - 3))]))[:, :3]
+    z = newton._preconditioner(np.hstack([r, np.zeros((NODES, newton._block - 3))]))[:, :3]
     newton.destroy()
     for i in range(NODES):  # the same in exact arithmetic
         d = [Fraction(v) for v in (np.diag(A).reshape(-1, 3)[i] + [0.0, 0.3, 0.3])]
@@ -141,8 +143,8 @@ def test_preconditioners_do_not_cancel(kind):
 def test_cap_bounds_the_residual(system):
     A, at, r1, r2 = system
     J11, J12, D22 = dense_blocks(A, at)
-    newton, _ = make(SchurComplementSystem, A)
+    newton, _ = make(SchurComplementSystem(rank=0), A)
     cap = 1e-5 * np.linalg.norm(r1)
-    step = newton.solve(at, r1, r2, 0.9, cap)
+    step = newton.solve(at, r1, r2, ONE, 0.9, cap)
     rhs = r1.ravel() + J12 @ np.linalg.solve(D22, r2.ravel())
     assert np.linalg.norm(rhs - (J11 + J12 @ np.linalg.solve(D22, J12.T)) @ step.dx.ravel()) <= 1.0001 * cap

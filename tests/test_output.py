@@ -85,7 +85,7 @@ def test_summary(run):
     contents = json.loads((directory / "summary.json").read_text())
     assert contents["status"] == "converged" and contents["law"] == "coulomb" and contents["picture"] == "picture.png"
     assert contents["unknowns"] == {"displacement": 9 * 6 * 49, "contact": 9 * 6 * 7}
-    assert contents["iterations"]["outer"] == solution.result.iterations
+    assert contents["iterations"]["outer"] == solution.result.outer_steps
     assert contents["iterations"]["products"] == solution.result.products > contents["iterations"]["krylov"]
     force = contents["force_on_body"]
     assert force["vector"] == pytest.approx([*force["tangential"], force["normal"]])
@@ -99,7 +99,7 @@ def test_history(run):
     solution, directory = run
     with (directory / "history.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == solution.result.path_following
+    assert len(rows) == solution.result.newton_steps
     assert float(rows[-1]["residual"]) == solution.result.history[-1].residual
 
 
@@ -108,9 +108,9 @@ def test_history_of_successive_tresca(tmp_path):
     output.write(solution, tmp_path)
     with (tmp_path / "history.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == solution.result.iterations
+    assert len(rows) == solution.result.outer_steps
     assert float(rows[-1]["residual"]) == solution.result.history[-1].residual
-    assert sum(int(row["path_following"]) for row in rows) == solution.result.path_following
+    assert sum(int(row["path_following"]) for row in rows) == solution.result.newton_steps
     assert sum(int(row["products"]) for row in rows) < solution.result.products
 
 

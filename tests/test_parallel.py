@@ -14,14 +14,12 @@ from petsc4py import PETSc
 import coulomb
 from coulomb import (
     Clamp,
-    CondensedConeSystem,
     CondensedSystem,
     Contact,
     ContactProblem,
     FrictionProblem,
+    InteriorPoint,
     IterativeSolver,
-    OneLoop,
-    PathFollowing,
     PrescribedDisplacement,
 )
 from coulomb.case.case import read_case
@@ -110,8 +108,8 @@ def test_same_forces_on_any_number_of_ranks(law, newton):
 
     solver = None
     if newton == "condensed":
-        one_loop = OneLoop(1e-10, newton=CondensedConeSystem)
-        solver = one_loop if law == "coulomb" else PathFollowing(1e-10, newton=CondensedSystem)
+        one_loop = InteriorPoint(1e-10, newton=CondensedSystem())
+        solver = one_loop if law == "coulomb" else InteriorPoint(1e-10, newton=CondensedSystem())
     alone = block(MPI.COMM_SELF).solve(1e-10)
     together = block(comm, linear_solver=IterativeSolver, explicit=False).solve(1e-10, solver)
     expected = alone.contact_force.reshape(-1, 3)[np.lexsort(alone.problem.surface.x.round(9).T)]
@@ -205,7 +203,7 @@ def test_a_rank_without_contact_nodes():
     assert solution.certificate.passed
     condensed = ContactProblem(
         problem.mesh, STEEL, [PrescribedDisplacement("top", (0.0, 0.0, -1e-3))], problem.contacts, explicit=False
-    ).solve(solver=OneLoop(newton=CondensedConeSystem))
+    ).solve(solver=InteriorPoint(newton=CondensedSystem()))
     assert condensed.certificate.passed
     # a column between two plates, free to bulge: a force between those of free and of hindered bulging
     force = Reductions(comm).sum(solution.contact_force[0::3])
@@ -251,7 +249,7 @@ def test_input_that_is_wrong_on_one_rank_is_an_error_on_all():
     )
     assert "explicit=True" in text
     explicit = make_block(2, explicit=True)
-    assert "explicit=False" in same_error(lambda: explicit.solve(solver=OneLoop(newton=CondensedConeSystem)))
+    assert "explicit=False" in same_error(lambda: explicit.solve(solver=InteriorPoint(newton=CondensedSystem())))
 
 
 def test_wrong_bodies_are_errors_on_all_ranks():

@@ -12,10 +12,9 @@ from conftest import ROOT, run_python
 import coulomb
 from coulomb.fem.obstacles import RigidFoundation
 from coulomb.linalg.stiffness import StiffnessSolver
-from coulomb.solvers.cone_systems import ConeSystem
-from coulomb.solvers.newton_systems import NewtonSystem
+from coulomb.solvers.newton_systems import NewtonChoice, NewtonSystem
 
-PROTOCOLS = (ConeSystem, NewtonSystem, RigidFoundation, StiffnessSolver)  # they say what their methods do, once
+PROTOCOLS = (NewtonChoice, NewtonSystem, RigidFoundation, StiffnessSolver)  # they say what their methods do, once
 NAMES = [name for name in coulomb.__all__ if name != "__version__"]
 PLATFORM = ("dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py", "numpy", "scipy", "h5py", "cffi", "pyvista", "vtk")
 

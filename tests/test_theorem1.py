@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import make_block, random_tresca
 
-from coulomb import PathFollowing
+from coulomb import InteriorPoint
 from coulomb.benchmarks.conditioning import measure
 
 
@@ -17,7 +17,7 @@ def problems():
 @pytest.fixture(scope="module", params=list(problems()), ids=lambda p: p[0])
 def run(request):
     _, qp = request.param
-    return qp.A.nodes, measure(qp, PathFollowing(tolerance=1e-8))
+    return qp.A.nodes, measure(qp, InteriorPoint(tolerance=1e-8))
 
 
 def test_eigenvalues_of_the_augmented_system(run):

@@ -5,9 +5,15 @@ import pytest
 from conftest import dense_compliance, make_block
 
 import coulomb
-from coulomb import Automatic, DenseConeSystem, FrictionProblem, NotConverged, OneLoop, Status, SuccessiveTresca
+from coulomb import Automatic, DenseSystem, FrictionProblem, InteriorPoint, NotConverged, Status, SuccessiveTresca
 
-METHODS = [Automatic(), OneLoop(), OneLoop(newton=DenseConeSystem), SuccessiveTresca(), SuccessiveTresca(memory=0)]
+METHODS = [
+    Automatic(),
+    InteriorPoint(),
+    InteriorPoint(newton=DenseSystem()),
+    SuccessiveTresca(),
+    SuccessiveTresca(memory=0),
+]
 NAMES = ["auto", "one loop", "one loop, dense", "successive Tresca", "plain"]
 every_method = pytest.mark.parametrize("solver", METHODS, ids=NAMES)
 
@@ -39,7 +45,7 @@ def test_plain_iteration_on_a_steep_wedge_is_seen_to_oscillate():
         SuccessiveTresca(memory=0, damping=1.0).solve(problem)
     result = failure.value.result
     assert result.status is Status.OSCILLATING and result.message == str(failure.value)
-    assert result.iterations <= 12
+    assert result.outer_steps <= 12
     assert problem.residual(result.x) > 1e-2
 
 
@@ -48,9 +54,9 @@ def test_damping_is_chosen_by_the_measured_slope():
     result = SuccessiveTresca(memory=0).solve(wedge(0.5, 0.4))
     assert result.history[1].slope == pytest.approx(-0.8, rel=0.1)
     assert result.history[1].damping == pytest.approx(1.0 / 1.8, rel=0.1)
-    assert result.iterations <= 15
+    assert result.outer_steps <= 15
     undamped = SuccessiveTresca(1e-5, memory=0, damping=1.0).solve(wedge(0.5, 0.4))
-    assert undamped.iterations > 40 and undamped.contraction == pytest.approx(0.8, rel=1e-2)
+    assert undamped.outer_steps > 40 and undamped.contraction == pytest.approx(0.8, rel=1e-2)
 
 
 def test_divergence_is_seen():
@@ -79,10 +85,10 @@ def test_stagnation_is_seen():
     class Stirring:
         tolerance = 1e-8
 
-        def solve(self, qp, start=None, *, tolerance=None, progress=None):
-            result = coulomb.PathFollowing().solve(qp)
+        def solve(self, qp, start=None, *, gradient=None, tolerance=None, progress=None):
+            result = coulomb.InteriorPoint().solve(qp)
             factor = 1.0 + 0.1 * np.sin(100.0 * qp.law.cohesion.sum())
-            return coulomb.QPResult(**{**vars(result), "x": factor * result.x})
+            return coulomb.SolverResult(**{**vars(result), "x": factor * result.x})
 
     with pytest.raises(NotConverged, match=r"\(stagnated\).*does not settle") as failure:
         SuccessiveTresca(memory=0, qp_solver=Stirring()).solve(wedge(3.0, 0.3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -10,9 +11,11 @@ import scipy.linalg
 from ..arrays import FloatArray
 from ..solvers.dense_system import augmented_matrix
 from ..solvers.friction_problem import FrictionProblem
-from ..solvers.newton_systems import AugmentedSystem, Linearization, NewtonStep
-from ..solvers.path_following import PathFollowing
-from ..solvers.scaling import ScaledQP
+from ..solvers.interior_point import InteriorPoint
+from ..solvers.linearization import Linearization
+from ..solvers.newton_systems import AugmentedSystem, NewtonStep, NewtonSystem
+from ..solvers.scaled_compliance import ScaledCompliance
+from ..solvers.scaled_problem import ScaledProblem
 
 
 @dataclass(frozen=True)
@@ -48,28 +51,35 @@ class Spectra:
         return float(self.schur[-1] / self.schur[0])
 
 
-def measure(qp: FrictionProblem, solver: PathFollowing | None = None) -> list[Spectra]:
+def measure(qp: FrictionProblem, solver: InteriorPoint | None = None) -> list[Spectra]:
     """Spectra of every step of a run on a small problem whose nodes all have a disc, on one rank.
 
     Args:
         qp: The problem; matrices are dense, of size (5 m)^2.
-        solver: Default: PathFollowing(); its Newton system is replaced by a J_AM/P_AM that records its linearisations.
+        solver: Default: InteriorPoint(); its Newton system is replaced by a J_AM/P_AM that records its linearisations.
     """
     seen: list[Linearization] = []
 
     class Recorded(AugmentedSystem):
-        def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep:
-            seen.append(at)
-            return super().solve(at, r1, r2, tolerance, cap)
+        def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
+            system = super().system(A, sloped)
+            solve = system.solve
 
-    replace(solver or PathFollowing(), newton=Recorded).solve(qp)
+            def recorded(at: Linearization, *rest: Any) -> NewtonStep:
+                seen.append(at)
+                return solve(at, *rest)
+
+            system.solve = recorded  # type: ignore[method-assign, assignment]
+            return system
+
+    replace(solver or InteriorPoint(), newton=Recorded(rank=0)).solve(qp)
     A = scaled_matrix(qp)
     return [_spectra(number, A, at) for number, at in enumerate(seen, start=1)]
 
 
 def scaled_matrix(qp: FrictionProblem) -> FloatArray:
     """A in the variables in which the solver works, dense, shape (3 m, 3 m)."""
-    problem = ScaledQP(qp)
+    problem = ScaledProblem(qp)
     columns = [problem.A.mult(e.reshape(-1, 3)).ravel() for e in np.eye(3 * problem.nodes)]
     return np.array(columns).T
 

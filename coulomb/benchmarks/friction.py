@@ -8,31 +8,30 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..solvers.cone_systems import DenseConeSystem
-from ..solvers.friction_problem import CoulombSolver, FrictionProblem
+from ..solvers.dense_system import DenseSystem
+from ..solvers.friction_problem import FrictionProblem, Solver
+from ..solvers.interior_point import InteriorPoint
 from ..solvers.newton_systems import AugmentedSystem
-from ..solvers.one_loop import OneLoop
-from ..solvers.path_following import PathFollowing
 from ..solvers.results import NotConverged
 from ..solvers.successive_tresca import SuccessiveTresca
 from .block import block
 
 FRICTION = (0.1, 0.3, 0.8, 1.5)
 DENSE_UP_TO = 10
-"""Cells per metre up to which the dense one loop is measured."""
+"""Cells per metre up to which the interior-point method is measured with dense Newton systems."""
 
 TRESCA = "one Tresca problem"
 
 
-def solvers(tolerance: float) -> dict[str, CoulombSolver]:
+def solvers(tolerance: float) -> dict[str, Solver]:
     """The methods: successive Tresca with every problem solved to full accuracy, with inner accuracy tied to the outer
-    residual, and accelerated as well (its default); and the one loop."""
+    residual, and accelerated as well (its default); and the interior-point method on the whole problem (`one-loop`)."""
     return {
         "plain": SuccessiveTresca(tolerance, inner_precision=1e-12, memory=0, damping=1.0),
         "inexact": SuccessiveTresca(tolerance, memory=0, damping=1.0),
         "accelerated": SuccessiveTresca(tolerance),
-        "one-loop": OneLoop(tolerance),
-        "one-loop dense": OneLoop(tolerance, newton=DenseConeSystem),
+        "one-loop": InteriorPoint(tolerance),
+        "one-loop dense": InteriorPoint(tolerance, newton=DenseSystem()),
     }
 
 
@@ -64,7 +63,7 @@ def measure(sizes: Iterable[int], friction: Iterable[float], tolerance: float, r
             answer, seconds = _least(_tresca, problem, tolerance, repeats)
             krylov = sum(step.krylov for step in answer.history)
             status = answer.status.value
-            yield Row(TRESCA, p, F, 0, answer.iterations, answer.products, krylov, seconds, answer.residual, status)
+            yield Row(TRESCA, p, F, 0, answer.newton_steps, answer.products, krylov, seconds, answer.residual, status)
             for name, solver in solvers(tolerance).items():
                 if name == "one-loop dense" and p > DENSE_UP_TO:
                     continue
@@ -73,8 +72,8 @@ def measure(sizes: Iterable[int], friction: Iterable[float], tolerance: float, r
                     method=name,
                     p=p,
                     friction=F,
-                    outer=result.iterations,
-                    path_following=result.path_following,
+                    outer=result.outer_steps,
+                    path_following=result.newton_steps,
                     products=result.products,
                     krylov=sum(step.krylov for step in result.history),
                     seconds=seconds,
@@ -98,11 +97,11 @@ def _least(
     return result, min(seconds)
 
 
-def _coulomb(problem: FrictionProblem, solver: CoulombSolver) -> Callable[[], Any]:
+def _coulomb(problem: FrictionProblem, solver: Solver) -> Callable[[], Any]:
     return lambda: solver.solve(problem)
 
 
 def _tresca(problem: FrictionProblem, tolerance: float) -> Callable[[], Any]:
-    g = problem.slip_bound(OneLoop(tolerance).solve(problem).x)
-    paper = PathFollowing(tolerance, newton=AugmentedSystem)
+    g = problem.slip_bound(InteriorPoint(tolerance).solve(problem).x)
+    paper = InteriorPoint(tolerance, newton=AugmentedSystem(rank=0))
     return lambda: paper.solve(problem.with_slip_bound(g))

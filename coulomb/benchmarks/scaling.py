@@ -24,9 +24,9 @@ from ..io.peak_memory import peak_memory
 from ..linalg.stiffness import DirectSolver, IterativeSolver
 from ..model.problem import ContactProblem
 from ..ranks import ALONE
-from ..solvers.condensed import CondensedConeSystem
-from ..solvers.one_loop import OneLoop
-from ..solvers.results import CoulombResult, NotConverged
+from ..solvers.condensed import CondensedSystem
+from ..solvers.interior_point import InteriorPoint
+from ..solvers.results import NotConverged
 from .block import block
 
 SIZES = (8, 16, 24, 32, 46)
@@ -112,7 +112,7 @@ def run(p: int, friction: float, tolerance: float, method: str, newton: str, sta
     if newton == "condensed":
         options["auto"] = options["iterative"]
         options["direct"]["explicit"] = False
-        solver = OneLoop(tolerance, newton=CondensedConeSystem)
+        solver = InteriorPoint(tolerance, newton=CondensedSystem())
     body = block(p, friction, **options[method])
     yardstick = _yardstick(body)
     comm.barrier()
@@ -126,13 +126,12 @@ def run(p: int, friction: float, tolerance: float, method: str, newton: str, sta
     comm.barrier()
     seconds = time.perf_counter() - began
     result = solution.result
-    assert isinstance(result, CoulombResult)
     return Row(
         p=p,
         unknowns=body.unknowns["displacement"],
         contact=body.unknowns["contact"],
         ranks=comm.size,
-        path_following=result.path_following,
+        path_following=result.newton_steps,
         krylov=sum(step.krylov for step in result.history),
         seconds=seconds,
         yardstick_seconds=yardstick,

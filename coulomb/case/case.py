@@ -36,7 +36,7 @@ if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validat
     from ..fem.loaded_body import LoadedBody, PrescribedDisplacement, Spring, Traction
     from ..model.load_history import LoadHistory
     from ..model.problem import ContactProblem
-    from ..solvers.friction_problem import CoulombSolver, QPSolver
+    from ..solvers.friction_problem import Solver
 
 
 _log = logging.getLogger(__name__)
@@ -190,7 +190,7 @@ class Case(Table):
             halvings=self.history.halvings,
         )
 
-    def contact_solver(self) -> CoulombSolver | QPSolver:
+    def contact_solver(self) -> Solver:
         """The solver of the case."""
         return self.solver.contact_solver(any(table.sloped for table in self.contacts.values()))
 

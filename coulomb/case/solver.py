@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -11,8 +12,8 @@ from .renamed import current_method
 from .values import FileName, Rounds
 
 if TYPE_CHECKING:
-    from ..solvers.friction_problem import CoulombSolver, QPSolver
-    from ..solvers.newton_systems import NewtonSystem
+    from ..solvers.friction_problem import Solver
+    from ..solvers.newton_systems import NewtonChoice
 
 
 class SolverTable(Table):
@@ -35,39 +36,35 @@ class SolverTable(Table):
             raise ValueError('newton = "condensed" works with K in place of A: leave compliance at "auto"')
         return self
 
-    def contact_solver(self, sloped: bool) -> CoulombSolver | QPSolver:
+    def contact_solver(self, sloped: bool) -> Solver:
         """The solver of the table; the paper's Newton systems imply successive Tresca.
 
         Args:
             sloped: Whether friction grows with pressure at any node.
         """
         from ..solvers.automatic import Automatic
-        from ..solvers.condensed import CondensedConeSystem, CondensedSystem
-        from ..solvers.cone_systems import DenseConeSystem
+        from ..solvers.condensed import CondensedSystem
         from ..solvers.dense_system import DenseSystem
-        from ..solvers.newton_systems import AugmentedSystem, RecyclingSystem, SchurComplementSystem
-        from ..solvers.one_loop import OneLoop
-        from ..solvers.path_following import PathFollowing
+        from ..solvers.interior_point import InteriorPoint
+        from ..solvers.newton_systems import AugmentedSystem, SchurComplementSystem
         from ..solvers.successive_tresca import SuccessiveTresca
 
-        systems: dict[str, type[NewtonSystem]] = {
-            "recycling": RecyclingSystem,
-            "augmented": AugmentedSystem,
-            "schur": SchurComplementSystem,
-            "dense": DenseSystem,
-            "condensed": CondensedSystem,
+        systems: dict[str, NewtonChoice] = {
+            "recycling": AugmentedSystem(),
+            "augmented": AugmentedSystem(rank=0),
+            "schur": SchurComplementSystem(rank=0),
+            "dense": DenseSystem(),
+            "condensed": CondensedSystem(),
         }
-        path_following = PathFollowing(tolerance=self.tolerance, newton=systems[self.newton])
-        if self.method == "auto" and not sloped:
-            return path_following
+        whole = InteriorPoint(self.tolerance, newton=systems[self.newton])
+        if not sloped and self.method == "auto":
+            return whole
+        if self.newton in ("dense", "condensed") and self.method != "successive-tresca":
+            return whole
         if self.method == "successive-tresca" or self.newton in ("augmented", "schur"):
             most = SuccessiveTresca.max_iterations if self.max_outer is None else self.max_outer
-            return SuccessiveTresca(self.tolerance, path_following, max_iterations=most)
-        if self.newton == "dense":
-            return OneLoop(self.tolerance, newton=DenseConeSystem)
-        if self.newton == "condensed":
-            return OneLoop(self.tolerance, newton=CondensedConeSystem)
-        return OneLoop(self.tolerance) if self.method == "one-loop" else Automatic(self.tolerance)
+            return SuccessiveTresca(self.tolerance, replace(whole, r_tol=0.1, c_fact=0.9), max_iterations=most)
+        return InteriorPoint(self.tolerance) if self.method == "one-loop" else Automatic(self.tolerance)
 
 
 class OutputTable(Table):

@@ -29,7 +29,7 @@ from .console import errors as _errors
 
 if TYPE_CHECKING:
     from ..case.case import Case
-    from ..solvers.friction_problem import CoulombSolver
+    from ..solvers.friction_problem import Solver
 
 app = typer.Typer(
     epilog=EXIT_CODES,
@@ -145,14 +145,14 @@ def fclib(
     from ..solvers.automatic import Automatic
     from ..solvers.dense_system import DenseSystem
     from ..solvers.general import solve_coulomb
-    from ..solvers.path_following import PathFollowing
-    from ..solvers.results import CoulombResult, NotConverged
+    from ..solvers.interior_point import InteriorPoint
+    from ..solvers.results import NotConverged
     from ..solvers.successive_tresca import SuccessiveTresca
 
     trouble = ""
-    solver: CoulombSolver = Automatic(tolerance)
+    solver: Solver = Automatic(tolerance)
     if dense:
-        solver = SuccessiveTresca(tolerance, PathFollowing(newton=DenseSystem))
+        solver = SuccessiveTresca(tolerance, InteriorPoint(newton=DenseSystem()))
     try:
         problem = read_fclib(file)
         result = solve_coulomb(problem.W, -problem.q, problem.mu, solver)
@@ -160,7 +160,6 @@ def fclib(
         _errors.print(f"error: {error}", markup=False)
         raise typer.Exit(BAD_INPUT) from None
     except NotConverged as failure:
-        assert isinstance(failure.result, CoulombResult)
         result, trouble = failure.result, str(failure)
     report = {
         "file": str(file),
@@ -170,8 +169,8 @@ def fclib(
         "residual": result.residual,
         "fclib_residual": problem.residual(result.x),
         "method": result.method,
-        "outer": result.iterations,
-        "path_following": result.path_following,
+        "outer": result.outer_steps,
+        "path_following": result.newton_steps,
         "products": result.products,
     }
     if as_json:

@@ -15,7 +15,6 @@ from ..model.certificate import Certificate
 from ..model.nodal_answer import NodalAnswer
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
-from ..solvers.results import CoulombResult
 from ..version import __version__
 from .environment import versions
 from .peak_memory import peak_memory
@@ -44,16 +43,16 @@ def summary(solution: Solution) -> dict[str, Any]:
         "material": _materials(problem),
         "mean_compliance": problem.mean_compliance,
         "method": {
-            "solver": result.method if isinstance(result, CoulombResult) else "path following",
+            "solver": result.method,
             "stiffness": problem.body.stiffness_solver.name,
             "compliance": problem.A.name,
             "ranks": problem.comm.size,
         },
         "residual": result.residual,
-        "contraction": result.contraction if isinstance(result, CoulombResult) else None,
+        "contraction": result.contraction if result.outer_steps else None,
         "iterations": {
-            "outer": result.iterations if isinstance(result, CoulombResult) else 0,
-            "path_following": result.path_following if isinstance(result, CoulombResult) else result.iterations,
+            "outer": result.outer_steps,
+            "path_following": result.newton_steps,
             "products": result.products,
             "krylov": krylov,
         },

@@ -1,4 +1,4 @@
-"""The contact compliance A = B K^-1 B^T: what the contact nodes give way under the contact forces."""
+"""The contact compliance (Delassus operator) A = B K^-1 B^T: displacements of the contact nodes under their forces."""
 
 from __future__ import annotations
 
@@ -28,23 +28,18 @@ class Compliance(Protocol):
         nodes: Contact nodes m of this rank, perhaps none.
         products: Products made so far.
         exact: Whether a product is as exact as rounding allows, whatever tolerance is given.
-        name: What the summary calls it.
+        name: Its name in the summary.
+        matrix_free: Itself where it keeps K and B, with which condensed Newton systems work; else None.
     """
 
-    @property
-    def comm(self) -> MPI.Comm: ...
+    comm: MPI.Comm
+    nodes: int
+    products: int
+    exact: bool
+    name: str
 
     @property
-    def nodes(self) -> int: ...
-
-    @property
-    def products(self) -> int: ...
-
-    @property
-    def exact(self) -> bool: ...
-
-    @property
-    def name(self) -> str: ...
+    def matrix_free(self) -> MatrixFreeCompliance | None: ...
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         """y <- A x, both of shape (3 m,); counted, collective.
@@ -52,12 +47,12 @@ class Compliance(Protocol):
         Args:
             x: Forces in newtons.
             y: Displacements in metres.
-            tolerance: Where a product is the solution of a system: its relative residual may be so great.
+            tolerance: Where a product is the solution of a system: largest relative residual.
         """
         ...
 
-    def follow(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
-        """The same for an x that moves little from call to call: what is solved for is the change.
+    def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        """The same for an x that changes little from call to call: only the change is solved for.
 
         Its relative residual may be `tolerance`; residuals do not add up from call to call.  With 0, the product is as
         exact as mult's.
@@ -101,6 +96,7 @@ class MatrixCompliance:
 
     name = "matrix"
     exact = True
+    matrix_free: MatrixFreeCompliance | None = None
 
     def __init__(self, matrix: PETSc.Mat):
         self.matrix = matrix
@@ -118,7 +114,7 @@ class MatrixCompliance:
         y[:] = self._y.array_r
         self.products += 1
 
-    def follow(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+    def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         self.mult(x, y)
 
     def diagonal(self) -> FloatArray:
@@ -210,6 +206,7 @@ class SchurCompliance:
 
     name = "explicit"
     exact = True
+    matrix_free: MatrixFreeCompliance | None = None
 
     def __init__(self, B: PETSc.Mat, solver: MultifrontalSolver, diagonal: FloatArray | None = None):
         self.B = B  # not only its entries: the communicator lives as long as it
@@ -227,7 +224,7 @@ class SchurCompliance:
         y[:] = self._rows @ dtrsv(L, z, lower=1, trans=1, overwrite_x=1)
         self.products += 1
 
-    def follow(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+    def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         self.mult(x, y)
 
     def diagonal(self) -> FloatArray:
@@ -285,8 +282,8 @@ class MatrixFreeCompliance:
         self.products = 0
         self._u, self._x = B.createVecs()
         self._rhs = self._u.duplicate()
-        self._followed = self._u.duplicate()
-        self._followed.set(0.0)
+        self._last = self._u.duplicate()
+        self._last.set(0.0)
         self._diagonal = estimated_diagonal(self, B, K, probes)
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
@@ -297,32 +294,34 @@ class MatrixFreeCompliance:
         y[:] = self._x.array_r
         self.products += 1
 
-    def follow(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+    def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         """K v = B^T x for v by a correction of the last v."""
         self._x.array[:] = x
         self.B.multTranspose(self._x, self._rhs)
         size = self._rhs.norm()
-        self.K.mult(self._followed, self._u)
+        self.K.mult(self._last, self._u)
         self._rhs.axpy(-1.0, self._u)
         left = self._rhs.norm()
         if left > self._solver.tolerance * size:
             self._solver.solve(self._rhs, self._u, max(tolerance, self._solver.tolerance * size / left))
-            self._followed.axpy(1.0, self._u)
-        self.B.mult(self._followed, self._x)
+            self._last.axpy(1.0, self._u)
+        self.B.mult(self._last, self._x)
         y[:] = self._x.array_r
         self.products += 1
 
-    def response(self, x: FloatArray, tolerance: float = 0.0) -> PETSc.Vec:
-        """K^-1 B^T x, its change to a relative accuracy; by a correction where `follow` has been near.
+    @property
+    def matrix_free(self) -> MatrixFreeCompliance:
+        """Itself: it keeps K and B."""
+        return self
 
-        Not to be changed.
-        """
-        self.follow(x, np.empty_like(x), tolerance)
-        return self._followed
+    def response(self, x: FloatArray, tolerance: float = 0.0) -> PETSc.Vec:
+        """K^-1 B^T x, its change to a relative accuracy; by a correction of the last one; not to be changed."""
+        self.mult_incremental(x, np.empty_like(x), tolerance)
+        return self._last
 
     def guess(self, response: PETSc.Vec) -> None:
-        """What is known of K^-1 B^T x of the x to come: `follow` starts there."""
-        response.copy(self._followed)
+        """An approximation of K^-1 B^T x for the next x: `mult_incremental` starts there."""
+        response.copy(self._last)
 
     def rotated(self, rotation: FloatArray, B: PETSc.Mat) -> MatrixFreeCompliance:
         return MatrixFreeCompliance(B, self.K, self._solver)

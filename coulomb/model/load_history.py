@@ -22,7 +22,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..solvers.friction_problem import CoulombSolver, QPSolver
+from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, Status
 from .certificate import judge
 from .load_step import Energy, LoadStep, State
@@ -54,7 +54,7 @@ class LoadHistory:
     times: Sequence[float]
     start: float = 0.0
     tolerance: float = 1e-8
-    solver: CoulombSolver | QPSolver | None = None
+    solver: Solver | None = None
     halvings: int = HALVINGS
 
     def __post_init__(self) -> None:

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
-from ..solvers.results import CoulombResult
 from .nodal_answer import NodalAnswer
 from .solution import Solution
 
@@ -175,7 +174,7 @@ class LoadStep:
         return row(
             NodalAnswer.of(self.solution).numbers(),
             self.state,
-            steps=result.path_following if isinstance(result, CoulombResult) else result.iterations,
+            steps=result.newton_steps,
             residual=result.residual,
             certified=certificate.passed,
             valid=self.solution.valid,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -20,10 +19,10 @@ from ..fem.surface import ContactSurface
 from ..fem.user_values import Amplitude, Field
 from ..linalg.compliance import BodyCompliance
 from ..linalg.methods import LinearSolver
-from ..solvers.automatic import default_solver
-from ..solvers.friction_problem import CoulombSolver, FrictionProblem, QPSolver
+from ..solvers.automatic import Automatic
+from ..solvers.friction_problem import FrictionProblem, Solver
 from ..solvers.laws import FrictionLaw
-from ..solvers.results import CoulombResult, NotConverged, ProgressCallback, QPResult
+from ..solvers.results import NotConverged, ProgressCallback, SolverResult
 from .acceptance import CERTIFIED_FROM, Acceptance
 from .contact import Contact
 from .contact_body import ContactBody
@@ -254,7 +253,7 @@ class ContactProblem:
     def solve(
         self,
         tolerance: float = 1e-8,
-        solver: CoulombSolver | QPSolver | None = None,
+        solver: Solver | None = None,
         progress: ProgressCallback | None = None,
         start: FloatArray | None = None,
     ) -> Solution:
@@ -263,42 +262,36 @@ class ContactProblem:
         Args:
             tolerance: Residual of the problem at which to stop, once the certificate passes; a
                 tolerance above 1e-8 asks for less, and the solver stops at it whatever the certificate says.
-            solver: In place of the default (and of its tolerance).  Where friction grows with pressure Automatic (the
-                default), OneLoop or SuccessiveTresca; where it does not, PathFollowing (the default) or KPRGP besides.
-                Condensed Newton systems of these need explicit=False.
-            progress: Called after every path-following step.
+            solver: In place of the default (and of its tolerance): Automatic (the default), InteriorPoint or
+                SuccessiveTresca; where no friction grows with pressure, also KPRGP.  Condensed Newton systems need
+                explicit=False.
+            progress: Called after every step.
             start: Forces in newtons to start from, shape (3 m,), as those of a load step before, or of a coarser mesh
-                (`interpolated_forces`); used where friction grows with pressure.
+                (`interpolated_forces`).
 
         Raises:
             NotConverged: If the residual stays above the tolerance, or the certificate does not pass however small the
                 residual; `solution(error.result)` has what there is.
         """
         problem = self.friction_problem  # what K^-1, A and b take is timed on its own
-        chosen: Any = solver or default_solver(problem, tolerance)
+        chosen = solver or Automatic(tolerance)
         acceptance = Acceptance(self)
         if chosen.tolerance <= CERTIFIED_FROM:
             problem = replace(problem, accept=acceptance)
         with timed(self.seconds, "solve"):
             try:
-                result: CoulombResult | QPResult = (
-                    chosen.solve(problem, start=start, progress=progress)
-                    if problem.sloped
-                    else chosen.solve(problem, progress=progress)
-                )
+                result = chosen.solve(problem, start, progress=progress)
             except NotConverged as failure:
                 raise acceptance.explained(failure, chosen.tolerance) from None
         answer = self.solution(result, acceptance)
         warn(answer)
         return answer
 
-    def solution(self, result: CoulombResult | QPResult, acceptance: Acceptance | None = None) -> Solution:
+    def solution(self, result: SolverResult, acceptance: Acceptance | None = None) -> Solution:
         """Displacement and certificate of a solver's result, converged or not; from `acceptance` where it has them."""
         judged = (acceptance or Acceptance(self)).answer(result.x)
         x = judged.contact_force
-        g = self.slip_bound(x)
-        if isinstance(result, CoulombResult):
-            g = np.where(g > 0.0, result.slip_bound, 0.0)  # as the forces, exactly zero at open nodes
+        g = np.where(self.slip_bound(x) > 0.0, result.slip_bound, 0.0)  # as the forces, exactly zero at open nodes
         return Solution(self, x, judged.displacement, g, result, judged.certificate)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..arrays import FloatArray
-from ..solvers.results import CoulombResult, QPResult
+from ..solvers.results import SolverResult
 from .certificate import Certificate
 from .nodal_answer import NodalAnswer
 from .small_strain import SmallStrain, small_strain
@@ -38,7 +38,7 @@ class Solution:
     contact_force: FloatArray
     displacement: FloatArray
     slip_bound: FloatArray
-    result: CoulombResult | QPResult
+    result: SolverResult
     certificate: Certificate
 
     @property

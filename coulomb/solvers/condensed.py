@@ -1,32 +1,32 @@
-"""Condensed Newton systems: one sparse system on the displacements a step, K stiffened by springs at the contact nodes.
+"""Condensed Newton systems: one sparse system on the displacements per step, K with springs at the contact nodes.
 
 Derivation.  A step of path following solves (A + C) dx = r with A = B K^-1 B^T and C nodal.  In place of A x the path
-carries a displacement y near K^-1 B^T x, by which A x is B y, and what it lacks, R = B^T x - K y.  With w the change of
-y the step is
+keeps a displacement y near K^-1 B^T x, by which A x is B y, and its residual R = B^T x - K y.  With w the change of y
+the step is
 
     B w + C dx = r,   K w - B^T dx = R        hence        (K + B^T C^-1 B) w = B^T C^-1 r + R,   dx = C^-1 (r - B w)
 
 The contact rows hold exactly however inexactly the system is solved: its residual e is what R becomes at the end of the
-step, together with the bend of the curve on which x moves, and the next step takes it away.  (To make A x exact after
+step, together with the bend of the curve on which x moves, and the next step removes it.  (To make A x exact after
 every step instead turns e into the gradient error B K^-1 e, which stiff springs answer by large forces.)  So |e| need
 only fall as the path falls: to a part of |R|, and to a part of the right-hand side.
 
 The matrix has the nonzeros of K, since C couples only the three unknowns of a node: C^-1 is the stiffness of a spring,
 soft where a node opens, stiff where it sticks, between the two where it slips.  C is bounded from below by a small part
-of 1/K_ii, so that springs stay finite; this changes the step, not what it aims at.
+of 1/K_ii, so that springs stay finite; this changes the step, not its aim.
 
-- Tresca: C = J11 - A + J12 D22^-1 J21, symmetric.  CG.
-- Coulomb: dx_n acts on the row of dx_t, so C and C^-1 are block-triangular.  FGMRES on the whole of it, the
+- Without slope C = J11 - A + J12 D22^-1 J21 is symmetric.  CG.
+- With slope dx_n acts on the row of dx_t, so C and C^-1 are block-triangular.  FGMRES on the whole of it, the
   preconditioner made with C_d, which is C without that entry: (K + B^T C^-1 B) preconditioned is then nearly the
-  identity plus the linearised fixed-point map g -> F x_n, whose size is the contraction of successive Tresca.
+  identity plus the linearised fixed-point map g -> r(x_n), whose size is the contraction of successive Tresca.
 
 Preconditioner: PETSc's GAMG on K + B^T C_d^-1 B, made anew every step, with the rigid body modes; two symmetric sweeps
 of Gauss-Seidel on the finest level, which PETSc does by 3 x 3 blocks where the rows of a node have the same nonzeros;
 Chebyshev with Jacobi on the others, where blocks of small aggregates are singular.
 
-Observed (docs/measurements.md): the steps of the default, 7 to 13 FGMRES iterations a step for Coulomb friction, 11 to
-16 of CG for Tresca's.  Not proved: a bound on them.  CONVERGED is said by the residual of the problem with A x as exact
-as can be, corrected from y, whatever R was on the way.
+Observed (docs/measurements.md): the steps of the default, 7 to 13 FGMRES iterations per step for Coulomb friction, 11
+to 16 of CG for Tresca's.  Not proved: a bound on them.  CONVERGED is decided by the residual of the problem with A x as
+exact as can be, corrected from y, whatever R was on the way.
 
 Memory: K, this matrix and its multigrid, beside the multigrid of K^-1 with which answers are judged; vectors.  Nothing
 grows with the square of the contact nodes.
@@ -34,62 +34,70 @@ grows with the square of the contact nodes.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..linalg.compliance import MatrixFreeCompliance
 from ..linalg.reductions import Reductions
 from ..linalg.stiffness import configured_ksp
-from .cone import ConeLinearization
-from .cone_systems import ConeStep
-from .newton_systems import Linearization, NewtonStep, disc_inverse, like
+from .linearization import Linearization, NodalInverse
+from .newton_systems import NewtonStep, NewtonSystem
 from .scaled_compliance import ScaledCompliance
 
-_CONTRAST = 1e-7  # C is at least this part of 1/K_ii
-_LOOSE = 1e-2  # |e| over that of the right-hand side
-_SHARE = 0.3  # |e| over |R|: what A x lacks falls with theta
-_TIGHT = 1e-10  # |e| over that of the right-hand side, below which rounding has its say
-_START = 0.03  # accuracy of the first y
-_MOST = 200  # Krylov iterations of a step
 
-_MULTIGRID = {
-    "ksp_norm_type": "unpreconditioned",
-    "pc_type": "gamg",
-    "pc_gamg_threshold": 0.02,
-    "mg_levels_ksp_type": "chebyshev",
-    "mg_levels_pc_type": "jacobi",
-}
+def _multigrid() -> dict[str, str | float]:
+    return {
+        "ksp_norm_type": "unpreconditioned",
+        "pc_type": "gamg",
+        "pc_gamg_threshold": 0.02,
+        "mg_levels_ksp_type": "chebyshev",
+        "mg_levels_pc_type": "jacobi",
+    }
 
 
-class _Condensed(ABC):
-    """The carried displacement, the stiffened matrix, and a step with it.
+@dataclass(frozen=True)
+class CondensedSystem:
+    """K with springs at the contact nodes in place of A; needs a compliance that keeps K and B.
 
-    Args:
-        A: The scaled compliance, of one that has K and B.
-
-    Raises:
-        ValueError: On every rank, if it has not.
+    Attributes:
+        contrast: C is at least this part of 1/K_ii.
+        loose: |e| over that of the right-hand side, at most.
+        share: |e| over |R|: R falls with theta.
+        tight: |e| over that of the right-hand side, at least: below it is rounding.
+        first: Accuracy of the first y, at best.
+        max_iterations: Krylov iterations of a step.
+        multigrid: PETSc's options.
     """
 
-    method: str
-    """PETSc's name of the Krylov method."""
-    _operator: PETSc.Mat | None = None
-    """K + B^T C^-1 B, where that is not the stiffened matrix."""
-    _at: Linearization | ConeLinearization
+    contrast: float = 1e-7
+    loose: float = 1e-2
+    share: float = 0.3
+    tight: float = 1e-10
+    first: float = 0.03
+    max_iterations: int = 200
+    multigrid: dict[str, str | float] = field(default_factory=_multigrid)
 
-    def __init__(self, A: ScaledCompliance):
-        compliance = A.A
-        if not isinstance(compliance, MatrixFreeCompliance):
+    def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
+        """See `NewtonChoice`; a ValueError on every rank if the compliance does not keep K and B."""
+        return _Condensed(A, sloped, self)
+
+
+class _Condensed:
+    """The displacement y, the stiffened matrix, and a step with it."""
+
+    def __init__(self, A: ScaledCompliance, sloped: bool, settings: CondensedSystem):
+        compliance = A.A.matrix_free
+        if compliance is None:
             raise ValueError(
-                f"newton: a condensed system is made of the stiffness matrix, which the {compliance.name} compliance "
+                f"newton: a condensed system is made of the stiffness matrix, which the {A.A.name} compliance "
                 'does not keep: use ContactProblem(..., explicit=False), in a case file compliance = "matrix-free"'
             )
-        self._scaled, self._compliance = A, compliance
+        self._settings, self._scaled, self._compliance = settings, A, compliance
+        self._method = PETSc.KSP.Type.FGMRES if sloped else PETSc.KSP.Type.CG
         self._K, self._B = compliance.K, compliance.B
         self._nodes, self._frames = _nodal(self._B, self._K)
         self._stiffened = self._K.duplicate(copy=True)
@@ -102,24 +110,28 @@ class _Condensed(ABC):
         diagonal = self._K.getDiagonal()
         stiffness = np.einsum("ijk,ik->ij", self._frames**2, diagonal.array_r.reshape(-1, 3)[self._nodes])
         diagonal.destroy()
-        self._least: FloatArray = A.W**2 * _CONTRAST / (stiffness * A.a)
+        self._least: FloatArray = A.W**2 * settings.contrast / (stiffness * A.a)
+        self._operator = None  # K + B^T C^-1 B, where that is not the stiffened matrix
+        if sloped:
+            self._operator = PETSc.Mat().createPython(self._K.getSizes(), context=_Product(self._mult), comm=A.comm)
+            self._operator.setUp()
 
     # --- A x of the iterates ------------------------------------------------------------------------------------
 
     def start(self, x: FloatArray, tolerance: float) -> FloatArray:
-        """y of the first iterate; what it lacks, the first step adds."""
-        self._compliance.response(self._scaled.forces(x), max(tolerance, _START)).copy(self._y)
+        """B y of the first iterate; the first step adds the rest of y."""
+        self._compliance.response(self._scaled.forces(x), max(tolerance, self._settings.first)).copy(self._y)
         return self._image(x)
 
-    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
-        """y of the next iterate, alpha along the last step: a product by K, no solve."""
+    def advance(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
+        """B y of the next iterate: a product by K, no solve."""
         self._y.axpy(alpha, self._w)
         return self._image(x)
 
-    def judge(self, x: FloatArray) -> FloatArray:
+    def exact_product(self, x: FloatArray) -> FloatArray:
         """A x as exact as can be, by a correction of y; y stays as it is."""
         self._compliance.guess(self._y)
-        return self._scaled.follow(x)
+        return self._scaled.mult_incremental(x)
 
     def _image(self, x: FloatArray) -> FloatArray:
         self._spread(self._scaled.forces(x), self._rhs)
@@ -139,46 +151,37 @@ class _Condensed(ABC):
 
     # --- a step -------------------------------------------------------------------------------------------------
 
-    @abstractmethod
-    def _inverse(self, r: FloatArray) -> FloatArray:
-        """C^-1 r in scaled variables, (m, 3)."""
-
-    def _spring(self, r: FloatArray) -> FloatArray:
-        """C_d^-1 r in scaled variables, (m, 3, ...), multiplied out so that nothing cancels as D22 -> 0."""
-        at = self._at
-        z = np.empty_like(r)
-        z[:, 0] = r[:, 0] * like((at.D22 / (1.0 + self._least[:, :1] * at.D22))[:, :1], r)[:, 0]
-        D, S = self._pair()
-        z[:, 1:] = disc_inverse(like(D, r), like(at.y, r), like(at.D22[:, 1:], r), like(S[:, None], r), r[:, 1:])
-        z[~at.frictional, 1:] = 0.0
-        return z
-
-    def _pair(self) -> tuple[FloatArray, FloatArray]:
-        """Of the tangential block D + y y^T/D22: D (m, 2), and D22 + y^T D^-1 y (m,)."""
-        D = self._at.h[:, None] + self._least[:, 1:]
-        return D, self._at.D22[:, 1] + np.sum(self._at.y**2 / D, axis=1)
-
-    def _step(self, r: FloatArray) -> tuple[FloatArray, FloatArray, int]:
-        """dx and A dx, both (m, 3), and iterations."""
+    def solve(
+        self, at: Linearization, r1: FloatArray, r2: FloatArray, weight: FloatArray, tolerance: float, cap: float
+    ) -> NewtonStep:
+        """The step; R decides how exact it is (module docstring), weight, tolerance and cap do not matter."""
+        r = r1 + at.J12(r2 / at.D22)
+        self._spring = NodalInverse(at, self._least)
         self._stiffen()
-        self._spread(self._scaled.forces(self._inverse(r)), self._rhs)
+        self._spread(self._scaled.forces(self._spring(r)), self._rhs)
         self._rhs.axpy(1.0, self._R)
         size, lacking = self._rhs.norm(), self._R.norm()
-        ksp = configured_ksp(self._stiffened, self.method, _MULTIGRID, operator=self._operator)
+        settings = self._settings
+        ksp = configured_ksp(self._stiffened, self._method, settings.multigrid, operator=self._operator)
         _sweep_by_nodes(ksp)
         ksp.setErrorIfNotConverged(False)  # a poor step shows in its length, and in the residual that decides
-        goal = max(min(_LOOSE * size, _SHARE * lacking), _TIGHT * size)
-        ksp.setTolerances(rtol=0.0, atol=goal, divtol=1e30, max_it=_MOST)
+        goal = max(min(settings.loose * size, settings.share * lacking), settings.tight * size)
+        ksp.setTolerances(rtol=0.0, atol=goal, divtol=1e30, max_it=settings.max_iterations)
         ksp.solve(self._rhs, self._w)
         iterations = int(ksp.getIterationNumber())
         ksp.destroy()
         A_dx = self._gathered(self._w)
-        return self._inverse(r - A_dx), A_dx, iterations
+        dx = self._spring(r - A_dx)
+        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations)
+
+    def estimate(self, x: FloatArray) -> FloatArray:
+        """0: the effect of x beyond the step is in R, not in B y."""
+        return np.zeros_like(x)
 
     def _stiffen(self) -> None:
-        """K + B^T C_d^-1 B: K, and a block a contact node on its diagonal."""
+        """K + B^T C_d^-1 B: K, and a block per contact node on its diagonal."""
         A = self._scaled
-        springs = self._spring(np.tile(np.eye(3), (A.nodes, 1, 1))) * A.W[:, :, None] * A.W[:, None, :] / A.a
+        springs = self._spring.uncoupled(np.tile(np.eye(3), (A.nodes, 1, 1))) * A.W[:, :, None] * A.W[:, None, :] / A.a
         blocks = np.einsum("iak,iab,ibl->ikl", self._frames, springs, self._frames)
         self._K.copy(self._stiffened, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         at = (self._stiffened.getOwnershipRange()[0] // 3 + self._nodes).astype(PETSc.IntType)[:, None]
@@ -187,71 +190,16 @@ class _Condensed(ABC):
         self._stiffened.assemble()
 
     def destroy(self) -> None:
-        for thing in (self._stiffened, self._y, self._R, self._w, self._rhs, self._x):
+        operator = [] if self._operator is None else [self._operator]
+        for thing in (self._stiffened, self._y, self._R, self._w, self._rhs, self._x, *operator):
             thing.destroy()
 
-
-class CondensedSystem(_Condensed):
-    """The condensed system of a PF step: (K + B^T C^-1 B) w = B^T C^-1 r + R by CG."""
-
-    method = PETSc.KSP.Type.CG
-
-    def solve(self, at: Linearization, r1: FloatArray, r2: FloatArray, tolerance: float, cap: float) -> NewtonStep:
-        """The step; how exact it is, R decides (module docstring), tolerance and cap have no say."""
-        self._at = at
-        dx, A_dx, iterations = self._step(r1 + at.J12(r2 / at.D22))
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations)
-
-    def _inverse(self, r: FloatArray) -> FloatArray:
-        return self._spring(r)
-
-
-class CondensedConeSystem(_Condensed):
-    """The condensed system of a step of the one loop: the unsymmetric C by FGMRES, preconditioned with C_d."""
-
-    method = PETSc.KSP.Type.FGMRES
-    _at: ConeLinearization
-
-    def __init__(self, A: ScaledCompliance):
-        super().__init__(A)
-        self._operator = PETSc.Mat().createPython(self._K.getSizes(), context=_Product(self._mult), comm=A.comm)
-        self._operator.setUp()
-
-    def solve(
-        self, at: ConeLinearization, rhs: FloatArray, weight: FloatArray, tolerance: float, cap: float
-    ) -> ConeStep:
-        """The step; how exact it is, R decides (module docstring), weight, tolerance and cap have no say."""
-        self._at = at
-        return ConeStep(*self._step(rhs))
-
-    def estimate(self, x: FloatArray) -> FloatArray:
-        """Nothing: what x does beyond the step is in R, not in B y."""
-        return np.zeros_like(x)
-
-    def _inverse(self, r: FloatArray) -> FloatArray:
-        """The normal unknown first, then the pair that follows it."""
-        z = self._spring(r)
-        return z + self._following(z[:, 0])
-
-    def _following(self, dx_n: FloatArray) -> FloatArray:
-        """What dx_n (m,) adds to dx_t through the terms h F y and y c/D22 that it sends to its row; shape (m, 3)."""
-        at, (D, S) = self._at, self._pair()
-        drags = np.column_stack([np.zeros_like(dx_n), (at.h * at.F * dx_n)[:, None] * at.y])
-        z = self._spring(drags)
-        z[:, 1:] += at.y / D * (at.c * at.frictional * dx_n / S)[:, None]
-        return z
-
     def _mult(self, w: PETSc.Vec, image: PETSc.Vec) -> None:
-        """(K + B^T C_d^-1 B) w and, by the part of C^-1 that C_d^-1 leaves out, the friction that follows."""
+        """(K + B^T C_d^-1 B) w and, by the part of C^-1 that C_d^-1 leaves out, the friction that follows pressure."""
         self._stiffened.mult(w, image)
-        following = self._following(self._spring(self._gathered(w))[:, 0])
+        following = self._spring.follow(self._spring.uncoupled(self._gathered(w))[:, :1])
         self._x.array[:] = self._scaled.forces(following)
         self._B.multTransposeAdd(self._x, image, image)
-
-    def destroy(self) -> None:
-        assert self._operator is not None
-        self._operator.destroy()
-        super().destroy()
 
 
 class _Product:

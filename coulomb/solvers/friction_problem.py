@@ -12,7 +12,7 @@ from ..arrays import FloatArray
 from ..linalg.compliance import Compliance
 from ..linalg.reductions import Reductions
 from .laws import FrictionLaw
-from .results import Accept, CoulombResult, ProgressCallback, QPResult
+from .results import Accept, ProgressCallback, SolverResult
 
 
 @dataclass(frozen=True)
@@ -140,42 +140,24 @@ class FrictionProblem:
         return self.law.natural_residual(x, gradient, self.mean_diagonal, self.reductions, self.lower)
 
 
-def refuse_slope(problem: FrictionProblem, solver: str, other: str) -> None:
+def refuse_slope(problem: FrictionProblem, solver: str) -> None:
     """Refuse a problem whose friction grows with pressure, on behalf of a solver of Tresca problems; collective.
 
     Raises:
-        ValueError: On every rank, naming the solver and what to use in its place.
+        ValueError: On every rank, naming the solver and what to use instead.
     """
     if problem.sloped:
         raise ValueError(
-            f"{solver} solves problems with given slip bounds; where friction grows with pressure use {other} or "
-            f"SuccessiveTresca(qp_solver={solver}())"
+            f"{solver} solves problems with given slip bounds; where friction grows with pressure use "
+            f"InteriorPoint() or SuccessiveTresca(qp_solver={solver}())"
         )
 
 
-class QPSolver(Protocol):
-    """Anything that solves a Tresca problem.
+class Solver(Protocol):
+    """Anything that solves a problem with friction.
 
-    `solve` raises NotConverged, carrying the result, if the residual stays above the tolerance.
-    """
-
-    @property
-    def tolerance(self) -> float: ...
-
-    def solve(
-        self,
-        qp: FrictionProblem,
-        start: QPResult | None = None,
-        *,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> QPResult: ...
-
-
-class CoulombSolver(Protocol):
-    """Anything that solves a problem with any law of friction.
-
-    `solve` raises NotConverged, carrying the result, if the residual stays above the tolerance.
+    `solve` raises NotConverged, carrying the result, if the residual stays above the tolerance, and ValueError, if it
+    cannot work with this law or compliance.
     """
 
     @property
@@ -184,7 +166,19 @@ class CoulombSolver(Protocol):
     def solve(
         self,
         problem: FrictionProblem,
-        *,
         start: FloatArray | None = None,
+        *,
+        gradient: FloatArray | None = None,
+        tolerance: float | None = None,
         progress: ProgressCallback | None = None,
-    ) -> CoulombResult: ...
+    ) -> SolverResult:
+        """Solve.
+
+        Args:
+            problem: The problem.
+            start: Forces in newtons, shape (3 m,), of a nearby problem.
+            gradient: A start - b in metres, shape (3 m,), where it is known.
+            tolerance: In place of the solver's own.
+            progress: Called after every step.
+        """
+        ...

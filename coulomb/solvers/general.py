@@ -13,10 +13,10 @@ from ..arrays import FloatArray
 from ..linalg.compliance import Compliance, MatrixCompliance
 from ..linalg.reductions import Reductions
 from .automatic import Automatic
-from .friction_problem import CoulombSolver, FrictionProblem, QPSolver
+from .friction_problem import FrictionProblem, Solver
+from .interior_point import InteriorPoint
 from .laws import FrictionLaw
-from .path_following import PathFollowing
-from .results import CoulombResult, QPResult
+from .results import SolverResult
 
 
 def solve_tresca(
@@ -24,8 +24,8 @@ def solve_tresca(
     b: Any,
     slip_bound: Any,
     lower: Any = 0.0,
-    solver: QPSolver | None = None,
-) -> QPResult:
+    solver: Solver | None = None,
+) -> SolverResult:
     """min 1/2 x^T A x - b^T x  subject to  x_n >= lower,  |x_t| <= slip_bound  at every contact.
 
     Args:
@@ -34,7 +34,7 @@ def solve_tresca(
         b: Shape (3 m,), contact by contact (n, t1, t2); with a PETSc matrix, this rank's part.
         slip_bound: Radius of every friction disc, >= 0; a number or shape (m,).
         lower: Lower bound of the normal forces; a number or shape (m,).
-        solver: PathFollowing() by default, or KPRGP().
+        solver: InteriorPoint() by default, or KPRGP().
 
     Returns:
         The answer, x contact by contact.
@@ -46,19 +46,17 @@ def solve_tresca(
     compliance = _compliance(A)
     bound = _for_each("slip_bound", slip_bound, compliance.nodes)
     qp = FrictionProblem.tresca(compliance, _numbers("b", b), bound, _numbers("lower", lower))
-    return (solver or PathFollowing()).solve(qp)
+    return (solver or InteriorPoint()).solve(qp)
 
 
-def solve_coulomb(
-    A: Any, b: Any, friction: Any, solver: CoulombSolver | None = None, *, cohesion: Any = 0.0
-) -> CoulombResult:
+def solve_coulomb(A: Any, b: Any, friction: Any, solver: Solver | None = None, *, cohesion: Any = 0.0) -> SolverResult:
     """The same with slip_bound = cohesion + friction x_n at the solution.
 
     Args:
         A: As for `solve_tresca`.
         b: As for `solve_tresca`.
         friction: Coefficient of every contact, >= 0; a number or shape (m,).
-        solver: Automatic() by default; OneLoop() or SuccessiveTresca().
+        solver: Automatic() by default; InteriorPoint() or SuccessiveTresca().
         cohesion: Friction force that every contact bears without pressure, >= 0, in units of force; a number or (m,).
 
     Raises:

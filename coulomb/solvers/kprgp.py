@@ -19,7 +19,7 @@ from .results import (
     NotConverged,
     Progress,
     ProgressCallback,
-    QPResult,
+    SolverResult,
     Status,
     StepKind,
     check_constants,
@@ -49,7 +49,7 @@ class KPRGP:
     """Algorithm KPRGP as a value.
 
     Attributes:
-        tolerance: Natural residual of the QP at which to stop (`FrictionProblem.residual`), as for PathFollowing.
+        tolerance: Natural residual of the QP at which to stop (`FrictionProblem.residual`), as for InteriorPoint.
         proportionality: Gamma > 0: CG goes on while |beta|^2 <= Gamma^2 phi~^T phi.
         step: Fixed step of the gradient projections, times |A|, in (0, 2).
         max_iterations: Steps of all kinds before the solver gives up.
@@ -75,17 +75,18 @@ class KPRGP:
     def solve(
         self,
         qp: FrictionProblem,
-        start: QPResult | None = None,
+        start: FloatArray | None = None,
         *,
+        gradient: FloatArray | None = None,
         tolerance: float | None = None,
         progress: ProgressCallback | None = None,
-    ) -> QPResult:
-        """Solve a Tresca problem; arguments, result and errors as those of `PathFollowing.solve`."""
-        refuse_slope(qp, "KPRGP", "OneLoop()")
+    ) -> SolverResult:
+        """Solve a Tresca problem; arguments, result and errors as those of `Solver.solve`."""
+        refuse_slope(qp, "KPRGP")
         tolerance = self.tolerance if tolerance is None else tolerance
         over, products = qp.reductions, qp.A.products
         a = self.step / norm_of(qp)
-        x = qp.project(np.zeros_like(qp.b) if start is None else start.x)
+        x = qp.project(np.zeros_like(qp.b) if start is None else start)
         gradient = qp.gradient(x)
         residual = qp.residual(x, gradient)
         goal, best, best_at = Goal(tolerance, qp.accept), residual, 0
@@ -132,15 +133,18 @@ class KPRGP:
             if goal.refused and len(history) - best_at >= _PATIENCE:
                 status = Status.STAGNATED
                 break
-        result = QPResult(
+        result = SolverResult(
             x=x,
             gradient=gradient,
+            slip_bound=qp.slip_bound(x),
             multipliers=_multipliers(qp, x, gradient),
             status=goal.verdict(residual, x, status),
-            iterations=len(history),
+            outer_steps=0,
+            newton_steps=0,
             products=qp.A.products - products,
             residual=residual,
             history=tuple(history),
+            method="KPRGP",
         )
         if result.status is not Status.CONVERGED:
             raise NotConverged(

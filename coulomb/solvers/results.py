@@ -1,11 +1,12 @@
-"""What a solver gives back: a status that was earned, the answer, and how it went."""
+"""What a solver returns: a status, the answer, and a record of its steps."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Literal
+from typing import Literal
 
 from ..arrays import FloatArray
 
@@ -36,33 +37,16 @@ def check_constants(owner: object, bounds: Iterable[tuple[str, bool, str]]) -> N
             raise ValueError(f"{type(owner).__name__}: {name} must be {must}, but is {getattr(owner, name)}")
 
 
-def check_path_constants(of: Any) -> None:
-    """`check_constants` of what Algorithm PF and the one loop share, with the bounds that their theory demands."""
-    check_constants(
-        of,
-        (
-            ("tolerance", of.tolerance > 0.0, "> 0"),
-            ("r_tol", 0.0 < of.r_tol < 1.0, "in (0, 1)"),
-            ("c_fact", 0.0 < of.c_fact < 1.0, "in (0, 1)"),
-            ("gamma", 0.0 < of.gamma < 1.0, "in (0, 1)"),
-            ("beta", of.beta > 0.0, "> 0"),
-            ("sigma_min", 0.0 < of.sigma_min <= of.sigma_max, "in (0, sigma_max]"),
-            ("sigma_max", of.sigma_max <= 0.5, "at most 1/2"),
-            ("max_iterations", of.max_iterations >= 1, "at least 1"),
-        ),
-    )
-
-
 Accept = Callable[[FloatArray], bool]
 """Whether forces in newtons, shape (3 m,), pass the certificate of the problem they belong to; collective."""
 
 
 class Goal:
-    """When a solver may stop: its residual is small enough, and the certificate would pass.
+    """When a solver may stop: its residual is small enough, and the certificate passes.
 
     The natural residual measures gaps by the mean compliance of the contact nodes.  Where soft springs hold the body,
-    that compliance is the springs', and gaps that are large for the deformation are small for the residual: then
-    `accept` refuses the answer, and is asked again each time the residual has halved, and once more in the end.
+    that compliance is the springs', and gaps that are large compared with the deformation are small in the residual:
+    then `accept` refuses the answer, and is called again each time the residual has halved, and once more at the end.
 
     Args:
         tolerance: Residual to reach.
@@ -70,7 +54,7 @@ class Goal:
 
     Attributes:
         tolerance: Residual to reach.
-        residual: Residual below which the certificate is asked next.
+        residual: Residual below which `accept` is called next.
         refused: Whether the certificate has refused an answer.
     """
 
@@ -107,7 +91,7 @@ class Goal:
         return Status.CONVERGED if self._reached or self._accept is None or self._accept(x) else otherwise
 
     def missed(self, residual: float) -> str:
-        """What an answer that is not CONVERGED lacks, in words."""
+        """Why an answer is not CONVERGED, in words."""
         if self.refused and residual <= self.tolerance:
             return "below the tolerance, but the certificate does not pass"
         return f"above the tolerance {self.tolerance:.1e}"
@@ -129,15 +113,15 @@ class QPStep:
 
 
 @dataclass(frozen=True)
-class PathFollowingStep(QPStep):
-    """One step of Algorithm PF, in the scaled variables of the solver.
+class InteriorPointStep(QPStep):
+    """One Newton step of the interior-point method, in the scaled variables of the solver.
 
     Attributes:
         theta: Duality measure nu^T z / (number of constraints) after the step.
         sigma: Centring.
         alpha: Step length.
-        gradient: Root mean square of grad_x L after the step.
-        krylov_tolerance: Relative tolerance asked of CG.
+        gradient: Root mean square of the weighted gradient after the step.
+        krylov_tolerance: Relative tolerance of the Newton system.
     """
 
     theta: float
@@ -164,48 +148,19 @@ class ActiveSetStep(QPStep):
 
 
 @dataclass(frozen=True)
-class QPResult:
-    """Answer of a Tresca problem.
-
-    Attributes:
-        x: Contact forces in newtons, this rank's part, shape (3 m,), node by node (n, t1, t2).
-        gradient: A x - b in metres, shape (3 m,): remaining normal gap, and minus the slip.
-        multipliers: Lagrange multipliers of the bounds and of the discs in metres, shape (m, 2).
-        status: How the solver ended.
-        iterations: Steps taken; `steps(kind)` counts those of one kind of KPRGP.
-        products: Products by A, all of them.
-        residual: Natural residual, recomputed at the end with a fresh product.
-        history: One record a step.
-    """
-
-    x: FloatArray
-    gradient: FloatArray
-    multipliers: FloatArray
-    status: Status
-    iterations: int
-    products: int
-    residual: float
-    history: tuple[QPStep, ...]
-
-    def steps(self, kind: StepKind) -> int:
-        """KPRGP's steps of a kind; 0 of path following."""
-        return sum(isinstance(step, ActiveSetStep) and step.kind == kind for step in self.history)
-
-
-@dataclass(frozen=True)
 class OuterStep:
     """One Tresca problem of the fixed point.
 
     Attributes:
         iteration: Number of the Tresca problem, from 1.
         residual: Coulomb residual of its answer.
-        change: |F x_n - g| / max(|F x_n|, |g|), how far the slip bound still moves.
-        contraction: How much closer the map g -> F x_n(g) brings the last two g, |change of F x_n| / |change of g|;
+        change: |r(x_n) - g| / max(|r(x_n)|, |g|), how far the slip bound still changes.
+        contraction: How much closer the map g -> r(x_n(g)) brings the last two g, |change of r| / |change of g|;
             nan for the first.
         slope: The same along the change of g, with its sign: negative where the map overshoots; nan for the first.
-        damping: The part of F x_n - g that the next g goes along, in (0, 1].
+        damping: The part of r(x_n) - g that is added to the next g, in (0, 1].
         inner_tolerance: Residual asked of the Tresca problem.
-        path_following: PF steps.
+        path_following: Newton steps.
         products: Products by A.
         krylov: CG iterations.
         warm: Whether the Tresca problem was solved from the last answer.
@@ -227,42 +182,48 @@ class OuterStep:
 
 
 @dataclass(frozen=True)
-class CoulombResult:
-    """Answer of a Coulomb problem.
+class SolverResult:
+    """Answer of a problem with friction.
 
     Attributes:
         x: Contact forces in newtons, this rank's part, shape (3 m,), node by node (n, t1, t2).
         gradient: A x - b in metres, shape (3 m,): remaining normal gap, and minus the slip.
-        slip_bound: g of the last Tresca problem in newtons, shape (m,).
+        slip_bound: Bound of friction of every node in newtons, shape (m,): r(x_n), or g of the last Tresca problem.
+        multipliers: Lagrange multipliers of the bounds and of the discs in metres, shape (m, 2).
         status: How the solver ended.
-        contraction: Measured contraction rate of the map g -> F x_n(g); nan if there were too few steps to tell.
-        iterations: Tresca problems solved; 0 of the one loop.
-        path_following: PF steps of all of them; Newton steps of the one loop.
+        outer_steps: Tresca problems solved in succession; 0 of a solver that has none.
+        newton_steps: Newton steps of the interior-point method, of all Tresca problems where there are several.
         products: Products by A, all of them.
-        residual: Coulomb residual, recomputed at the end with a fresh product.
-        history: One record a Tresca problem; of the one loop, one a Newton step.
-        method: What solved it, in words.
-        message: What was seen, if it did not converge.
+        residual: Natural residual of the problem, recomputed at the end with a fresh product.
+        history: One record per Newton step or step of KPRGP; of successive Tresca, one per Tresca problem.
+        method: The solver's name.
+        contraction: Of successive Tresca, the measured factor of the map g -> r(x_n(g)); nan if not measured.
+        message: What was observed, if it did not converge.
     """
 
     x: FloatArray
     gradient: FloatArray
     slip_bound: FloatArray
+    multipliers: FloatArray
     status: Status
-    contraction: float
-    iterations: int
-    path_following: int
+    outer_steps: int
+    newton_steps: int
     products: int
     residual: float
-    history: tuple[OuterStep, ...] | tuple[PathFollowingStep, ...]
-    method: str = "successive Tresca"
+    history: tuple[QPStep, ...] | tuple[OuterStep, ...]
+    method: str
+    contraction: float = math.nan
     message: str = ""
+
+    def steps(self, kind: StepKind) -> int:
+        """KPRGP's steps of a kind; 0 of other solvers."""
+        return sum(isinstance(step, ActiveSetStep) and step.kind == kind for step in self.history)
 
 
 class NotConverged(RuntimeError):
-    """The solver ended without an answer it can vouch for; `result` has what there is."""
+    """The solver ended without reaching its tolerance; `result` has the best answer."""
 
-    def __init__(self, message: str, result: QPResult | CoulombResult):
+    def __init__(self, message: str, result: SolverResult):
         super().__init__(message)
         self.result = result
 

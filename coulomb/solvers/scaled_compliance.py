@@ -32,10 +32,10 @@ class ScaledCompliance:
         self.A.mult((self.W * x).ravel(), y, tolerance)
         return self.W * y.reshape(-1, 3) / self.a
 
-    def follow(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
+    def mult_incremental(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
         """A~ x of the next iterate, its change to a relative accuracy; one product."""
         y = np.empty(self.W.size)
-        self.A.follow(self.forces(x), y, tolerance)
+        self.A.mult_incremental(self.forces(x), y, tolerance)
         return self.image(y)
 
     def forces(self, x: FloatArray) -> FloatArray:
@@ -47,8 +47,10 @@ class ScaledCompliance:
         return self.W * displacement.reshape(-1, 3) / (self.a * self.s)
 
 
-class FreshImages:
+class ProductImages:
     """How a Newton system that works by products with A gets A x of the iterates: from products of their own.
+
+    The methods are those of `NewtonSystem`.
 
     Args:
         A: The scaled compliance.
@@ -58,22 +60,12 @@ class FreshImages:
         self._scaled = A
 
     def start(self, x: FloatArray, tolerance: float) -> FloatArray:
-        """Of the first iterate, to a relative accuracy."""
-        return self._scaled.follow(x, tolerance)
+        return self._scaled.mult_incremental(x, tolerance)
 
-    def carry(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
-        """Of the next iterate x, alpha along the last step.
-
-        Args:
-            x: Shape (m, 3).
-            predicted: A x + alpha A dx where the step is straight: good enough where products are exact.
-            alpha: Step length.
-            tolerance: Accuracy of a product, as a part of the change.
-        """
+    def advance(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
         if predicted is not None and self._scaled.A.exact:
             return predicted
-        return self._scaled.follow(x, tolerance)
+        return self._scaled.mult_incremental(x, tolerance)
 
-    def judge(self, x: FloatArray) -> FloatArray:
-        """A x as exact as can be, shape (m, 3): what the residual that decides is computed with."""
-        return self._scaled.follow(x)
+    def exact_product(self, x: FloatArray) -> FloatArray:
+        return self._scaled.mult_incremental(x)

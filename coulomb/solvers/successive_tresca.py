@@ -12,16 +12,16 @@ import numpy as np
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from .anderson import Anderson
-from .friction_problem import FrictionProblem, QPSolver
-from .path_following import PathFollowing
+from .friction_problem import FrictionProblem, Solver
+from .interior_point import InteriorPoint
+from .newton_systems import AugmentedSystem
 from .results import (
-    CoulombResult,
     Goal,
     NotConverged,
     OuterStep,
     Progress,
     ProgressCallback,
-    QPResult,
+    SolverResult,
     Status,
     check_constants,
 )
@@ -38,11 +38,11 @@ class SuccessiveTresca:
     """Fixed point g <- r(x_n(g)), started with the cohesion alone; every Tresca problem starts from the last answer.
 
     Attributes:
-        tolerance: Coulomb residual at which to stop.
+        tolerance: residual at which to stop.
         qp_solver: Solver of the Tresca problems.
-        inner_precision: Residual asked of a Tresca problem, as a part of the last Coulomb residual, in (0, 1).
+        inner_precision: Residual asked of a Tresca problem, as a part of the last residual, in (0, 1).
         memory: Differences kept by Anderson's acceleration; 0 is the plain iteration.
-        damping: The part of F x_n - g to go along, in (0, 1]; None chooses it by the measured slope of the map: on a
+        damping: The part of r(x_n) - g to go along, in (0, 1]; None chooses it by the measured slope of the map: on a
             wedge of slope s, where plain iteration has the factor -F/s, 1/(1 + F/s).
         max_iterations: Tresca problems before the solver gives up.
 
@@ -51,7 +51,7 @@ class SuccessiveTresca:
     """
 
     tolerance: float = 1e-8
-    qp_solver: QPSolver = field(default_factory=PathFollowing)
+    qp_solver: Solver = field(default_factory=lambda: InteriorPoint(r_tol=0.1, c_fact=0.9, newton=AugmentedSystem()))
     inner_precision: float = 1e-2
     memory: int = 5
     damping: float | None = None
@@ -72,22 +72,26 @@ class SuccessiveTresca:
     def solve(
         self,
         problem: FrictionProblem,
-        *,
         start: FloatArray | None = None,
+        *,
+        gradient: FloatArray | None = None,
+        tolerance: float | None = None,
         progress: ProgressCallback | None = None,
-    ) -> CoulombResult:
-        """Solve a Coulomb problem.
+    ) -> SolverResult:
+        """Solve a problem with friction.
 
         Args:
             problem: The problem.
             start: Forces in newtons, shape (3 m,), whose r(x_n) is the first g; by default the cohesion.
-            progress: Called after every path-following step.
+            gradient: Not needed.
+            tolerance: In place of the field.
+            progress: Called after every step of the Tresca solver.
 
         Returns:
-            The answer, its Coulomb residual at most the tolerance; `history` has an OuterStep a Tresca problem.
+            The answer, its residual at most the tolerance; `history` has an OuterStep per Tresca problem.
 
         Raises:
-            NotConverged: With the best answer, if the Coulomb residual stays above the tolerance: STAGNATED,
+            NotConverged: With the best answer, if the residual stays above the tolerance: STAGNATED,
                 OSCILLATING, DIVERGED or MAX_ITERATIONS, with what was seen and what to try.
         """
         over, A = problem.reductions, problem.A
@@ -95,14 +99,14 @@ class SuccessiveTresca:
         anderson = Anderson(self.memory, over)
         g = problem.law.radius(np.zeros(problem.A.nodes)) if start is None else problem.slip_bound(start)
         old_g, old_wanted = None, None
-        last: QPResult | None = None
-        best: tuple[float, QPResult, FloatArray] | None = None
+        last: SolverResult | None = None
+        best: tuple[float, SolverResult, FloatArray] | None = None
         residual, damping = 1.0, self.damping or 1.0
         history: list[OuterStep] = []
-        sizes: list[float] = []  # |F x_n|
-        turns: list[float] = []  # cosines between successive F x_n - g
+        sizes: list[float] = []  # |r(x_n)|
+        turns: list[float] = []  # cosines between successive r(x_n) - g
         misfit: FloatArray | None = None
-        goal = Goal(self.tolerance, problem.accept)
+        goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
         status, why = Status.MAX_ITERATIONS, ""
         for iteration in range(1, self.max_iterations + 1):
             began, before = time.perf_counter(), A.products
@@ -157,18 +161,19 @@ class SuccessiveTresca:
         assert best is not None
         _, last, g = best
         residual = problem.residual(last.x)
-        result = CoulombResult(
+        result = SolverResult(
             x=last.x,
             gradient=last.gradient,
             slip_bound=g,
+            multipliers=last.multipliers,
             status=goal.verdict(residual, last.x, status),
-            contraction=_contraction(history),
-            iterations=len(history),
-            path_following=sum(step.path_following for step in history),
+            outer_steps=len(history),
+            newton_steps=sum(step.path_following for step in history),
             products=A.products - products,
             residual=residual,
             history=tuple(history),
             method=self.name,
+            contraction=_contraction(history),
         )
         if result.status is not Status.CONVERGED:
             message = _message(goal, result, why)
@@ -179,11 +184,11 @@ class SuccessiveTresca:
         self,
         problem: FrictionProblem,
         g: FloatArray,
-        last: QPResult | None,
+        last: SolverResult | None,
         tolerance: float,
         outer: int,
         progress: ProgressCallback | None,
-    ) -> tuple[QPResult, int, int, str]:
+    ) -> tuple[SolverResult, int, int, str]:
         """A Tresca problem from the last answer and, if that fails, from a cold start.
 
         Returns:
@@ -197,12 +202,17 @@ class SuccessiveTresca:
         trouble = ""
         for start in (last, None) if last is not None else (None,):
             try:
-                result = self.qp_solver.solve(problem.with_slip_bound(g), start, tolerance=tolerance, progress=report)
+                result = self.qp_solver.solve(
+                    problem.with_slip_bound(g),
+                    None if start is None else start.x,
+                    gradient=None if start is None else start.gradient,
+                    tolerance=tolerance,
+                    progress=report,
+                )
                 trouble = ""
             except NotConverged as failure:
-                assert isinstance(failure.result, QPResult)
                 result, trouble = failure.result, str(failure)
-            steps += result.iterations
+            steps += len(result.history)
             krylov += sum(step.krylov for step in result.history)
             if not trouble or result.status is Status.INTERRUPTED:
                 break
@@ -260,20 +270,20 @@ def _settles_not(changes: list[float], count: int) -> bool:
     return len(changes) > count and min(changes[-count:]) > 0.9 * min(changes[:-count])
 
 
-def _message(goal: Goal, result: CoulombResult, why: str) -> str:
+def _message(goal: Goal, result: SolverResult, why: str) -> str:
     """What was seen, and what to try."""
     residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-4:])
     advice = {
         Status.OSCILLATING: "the slip bound swings between two states; damping=None or memory > 0 damps it",
         Status.DIVERGED: "the slip bound runs away: friction locks the body, or none of the states near is one of rest",
-        Status.STAGNATED: "the slip bound does not settle; the one loop (method one-loop) does not need it to",
+        Status.STAGNATED: "the slip bound does not settle; try InteriorPoint, in a case file method = one-loop",
         Status.INTERRUPTED: "",
-        Status.MAX_ITERATIONS: "more Tresca problems (max_iterations), or the one loop (method one-loop)",
+        Status.MAX_ITERATIONS: "more Tresca problems (max_iterations), or InteriorPoint (method = one-loop)",
     }[result.status]
     return (
-        f"successive Tresca ended with a Coulomb residual of {result.residual:.1e} after {result.iterations} Tresca "
+        f"successive Tresca ended with a residual of {result.residual:.1e} after {result.outer_steps} Tresca "
         f"problems ({result.status.value}), {goal.missed(result.residual)}; the map from slip bound to "
-        f"F x_n has the factor {result.contraction:.2g}; last residuals {residuals}; {why or advice}"
+        f"r(x_n) has the factor {result.contraction:.2g}; last residuals {residuals}; {why or advice}"
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 
-from ...solvers.results import CoulombResult
 from ..block import block
 from .answer import Answer, Unsolved, on_body
 
@@ -20,6 +19,4 @@ def solve(p: int) -> Answer:
     seconds = time.perf_counter() - began
     if not solution.certificate.passed:
         raise Unsolved("its answer was not certified")
-    assert isinstance(solution.result, CoulombResult)
-    steps = solution.result.path_following
-    return Answer(seconds, steps, problem.surface.x, on_body(problem, solution.contact_force))
+    return Answer(seconds, solution.result.newton_steps, problem.surface.x, on_body(problem, solution.contact_force))

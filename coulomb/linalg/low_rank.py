@@ -1,13 +1,13 @@
-"""What CG has learnt of A: a low-rank part of it from products already paid for, to precondition the steps to come.
+"""A low-rank approximation of A from products already made, to precondition the steps to come.
 
-Every CG iteration of a path-following step makes a pair (x, A x).  From pairs X, Y = A X follows Nyström's
-approximation Y (X^T Y)^-1 Y^T <= A, and with the diagonal of the rest a stand-in for A in the preconditioners,
+Every Krylov iteration of a path-following step makes a pair (x, A x).  From pairs X, Y = A X follows Nyström's
+approximation Y (X^T Y)^-1 Y^T <= A, and with the diagonal of the rest an approximation of A for the preconditioners,
 
     A ~ diag(d) + U U^T,    d = diag(A - U U^T) > 0,
 
-in place of the paper's diag(A).  A is the same in every step, only the nodal part of J changes: what one step pays for
-serves all later ones.  A compliance is made for this: its few large eigenvalues, the smooth motions of the body,
-are what CG finds first and what diag(A) knows nothing of.  (Z. Frangella, J. A. Tropp, M. Udell: Randomized Nyström
+in place of the paper's diag(A).  A is the same in every step, only the nodal part of J changes: products of one step
+serve all later ones.  A compliance is well suited: its few large eigenvalues, the smooth motions of the body, are
+found first by a Krylov method and are not in diag(A).  (Z. Frangella, J. A. Tropp, M. Udell: Randomized Nyström
 preconditioning, SIAM J. Matrix Anal. Appl. 44, 2023, for the approximation and its bounds, there with random X.)
 """
 
@@ -19,26 +19,27 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from .krylov import NodalMap
 
-_REST = 0.2  # the rest keeps this part of diag(A), as far as U does not know it, at least
-_RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are noise
+_RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are rounding
 
 
-class LearntCompliance:
-    """A as diag(rest) + U U^T, learnt from pairs (x, A x).
+class LowRankApproximation:
+    """A as diag(rest) + U U^T, from pairs (x, A x).
 
     Args:
         comm: The ranks of A.
         diagonal: diag(A) or an estimate of it, shape (m, 3), this rank's nodes.
-        rank: Columns of U to keep, at most; 0 learns nothing.
-        exact: Whether products are exact; else what they leave out would be taken for a part of A.
+        rank: Columns of U to keep, at most; 0 keeps diag(A).
+        exact: Whether products are exact; else their error would be taken for a part of A.
+        least_rest: The rest is at least this part of diag(A), as far as A is not yet in U.
 
     Attributes:
         rest: Shape (m, 3), positive.
         U: Shape (3 m, r), r <= rank.
     """
 
-    def __init__(self, comm: MPI.Comm, diagonal: FloatArray, rank: int, exact: bool):
+    def __init__(self, comm: MPI.Comm, diagonal: FloatArray, rank: int, exact: bool, least_rest: float = 0.2):
         self._comm, self._diagonal, self._rank, self._exact = comm, diagonal, rank, exact
+        self._least_rest = least_rest
         self._new: list[tuple[FloatArray, FloatArray]] = []
         self._X = np.empty((diagonal.size, 0))
         self._new_part = 1.0
@@ -46,12 +47,12 @@ class LearntCompliance:
         self.rest: FloatArray = diagonal
 
     def record(self, x: FloatArray, A_x: FloatArray) -> None:
-        """Note a product, both (m, 3)."""
+        """Record a product, both (m, 3)."""
         if self._rank > 0:
             self._new.append((x.ravel().copy(), A_x.ravel().copy()))
 
-    def learn(self) -> None:
-        """Bring U and the rest up to date with what was noted; collective."""
+    def update(self) -> None:
+        """Bring U and the rest up to date with the recorded products; collective."""
         if not self._new:
             return
         X, Y = (np.column_stack(columns) for columns in zip(*self._new, strict=True))
@@ -69,19 +70,24 @@ class LearntCompliance:
         V = V[:, ::-1][:, : self._rank]
         self._X, self.U = X @ V, Y @ V
         rest = self._diagonal - np.sum(self.U**2, axis=1).reshape(-1, 3)
-        self.rest = np.maximum(rest, _REST * self._new_part * self._diagonal)
+        self.rest = np.maximum(rest, self._least_rest * self._new_part * self._diagonal)
 
     def _unknown(self, X: FloatArray, Y: FloatArray) -> float:
-        """How large A is on what is new of the pairs (X, Y), over diag(A) there; as before where nothing is new.
+        """How large A is on the new part of the pairs (X, Y), over diag(A) there; as before where nothing is new.
 
         Much less than 1 where diag(A) is that of a few motions: a body on soft springs, which moves as a whole.
         """
-        learnt = self._comm.allreduce(self.U.T @ X)
-        new, A_new = X - self._X @ learnt, Y - self.U @ learnt  # A-orthogonal to what U knows
+        known = self._comm.allreduce(self.U.T @ X)
+        new, A_new = X - self._X @ known, Y - self.U @ known  # A-orthogonal to the range of U
         d = self._diagonal.reshape(-1, 1)
         sizes = [float(np.vdot(v, w)) for v, w in ((new, A_new), (new, d * new), (X, d * X))]
         size, diagonal, whole = self._comm.allreduce(np.array(sizes))
         return float(max(size / diagonal, 1e-4)) if diagonal > 1e-6 * whole else self._new_part
+
+    def mult(self, x: FloatArray) -> FloatArray:
+        """(diag(rest) + U U^T) x, shapes (m, 3); collective."""
+        low_rank: FloatArray = self.U @ self._comm.allreduce(self.U.T @ x.ravel())
+        return self.rest * x + low_rank.reshape(x.shape)
 
     def nodal_U(self, block: int) -> FloatArray:
         """U with zeros for the unknowns behind the three of x, shape (m, block, r); a copy."""

@@ -5,11 +5,11 @@ import pytest
 from conftest import dense_compliance, make_block, random_spd
 from mpi4py import MPI
 
-from coulomb import AugmentedSystem, PathFollowing, RecyclingSystem
+from coulomb import AugmentedSystem, InteriorPoint
 from coulomb.benchmarks.table1 import PAPER, measure
-from coulomb.linalg.recycling import LearntCompliance
+from coulomb.linalg.low_rank import LowRankApproximation
 from coulomb.solvers.dense_system import augmented_matrix
-from coulomb.solvers.newton_systems import Linearization
+from coulomb.solvers.linearization import Linearization
 from coulomb.solvers.scaled_compliance import ScaledCompliance
 
 NODES = 12
@@ -21,10 +21,10 @@ def A():
 
 
 def learnt_from(A, X, rank, exact=False):
-    learnt = LearntCompliance(MPI.COMM_SELF, np.diag(A).reshape(-1, 3).copy(), rank, exact)
+    learnt = LowRankApproximation(MPI.COMM_SELF, np.diag(A).reshape(-1, 3).copy(), rank, exact)
     for x in X:
         learnt.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
-    learnt.learn()
+    learnt.update()
     return learnt
 
 
@@ -55,7 +55,7 @@ def test_a_motion_of_the_whole_once_learnt_leaves_the_rest_small():
         learnt = learnt_from(soft, X[:1], 100, exact)
         for x in X[1:]:  # what U has not learnt is measured on new pairs
             learnt.record(x.reshape(-1, 3), (soft @ x).reshape(-1, 3))
-        learnt.learn()
+        learnt.update()
         part = learnt.rest.ravel() / np.diag(soft)
         assert np.all(part >= least * 0.99) and np.all(part <= (1e-3 if exact else 0.21)), part
 
@@ -66,7 +66,7 @@ def test_truncation_keeps_the_largest_and_its_pairs(A):
     assert np.allclose(np.sort(np.linalg.svd(learnt.U, compute_uv=False) ** 2), values[-6:])
     for x in V.T[:3]:  # small eigenvectors, which must not push out the large ones
         learnt.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
-    learnt.learn()
+    learnt.update()
     assert np.allclose(np.sort(np.linalg.svd(learnt.U, compute_uv=False) ** 2), values[-6:])
 
 
@@ -80,15 +80,15 @@ def test_theorem_1_holds_with_the_stand_in(A):
     D22 = 10.0 ** rng.uniform(-6, 6, (NODES, 2))
     h = 10.0 ** rng.uniform(-6, 1, NODES)
     h[4], D22[4, 1] = 0.0, 1.0
-    at = Linearization(h, y, D22, frictional)
-    newton = RecyclingSystem(ScaledCompliance(dense_compliance(A), np.ones((NODES, 3)), 1.0, 1.0))
+    at = Linearization(np.zeros(NODES), np.ones(NODES), h, y, D22, frictional)
+    newton = AugmentedSystem().system(ScaledCompliance(dense_compliance(A), np.ones((NODES, 3)), 1.0, 1.0), False)
     r1, r2 = rng.standard_normal((NODES, 3)), np.zeros((NODES, 2))
     r1[4, 1:] = 0.0
-    first = newton.solve(at, r1, r2, 1e-8, np.inf)
-    again = newton.solve(at, r1, r2, 1e-8, np.inf)
+    first = newton.solve(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf)
+    again = newton.solve(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf)
     assert again.iterations < 0.7 * first.iterations  # the same system, now known
-    newton._prepare()
     stand_in = newton._A.U @ newton._A.U.T + np.diag(newton._A.rest.ravel())
+    newton.solve(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf)  # preconditioned with it
     P, J = augmented_matrix(stand_in, at), augmented_matrix(A, at)
     e = np.eye(5 * NODES)  # node by node in the solver, constraints behind the forces in the matrix
     own = [5 * i + k for i in range(NODES) for k in range(3)] + [5 * i + k for i in range(NODES) for k in (3, 4)]
@@ -106,8 +106,8 @@ def test_theorem_1_holds_with_the_stand_in(A):
 def test_same_steps_with_fewer_products():
     problem = make_block(6, slip_stress=1e7)
     qp = problem.friction_problem
-    learnt, alone = (PathFollowing(newton=newton).solve(qp) for newton in (RecyclingSystem, AugmentedSystem))
-    assert abs(learnt.iterations - alone.iterations) <= 2
+    learnt, alone = (InteriorPoint(newton=newton).solve(qp) for newton in (AugmentedSystem(), AugmentedSystem(rank=0)))
+    assert abs(learnt.newton_steps - alone.newton_steps) <= 2
     assert learnt.products < 0.7 * alone.products
     assert np.linalg.norm(learnt.x - alone.x) <= 1e-6 * np.linalg.norm(alone.x)
 

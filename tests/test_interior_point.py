@@ -1,4 +1,4 @@
-"""Coulomb friction in one path-following loop: its Newton system, its steps, its answers."""
+"""The interior-point method where friction grows with pressure: its Newton system, its steps, its answers."""
 
 import numpy as np
 import pytest
@@ -7,21 +7,23 @@ from mpi4py import MPI
 
 from coulomb import (
     KPRGP,
+    AugmentedSystem,
     Automatic,
-    DenseConeSystem,
+    DenseSystem,
     FrictionLaw,
     FrictionProblem,
-    KrylovConeSystem,
+    InteriorPoint,
     NotConverged,
-    OneLoop,
-    PathFollowing,
+    SchurComplementSystem,
     Status,
     SuccessiveTresca,
 )
 from coulomb.fem.surface import interpolated_forces
-from coulomb.linalg.recycling import LowRankUpdate
-from coulomb.solvers.cone import ConeIterate, ScaledCoulomb
-from coulomb.solvers.cone_systems import cone_matrix
+from coulomb.linalg.low_rank import LowRankUpdate
+from coulomb.solvers.dense_system import augmented_matrix
+from coulomb.solvers.interior_point import newton_step
+from coulomb.solvers.linearization import NodalInverse
+from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
 
 NODES = 7
 
@@ -36,20 +38,20 @@ def scaled():
     cohesion = np.array([0.0, 0.0, 0.0, 1e5, 2e5, 1e5, 0.0])  # none, Tresca's, Coulomb's and both
     b = 1e-4 * rng.standard_normal(3 * NODES)
     problem = FrictionProblem(dense_compliance(A), b, FrictionLaw(cohesion, friction))
-    scaled = ScaledCoulomb(problem)
+    scaled = ScaledProblem(problem)
     angle = rng.uniform(0.0, 6.28, NODES)
     y = rng.uniform(0.0, 0.99, NODES)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     y[2] = 0.0
     x_n, nu = 10.0 ** rng.uniform(-1, 1, NODES), 10.0 ** rng.uniform(-2, 1, (NODES, 2))
-    return scaled, ConeIterate(x_n, y, nu, scaled.A.mult(scaled.forces(x_n, y)))
+    return scaled, Iterate(x_n, y, nu, scaled.A.mult(scaled.forces(x_n, y)))
 
 
 def test_newton_direction_against_differences(scaled):
     """Along the step every equation changes as Newton's method demands, the cone's by finite differences."""
     scaled, v = scaled
     target = 0.1 * scaled.theta(v.nu, scaled.slack(v.x_n, v.y))
-    newton = DenseConeSystem(scaled.A)
-    step = OneLoop()._newton_step(scaled, newton, v, scaled.slack(v.x_n, v.y), target, 1e-12, 1.0)
+    newton = DenseSystem().system(scaled.A, True)
+    step = newton_step(InteriorPoint(), scaled, newton, v, target, 1e-12, 1.0)
     e, f = 1e-6, scaled.frictional
 
     def equations(v):
@@ -66,38 +68,71 @@ def test_newton_direction_against_differences(scaled):
     assert np.abs(step.A_bend).max() > 1e-3 * np.abs(step.A_dx).max()
 
 
+def schur_matrix(A, at):
+    """J_SC = J11 + J12 D22^-1 J21, dense, from J_AM."""
+    J, n = augmented_matrix(A, at), 3 * NODES
+    return J[:n, :n] - J[:n, n:] @ np.linalg.solve(J[n:, n:], J[n:, :n])
+
+
 def test_both_systems_solve_the_same(scaled):
     scaled, v = scaled
-    at = scaled.linearize(v)
-    rhs = np.random.default_rng(72).standard_normal((NODES, 3))
-    rhs[2, 1:] = 0.0
-    systems = [kind(scaled.A) for kind in (DenseConeSystem, KrylovConeSystem)]
-    dense, krylov = (s.solve(at, rhs, scaled.weight(v.x_n), 1e-13, np.inf) for s in systems)
-    assert np.allclose(krylov.dx, dense.dx, rtol=1e-7, atol=1e-9 * np.abs(dense.dx).max())
-    assert np.allclose(krylov.A_dx, dense.A_dx, rtol=1e-7, atol=1e-9 * np.abs(dense.A_dx).max())
+    at, rng = scaled.linearize(v), np.random.default_rng(72)
+    r1, r2 = rng.standard_normal((NODES, 3)), rng.standard_normal((NODES, 2)) * np.minimum(at.D22, 1.0)
+    r1[2, 1:] = r2[2, 1] = 0.0
+    systems = [kind.system(scaled.A, True) for kind in (DenseSystem(), SchurComplementSystem())]
+    dense, krylov = (s.solve(at, r1, r2, scaled.weight(v.x_n), 1e-13, np.inf) for s in systems)
+    for name in ("dx", "dnu", "A_dx"):
+        value, other = getattr(dense, name), getattr(krylov, name)
+        assert np.allclose(other, value, rtol=1e-7, atol=1e-9 * np.abs(value).max())
     A = np.array([scaled.A.mult(e.reshape(-1, 3)).ravel() for e in np.eye(3 * NODES)]).T
-    assert np.allclose(cone_matrix(A, at) @ dense.dx.ravel(), rhs.ravel(), atol=1e-8)
+    rhs = r1 + at.J12(r2 / at.D22)
+    assert np.allclose(schur_matrix(A, at) @ dense.dx.ravel(), rhs.ravel(), atol=1e-8)
     for system in systems:
         system.destroy()
 
 
+def test_tolerances_are_of_weighted_rows(scaled):
+    """|W residual| <= tolerance |W rhs|, and below the cap."""
+    scaled, v = scaled
+    at, r1 = scaled.linearize(v), np.random.default_rng(74).standard_normal((NODES, 3))
+    r1[2, 1:] = 0.0
+    W, r2 = np.ones((NODES, 3)), np.zeros((NODES, 2))
+    W[:, 1:] = 10.0 ** np.random.default_rng(75).uniform(-3, 0, NODES)[:, None]
+    A = np.array([scaled.A.mult(e.reshape(-1, 3)).ravel() for e in np.eye(3 * NODES)]).T
+    M = schur_matrix(A, at)
+    for tolerance, cap in ((1e-3, np.inf), (1e-1, 1e-4)):
+        system = SchurComplementSystem(rank=0).system(scaled.A, True)
+        step = system.solve(at, r1, r2, W, tolerance, cap)
+        left = np.linalg.norm(W * (r1 - (M @ step.dx.ravel()).reshape(NODES, 3)))
+        aim = min(tolerance * np.linalg.norm(W * r1), cap)
+        assert 1e-4 * aim <= left <= (1 + 1e-9) * aim  # as precise as asked, and not by far more
+        system.destroy()
+
+
 def test_preconditioner_is_the_inverse_it_claims_to_be(scaled):
-    """P = rest(A) + C + U U^T, and with that P for A the system is solved in one iteration."""
+    """P = rest(A) + nodal part of J_SC + U U^T."""
     scaled, v = scaled
     at = scaled.linearize(v)
-    newton = KrylovConeSystem(scaled.A)
+    newton = SchurComplementSystem().system(scaled.A, True)
     rhs = np.random.default_rng(73).standard_normal((NODES, 3))
     rhs[2, 1:] = 0.0
-    newton.solve(at, rhs, np.ones((NODES, 3)), 1e-3, np.inf)
+    newton.solve(at, rhs, np.zeros((NODES, 2)), np.ones((NODES, 3)), 1e-3, np.inf)
     U = newton._A.nodal_U(3)
     U[2, 1:] = 0.0
-    newton._D = newton._A.rest + np.column_stack([np.zeros(NODES), at.h, at.h])
-    newton._S = at.D22[:, 1] + np.sum(at.y**2 / newton._D[:, 1:], axis=1)
-    apply = LowRankUpdate(MPI.COMM_SELF, newton._nodal_inverse, U)
-    P = cone_matrix(np.diag(newton._A.rest.ravel()) + newton._A.U @ newton._A.U.T, at)
+    apply = LowRankUpdate(MPI.COMM_SELF, NodalInverse(at, newton._A.rest), U)
+    approximation = np.diag(newton._A.rest.ravel()) + newton._A.U @ newton._A.U.T
+    P = schur_matrix(approximation, at)
     assert U.shape[2] > 3
     assert np.allclose(P @ apply(rhs).ravel(), rhs.ravel(), atol=1e-8)
+    x = np.random.default_rng(76).standard_normal((NODES, 3))
+    assert np.allclose(newton.estimate(x).ravel(), approximation @ x.ravel())
     newton.destroy()
+
+
+def test_augmented_system_is_refused(scaled):
+    scaled, _ = scaled
+    with pytest.raises(ValueError, match=r"J_AM with P_AM is for given slip bounds.*SuccessiveTresca"):
+        AugmentedSystem().system(scaled.A, True)
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.3, 0.8, 1.5])
@@ -107,10 +142,10 @@ def test_steps_and_answers_on_the_block(p, friction):
     block = solved_block(p).problem
     problem = FrictionProblem.coulomb(block.A, block.b, np.full(len(block.surface.nodes), friction))
     fixed = SuccessiveTresca(1e-9).solve(problem)
-    one = OneLoop(1e-8).solve(problem)
-    dense = OneLoop(1e-8, newton=DenseConeSystem).solve(problem) if p == 6 else one
+    one = InteriorPoint(1e-8).solve(problem)
+    dense = InteriorPoint(1e-8, newton=DenseSystem()).solve(problem) if p == 6 else one
     for result in (one, dense):
-        assert result.path_following <= 30
+        assert result.newton_steps <= 30
         assert problem.residual(result.x) <= 1e-8
         assert np.linalg.norm(result.x - fixed.x) <= 1e-7 * np.linalg.norm(fixed.x)
     assert one.products <= 0.7 * fixed.products
@@ -119,24 +154,24 @@ def test_steps_and_answers_on_the_block(p, friction):
 
 def test_against_the_independent_solver():
     totals, _ = reference(10, "coulomb")
-    result = OneLoop(1e-8).solve(solved_block(10).problem.friction_problem)
+    result = InteriorPoint(1e-8).solve(solved_block(10).problem.friction_problem)
     assert result.x[0::3].sum() == pytest.approx(totals["total_normal_force_N"], rel=1e-6)
 
 
 def test_krylov_iterations_stay_bounded_to_the_end():
     """The nodal blocks grow without bound as theta goes to 0; the iterations do not."""
-    history = OneLoop(1e-10).solve(solved_block(10).problem.friction_problem).history
+    history = InteriorPoint(1e-10).solve(solved_block(10).problem.friction_problem).history
     assert history[-1].theta < 1e-9 * history[0].theta
     assert max(step.krylov for step in history[-8:]) <= 8
 
 
 def test_accepted_iterates_decrease_theta_and_the_residual_decides():
-    result = OneLoop(1e-8).solve(solved_block(6).problem.friction_problem)
+    result = InteriorPoint(1e-8).solve(solved_block(6).problem.friction_problem)
     thetas = [step.theta for step in result.history]
     for before, after, step in zip(thetas, thetas[1:], result.history[1:], strict=False):
         assert after <= (1.0 - step.alpha * 1e-2 * (1.0 - step.sigma)) * before * (1 + 1e-12)
     assert result.history[-1].residual <= 1e-8 < result.history[-2].residual
-    assert [step.iteration for step in result.history] == list(range(1, result.path_following + 1))
+    assert [step.iteration for step in result.history] == list(range(1, result.newton_steps + 1))
 
 
 def test_units_do_not_matter():
@@ -145,8 +180,8 @@ def test_units_do_not_matter():
     counts = []
     for force, length in ((1.0, 1.0), (1e-3, 1e3), (1e6, 1e-6)):
         problem = FrictionProblem.coulomb(dense_compliance(A * length / force), block.b * length, block.law.friction)
-        result = OneLoop().solve(problem)
-        counts.append(result.path_following)
+        result = InteriorPoint().solve(problem)
+        counts.append(result.newton_steps)
         assert np.linalg.norm(result.x / force - solved_block(6).contact_force) <= 1e-6 * np.linalg.norm(
             solved_block(6).contact_force
         )
@@ -155,62 +190,64 @@ def test_units_do_not_matter():
 
 def test_auto_says_what_it_chose():
     result = Automatic(1e-8).solve(solved_block(6).problem.friction_problem)
-    assert result.method == "auto: one loop" and result.iterations == 0
+    assert result.method == "auto: interior point" and result.outer_steps == 0
 
 
 def test_auto_falls_back(monkeypatch):
     problem = solved_block(6).problem.friction_problem
-    failing = OneLoop(max_iterations=3)
+    failing = InteriorPoint(max_iterations=3)
 
-    class Short(OneLoop):
-        def solve(self, problem, *, start=None, progress=None):
+    class Short(InteriorPoint):
+        def solve(self, problem, start=None, *, gradient=None, progress=None):
             return failing.solve(problem, progress=progress)
 
-    class Short12(OneLoop):
-        def solve(self, problem, *, start=None, progress=None):
-            return OneLoop(max_iterations=12).solve(problem, progress=progress)
+    class Short12(InteriorPoint):
+        def solve(self, problem, start=None, *, gradient=None, progress=None):
+            return InteriorPoint(max_iterations=12).solve(problem, progress=progress)
 
-    monkeypatch.setattr("coulomb.solvers.automatic.OneLoop", Short)
+    monkeypatch.setattr("coulomb.solvers.automatic.InteriorPoint", Short)
     result = Automatic(1e-8).solve(problem)
-    assert result.method == "auto: successive Tresca, after the one loop had max_iterations"
+    assert result.method == "auto: successive Tresca, after the interior point method had max_iterations"
     assert result.residual <= 1e-8
     spent = SuccessiveTresca(1e-8).solve(problem).products
-    assert result.products > spent  # what the one loop spent is counted
+    assert result.products > spent  # the products of the first solver are counted
     monkeypatch.setattr(
         "coulomb.solvers.automatic.SuccessiveTresca", lambda tolerance: SuccessiveTresca(1e-8, max_iterations=1)
     )
-    monkeypatch.setattr("coulomb.solvers.automatic.OneLoop", Short12)
-    with pytest.raises(NotConverged, match=r"one loop ended with .*  Then successive Tresca ended with") as failure:
+    monkeypatch.setattr("coulomb.solvers.automatic.InteriorPoint", Short12)
+    with pytest.raises(
+        NotConverged, match=r"interior-point method ended with .*  Then successive Tresca ended with"
+    ) as failure:
         Automatic(1e-8).solve(problem)
     assert failure.value.result.status is Status.MAX_ITERATIONS
-    assert failure.value.result.method == "auto: one loop, the better of both"
+    assert failure.value.result.method == "auto: interior point, the better of both"
 
 
 def test_giving_up_says_so_and_carries_the_answer():
     problem = solved_block(6).problem.friction_problem
-    with pytest.raises(NotConverged, match=r"one loop ended with a Coulomb residual of .* last residuals") as failure:
-        OneLoop(max_iterations=4).solve(problem)
+    with pytest.raises(
+        NotConverged, match=r"interior-point method ended with a residual of .* last residuals"
+    ) as failure:
+        InteriorPoint(max_iterations=4).solve(problem)
     result = failure.value.result
     assert result.status is Status.MAX_ITERATIONS and result.residual > 1e-8
     assert problem.residual(result.x) == pytest.approx(result.residual)
-    assert len(result.history) == result.path_following == 16  # four starts of four steps
+    assert len(result.history) == result.newton_steps == 12  # three starts of four steps
 
 
 @pytest.mark.parametrize("field", ["tolerance", "r_tol", "c_fact", "gamma", "beta", "max_iterations"])
 def test_constants_outside_their_bounds(field):
-    with pytest.raises(ValueError, match=f"OneLoop: {field} must be"):
-        OneLoop(**{field: 0})
+    with pytest.raises(ValueError, match=f"InteriorPoint: {field} must be"):
+        InteriorPoint(**{field: 0})
 
 
-def test_the_law_decides_which_solvers_fit():
-    """Solvers of convex problems refuse friction that grows with pressure; those for that solve the convex ones too."""
-    for solver in (PathFollowing(), KPRGP()):
-        with pytest.raises(ValueError, match="where friction grows with pressure use "):
-            make_block(2).solve(solver=solver)
-    best = make_block(3, slip_stress=1e7).solve(1e-10).contact_force
-    for other in (OneLoop(1e-10), SuccessiveTresca(1e-10, PathFollowing(tolerance=1e-10)), KPRGP(1e-10)):
-        x = make_block(3, slip_stress=1e7).solve(solver=other).contact_force
-        assert np.linalg.norm(x - best) <= 1e-8 * np.linalg.norm(best)
+def test_a_solver_says_which_law_it_cannot_solve():
+    with pytest.raises(ValueError, match=r"KPRGP solves problems with given slip bounds.*SuccessiveTresca\(qp_solver="):
+        make_block(2).solve(solver=KPRGP())
+    tresca = make_block(2, slip_stress=1e7)
+    answers = [tresca.solve(solver=s).contact_force for s in (InteriorPoint(), Automatic(), SuccessiveTresca())]
+    for x in answers[1:]:
+        assert np.linalg.norm(x - answers[0]) <= 1e-7 * np.linalg.norm(answers[0])
 
 
 def test_start_from_a_coarser_mesh():
@@ -219,10 +256,10 @@ def test_start_from_a_coarser_mesh():
     start = interpolated_forces(coarse.contact_force, coarse.problem.surface, fine.problem.surface)
     assert np.linalg.norm(start - fine.contact_force) <= 0.15 * np.linalg.norm(fine.contact_force)
     problem = fine.problem.friction_problem
-    cold, warm = OneLoop(1e-8).solve(problem), OneLoop(1e-8).solve(problem, start=start)
+    cold, warm = InteriorPoint(1e-8).solve(problem), InteriorPoint(1e-8).solve(problem, start=start)
     assert np.linalg.norm(warm.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)
-    assert warm.path_following < cold.path_following and warm.products < cold.products
+    assert warm.newton_steps < cold.newton_steps and warm.products < cold.products
     nonsense = 1e3 * np.random.default_rng(1).standard_normal(len(start)) * np.abs(start).max()
-    for solver in (OneLoop(1e-8), SuccessiveTresca(1e-8)):
+    for solver in (InteriorPoint(1e-8), SuccessiveTresca(1e-8)):
         result = solver.solve(problem, start=nonsense)
         assert np.linalg.norm(result.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)

@@ -1,0 +1,350 @@
+"""The path-following interior-point method for contact with friction, |x_t| <= r(x_n) = c + F x_n.
+
+It follows, from theta > 0 down to 0, the solutions of (scaled_problem.py)
+
+    w_n - nu1 = 0,   w_t + nu2 y = 0,   nu1 z1 = theta,   nu2 z2 = theta        w = A x - b,   x = (x_n, r(x_n) y)
+
+with z1 = x_n - lower, z2 = r (1 - |y|^2)/2.  Without slope, F = 0, these are the optimality conditions of a convex
+quadratic programme, and with J_AM and P_AM this is Algorithm PF of R. Kucera, J. Machalova, H. Netuka, P. Zencak: An
+interior-point algorithm for the minimization arising from 3D contact problems with friction, Optimization Methods and
+Software.  With slope the bound is differentiated like the other unknowns (linearization.py).  With r frozen in a step
+and updated after it the iteration stalls.
+
+The step is taken along the curve x_n + alpha dx_n, y + alpha dy, not along the straight line in x_t, so that friction
+stays in proportion to pressure at a node that opens.  On the straight line y is lost there by division: steps block,
+or need a predictor solve and are twice as many.  The gradient along the curve, A x + alpha A dx + alpha^2 A (0, F dx_n
+dy), only serves to choose alpha: its last term is estimated from what is known of A.  Without slope curve and line are
+one, and that gradient is exact.
+
+Where a product is a solve with K, none of them needs to be exact.  Those of the Krylov method are as exact as the step
+asks, those of the iterates correct K^-1 B^T x to a part of its change, and errors do not add up
+(Compliance.mult_incremental).  Only the residual that decides is computed with a product as exact as can be.
+
+Proved: for F = 0 this is PF for a convex problem.  CONVERGED means that the natural residual, computed afresh, is below
+the tolerance.  Observed (`coulomb benchmark friction --p 6 --p 10 --p 16`): 16 to 23 steps from a cold start to 1e-8
+for F = 0.1 to 1.5, 2 to 5 FGMRES iterations per step.  Not proved for F > 0: that the Newton system is never singular,
+that a path leads from the start to theta = 0, or which of several solutions it finds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arrays import FloatArray
+from .friction_problem import FrictionProblem
+from .newton_systems import NewtonChoice, NewtonSystem, SchurComplementSystem
+from .results import (
+    Goal,
+    InteriorPointStep,
+    NotConverged,
+    Progress,
+    ProgressCallback,
+    SolverResult,
+    Status,
+    check_constants,
+)
+from .scaled_problem import Iterate, ScaledProblem
+
+
+@dataclass(frozen=True)
+class InteriorPoint:
+    """The interior-point method as a value: its fields are all its settings.  None needs tuning.
+
+    Attributes:
+        tolerance: Natural residual at which to stop (`FrictionProblem.residual`).
+        r_tol: Inner precision: the Krylov method stops at |residual| <= tol_k |right-hand side| with
+            tol_k = min(r_tol err_(k-1), c_fact tol_(k-1)), err the relative change of v = (x, nu, z) in the last step.
+        c_fact: The factor by which tol_k decreases at least.
+        gamma: Centrality, nu_i z_i >= gamma theta, in (0, 1).
+        beta: Dual feasibility, rms(W gradient) <= beta theta, > 0; widened to ten times what a start needs.
+        omega: Sufficient decrease, theta_new <= (1 - alpha omega (1 - sigma)) theta, in (0, 1).
+        sigma_min: Centring after an ordinary step, 0 < sigma_min <= sigma_max.
+        sigma_max: Centring after a short step, at most 1/2.
+        max_iterations: Newton steps of a start before the solver gives up.
+        newton: The linear system of a step: SchurComplementSystem (J_SC, P_SC), AugmentedSystem (J_AM, P_AM; without
+            slope), CondensedSystem (K with springs in place of A) or DenseSystem (LU, for small problems).
+        starts: theta of one cold start after the other, over rms(A x - b) there, until the steps do not block.
+        blocked: A step shorter than this, three times in a row, ends a start that is not the last.
+        to_boundary: The part of the way to the boundary that a step may go.
+        backtrack: The ratio of the step lengths tried.
+        gradient_share: With slope, the residual of a Newton system is at most this part of the gradient.
+        fresh: Where products are inexact, accuracy of A x at a new iterate, as a part of its change.
+        wait: With slope, or where products are inexact, sigma is at least this times the part of N(gamma, beta) that
+            the gradient takes up, so that theta waits for a gradient that does not fall as fast.
+        wait_max: The largest sigma for that reason.
+        warm_floor: With slope, a start from given forces has x_n at least this many nominal forces inside,
+        warm_inside: |y| at most this,
+        warm_theta: and this theta, over rms(A x - b) there.
+        far: Without slope, a start from given forces begins on the central path of their projection; from this distance
+            from the solution on, in nominal forces, a cold start is as good and taken.
+
+    Raises:
+        ValueError: If a constant is outside its bounds.
+    """
+
+    tolerance: float = 1e-8
+    r_tol: float = 0.3
+    c_fact: float = 0.99
+    gamma: float = 1e-3
+    beta: float = 1e4
+    omega: float = 1e-2
+    sigma_min: float = 0.1
+    sigma_max: float = 0.5
+    max_iterations: int = 100
+    newton: NewtonChoice = field(default_factory=SchurComplementSystem)
+    starts: tuple[float, ...] = (0.1, 1e3, 1e6)
+    blocked: float = 0.05
+    to_boundary: float = 0.99
+    backtrack: float = 0.9
+    gradient_share: float = 0.3
+    fresh: float = 0.03
+    wait: float = 3.0
+    wait_max: float = 0.9
+    warm_floor: float = 0.3
+    warm_inside: float = 0.9
+    warm_theta: float = 0.03
+    far: float = 0.1
+
+    name = "interior point"
+
+    def __post_init__(self) -> None:
+        bounds = (
+            ("tolerance", self.tolerance > 0.0, "> 0"),
+            ("r_tol", 0.0 < self.r_tol < 1.0, "in (0, 1)"),
+            ("c_fact", 0.0 < self.c_fact < 1.0, "in (0, 1)"),
+            ("gamma", 0.0 < self.gamma < 1.0, "in (0, 1)"),
+            ("beta", self.beta > 0.0, "> 0"),
+            ("omega", 0.0 < self.omega < 1.0, "in (0, 1)"),
+            ("sigma_min", 0.0 < self.sigma_min <= self.sigma_max, "in (0, sigma_max]"),
+            ("sigma_max", self.sigma_max <= 0.5, "at most 1/2"),
+            ("max_iterations", self.max_iterations >= 1, "at least 1"),
+            ("starts", len(self.starts) >= 1, "at least one"),
+        )
+        check_constants(self, bounds)
+
+    def solve(
+        self,
+        problem: FrictionProblem,
+        start: FloatArray | None = None,
+        *,
+        gradient: FloatArray | None = None,
+        tolerance: float | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> SolverResult:
+        """Solve a problem with friction; arguments and errors as those of `Solver.solve`.
+
+        Where steps block from `start`, the cold starts follow.  `history` has an InteriorPointStep per Newton step.
+        """
+        products = problem.A.products
+        goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
+        result = self._smallest(problem, goal) or _Path(self, problem, goal, progress).follow(start, gradient)
+        result = replace(result, products=problem.A.products - products)
+        if result.status is not Status.CONVERGED:
+            residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-3:])
+            message = (
+                f"the interior-point method ended with a residual of {result.residual:.1e} after {result.newton_steps} "
+                f"Newton steps ({result.status.value}), {goal.missed(result.residual)}; last residuals {residuals}"
+            )
+            raise NotConverged(message, replace(result, message=message))
+        return result
+
+    def _smallest(self, problem: FrictionProblem, goal: Goal) -> SolverResult | None:
+        """The smallest force that the bounds allow, if that is the answer: there is no path to follow then."""
+        x = problem.project(np.zeros_like(problem.b))
+        gradient = problem.gradient(x) if problem.reductions.max(np.abs(x)) > 0.0 else -problem.b
+        residual = problem.residual(x, gradient)
+        if not goal.reached(residual, x):
+            return None
+        status, nothing = goal.verdict(residual, x, Status.MAX_ITERATIONS), np.zeros((problem.A.nodes, 2))
+        return SolverResult(
+            x, gradient, problem.slip_bound(x), nothing, status, 0, 0, 0, residual, history=(), method=self.name
+        )
+
+    def centring(self, alpha: float, used: float = 0.0) -> float:
+        """sigma after a step of length alpha, with the gradient at a part `used` of its bound in N(gamma, beta)."""
+        sigma = min(max((1.0 - alpha) ** 2, self.sigma_min), self.sigma_max)
+        return max(sigma, min(self.wait * used, self.wait_max))
+
+
+class Step(NamedTuple):
+    """A step on its curve: v(alpha), and the Krylov iterations it took to find."""
+
+    v: Iterate
+    dx_n: FloatArray
+    dy: FloatArray
+    dnu: FloatArray
+    A_dx: FloatArray
+    A_bend: FloatArray | float
+    iterations: int
+
+    def at(self, alpha: float) -> Iterate:
+        """The iterate at a step length; A x to first order where the curve is not straight."""
+        v = self.v
+        A_x = v.A_x + alpha * self.A_dx + alpha**2 * self.A_bend
+        return Iterate(v.x_n + alpha * self.dx_n, v.y + alpha * self.dy, v.nu + alpha * self.dnu, A_x)
+
+
+def newton_step(
+    settings: InteriorPoint,
+    scaled: ScaledProblem,
+    newton: NewtonSystem,
+    v: Iterate,
+    target: float,
+    tolerance: float,
+    beta: float,
+) -> Step:
+    """The Newton step to nu_i z_i = target: J dv = -F + (0, 0, target e), solved to a relative tolerance."""
+    at, r1 = scaled.linearize(v), -scaled.gradient(v)
+    r2 = scaled.on_constraints(scaled.slack(v.x_n, v.y) - scaled.over_constraints(np.full_like(v.nu, target), v.nu))
+    cap = beta * target
+    if scaled.sloped:
+        cap = min(cap, settings.gradient_share * scaled.infeasibility(v))
+    step = newton.solve(at, r1, r2, scaled.weight(v.x_n), tolerance, scaled.from_rms(cap))
+    dx, dy = step.dx, at.dy(step.dx)
+    A_bend: FloatArray | float = 0.0
+    if scaled.sloped:
+        A_bend = newton.estimate(np.column_stack([np.zeros(scaled.nodes), (at.slope * dx[:, 0])[:, None] * dy]))
+    return Step(v, dx[:, 0], dy, step.dnu, step.A_dx, A_bend, step.iterations)
+
+
+def step_length(
+    settings: InteriorPoint, scaled: ScaledProblem, step: Step, beta: float, sigma: float
+) -> tuple[float, Iterate | None]:
+    """The largest step that stays in N(gamma, beta) and decreases theta; None if none longer than 1e-10 will do."""
+    v = step.v
+    theta = scaled.theta(v.nu, scaled.slack(v.x_n, v.y))
+    alpha = min(1.0, settings.to_boundary * scaled.distance_to_boundary(v, step.dx_n, step.dy, step.dnu))
+    while alpha > 1e-10:
+        new = step.at(alpha)
+        z = scaled.slack(new.x_n, new.y)
+        theta_new = scaled.theta(new.nu, z)
+        if (
+            scaled.smallest_product(new.nu, z) >= settings.gamma * theta_new
+            and theta_new <= (1.0 - alpha * settings.omega * (1.0 - sigma)) * theta
+            and scaled.infeasibility(new) <= beta * theta_new
+        ):
+            return alpha, new
+        alpha *= settings.backtrack
+    return alpha, None
+
+
+class _Path:
+    """A problem, followed from one start after another."""
+
+    def __init__(
+        self, settings: InteriorPoint, problem: FrictionProblem, goal: Goal, progress: ProgressCallback | None
+    ):
+        self._settings, self._problem, self._goal, self._progress = settings, problem, goal, progress
+        self._scaled = ScaledProblem(problem)
+        self._newton = settings.newton.system(self._scaled.A, self._scaled.sloped)
+        self._history: list[InteriorPointStep] = []
+
+    def follow(self, start: FloatArray | None, gradient: FloatArray | None) -> SolverResult:
+        """One start after another, each farther inside, until the steps do not block.
+
+        A start too near the boundary for how far it is from equilibrium has its steps blocked, and recovers slowly or
+        never; a start far inside costs a few steps more.
+        """
+        results: list[SolverResult] = []
+        starts, v = list(self._settings.starts), None if start is None else self._warm(start, gradient)
+        try:
+            while v is not None or starts:
+                if v is None:  # equal pressure everywhere, no friction
+                    x_n, y = self._scaled.lower + 1.0, np.zeros((self._scaled.nodes, 2))
+                    v = self._centred(x_n, y, starts.pop(0))
+                results.append(self._steps(v, patient=not starts))
+                v, last = None, results[-1]
+                if last.status in (Status.CONVERGED, Status.INTERRUPTED) or last.residual <= self._goal.tolerance:
+                    break
+        finally:
+            self._newton.destroy()
+        best = min(results, key=lambda result: result.residual)
+        return replace(best, newton_steps=len(self._history), history=tuple(self._history))
+
+    def _centred(self, x_n: FloatArray, y: FloatArray, relative_theta: float) -> Iterate:
+        """These forces, and centred multipliers with theta so many times rms(A x - b)."""
+        scaled = self._scaled
+        A_x = self._newton.start(scaled.forces(x_n, y), self._settings.fresh)
+        v = Iterate(x_n, y, np.zeros((scaled.nodes, 2)), A_x)
+        theta = relative_theta * max(scaled.rms(scaled.gradient(v)), 1e-3)
+        return v._replace(nu=scaled.over_constraints(np.full_like(v.nu, theta), scaled.slack(x_n, y)))
+
+    def _warm(self, start: FloatArray, gradient: FloatArray | None) -> Iterate | None:
+        """An iterate near the forces `start`, strictly inside; None if a cold start is as good."""
+        settings, scaled = self._settings, self._scaled
+        if scaled.sloped:
+            x_n, y = scaled.inside(start, settings.warm_floor, settings.warm_inside)
+            return self._centred(x_n, y, settings.warm_theta)
+        gradient = self._problem.gradient(start) if gradient is None else gradient
+        x = scaled.scaled(start)
+        q = scaled.projection_step(x, scaled.scaled_gradient(gradient))
+        distance = scaled.distance_from_solution(x, q)
+        if distance > settings.far:
+            return None
+        x_n, y, nu = scaled.smoothed_projection(q, max(distance**1.5, 0.1 * self._goal.tolerance))
+        return Iterate(x_n, y, nu, self._newton.start(scaled.forces(x_n, y), settings.fresh))
+
+    def _steps(self, v: Iterate, patient: bool) -> SolverResult:
+        """Newton steps from v until the residual is small enough; an impatient run ends when blocked."""
+        settings, scaled, newton, goal, history = self._settings, self._scaled, self._newton, self._goal, self._history
+        problem, first = self._problem, len(history)
+        theta, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), scaled.infeasibility(v)
+        beta = max(settings.beta, 10.0 * gradient / theta)
+        err, krylov_tolerance, alpha = 1.0, settings.r_tol / settings.c_fact, 1.0
+        waits = scaled.sloped or not problem.A.exact
+        best, best_at, blocked, reached, status = math.inf, first, 0, False, Status.MAX_ITERATIONS
+        for iteration in range(first + 1, first + settings.max_iterations + 1):
+            sigma = settings.centring(alpha, gradient / (beta * theta) if waits else 0.0)
+            krylov_tolerance = min(settings.r_tol * err, settings.c_fact * krylov_tolerance)
+            step = newton_step(settings, scaled, newton, v, sigma * theta, krylov_tolerance, beta)
+            alpha, new = step_length(settings, scaled, step, beta, sigma)
+            if new is None:
+                status = Status.STAGNATED
+                break
+            err = scaled.relative_change(v, new)
+            x = scaled.forces(new.x_n, new.y)
+            v = new._replace(A_x=newton.advance(x, None if scaled.sloped else new.A_x, alpha, settings.fresh))
+            theta, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), scaled.infeasibility(v)
+            # err is proportional to alpha, so that a blocked step looks like the end: the residual decides
+            residual = problem.residual(*scaled.unscaled(v)[:2])
+            if residual <= goal.residual:  # A x may be inexact: decide by a product as exact as can be
+                exact = v._replace(A_x=newton.exact_product(x))
+                forces, force_gradient, multipliers = scaled.unscaled(exact)
+                residual = problem.residual(forces, force_gradient)
+                reached = goal.reached(residual, forces)
+            history.append(
+                InteriorPointStep(iteration, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
+            )
+            stop = self._progress is not None and self._progress(Progress(0, iteration, residual))
+            if reached:
+                break
+            if stop:
+                status = Status.INTERRUPTED
+                break
+            if residual < 0.9 * best:
+                best, best_at = residual, iteration
+            blocked = blocked + 1 if alpha < settings.blocked else 0
+            if iteration - best_at >= goal.patience or (blocked == 3 and not patient):
+                status = Status.STAGNATED
+                break
+        if not reached:
+            exact = v._replace(A_x=newton.exact_product(scaled.forces(v.x_n, v.y)))
+            forces, force_gradient, multipliers = scaled.unscaled(exact)
+            residual = problem.residual(forces, force_gradient)
+        return SolverResult(
+            x=forces,
+            gradient=force_gradient,
+            slip_bound=problem.slip_bound(forces),
+            multipliers=multipliers,
+            status=goal.verdict(residual, forces, status),
+            outer_steps=0,
+            newton_steps=0,
+            products=0,
+            residual=residual,
+            history=(),
+            method=settings.name,
+        )

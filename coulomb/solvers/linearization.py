@@ -1,0 +1,134 @@
+"""The nodal part of a Newton system of path following, and its inverse.
+
+At a node, with y = x_t/r inside the unit disc, h = nu2/r, slope F = dr/dx_n, k = F (1 + |y|^2)/2 and D22 = z/nu,
+
+    [J11   J12 ] [dx ]   [r1]     J11 = A + C,  C dx = (0, h (dx_t - F y dx_n))
+    [J21  -D22 ] [dnu] = [r2]     J12 dnu = (-dnu1, y dnu2),  J21 dx = (-dx_n, y dx_t - k dx_n)
+
+J21 is the derivative of the constraints -z.  Without slope C is diag(0, h, h), J12 the transpose of J21, and the system
+the paper's J_AM; with the multipliers eliminated, A + C + J12 D22^-1 J21 is J_SC.  With slope it is unsymmetric by the
+two terms that dx_n sends to the tangential rows, -h F y and -y k/D22_2; no tangential unknown acts on the normal row.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray
+
+
+class Linearization(NamedTuple):
+    """The nodal numbers of a Newton system.
+
+    Attributes:
+        slope: F = dr/dx_n, shape (m,).
+        r: Bound of friction, shape (m,); 1 where there is no friction.
+        h: nu2/r, shape (m,); 0 without friction.
+        y: x_t/r, shape (m, 2).
+        D22: z/nu, shape (m, 2); 1 where there is no constraint.
+        frictional: Nodes with friction, shape (m,); the others have no tangential unknowns.
+    """
+
+    slope: FloatArray
+    r: FloatArray
+    h: FloatArray
+    y: FloatArray
+    D22: FloatArray
+    frictional: npt.NDArray[np.bool_]
+
+    @property
+    def k(self) -> FloatArray:
+        """F (1 + |y|^2)/2, how fast the slack of the disc grows with x_n, shape (m,)."""
+        widening: FloatArray = 0.5 * self.slope * (1.0 + np.sum(self.y**2, axis=1))
+        return widening
+
+    def C(self, dx: FloatArray) -> FloatArray:
+        """The nodal part of J11 on dx (m, 3)."""
+        t = self.h[:, None] * (dx[:, 1:] - (self.slope * dx[:, 0])[:, None] * self.y)
+        return np.column_stack([np.zeros(len(dx)), t])
+
+    def J21(self, dx: FloatArray) -> FloatArray:
+        """Derivative of -z along dx (m, 3, ...), shape (m, 2, ...)."""
+        disc = np.einsum("ij,ij...->i...", self.y, dx[:, 1:]) - like(self.k[:, None], dx)[:, 0] * dx[:, 0]
+        disc[~self.frictional] = 0.0
+        return np.stack([-dx[:, 0], disc], axis=1)
+
+    def J12(self, dnu: FloatArray) -> FloatArray:
+        """Force balance of the multipliers dnu (m, 2), shape (m, 3)."""
+        return np.column_stack([-dnu[:, 0], self.y * dnu[:, 1:]])
+
+    def schur(self, dx: FloatArray) -> FloatArray:
+        """(C + J12 D22^-1 J21) dx, what J_SC adds to A dx, shape (m, 3)."""
+        return self.C(dx) + self.J12(self.J21(dx) / self.D22)
+
+    def blocks(self) -> FloatArray:
+        """`schur` as matrices, shape (m, 3, 3); the identity on the tangential pair of a node without friction."""
+        e = np.eye(3)
+        C = np.stack([self.schur(np.tile(e[k], (len(self.h), 1))) for k in range(3)], axis=2)
+        C[~self.frictional, 1:, 1:] = np.eye(2)
+        return C
+
+    def dy(self, dx: FloatArray) -> FloatArray:
+        """Change of y to first order, (dx_t - F y dx_n)/r, shape (m, 2)."""
+        dy = (dx[:, 1:] - (self.slope * dx[:, 0])[:, None] * self.y) / self.r[:, None]
+        return np.where(self.frictional[:, None], dy, 0.0)
+
+
+class NodalInverse:
+    """(diag(D) + C + J12 D22^-1 J21)^-1, node by node: the normal unknown first, then the pair that follows it.
+
+    The pair's block is that of the disc; what the normal unknown does to it, h F y + y k/D22_2, is kept apart, so that
+    nothing cancels as D22 -> 0.
+
+    Args:
+        at: The linearisation.
+        D: Shape (m, 3), positive, or 0 where C is regular.
+    """
+
+    def __init__(self, at: Linearization, D: FloatArray):
+        self._at, self._normal, self._pair = at, D[:, :1], D[:, 1:] + at.h[:, None]
+        self._S = at.D22[:, 1:] + np.sum(at.y**2 / self._pair, axis=1)[:, None]
+        self._drag, self._widen = (at.h * at.slope)[:, None] * at.y, (at.k * at.frictional)[:, None]
+
+    def __call__(self, r: FloatArray) -> FloatArray:
+        """On r (m, 3, ...)."""
+        z = self.uncoupled(r)
+        return z + self.follow(z[:, :1])
+
+    def uncoupled(self, r: FloatArray) -> FloatArray:
+        """The same without what the normal unknown does to the pair: symmetric."""
+        at, D22 = self._at, like(self._at.D22, r)
+        z = np.empty_like(r)
+        z[:, 0] = r[:, 0] * D22[:, 0] / (1.0 + like(self._normal, r)[:, 0] * D22[:, 0])
+        z[:, 1:] = disc_inverse(like(self._pair, r), like(at.y, r), D22[:, 1:], like(self._S, r), r[:, 1:])
+        z[~at.frictional, 1:] = 0.0
+        return z
+
+    def follow(self, dx_n: FloatArray) -> FloatArray:
+        """What dx_n (m, 1, ...) adds to dx_t, shape (m, 3, ...)."""
+        at, pair, S = self._at, like(self._pair, dx_n), like(self._S, dx_n)
+        y, D22 = like(at.y, dx_n), like(at.D22, dx_n)
+        dx_t = disc_inverse(pair, y, D22[:, 1:], S, like(self._drag, dx_n) * dx_n)
+        dx_t += y / pair * (like(self._widen, dx_n) * dx_n / S)
+        dx_t[~at.frictional] = 0.0
+        return np.concatenate([np.zeros_like(dx_n), dx_t], axis=1)
+
+
+def like(values: FloatArray, r: FloatArray) -> FloatArray:
+    """Nodal numbers (m, k), shaped to work on many right-hand sides (m, k, ...)."""
+    return values.reshape(values.shape + (1,) * (r.ndim - 2))
+
+
+def disc_inverse(D: FloatArray, y: FloatArray, d22: FloatArray, S: FloatArray, r: FloatArray) -> FloatArray:
+    """(D + y y^T / d22)^-1 r on the tangential pairs, (m, 2, ...), with S = d22 + y^T D^-1 y.
+
+    Sherman and Morrison's D^-1 - D^-1 y y^T D^-1 / S, with the difference multiplied out so that nothing cancels as
+    d22 -> 0: (d22 D^-1 + w w^T / det D) / S, where w = (-y2, y1).
+    """
+    w = np.stack([-y[:, 1], y[:, 0]], axis=1)
+    along = (w[:, :1] * r[:, :1] + w[:, 1:] * r[:, 1:]) / (D[:, :1] * D[:, 1:])
+    inverse: FloatArray = (d22 * r / D + along * w) / S
+    return inverse

@@ -1,0 +1,239 @@
+"""The problem in the variables of path following: answer and counts do not depend on the user's units.
+
+    x = s W (x_n, r y),   r = c + F x_n,    A~ = W A W / a,    b~ = W b / (a s),    a the mean diagonal of A
+
+A friction cone is a disc of unit radius once friction is measured by its bound: y = x_t/r(x_n).  With w = A~ x~ - b~
+and the slacks z1 = x_n - lower, z2 = r (1 - |y|^2)/2,
+
+    w_n - nu1 = 0          nu1 z1 = theta
+    w_t + nu2 y = 0        nu2 z2 = theta
+
+at every node: at theta = 0 Signorini's law and the law of friction.  nu1 is the gap; nu2 the slip, which friction
+opposes.  All slacks are forces, all multipliers displacements.  Without slope this is the paper's problem with the disc
+(|x_t|^2 - g^2)/(2 g) <= 0.  A node without friction has no second constraint and no y.
+
+s is a nominal nodal force: the multiple of equal pressure on all nodes that minimises the objective.  W is 1 on normal
+forces; on friction it is min(c/s, 1) where the law has no slope, so that small discs become unit discs: the gradient of
+a node then weighs as much as its force can do work, and slip bounds spread over many orders of magnitude cost no more
+steps than equal ones.  Where the law has a slope, the rows are weighted by min(r, 1) of the iterate instead (`weight`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arrays import FloatArray
+from .friction_problem import FrictionProblem
+from .laws import FrictionLaw
+from .linearization import Linearization
+from .scaled_compliance import ScaledCompliance
+
+
+class Iterate(NamedTuple):
+    """x_n (m,), y (m, 2), nu (m, 2), A x (m, 3), in scaled variables; x_n > lower, |y| < 1, nu > 0."""
+
+    x_n: FloatArray
+    y: FloatArray
+    nu: FloatArray
+    A_x: FloatArray
+
+
+class ScaledProblem:
+    """A problem with friction, scaled, and the norms of path following; all arrays of this rank.
+
+    Args:
+        problem: The problem in newtons and metres.
+
+    Attributes:
+        nodes: Contact nodes m of this rank.
+        frictional: Nodes with friction, shape (m,).
+        sloped: Whether friction grows with pressure anywhere, on any rank.
+        lower: Lower bound of x_n, shape (m,).
+        law: The scaled law; bound 1 where there is no friction.
+        A: The scaled compliance.
+    """
+
+    def __init__(self, problem: FrictionProblem):
+        self.problem, self._over, self.sloped = problem, problem.reductions, problem.sloped
+        self.nodes, self.frictional = problem.A.nodes, problem.law.frictional
+        self._active = np.column_stack([np.ones(self.nodes, dtype=bool), self.frictional])
+        self._constraints = self._over.sum(self._active.astype(float))
+        self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
+        self._a, self._s = problem.mean_diagonal, self._nominal_force()
+        law = problem.law.scaled(self._s)
+        unit = np.where(self.frictional & (law.slope == 0.0), np.minimum(law.cohesion, 1.0), 1.0)
+        self.law = FrictionLaw(np.where(self.frictional, law.cohesion / unit, 1.0), law.friction)
+        self._W = np.column_stack([np.ones(self.nodes), unit, unit])
+        self.A = ScaledCompliance(problem.A, self._W, self._a, self._s)
+        self.lower = np.broadcast_to(np.asarray(problem.lower) / self._s, (self.nodes,))
+        self._b = self._W * problem.b.reshape(-1, 3) / (self._a * self._s)
+
+    def _nominal_force(self) -> float:
+        """s > 0 in newtons; one product by A."""
+        over, b = self._over, self.problem.b
+        e, A_e = np.zeros((self.nodes, 3)), np.empty(3 * self.nodes)
+        e[:, 0] = 1.0
+        self.problem.A.mult(e.ravel(), A_e)
+        s = max(over.dot(e.ravel(), b), 0.1 * over.norm(e) * over.norm(b)) / over.dot(e.ravel(), A_e)
+        return max(s, 0.1 * over.max(np.abs(np.asarray(self.problem.lower))))
+
+    # --- norms ----------------------------------------------------------------------------------------------------
+
+    def theta(self, nu: FloatArray, z: FloatArray) -> float:
+        """Duality measure nu^T z / (number of constraints)."""
+        return self._over.dot(nu, z) / self._constraints
+
+    def smallest_product(self, nu: FloatArray, z: FloatArray) -> float:
+        """Smallest nu_i z_i of all constraints."""
+        return self._over.min((nu * z)[self._active])
+
+    def on_constraints(self, values: FloatArray) -> FloatArray:
+        """`values` (m, 2) where there is a constraint, 0 where there is no disc."""
+        return np.where(self._active, values, 0.0)
+
+    def over_constraints(self, values: FloatArray, divisor: FloatArray, otherwise: float = 0.0) -> FloatArray:
+        """values / divisor (m, 2) where there is a constraint, `otherwise` where there is no disc."""
+        quotient: FloatArray = values / np.where(self._active, divisor, 1.0)
+        return np.where(self._active, quotient, otherwise)
+
+    def rms(self, r: FloatArray) -> float:
+        """Root mean square over the unknowns."""
+        return self._over.norm(r) / math.sqrt(self._unknowns)
+
+    def from_rms(self, value: float) -> float:
+        """The Euclidean norm of a residual whose root mean square is `value`."""
+        return value * math.sqrt(self._unknowns)
+
+    def relative_change(self, old: Iterate, new: Iterate) -> float:
+        """err = |v_new - v| / |v_new| of v = (x, nu, z)."""
+        before, after = ((self.forces(v.x_n, v.y), v.nu, self.slack(v.x_n, v.y)) for v in (old, new))
+        change = math.hypot(*(self._over.norm(n - o) for n, o in zip(after, before, strict=True)))
+        return change / math.hypot(*(self._over.norm(n) for n in after))
+
+    def infeasibility(self, v: Iterate) -> float:
+        """Root mean square of the weighted gradient."""
+        return self.rms(self.weight(v.x_n) * self.gradient(v))
+
+    # --- formulas of the path ---------------------------------------------------------------------------------------
+
+    def forces(self, x_n: FloatArray, y: FloatArray) -> FloatArray:
+        """x = (x_n, r y), shape (m, 3)."""
+        return np.column_stack([x_n, self.law.radius(x_n)[:, None] * y])
+
+    def slack(self, x_n: FloatArray, y: FloatArray) -> FloatArray:
+        """z, shape (m, 2); 0 where there is no constraint."""
+        disc = 0.5 * self.law.radius(x_n) * (1.0 - np.sum(y**2, axis=1))
+        return self.on_constraints(np.column_stack([x_n - self.lower, disc]))
+
+    def gradient(self, v: Iterate) -> FloatArray:
+        """(w_n - nu1, w_t + nu2 y) on the unknowns, shape (m, 3)."""
+        r: FloatArray = v.A_x - self._b
+        r[:, 0] -= v.nu[:, 0]
+        r[:, 1:] += v.nu[:, 1:] * v.y
+        r[~self.frictional, 1:] = 0.0
+        return r
+
+    def linearize(self, v: Iterate) -> Linearization:
+        """The Newton system at an iterate."""
+        r = self.law.radius(v.x_n)
+        return Linearization(
+            slope=self.law.slope,
+            r=r,
+            h=self.on_constraints(v.nu)[:, 1] / r,
+            y=v.y,
+            D22=self.over_constraints(self.slack(v.x_n, v.y), v.nu, 1.0),
+            frictional=self.frictional,
+        )
+
+    def weight(self, x_n: FloatArray) -> FloatArray:
+        """Rows as they can do work, shape (m, 3): 1 for gaps, min(r, 1) for slips, which is 1 where there is no slope;
+        open nodes get no weight where friction is in proportion to pressure."""
+        t = np.minimum(self.law.radius(x_n), 1.0)
+        return np.column_stack([np.ones(self.nodes), t, t])
+
+    def distance_to_boundary(self, v: Iterate, dx_n: FloatArray, dy: FloatArray, dnu: FloatArray) -> float:
+        """Largest alpha with x_n + alpha dx_n >= lower, |y + alpha dy| <= 1, nu + alpha dnu >= 0; inf if there is none.
+
+        On a disc, of which room = 1 - |y|^2 is left, it is the positive root in the form that does not cancel.
+        """
+        room = 1.0 - np.sum(v.y**2, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bound = np.where(dx_n < 0.0, -(v.x_n - self.lower) / dx_n, math.inf)
+            multiplier = np.where(dnu < 0.0, -v.nu / dnu, math.inf)[self._active]
+            squared, outward = np.sum(dy**2, axis=1), np.sum(dy * v.y, axis=1)
+            disc = (room / (outward + np.sqrt(outward**2 + squared * room)))[self.frictional & (squared > 0.0)]
+        return min(self._over.min(bound), self._over.min(multiplier), self._over.min(disc))
+
+    # --- between the scaled and the user's variables ----------------------------------------------------------------
+
+    def scaled(self, x: FloatArray) -> FloatArray:
+        """Forces (3 m,) in N as x~, shape (m, 3); no friction where there is no disc."""
+        x_scaled = x.reshape(-1, 3) / (self._s * self._W)
+        x_scaled[~self.frictional, 1:] = 0.0
+        return x_scaled
+
+    def scaled_gradient(self, gradient: FloatArray) -> FloatArray:
+        """A x - b (3 m,) in m as A~ x~ - b~, shape (m, 3)."""
+        scaled: FloatArray = self._W * gradient.reshape(-1, 3) / (self._a * self._s)
+        return scaled
+
+    def unscaled(self, v: Iterate) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Forces in N (3 m,), A x - b in m (3 m,), multipliers in m (m, 2)."""
+        unit = self._a * self._s / self._W
+        forces = self._s * self._W * self.forces(v.x_n, v.y)
+        return forces.ravel(), (unit * (v.A_x - self._b)).ravel(), unit[:, :2] * v.nu
+
+    # --- warm starts -------------------------------------------------------------------------------------------------
+
+    def inside(self, x: FloatArray, least: float, most: float) -> tuple[FloatArray, FloatArray]:
+        """x_n (m,) >= lower + least and y (m, 2), |y| <= most, nearest to forces in N (3 m,)."""
+        forces = self.scaled(x)
+        x_n = np.maximum(forces[:, 0], self.lower + least)
+        y = forces[:, 1:] / self.law.radius(x_n)[:, None]
+        size = np.linalg.norm(y, axis=1)
+        return x_n, y * (np.minimum(size, most) / np.where(size > 0.0, size, 1.0))[:, None]
+
+    def projection_step(self, x: FloatArray, w: FloatArray) -> FloatArray:
+        """q = x - D^-1 w with w = A x - b and D = diag(A), made isotropic on each disc; a solution has P(q) = x."""
+        return x - w / self._isotropic()
+
+    def _isotropic(self) -> FloatArray:
+        d = self.A.diagonal.copy()
+        d[:, 1:] = 0.5 * (d[:, 1:2] + d[:, 2:3])
+        return d
+
+    def distance_from_solution(self, x: FloatArray, q: FloatArray) -> float:
+        """Root mean square of x - P(q) in units of the nominal force."""
+        p: FloatArray = self.law.project(q.ravel(), x[:, 0], self.lower).reshape(-1, 3)
+        p[~self.frictional, 1:] = 0.0
+        return self.rms(self._W * (x - p))
+
+    def smoothed_projection(self, q: FloatArray, theta: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The point of the projection's central path: x_n, y strictly feasible, nu, with nu_i z_i = theta.
+
+        Minimises 1/2 (x - q)^T D (x - q) under the constraints with barrier theta, the discs with the radius of the
+        x_n found.  A bound: x_n - l is the positive root of t^2 - (q_n - l) t - theta/d (the smoothing of Chen, Harker,
+        Kanzow and Smale).  A disc: x_t = q_t / (1 + tau) with tau = nu2 / (r d), where
+        d tau (r^2 - |q_t|^2 / (1 + tau)^2) = 2 theta.
+        """
+        D = self._isotropic()
+        d, d_t = D[:, 0], D[:, 1]
+        above = q[:, 0] - self.lower
+        root = np.sqrt(above**2 + 4.0 * theta / d)
+        with np.errstate(divide="ignore", invalid="ignore"):  # the form of the root that does not cancel
+            t = np.where(above > 0.0, 0.5 * (above + root), 2.0 * theta / d / (root - above))
+        x_n = self.lower + t
+        r, size = self.law.radius(x_n), np.hypot(q[:, 1], q[:, 2])
+        low = np.maximum(size / r - 1.0, 0.0)
+        high = low + 1.0 + 4.0 * theta / (d_t * r**2)
+        for _ in range(100):  # bisection: the left-hand side grows with tau between these bounds
+            tau = 0.5 * (low + high)
+            short = tau * d_t * (r**2 - (size / (1.0 + tau)) ** 2) < 2.0 * theta
+            low, high = np.where(short, tau, low), np.where(short, high, tau)
+        y = q[:, 1:] / ((1.0 + high) * r)[:, None]
+        y[~self.frictional] = 0.0
+        nu = self.over_constraints(np.full((self.nodes, 2), theta), self.slack(x_n, y))
+        return x_n, y, nu
