@@ -99,7 +99,7 @@ def test_a_table_that_is_none_is_named(copy, kind):
     spoil(copy / kind, "history.csv", "binary")
     done = run_coulomb("report", kind)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
-    assert re.match(rf"error: {kind}/history\.csv: cannot be read: it is no table of text: ", done.stderr)
+    assert re.match(rf"error: {kind}/history\.csv: cannot be read: it is not a text table: ", done.stderr)
 
 
 def test_lines_that_are_too_short_are_no_crash(copy):

@@ -221,7 +221,7 @@ def test_a_signal_in_the_loop(number):
     watched = Watched("run", "case.toml", *slow, "--log", log)
     code, _, errors = watched.when(lambda: log.exists() and "path following   2" in log.read_text()).signalled(number)
     assert code == 130 and "Traceback" not in errors and "PETSC" not in errors
-    expected = r"\nstopping after this step, .*\n(warning: .*\n)*error: interrupted: .*, marked so\n"
+    expected = r"\nstopping after this step, .*\n(warning: .*\n)*error: interrupted: .*, marked as interrupted\n"
     assert re.fullmatch(expected, errors), errors
     assert json.loads(Path("out/summary.json").read_text())["status"] == "interrupted"
     assert not Path("out/run.lock").exists() and not list(Path("out").glob(".*"))

@@ -121,7 +121,7 @@ def test_a_signal_stops_a_run_with_everything_kept(tmp_path, number, ranks):
     code, said = signalled(command, log, number, "path following   2")
     assert code == 130, said
     assert said.count("stopping after this step, everything is kept; once more to stop at once") == 1
-    assert re.search(r"error: interrupted: .*; the answer so far is in .*out/, marked so", said)
+    assert re.search(r"error: interrupted: .*; the answer so far is in .*out/, marked as interrupted", said)
     contents = json.loads((out / "summary.json").read_text())
     assert contents["status"] == "interrupted" and not contents["certificate"]["passed"]
     assert (out / "solution.h5").exists() and (out / "contact.h5").exists()
