@@ -14,7 +14,7 @@ RUNS = {"hexahedra": BLOCK, "tetrahedra": WEDGE}
 ON_BODY = ("displacement", "load", "held", "prescribed", "spring", "von_mises_stress", "young", "poisson")
 ON_FACE = (
     *("pressure", "friction_traction", "slip", "gap", "friction_use", "contact_force", "normal", "initial_gap"),
-    *("area", "coefficient", "friction", "cohesion", "slip_bound", "slip_origin", "face"),
+    *("tangent_1", "tangent_2", "area", "coefficient", "friction", "cohesion", "slip_bound", "slip_origin", "face"),
 )
 GIVEN = {
     "load",
@@ -24,6 +24,8 @@ GIVEN = {
     "young",
     "poisson",
     "normal",
+    "tangent_1",
+    "tangent_2",
     "initial_gap",
     "friction",
     "cohesion",
@@ -272,8 +274,8 @@ def lost_nodes(monkeypatch):
     from coulomb.fem.contact_matrix import contact_matrix
     from coulomb.model import contact
 
-    def without_the_middle(elasticity, face, foundation=None, normals="foundation"):
-        surface = real_surface(elasticity, face, foundation, normals)
+    def without_the_middle(elasticity, face, foundation=None, normals="foundation", axes=None):
+        surface = real_surface(elasticity, face, foundation, normals, axes)
         keep = ~((surface.x[:, 0] > 0.39) & (surface.x[:, 0] < 0.81))
         of_nodes = {name: getattr(surface, name)[keep] for name in ("part", "nodes", "x", "frames", "gap", "area")}
         return replace(surface, **of_nodes, B=contact_matrix(elasticity, of_nodes["nodes"], of_nodes["frames"]))

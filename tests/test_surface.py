@@ -4,7 +4,8 @@ from conftest import STEEL, make_block
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, Plane, PrescribedDisplacement
-from coulomb.fem.surface import contact_surface, tangent_frames
+from coulomb.fem.contact_frames import tangent_frames
+from coulomb.fem.surface import contact_surface
 
 
 def body(clamps=(Clamp("left"),), cell="hexahedron"):

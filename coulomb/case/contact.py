@@ -11,7 +11,7 @@ from ..arrays import FloatArray
 from ..fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
 from ..model.times import HALVINGS, refuse_times
 from .body import Table
-from .values import ROWS, TABLES, Duration, Friction, Length, Name, Number, Steps, Stress, Vector
+from .values import ROWS, TABLES, Duration, Frictions, Length, Name, Number, Steps, Stress, Vector
 
 if TYPE_CHECKING:
     from ..fem.user_values import Coefficient
@@ -65,7 +65,7 @@ class RegionTable(Table):
     """A part of the contact face, inside a box given by two corners in metres, that rubs differently."""
 
     box: tuple[Vector, Vector]
-    friction: Friction | None = None
+    friction: Frictions | None = None
     slip_stress: Stress | None = None
     cohesion: Stress | None = None
 
@@ -91,13 +91,14 @@ class ContactTable(Table):
     """The contact face and its law: friction (Coulomb), perhaps with cohesion, or slip_stress (Tresca), in pascals."""
 
     face: Name
-    friction: Friction | None = None
+    friction: Frictions | None = None
     slip_stress: Stress | None = None
     region: Annotated[tuple[RegionTable, ...], Field(max_length=TABLES)] = ()
     foundation: FoundationTable | None = None
     normals: Literal["foundation", "body"] = "foundation"
     motion: MotionTable | None = None
     cohesion: Stress | None = None
+    direction: Vector | None = None
 
     @model_validator(mode="after")
     def _one_law(self) -> ContactTable:
@@ -105,6 +106,9 @@ class ContactTable(Table):
             raise ValueError("give either friction (Coulomb) or slip_stress (Tresca), one of the two")
         if self.cohesion is not None and self.friction is None:
             raise ValueError("cohesion goes with friction; slip_stress is a cohesion alone")
+        pairs = any(isinstance(given, tuple) for given in (self.friction, *(r.friction for r in self.region)))
+        if pairs != (self.direction is not None):
+            raise ValueError("friction = [along, across] and the direction of the first go together")
         given = [name for name in LAW_KEYS if getattr(self, name) is not None]
         for number, region in enumerate(self.region):
             named = [name for name in LAW_KEYS if getattr(region, name) is not None]
@@ -118,7 +122,8 @@ class ContactTable(Table):
     @property
     def sloped(self) -> bool:
         """Whether friction grows with pressure anywhere on the face."""
-        return bool(self.friction) or any(region.friction for region in self.region)
+        given = [friction for friction in (self.friction, *(r.friction for r in self.region)) if friction is not None]
+        return any(max(_pair(friction)) > 0.0 for friction in given)
 
     def contact(self) -> Contact:
         """What it describes."""
@@ -126,28 +131,50 @@ class ContactTable(Table):
 
         return Contact(
             self.face,
-            self._coefficient("friction"),
+            self._friction(),
             self._coefficient("slip_stress"),
             self.foundation.foundation() if self.foundation is not None else None,
             self.normals,
             self.motion,
             self._coefficient("cohesion"),
+            self.direction,
         )
 
+    def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | None:
+        """One coefficient, or two where there is a direction."""
+        if self.direction is None:
+            return self._coefficient("friction")
+        assert self.friction is not None
+        given = [None if region.friction is None else _pair(region.friction) for region in self.region]
+        along, across = (
+            self._by_region(_pair(self.friction)[k], [None if pair is None else pair[k] for pair in given])
+            for k in range(2)
+        )
+        return along, across
+
     def _coefficient(self, law: Literal["friction", "slip_stress", "cohesion"]) -> Coefficient | None:
-        """Of this law: nothing, a number, or a function of place by region; where regions overlap, the last counts."""
+        """Of this law: nothing, a number, or a function of place by region."""
         base = getattr(self, law)
-        if base is None or not self.region:
-            return base  # type: ignore[no-any-return]
+        return None if base is None else self._by_region(base, [getattr(region, law) for region in self.region])
+
+    def _by_region(self, base: float, others: list[float | None]) -> Coefficient:
+        """A number, or a function of place with those of the regions, if not None; of two regions the last counts."""
+        if not self.region:
+            return base
 
         def by_region(x: FloatArray) -> FloatArray:
             values = np.full(x.shape[1], float(base))
-            for region in self.region:
-                if getattr(region, law) is not None:
-                    values[region.holds(x)] = getattr(region, law)
+            for region, other in zip(self.region, others, strict=True):
+                if other is not None:
+                    values[region.holds(x)] = other
             return values
 
         return by_region
+
+
+def _pair(friction: float | tuple[float, float]) -> tuple[float, float]:
+    """Along the direction and across it."""
+    return friction if isinstance(friction, tuple) else (friction, friction)
 
 
 FACE, FACES = "one [contact]", "several [[contact]]"

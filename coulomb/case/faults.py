@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from .body import ONE, SEVERAL
 from .contact import FACE, FACES
+from .values import ISOTROPIC, ORTHOTROPIC
 
 _MOST = 10
 """Maximum number of faults listed."""
@@ -46,7 +47,7 @@ def tables_of_several(case: _Model) -> set[str]:
 
 
 def _explain(entry: Any, case: _Model) -> str:
-    location = tuple(part for part in entry["loc"] if part not in (ONE, SEVERAL, FACE, FACES))
+    location = tuple(part for part in entry["loc"] if part not in (ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC))
     key, given = ".".join(map(str, location)) or "case", entry["input"]
     names = ".".join(part for part in location if isinstance(part, str))
     if entry["type"] == "extra_forbidden":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
 
 def _between(low: float, high: float, zero: bool = False) -> AfterValidator:
@@ -39,8 +39,15 @@ Young = Annotated[float, _POSITIVE, _between(1e-6, 1e24)]
 Stiffness = Annotated[float, _NOT_NEGATIVE, _between(1e-12, 1e30, zero=True)]
 Stress = Annotated[float, _NOT_NEGATIVE, _between(1e-30, 1e30, zero=True)]
 
+ISOTROPIC, ORTHOTROPIC = "one coefficient", "two coefficients"
 Friction = Annotated[float, _NOT_NEGATIVE, _between(1e-9, 1e3, zero=True)]
 """Smaller values are below the accuracy of an answer; larger ones are not physical."""
+
+Frictions = Annotated[
+    Annotated[Friction, Tag(ISOTROPIC)] | Annotated[tuple[Friction, Friction], Tag(ORTHOTROPIC)],
+    Discriminator(lambda given: ORTHOTROPIC if isinstance(given, list | tuple) else ISOTROPIC),
+]
+"""One coefficient, or two: along a direction and across it."""
 
 Vector = tuple[Number, Number, Number]
 

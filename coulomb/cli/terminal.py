@@ -27,7 +27,7 @@ _UNITS = ((1e3, "km"), (1.0, "m"), (1e-3, "mm"), (1e-6, "um"), (1e-9, "nm"))
 
 def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
     unknowns = problem.unknowns
-    law = law_in_words(law_numbers(problem.law, problem.surface.area, Reductions(problem.comm)))
+    law = law_in_words(law_numbers(problem.law, problem.surface.area, problem.surface.frames, Reductions(problem.comm)))
     console.print(
         f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
         f"{problem.comm.size} {'rank' if problem.comm.size == 1 else 'ranks'}\n"
@@ -45,9 +45,12 @@ def law_in_words(numbers: dict[str, Any]) -> str:
 
     if numbers["law"] == "tresca":
         return f"Tresca friction {shown(numbers['slip_stress'])} Pa"
+    friction = shown(numbers["friction"])
+    if numbers["friction_along"] is not None:
+        friction = f"{shown(numbers['friction_along'])} along and {shown(numbers['friction_across'])} across"
     if numbers["law"] == "coulomb":
-        return f"Coulomb friction {shown(numbers['friction'])}"
-    return f"Mohr-Coulomb friction {shown(numbers['friction'])}, cohesion {shown(numbers['cohesion'])} Pa"
+        return f"Coulomb friction {friction}"
+    return f"Mohr-Coulomb friction {friction}, cohesion {shown(numbers['cohesion'])} Pa"
 
 
 def body_in_words(problem: ContactProblem) -> str:

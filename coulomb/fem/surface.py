@@ -13,6 +13,7 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
+from .contact_frames import FrictionAxes, held_obliquely, inverse_frames, tangent_frames
 from .contact_matrix import at_nodes_of, contact_matrix, rows_of
 from .elasticity import Elasticity
 from .obstacles import Plane, RigidFoundation
@@ -38,7 +39,8 @@ class ContactSurface:
         part: Which of them a node is on, shape (m,); nodes are in the order of the faces.
         nodes: The nodes that represent them in the files, numbers among this rank's nodes, shape (m,).
         x: Coordinates in metres, shape (m, 3).
-        frames: Orthonormal rows n, t1, t2 of every point, shape (m, 3, 3); n points into the foundation.
+        frames: Orthogonal rows n, t1, t2 of every point, shape (m, 3, 3), of length 1; t1 and t2 are shorter where
+            friction is orthotropic (`FrictionAxes`).  n points into the foundation.
         gap: Distance to the foundation along n before deformation in metres, shape (m,).
         area: Integral of the hat function over the face in m^2, shape (m,).
         B: Rows n, t1, t2 of every contact point; columns the displacements.  Shape (3 m, n), distributed.
@@ -56,13 +58,23 @@ class ContactSurface:
     foundations: tuple[RigidFoundation, ...]
 
     def components(self, vectors: FloatArray) -> FloatArray:
-        """Space vectors (m, 3) in the frames: n, t1, t2."""
+        """The rows of displacements (m, 3), space vectors at the contact points, as in B u: along n, t1, t2."""
         components: FloatArray = np.einsum("kij,kj->ki", self.frames, vectors)
         return components
 
     def vectors(self, components: FloatArray) -> FloatArray:
-        """The space vectors (m, 3) of components n, t1, t2 (m, 3)."""
+        """Forces (m, 3) with these components along n, t1, t2 (m, 3), as space vectors, as in B^T x."""
         vectors: FloatArray = np.einsum("kij,ki->kj", self.frames, components)
+        return vectors
+
+    def force_components(self, vectors: FloatArray) -> FloatArray:
+        """The components along n, t1, t2 of forces, space vectors, both of shape (m, 3): what `vectors` takes."""
+        components: FloatArray = np.einsum("kij,kj->ki", inverse_frames(self.frames), vectors)
+        return components
+
+    def displacements(self, rows: FloatArray) -> FloatArray:
+        """The space vectors of rows along n, t1, t2, as of B u, both of shape (m, 3): what `components` takes."""
+        vectors: FloatArray = np.einsum("kij,ki->kj", inverse_frames(self.frames), rows)
         return vectors
 
     def rows(self, u: FloatArray) -> FloatArray:
@@ -102,30 +114,8 @@ def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurf
     weight = 1.0 / np.maximum(distance, 1e-9 * np.max(distance, initial=1e-300)) ** 2
     weight /= weight.sum(axis=1)[:, None]
     averaged = np.einsum("ij,ijk->ik", weight, values[near])
-    forces: FloatArray = (fine.components(averaged) * fine.area[:, None]).ravel()
+    forces: FloatArray = (fine.force_components(averaged) * fine.area[:, None]).ravel()
     return forces
-
-
-def tangent_frames(n: FloatArray) -> FloatArray:
-    """Frames (n, t1, t2) of unit normals n (k, 3), shape (k, 3, 3).
-
-    Of the coordinate axes, the one nearest to n is dropped; t1 and t2 are the other two, in their order, made
-    orthogonal to n and then to each other.  So t1, t2 are x, y on a horizontal face, and an axis perpendicular to n
-    always is a tangent: a node held in that direction has a row that involves only held components.
-    """
-    nearest = np.argmax(np.round(np.abs(n), 9), axis=1)  # at 45 degrees the choice must not depend on rounding
-    others = np.array([[1, 2], [0, 2], [0, 1]])[nearest]
-    t1, t2 = np.eye(3)[others[:, 0]], np.eye(3)[others[:, 1]]
-    square = np.abs(np.einsum("ki,ki->k", t2, n)) < 1e-12  # an axis perpendicular to n must be kept: make it the first
-    first, second = np.where(square[:, None], t2, t1), np.where(square[:, None], t1, t2)
-    first = first - np.einsum("ki,ki->k", first, n)[:, None] * n
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    second = second - np.einsum("ki,ki->k", second, n)[:, None] * n
-    second -= np.einsum("ki,ki->k", second, first)[:, None] * first
-    second /= np.linalg.norm(second, axis=1)[:, None]
-    swap = square[:, None]
-    frames: FloatArray = np.stack([n, np.where(swap, second, first), np.where(swap, first, second)], axis=1)
-    return frames
 
 
 def contact_surface(
@@ -133,6 +123,7 @@ def contact_surface(
     face: str,
     foundation: RigidFoundation | None = None,
     normals: Normals = "foundation",
+    axes: FrictionAxes | None = None,
 ) -> ContactSurface:
     """The contact nodes of a face against a rigid foundation.
 
@@ -149,10 +140,12 @@ def contact_surface(
         face: Name of the face.
         foundation: The obstacle; by default the plane of the face, which must then be plane.
         normals: Source of the normals, before deformation.
+        axes: Orthotropic friction, by which the tangents are rotated and scaled.
 
     Raises:
         ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from the
-            foundation, held obliquely to it, moved along it by a prescribed displacement, or has no free node.
+            foundation, held obliquely to it or to the axes, moved along it by a prescribed displacement, or has no free
+            node.
     """
     comm = elasticity.mesh.comm
     candidates = elasticity.nodes(face, "contact")
@@ -196,7 +189,15 @@ def contact_surface(
     gap = _evaluate(foundation.signed_distance, x, 1, comm, face)
     if normals == "body":
         gap = on_all_ranks(lambda: way_along(n, x, gap, foundation), f"contact face {face!r}: foundation", comm)
-    frames = tangent_frames(n)
+    if axes is None:
+        frames = tangent_frames(n)
+    else:
+        frames = axes.frames(n, x, f"contact face {face!r}", comm)
+        refuse.where(
+            held_obliquely(frames, fixed[keep]),
+            x,
+            "is held by a clamp obliquely to the direction of friction; hold it along or across that direction",
+        )
     B = contact_matrix(elasticity, nodes, frames)
     return ContactSurface((face,), np.zeros(len(nodes), dtype=np.int64), nodes, x, frames, gap, area, B, (foundation,))
 

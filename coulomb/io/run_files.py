@@ -30,7 +30,8 @@ ON_BODY = ("displacement", "load", "held", "prescribed", "spring")
 
 ON_FACE = (
     *("pressure", "friction_traction", "slip", "gap", "status", "friction_use", "contact_force", "normal"),
-    *("initial_gap", "area", "coefficient", "friction", "cohesion", "slip_bound", "slip_origin", "face"),
+    *("tangent_1", "tangent_2", "initial_gap", "area", "coefficient", "friction", "cohesion"),
+    *("slip_bound", "slip_origin", "face"),
 )
 """Fields of contact.h5, one number or vector per node of the contact face."""
 
@@ -127,7 +128,7 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
             _fits(body_data, name, in_file[name], (len(cells),))
         for name in ON_BODY:
             _fits(body_data, name, in_file[name], (len(points), 3))
-        vectors = {"friction_traction", "slip", "contact_force", "normal", "slip_origin"}
+        vectors = {"friction_traction", "slip", "contact_force", "normal", "tangent_1", "tangent_2", "slip_origin"}
         for name in ON_FACE:
             shape = (len(corners), 3) if name in vectors else (len(corners),)
             _fits(face_data, name, on_face[name], shape)

@@ -9,10 +9,11 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from ..fem.contact_frames import FrictionAxes, tangent_frames
 from ..fem.elasticity import Elasticity
 from ..fem.obstacles import Moved, RigidFoundation
 from ..fem.surface import ContactSurface, Normals, contact_surface, joined
-from ..fem.user_values import Coefficient, Motion, evaluate_motion, evaluate_numbers, on_all_ranks
+from ..fem.user_values import Coefficient, Field, Motion, evaluate_motion, evaluate_numbers, on_all_ranks
 from ..solvers.laws import FrictionLaw
 
 
@@ -23,9 +24,13 @@ class Contact:
     Coulomb's law has friction F alone, Mohr-Coulomb's friction and cohesion c, Tresca's slip_stress in place of both: a
     cohesion alone.  A cohesion resists slip, not opening, and acts on open nodes too.
 
+    Friction may be orthotropic, (F1, F2) with a direction: the friction force T lies in the ellipse with the semi-axes
+    r F1/F along the direction and r F2/F across it, r = c a + F x_n and F the larger of both; slip is along the outward
+    normal of the ellipse at T (associated rule).
+
     Attributes:
         face: Name of the contact face.
-        friction: Coefficient of friction F >= 0, constant or a function of place.
+        friction: Coefficient of friction F >= 0, constant or a function of place; or two, along `direction` and across.
         slip_stress: Tresca friction: the shear stress in pascals at which the face slips, whatever the pressure;
             constant or a function of place.
         foundation: Rigid foundation; by default the plane of the face itself (gap 0).
@@ -33,28 +38,52 @@ class Contact:
         motion: Translation of the foundation in the course of time, metres.
         cohesion: Beside friction: the shear stress c >= 0 in pascals that the face bears without pressure, constant or
             a function of place.
+        direction: Of orthotropic friction, a vector or a function of place; projected into the tangent plane of a node.
 
     Raises:
-        ValueError: If no law is given, or two, or a number is negative or not finite.
+        ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
+            friction have no direction.
     """
 
     face: str
-    friction: Coefficient | None = None
+    friction: Coefficient | Sequence[Coefficient] | None = None
     slip_stress: Coefficient | None = None
     foundation: RigidFoundation | None = None
     normals: Normals = "foundation"
     motion: Motion | None = None
     cohesion: Coefficient | None = None
+    direction: Field | None = None
 
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):
             raise ValueError("contact: give either friction (Coulomb) or slip_stress (Tresca), one of the two")
         if self.cohesion is not None and self.friction is None:
             raise ValueError("contact: cohesion goes with friction; slip_stress is a cohesion alone")
-        given = {"friction": self.friction, "slip_stress": self.slip_stress, "cohesion": self.cohesion}
-        for name, value in given.items():
-            if value is not None and not callable(value) and not (np.isfinite(value) and value >= 0.0):
-                raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
+        if isinstance(self.friction, Sequence) != (self.direction is not None):
+            raise ValueError("contact: two coefficients of friction, (along, across), and a direction go together")
+        if isinstance(self.friction, Sequence) and len(self.friction) != 2:
+            raise ValueError(f"contact: friction must be one number or two, (along, across), but is {self.friction}")
+        for name, given in (
+            ("friction", self.friction),
+            ("slip_stress", self.slip_stress),
+            ("cohesion", self.cohesion),
+        ):
+            for value in given if isinstance(given, Sequence) else (given,):
+                if value is not None and not callable(value) and not (np.isfinite(value) and value >= 0.0):
+                    raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
+
+    @property
+    def axes(self) -> FrictionAxes | None:
+        """Of orthotropic friction."""
+        if not isinstance(self.friction, Sequence) or self.direction is None:
+            return None
+        return FrictionAxes(self.friction[0], self.friction[1], self.direction)
+
+    def frames(self, n: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArray:
+        """Rows n, t1, t2 at nodes x (k, 3) of the face with normals n (k, 3), shape (k, 3, 3); collective."""
+        if self.axes is None:
+            return tangent_frames(n)
+        return self.axes.frames(n, x, f"contact face {self.face!r}", comm)
 
     def law(self, x: FloatArray, area: FloatArray, comm: MPI.Comm) -> FrictionLaw:
         """The law of friction at nodes of the face; collective.
@@ -68,10 +97,16 @@ class Contact:
             ValueError: On every rank, if a function of place fails, or is negative or not finite on any.
         """
 
-        def values(name: str, given: Coefficient | None) -> FloatArray:
+        what = f"contact face {self.face!r}"
+
+        def values(name: str, given: Coefficient | Sequence[Coefficient] | None) -> FloatArray:
             if given is None:
                 return np.zeros(len(x))
-            return evaluate_numbers(given, x, f"contact face {self.face!r}: {name}", comm)
+            if isinstance(given, Sequence):
+                assert self.axes is not None
+                largest: FloatArray = np.max(self.axes.coefficients(x, what, comm), axis=1)
+                return largest
+            return evaluate_numbers(given, x, f"{what}: {name}", comm)
 
         bearing = ("cohesion", self.cohesion) if self.slip_stress is None else ("slip_stress", self.slip_stress)
         return FrictionLaw(values(*bearing) * area, values("friction", self.friction))
@@ -120,7 +155,7 @@ class ContactFaces:
         """Nodes, frames and gaps with the foundations moved so far; collective."""
         moved = [Moved(f, m) if f and np.any(m) else f for f, m in zip(self.foundations, motions, strict=True)]
         faces = zip(self._contacts, moved, strict=True)
-        return joined(elasticity, [contact_surface(elasticity, c.face, f, c.normals) for c, f in faces])
+        return joined(elasticity, [contact_surface(elasticity, c.face, f, c.normals, c.axes) for c, f in faces])
 
     def law(self, surface: ContactSurface) -> FrictionLaw:
         """The law of friction at this rank's contact nodes; collective."""

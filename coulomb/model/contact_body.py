@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from ..fem.contact_frames import inverse_frames
 from ..fem.elasticity import Elasticity, Materials, PrescribedDisplacement, Spring, Traction
 from ..fem.meshes import NamedMesh
 from ..fem.obstacles import RigidFoundation
@@ -177,6 +178,6 @@ class ContactBody:
         A = self._compliance
         if surface.B is self._reference.B:
             return A
-        rotation = np.einsum("kij,klj->kil", surface.frames, self._reference.frames)
+        rotation = np.einsum("kij,klj->kil", surface.frames, inverse_frames(self._reference.frames))
         with timed(seconds, "compliance"):
             return A.rotated(rotation, surface.B)

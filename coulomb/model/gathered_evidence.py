@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..fem.contact_frames import inverse_frames
 from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
-from ..fem.surface import tangent_frames, way_along
+from ..fem.surface import way_along
 from ..fem.user_values import evaluate_motion, on_all_ranks
 from ..solvers.laws import FrictionLaw
 from .contact_body import ContactBody
@@ -42,8 +43,7 @@ def gather_evidence(
     """
     elasticity, surface = body.elasticity, state.surface
     faces = [_face(body, number, state.time, before) for number in range(len(body.contacts))]
-    nodes, n, gap, cohesion, friction, moved = (np.concatenate(part) for part in zip(*faces, strict=True))
-    frames = tangent_frames(n)
+    nodes, frames, gap, cohesion, friction, moved = (np.concatenate(part) for part in zip(*faces, strict=True))
     B = contact_matrix(elasticity, nodes, frames)
 
     number = np.full(len(u), -1)
@@ -51,22 +51,22 @@ def gather_evidence(
     judged = number[surface.nodes]  # the rows of the solver's contact points among those that are judged
     known = judged >= 0
 
-    def taken(components: FloatArray) -> FloatArray:
-        """Of the solver's contact points, in the frames that are judged; 0 where it has none."""
-        vectors = np.zeros((len(nodes), 3))
-        np.add.at(vectors, judged[known], surface.vectors(components)[known])
-        components_: FloatArray = np.einsum("kij,kj->ki", frames, vectors)
-        return components_
+    def taken(vectors: FloatArray, axes: FloatArray) -> FloatArray:
+        """Space vectors at the solver's contact points, along axes at those that are judged; 0 where it has none."""
+        there = np.zeros((len(nodes), 3))
+        np.add.at(there, judged[known], vectors[known])
+        components: FloatArray = np.einsum("kij,kj->ki", axes, there)
+        return components
 
     x = x.reshape(-1, 3)
-    force = taken(x)
+    force = taken(surface.vectors(x), inverse_frames(frames))
     on_body = -at_nodes_of(B, force)
     stray = surface.vectors(x)[~known]  # where no force can be, it pulls, whichever way it points
     np.subtract.at(on_body, surface.nodes[~known], stray)
     stray = stray[np.any(stray != 0.0, axis=1)]
     none = np.zeros(len(stray))
     if before is None:
-        origin = taken(state.slip_origin)
+        origin = taken(surface.displacements(state.slip_origin), frames)
     else:
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, moved)
     closed = closure(rows_of(B, u), origin)
@@ -97,8 +97,8 @@ def _face(
     """Of a contact face, the nodes that are not prescribed along their normal; collective.
 
     Returns:
-        Their numbers among this rank's nodes; n; gap in metres; cohesion in newtons and friction, as the contact was
-        given; and the foundation's displacement in this step in metres, shape (m, 3).
+        Their numbers among this rank's nodes; frames, shape (m, 3, 3); gap in metres; cohesion in newtons and friction,
+        as the contact was given; and the foundation's displacement in this step in metres, shape (m, 3).
     """
     contact, elasticity, comm = body.contacts[number], body.elasticity, body.comm
     nodes = elasticity.nodes(contact.face, "contact")
@@ -126,4 +126,5 @@ def _face(
 
     gap = on_all_ranks(remaining, what, comm)
     law = contact.law(elasticity.x[nodes], elasticity.nodal_area(contact.face)[nodes], comm)
-    return nodes, n, gap, law.cohesion, law.friction, np.tile(moved, (len(nodes), 1))
+    frames = contact.frames(n, elasticity.x[nodes], comm)
+    return nodes, frames, gap, law.cohesion, law.friction, np.tile(moved, (len(nodes), 1))

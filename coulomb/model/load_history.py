@@ -111,7 +111,7 @@ class LoadHistory:
         posed = self._posed(problem, state, time)
         start = None
         if state.number > 0:  # from the forces before, in the frames of now
-            start = -posed.surface.components(state.force_on_body).ravel()
+            start = -posed.surface.force_components(state.force_on_body).ravel()
         return posed.solve(self.tolerance, self.solver, progress, start)
 
     def run(

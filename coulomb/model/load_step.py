@@ -141,7 +141,7 @@ class State(Moment):
 
         def forces(u: FloatArray, load: FloatArray, on_body: FloatArray) -> Forces:
             kept = elasticity.internal_force(u) - elasticity.spring_force(u)
-            return Forces(u, load, kept, surface.at_nodes(surface.components(on_body)))
+            return Forces(u, load, kept, surface.at_nodes(surface.force_components(on_body)))
 
         on_body = solution.force_on_body
         then = forces(self.displacement, elasticity.at(self.time).load, self.force_on_body)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from ..fem.contact_frames import inverse_frames, tangent_lengths
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
 
@@ -41,7 +42,8 @@ class NodalAnswer:
         faces: Names of the contact faces.
         part: Which of them a node is on, shape (m,).
         x: Coordinates, shape (m, 3).
-        frames: Orthonormal rows n, t1, t2, shape (m, 3, 3).
+        frames: Rows n, t1, t2, shape (m, 3, 3), as `ContactSurface.frames`: t1 and t2 are shorter where friction is
+            orthotropic.  Components along them are such that forces on the body are -B^T x and displacements B u.
         gap: Before deformation, shape (m,).
         area: In m^2, shape (m,).
         slip_origin: Displacement from which slip counts, along n, t1, t2, shape (m, 3).
@@ -83,6 +85,11 @@ class NodalAnswer:
         )
 
     @cached_property
+    def scale(self) -> FloatArray:
+        """Lengths of t1 and t2: 1, or with orthotropic friction F1/F and F2/F; shape (m, 2)."""
+        return tangent_lengths(self.frames)
+
+    @cached_property
     def closure(self) -> FloatArray:
         """Displacement along n, and slip along t1 and t2, shape (m, 3)."""
         return closure(self.displacement, self.slip_origin)
@@ -106,7 +113,7 @@ class NodalAnswer:
     @cached_property
     def moved(self) -> FloatArray:
         """Displacement as space vectors, shape (m, 3)."""
-        return self._vectors(self.displacement)
+        return self._displacements(self.displacement)
 
     @cached_property
     def _friction(self) -> FloatArray:
@@ -153,19 +160,21 @@ class NodalAnswer:
         return {
             "pressure": self.force[:, 0] / self.area,
             "friction_traction": -self._vectors(tangential) / self.area[:, None],
-            "slip": self._vectors(slip),
+            "slip": self._displacements(slip),
             "gap": self.gap - self.closure[:, 0],
             "status": self.status.astype(float),
             "friction_use": np.where(self.status == OPEN, 0.0, use),
             "contact_force": self.on_body,
             "normal": self.frames[:, 0],
+            "tangent_1": self.frames[:, 1],
+            "tangent_2": self.frames[:, 2],
             "initial_gap": self.gap,
             "area": self.area,
             "coefficient": self.coefficient,
             "friction": self.law.friction,
             "cohesion": self.cohesion,
             "slip_bound": self.slip_bound,
-            "slip_origin": self._vectors(self.slip_origin),
+            "slip_origin": self._displacements(self.slip_origin),
             "face": self.part.astype(float),
         }
 
@@ -177,7 +186,7 @@ class NodalAnswer:
         """
         here = self.part == part if part is not None else np.ones(len(self.part), dtype=bool)
         over, force, x = Reductions(self.comm), self.force[here], self.x[here]
-        on_body, slip = self.on_body[here], self.closure[here, 1:]
+        on_body, slip = self.on_body[here], (self.closure[:, 1:] / self.scale)[here]
         closed = ~self._open[here]
         pressing = over.sum(force[:, 0])
         moving = np.hypot(slip[:, 0], slip[:, 1])
@@ -202,10 +211,10 @@ class NodalAnswer:
         counts = {"contact": np.ones(len(x)), "open": self._open, "stick": stick, "slip": slip}
         faces = range(len(self.faces))
         return {
-            **law_numbers(self.law, self.area, over),
+            **law_numbers(self.law, self.area, self.frames, over),
             "force_on_body": {
                 "normal": over.sum(x[:, 0]),
-                "tangential": [-over.sum(x[:, 1]), -over.sum(x[:, 2])],
+                "tangential": [-over.sum(x[:, 1 + k] * self.scale[:, k]) for k in range(2)],
                 "vector": [over.sum(self.on_body[:, k]) for k in range(3)],
             },
             "totals": self.totals(),
@@ -215,10 +224,14 @@ class NodalAnswer:
 
     def _law_numbers(self, part: int) -> dict[str, Any]:
         here = self.part == part
-        return law_numbers(self.law.at(here), self.area[here], Reductions(self.comm))
+        return law_numbers(self.law.at(here), self.area[here], self.frames[here], Reductions(self.comm))
 
     def _vectors(self, components: FloatArray) -> FloatArray:
         vectors: FloatArray = np.einsum("kij,ki->kj", self.frames, components)
+        return vectors
+
+    def _displacements(self, rows: FloatArray) -> FloatArray:
+        vectors: FloatArray = np.einsum("kij,ki->kj", inverse_frames(self.frames), rows)
         return vectors
 
 
@@ -229,10 +242,11 @@ def closure(displacement: FloatArray, slip_origin: FloatArray) -> FloatArray:
     return closed
 
 
-def law_numbers(law: FrictionLaw, area: FloatArray, over: Reductions) -> dict[str, Any]:
+def law_numbers(law: FrictionLaw, area: FloatArray, frames: FloatArray, over: Reductions) -> dict[str, Any]:
     """Name and coefficients of a law of friction at nodes of these areas in m^2; collective, the same on all ranks.
 
     Friction, and cohesion in pascals, are a number where all nodes have the same, else the smallest and the largest.
+    Where friction is orthotropic, `friction` is the larger coefficient, and those along t1 and t2 follow.
     With Tresca's law the cohesion has its name, slip_stress, besides, and there is no friction.
     """
 
@@ -242,9 +256,14 @@ def law_numbers(law: FrictionLaw, area: FloatArray, over: Reductions) -> dict[st
         return least if same else {"min": least, "max": largest}
 
     name, cohesion = law.name(over), number(law.cohesion / area)
+    pair = law.friction[:, None] * tangent_lengths(frames)
+    orthotropic = over.max(np.abs(pair[:, 0] - pair[:, 1])) > 1e-12 * over.max(law.friction)
+    along, across = (number(pair[:, k]) if orthotropic else None for k in range(2))
     return {
         "law": name,
         "friction": None if name == "tresca" else number(law.friction),
         "slip_stress": cohesion if name == "tresca" else None,
         "cohesion": cohesion,
+        "friction_along": along,
+        "friction_across": across,
     }

@@ -160,7 +160,7 @@ def small_strain(
     forces = over.sum(np.linalg.norm(internal, axis=1))
     deformation = 0.0 if forces == 0.0 else 2.0 * over.dot(u, internal) / forces
     # Normals were taken where the node is before it moves, against the foundation at its place of now.
-    along = np.linalg.norm(at_nodes.displacement[pressing, 1:], axis=1)
+    along = np.linalg.norm((at_nodes.displacement[:, 1:] / at_nodes.scale)[pressing], axis=1)
     return SmallStrain(
         gap_error=0.0 if deformation <= 0.0 else largest(distance, over) / deformation,
         turn=largest(turn, over),

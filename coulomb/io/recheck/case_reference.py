@@ -78,6 +78,10 @@ class CaseReference:
         """The law of friction of a face at points (k, 3) in metres that have areas (k,) in m^2."""
         return self.contacts[part].law(x, area, MPI.COMM_SELF)
 
+    def frames(self, part: int, n: FloatArray, x: FloatArray) -> FloatArray:
+        """Rows n, t1, t2 of nodes x (k, 3) in metres of a face with normals n (k, 3), shape (k, 3, 3)."""
+        return self.contacts[part].frames(n, x, MPI.COMM_SELF)
+
     def foundation(self, part: int, x: FloatArray, area: FloatArray, outward: FloatArray) -> RigidFoundation:
         """Foundation of a face before any motion; by default the plane of the face.
 

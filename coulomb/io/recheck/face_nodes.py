@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ...fem.surface import tangent_frames
+from ...fem.contact_frames import inverse_frames, tangent_frames
 from ...model.evidence import HELD_BEYOND
 from ...model.nodal_answer import NodalAnswer
 from ...solvers.laws import FrictionLaw
@@ -24,6 +24,9 @@ from .comparison import Comparison
 
 _LAW = ("friction", "cohesion")
 """Fields of contact.xdmf with the law of friction."""
+
+_TANGENTS = ("tangent_1", "tangent_2")
+"""Fields of contact.xdmf that are the rows t1 and t2."""
 
 _NEARLY_HELD = 0.9
 """Without a case, the normal of a held node is that of its facets, which is only near the foundation's."""
@@ -37,7 +40,7 @@ class FaceNodes:
         index: Their numbers among the nodes of the written face, shape (m,).
         part: Which face they are on, shape (m,).
         written: Whether they are written as contact nodes of this face, shape (m,).
-        n: Normals into the foundation, shape (m, 3).
+        frames: Rows n, t1, t2, as `ContactSurface.frames`, shape (m, 3, 3).
         gap: Before deformation in metres, shape (m,).
         area: In m^2, shape (m,).
         friction: Coefficient of friction, shape (m,).
@@ -48,7 +51,7 @@ class FaceNodes:
     index: npt.NDArray[np.int64]
     part: npt.NDArray[np.int64]
     written: npt.NDArray[np.bool_]
-    n: FloatArray
+    frames: FloatArray
     gap: FloatArray
     area: FloatArray
     friction: FloatArray
@@ -72,7 +75,7 @@ class FaceNodes:
             on_body: Contact forces on the body at the nodes of the written face in newtons, shape (q, 3).
             x: Coordinates of these, shape (q, 3).
         """
-        frames = tangent_frames(self.n)
+        frames = self.frames
         return NodalAnswer(
             comm=MPI.COMM_SELF,
             law=FrictionLaw(self.cohesion * self.area, self.friction),
@@ -84,7 +87,7 @@ class FaceNodes:
             area=self.area,
             slip_origin=np.einsum("kij,kj->ki", frames, self.origin),
             displacement=np.einsum("kij,kj->ki", frames, displacement[run.node[self.index]]),
-            force=-np.einsum("kij,kj->ki", frames, on_body[self.index]),
+            force=-np.einsum("kij,kj->ki", inverse_frames(frames), on_body[self.index]),
             slip_bound=run.on_face["slip_bound"][self.index],
         )
 
@@ -154,7 +157,7 @@ def _face(
     area, outward = area[on], outward[on]
     x, fixed = run.on_face["x"][on], run.fixed[run.node[on]]
     written = run.touching[on] & said[on]
-    data = {name: run.on_face[name][on] for name in ("normal", "initial_gap", *_LAW, "slip_origin")}
+    data = {name: run.on_face[name][on] for name in ("normal", *_TANGENTS, "initial_gap", *_LAW, "slip_origin")}
     unit = outward / np.linalg.norm(outward, axis=1)[:, None]
     if case is None:
         n = np.where(written[:, None], data["normal"], unit)
@@ -166,13 +169,23 @@ def _face(
         law = case.law(number, x, area)
         beyond = np.full(len(x), HELD_BEYOND)
     free = np.linalg.norm(np.where(fixed, n, 0.0), axis=1) <= beyond
+    frames = tangent_frames(n)
+    if case is None:
+        frames[written] = np.stack([data[name][written] for name in ("normal", *_TANGENTS)], axis=1)
+    else:
+        frames[free] = case.frames(number, n[free], x[free])
 
     here = written & free
     size, file = float(np.max(np.abs(run.points))), CONTACT
     found.field(f"{file}: area", run.on_face["area"][on][here], area[here], x[here], "the facets")
     if case is None:
-        length = np.linalg.norm(data["normal"], axis=1)
-        found.field(f"{file}: length of normal", length[here], np.ones(np.sum(here)), x[here], "its direction")
+        length, none = np.linalg.norm(frames, axis=2)[here], np.zeros(np.sum(here))
+        found.field(f"{file}: length of normal", length[:, 0], none + 1.0, x[here], "its direction")
+        longer = np.max(length[:, 1:], axis=1)
+        found.field(f"{file}: length of the longer tangent", longer, none + 1.0, x[here], "its direction")
+        for name, i, j in (("tangent_1", 0, 1), ("tangent_2", 0, 2), ("tangent_2", 1, 2)):
+            along = np.einsum("kj,kj->k", frames[here, i], frames[here, j])
+            found.field(f"{file}: {name} along the other axes", along, none, x[here], "right angles", floor=1e-14)
         away = here & ~(np.einsum("ki,ki->k", data["normal"], unit) > 0.0)
         if np.any(away):
             _report(found, run, _everywhere(run, index[away]), "have a normal that points into the body")
@@ -182,15 +195,16 @@ def _face(
             *(f"{file}: initial_gap", data["initial_gap"][here], gap[here], x[here], "the foundation of the case"),
             floor=1e-13 * size,
         )
+        for k, name in enumerate(_TANGENTS, start=1):
+            found.field(f"{file}: {name}", data[name][here], frames[here, k], x[here], "normal and case", floor=1e-13)
         for name, expected in zip(_LAW, (law.friction, law.cohesion / area), strict=True):
             found.field(f"{file}: {name}", data[name][here], expected[here], x[here], "the case")
     left_out = free & ~written
     if np.any(left_out):
         _report(found, run, _everywhere(run, index[left_out]), "are left out, but are not prescribed in solution.h5")
     part = np.full(len(index), number)
-    return FaceNodes(index, part, written, n, gap, area, law.friction, law.cohesion / area, data["slip_origin"]).only(
-        free
-    )
+    cohesion = law.cohesion / area
+    return FaceNodes(index, part, written, frames, gap, area, law.friction, cohesion, data["slip_origin"]).only(free)
 
 
 def _parts(run: WrittenRun, count: int, said: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

@@ -251,8 +251,8 @@ def _check_gaps(before: Findings, now: Findings, found: Comparison) -> None:
         here = (now.nodes.part == part) & (same >= 0)
         if not np.any(here):
             continue
-        n, then = now.nodes.n[here], before.nodes.only(same[here])
-        if np.max(np.abs(n - n[0])) > 1e-9 or np.max(np.abs(then.n - n[0])) > 1e-9:
+        n, then = now.nodes.frames[here, 0], before.nodes.only(same[here])
+        if np.max(np.abs(n - n[0])) > 1e-9 or np.max(np.abs(then.frames[:, 0] - n[0])) > 1e-9:
             continue
         floor = 1e-13 * float(np.max(np.abs(now.run.points)))
         expected = then.gap + n @ now.moved[part]

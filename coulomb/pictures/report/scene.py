@@ -319,6 +319,9 @@ def friction_in_words(summary: dict[str, Any]) -> str:
 
     if summary["law"] == "tresca":
         return f"Tresca friction {shown(summary['slip_stress'], 'Pa')}"
+    friction = shown(summary["friction"])
+    if summary.get("friction_along") is not None:
+        friction = f"{shown(summary['friction_along'])} along and {shown(summary['friction_across'])} across"
     if summary["law"] == "coulomb":
-        return f"Coulomb friction {shown(summary['friction'])}"
-    return f"Mohr-Coulomb friction {shown(summary['friction'])}, cohesion {shown(summary['cohesion'], 'Pa')}"
+        return f"Coulomb friction {friction}"
+    return f"Mohr-Coulomb friction {friction}, cohesion {shown(summary['cohesion'], 'Pa')}"
