@@ -115,7 +115,7 @@ def open_page(text, tmp_path, script, phone=False):
         phone: Show it 390 pixels wide.
 
     Returns:
-        What the script told, by name in small letters, and the messages on the console.
+        What the script reported, by name in lower case, and the messages on the console.
     """
     colours = json.dumps([colour for _, colour in ZONES.values()])
     probe = f"<script>addEventListener('load', () => setTimeout(() => {{{TOOLS}{script}}}, 300));</script>"

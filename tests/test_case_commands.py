@@ -268,8 +268,8 @@ def test_a_shell_gets_its_script():
 
 
 def test_exit_codes_are_documented():
-    told = " ".join(run_coulomb("--help").stdout.split())
+    contents = " ".join(run_coulomb("--help").stdout.split())
     readme = (ROOT / "README.md").read_text()
     for code in ("0", "1", "2", "3", "130"):
-        assert re.search(rf"Exit codes:.* {code} [a-z]", told)
+        assert re.search(rf"Exit codes:.* {code} [a-z]", contents)
         assert re.search(rf"^\| {code} \|", readme, re.MULTILINE)

@@ -1,4 +1,4 @@
-"""The certificate passes a right answer, and every way of being wrong fails its own condition."""
+"""The certificate passes a correct answer, and every kind of error fails its own condition."""
 
 import numpy as np
 import pytest

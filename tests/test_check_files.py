@@ -107,7 +107,8 @@ def test_the_material_that_is_told_without_a_case(entry, tmp_path):
     folder = copied(BLOCK, tmp_path / "run")
     (folder / "case.json").unlink()
     edit(
-        folder / "summary.json", lambda told: told["material"][0].update({entry: told["material"][0][entry] * 1.000001})
+        folder / "summary.json",
+        lambda contents: contents["material"][0].update({entry: contents["material"][0][entry] * 1.000001}),
     )
     assert any(fault.startswith("summary.json.material") for fault in check(folder).faults)
 
@@ -184,7 +185,7 @@ def test_every_number(text, tmp_path):
 )
 def test_numbers_of_the_case_and_the_certificate(key, value, tmp_path):
     folder = copied(BLOCK, tmp_path / "run")
-    edit(folder / "summary.json", lambda told: put(told, key, value))
+    edit(folder / "summary.json", lambda contents: put(contents, key, value))
     assert any(fault.startswith(shown(key)) for fault in check(folder).faults)
 
 
@@ -192,7 +193,7 @@ def test_numbers_of_the_case_and_the_certificate(key, value, tmp_path):
 def test_a_number_that_is_missing(key, tmp_path):
     folder = copied(BLOCK, tmp_path / "run")
     *path, last = key.split(".")
-    edit(folder / "summary.json", lambda told: get(told, path).pop(last))
+    edit(folder / "summary.json", lambda contents: get(contents, path).pop(last))
     try:
         assert any(key in fault for fault in check(folder).faults)
     except ValueError as error:
@@ -332,5 +333,5 @@ def test_outside_the_theory(accepted, with_case, tmp_path):
     found = check(folder)
     assert found.certificate.passed and not found.faults, found
     assert found.passed is accepted and ("outside small-strain theory: displacement grad" in str(found)) is not accepted
-    edit(folder / "summary.json", lambda told: told.update(valid=not accepted))
+    edit(folder / "summary.json", lambda contents: contents.update(valid=not accepted))
     assert any(fault.startswith("summary.json.valid") for fault in check(folder).faults)

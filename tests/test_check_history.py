@@ -107,7 +107,7 @@ def test_a_code_that_forgets(text, faulty, steps, monkeypatch, tmp_path):
     assert failing(found) == steps
     if faulty in (ForgetsSlip, ForgetsMotion):
         assert all(any("slip_origin" in fault for fault in found.steps[k - 1].faults) for k in steps)
-        # judged from where the step before has left it, not from where the step says
+        # slip is measured from the step before, not from the record of the step
         assert all("certificate FAILED" in found.steps[k - 1].details for k in steps)
 
 

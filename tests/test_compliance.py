@@ -57,7 +57,7 @@ def test_blocks_of_columns_fit_together(monkeypatch):
 
 
 def test_estimated_diagonal_serves_as_well():
-    """The estimate knows a node's surroundings, not where it sits on the body: CG with P_AM hardly notices."""
+    """The estimate uses the surroundings of a node, not its position on the body: CG with P_AM hardly depends on it."""
     exact, estimated = make_block(4, slip_stress=1e7), make_block(4, slip_stress=1e7, explicit=False)
     assert estimated.A.diagonal().sum() == pytest.approx(exact.A.diagonal().sum(), rel=0.5)
     paper = InteriorPoint(newton=AugmentedSystem(rank=0))

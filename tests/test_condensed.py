@@ -29,7 +29,7 @@ def friction(x):
 
 @functools.cache
 def body():
-    """The block with the factorised K, but without A: A x is exact, and y lags only if told to."""
+    """The block with the factorised K, but without A: A x is exact, and y is inexact only on request."""
     return make_block(2, friction, linear_solver=DirectSolver, explicit=False)
 
 

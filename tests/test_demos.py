@@ -170,7 +170,7 @@ def steps_of(text):
 
 
 def test_demo_history():
-    """Friction is F N once all slides, against the way of the plate, and never more."""
+    """Friction is at most F N, opposite to the plate's motion, and F N when all nodes slide."""
     text = said("history.toml")
     number, time, normal, along, _, up = steps_of(text)
     assert list(number) == list(range(1, 25)) and time == pytest.approx(0.25 * number)
@@ -180,7 +180,7 @@ def test_demo_history():
         text, r"since the start: loads #, prescribed displacements #, foundation #; elastic #, friction #, .* steps #"
     )
     assert loads == foundation == 0.0 and clamps - elastic - friction == pytest.approx(error, rel=0.1)
-    path = 4e-3 * 0.5 * normal[15]  # two ways of 4 mm under F N, less what the rubber gives way
+    path = 4e-3 * 0.5 * normal[15]  # two displacements of 4 mm under F N, less the deformation of the rubber
     assert 0.5 * path < friction < 2.5 * path
 
 

@@ -1,4 +1,4 @@
-"""The certificate judges by the problem as it was given: a node, a motion or a slip that got lost is seen."""
+"""The certificate uses the input data: a lost node, motion or slip is detected."""
 
 from dataclasses import replace
 
@@ -72,7 +72,7 @@ def test_a_force_off_the_contact_faces_is_none(monkeypatch, clamped):
 
 
 def test_prescribed_nodes_are_excused():
-    """The nodes of the clamped edge cannot touch: they are the only ones of the face that are not judged."""
+    """The nodes of the clamped edge cannot touch: they are the only ones of the face that are not checked."""
     problem = make_block(3)
     x = np.zeros(3 * len(problem.surface.nodes))
     judged = problem.evidence(x, problem.displacement(x))
@@ -82,7 +82,7 @@ def test_prescribed_nodes_are_excused():
 
 @pytest.mark.parametrize("components", ["x", "y"])
 def test_held_along_a_tangent_is_not_excused(monkeypatch, components):
-    """A clamp that leaves the normal free does not explain why a node is no contact node."""
+    """A clamp that leaves the normal free is no reason for a node not to be a contact node."""
     lose(monkeypatch, lambda x: x[:, 0] < 1e-9)
     problem = ContactProblem(
         coulomb.box((0.1, 0.1, 0.05), (3, 3, 3)),
@@ -136,7 +136,7 @@ def test_right_steps_pass(problem):
 
 
 def forget_origin(monkeypatch):
-    """Every step believes that no node has slipped before."""
+    """Every step assumes that no node has slipped before."""
     at = ContactProblem.at
     monkeypatch.setattr(ContactProblem, "at", lambda self, time, before=None: at(self, time))
 

@@ -22,13 +22,13 @@ def test_what_is_not_finite_fails_and_is_named(name, bad):
     array.flat[7 % array.size] = bad
     certificate = judge(replace(evidence, **{name: array if array.ndim else float(array)}))
     assert "finite" in failed(certificate)
-    told = {"x": "coordinates", "on_body": "contact forces on the body", "force": "contact forces", "load": "loads"}
-    told |= {"spring": "springs", "internal": "internal forces", "gap": "gaps", "bound": "slip bounds"}
-    assert told.get(name, name) in certificate["finite"].meaning
+    contents = {"x": "coordinates", "on_body": "contact forces on the body", "force": "contact forces", "load": "loads"}
+    contents |= {"spring": "springs", "internal": "internal forces", "gap": "gaps", "bound": "slip bounds"}
+    assert contents.get(name, name) in certificate["finite"].meaning
 
 
 @pytest.mark.parametrize(
-    ("factor", "told"),
+    ("factor", "contents"),
     [
         ({"newtons": 1e-300}, "scale of contact forces is"),
         ({"newtons": 1e290}, "scale of contact forces is"),
@@ -38,9 +38,9 @@ def test_what_is_not_finite_fails_and_is_named(name, bad):
         ({"newtons": 1e-200, "metres": 1e100}, "compliance is"),
     ],
 )
-def test_scales_at_the_ends_of_the_numbers_fail_and_are_named(factor, told):
+def test_scales_at_the_ends_of_the_numbers_fail_and_are_named(factor, contents):
     certificate = judge(in_units(made_up()[0], **factor))
-    assert "finite" in failed(certificate) and told in certificate["finite"].meaning
+    assert "finite" in failed(certificate) and contents in certificate["finite"].meaning
 
 
 def in_units(e, newtons=1.0, metres=1.0):

@@ -1,4 +1,4 @@
-"""Frictional contact problems nobody here made: the data of ../shared/fclib, where it lies beside the checkout."""
+"""Frictional contact problems of others: the data of ../shared/fclib, if it is beside the checkout."""
 
 import numpy as np
 import pytest

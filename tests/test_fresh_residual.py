@@ -25,7 +25,7 @@ from coulomb.solvers.kprgp import norm_of
 
 TOLERANCE = 1e-8
 QP = {
-    "P_AM with what was learnt": InteriorPoint(TOLERANCE),
+    "P_AM with low rank": InteriorPoint(TOLERANCE),
     "P_AM": InteriorPoint(TOLERANCE, newton=AugmentedSystem(rank=0)),
     "P_SC": InteriorPoint(TOLERANCE, newton=SchurComplementSystem(rank=0)),
     "LU": InteriorPoint(TOLERANCE, newton=DenseSystem()),
@@ -92,11 +92,11 @@ def test_tresca_by_multigrid(name):
 
 
 class Sloppy:
-    """A x as inexact as the caller allows, in a random direction; the caller's own fault if he believes it.
+    """A x as inexact as the caller allows, in a random direction; the caller must not rely on it.
 
     Args:
         A: The matrix.
-        once: A product whose error nobody asked for, counted from 1, and how large it is; none by default.
+        once: Number, from 1, and size of the error of one product that is wrong; none by default.
 
     `mult_incremental` corrects the last product, error and all, as multigrid does.
     """
@@ -139,7 +139,7 @@ def hard(seed, nodes=12, condition=1e3):
 
 
 def answers(solver, pose):
-    """Of four problems; what a solver gives up is judged by a fresh product as well, and it gives up one at most."""
+    """Four problems; answers not converged are checked by a fresh product as well; at most one is not converged."""
     given_up = 0
     for seed in range(4):
         A, b = hard(seed)
@@ -169,7 +169,7 @@ def test_tresca_with_products_as_inexact_as_allowed(name):
         is_fresh(result, A, b, np.trace(A) / len(A), lambda _, g=bounds(seed): g)
 
 
-@pytest.mark.parametrize("name", ["P_AM with what was learnt", "one loop", "one loop, condensed"])
+@pytest.mark.parametrize("name", ["P_AM with low rank", "one loop", "one loop, condensed"])
 def test_what_is_given_up_is_judged_afresh_too(name):
     """Stopped on the way, by multigrid: A x of the last step is good to a few hundredths of that step."""
     if name in QP:

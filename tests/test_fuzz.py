@@ -1,4 +1,4 @@
-"""A CONVERGED whose answer is wrong is the one unforgivable result: random small problems, judged by plain numpy.
+"""No CONVERGED with a wrong answer: random small problems, checked by plain numpy.
 
 Hundreds here; COULOMB_FUZZ=5000 python -m pytest tests/test_fuzz.py runs thousands.
 """

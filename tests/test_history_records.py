@@ -89,7 +89,7 @@ def test_the_largest_slip_is_that_of_a_closed_node():
 
 
 def test_a_foundation_that_moves_past_is_no_way_of_the_nodes():
-    """A ball of 1 m drawn away under a body by 30 mm: normals are taken where it is now, a node's way is its own."""
+    """A ball of 1 m moved away under a body by 30 mm: normals are those at its present position."""
     ball, mesh = Sphere((0.05, 0.05, -1.0), 1.0), coulomb.box((0.1, 0.1, 0.05), (4, 4, 3))
     drawn = Contact("bottom", 0.0, foundation=ball, motion=[(0, 0, 0, 0), (1, 0.03, 0, 2e-3)])
     measured = ContactProblem(mesh, RUBBER, [Clamp("top")], drawn, time=1.0).solve()
@@ -104,5 +104,5 @@ def test_a_foundation_that_moves_past_is_no_way_of_the_nodes():
 
 def test_the_slip_bound_written_is_the_solvers(tmp_path):
     solution = rubbed(cells=2).at(1.0).solve()
-    told = dataclasses.replace(solution, slip_bound=1.25 * solution.slip_bound)
-    assert np.array_equal(output.contact_fields(told)["slip_bound"], 1.25 * solution.slip_bound)
+    contents = dataclasses.replace(solution, slip_bound=1.25 * solution.slip_bound)
+    assert np.array_equal(output.contact_fields(contents)["slip_bound"], 1.25 * solution.slip_bound)

@@ -1,4 +1,4 @@
-"""Whose figures the summary of a load history gives: sums and largest values of all its steps, and who made it."""
+"""Figures in the summary of a load history: sums and largest values of all its steps, and its runs."""
 
 import copy
 import csv
@@ -33,10 +33,10 @@ def done(tmp_path_factory):
 
 def test_sums_and_largest_values_are_of_all_steps(done):
     directory, _ = done
-    told, steps = json.loads((directory / "summary.json").read_text()), summaries(directory)
-    history = told["history"]
-    assert told["steps"] == history["steps"] == history["certified_steps"] == len(steps) == 4
-    assert told["last"] == steps[-1]
+    contents, steps = json.loads((directory / "summary.json").read_text()), summaries(directory)
+    history = contents["history"]
+    assert contents["steps"] == history["steps"] == history["certified_steps"] == len(steps) == 4
+    assert contents["last"] == steps[-1]
     for name in ("path_following", "products", "krylov"):
         assert history["iterations"][name] == sum(step["iterations"][name] for step in steps)
     assert history["iterations"]["products"] > 2 * steps[-1]["iterations"]["products"]
@@ -58,9 +58,9 @@ def test_sums_and_largest_values_are_of_all_steps(done):
 def test_energy_of_the_history_is_the_sum_over_its_steps(done):
     """What friction dissipated in all, not in the last step."""
     directory, said = done
-    told, steps = json.loads((directory / "summary.json").read_text()), summaries(directory)
+    contents, steps = json.loads((directory / "summary.json").read_text()), summaries(directory)
     dissipated = [step["totals"]["dissipated_energy"] for step in steps]
-    assert told["history"]["energy"]["dissipated"] == pytest.approx(sum(dissipated)) != dissipated[-1]
+    assert contents["history"]["energy"]["dissipated"] == pytest.approx(sum(dissipated)) != dissipated[-1]
     rows = list(csv.DictReader((directory / "history.csv").open()))
     assert float(rows[-1]["energy_dissipated"]) == pytest.approx(sum(dissipated))
     assert f"friction {sum(dissipated):.6g}, time-stepping error" in said
@@ -140,11 +140,11 @@ def test_one_step_that_failed_is_the_history_s(done):
     """An earlier step that failed is not hidden by a last one that passed, nor a warning, nor a value that is none."""
     step = summaries(done[0])[0]
     failed = altered(step, 2, passed=False, value=3e-5, gradient=0.2, memory=9)
-    told = whole([altered(step, 1), failed, altered(step, 3)])
-    assert told["certificate"]["passed"] is False and told["certified_steps"] == 2 and told["halvings"] == 3
-    assert told["certificate"]["adhesion"]["step"] == 2 and not told["certificate"]["adhesion"]["passed"]
-    assert told["peak_memory_bytes"] == 9 and told["seconds"]["solve"] == 3.0
-    assert len(told["warnings"]) == 1 and "0.2" in told["warnings"][0]
-    nothing = added(told, altered(step, 4, passed=False, value=None))
+    contents = whole([altered(step, 1), failed, altered(step, 3)])
+    assert contents["certificate"]["passed"] is False and contents["certified_steps"] == 2 and contents["halvings"] == 3
+    assert contents["certificate"]["adhesion"]["step"] == 2 and not contents["certificate"]["adhesion"]["passed"]
+    assert contents["peak_memory_bytes"] == 9 and contents["seconds"]["solve"] == 3.0
+    assert len(contents["warnings"]) == 1 and "0.2" in contents["warnings"][0]
+    nothing = added(contents, altered(step, 4, passed=False, value=None))
     assert nothing["certificate"]["adhesion"]["step"] == 4 and nothing["residual"]["value"] is None
     assert added(nothing, altered(step, 5, value=1e9))["residual"]["step"] == 4  # null stays the worst

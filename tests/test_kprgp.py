@@ -76,7 +76,7 @@ def test_block_needs_many_more_products_than_path_following():
     qp = problem.friction_problem
     active, interior = KPRGP(tolerance=1e-6).solve(qp), InteriorPoint(tolerance=1e-6).solve(qp)
     assert np.linalg.norm(active.x - interior.x) <= 1e-4 * np.linalg.norm(active.x)
-    assert active.products > 3.1 * interior.products  # the paper's greatest advantage
+    assert active.products > 3.1 * interior.products  # the largest advantage in the paper
 
 
 def test_giving_up():

@@ -1,4 +1,4 @@
-"""What is said at once is said without what takes long to load; and nobody but the renderer loads what draws."""
+"""Immediate messages do not load slow libraries; only the renderer loads libraries for drawing."""
 
 import ast
 import json
@@ -86,7 +86,7 @@ def test_lazy_names_are_the_public_ones():
 
 
 def test_dolfinx_is_imported_without_reading_what_is_installed():
-    """UFL of Debian 12 would load pkg_resources; whoever imports that later gets the real one."""
+    """UFL of Debian 12 would load pkg_resources; a later import gets the real one."""
     program = (
         "import sys\nimport coulomb.fem.compat\nassert 'pkg_resources' not in sys.modules\n"
         "import ufl, ffcx\nprint(ufl.__version__, ffcx.__version__)"

@@ -1,4 +1,4 @@
-"""What is learnt of A, against A; the preconditioner made of it, against Theorem 1; and what it saves."""
+"""The low-rank approximation of A against A; its preconditioner against Theorem 1; and the products it saves."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def test_a_motion_of_the_whole_once_learnt_leaves_the_rest_small():
     X = np.vstack([whole, rng.standard_normal((6, 3 * NODES))])
     for exact, least in ((True, 1e-5), (False, 0.2)):
         learnt = learnt_from(soft, X[:1], 100, exact)
-        for x in X[1:]:  # what U has not learnt is measured on new pairs
+        for x in X[1:]:  # the error of U is measured on new pairs
             learnt.record(x.reshape(-1, 3), (soft @ x).reshape(-1, 3))
         learnt.update()
         part = learnt.rest.ravel() / np.diag(soft)

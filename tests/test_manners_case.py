@@ -213,7 +213,7 @@ def test_a_case_written_by_a_run_may_have_a_mark_too():
 
 @pytest.fixture
 def odd_files():
-    """A pipe, a device and a socket by their names; nobody writes into the pipe."""
+    """A pipe, a device and a socket by their names; the pipe has no writer."""
     os.mkfifo("pipe.msh")
     listening = socket.socket(socket.AF_UNIX)
     listening.bind("socket.msh")

@@ -60,8 +60,8 @@ def left_behind(folder, **changes):
     script = "from mpi4py import MPI; import os, sys; from coulomb.io.lock import locked\n"
     script += "hold = locked(sys.argv[1], MPI.COMM_WORLD); hold.__enter__(); os.kill(os.getpid(), 9)"
     run_python("-c", script, folder)
-    told = json.loads((folder / LOCK).read_text())
-    (folder / LOCK).write_text(json.dumps({**told, **changes}))
+    contents = json.loads((folder / LOCK).read_text())
+    (folder / LOCK).write_text(json.dumps({**contents, **changes}))
 
 
 def without_flock():

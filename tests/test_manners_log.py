@@ -1,4 +1,4 @@
-"""What a terminal shows, and a log: nothing but text where nobody looks."""
+"""Output on a terminal and in a log: plain text if it is not interactive."""
 
 import contextlib
 import os

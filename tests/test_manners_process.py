@@ -192,7 +192,7 @@ class Watched:
         return 128 - code if code < 0 else code, out, errors
 
 
-LOADING = [(signal.SIGINT, "_pydantic_core")]  # what the kernel does with the others needs nobody
+LOADING = [(signal.SIGINT, "_pydantic_core")]  # the others are not needed
 LOADING += [(number, library) for number in SIGNALS for library in ("libmpi.so", "libpetsc", "libdolfinx")]
 
 

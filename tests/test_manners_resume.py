@@ -110,15 +110,15 @@ def test_an_edited_mesh_is_refused(copy):
 def test_what_does_not_change_the_problem_may_change(copy):
     """Another place of the same mesh and of the results, another method, a case written out in full."""
     edit(copy, output={"report": True}, solver={"method": "one-loop"}, history={"halvings": 3}, contact={"region": []})
-    told = refuse_another_case(written_case(copy / "out"), copy / "out", 1, comm)
-    assert sorted(told) == ["history.halvings is 3, was 6", 'solver.method is "one-loop", was "auto"']
+    data = refuse_another_case(written_case(copy / "out"), copy / "out", 1, comm)
+    assert sorted(data) == ["history.halvings is 3, was 6", 'solver.method is "one-loop", was "auto"']
 
 
 def test_steps_that_do_not_say_are_refused(copy):
     step = copy / "out" / "steps" / "0001" / "summary.json"
-    told = json.loads(step.read_text())
-    del told["step"]["case"]
-    step.write_text(json.dumps(told))
+    data = json.loads(step.read_text())
+    del data["step"]["case"]
+    step.write_text(json.dumps(data))
     edit(copy)
     assert "has no record of the case it was computed from" in refused(copy)
 
@@ -148,8 +148,8 @@ def test_a_refused_run_leaves_the_case_of_the_history(copy):
 def test_python_keeps_no_case(tmp_path, stopped):
     case = read_case(stopped / "case.toml")
     LoadHistory([0.5]).run(case.problem(comm), HistoryFiles(tmp_path / "out"))
-    told = json.loads((tmp_path / "out" / "steps" / "0001" / "summary.json").read_text())
-    assert "case" not in told["step"]
+    data = json.loads((tmp_path / "out" / "steps" / "0001" / "summary.json").read_text())
+    assert "case" not in data["step"]
 
 
 def test_the_digest_of_an_xdmf_mesh_covers_its_data(tmp_path):

@@ -174,14 +174,14 @@ def test_case_with_a_file_is_run_and_checked(case, tmp_path, ranks):
     (tmp_path / "elsewhere").mkdir()
     done = run_coulomb("run", case, "--output", tmp_path / "out", cwd=tmp_path / "elsewhere", ranks=ranks)
     assert done.returncode == 0, done.stderr
-    told = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert [entry["cells"] for entry in told["material"]] == ["soft", "stiff"]
-    balance = np.array(told["force_on_body"]["vector"]) + told["spring_force_on_body"]
+    contents = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert [entry["cells"] for entry in contents["material"]] == ["soft", "stiff"]
+    balance = np.array(contents["force_on_body"]["vector"]) + contents["spring_force_on_body"]
     assert np.allclose(balance, [-2e6, 0.0, 2e7 + 2e5], atol=1.0)
     again = check(tmp_path / "out")
     assert again.passed
     for check_ in again.certificate.checks:
-        before = told["certificate"][check_.name.replace(" ", "_")]["value"]
+        before = contents["certificate"][check_.name.replace(" ", "_")]["value"]
         assert check_.value == pytest.approx(before, rel=1e-3, abs=1e-11), check_.name
 
 

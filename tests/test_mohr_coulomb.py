@@ -90,9 +90,9 @@ def test_two_faces_with_different_laws(laws, cell, tmp_path):
         expected += law.get("friction", 0.0) * total["normal_force"]
         assert total["force"][0] == pytest.approx(expected, rel=1e-9)
     write(last.solution, tmp_path)
-    told = json.loads((tmp_path / "summary.json").read_text())
-    assert told["law"] == "mohr-coulomb" and check(tmp_path).passed
-    for face, law in zip(told["faces"], laws, strict=True):
+    contents = json.loads((tmp_path / "summary.json").read_text())
+    assert contents["law"] == "mohr-coulomb" and check(tmp_path).passed
+    for face, law in zip(contents["faces"], laws, strict=True):
         assert face["friction"] == law.get("friction")
         assert face["cohesion"] == law.get("cohesion", law.get("slip_stress", 0.0))
         assert face["slip_stress"] == law.get("slip_stress")

@@ -72,10 +72,10 @@ ABSURD = [
 @pytest.mark.parametrize(("case", "change"), ABSURD, ids=[change for _, change in ABSURD])
 def test_what_is_absurd_but_finite_does_not_count(tmp_path, case, change):
     code, said, complaint = run(tmp_path, case, change)
-    told = summary_of(tmp_path)
+    contents = summary_of(tmp_path)
     assert code == 1 and "certificate passed" in said
     assert re.search(r'error: outside the theory of small strains: .* small_strain = "warn" in the case', complaint)
-    assert told["certificate"]["passed"] and not told["valid"] and told["small_strain"]["violations"]
+    assert contents["certificate"]["passed"] and not contents["valid"] and contents["small_strain"]["violations"]
     words, kind = words_of(tmp_path)
     assert kind == "failed" and re.search(r"OUTSIDE THE THEORY All \d+ conditions hold", words)
     assert "do not describe the behaviour of the body" in words
@@ -87,9 +87,9 @@ def test_it_may_be_accepted_knowingly(tmp_path, how):
         code, _, complaint = run(tmp_path, BLOCK, "material.young=210.0", "small_strain='warn'")
     else:
         code, _, complaint = run(tmp_path, BLOCK, "material.young=210.0", more=("--force",))
-    told = summary_of(tmp_path)
+    contents = summary_of(tmp_path)
     assert code == 0 and "warning: displacement gradients reach" in complaint and "error" not in complaint
-    assert told["valid"] and told["small_strain"]["violations"] and told["small_strain"]["accepted"]
+    assert contents["valid"] and contents["small_strain"]["violations"] and contents["small_strain"]["accepted"]
     words, kind = words_of(tmp_path)
     assert kind == "passed" and "Warning displacement gradients reach" in words and "OUTSIDE" not in words
 
@@ -103,9 +103,9 @@ def test_it_may_be_accepted_knowingly(tmp_path, how):
 )
 def test_rubber_at_a_tenth_is_a_warning(tmp_path, case, changes):
     code, _, complaint = run(tmp_path, case, *changes)
-    told = summary_of(tmp_path)
-    assert code == 0 and "displacement gradients reach" in complaint and "error" not in complaint and told["valid"]
-    gradient = told.get("last", told)["small_strain"]["gradient"]
+    contents = summary_of(tmp_path)
+    assert code == 0 and "displacement gradients reach" in complaint and "error" not in complaint and contents["valid"]
+    gradient = contents.get("last", contents)["small_strain"]["gradient"]
     assert GRADIENT.warn < 0.06 < gradient < 0.15 < GRADIENT.refuse
     assert words_of(tmp_path)[1] == "passed"
 
@@ -114,10 +114,10 @@ def test_every_step_of_a_history_counts(tmp_path):
     """The plate goes down by half the height in the middle of the history, and back."""
     table = "prescribed_displacement.0.amplitude=[[0,0], [1,1], [2,50], [3,1]]"
     code, said, complaint = run(tmp_path, HISTORY, table, "history={times=[1.0, 2.0, 3.0]}")
-    told = summary_of(tmp_path)
-    assert code == 1 and told["certificate"]["passed"] and told["history"]["certified_steps"] == 3
-    assert not told["valid"] and told["last"]["valid"] and told["history"]["outside"]["steps"] == 1
-    assert told["history"]["valid_steps"] == 2
+    contents = summary_of(tmp_path)
+    assert code == 1 and contents["certificate"]["passed"] and contents["history"]["certified_steps"] == 3
+    assert not contents["valid"] and contents["last"]["valid"] and contents["history"]["outside"]["steps"] == 1
+    assert contents["history"]["valid_steps"] == 2
     assert "1 of 3 load steps, the first is step 2: displacement gradients reach" in complaint
     assert said.count("OUTSIDE THE THEORY") == 1
     assert said.splitlines()[-1] == "all 3 load steps certified, 1 outside the theory of small strains"
@@ -125,7 +125,7 @@ def test_every_step_of_a_history_counts(tmp_path):
         assert [row["valid"] for row in csv.DictReader(file)] == ["True", "False", "True"]
     words, kind = words_of(tmp_path)
     assert kind == "failed" and "OUTSIDE THE THEORY" in words and "first is step 2" in words
-    assert invoke("resume", tmp_path).exit_code == 1  # nothing is left to do, and the verdict stays
+    assert invoke("resume", tmp_path).exit_code == 1  # no steps are left, and the verdict is the same
     assert invoke("resume", tmp_path, "--force").exit_code == 1  # what is written was not accepted
 
 
@@ -156,9 +156,9 @@ def test_a_converged_run_without_its_certificate_exits_1(tmp_path, monkeypatch):
     assert run(tmp_path, BLOCK, LOOSE)[0] == 0
     doctored(monkeypatch)
     code, said, complaint = run(tmp_path, BLOCK, LOOSE)
-    told = summary_of(tmp_path)
+    contents = summary_of(tmp_path)
     assert code == 1 and "converged" in said and "certificate FAILED" in said and "error" not in complaint
-    assert told["status"] == "converged" and not told["certificate"]["passed"] and not told["valid"]
+    assert contents["status"] == "converged" and not contents["certificate"]["passed"] and not contents["valid"]
     words, kind = words_of(tmp_path)
     assert kind == "failed" and "NOT CERTIFIED 1 of" in words
 
@@ -170,9 +170,9 @@ def test_a_converged_history_without_its_certificates_exits_1(tmp_path, monkeypa
     code, said, complaint = run(tmp_path / "bad", HISTORY, *changes)
     assert code == 1 and said.count("certificate FAILED") == 2 and "error" not in complaint
     assert said.splitlines()[-1] == "0 of 2 load steps certified"
-    told = summary_of(tmp_path / "bad")
-    assert told["last"]["status"] == "converged" and not told["certificate"]["passed"] and not told["valid"]
-    assert told["history"]["certified_steps"] == 0
+    contents = summary_of(tmp_path / "bad")
+    assert contents["last"]["status"] == "converged" and not contents["certificate"]["passed"] and not contents["valid"]
+    assert contents["history"]["certified_steps"] == 0
     assert words_of(tmp_path / "bad")[1] == "failed"
 
 
@@ -212,7 +212,7 @@ def test_a_measure_just_inside_and_just_outside(name, bound):
 
 
 def test_a_foundation_that_ends_where_the_body_goes_is_outside():
-    """Its function has no value there: no crash, and nothing is taken for small."""
+    """Its function has no value there: no crash, and the measures are not small."""
 
     def distance(x):
         if np.any(x[0] > 3.3):
@@ -231,7 +231,7 @@ def test_a_foundation_that_ends_where_the_body_goes_is_outside():
 
 
 def test_a_foundation_that_moves_past_takes_its_normals_along():
-    """A ball rolls along the body by many cells: normals are those of its place of now, and nothing is amiss."""
+    """A ball rolls along the body by many cells: normals are those at its present position, and the answer is valid."""
     ball = Sphere((0.2, 0.1, -1.0), 1.0)
     mesh = coulomb.box((0.4, 0.2, 0.1), (16, 8, 4))
     contact = Contact("bottom", 0.1, foundation=ball, motion=[(0, 0, 0, 0), (1, 0, 0, 2e-4), (3, 0.1, 0, 2e-4)])
@@ -256,8 +256,8 @@ def test_a_foundation_that_moves_past_takes_its_normals_along():
 def test_nothing_touches(tmp_path, case, changes):
     code, _, complaint = run(tmp_path, case, *changes)
     assert code == 0 and complaint.count("warning: nothing touches") == 1 and "(scale)" in complaint
-    told = summary_of(tmp_path)
-    remarks = told.get("history", told)["remarks"]
+    contents = summary_of(tmp_path)
+    remarks = contents.get("history", contents)["remarks"]
     assert len(remarks) == 1 and remarks[0].startswith("nothing touches")
     words, kind = words_of(tmp_path)
     assert kind == "passed" and "Warning nothing touches" in words
@@ -276,12 +276,12 @@ def test_a_large_energy_imbalance_is_a_warning(tmp_path):
     code, said, complaint = run(
         tmp_path, HISTORY, "prescribed_displacement.0.value=[0,0,-0.004]", "history={times=[1.0, 2.0, 3.0]}"
     )
-    told = summary_of(tmp_path)
+    contents = summary_of(tmp_path)
     error = float(re.search(r"time-stepping error (\S+)", said).group(1))
     dissipated = float(re.search(r"friction (\S+),", said).group(1))
     assert code == 0 and abs(error) > 0.25 * dissipated
     assert "warning: the energies do not add up, by" in complaint and "more load steps" in complaint
-    assert any("energies do not add up" in text for text in told["history"]["remarks"])
+    assert any("energies do not add up" in text for text in contents["history"]["remarks"])
     assert "Warning the energies do not add up" in words_of(tmp_path)[0]
 
 

@@ -317,9 +317,9 @@ def test_mesh_from_a_file_with_two_materials_on_springs(cell, shared_directory):
         assert solution.certificate.passed
         surface = solution.problem.surface
         force, x = -surface.vectors(solution.contact_force.reshape(-1, 3)), surface.x
-        told = summary(solution)
+        data = summary(solution)
         assert np.allclose(
-            np.array(told["force_on_body"]["vector"]) + told["spring_force_on_body"], [-2e6, 0.0, 2e7], atol=1.0
+            np.array(data["force_on_body"]["vector"]) + data["spring_force_on_body"], [-2e6, 0.0, 2e7], atol=1.0
         )
         if ranks is comm:
             force, x = everywhere(force), everywhere(x)

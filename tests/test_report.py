@@ -40,8 +40,8 @@ def test_page_needs_nothing_else(block, failed, history):
 
 
 def test_page_tells_what_was_solved(block):
-    words, told = words_of(block), json.loads((block / "summary.json").read_text())
-    conditions = sum(isinstance(check, dict) for check in told["certificate"].values())
+    words, contents = words_of(block), json.loads((block / "summary.json").read_text())
+    conditions = sum(isinstance(check, dict) for check in contents["certificate"].values())
     assert f"Certified All {conditions} conditions hold" in words and "NOT CERTIFIED" not in words
     for part in (
         "3 m × 1 m × 1 m",
@@ -49,10 +49,10 @@ def test_page_tells_what_was_solved(block):
         "Young's modulus 211.9 GPa, Poisson's ratio 0.277",
         "traction on top (0, 10, −40) MPa",
         "Coulomb friction 0.3",
-        f"normal force {told['force_on_body']['normal'] / 1e6:.6g} MN",
-        f"largest pressure {told['maximum']['contact_pressure'] / 1e6:.4g} MPa",
-        f"products by A {told['iterations']['products']}",
-        f"PETSc {told['versions']['PETSc']}",
+        f"normal force {contents['force_on_body']['normal'] / 1e6:.6g} MN",
+        f"largest pressure {contents['maximum']['contact_pressure'] / 1e6:.4g} MPa",
+        f"products by A {contents['iterations']['products']}",
+        f"PETSc {contents['versions']['PETSc']}",
         "friction cone friction within its bound 0 1×10⁻⁶ ✓ ok",
     ):
         assert part in words, part
@@ -61,12 +61,12 @@ def test_page_tells_what_was_solved(block):
 
 def test_a_run_that_failed_is_red(failed):
     text, words = page_of(failed), words_of(failed)
-    told = json.loads((failed / "summary.json").read_text())
+    contents = json.loads((failed / "summary.json").read_text())
     assert '<header class="failed">' in text and "<title>failed: NOT CERTIFIED</title>" in text
     assert "are not a solution" in words and "Solver: max iterations" in words
     assert "Successive Tresca ended with a Coulomb residual of" in words  # what the solver said
-    bad = [name for name, check in told["certificate"].items() if isinstance(check, dict) and not check["passed"]]
-    conditions = sum(isinstance(check, dict) for check in told["certificate"].values())
+    bad = [name for name, check in contents["certificate"].items() if isinstance(check, dict) and not check["passed"]]
+    conditions = sum(isinstance(check, dict) for check in contents["certificate"].values())
     assert f"{len(bad)} of {conditions} conditions fail" in words and words.count("✗ failed") == len(bad) > 3
     assert "Tresca problems 3" in words
 
@@ -160,12 +160,12 @@ def test_a_page_says_when_where_and_how_it_was_made(block, history):
 def test_a_step_before_the_last_that_failed_is_named(history, tmp_path):
     """The certificate of a history is that of its worst step."""
     shutil.copytree(history, tmp_path / "h")
-    told = json.loads((tmp_path / "h" / "summary.json").read_text())
+    contents = json.loads((tmp_path / "h" / "summary.json").read_text())
     steps = [json.loads(file.read_text()) for file in sorted((history / "steps").glob("*/summary.json"))]
     steps[2]["certificate"]["penetration"] |= {"value": 3e-5, "passed": False}
     steps[2]["certificate"]["passed"] = False
-    told["history"], told["certificate"]["passed"] = whole(steps), False
-    (tmp_path / "h" / "summary.json").write_text(json.dumps(told))
+    contents["history"], contents["certificate"]["passed"] = whole(steps), False
+    (tmp_path / "h" / "summary.json").write_text(json.dumps(contents))
     table = (tmp_path / "h" / "history.csv").read_text().splitlines()
     table[3] = table[3].replace("True", "False")
     (tmp_path / "h" / "history.csv").write_text("\n".join(table))
@@ -199,9 +199,9 @@ def test_force_is_drawn_against_what_moves_most(history):
 
 def test_a_history_that_did_not_end_says_so(history, tmp_path):
     shutil.copytree(history, tmp_path / "h")
-    told = json.loads((tmp_path / "h" / "summary.json").read_text())
-    told["last"]["step"]["pending"] = [8.0, 7.0]
-    (tmp_path / "h" / "summary.json").write_text(json.dumps(told))
+    contents = json.loads((tmp_path / "h" / "summary.json").read_text())
+    contents["last"]["step"]["pending"] = [8.0, 7.0]
+    (tmp_path / "h" / "summary.json").write_text(json.dumps(contents))
     done = run_coulomb("report", tmp_path / "h", "--save", tmp_path / "h.html")
     assert done.returncode == 0 and "h.html" in done.stdout
     (tmp_path / "h.html").replace(tmp_path / "h" / "report.html")

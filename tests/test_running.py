@@ -58,7 +58,7 @@ def test_a_solver_stops_when_asked_and_keeps_its_answer(solver):
         problem.solve(solver=solver, progress=stop)
     result = failure.value.result
     assert result.status is Status.INTERRUPTED and result.residual > 1e-8
-    assert max(result.newton_steps, len(result.history)) == stop.calls == 5  # not one step more, by nobody else
+    assert max(result.newton_steps, len(result.history)) == stop.calls == 5  # no further step is taken
     solution = problem.solution(result)
     assert solution.contact_force.any() and not solution.certificate.passed
 
@@ -196,16 +196,16 @@ def test_the_log_has_all_that_is_said_and_every_step(tmp_path):
     lines = log.read_text().splitlines()
     stamp = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3} +\d+\.\d\d s  ")
     assert all(stamp.match(line) for line in lines)
-    told = [line[stamp.match(line).end() :] for line in lines]
-    assert told[0].startswith("coulomb run ") and told[1:] == loud.stdout.splitlines()
+    data = [line[stamp.match(line).end() :] for line in lines]
+    assert data[0].startswith("coulomb run ") and data[1:] == loud.stdout.splitlines()
     quiet = run_coulomb(*command, "--log", log, "--quiet")
     assert quiet.returncode == 0 and quiet.stdout == ""
     assert len(log.read_text().splitlines()) == 2 * len(lines)  # added to, and complete though nothing was said
     fixed = run_coulomb(*command, "--log", log, "--set", "solver.method='successive-tresca'")
-    told = log.read_text().splitlines()[2 * len(lines) :]
+    data = log.read_text().splitlines()[2 * len(lines) :]
     contents = json.loads((tmp_path / "summary.json").read_text())
     assert fixed.returncode == 0
-    assert sum("  path following" in line for line in told) == contents["iterations"]["path_following"]
+    assert sum("  path following" in line for line in data) == contents["iterations"]["path_following"]
 
 
 def test_errors_are_logged_and_a_full_disk_ends_the_log_alone(tmp_path):
@@ -280,8 +280,8 @@ def test_the_terminal_shows_the_time_left_and_a_pipe_does_not(monkeypatch):
     texts, _ = shown(monkeypatch, True, tolerance=1e-8)
     assert texts[4] == "path following   5  residual 1.0e-05"
     assert texts[5] == "path following   6  residual 1.0e-06  about 20 s left"
-    texts, told = shown(monkeypatch, False, tolerance=1e-8)
-    assert texts == [] and "left" not in told and "path following   5" in told
+    texts, data = shown(monkeypatch, False, tolerance=1e-8)
+    assert texts == [] and "left" not in data and "path following   5" in data
 
 
 def test_a_crash_is_exit_code_3(tmp_path):

@@ -40,12 +40,12 @@ def sliding(push, k=1e8, **options):
 
 
 def test_block_held_by_friction_and_springs_slides():
-    """Load -9e6 - 1e6 (weight) down, 4e6 along x: friction is F N, the springs carry the rest and give way by it."""
+    """Load -9e6 - 1e6 (weight) down, 4e6 along x: friction is F N, the springs carry the rest and deform."""
     solution = sliding(4e6).solve(tolerance=1e-10)
     assert solution.certificate.passed
-    told = summary(solution)
-    force, spring = np.array(told["force_on_body"]["vector"]), np.array(told["spring_force_on_body"])
-    assert told["nodes"]["stick"] == 0
+    contents = summary(solution)
+    force, spring = np.array(contents["force_on_body"]["vector"]), np.array(contents["spring_force_on_body"])
+    assert contents["nodes"]["stick"] == 0
     x = solution.contact_force.reshape(-1, 3)
     assert np.allclose(np.hypot(x[:, 1], x[:, 2]), 0.3 * x[:, 0], rtol=1e-6, atol=1e-8 * x.max())
     assert -force[0] == pytest.approx(0.3 * force[2], rel=1e-5)  # nodes slip across a little: they spread under load
@@ -55,11 +55,11 @@ def test_block_held_by_friction_and_springs_slides():
 
 
 def test_block_held_by_friction_and_springs_sticks():
-    """Pushed less than friction bears, the springs have nothing to carry but what the elastic body gives way."""
-    told = summary(sliding(1e6).solve())
-    assert told["certificate"]["passed"] and told["nodes"]["stick"] > 0
-    assert told["force_on_body"]["vector"][0] == pytest.approx(-1e6, rel=1e-3)
-    assert 0.0 < -told["spring_force_on_body"][0] < 1e3
+    """Below the friction limit the springs carry only the force due to the body's deformation."""
+    contents = summary(sliding(1e6).solve())
+    assert contents["certificate"]["passed"] and contents["nodes"]["stick"] > 0
+    assert contents["force_on_body"]["vector"][0] == pytest.approx(-1e6, rel=1e-3)
+    assert 0.0 < -contents["spring_force_on_body"][0] < 1e3
 
 
 def test_springs_iteratively():

@@ -56,7 +56,7 @@ class Wrong:
         patch: What is simulated.
         code: The exit code.
         alone: Whether the command runs on one rank only; False for both, None where it takes two ranks.
-        library: From here on a library speaks, in words that change from version to version.
+        library: From here on the text is a library's and depends on its version.
     """
 
     what: str
@@ -132,14 +132,14 @@ def edit_written_case():
 
 def another_run():
     Path("results").mkdir()
-    told = {
+    contents = {
         "pid": 7,
         "host": "elsewhere",
         "started": "boot 1",
         "since": "2026-01-01 12:00:00",
         "command": "coulomb run",
     }
-    Path("results/run.lock").write_text(json.dumps(told))
+    Path("results/run.lock").write_text(json.dumps(contents))
 
 
 def cut(path):

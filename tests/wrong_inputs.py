@@ -77,8 +77,8 @@ def document():
             with tempfile.TemporaryDirectory() as directory:
                 code, text = answer(wrong, directory)
             ends = "" if code in (0, 2) else f" (exit code {code})"
-            told = "<br>".join(shown(wrong, text).replace("|", r"\|").splitlines())
-            lines.append(f"| {wrong.what}{ends} | {told} |")
+            contents = "<br>".join(shown(wrong, text).replace("|", r"\|").splitlines())
+            lines.append(f"| {wrong.what}{ends} | {contents} |")
     return "\n".join(lines) + "\n"
 
 
