@@ -143,7 +143,7 @@ def test_without_mumps_the_choice_is_multigrid_where_mumps_would_be_needed(monke
     )
     assert chosen(100, 30, 2, None, None) == (IterativeSolver, False)
     assert chosen(40_000, 10_001, 1, None, None) == (IterativeSolver, False)
-    for asked in ((2, DirectSolver, None), (2, None, True), (1, DirectSolver, False)):
+    for asked in ((2, DirectSolver, None), (1, DirectSolver, False)):
         with pytest.raises(ValueError, match="without MUMPS"):
             chosen(100, 30, *asked)
     problem = make_block(2)  # on one rank the Schur complement needs none
@@ -154,7 +154,10 @@ def test_the_choice_by_size():
     assert chosen(DIRECT_UP_TO, 10_000, 1, None, None) == (DirectSolver, True)
     assert chosen(DIRECT_UP_TO, 10_001, 1, None, None) == (DirectSolver, False)
     assert chosen(DIRECT_UP_TO + 1, 10_000, 1, None, None) == (IterativeSolver, False)
-    assert chosen(DIRECT_UP_TO, 10_000, 2, None, None) == (IterativeSolver, False)
+    assert chosen(100, 30, 2, None, None) == (IterativeSolver, False)
+    assert chosen(100, 30, 2, DirectSolver, None) == (DirectSolver, False)
+    with pytest.raises(ValueError, match=r"on one rank only, but there are 2: leave solver.compliance at \"auto\""):
+        chosen(100, 30, 2, None, True)
     assert chosen(DIRECT_UP_TO + 1, 10, 1, None, True) == (DirectSolver, True)
 
 

@@ -19,7 +19,6 @@ from coulomb import (
     Spring,
     Traction,
 )
-from coulomb.linalg.compliance import ExplicitCompliance
 
 RUBBER = Material(1e7, 0.3)
 MESH = coulomb.box((0.1, 0.1, 0.05), (4, 4, 3))
@@ -88,14 +87,3 @@ def test_another_time_is_a_fresh_problem(way):
         assert answer.certificate.passed
     assert close(answers[1].displacement, answers[0].displacement, 10.0)
     assert not close(answers[1].displacement, answers[0].displacement, 0.1)
-
-
-def test_the_formed_matrix_turned():
-    """Every rank's rows and columns in the frames of every rank's nodes."""
-    before, after = problem(0.0), problem(1.0)
-    formed = [ExplicitCompliance.from_stiffness(p.surface.B, DirectSolver(p.elasticity.K)) for p in (before, after)]
-    turn = np.einsum("kij,klj->kil", after.surface.frames, before.surface.frames)
-    x = np.random.default_rng([9, before.comm.rank]).standard_normal(3 * len(turn))
-    expected = product(formed[1], x)
-    assert close(product(formed[0].rotated(turn, after.surface.B), x), expected, 1e-12)
-    assert not close(product(formed[0], x), expected, 1e-2)

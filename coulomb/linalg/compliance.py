@@ -15,9 +15,7 @@ from scipy.linalg.lapack import dtrtri
 from ..arrays import FloatArray
 from .diagonal_estimate import estimated_diagonal
 from .multifrontal import MultifrontalSolver
-from .stiffness import DirectSolver, StiffnessSolver
-
-_COLUMNS_AT_ONCE = 512  # right-hand sides of one MatMatSolve: bounds the memory to this many displacement fields
+from .stiffness import StiffnessSolver
 
 
 class Compliance(Protocol):
@@ -67,13 +65,8 @@ class Compliance(Protocol):
 class BodyCompliance(Compliance, Protocol):
     """A = B K^-1 B^T of a body whose K and B are at hand."""
 
-    def rotated(self, rotation: FloatArray, B: PETSc.Mat) -> BodyCompliance:
-        """The same in other frames: R A R^T; collective.
-
-        Args:
-            rotation: R, from old to new components, shape (m, 3, 3).
-            B: The contact matrix in the new frames.
-        """
+    def rotated(self, B: PETSc.Mat) -> BodyCompliance:
+        """The same in other frames, those of another contact matrix B; collective."""
         ...
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
@@ -124,73 +117,6 @@ class MatrixCompliance:
         """This rank's rows as an array, shape (3 m, all columns); not to be changed."""
         rows: FloatArray = self.matrix.getDenseArray()
         return rows
-
-
-class ExplicitCompliance(MatrixCompliance):
-    """A = B K^-1 B^T, formed as a dense matrix.
-
-    Args:
-        matrix: A.
-        B: Contact matrix, 3 rows a contact node.
-        solver: K^-1.
-    """
-
-    name = "explicit"
-
-    def __init__(self, matrix: PETSc.Mat, B: PETSc.Mat, solver: StiffnessSolver):
-        super().__init__(matrix)
-        self._B, self._solver = B, solver
-
-    def rotated(self, rotation: FloatArray, B: PETSc.Mat) -> ExplicitCompliance:
-        whole = np.concatenate(self.comm.allgather(rotation))
-        rows = self.matrix.getDenseArray().reshape(self.nodes, 3, len(whole), 3)
-        rows = np.einsum("kab,kblc->kalc", rotation, rows)
-        rows = np.einsum("kalc,ldc->kald", rows, whole)
-        A = np.asfortranarray(rows.reshape(3 * self.nodes, 3 * len(whole)))
-        matrix = PETSc.Mat().createDense(self.matrix.getSizes(), array=A, comm=self.comm)
-        matrix.assemble()
-        return ExplicitCompliance(matrix, B, self._solver)
-
-    def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
-        return _displacement(self._solver, self._B, x, f)
-
-    @classmethod
-    def from_stiffness(cls, B: PETSc.Mat, solver: DirectSolver) -> ExplicitCompliance:
-        """A = B K^-1 B^T column by column, many right-hand sides at once.
-
-        Args:
-            B: Contact matrix, 3 rows a contact node; its columns are the rows of K.
-            solver: The factorised K.
-        """
-        comm = B.getComm()
-        (rows, columns), (local_rows, local_columns) = B.getSize(), B.getLocalSize()
-        first, last = B.getOwnershipRange()
-        A = PETSc.Mat().createDense(((local_rows, rows), (local_rows, rows)), comm=comm)
-        A.setUp()
-        block = A.getDenseArray()
-        every_column = PETSc.IS().createStride(local_columns, B.getOwnershipRangeColumn()[0], 1, comm=comm)
-        for start in range(0, rows, _COLUMNS_AT_ONCE):
-            stop = min(start + _COLUMNS_AT_ONCE, rows)
-            mine = (max(start, first), min(stop, last))
-            chosen = PETSc.IS().createStride(max(0, mine[1] - mine[0]), mine[0], 1, comm=comm)
-            part = B.createSubMatrix(chosen, every_column)
-            if comm.getSize() == 1:  # MUMPS takes sparse right-hand sides: 1.5 times faster than dense ones
-                rhs = PETSc.Mat().createTranspose(part)
-            else:
-                sparse = part.transpose(PETSc.Mat())
-                rhs = sparse.convert("dense", PETSc.Mat())
-                sparse.destroy()
-            u = PETSc.Mat().createDense(((local_columns, columns), (part.getLocalSize()[0], stop - start)), comm=comm)
-            u.setUp()
-            u.assemble()
-            solver.factor.matSolve(rhs, u)
-            product = B.matMult(u)
-            block[:, start:stop] = product.getDenseArray()
-            for done in (product, u, rhs, part, chosen):
-                done.destroy()
-        every_column.destroy()
-        A.assemble()
-        return cls(A, B, solver)
 
 
 class SchurCompliance:
@@ -253,7 +179,7 @@ class SchurCompliance:
             inverse[i, i + 1 : i + 3] = inverse[i + 1, i + 2] = 0.0
         return inverse
 
-    def rotated(self, rotation: FloatArray, B: PETSc.Mat) -> SchurCompliance:
+    def rotated(self, B: PETSc.Mat) -> SchurCompliance:
         return SchurCompliance(B, self._solver)
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
@@ -323,7 +249,7 @@ class MatrixFreeCompliance:
         """An approximation of K^-1 B^T x for the next x: `mult_incremental` starts there."""
         response.copy(self._last)
 
-    def rotated(self, rotation: FloatArray, B: PETSc.Mat) -> MatrixFreeCompliance:
+    def rotated(self, B: PETSc.Mat) -> MatrixFreeCompliance:
         return MatrixFreeCompliance(B, self.K, self._solver)
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:

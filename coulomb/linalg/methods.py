@@ -1,4 +1,4 @@
-"""Which way to K^-1 and A is taken: by size, ranks and what this PETSc has, where nobody asks for one."""
+"""The choice of solvers for K^-1 and A by size, number of ranks and PETSc's packages, where the user makes none."""
 
 from __future__ import annotations
 
@@ -9,18 +9,10 @@ from .stiffness import DirectSolver, IterativeSolver
 DIRECT_UP_TO = 50_000
 """Displacement unknowns up to which K is factorised by default on one rank (measured: docs/measurements.md)."""
 
-DIRECT_IN_PARALLEL_UP_TO = 4_000
-"""The same on several ranks, where there is no Schur complement and A takes many solves."""
-
 EXPLICIT_UP_TO = 10_000
 """Contact unknowns up to which A is formed by default, where K is factorised (measured: docs/measurements.md)."""
 
 LinearSolver = type[DirectSolver] | type[IterativeSolver]
-
-
-def contact_last(explicit: bool, ranks: int) -> bool:
-    """Whether K is factorised by nested dissection down to the contact nodes: where A is formed, on one rank."""
-    return explicit and ranks == 1
 
 
 def chosen(
@@ -28,29 +20,39 @@ def chosen(
 ) -> tuple[LinearSolver, bool]:
     """The solver for K, and whether A is formed.
 
+    A is formed on one rank only, by `multifrontal.MultifrontalSolver`.  On several ranks it took a solve with K per
+    contact unknown; on the block on two ranks that was as fast as multigrid up to 2646 displacement unknowns and 1.2
+    to 1.6 times slower from 5832 on (docs/measurements.md), and was removed.
+
     Args:
         displacement: Displacement unknowns, over all ranks.
         contact: Contact unknowns, over all ranks.
-        ranks: How many.
-        linear_solver: What was asked for, if anything.
-        explicit: What was asked for, if anything.
+        ranks: Number of ranks.
+        linear_solver: The user's choice, if any.
+        explicit: The user's choice, if any.
 
     Raises:
-        ValueError: If A is to be formed without a factorisation, or K to be factorised by MUMPS where there is none.
+        ValueError: If A is to be formed on several ranks or without a factorisation of K, or if K is to be factorised
+            by MUMPS and PETSc was built without it.
     """
     if explicit and linear_solver is IterativeSolver:
         raise ValueError(
             'A can be formed (solver.compliance = "explicit", explicit=True) only where K is factorised: set '
             'solver.linear_solver = "direct" (linear_solver=DirectSolver), or leave both to be chosen'
         )
+    if explicit and ranks > 1:
+        raise ValueError(
+            f'A can be formed (solver.compliance = "explicit", explicit=True) on one rank only, but there are {ranks}: '
+            'leave solver.compliance at "auto", which on several ranks is "matrix-free"'
+        )
     mumps = PETSc.Sys.hasExternalPackage("mumps")
-    asked = linear_solver is DirectSolver or bool(explicit)
+    asked = linear_solver is DirectSolver
     if linear_solver is None:
-        small = displacement <= (DIRECT_UP_TO if ranks == 1 else DIRECT_IN_PARALLEL_UP_TO)
+        small = ranks == 1 and displacement <= DIRECT_UP_TO
         linear_solver = DirectSolver if explicit or small else IterativeSolver
     if explicit is None:
-        explicit = linear_solver is DirectSolver and contact <= EXPLICIT_UP_TO
-    if linear_solver is DirectSolver and not mumps and not contact_last(explicit, ranks):
+        explicit = ranks == 1 and linear_solver is DirectSolver and contact <= EXPLICIT_UP_TO
+    if linear_solver is DirectSolver and not mumps and not explicit:
         if asked:
             raise ValueError(
                 "this PETSc was built without MUMPS, which factorises K on several ranks and where A is not formed: "

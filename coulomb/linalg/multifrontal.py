@@ -1,8 +1,11 @@
 """K = L L^T on one rank by nested dissection, the contact nodes last: K^-1, and their Schur complement as a factor.
 
-The multifrontal method (Duff and Reid 1983) with dense fronts, all of whose operations are LAPACK's.  MUMPS does the
-same and more; but beside a Schur complement it takes only orders that other libraries make (METIS, SCOTCH), Debian's is
-built without them, and AMD, which is left, costs twice the operations at p = 16 (docs/measurements.md).
+The multifrontal method (Duff and Reid 1983) with dense fronts and LAPACK.  It was compared with MUMPS 5.5, called
+from C (docs/measurements.md): MUMPS accepts the same order of elimination (ICNTL(7) = 1), also beside a Schur
+complement (ICNTL(19)), makes the same number of operations, and takes 1.2 to 1.7 times as long at p = 8 to 16.  PETSc
+3.18 cannot pass the order on: the option mat_mumps_icntl_7 refuses 1, and MUMPS's Cholesky factorisation ignores the
+ordering of the preconditioner.  Without it MUMPS uses AMD beside a Schur complement: twice the operations at p = 16,
+and 2.2 times as long.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ class MultifrontalSolver:
     """Cholesky factorisation of K on one rank, some of its nodes last.
 
     Args:
-        K: Symmetric positive definite, assembled, 3 rows a node, on one rank.
+        K: Symmetric positive definite, assembled, 3 rows per node, on one rank.
         points: The nodes' coordinates, shape (k, 3).
         last: Nodes to eliminate last, ascending.
 
@@ -53,7 +56,7 @@ class MultifrontalSolver:
     def schur_factor(self) -> FloatArray:
         """L of the Schur complement S = L L^T on the nodes `last`: lower triangle, shape (3 m, 3 m), Fortran order.
 
-        What lies above the diagonal means nothing.  The block of K^-1 on these nodes is S^-1.
+        Entries above the diagonal are undefined.  The block of K^-1 on these nodes is S^-1.
         """
         return self._factors[-1][0]
 
@@ -75,7 +78,7 @@ class MultifrontalSolver:
 
 
 def _factorised(blocks: scipy.sparse.bsr_matrix, fronts: list[Front]) -> list[tuple[FloatArray, FloatArray]]:
-    """Of every front the columns of L: head (own, own), a lower triangle, and below (border, own)."""
+    """The columns of L of every front: head (own, own), a lower triangle, and below (border, own)."""
     place = np.full(blocks.shape[0] // 3, -1, dtype=np.int64)
     updates: dict[int, FloatArray] = {}
     workspace = _Workspace(fronts)
@@ -84,7 +87,7 @@ def _factorised(blocks: scipy.sparse.bsr_matrix, fronts: list[Front]) -> list[tu
         e, b = 3 * len(front.own), 3 * len(front.border)
         children = list(front.children)
         if b == 0 and len(children) == 1 and len(fronts[children[0]].border) == len(front.own):
-            head = updates.pop(children.pop())  # the last front: nothing to add to but this
+            head = updates.pop(children.pop())  # the last front: the child's update is all of it
         else:
             head = np.zeros((e, e), order="F")
         below: FloatArray = np.zeros((b, e), order="F")
@@ -109,14 +112,14 @@ def _factorised(blocks: scipy.sparse.bsr_matrix, fronts: list[Front]) -> list[tu
 
 
 def _assemble(blocks: scipy.sparse.bsr_matrix, front: Front, place: Nodes, head: FloatArray, below: FloatArray) -> None:
-    """Add the entries of K between the front's own nodes and all that are not eliminated yet.
+    """Add the entries of K between the front's own nodes and all nodes that are not eliminated yet.
 
     Args:
         blocks: K.
         front: The front.
-        place: Of every node, -1; the same afterwards.
-        head: Gets those among the own nodes, its lower triangle.
-        below: Gets those with the border.
+        place: Workspace, -1 for every node, before and after.
+        head: Entries between the own nodes are added here, in its lower triangle.
+        below: Entries between border and own nodes are added here.
     """
     own, border = len(front.own), len(front.border)
     place[front.own], place[front.border] = np.arange(own), own + np.arange(border)
@@ -132,7 +135,7 @@ def _assemble(blocks: scipy.sparse.bsr_matrix, front: Front, place: Nodes, head:
 
 
 def _add(child: FloatArray, front: Front, head: FloatArray, below: FloatArray, update: FloatArray) -> None:
-    """Add what the elimination of a child's front left on its border (a lower triangle), run by run."""
+    """Add a child's update matrix (a lower triangle on its border) to the parent's front, run by run."""
     own = len(head)
     runs: Any = (3 * front.runs).tolist()
     pieces = [(slice(i, i + n), slice(j, j + n)) for i, j, n in runs]
@@ -148,10 +151,10 @@ def _add(child: FloatArray, front: Front, head: FloatArray, below: FloatArray, u
 
 
 class _Workspace:
-    """Memory for what the fronts leave on their borders, used again: fresh memory costs more than the sums made in it.
+    """Memory for the update matrices of the fronts, allocated once: touching new memory takes longer than the sums.
 
-    Where a front is made, its children's are the last that were made at their depth or an even number of levels away
-    from it: so fronts of even and of odd depth have a stack each.
+    When a front is assembled, the update matrices of its children are the latest ones at depths of their parity.  So
+    fronts of even and of odd depth have a stack each.
     """
 
     def __init__(self, fronts: list[Front]):
@@ -183,5 +186,5 @@ class _Workspace:
         return zeros.reshape((3 * len(front.border),) * 2, order="F")
 
     def pop(self, number: int, front: Front) -> None:
-        """The square that was pushed last on this side is not used any more."""
+        """Release the square that was pushed last on this side."""
         self._top[self._side[number]] -= self._size(front)

@@ -10,16 +10,15 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.contact_frames import inverse_frames
 from ..fem.elasticity import Elasticity, Materials, PrescribedDisplacement, Spring, Traction
 from ..fem.meshes import NamedMesh
 from ..fem.obstacles import RigidFoundation
 from ..fem.surface import ContactSurface
 from ..fem.user_values import Amplitude, Field
-from ..linalg.compliance import BodyCompliance, ExplicitCompliance, MatrixFreeCompliance, SchurCompliance
-from ..linalg.methods import LinearSolver, chosen, contact_last
+from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance, SchurCompliance
+from ..linalg.methods import LinearSolver, chosen
 from ..linalg.multifrontal import MultifrontalSolver
-from ..linalg.stiffness import DirectSolver, StiffnessSolver
+from ..linalg.stiffness import StiffnessSolver
 from .contact import Contact, ContactFaces
 from .state import Before, ContactState
 from .stopwatch import timed
@@ -146,14 +145,14 @@ class ContactBody:
 
     @property
     def stiffness_method(self) -> str:
-        """Name of the solver for K^-1: where A is formed on one rank, it gives the Schur complement as well."""
-        return MultifrontalSolver.name if contact_last(self.explicit, self.comm.size) else self.linear_solver.name
+        """Name of the solver for K^-1; where A is formed, it is the one that gives the Schur complement as well."""
+        return MultifrontalSolver.name if self.explicit else self.linear_solver.name
 
     @cached_property
     def stiffness_solver(self) -> StiffnessSolver:
         """K^-1."""
         with timed(self.seconds, "stiffness"):
-            if contact_last(self.explicit, self.comm.size):
+            if self.explicit:
                 return MultifrontalSolver(self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows)
             return self.linear_solver(self.elasticity.K)
 
@@ -164,8 +163,6 @@ class ContactBody:
         with timed(self.seconds, "compliance"):
             if isinstance(solver, MultifrontalSolver):
                 return SchurCompliance(B, solver)
-            if isinstance(solver, DirectSolver) and self.explicit:
-                return ExplicitCompliance.from_stiffness(B, solver)
             return MatrixFreeCompliance(B, self.elasticity.K, solver)
 
     def compliance(self, surface: ContactSurface, seconds: dict[str, float]) -> BodyCompliance:
@@ -178,6 +175,5 @@ class ContactBody:
         A = self._compliance
         if surface.B is self._reference.B:
             return A
-        rotation = np.einsum("kij,klj->kil", surface.frames, inverse_frames(self._reference.frames))
         with timed(seconds, "compliance"):
-            return A.rotated(rotation, surface.B)
+            return A.rotated(surface.B)

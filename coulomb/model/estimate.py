@@ -16,7 +16,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..fem.meshes import volume
-from ..linalg.methods import LinearSolver, contact_last
+from ..linalg.methods import LinearSolver
 from ..linalg.reductions import Reductions
 from ..linalg.stiffness import DirectSolver, IterativeSolver
 from .free_memory import free_memory
@@ -30,7 +30,6 @@ _MULTIGRID = 600.0  # a displacement unknown: K in blocks, the last solutions
 _FACTOR = 215.0  # over n^(4/3): the factor of K by MUMPS
 _FRONTS = 260.0  # the same by nested dissection, and what fronts leave to others
 _DENSE = 12.0  # over m^2: the Schur complement and the inverse of its factor
-_COLUMNS = 8.0 * 512.0 * 2.0  # over n: right-hand sides and solutions where there is no Schur complement
 
 # seconds on one core of the machine that the law was measured on (machine.py)
 _START = 1.0  # Python, DOLFINx, PETSc
@@ -38,7 +37,6 @@ _STEP = 0.14  # a load step, whatever its size: files, rows, sums
 _FIELDS = 3e-5  # over n: assembly, certificate, output
 _FACTORISE = 7e-10  # over n^2
 _COMPLEMENT = 2.7e-11  # over m^3: the Schur complement and its factor
-_COLUMN = 4e-8  # over n^(4/3) m: A by right-hand sides
 _DENSE_STEPS = 1e-7  # over m^2: path following with A formed
 _FACTOR_STEPS = 4e-6  # over n^(4/3): path following where a product is a solve with the factor
 _MULTIGRID_STEPS = 9e-6  # over n^1.2: path following where it is a multigrid solve
@@ -93,17 +91,13 @@ def estimate(
     memory = _BASE * ranks + _BODY * n
     factorisation, products = 0.0, _FIELDS * n
     if linear_solver is DirectSolver:
-        memory += (_FRONTS if contact_last(explicit, ranks) else _FACTOR) * n ** (4 / 3)
+        memory += (_FRONTS if explicit else _FACTOR) * n ** (4 / 3)
         factorisation += _FACTORISE * n**2
         if not explicit:
             products += _FACTOR_STEPS * n ** (4 / 3)
-        elif contact_last(explicit, ranks):
+        else:
             memory += _DENSE * m**2
             factorisation += _COMPLEMENT * m**3
-            products += _DENSE_STEPS * m**2
-        else:
-            memory += _COLUMNS * n + 8.0 * m**2
-            factorisation += _COLUMN * n ** (4 / 3) * m
             products += _DENSE_STEPS * m**2
     else:
         memory += _MULTIGRID * n

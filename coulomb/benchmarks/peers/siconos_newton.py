@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from ...arrays import FloatArray
-from ...linalg.compliance import ExplicitCompliance
 from ...linalg.stiffness import DirectSolver
 from ...model.problem import ContactProblem
 from ..block import block
+from ..by_columns import compliance_by_columns
 from .answer import Answer, Unsolved, on_body
 
 TOLERANCE = 1e-9
@@ -32,9 +32,7 @@ def solve(p: int) -> Answer:
 
 def by_right_hand_sides(problem: ContactProblem) -> FloatArray:
     """W column by column."""
-    solver = DirectSolver(problem.elasticity.K)
-    W: FloatArray = ExplicitCompliance.from_stiffness(problem.surface.B, solver).dense()
-    return W
+    return compliance_by_columns(problem.surface.B, DirectSolver(problem.elasticity.K))
 
 
 def solve_with(p: int, form: Callable[[ContactProblem], FloatArray]) -> Answer:
