@@ -84,7 +84,7 @@ class MatrixCompliance:
     """A as an assembled matrix, dense or sparse, rows distributed over the ranks.
 
     Args:
-        matrix: Symmetric positive definite, 3 rows a contact node, those of a node on one rank.
+        matrix: Symmetric positive definite, 3 rows per contact node, those of a node on one rank.
     """
 
     name = "matrix"
@@ -125,7 +125,7 @@ class SchurCompliance:
     A product takes two solves with the dense triangle L, which cost what a product with the dense A would.
 
     Args:
-        B: Contact matrix, 3 rows a contact node.
+        B: Contact matrix, 3 rows per contact node.
         solver: The factorised K, with the nodes of B's columns last.
         diagonal: What to give out as its diagonal, in place of the exact one, shape (3 m,).
     """
@@ -192,7 +192,7 @@ class MatrixFreeCompliance:
     Its diagonal is estimated, see `estimated_diagonal`.
 
     Args:
-        B: Contact matrix, 3 rows a contact node.
+        B: Contact matrix, 3 rows per contact node.
         K: The stiffness matrix.
         solver: K^-1.
         probes: Products spent on the diagonal.

@@ -1,9 +1,10 @@
 """Nested dissection of a body by planes: an order of elimination that ends on the contact nodes.
 
-A plane cuts the nodes into two halves and a separator, which is eliminated after both; the halves are cut in turn
-(George 1973; by coordinates: Heath and Raghavan 1995).  The contact nodes are the last separator, so that what is left
-before them is their Schur complement.  In a multifrontal factorisation (Duff and Reid 1983) each separator has a front:
-the nodes eliminated there, and its border, the nodes coupled with these or with what went before, eliminated later.
+A plane cuts the nodes into two halves and a separator, which is eliminated after both; the halves are cut recursively
+(George 1973; by coordinates: Heath and Raghavan 1995).  The contact nodes are the last separator, so the matrix that
+remains before their elimination is their Schur complement.  In a multifrontal factorisation (Duff and Reid 1983) each
+separator has a front: the nodes eliminated there, and a border, the nodes eliminated later that are coupled with these
+or with nodes eliminated below.
 """
 
 from __future__ import annotations
@@ -20,21 +21,21 @@ from ..arrays import FloatArray
 Nodes = npt.NDArray[np.int64]
 
 LEAF = 80
-"""Nodes at most that are not cut any more (60 to 150 take the same time)."""
+"""Largest number of nodes of a part that is not cut (60 to 150 take the same time)."""
 
-_BLOCK = 8  # nodes that the order along separators leaves as they are
+_BLOCK = 8  # nodes whose order along a separator is not changed
 
 
 @dataclass(frozen=True)
 class Front:
-    """A separator, or a part of the body that is not cut any more.
+    """A separator, or a part of the body that is not cut.
 
     Attributes:
         own: Nodes eliminated here.
-        border: Nodes coupled with them or with what was eliminated below, and eliminated later; in the parent's order.
-        children: Fronts whose borders are assembled here, by their numbers.
-        runs: Where the border goes in the parent, as runs of nodes that are neighbours in both: first in the border,
-            first in the parent's (own, border), and how many, shape (k, 3).  None crosses from own to border.
+        border: Nodes coupled with them or with nodes eliminated below, and eliminated later; in the parent's order.
+        children: Numbers of the fronts whose update matrices are added here.
+        runs: The border's places in the parent, as runs of nodes that are contiguous in both: first in the border,
+            first in the parent's (own, border), and length, shape (k, 3).  None extends from own to border.
     """
 
     own: Nodes
@@ -47,10 +48,10 @@ def dissect(graph: scipy.sparse.csr_matrix, points: FloatArray, last: Nodes, lea
     """Fronts in the order of elimination, children before parents.
 
     Args:
-        graph: Which nodes are coupled, symmetric, shape (k, k); the values do not matter.
-        points: The nodes' coordinates, shape (k, 3).  They decide about the work, not about the result.
+        graph: Coupled nodes, symmetric, shape (k, k); the values are not used.
+        points: The nodes' coordinates, shape (k, 3).  The amount of work depends on them, the result does not.
         last: Nodes of the last front, which has no border.
-        leaf: Nodes at most that are not cut any more.
+        leaf: Largest number of nodes of a part that is not cut.
     """
     tree = _Tree(graph, points, leaf)
     rest = np.ones(len(points), dtype=bool)
@@ -70,7 +71,7 @@ class _Tree:
         self._side = np.zeros(len(points), dtype=np.int8)
 
     def grow(self, nodes: Nodes) -> tuple[int, ...]:
-        """Cut these nodes, down to the leaves; the number of their front, or nothing if there are no nodes."""
+        """Cut these nodes down to the leaves; the number of their front, or nothing if there are no nodes."""
         if len(nodes) == 0:
             return ()
         parts = self._cut(nodes) if len(nodes) > self.leaf else None
@@ -80,7 +81,7 @@ class _Tree:
         return (len(self.own) - 1,)
 
     def _cut(self, nodes: Nodes) -> tuple[Nodes, Nodes, Nodes] | None:
-        """Two parts that are not coupled, and the smallest of some separators between them; or None."""
+        """Two parts that are not coupled, and the smallest separator found between them; or None."""
         coupled = self.graph[nodes]
         row = np.repeat(np.arange(len(nodes)), np.diff(coupled.indptr))
         best = None
@@ -100,20 +101,20 @@ class _Tree:
 
     @staticmethod
     def _halves(x: FloatArray) -> Iterator[npt.NDArray[np.bool_]]:
-        """Which nodes lie beyond the middle, along the axes of coordinates and the longest principal one."""
+        """Which nodes lie beyond the median along each coordinate axis and along the longest principal axis."""
         centred = x - x.mean(axis=0)
         _, principal = np.linalg.eigh(centred.T @ centred)
         for along in (*centred.T, centred @ principal[:, 2]):
             extent = np.ptp(along)
             high = along > np.median(along) + 1e-9 * extent
-            if 4 * np.count_nonzero(high) < len(along):  # many on the median itself
+            if 4 * np.count_nonzero(high) < len(along):  # many nodes at the median itself
                 high = along > np.median(along) - 1e-9 * extent
             if high.any() and not high.all():
                 yield high
 
 
 def _borders(graph: scipy.sparse.csr_matrix, own: list[Nodes], children: list[tuple[int, ...]]) -> list[Nodes]:
-    """Of every front, ascending."""
+    """The border of every front, ascending."""
     eliminated = np.zeros(graph.shape[0], dtype=bool)
     borders: list[Nodes] = []
     for nodes, below in zip(own, children, strict=True):
@@ -126,10 +127,10 @@ def _borders(graph: scipy.sparse.csr_matrix, own: list[Nodes], children: list[tu
 def _in_order(
     own: list[Nodes], borders: list[Nodes], children: list[tuple[int, ...]], points: FloatArray
 ) -> list[Front]:
-    """The fronts, with nodes in an order in which the border of each is few runs in its parent.
+    """The fronts, with their nodes ordered so that the border of each consists of few runs in its parent.
 
-    Neighbours in space are neighbours in every front: its own nodes as `_along_space` has them, its border as the
-    parent has them.
+    Neighbours in space are neighbours in every front: its own nodes are in the order of `_along_space`, its border in
+    the order of the parent.
     """
     place = np.empty(len(points), dtype=np.int64)
     order_of_border = list(borders)
@@ -147,7 +148,7 @@ def _in_order(
 
 
 def _runs(places: Nodes, own: int) -> Nodes:
-    """Ascending places, as (first of the run, its place, how many), cut where they leave the parent's own nodes."""
+    """Ascending places as runs (first, its place, length), split where they leave the parent's own nodes."""
     if len(places) == 0:
         return np.empty((0, 3), dtype=np.int64)
     crossing = (places[:-1] < own) & (places[1:] >= own)
@@ -156,7 +157,7 @@ def _runs(places: Nodes, own: int) -> Nodes:
 
 
 def _along_space(nodes: Nodes, points: FloatArray) -> Nodes:
-    """The nodes by halves, quarters and so on of their longest extents."""
+    """The nodes ordered by halves, quarters and so on along their longest extents."""
     if len(nodes) <= _BLOCK:
         return nodes
     x = points[nodes]

@@ -1,4 +1,4 @@
-"""K by the 3 x 3 blocks of its nodes, as scipy and as PETSc have them."""
+"""K in 3 x 3 blocks, one per pair of coupled nodes, in formats of scipy and PETSc."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ _Array = npt.NDArray[Any]
 
 
 def nodal_blocks(K: PETSc.Mat) -> scipy.sparse.bsr_matrix:
-    """This rank's rows of K, 3 rows a node, all columns."""
+    """This rank's rows of K, 3 rows per node, all columns."""
     indptr, indices, values = K.getValuesCSR()
     shape = (len(indptr) - 1, K.getSize()[1])
     return scipy.sparse.csr_matrix((values, indices, indptr), shape=shape).tobsr((3, 3))
 
 
 def symmetric_blocks(K: PETSc.Mat) -> PETSc.Mat:
-    """K as its upper triangle in blocks (PETSc's SBAIJ): a product reads half of the memory; collective.
+    """K as its upper triangle in blocks (PETSc's SBAIJ): a product reads half as much memory; collective.
 
     PETSc's own conversion takes fifty times as long.
 
     Args:
-        K: Symmetric, assembled, 3 rows a node, those of a node on one rank.
+        K: Symmetric, assembled, 3 rows per node, those of a node on one rank.
     """
     pointers, columns, blocks = _upper(nodal_blocks(K), K.getOwnershipRange()[0] // 3)
     matrix = PETSc.Mat().create(comm=K.comm)
@@ -37,7 +37,7 @@ def symmetric_blocks(K: PETSc.Mat) -> PETSc.Mat:
 
 
 def _upper(blocks: scipy.sparse.bsr_matrix, first: int) -> tuple[_Array, _Array, _Array]:
-    """Pointers, columns and blocks from the diagonal on; `first` is the node of the first row."""
+    """Pointers, columns and blocks on and above the diagonal; `first` is the node of the first row."""
     rows = len(blocks.indptr) - 1
     row = np.repeat(np.arange(rows), np.diff(blocks.indptr))
     upper = blocks.indices >= row + first

@@ -1,4 +1,4 @@
-"""Sums, norms and extremes over the contact nodes of all ranks."""
+"""Sums, norms and extreme values over the contact nodes of all ranks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..arrays import FloatArray
 
 @dataclass(frozen=True)
 class Reductions:
-    """Reductions of rank-local numpy arrays; every call is collective, and a rank may hold nothing."""
+    """Reductions of rank-local numpy arrays; every call is collective, and the array of a rank may be empty."""
 
     comm: MPI.Comm
 
@@ -31,7 +31,7 @@ class Reductions:
     def norm(self, v: FloatArray) -> float:
         """Euclidean norm, safe from overflow and underflow of the squares."""
         largest = self.max(np.abs(v))
-        if largest <= 0.0:  # all zero, or nothing at all
+        if largest <= 0.0:  # all entries are zero, or there are none
             return 0.0
         if not math.isfinite(largest):
             return largest
@@ -39,12 +39,12 @@ class Reductions:
         return largest * math.sqrt(self.dot(w, w))
 
     def max(self, v: FloatArray) -> float:
-        """Largest entry; NaN wins, -inf if there is none."""
+        """Largest entry; NaN if any entry is, -inf if there is none."""
         local = float(np.max(v)) if np.size(v) else -math.inf
         return float(np.max(self.comm.allgather(local)))
 
     def min(self, v: FloatArray) -> float:
-        """Smallest entry; NaN wins, +inf if there is none."""
+        """Smallest entry; NaN if any entry is, +inf if there is none."""
         return -self.max(-np.asarray(v))
 
     def all(self, condition: bool) -> bool:

@@ -19,8 +19,8 @@ class StiffnessSolver(Protocol):
 
     Attributes:
         name: What the summary calls it.
-        tolerance: |K u - rhs| / |rhs| of a solve that is not told better; 0 for a direct solver.
-        iterations: Of all solves so far; 0 of a direct solver.
+        tolerance: |K u - rhs| / |rhs| of a solve without a tolerance of its own; 0 for a direct solver.
+        iterations: Of all solves so far; 0 for a direct solver.
     """
 
     name: str
@@ -28,17 +28,17 @@ class StiffnessSolver(Protocol):
     iterations: int
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
-        """u <- K^-1 rhs, to |K u - rhs| <= tolerance |rhs| where that is more than the solver's own tolerance."""
+        """u <- K^-1 rhs, to |K u - rhs| <= max(tolerance, the solver's tolerance) |rhs|."""
         ...
 
     def destroy(self) -> None:
-        """Give back what it holds of PETSc."""
+        """Free its PETSc objects."""
         ...
 
 
 @contextmanager
 def _options(prefix: str, values: Mapping[str, object]) -> Iterator[None]:
-    """PETSc options under a prefix of their own, gone again afterwards."""
+    """Set PETSc options under a prefix, and remove them afterwards."""
     database = PETSc.Options(prefix)
     for key, value in values.items():
         database[key] = value
@@ -55,13 +55,13 @@ def configured_ksp(
     values: Mapping[str, object],
     operator: PETSc.Mat | None = None,
 ) -> PETSc.KSP:
-    """A KSP set up under options that are its own, and gone from PETSc's database afterwards.
+    """A KSP set up with the given options only; they are removed from PETSc's database afterwards.
 
     Args:
-        K: What the preconditioner is made of.
+        K: The matrix of which the preconditioner is made.
         ksp_type: PETSc's name of the method.
-        values: The options, without their prefix.
-        operator: The matrix of the system, where it is not K.
+        values: The options, without prefix.
+        operator: The matrix of the system, if it is not K.
     """
     prefix = next(_prefixes)
     ksp = PETSc.KSP().create(K.comm)
@@ -87,9 +87,8 @@ class DirectSolver:
     iterations = 0
 
     def __init__(self, K: PETSc.Mat):
-        # ICNTL(14): room for the fill that pivot delays and parallel fronts add to the estimate, in per cent.
-        # ICNTL(7): METIS; where MUMPS has none, as Debian's, it takes PORD.  Its own choice (7) took up to twice as
-        # long.
+        # ICNTL(14): per cent of memory beyond the estimate, for delayed pivots and parallel fronts.
+        # ICNTL(7): METIS; without it, as on Debian, MUMPS uses PORD.  Its automatic choice (7) took up to twice as long.
         self._ksp = configured_ksp(
             K,
             "preonly",
@@ -118,19 +117,19 @@ class IterativeSolver:
 
     Args:
         K: Symmetric positive definite, assembled, block size 3, with a near-nullspace.
-        tolerance: |K u - rhs| / |rhs|, well under the tolerances of the CG that uses A = B K^-1 B^T.
+        tolerance: |K u - rhs| / |rhs|, well below the tolerances of the CG that uses A = B K^-1 B^T.
 
     Raises:
-        PETSc.Error: From solve, where 1000 iterations are not enough.
+        PETSc.Error: From solve, if 1000 iterations are not enough.
     """
 
     name = "iterative (CG, GAMG)"
 
     def __init__(self, K: PETSc.Mat, tolerance: float = 1e-11):
         self.tolerance, self.iterations = tolerance, 0
-        # Products with the finest matrix are nearly all of the work: CG and the smoother (pc_use_amat) have it in
-        # blocks.  Every solve starts from the best of the last 20 solutions' space (Fischer 1998, in the norm of the
-        # residual): a fourth fewer iterations.
+        # Products with the finest matrix are nearly all of the work: CG and the smoother (pc_use_amat) use it in
+        # blocks.  Every solve starts from the best combination of the last 20 solutions (Fischer 1998, in the norm of
+        # the residual), which saves a quarter of the iterations.
         self._blocks = symmetric_blocks(K)
         self._ksp = configured_ksp(
             K,
