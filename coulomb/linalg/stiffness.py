@@ -88,7 +88,7 @@ class DirectSolver:
 
     def __init__(self, K: PETSc.Mat):
         # ICNTL(14): per cent of memory beyond the estimate, for delayed pivots and parallel fronts.
-        # ICNTL(7): METIS; without it, as on Debian, MUMPS uses PORD.  Its automatic choice (7) took up to twice as long.
+        # ICNTL(7): METIS; without it, as on Debian, MUMPS uses PORD.  Its own choice (7) took up to twice as long.
         self._ksp = configured_ksp(
             K,
             "preonly",
