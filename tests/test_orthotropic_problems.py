@@ -1,0 +1,288 @@
+"""Orthotropic friction in whole problems: frames on curved faces, methods, files, ranks, wrong inputs."""
+
+import csv
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from conftest import STEEL, run_coulomb
+from mpi4py import MPI
+from test_orthotropic import F1, F2, force_for_slip, unit
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, PrescribedDisplacement, Sphere
+from coulomb.case.case import read_case
+from coulomb.fem.contact_frames import FrictionAxes, tangent_frames
+from coulomb.io.output import write
+from coulomb.io.recheck.directory import check
+from coulomb.io.summary import summary
+from coulomb.model.nodal_answer import NodalAnswer
+
+AXES = {"friction": (F1, F2), "direction": (1.0, 0.5, 0.0)}
+
+
+def block(contact=AXES, cell="hexahedron", **options):
+    """The block of the benchmarks."""
+    return ContactProblem(
+        coulomb.box((3.0, 1.0, 1.0), (9, 3, 3), cell),
+        STEEL,
+        [Clamp("left")],
+        Contact("bottom", **contact),
+        [coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
+        **options,
+    )
+
+
+def vectors(solution):
+    """Contact forces on the body, space vectors."""
+    return solution.force_on_body
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_every_node_is_in_its_ellipse(cell, tmp_path):
+    """From the written space vectors: T inside the ellipse, on it where there is slip, slip along its normal."""
+    solution = block(cell=cell).solve(1e-10)
+    assert solution.certificate.passed
+    fields, surface = NodalAnswer.of(solution).fields(), solution.problem.surface
+    axis = np.array([1.0, 0.5, 0.0]) / math.hypot(1.0, 0.5)
+    across = np.array([-axis[1], axis[0], 0.0])
+    N = fields["contact_force"][:, 2]
+    T = fields["contact_force"] @ np.column_stack([axis, across])
+    slip = fields["slip"] @ np.column_stack([axis, across])
+    use = np.hypot(T[:, 0] / F1, T[:, 1] / F2)
+    assert np.all(use <= N + 1e-7 * N.max())
+    slips = fields["status"] == 2
+    assert 5 < np.sum(slips) < len(N) and use[slips] == pytest.approx(N[slips], abs=2e-3 * N.max())
+    assert np.allclose(fields["friction_use"][N > 0], (use / np.where(N > 0, N, 1.0))[N > 0], atol=1e-12)
+    normal = -T / np.array([F1, F2]) ** 2
+    sure = slips & (np.linalg.norm(slip, axis=1) > 1e-3 * np.abs(slip).max()) & (N > 1e-2 * N.max())
+    turned = normal[:, 0] * slip[:, 1] - normal[:, 1] * slip[:, 0]
+    assert np.sum(sure) > 5
+    assert np.all(np.abs(turned[sure]) <= 1e-4 * (np.linalg.norm(normal, axis=1) * np.linalg.norm(slip, axis=1))[sure])
+    assert NodalAnswer.of(solution).dissipated_energy == pytest.approx(-np.sum(T * slip), rel=1e-9)
+    assert np.allclose(fields["slip"], solution.displacement[surface.nodes] * [1, 1, 0], atol=1e-15)
+    write(solution, tmp_path)
+    assert check(tmp_path).passed
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert told["friction"] == F1 and told["friction_along"] == F1 and told["friction_across"] == pytest.approx(F2)
+
+
+def test_the_same_said_otherwise():
+    """F1 = F2 is one coefficient; axes may be exchanged; a direction may point to either side, and out of the plane."""
+    one = block({"friction": 0.2}).solve(1e-10)
+    same = block({"friction": (0.2, 0.2), "direction": (1.0, 0.5, 0.0)}).solve(1e-10)
+    assert np.array_equal(one.contact_force, same.contact_force)
+    assert summary(same)["friction_along"] is None
+    known = vectors(block().solve(1e-10))
+    for other in (
+        {"friction": (F2, F1), "direction": (-0.5, 1.0, 0.0)},
+        {"friction": (F1, F2), "direction": (-2.0, -1.0, 0.0)},
+        {"friction": (F1, F2), "direction": (1.0, 0.5, -3.0)},
+        {"friction": (lambda x: F1 + 0.0 * x[0], F2), "direction": lambda x: np.outer([1.0, 0.5, 0.0], 1.0 + x[0])},
+    ):
+        assert np.linalg.norm(vectors(block(other).solve(1e-10)) - known) <= 1e-8 * np.linalg.norm(known)
+
+
+@pytest.mark.parametrize("cohesion", [0.0, 3e6])
+def test_methods_agree(cohesion):
+    """Factorised, formed and matrix-free; interior point, successive Tresca and condensed."""
+    given = {**AXES, "cohesion": cohesion}
+    known = vectors(block(given).solve(1e-10))
+    free = {"linear_solver": coulomb.IterativeSolver, "explicit": False}
+    formed = {"linear_solver": coulomb.DirectSolver, "explicit": True}
+    for options, solver in (
+        ({}, coulomb.SuccessiveTresca(1e-10)),
+        (free, None),
+        (formed, None),
+        (free, coulomb.InteriorPoint(1e-10, newton=coulomb.CondensedSystem())),
+    ):
+        solution = block(given, **options).solve(1e-10, solver)
+        assert solution.certificate.passed
+        assert np.linalg.norm(vectors(solution) - known) <= 1e-7 * np.linalg.norm(known)
+
+
+def ball(**options):
+    """A block of steel on a ball that moves along x and y: normals, and with them the tangents, turn in each step."""
+    path = [(0, 0, 0, 0), (1, 0, 0, 2e-3), (2, 6e-3, 3e-3, 2e-3), (3, 0, 8e-3, 2e-3)]
+    contact = Contact(
+        "bottom", (0.4, 0.1), direction=(1.0, 1.0, 0.3), foundation=Sphere((0.5, 0.5, -2), 2), motion=path
+    )
+    return ContactProblem(coulomb.box((1.0, 1.0, 0.5), (4, 4, 2)), STEEL, [Clamp("top")], contact, **options)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"linear_solver": coulomb.DirectSolver, "explicit": True}, {"linear_solver": coulomb.IterativeSolver}],
+    ids=["schur", "formed", "matrix-free"],
+)
+def test_frames_that_turn(options):
+    """The direction is projected at each node; every step is certified, with the same forces by each method."""
+    history = LoadHistory([1.0, 2.0, 3.0], tolerance=1e-10)
+    known = [step.solution.force_on_body for step in history.steps(ball())]
+    first = None
+    for step, expected in zip(history.steps(ball(**options)), known, strict=True):
+        solution = step.solution
+        assert solution.certificate.passed
+        assert np.linalg.norm(vectors(solution) - expected) <= 1e-7 * np.linalg.norm(expected)
+        n, t1, t2 = (solution.problem.surface.frames[:, k] for k in range(3))
+        along = np.array([1.0, 1.0, 0.3]) - n * (n @ [1.0, 1.0, 0.3])[:, None]
+        assert np.allclose(t1, along / np.linalg.norm(along, axis=1)[:, None], atol=1e-12)
+        assert np.allclose(t2, 0.25 * np.cross(n, t1), atol=1e-12)
+        first = n if first is None else first
+    assert np.abs(n - first).max() > 1e-3
+
+
+CASE = """\
+[mesh]
+box = [1.0, 1.0, 1.0]
+cells = [3, 3, 3]
+cell = "CELL"
+[material]
+young = 2.1e11
+poisson = 0.3
+[[prescribed_displacement]]
+face = "top"
+components = "z"
+value = [0, 0, -2e-4]
+amplitude = [[0, 0], [1, 1]]
+[[prescribed_displacement]]
+face = "top"
+components = "xy"
+value = [0.8, 0.6, 0]
+amplitude = [[1, 0], [2, 1e-3], [8, 31e-3]]
+[contact]
+face = "bottom"
+friction = [0.3, 0.1]
+direction = [1, 0.5, 0]
+[history]
+times = [1, 2, 3, 4, 5, 6, 7, 8]
+[solver]
+tolerance = 1e-10
+[output]
+picture = false
+report = true
+"""
+
+
+@pytest.mark.parametrize(("cell", "ranks"), [("hexahedron", None), ("tetrahedron", 2), ("hexahedron", 3)])
+def test_case_file(tmp_path, cell, ranks):
+    (tmp_path / "case.toml").write_text(CASE.replace("CELL", cell))
+    done = run_coulomb("run", "case.toml", "--output", "out", ranks=ranks, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Coulomb friction 0.3 along and 0.1 across" in done.stdout
+    assert "Coulomb friction 0.3 along and 0.1 across" in (tmp_path / "out" / "report.html").read_text()
+    with (tmp_path / "out" / "history.csv").open() as file:
+        last = list(csv.DictReader(file))[-1]
+    slip = np.array([0.8, 0.6])
+    expected = force_for_slip(slip, float(last["normal_force"]), math.degrees(math.atan2(0.5, 1.0)))
+    T = np.array([float(last["force_x"]), float(last["force_y"])])
+    assert np.linalg.norm(T - expected) <= 1e-6 * np.linalg.norm(expected)
+    assert check(tmp_path / "out").passed
+    told = (tmp_path / "out" / "case.json").read_text()
+    for changes in ({"friction": [0.3, 0.10001]}, {"direction": [1, 0.50001, 0]}, {"friction": [0.1, 0.3]}):
+        changed = json.loads(told)
+        changed["contact"].update(changes)
+        (tmp_path / "out" / "case.json").write_text(json.dumps(changed))
+        assert not check(tmp_path / "out").passed
+
+
+def test_resumed(tmp_path):
+    """A history that was interrupted goes on with the same numbers."""
+    (tmp_path / "case.toml").write_text(CASE.replace("CELL", "hexahedron").replace("report = true", ""))
+    settings = read_case(tmp_path / "case.toml")
+    whole, parts = coulomb.HistoryFiles(tmp_path / "whole"), tmp_path / "parts"
+    settings.load_history().run(settings.problem(), whole)
+    settings.load_history().run(
+        settings.problem(), coulomb.HistoryFiles(parts), on_step=lambda step: step.state.number == 3
+    )
+    again = coulomb.HistoryFiles(parts, resume=True)
+    settings.load_history().run(settings.problem(), again)
+    for ours, expected in zip(again.rows, whole.rows, strict=True):
+        assert float(ours["force_y"]) == pytest.approx(float(expected["force_y"]), rel=1e-7)
+
+
+def test_regions():
+    """A region has one coefficient or two, in the direction of the face."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coulomb.case.case.read_text", lambda path: CASE.replace("CELL", "hexahedron"))
+        regions = "{box=[[0,0,0],[0.4,1,1]], friction=0.2}, {box=[[0.9,0,0],[1,1,1]], friction=[0.05, 0.2]}"
+        problem = read_case("case.toml", [f"contact.region=[{regions}]"]).problem()
+    x, surface = problem.surface.x[:, 0], problem.surface
+    pair = problem.law.friction[:, None] * np.linalg.norm(surface.frames[:, 1:], axis=2)
+    assert np.allclose(pair[x < 0.4], 0.2) and np.allclose(pair[x > 0.9], [0.05, 0.2])
+    assert np.allclose(pair[(x > 0.4) & (x < 0.9)], [0.3, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("contact", "message"),
+    [
+        ({"friction": (0.3, 0.1)}, "two coefficients of friction, (along, across), and a direction go together"),
+        ({"friction": 0.3, "direction": (1, 0, 0)}, "two coefficients of friction, (along, across), and a direction"),
+        ({"slip_stress": 1e6, "direction": (1, 0, 0)}, "two coefficients of friction, (along, across), and a direct"),
+        ({"friction": (0.3, 0.2, 0.1), "direction": (1, 0, 0)}, "friction must be one number or two"),
+        ({"friction": (0.3, -0.1), "direction": (1, 0, 0)}, "friction must be a number >= 0, but is -0.1"),
+        (
+            {"friction": (0.3, 0.0), "direction": (1, 0, 0)},
+            "the smaller coefficient must be at least 0.001 of the larger",
+        ),
+        ({"friction": (0.3, 1e-4), "direction": (1, 0, 0)}, "friction (0.3, 0.0001) at x = "),
+        ({"friction": (0.3, 0.1), "direction": (0, 0, 2)}, "the direction of friction is along the normal at x = "),
+        ({"friction": (0.3, 0.1), "direction": (0, 0, 0)}, "the direction of friction must not be zero"),
+        ({"friction": (0.3, 0.1), "direction": (1, 0)}, "direction: the value must have three components"),
+        ({"friction": (0.3, lambda x: -x[0]), "direction": (1, 0, 0)}, "friction: must be >= 0 everywhere"),
+        ({"slip_stress": 1e6, "cohesion": 1e6}, "cohesion goes with friction; slip_stress is a cohesion alone"),
+        ({"cohesion": 1e6}, "give either friction"),
+        ({"friction": 0.3, "cohesion": -1.0}, "cohesion must be a number >= 0, but is -1.0"),
+        (
+            {"friction": 0.3, "cohesion": lambda x: -1.0 - x[0]},
+            "contact face 'bottom': cohesion: must be >= 0 everywhere",
+        ),
+    ],
+)
+def test_wrong_inputs(contact, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        block(contact)
+
+
+def test_a_clamp_along_a_tangent():
+    """A plane of symmetry along the direction is one; obliquely to it there is none."""
+
+    def held(direction):
+        side = [Clamp("front", "y"), PrescribedDisplacement("top", (2e-3, 0.0, -1e-3), "xz"), Clamp("top", "y")]
+        contact = Contact("bottom", (0.3, 0.1), direction=direction)
+        return ContactProblem(coulomb.box((1.0, 1.0, 1.0), (3, 3, 3)), STEEL, side, contact)
+
+    solution = held((1.0, 0.0, 0.0)).solve(1e-10)
+    surface = solution.problem.surface
+    assert solution.certificate.passed
+    edge = surface.x[:, 1] < 1e-9
+    assert np.all(solution.contact_force.reshape(-1, 3)[edge, 2] == 0.0)
+    with pytest.raises(ValueError, match="is held by a clamp obliquely to the direction of friction"):
+        held((1.0, 1.0, 0.0))
+
+
+def test_no_friction_in_both_directions():
+    solution = block({"friction": (0.0, 0.0), "direction": (1.0, 0.0, 0.0)}).solve(1e-10)
+    assert np.all(solution.contact_force.reshape(-1, 3)[:, 1:] == 0.0)
+
+
+def test_axes_on_any_normal():
+    """Scaled rows are along the projected direction and across it; where coefficients are equal, the usual frames."""
+    rng = np.random.default_rng(5)
+    n = rng.standard_normal((50, 3))
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    x = rng.uniform(0.0, 1.0, (50, 3))
+    d = np.array([0.2, -1.0, 0.7])
+    axes = FrictionAxes(lambda x: np.where(x[0] < 0.5, 0.4, 0.2), 0.2, d)
+    frames = axes.frames(n, x, "face", MPI.COMM_SELF)
+    assert np.array_equal(frames[x[:, 0] >= 0.5], tangent_frames(n)[x[:, 0] >= 0.5])
+    different = frames[x[:, 0] < 0.5]
+    lengths = np.linalg.norm(different, axis=2)
+    assert np.allclose(lengths, [1.0, 1.0, 0.5])
+    assert np.allclose(
+        np.einsum("kij,klj->kil", different, different), lengths[:, None] * lengths[:, :, None] * np.eye(3)
+    )
+    assert np.all(different[:, 1] @ d > 0.0) and np.allclose(different[:, 2] @ d, 0.0, atol=1e-12)
+    assert unit(90.0) == pytest.approx([0.0, 1.0])
