@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .model.certificate import Certificate, Check
     from .model.certify import certify
     from .model.contact import Contact
+    from .model.friction import SlipRateFriction, VariableFriction
     from .model.load_history import LoadHistory, StepFailed
     from .model.load_step import Energy, LoadStep
     from .model.problem import ContactProblem
@@ -72,6 +73,7 @@ __all__ = [
     "Progress",
     "SchurComplementSystem",
     "SignedDistance",
+    "SlipRateFriction",
     "Solution",
     "SolverResult",
     "Sphere",
@@ -80,6 +82,7 @@ __all__ = [
     "StepFailed",
     "SuccessiveTresca",
     "Traction",
+    "VariableFriction",
     "__version__",
     "box",
     "certify",
@@ -94,6 +97,7 @@ _PUBLIC = {
     "model.certificate": ("Certificate", "Check"),
     "model.certify": ("certify",),
     "model.contact": ("Contact",),
+    "model.friction": ("SlipRateFriction", "VariableFriction"),
     "fem.body": ("Material",),
     "fem.elasticity": ("Elasticity",),
     "fem.loaded_body": ("Clamp", "PrescribedDisplacement", "Spring", "Traction"),

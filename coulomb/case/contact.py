@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -11,11 +12,27 @@ from ..arrays import FloatArray
 from ..fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
 from ..model.times import HALVINGS, refuse_times
 from .body import Table
-from .values import ROWS, TABLES, Duration, Frictions, Length, Name, Number, Steps, Stress, Vector
+from .values import (
+    ISOTROPIC,
+    ORTHOTROPIC,
+    ROWS,
+    TABLES,
+    AmplitudeTable,
+    Duration,
+    Friction,
+    Length,
+    Name,
+    Number,
+    Speed,
+    Steps,
+    Stress,
+    Vector,
+)
 
 if TYPE_CHECKING:
     from ..fem.user_values import Coefficient
     from ..model.contact import Contact
+    from ..model.friction import SlipRateFriction
 
 
 class FoundationTable(Table):
@@ -61,11 +78,37 @@ LAW_KEYS = ("friction", "slip_stress", "cohesion")
 """What describes the law of friction of a face or a region."""
 
 
+class SlipRateTable(Table):
+    """Friction by the slip rate v of the load step before, in m/s: kinetic + (static - kinetic) exp(-v/decay_speed)."""
+
+    static: Friction
+    kinetic: Friction
+    decay_speed: Speed
+
+
+BY_SLIP_RATE = "by slip rate"
+
+
+def _kind(given: Any) -> str:
+    if isinstance(given, dict | SlipRateTable):
+        return BY_SLIP_RATE
+    return ORTHOTROPIC if isinstance(given, list | tuple) else ISOTROPIC
+
+
+FrictionValue = Annotated[
+    Annotated[Friction, Tag(ISOTROPIC)]
+    | Annotated[tuple[Friction, Friction], Tag(ORTHOTROPIC)]
+    | Annotated[SlipRateTable, Tag(BY_SLIP_RATE)],
+    Discriminator(_kind),
+]
+"""One coefficient, or two: along a direction and across it; or by slip rate."""
+
+
 class RegionTable(Table):
     """A part of the contact face, inside a box given by two corners in metres, that rubs differently."""
 
     box: tuple[Vector, Vector]
-    friction: Frictions | None = None
+    friction: FrictionValue | None = None
     slip_stress: Stress | None = None
     cohesion: Stress | None = None
 
@@ -91,7 +134,7 @@ class ContactTable(Table):
     """The contact face and its law: friction (Coulomb), perhaps with cohesion, or slip_stress (Tresca), in pascals."""
 
     face: Name
-    friction: Frictions | None = None
+    friction: FrictionValue | None = None
     slip_stress: Stress | None = None
     region: Annotated[tuple[RegionTable, ...], Field(max_length=TABLES)] = ()
     foundation: FoundationTable | None = None
@@ -99,6 +142,7 @@ class ContactTable(Table):
     motion: MotionTable | None = None
     cohesion: Stress | None = None
     direction: Vector | None = None
+    friction_amplitude: AmplitudeTable | None = None
 
     @model_validator(mode="after")
     def _one_law(self) -> ContactTable:
@@ -106,9 +150,16 @@ class ContactTable(Table):
             raise ValueError("give either friction (Coulomb) or slip_stress (Tresca), one of the two")
         if self.cohesion is not None and self.friction is None:
             raise ValueError("cohesion goes with friction; slip_stress is a cohesion alone")
-        pairs = any(isinstance(given, tuple) for given in (self.friction, *(r.friction for r in self.region)))
-        if pairs != (self.direction is not None):
+        frictions = [part.friction for part in self._parts]
+        if any(isinstance(friction, tuple) for friction in frictions) != (self.direction is not None):
             raise ValueError("friction = [along, across] and the direction of the first go together")
+        if self.direction is not None and any(isinstance(friction, SlipRateTable) for friction in frictions):
+            raise ValueError("friction by slip rate has no direction")
+        if self.friction_amplitude is not None:
+            if self.friction is None:
+                raise ValueError("friction_amplitude goes with friction")
+            if any(factor < 0.0 for _, factor in self.friction_amplitude):
+                raise ValueError("friction_amplitude: factors must be >= 0")
         given = [name for name in LAW_KEYS if getattr(self, name) is not None]
         for number, region in enumerate(self.region):
             named = [name for name in LAW_KEYS if getattr(region, name) is not None]
@@ -120,10 +171,17 @@ class ContactTable(Table):
         return self
 
     @property
+    def _parts(self) -> tuple[ContactTable | RegionTable, ...]:
+        """The contact itself and its regions."""
+        return (self, *self.region)
+
+    @property
     def sloped(self) -> bool:
         """Whether friction grows with pressure anywhere on the face."""
-        given = [friction for friction in (self.friction, *(r.friction for r in self.region)) if friction is not None]
-        return any(max(_pair(friction)) > 0.0 for friction in given)
+        given = [part.friction for part in self._parts if part.friction is not None]
+        return any(
+            max(f.static, f.kinetic) > 0.0 if isinstance(f, SlipRateTable) else max(_pair(f)) > 0.0 for f in given
+        )
 
     def contact(self) -> Contact:
         """What it describes."""
@@ -138,19 +196,28 @@ class ContactTable(Table):
             self.motion,
             self._coefficient("cohesion"),
             self.direction,
+            self.friction_amplitude or 1.0,
         )
 
-    def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | None:
-        """One coefficient, or two where there is a direction."""
-        if self.direction is None:
-            return self._coefficient("friction")
+    def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:
+        """One coefficient, or two where there is a direction; by slip rate where the contact or a region says so."""
+        from ..model.friction import SlipRateFriction
+
+        if self.direction is not None:
+            along, across = self._by_parts(_pair)
+            return along, across
+        if any(isinstance(part.friction, SlipRateTable) for part in self._parts):
+            return SlipRateFriction(*self._by_parts(_decaying))
+        return self._coefficient("friction")
+
+    def _by_parts(self, numbers: Callable[[FrictionValue], tuple[float, ...]]) -> list[Coefficient]:
+        """Each of the numbers of which friction is made, by region."""
         assert self.friction is not None
-        given = [None if region.friction is None else _pair(region.friction) for region in self.region]
-        along, across = (
-            self._by_region(_pair(self.friction)[k], [None if pair is None else pair[k] for pair in given])
-            for k in range(2)
-        )
-        return along, across
+        given = [None if region.friction is None else numbers(region.friction) for region in self.region]
+        return [
+            self._by_region(base, [None if own is None else own[k] for own in given])
+            for k, base in enumerate(numbers(self.friction))
+        ]
 
     def _coefficient(self, law: Literal["friction", "slip_stress", "cohesion"]) -> Coefficient | None:
         """Of this law: nothing, a number, or a function of place by region."""
@@ -172,9 +239,18 @@ class ContactTable(Table):
         return by_region
 
 
-def _pair(friction: float | tuple[float, float]) -> tuple[float, float]:
+def _pair(friction: FrictionValue) -> tuple[float, float]:
     """Along the direction and across it."""
+    assert not isinstance(friction, SlipRateTable)
     return friction if isinstance(friction, tuple) else (friction, friction)
+
+
+def _decaying(friction: FrictionValue) -> tuple[float, float, float]:
+    """Static, kinetic, decay speed; a constant does not decay, at any speed."""
+    if isinstance(friction, SlipRateTable):
+        return friction.static, friction.kinetic, friction.decay_speed
+    assert not isinstance(friction, tuple)
+    return friction, friction, 1.0
 
 
 FACE, FACES = "one [contact]", "several [[contact]]"

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from .body import ONE, SEVERAL
-from .contact import FACE, FACES
+from .contact import BY_SLIP_RATE, FACE, FACES
 from .values import ISOTROPIC, ORTHOTROPIC
 
 _MOST = 10
@@ -18,6 +18,9 @@ _MOST = 10
 
 _FIRST_KEY = {"mesh": "file", "output": "directory", "contact": "face", "material": "young", "history": "times"}
 """The probable key if a value is given in place of a table."""
+
+_TAGS = (ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE)
+"""Alternatives in the place of an error, which the user does not write."""
 
 _Model = type[BaseModel]
 
@@ -47,7 +50,7 @@ def tables_of_several(case: _Model) -> set[str]:
 
 
 def _explain(entry: Any, case: _Model) -> str:
-    location = tuple(part for part in entry["loc"] if part not in (ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC))
+    location = tuple(part for part in entry["loc"] if part not in _TAGS)
     key, given = ".".join(map(str, location)) or "case", entry["input"]
     names = ".".join(part for part in location if isinstance(part, str))
     if entry["type"] == "extra_forbidden":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, Field
 
 
 def _between(low: float, high: float, zero: bool = False) -> AfterValidator:
@@ -43,11 +43,8 @@ ISOTROPIC, ORTHOTROPIC = "one coefficient", "two coefficients"
 Friction = Annotated[float, _NOT_NEGATIVE, _between(1e-9, 1e3, zero=True)]
 """Smaller values are below the accuracy of an answer; larger ones are not physical."""
 
-Frictions = Annotated[
-    Annotated[Friction, Tag(ISOTROPIC)] | Annotated[tuple[Friction, Friction], Tag(ORTHOTROPIC)],
-    Discriminator(lambda given: ORTHOTROPIC if isinstance(given, list | tuple) else ISOTROPIC),
-]
-"""One coefficient, or two: along a direction and across it."""
+Speed = Annotated[float, _POSITIVE, _between(1e-30, 1e30)]
+"""Metres per second."""
 
 Vector = tuple[Number, Number, Number]
 

@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
 from ..model.load_step import Energy, LoadStep, State
@@ -105,12 +106,15 @@ class HistoryFiles:
         step = self.directory.step(number)
         record = read_step(step.path, problem.comm)
         x, points = problem.elasticity.x, problem.surface.x
+        began = read_step(self.directory.step(number - 1).path, problem.comm)["time"] if number > 1 else self._start
+        slip = nodal_vectors(data_of(step.contact), "slip", points, problem.comm)
         return State(
             number=number,
             time=record["time"],
             energy=Energy(**record["energy"]),
             displacement=nodal_vectors(data_of(step.solution), "displacement", x, problem.comm),
             force_on_body=nodal_vectors(data_of(step.contact), "contact_force", points, problem.comm),
+            slip_rate=np.linalg.norm(slip, axis=1) / (record["time"] - began),
             pending=tuple(record["pending"]),
         )
 

@@ -13,8 +13,18 @@ from ..fem.contact_frames import FrictionAxes, tangent_frames
 from ..fem.elasticity import Elasticity
 from ..fem.obstacles import Moved, RigidFoundation
 from ..fem.surface import ContactSurface, Normals, contact_surface, joined
-from ..fem.user_values import Coefficient, Field, Motion, evaluate_motion, evaluate_numbers, on_all_ranks
+from ..fem.user_values import (
+    Amplitude,
+    Coefficient,
+    Field,
+    Motion,
+    evaluate_amplitude,
+    evaluate_motion,
+    evaluate_numbers,
+    on_all_ranks,
+)
 from ..solvers.laws import FrictionLaw
+from .friction import FrictionModel
 
 
 @dataclass(frozen=True)
@@ -30,7 +40,8 @@ class Contact:
 
     Attributes:
         face: Name of the contact face.
-        friction: Coefficient of friction F >= 0, constant or a function of place; or two, along `direction` and across.
+        friction: Coefficient of friction F >= 0, constant or a function of place; or two, along `direction` and across;
+            or `SlipRateFriction`, or any `VariableFriction` of place, time and slip rate.
         slip_stress: Tresca friction: the shear stress in pascals at which the face slips, whatever the pressure;
             constant or a function of place.
         foundation: Rigid foundation; by default the plane of the face itself (gap 0).
@@ -39,6 +50,7 @@ class Contact:
         cohesion: Beside friction: the shear stress c >= 0 in pascals that the face bears without pressure, constant or
             a function of place.
         direction: Of orthotropic friction, a vector or a function of place; projected into the tangent plane of a node.
+        friction_amplitude: What friction is multiplied by in the course of time, >= 0.
 
     Raises:
         ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
@@ -46,13 +58,14 @@ class Contact:
     """
 
     face: str
-    friction: Coefficient | Sequence[Coefficient] | None = None
+    friction: Coefficient | Sequence[Coefficient] | FrictionModel | None = None
     slip_stress: Coefficient | None = None
     foundation: RigidFoundation | None = None
     normals: Normals = "foundation"
     motion: Motion | None = None
     cohesion: Coefficient | None = None
     direction: Field | None = None
+    friction_amplitude: Amplitude = 1.0
 
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):
@@ -69,7 +82,9 @@ class Contact:
             ("cohesion", self.cohesion),
         ):
             for value in given if isinstance(given, Sequence) else (given,):
-                if value is not None and not callable(value) and not (np.isfinite(value) and value >= 0.0):
+                if value is None or callable(value) or isinstance(value, FrictionModel):
+                    continue
+                if not (np.isfinite(value) and value >= 0.0):
                     raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
 
     @property
@@ -85,12 +100,14 @@ class Contact:
             return tangent_frames(n)
         return self.axes.frames(n, x, f"contact face {self.face!r}", comm)
 
-    def law(self, x: FloatArray, area: FloatArray, comm: MPI.Comm) -> FrictionLaw:
+    def law(self, x: FloatArray, area: FloatArray, time: float, slip_rate: FloatArray, comm: MPI.Comm) -> FrictionLaw:
         """The law of friction at nodes of the face; collective.
 
         Args:
             x: Their coordinates in metres, shape (k, 3).
             area: Their areas in m^2, shape (k,).
+            time: At which the law is taken.
+            slip_rate: Their slip rates in the load step before in m/s, shape (k,).
             comm: The ranks.
 
         Raises:
@@ -108,8 +125,24 @@ class Contact:
                 return largest
             return evaluate_numbers(given, x, f"{what}: {name}", comm)
 
+        if isinstance(self.friction, FrictionModel):
+            friction = self.friction.coefficient(x, time, slip_rate, f"{what}: friction", comm)
+        else:
+            friction = values("friction", self.friction)
+
         bearing = ("cohesion", self.cohesion) if self.slip_stress is None else ("slip_stress", self.slip_stress)
-        return FrictionLaw(values(*bearing) * area, values("friction", self.friction))
+        return FrictionLaw(values(*bearing) * area, self._factor(time, what, comm) * friction)
+
+    def _factor(self, time: float, what: str, comm: MPI.Comm) -> float:
+        """Of friction at a time."""
+
+        def evaluate() -> float:
+            factor = evaluate_amplitude(self.friction_amplitude, time, f"{what}: friction")
+            if factor < 0.0:
+                raise ValueError(f"{what}: friction_amplitude must be >= 0, but is {factor:g} at time {time:g}")
+            return factor
+
+        return on_all_ranks(evaluate, "", comm)
 
 
 class ContactFaces:
@@ -157,11 +190,11 @@ class ContactFaces:
         faces = zip(self._contacts, moved, strict=True)
         return joined(elasticity, [contact_surface(elasticity, c.face, f, c.normals, c.axes) for c, f in faces])
 
-    def law(self, surface: ContactSurface) -> FrictionLaw:
-        """The law of friction at this rank's contact nodes; collective."""
+    def law(self, surface: ContactSurface, time: float, slip_rate: FloatArray) -> FrictionLaw:
+        """The law of friction at this rank's contact points at a time, slip rates (m,) in m/s; collective."""
         cohesion, friction = np.zeros((2, len(surface.nodes)))
         for part, contact in enumerate(self._contacts):
             here = surface.part == part
-            law = contact.law(surface.x[here], surface.area[here], self._comm)
+            law = contact.law(surface.x[here], surface.area[here], time, slip_rate[here], self._comm)
             cohesion[here], friction[here] = law.cohesion, law.friction
         return FrictionLaw(cohesion, friction)

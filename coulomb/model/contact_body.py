@@ -136,10 +136,13 @@ class ContactBody:
         motions = self.motions(time)
         surface = self.surface(motions, time)
         origin: FloatArray = np.zeros_like(surface.x)
+        slip_rate: FloatArray = np.zeros(len(surface.x))
         if before is not None:
+            slip_rate = before.slip_rate
             carried = (motions - self.motions(before.time))[surface.part]
             origin = surface.rows(before.displacement) + surface.components(carried)
-        return ContactState(self.elasticity.at(time), motions, surface, self._faces.law(surface), origin)
+        law = self._faces.law(surface, time, slip_rate)
+        return ContactState(self.elasticity.at(time), motions, surface, law, slip_rate, origin)
 
     # --- K^-1 and A ---------------------------------------------------------------------------------------------
 

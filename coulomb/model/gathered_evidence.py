@@ -42,7 +42,9 @@ def gather_evidence(
         before: What the load step before has left; None where slip counts from the state's `slip_origin`.
     """
     elasticity, surface = body.elasticity, state.surface
-    faces = [_face(body, number, state.time, before) for number in range(len(body.contacts))]
+    slip_rate = np.zeros(len(u))
+    slip_rate[surface.nodes] = state.slip_rate if before is None else before.slip_rate
+    faces = [_face(body, number, state.time, before, slip_rate) for number in range(len(body.contacts))]
     nodes, frames, gap, cohesion, friction, moved = (np.concatenate(part) for part in zip(*faces, strict=True))
     B = contact_matrix(elasticity, nodes, frames)
 
@@ -92,7 +94,7 @@ def gather_evidence(
 
 
 def _face(
-    body: ContactBody, number: int, time: float, before: Before | None
+    body: ContactBody, number: int, time: float, before: Before | None, slip_rate: FloatArray
 ) -> tuple[npt.NDArray[np.int32], FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Of a contact face, the nodes that are not prescribed along their normal; collective.
 
@@ -125,6 +127,6 @@ def _face(
         return way_along(n, place, distance, foundation) if contact.normals == "body" else distance
 
     gap = on_all_ranks(remaining, what, comm)
-    law = contact.law(elasticity.x[nodes], elasticity.nodal_area(contact.face)[nodes], comm)
+    law = contact.law(elasticity.x[nodes], elasticity.nodal_area(contact.face)[nodes], time, slip_rate[nodes], comm)
     frames = contact.frames(n, elasticity.x[nodes], comm)
     return nodes, frames, gap, law.cohesion, law.friction, np.tile(moved, (len(nodes), 1))

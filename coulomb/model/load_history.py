@@ -65,7 +65,8 @@ class LoadHistory:
     def beginning(self, problem: ContactProblem) -> State:
         """The state at `start`."""
         still, none = np.zeros_like(problem.elasticity.x), np.zeros_like(problem.surface.x)
-        return State(0, self.start, Energy(), still, none, tuple(reversed([float(t) for t in self.times])))
+        pending = tuple(reversed([float(t) for t in self.times]))
+        return State(0, self.start, Energy(), still, none, np.zeros(len(none)), pending)
 
     def steps(
         self, problem: ContactProblem, state: State | None = None, progress: ProgressCallback | None = None

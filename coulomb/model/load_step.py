@@ -127,11 +127,13 @@ class State(Moment):
     Attributes:
         displacement: Metres, shape (k, 3).
         force_on_body: Contact forces on the body at the contact points, space vectors in newtons, shape (m, 3).
+        slip_rate: Slip of the step over its duration at the contact points, metres per second, shape (m,).
         pending: Times still to be reached, the next one last.
     """
 
     displacement: FloatArray
     force_on_body: FloatArray
+    slip_rate: FloatArray
     pending: tuple[float, ...]
 
     def after(self, solution: Solution) -> State:
@@ -148,9 +150,11 @@ class State(Moment):
         now = forces(solution.displacement, problem.loading.load, on_body)
         moved = (problem.motions - problem.body.motions(self.time))[surface.part]
         foundation = 0.5 * over.dot(self.force_on_body + on_body, moved)
-        dissipated = NodalAnswer.of(solution).dissipated_energy
+        answer = NodalAnswer.of(solution)
+        slip_rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - self.time)
+        dissipated = answer.dissipated_energy
         energy = self.energy.after(then, now, elasticity.fixed, foundation, dissipated, over)
-        return State(self.number + 1, problem.time, energy, now.displacement, on_body, self.pending[:-1])
+        return State(self.number + 1, problem.time, energy, now.displacement, on_body, slip_rate, self.pending[:-1])
 
 
 @dataclass(frozen=True)

@@ -116,6 +116,13 @@ class NodalAnswer:
         return self._displacements(self.displacement)
 
     @cached_property
+    def slip(self) -> FloatArray:
+        """From `slip_origin`, space vectors in the tangent plane, shape (m, 3)."""
+        slip = self.closure.copy()
+        slip[:, 0] = 0.0
+        return self._displacements(slip)
+
+    @cached_property
     def _friction(self) -> FloatArray:
         friction: FloatArray = np.hypot(self.force[:, 1], self.force[:, 2])
         return friction
@@ -154,13 +161,13 @@ class NodalAnswer:
 
         Those behind friction_use are what `coulomb check` judges the rest by.
         """
-        tangential, slip = self.force.copy(), self.closure.copy()
-        tangential[:, 0] = slip[:, 0] = 0.0
+        tangential = self.force.copy()
+        tangential[:, 0] = 0.0
         use = self._friction / np.where(self.bound > 0.0, self.bound, np.inf)
         return {
             "pressure": self.force[:, 0] / self.area,
             "friction_traction": -self._vectors(tangential) / self.area[:, None],
-            "slip": self._displacements(slip),
+            "slip": self.slip,
             "gap": self.gap - self.closure[:, 0],
             "status": self.status.astype(float),
             "friction_use": np.where(self.status == OPEN, 0.0, use),

@@ -20,6 +20,7 @@ class ContactState:
         motions: Translations of the foundations from where they were given, metres, shape (faces, 3).
         surface: Contact points with their frames, gaps and B, for where the foundations are.
         law: Of friction at the contact points.
+        slip_rate: In the load step before, metres per second, shape (m,); 0 without one.
         slip_origin: Displacement of the contact points at which they have not slipped, along n, t1, t2, metres, shape
             (m, 3): 0 at first, in a later load step that of the step before, carried along with the foundation.
     """
@@ -28,6 +29,7 @@ class ContactState:
     motions: FloatArray
     surface: ContactSurface
     law: FrictionLaw
+    slip_rate: FloatArray
     slip_origin: FloatArray
 
     @property
@@ -37,10 +39,13 @@ class ContactState:
 
 
 class Before(Protocol):
-    """Where a load step begins: the time and the displacement (k, 3) in metres that the step before has left."""
+    """Where a load step begins: time, displacement (k, 3) in metres and slip rates (m,) in m/s of the step before."""
 
     @property
     def time(self) -> float: ...
 
     @property
     def displacement(self) -> FloatArray: ...
+
+    @property
+    def slip_rate(self) -> FloatArray: ...

@@ -74,9 +74,10 @@ class CaseReference:
         """Translations of the foundations at a time in metres, shape (faces, 3)."""
         return np.array([evaluate_motion(contact.motion, time, "contact") for contact in self.contacts])
 
-    def law(self, part: int, x: FloatArray, area: FloatArray) -> FrictionLaw:
-        """The law of friction of a face at points (k, 3) in metres that have areas (k,) in m^2."""
-        return self.contacts[part].law(x, area, MPI.COMM_SELF)
+    def law(self, part: int, x: FloatArray, area: FloatArray, time: float, slip_rate: FloatArray) -> FrictionLaw:
+        """The law of friction of a face at a time, at points x (k, 3) in metres with areas (k,) in m^2, and slip rates
+        (k,) of the load step before in m/s."""
+        return self.contacts[part].law(x, area, time, slip_rate, MPI.COMM_SELF)
 
     def frames(self, part: int, n: FloatArray, x: FloatArray) -> FloatArray:
         """Rows n, t1, t2 of nodes x (k, 3) in metres of a face with normals n (k, 3), shape (k, 3, 3)."""

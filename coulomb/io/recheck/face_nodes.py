@@ -111,6 +111,7 @@ def face_nodes(
     run: WrittenRun,
     case: CaseReference | None,
     time: float,
+    slip_rate: FloatArray | None,
     facet_part: npt.NDArray[np.int64] | None,
     found: Comparison,
 ) -> FaceNodes:
@@ -120,6 +121,7 @@ def face_nodes(
         run: The files.
         case: The case, if there is one.
         time: The time of the run.
+        slip_rate: In the load step before at the nodes of the face, m/s, shape (q,); None if it is unknown.
         facet_part: Number of the face of each written facet, if there is a case.
         found: Collects the differences.
 
@@ -130,7 +132,9 @@ def face_nodes(
     said = np.round(run.on_face["face"]).astype(np.int64)
     found.field("contact.xdmf: face", run.on_face["face"], said.astype(float), run.on_face["x"], "whole numbers")
     part = _parts(run, count, said) if facet_part is None else facet_part
-    faces = [_face(run, case, time, number, part == number, said == number, found) for number in range(count)]
+    faces = [
+        _face(run, case, time, slip_rate, number, part == number, said == number, found) for number in range(count)
+    ]
     judged = FaceNodes(**{name: np.concatenate([vars(face)[name] for face in faces]) for name in vars(faces[0])})
     stray = run.touching.copy()
     stray[judged.index[judged.written]] = False
@@ -145,6 +149,7 @@ def _face(
     run: WrittenRun,
     case: CaseReference | None,
     time: float,
+    slip_rate: FloatArray | None,
     number: int,
     facets: npt.NDArray[np.bool_],
     said: npt.NDArray[np.bool_],
@@ -166,7 +171,9 @@ def _face(
         beyond = np.where(written, HELD_BEYOND, _NEARLY_HELD)
     else:
         n, gap = case.geometry(number, time, x, area, outward)
-        law = case.law(number, x, area)
+        law = case.law(number, x, area, time, np.zeros(len(x)) if slip_rate is None else slip_rate[on])
+        if slip_rate is None:
+            law = replace(law, friction=data["friction"])
         beyond = np.full(len(x), HELD_BEYOND)
     free = np.linalg.norm(np.where(fixed, n, 0.0), axis=1) <= beyond
     frames = tangent_frames(n)

@@ -106,7 +106,8 @@ def check_step(folder: Path) -> Findings:
     if number == 1:
         return check_run(folder, case, start=Start(0.0, None))
     before = check_run(history.step(number - 1).path, None).run
-    return check_run(folder, case, before, Start(step_of(before)[1], before))
+    began = 0.0 if number == 2 else history.step(number - 2).read_summary(("step",))["step"]["time"]
+    return check_run(folder, case, before, Start(step_of(before)[1], before, began))
 
 
 def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) -> HistoryFindings:
@@ -188,7 +189,7 @@ class _Chain:
             self._record(findings, Moment(number, time, energy), k) for k, energy in enumerate(self._energies)
         )
         found.tree("summary.json.step", run.summary["step"], expected, others, "the steps so far")
-        self.run, self._last, self.start = run, findings, Start(time, run)
+        self.run, self._last, self.start = run, findings, Start(time, run, self.start.time)
 
     def _record(self, findings: Findings, at: Moment, variant: int) -> dict[str, Any]:
         """Data of the history in summary.json of the step."""

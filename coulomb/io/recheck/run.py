@@ -38,10 +38,25 @@ class Start:
     Attributes:
         time: Its time.
         run: The step before; None before the first: a body without displacement.
+        began: Time at which the step before began.
     """
 
     time: float
     run: WrittenRun | None
+    began: float = 0.0
+
+    def slip_rate(self, run: WrittenRun) -> FloatArray:
+        """Slip of the step before over its duration at the nodes of this step's contact face, m/s, shape (q,).
+
+        Raises:
+            ValueError: If it has another mesh.
+        """
+        if self.run is None:
+            return np.zeros(len(run.node))
+        rate = np.linalg.norm(self.run.on_face["slip"], axis=1) / max(self.time - self.began, 1e-300)
+        unfit = f"{run.folder}: has another contact face than {self.run.folder}"
+        here: FloatArray = rate[numbers(self.run.on_face["x"], run.on_face["x"], unfit)]
+        return here
 
     def at(self, run: WrittenRun, name: str = "displacement") -> FloatArray:
         """Vectors of the step before at the nodes of this step's body, shape (k, 3).
@@ -144,7 +159,9 @@ def check_run(
             trusted.append(f"taken as written, since {absent} is not there: mesh, material, loads, supports, springs")
         else:
             part = case.compare_body(run, time, found)
-    nodes = face_nodes(run, case, time, part, found)
+    alone = start is None and "step" in run.summary
+    slip_rate = None if alone else np.zeros(len(run.node)) if start is None else start.slip_rate(run)
+    nodes = face_nodes(run, case, time, slip_rate, part, found)
     nodes, moved, say = _from_origin(run, nodes, case, time, start, found)
     trusted += say
     foundations = None if case is None else case.foundations(time)
@@ -189,7 +206,7 @@ def _from_origin(
     x = run.on_face["x"]
     if start is None:
         if "step" in run.summary or case is None:
-            return nodes, moved, ["taken as written, without the load step before: slip_origin"]
+            return nodes, moved, ["taken as written, without the load step before: slip_origin, friction"]
         origin, source = np.zeros_like(nodes.origin), "a run without steps before it"
     else:
         before = start.at(run)[run.node[nodes.index]]
