@@ -120,6 +120,26 @@ MATERIALS_AND_LOADS = (
         "negative friction", run("contact.friction=-0.3"), r"contact\.friction = -0\.3: should be greater than or equal"
     ),
     Wrong(
+        "friction by slip rate without its speed",
+        run("contact.friction={static=0.3, kinetic=0.2}"),
+        r"contact\.friction\.decay_speed: is missing",
+    ),
+    Wrong(
+        "a decay speed of zero",
+        run("contact.friction={static=0.3, kinetic=0.2, decay_speed=0}"),
+        r"contact\.friction\.decay_speed = 0: should be greater than 0",
+    ),
+    Wrong(
+        "a misspelt key of friction by slip rate",
+        run("contact.friction={static=0.3, dynamic=0.2, decay_speed=0.1}"),
+        r"contact\.friction\.kinetic: is missing\n.*contact\.friction\.dynamic = 0\.2: there is no such key",
+    ),
+    Wrong(
+        "friction that becomes negative",
+        run("contact.friction_amplitude=[[0,1],[1,-1]]"),
+        r"friction_amplitude: factors must be >= 0",
+    ),
+    Wrong(
         "both friction laws",
         run("contact.slip_stress=1e6"),
         r"give either friction \(Coulomb\) or slip_stress \(Tresca\)",
