@@ -64,6 +64,7 @@ class SlipRateFriction:
             raise ValueError(f"friction: decay_speed must be a number > 0 (m/s), but is {self.decay_speed}")
 
     def coefficient(self, x: FloatArray, time: float, slip_rate: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
+        """F at points x (k, 3), shape (k,), as `FrictionModel`."""
         static = evaluate_numbers(self.static, x, f"{what}: static", comm)
         kinetic = evaluate_numbers(self.kinetic, x, f"{what}: kinetic", comm)
         speed = evaluate_numbers(self.decay_speed, x, f"{what}: decay_speed", comm)
@@ -84,4 +85,5 @@ class VariableFriction:
     function: Callable[[FloatArray, float, FloatArray], FloatArray]
 
     def coefficient(self, x: FloatArray, time: float, slip_rate: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
+        """F at points x (k, 3), shape (k,), as `FrictionModel`."""
         return evaluate_numbers(lambda points: self.function(points, time, slip_rate.copy()), x, what, comm)
