@@ -26,12 +26,6 @@ from .results import (
     check_constants,
 )
 
-_PATIENCE = 12  # Tresca problems without a better change of g before the loop is called stagnated
-_TURNS = 5  # so many changes of g in a row, each against the one before and none the best, are an oscillation
-_GROWTH = (8, 1e2)  # a slip bound that grew so many times in a row, to this multiple of the first, diverges
-_LEAST_DAMPING = 0.05
-_NEAR = 0.1  # acceleration waits for changes of g below this: farther off it combines what has nothing in common
-
 
 @dataclass(frozen=True)
 class SuccessiveTresca:
@@ -45,6 +39,11 @@ class SuccessiveTresca:
         damping: The part of r(x_n) - g to go along, in (0, 1]; None chooses it by the measured slope of the map: on a
             wedge of slope s, where plain iteration has the factor -F/s, 1/(1 + F/s).
         max_iterations: Tresca problems before the solver gives up.
+        patience: Tresca problems without a better change of g after which the iteration is called stagnated.
+        turns: So many changes of g in a row, each against the one before and none the smallest, are an oscillation.
+        growth: A slip bound that grew so many times in a row, to this multiple of the first, diverges.
+        least_damping: Smallest damping chosen by the measured slope.
+        near: Acceleration waits for changes of g below this: farther off, points have nothing in common.
 
     Raises:
         ValueError: If a constant is outside its bounds.
@@ -56,6 +55,11 @@ class SuccessiveTresca:
     memory: int = 5
     damping: float | None = None
     max_iterations: int = 60
+    patience: int = 12
+    turns: int = 5
+    growth: tuple[int, float] = (8, 1e2)
+    least_damping: float = 0.05
+    near: float = 0.1
 
     name = "successive Tresca"
 
@@ -125,7 +129,7 @@ class SuccessiveTresca:
                 turns.append(_cosine(old_misfit, misfit, over))
             contraction, slope = _measure(g, old_g, wanted, old_wanted, over)
             if self.damping is None and not math.isnan(slope):
-                damping = max(1.0 / (1.0 - min(slope, 0.0)), _LEAST_DAMPING)
+                damping = max(1.0 / (1.0 - min(slope, 0.0)), self.least_damping)
             history.append(
                 OuterStep(
                     iteration=iteration,
@@ -150,12 +154,12 @@ class SuccessiveTresca:
             if trouble and last.residual > 0.1 * residual:
                 status, why = Status.STAGNATED, trouble
                 break
-            seen = _diagnosis(history, sizes, turns)
+            seen = self._diagnosis(history, sizes, turns)
             if seen is not None:
                 status = seen
                 break
             old_g, old_wanted = g, wanted
-            if history[-1].change > _NEAR or (len(history) > 1 and history[-1].change > history[-2].change):
+            if history[-1].change > self.near or (len(history) > 1 and history[-1].change > history[-2].change):
                 anderson.restart()
             g = self._without_dust(np.maximum(anderson.next(g, misfit, damping), 0.0), g, over)
         assert best is not None
@@ -227,6 +231,20 @@ class SuccessiveTresca:
         dust = 1e-2 * self.tolerance * over.max(wanted)
         return np.where(wanted > np.where(g > 0.0, dust, 10.0 * dust), wanted, 0.0)
 
+    def _diagnosis(self, history: list[OuterStep], sizes: list[float], turns: list[float]) -> Status | None:
+        """What goes wrong, judged by how far the slip bound still moves; None while there is hope."""
+        changes = [step.change for step in history]
+        first = next((size for size in sizes if size > 0.0), math.inf)
+        times, multiple = self.growth
+        grown = len(sizes) > times and sizes[-1] > multiple * first
+        if grown and all(new > 1.1 * old for old, new in pairwise(sizes[-times - 1 :])):
+            return Status.DIVERGED
+        if _settles_not(changes, self.turns) and all(turn < -0.5 for turn in turns[-self.turns :]):
+            return Status.OSCILLATING
+        if _settles_not(changes, self.patience):
+            return Status.STAGNATED
+        return None
+
 
 def _cosine(v: FloatArray, w: FloatArray, over: Reductions) -> float:
     return _ratio(over.dot(v, w), over.norm(v) * over.norm(w))
@@ -248,21 +266,6 @@ def _measure(
     if size == 0.0:
         return math.nan, math.nan
     return over.norm(image) / size, over.dot(dg / size, image / size)
-
-
-def _diagnosis(history: list[OuterStep], sizes: list[float], turns: list[float]) -> Status | None:
-    """What goes wrong, judged by how far the slip bound still moves; None while there is hope."""
-    changes = [step.change for step in history]
-    first = next((size for size in sizes if size > 0.0), math.inf)
-    times, multiple = _GROWTH
-    grown = len(sizes) > times and sizes[-1] > multiple * first
-    if grown and all(new > 1.1 * old for old, new in pairwise(sizes[-times - 1 :])):
-        return Status.DIVERGED
-    if _settles_not(changes, _TURNS) and all(turn < -0.5 for turn in turns[-_TURNS:]):
-        return Status.OSCILLATING
-    if _settles_not(changes, _PATIENCE):
-        return Status.STAGNATED
-    return None
 
 
 def _settles_not(changes: list[float], count: int) -> bool:
