@@ -108,6 +108,8 @@ def test_former_names_are_accepted_and_reported(caplog):
     (said,) = caplog.records
     assert said.levelname == "WARNING" and said.name.startswith("coulomb.")
     assert 'solver.method = "fixed-point" is now called "successive-tresca"' in said.message
+    assert read_case(BLOCK, ["solver.method=one-loop"]).solver.method == "interior-point"
+    assert 'solver.method = "one-loop" is now called "interior-point"' in caplog.records[-1].message
     caplog.clear()
     value = (0.0, 0.0, -1e-4)
     (old,) = (t.support() for t in read_case(BLOCK, ["clamp.0.value=[0,0,-1e-4]"]).clamp)

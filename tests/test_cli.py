@@ -23,7 +23,7 @@ def test_run(tmp_path):
     assert "2646 displacement and 378 contact unknowns, Coulomb friction 0.3" in lines[0]
     assert lines[1] == "body 3 m x 1 m x 1 m; 648 hexahedra, 931 nodes"
     assert lines[2].startswith("path following   1  residual ")  # plain lines where the output is no terminal
-    assert any(line.startswith("converged (auto: one loop): residual ") for line in lines)
+    assert any(line.startswith("converged (auto: interior point): residual ") for line in lines)
     assert "\x1b" not in done.stdout
     assert "certificate passed" in done.stdout
     assert any("open 18, stick 8, slip 100" in line for line in lines)
@@ -49,7 +49,7 @@ def test_not_converged_exits_1_and_keeps_what_there_is(tmp_path):
         "run", BLOCK, *SMALL, "--set", "solver={method='successive-tresca', max_outer=2}", "--output", tmp_path
     )
     assert done.returncode == 1
-    assert "error: successive Tresca ended with a Coulomb residual of" in done.stderr
+    assert "error: successive Tresca ended with a residual of" in done.stderr
     contents = json.loads((tmp_path / "summary.json").read_text())
     assert contents["status"] == "max_iterations" and not contents["certificate"]["passed"]
     assert (tmp_path / "solution.h5").exists()
@@ -178,12 +178,12 @@ def test_benchmark_friction(tmp_path):
     with (tmp_path / "friction.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert ",".join(rows[0]) == "method,p,friction,outer,path_following,products,krylov,seconds,residual,status"
-    methods = ["one Tresca problem", "plain", "inexact", "accelerated", "one-loop", "one-loop dense"]
+    methods = ["one Tresca problem", "plain", "inexact", "accelerated", "interior-point", "interior-point dense"]
     assert [row["method"] for row in rows] == 2 * methods
     assert all(float(row["residual"]) <= 1e-8 and row["status"] == "converged" for row in rows)
     for half in (rows[:6], rows[6:]):
         products = {row["method"]: int(row["products"]) for row in half}
-        assert products["one-loop"] < products["inexact"] < products["plain"]
-        assert products["one-loop"] < products["accelerated"] < 1.1 * products["inexact"]
-        assert products["one-loop"] < products["one Tresca problem"]
+        assert products["interior-point"] < products["inexact"] < products["plain"]
+        assert products["interior-point"] < products["accelerated"] < 1.1 * products["inexact"]
+        assert products["interior-point"] < products["one Tresca problem"]
     assert (tmp_path / "friction.png").stat().st_size > 10_000

@@ -47,14 +47,14 @@ def test_tresca(name):
         assert np.linalg.norm(result.x - data["r_tresca"]) <= 1e-5 * np.linalg.norm(result.x)
 
 
-@pytest.mark.parametrize("method", ["successive Tresca", "one loop", "auto"])
+@pytest.mark.parametrize("method", ["successive Tresca", "interior point", "auto"])
 @pytest.mark.parametrize("name", NAMES)
 def test_coulomb(name, method):
     """Coulomb residual 1e-7; where the forces are unique they are the reference's.  Most W are rank-deficient."""
     data, W = load(name)
     ways = {
         "successive Tresca": SuccessiveTresca(1e-7, solver(name)),
-        "one loop": InteriorPoint(1e-7),
+        "interior point": InteriorPoint(1e-7),
         "auto": Automatic(1e-7),
     }
     result = solve_coulomb(W, -data["q"], data["mu"], ways[method])

@@ -34,13 +34,13 @@ QP = {
 }
 COULOMB = {
     "auto": Automatic(TOLERANCE),
-    "one loop": InteriorPoint(TOLERANCE),
-    "one loop, LU": InteriorPoint(TOLERANCE, newton=DenseSystem()),
-    "one loop, condensed": InteriorPoint(TOLERANCE, newton=CondensedSystem()),
+    "interior point": InteriorPoint(TOLERANCE),
+    "interior point, LU": InteriorPoint(TOLERANCE, newton=DenseSystem()),
+    "interior point, condensed": InteriorPoint(TOLERANCE, newton=CondensedSystem()),
     **{f"successive Tresca, {name}": SuccessiveTresca(TOLERANCE, solver) for name, solver in QP.items()},
 }
-FORMED = {"LU", "one loop, LU", "successive Tresca, LU"}  # need the matrix A
-CONDENSED = {"condensed", "one loop, condensed", "successive Tresca, condensed"}  # need K
+FORMED = {"LU", "interior point, LU", "successive Tresca, LU"}  # need the matrix A
+CONDENSED = {"condensed", "interior point, condensed", "successive Tresca, condensed"}  # need K
 DEAR = {
     "successive Tresca, P_AM",
     "successive Tresca, P_SC",
@@ -169,7 +169,7 @@ def test_tresca_with_products_as_inexact_as_allowed(name):
         is_fresh(result, A, b, np.trace(A) / len(A), lambda _, g=bounds(seed): g)
 
 
-@pytest.mark.parametrize("name", ["P_AM with low rank", "one loop", "one loop, condensed"])
+@pytest.mark.parametrize("name", ["P_AM with low rank", "interior point", "interior point, condensed"])
 def test_what_is_given_up_is_judged_afresh_too(name):
     """Stopped on the way, by multigrid: A x of the last step is good to a few hundredths of that step."""
     if name in QP:

@@ -40,7 +40,7 @@ def test_every_node_obeys_its_own_coefficient():
 
 
 @pytest.mark.parametrize(
-    "solver", [coulomb.InteriorPoint(), coulomb.SuccessiveTresca()], ids=["one loop", "successive Tresca"]
+    "solver", [coulomb.InteriorPoint(), coulomb.SuccessiveTresca()], ids=["interior point", "successive Tresca"]
 )
 def test_no_friction_on_a_part(solver):
     problem = block_with(lambda x: np.where(x[0] > 1.5, 0.0, 0.4))
@@ -114,9 +114,15 @@ def test_regions_that_do_not_fit(region, message):
     ("changes", "message"),
     [
         (["solver.max_outer=3"], r'max_outer counts Tresca problems: it needs method = "successive-tresca"'),
-        (["solver.method='one-loop'", "solver.newton='schur'"], r'newton = "schur" is for Tresca problems'),
-        (["solver.method='one-loop'", "contact={face='bottom', slip_stress=1.0}"], r"solver.method is for Coulomb"),
-        (["solver.method='newton'"], r"solver.method = 'newton': should be 'auto', 'one-loop' or 'successive-tresca'"),
+        (["solver.method='interior-point'", "solver.newton='schur'"], r'newton = "schur" is for Tresca problems'),
+        (
+            ["solver.method='interior-point'", "contact={face='bottom', slip_stress=1.0}"],
+            r"solver.method is for Coulomb",
+        ),
+        (
+            ["solver.method='newton'"],
+            r"solver.method = 'newton': should be 'auto', 'interior-point' or 'successive-tresca'",
+        ),
     ],
 )
 def test_methods_that_do_not_fit(changes, message):
@@ -127,7 +133,7 @@ def test_methods_that_do_not_fit(changes, message):
 def test_every_method_of_a_case_gives_the_same_forces():
     answer = make_block(3).solve().contact_force
     for table in (
-        "method='one-loop'",
+        "method='interior-point'",
         "newton='dense'",
         "method='successive-tresca'",
         "newton='augmented'",

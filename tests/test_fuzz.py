@@ -16,8 +16,8 @@ from coulomb import Automatic, DenseSystem, FrictionProblem, InteriorPoint, NotC
 EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "150"))
 SOLVERS = {
     "auto": Automatic(1e-8),
-    "one loop": InteriorPoint(1e-8),
-    "one loop, dense": InteriorPoint(1e-8, newton=DenseSystem()),
+    "interior point": InteriorPoint(1e-8),
+    "interior point, dense": InteriorPoint(1e-8, newton=DenseSystem()),
     "successive Tresca": SuccessiveTresca(1e-8, max_iterations=30),
     "plain": SuccessiveTresca(1e-8, memory=0, damping=1.0, max_iterations=20),
 }
@@ -59,7 +59,7 @@ def coulomb_residual(A, b, friction, x):
     return 0.0 if total == 0.0 else np.sqrt(total) / np.linalg.norm(x)
 
 
-GIVING_UP = {"auto": 0.1, "one loop": 0.2, "one loop, dense": 0.25, "successive Tresca": 0.1, "plain": 0.25}
+GIVING_UP = {"auto": 0.1, "interior point": 0.2, "interior point, dense": 0.25, "successive Tresca": 0.1, "plain": 0.25}
 """Share of the problems that a solver may give up, about twice what it does: a third of them are rank-deficient, with
 loads that a body without rigid motions would not have, and may have no solution."""
 

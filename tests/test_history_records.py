@@ -17,7 +17,7 @@ from coulomb.io.summary import totals
 
 @dataclass(frozen=True)
 class Noting:
-    """The one loop; notes the forces that it was given to start from."""
+    """The interior-point method; records the forces that it was given to start from."""
 
     tolerance: float = 1e-8
     starts: list = field(default_factory=list)

@@ -21,8 +21,8 @@ from coulomb.linalg.reductions import Reductions
 
 SOLVERS = {
     "auto": Automatic(1e-10),
-    "one loop": InteriorPoint(1e-10),
-    "one loop, dense": InteriorPoint(1e-10, newton=DenseSystem()),
+    "interior point": InteriorPoint(1e-10),
+    "interior point, dense": InteriorPoint(1e-10, newton=DenseSystem()),
     "successive Tresca": SuccessiveTresca(1e-10),
 }
 NODES = 24

@@ -108,8 +108,7 @@ def test_same_forces_on_any_number_of_ranks(law, newton):
 
     solver = None
     if newton == "condensed":
-        one_loop = InteriorPoint(1e-10, newton=CondensedSystem())
-        solver = one_loop if law == "coulomb" else InteriorPoint(1e-10, newton=CondensedSystem())
+        solver = InteriorPoint(1e-10, newton=CondensedSystem())
     alone = block(MPI.COMM_SELF).solve(1e-10)
     together = block(comm, linear_solver=IterativeSolver, explicit=False).solve(1e-10, solver)
     expected = alone.contact_force.reshape(-1, 3)[np.lexsort(alone.problem.surface.x.round(9).T)]

@@ -21,7 +21,7 @@ MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
         ("tresca", InteriorPoint(1e-8)),
         ("tresca", InteriorPoint(1e-8, newton=coulomb.SchurComplementSystem(rank=0))),
     ],
-    ids=["one loop", "successive Tresca", "path following", "path following, P_SC"],
+    ids=["interior point", "successive Tresca", "path following", "path following, P_SC"],
 )
 def test_inexact_products_same_answer(law, solver):
     exact = solved_block(6, law)
@@ -32,7 +32,7 @@ def test_inexact_products_same_answer(law, solver):
 
 
 def test_multigrid_iterations_of_the_whole_problem():
-    """A solve to 1e-11 takes 24; the products of the one loop take less than 4 each on average."""
+    """A solve to 1e-11 takes 24; the products of the interior-point method take less than 4 each on average."""
     problem = make_block(8, **MULTIGRID)
     result = problem.solve(1e-7).result
     assert result.newton_steps <= 24 and result.products <= 110

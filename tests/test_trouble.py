@@ -14,7 +14,7 @@ METHODS = [
     SuccessiveTresca(),
     SuccessiveTresca(memory=0),
 ]
-NAMES = ["auto", "one loop", "one loop, dense", "successive Tresca", "plain"]
+NAMES = ["auto", "interior point", "interior point, dense", "successive Tresca", "plain"]
 every_method = pytest.mark.parametrize("solver", METHODS, ids=NAMES)
 
 

@@ -25,13 +25,13 @@ TRESCA = "one Tresca problem"
 
 def solvers(tolerance: float) -> dict[str, Solver]:
     """The methods: successive Tresca with every problem solved to full accuracy, with inner accuracy tied to the outer
-    residual, and accelerated as well (its default); and the interior-point method on the whole problem (`one-loop`)."""
+    residual, and accelerated as well (its default); and the interior-point method on the whole problem."""
     return {
         "plain": SuccessiveTresca(tolerance, inner_precision=1e-12, memory=0, damping=1.0),
         "inexact": SuccessiveTresca(tolerance, memory=0, damping=1.0),
         "accelerated": SuccessiveTresca(tolerance),
-        "one-loop": InteriorPoint(tolerance),
-        "one-loop dense": InteriorPoint(tolerance, newton=DenseSystem()),
+        "interior-point": InteriorPoint(tolerance),
+        "interior-point dense": InteriorPoint(tolerance, newton=DenseSystem()),
     }
 
 
@@ -65,7 +65,7 @@ def measure(sizes: Iterable[int], friction: Iterable[float], tolerance: float, r
             status = answer.status.value
             yield Row(TRESCA, p, F, 0, answer.newton_steps, answer.products, krylov, seconds, answer.residual, status)
             for name, solver in solvers(tolerance).items():
-                if name == "one-loop dense" and p > DENSE_UP_TO:
+                if name == "interior-point dense" and p > DENSE_UP_TO:
                     continue
                 result, seconds = _least(_coulomb, problem, solver, repeats)
                 yield Row(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-_METHODS = {"fixed-point": "successive-tresca"}
+_METHODS = {"fixed-point": "successive-tresca", "one-loop": "interior-point"}
 """Former values of solver.method, and what replaced them."""
 
 

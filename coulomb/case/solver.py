@@ -22,7 +22,7 @@ class SolverTable(Table):
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
     linear_solver: Literal["auto", "direct", "iterative"] = "auto"
     compliance: Literal["auto", "explicit", "matrix-free"] = "auto"
-    method: Annotated[Literal["auto", "one-loop", "successive-tresca"], BeforeValidator(current_method)] = "auto"
+    method: Annotated[Literal["auto", "interior-point", "successive-tresca"], BeforeValidator(current_method)] = "auto"
     newton: Literal["recycling", "augmented", "schur", "dense", "condensed"] = "recycling"
     max_outer: Rounds | None = None
 
@@ -30,7 +30,7 @@ class SolverTable(Table):
     def _belongs_together(self) -> SolverTable:
         if self.max_outer is not None and self.method != "successive-tresca":
             raise ValueError('max_outer counts Tresca problems: it needs method = "successive-tresca"')
-        if self.method == "one-loop" and self.newton in ("augmented", "schur"):
+        if self.method == "interior-point" and self.newton in ("augmented", "schur"):
             raise ValueError(f'newton = "{self.newton}" is for Tresca problems: it needs method = "successive-tresca"')
         if self.newton == "condensed" and self.compliance == "explicit":
             raise ValueError('newton = "condensed" works with K in place of A: leave compliance at "auto"')
@@ -64,7 +64,7 @@ class SolverTable(Table):
         if self.method == "successive-tresca" or self.newton in ("augmented", "schur"):
             most = SuccessiveTresca.max_iterations if self.max_outer is None else self.max_outer
             return SuccessiveTresca(self.tolerance, replace(whole, r_tol=0.1, c_fact=0.9), max_iterations=most)
-        return InteriorPoint(self.tolerance) if self.method == "one-loop" else Automatic(self.tolerance)
+        return InteriorPoint(self.tolerance) if self.method == "interior-point" else Automatic(self.tolerance)
 
 
 class OutputTable(Table):

@@ -88,7 +88,7 @@ def friction(
         rows.append(row)
         tresca = next(r for r in reversed(rows) if r.method == TRESCA)
         console.print(
-            f"p {row.p:3d}  F {row.friction:<5g} {row.method:19s} outer {row.outer:3d}  steps {row.path_following:4d}  "
+            f"p {row.p:3d}  F {row.friction:<5g} {row.method:20s} outer {row.outer:3d}  steps {row.path_following:4d}  "
             f"products {row.products:5d}  Krylov {row.krylov:5d}  {row.seconds:7.2f} s "
             f"({row.seconds / tresca.seconds:5.2f})  residual {row.residual:.1e}  {row.status}",
             markup=False,

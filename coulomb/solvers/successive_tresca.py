@@ -279,9 +279,9 @@ def _message(goal: Goal, result: SolverResult, why: str) -> str:
     advice = {
         Status.OSCILLATING: "the slip bound swings between two states; damping=None or memory > 0 damps it",
         Status.DIVERGED: "the slip bound runs away: friction locks the body, or none of the states near is one of rest",
-        Status.STAGNATED: "the slip bound does not settle; try InteriorPoint, in a case file method = one-loop",
+        Status.STAGNATED: "the slip bound does not settle; try InteriorPoint, in a case file method = interior-point",
         Status.INTERRUPTED: "",
-        Status.MAX_ITERATIONS: "more Tresca problems (max_iterations), or InteriorPoint (method = one-loop)",
+        Status.MAX_ITERATIONS: "more Tresca problems (max_iterations), or InteriorPoint (method = interior-point)",
     }[result.status]
     return (
         f"successive Tresca ended with a residual of {result.residual:.1e} after {result.outer_steps} Tresca "
