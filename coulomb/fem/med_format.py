@@ -1,7 +1,8 @@
 """Meshes of Salome's MED files (HDF5), with their groups of volumes, faces and nodes.
 
 Our own reader, not meshio's (tried: 5.3.5), which fails where the elements of one kind belong to no group: MED then
-leaves out their families, for instance those of all volumes of a body of one material.
+leaves out their families, for instance those of all volumes of a body of one material.  24 000 hexahedra take 0.02 s
+with either.
 (https://docs.salome-platform.org, MED file format; https://github.com/nschloe/meshio/pull/350)
 """
 

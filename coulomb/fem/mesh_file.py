@@ -115,7 +115,7 @@ class InspectedMesh:
 def inspect(file: MeshFile, scale: float) -> InspectedMesh:
     """Look at everything that would make the finite elements wrong.
 
-    A group of facets that does not lie on the boundary is no fault of the mesh, until somebody asks for it.
+    A group of facets that is not on the boundary is an error only where it is used as a face.
 
     Args:
         file: What was read.

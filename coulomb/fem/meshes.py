@@ -239,8 +239,8 @@ def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[
     fault = comm.bcast(fault)
     if fault:
         raise ValueError(fault)
-    told = (sound.cells.shape[1], sound.face_groups, sound.cell_groups, sound.refused) if sound is not None else None
-    width, face_groups, cell_groups, refused = comm.bcast(told)
+    groups = (sound.cells.shape[1], sound.face_groups, sound.cell_groups, sound.refused) if sound is not None else None
+    width, face_groups, cell_groups, refused = comm.bcast(groups)
     cells: IntArray = np.empty((0, width), dtype=np.int64)
     points: FloatArray = np.empty((0, 3))
     if sound is not None:  # DOLFINx numbers the corners of a hexahedron as in a grid, gmsh around its faces

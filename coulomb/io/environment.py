@@ -27,6 +27,8 @@ _PACKAGES = (
     "ml",
 )
 
+_PYTHON_PACKAGES = ("numpy", "scipy", "mpi4py", "petsc4py", "h5py", "meshio", "pyvista", "vtk")
+
 
 def versions() -> dict[str, str]:
     """Versions by name, without paths."""
@@ -51,7 +53,9 @@ def details() -> dict[str, str]:
         "PETSc's packages": ", ".join(name for name in _PACKAGES if PETSc.Sys.hasExternalPackage(name)),
         "MPI": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0"),
         "BLAS": ", ".join(sorted({str(e.get("filepath")) for e in threadpool_info() if e["user_api"] == "blas"})),
-        **{name: version(name) for name in ("numpy", "scipy", "mpi4py", "petsc4py", "h5py", "pyvista", "vtk")},
+        **{
+            name: version(name) for name in ("numpy", "scipy", "mpi4py", "petsc4py", "h5py", "meshio", "pyvista", "vtk")
+        },
     }
 
 
