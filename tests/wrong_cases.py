@@ -259,6 +259,50 @@ CONTACT = (
         r"box must be \[lower corner, upper corner\]",
     ),
     Wrong(
+        "a negative cohesion",
+        run("contact.cohesion=-1e6"),
+        r"contact\.cohesion = -1000000\.0: should be greater than or equal to 0",
+    ),
+    Wrong(
+        "cohesion beside slip_stress",
+        run("contact={face='bottom', slip_stress=1e6, cohesion=1e6}"),
+        r"cohesion goes with friction; slip_stress is a cohesion alone",
+    ),
+    Wrong(
+        "a region with cohesion where the face has none",
+        run("contact.region=[{box=[[0,0,0],[1,1,1]], cohesion=1e6}]"),
+        r"region\.0 must give friction, as the contact does, and nothing else but its box",
+    ),
+    Wrong(
+        "two coefficients of friction without a direction",
+        run("contact.friction=[0.3, 0.1]"),
+        r"friction = \[along, across\] and the direction of the first go together",
+    ),
+    Wrong(
+        "three coefficients of friction",
+        run("contact.friction=[0.3, 0.2, 0.1]", "contact.direction=[1,0,0]"),
+        r"contact\.friction = \[0\.3, 0\.2, 0\.1\]: should have at most 2 items",
+    ),
+    Wrong(
+        "friction in one direction only",
+        run("contact.friction=[0.3, 0]", "contact.direction=[1,0,0]"),
+        r"friction \(0\.3, 0\) at x = .*: the smaller coefficient must be at least 0\.001 of the larger, or both 0",
+    ),
+    Wrong(
+        "a direction of friction along the normal",
+        run("contact.friction=[0.3, 0.1]", "contact.direction=[0,0,1]"),
+        r"contact face 'bottom': the direction of friction is along the normal at x = .*; it must lie in the face",
+    ),
+    Wrong(
+        "a clamp obliquely to the direction of friction",
+        run(
+            "contact.friction=[0.3, 0.1]",
+            "contact.direction=[1,1,0]",
+            "clamp=[{face='left'},{face='front',components='y'}]",
+        ),
+        r"is held by a clamp obliquely to the direction of friction; hold it along or across that direction",
+    ),
+    Wrong(
         "a curved contact face without a foundation",
         run("contact.face='both'"),
         r"contact face 'both' is not plane: give its foundation",

@@ -323,6 +323,15 @@ COMMANDS = (
         r"FCLIB's problems have Coulomb's law; this case has a cohesion or a slip stress",
         alone=True,
     ),
+    Wrong(
+        "export of orthotropic friction",
+        (
+            *("export", "case.toml", "out.hdf5", "--set", "contact.friction=[0.3,0.1]"),
+            *("--set", "contact.direction=[1,0,0]"),
+        ),
+        r"FCLIB's problems have one coefficient of friction per contact; this case has two",
+        alone=True,
+    ),
     Wrong("new where a file is", ("new", "block", "case.toml"), r"case\.toml: already exists; --force replaces it"),
     Wrong(
         "new in a directory that is not there",

@@ -218,6 +218,8 @@ def export(
             problem = problem.at(time)
         if problem.law.name(Reductions(problem.comm)) != "coulomb":
             raise ValueError("FCLIB's problems have Coulomb's law; this case has a cohesion or a slip stress")
+        if any(contact.axes is not None for contact in problem.contacts):
+            raise ValueError("FCLIB's problems have one coefficient of friction per contact; this case has two")
         if not isinstance(problem.A, SchurCompliance):
             raise ValueError('A is not formed for a problem of this size; set solver.compliance="explicit"')
         mu = problem.law.friction

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .user_values import Coefficient, Field, evaluate_numbers, evaluate_vectors, on_all_ranks
+from .user_values import Coefficient, Field, evaluate_numbers, evaluate_vectors, first_place, on_all_ranks
 
 _ALONG_NORMAL = 1e-3
 """Sine of the angle between a direction and a normal below which the direction has no place in the tangent plane."""
@@ -95,10 +95,9 @@ class FrictionAxes:
             apart = np.min(values, axis=1) < LEAST_RATIO * np.max(values, axis=1)
             if np.any(apart):
                 F1, F2 = values[np.argmax(apart)]
-                at = ", ".join(f"{c:.6g}" for c in x[np.argmax(apart)])
+                at = f"friction ({F1:g}, {F2:g}) at x = {first_place(x, apart)}"
                 raise ValueError(
-                    f"friction ({F1:g}, {F2:g}) at x = {at}: the smaller coefficient must be at least {LEAST_RATIO:g} "
-                    "of the larger, or both 0"
+                    f"{at}: the smaller coefficient must be at least {LEAST_RATIO:g} of the larger, or both 0"
                 )
 
         on_all_ranks(check, what, comm)
@@ -126,7 +125,7 @@ class FrictionAxes:
             length = np.linalg.norm(t1, axis=1)
             lost = differ & (length < _ALONG_NORMAL)
             if np.any(lost):
-                at = ", ".join(f"{c:.6g}" for c in x[np.argmax(lost)])
+                at = first_place(x, lost)
                 raise ValueError(f"the direction of friction is along the normal at x = {at}; it must lie in the face")
             t1 /= np.where(length > 0.0, length, 1.0)[:, None]
             ratio = F / np.where(differ, np.max(F, axis=1), 1.0)[:, None]

@@ -121,7 +121,7 @@ def evaluate_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: M
         values = np.broadcast_to(values, (len(x),)).copy()
         bad = ~(np.isfinite(values) & (values >= 0.0))
         if np.any(bad):
-            raise ValueError(f"must be >= 0 everywhere, but is {values[np.argmax(bad)]} at x = {_place(x, bad)}")
+            raise ValueError(f"must be >= 0 everywhere, but is {values[np.argmax(bad)]} at x = {first_place(x, bad)}")
         return values
 
     return on_all_ranks(evaluate, what, comm)
@@ -130,12 +130,14 @@ def evaluate_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: M
 def _finite(values: FloatArray, x: FloatArray) -> FloatArray:
     bad = ~np.all(np.isfinite(values), axis=1)
     if np.any(bad):
-        raise ValueError(f"the value has entries that are not finite (first seen at x = {_place(x, bad)})")
+        raise ValueError(f"the value has entries that are not finite (first seen at x = {first_place(x, bad)})")
     return values
 
 
-def _place(x: FloatArray, where: npt.NDArray[np.bool_]) -> str:
-    return ", ".join(f"{c:.6g}" for c in x[np.argmax(where)])
+def first_place(x: FloatArray, where: npt.NDArray[np.bool_]) -> str:
+    """Coordinates of the first of the points x (k, 3) where a condition (k,) holds, for a message."""
+    place = x[np.argmax(where)]
+    return ", ".join(f"{c:.6g}" for c in np.where(np.abs(place) < 1e-12 * np.max(np.abs(x)), 0.0, place))
 
 
 def on_all_ranks(evaluate: Callable[[], Value], what: str, comm: MPI.Comm) -> Value:
