@@ -240,5 +240,19 @@ def test_gmsh_itself(tmp_path):
             assert set(domain.faces) == {"left", "right"} and set(domain.refused) == {"middle"}
             elasticity = Elasticity(domain, {"one": STEEL, "two": STEEL}, [Clamp("left")])
             assert elasticity.nodal_area("right").sum() == pytest.approx(1.0)
+        gmsh.write(str(tmp_path / "box.inp"))  # with the names of physical groups, and those of gmsh's own surfaces
+        other = coulomb.read_mesh(tmp_path / "box.inp")
+        assert (
+            {"left", "right"} <= set(other.faces) and {"one", "two"} <= set(other.cells) and "middle" in other.refused
+        )
+        for name in ("left", "right"):
+            assert len(other.faces[name]) == len(domain.faces[name])
+        gmsh.option.setNumber("Mesh.Binary", 0)  # its binary VTK files are not read by meshio
+        for name in ("box.bdf", "box.vtk"):
+            gmsh.write(str(tmp_path / name))
+            numbered = coulomb.read_mesh(tmp_path / name)
+            assert len(numbered.cells) == 2 and sum(map(len, numbered.cells.values())) == sum(
+                map(len, domain.cells.values())
+            )
     finally:
         gmsh.finalize()

@@ -80,7 +80,7 @@ def _by_meshio(path: str, data: bytes, form: str) -> Any:
     except _Refused:
         raise
     except Exception as error:  # whatever a damaged file leads to in code that is not ours
-        fault = " ".join(str(error).split()) or "it is damaged, or of another format"
+        fault = " ".join(str(error).split()) or "it is damaged, or of a kind that meshio does not know"
         raise ValueError(f"{path}: cannot be read as {form} (by meshio {meshio.__version__}): {fault}") from None
     if form == "nastran" and np.any(mesh.point_data.get("nastran:ref", 0)):
         raise ValueError(f"{path}: has GRID points in a local coordinate system; export them in the basic one")
