@@ -1,4 +1,4 @@
-"""When a solver may stop: not before its answer would be certified."""
+"""Acceptance of a solver's iterate: the solver stops once its answer passes the certificate."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from .problem import ContactProblem
 
 CERTIFIED_FROM = 1e-8
-"""Tolerance, the default, from which on an answer must pass the certificate; whoever asks for less gets less."""
+"""Largest tolerance (the default) at which the answer must pass the certificate; above it only the residual counts."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What becomes of the forces that a solver offers.
+    """The result of a solver's forces.
 
     Attributes:
-        contact_force: They, exactly zero where they are none (`settled`), newtons, shape (3 m,).
+        contact_force: The forces with exact zeros (`settled`), newtons, shape (3 m,).
         displacement: In metres, this rank's nodes, shape (k, 3).
         certificate: Of both.
     """
@@ -37,7 +37,7 @@ class Judged:
 
 
 class Acceptance:
-    """Displacement and certificate of the forces that a solver offers; the last ones are kept.
+    """Displacement and certificate of a solver's forces; the last ones are kept.
 
     Args:
         problem: The contact problem.
@@ -65,7 +65,7 @@ class Acceptance:
         return self._last[1]
 
     def explained(self, failure: NotConverged, tolerance: float) -> NotConverged:
-        """The same failure; where only the certificate does not pass, with the conditions and what would help."""
+        """The failure; if only the certificate does not pass, with its conditions and possible remedies."""
         problem, result = self._problem, failure.result
         if result.status is Status.INTERRUPTED or not result.residual <= tolerance:
             return failure
@@ -80,7 +80,7 @@ class Acceptance:
 
 
 def left_open(certificate: Certificate, tolerance: float) -> str:
-    """What a tolerance larger than CERTIFIED_FROM leaves open, in words; empty where it leaves nothing."""
+    """Conditions that a tolerance above CERTIFIED_FROM leaves unsatisfied, as a message; empty if there are none."""
     if certificate.passed or tolerance <= CERTIFIED_FROM:
         return ""
     return (
@@ -90,5 +90,5 @@ def left_open(certificate: Certificate, tolerance: float) -> str:
 
 
 def what_fails(certificate: Certificate) -> str:
-    """The conditions of a certificate that do not hold, in words."""
+    """The conditions of a certificate that fail, as text."""
     return ", ".join(f"{c.name} {c.value:.1e} (limit {c.limit:.0e})" for c in certificate.checks if not c.passed)

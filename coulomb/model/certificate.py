@@ -1,15 +1,15 @@
-"""Is this answer right?  Judged from the problem and the answer alone, not from what the solver says.
+"""The certificate: an independent check of an answer, from `Evidence` alone, not from the solver.
 
 The slip and the remaining gap come from the displacement, the equilibrium from a new assembly of the internal forces.
 Neither the matrix K nor products by A take part; of A, its mean diagonal is the scale of the natural residual.
 
 Every measure is relative to a natural scale of the problem, so that steel in newtons and metres and rubber in newtons
 and millimetres are judged alike.  Forces: the largest component of a nodal contact force.  Displacements: twice the
-elastic energy over half the sum of all nodal forces, the mean way on which forces do their work.  It does not see a
-motion of the body as a whole: a clamp that moves it by a metre makes nothing more lenient.
+elastic energy over half the sum of all nodal forces, the mean displacement along which forces do work.  A rigid motion
+does not change it: a clamp that moves the body by a metre does not loosen any limit.
 
-What is not finite, overflows or vanishes fails.  What rounding does to a displacement, and the forces that makes, are
-the least of every scale: in a body that was lifted off its foundation there are no other forces.
+Values that are not finite, overflow or vanish fail.  Rounding errors of displacements and their nodal forces bound
+every scale from below: in a body without contact and loads there are no other forces.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ SMALLEST = 1e-290
 
 @dataclass(frozen=True)
 class Check:
-    """One condition: how far the answer is from it, and how far it may be."""
+    """One condition: its value and its limit."""
 
     name: str
     value: float
@@ -141,11 +141,11 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
 
 @dataclass(frozen=True)
 class _Scales:
-    """What the measures are relative to.
+    """Scales of the measures.
 
     Attributes:
         force: Largest component of the contact force of a node, newtons; 0 where there is none.
-        length: Mean way of the forces that deform the body, metres.
+        length: Mean displacement of the forces that deform the body, metres.
         nodal: Norm of the largest of internal forces, loads, springs and contact forces, newtons.
         turnover: Sum of the outer forces of all nodes, newtons.
     """
@@ -157,7 +157,7 @@ class _Scales:
 
 
 def _scales(e: Evidence, spring: FloatArray, outer: tuple[FloatArray, ...], over: Reductions) -> _Scales:
-    """Never less than what rounding may do: a body that is lifted off has no other forces than these."""
+    """The scales, at least the effect of rounding: a body without contact and loads has no other forces."""
     noise = ROUNDING * over.norm(e.rounding)
     nodal = _worst(*(over.norm(part) for part in (e.internal, e.load, spring, e.on_body)), noise)
     turnover = _worst(sum(over.sum(_lengths(part)) for part in outer), ROUNDING * over.sum(_lengths(e.rounding)))
@@ -175,7 +175,7 @@ def _scales(e: Evidence, spring: FloatArray, outer: tuple[FloatArray, ...], over
 
 
 def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
-    """What is not finite, or so large or small that products with it overflow or vanish; collective."""
+    """Values that are not finite, or so large or small that products overflow or vanish; collective."""
     given = {
         "coordinates": e.x,
         "displacement": e.displacement,

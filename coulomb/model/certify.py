@@ -15,7 +15,7 @@ def certify(problem: ContactProblem, x: FloatArray, u: FloatArray, before: Befor
         problem: The contact problem.
         x: Contact forces in newtons, shape (3 m,), point by point (n, t1, t2).
         u: Displacement in metres, this rank's nodes, shape (k, 3).
-        before: What the load step before has left, such as a `State`: slip counts from there, and from where the
-            foundation was then; without, from the problem's `slip_origin`.
+        before: State after the load step before, such as a `State`, from which slip is measured, moved with the
+            foundation since; by default from the problem's `slip_origin`.
     """
     return judge(problem.evidence(x, u, before))

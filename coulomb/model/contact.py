@@ -1,4 +1,4 @@
-"""What the user says of the contact: which face, which foundation, which law of friction."""
+"""Contact faces as the user defines them: face, foundation, law of friction."""
 
 from __future__ import annotations
 

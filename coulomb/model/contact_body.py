@@ -1,4 +1,4 @@
-"""A body with its contact faces: what does not change with time is made once, and shared by all states."""
+"""A body with its contact faces: the time-independent part of a contact problem, shared by all states."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .stopwatch import timed
 
 
 class ContactBody:
-    """An elastic body and its contact faces: K, K^-1 and A, each made when it is first needed.
+    """An elastic body and its contact faces: K, K^-1 and A, each computed when first needed.
 
     Args:
         mesh: The body; this and the following as for `ContactProblem`.
@@ -36,7 +36,7 @@ class ContactBody:
         body_force: Force per volume in N/m^3.
         springs: Elastic supports.
         body_force_amplitude: What it is multiplied by in the course of time.
-        time: When the foundations are where the frames are taken in which A is made; in others it is rotated.
+        time: Time of the frames in which A is computed; in other frames it is rotated.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.
 
@@ -126,8 +126,8 @@ class ContactBody:
 
         Args:
             time: When.
-            before: What the load step before has left, from which slip counts, with the foundation carried along since;
-                by default slip counts from the body without displacement.
+            before: State after the load step before, from which slip is measured, moved with the foundation since;
+                by default slip is measured from the undeformed body.
 
         Raises:
             ValueError: On every rank, if an amplitude or a motion has no value then, or other nodes than before can

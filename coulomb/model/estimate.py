@@ -1,4 +1,4 @@
-"""What a run will take, in bytes and seconds, before it does: a law measured on the block.
+"""Estimates of memory and time before a run, by formulas fitted to measurements of the block.
 
     coulomb benchmark estimates --p 8 --p 16 --p 24         # estimated and measured, side by side
 
@@ -50,7 +50,7 @@ _SQUAT = 1.7  # slenderness of the block of the benchmarks, of which the law of 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a run is expected to take; good to a factor of two on the block and bodies like it.
+    """Expected memory and time, within a factor of two for the block and similar bodies.
 
     Attributes:
         memory: Bytes, of all ranks together.
@@ -126,7 +126,7 @@ def estimate_of(problem: ContactProblem, slowness: Slowness = SAME) -> Estimate:
 def slenderness(problem: ContactProblem) -> float:
     """Square root of the contact area, over volume by contact area: 1.7 for the block, 5 for a plate; collective.
 
-    A thin body gives way far from where it is pressed: path following takes more steps and products there (46 steps and
+    A thin body deforms far from where it is pressed: path following takes more steps and products there (46 steps and
     250 products on a bracket of slenderness 5 where the block takes 21 and 90).
     """
     over = Reductions(problem.comm)
@@ -209,7 +209,7 @@ def _share_of_node(comm: MPI.Comm) -> float:
 
 
 def _least_room(comm: MPI.Comm, share: float) -> float:
-    """The memory that all ranks together may take until some node is full, bytes; inf if nobody knows."""
+    """The memory that all ranks together may take until some node is full, bytes; inf if it is unknown."""
     free = free_memory()
     mine = float("inf") if free is None else free / share
     return float(comm.allreduce(mine, op=MPI.MIN))

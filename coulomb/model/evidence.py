@@ -1,4 +1,4 @@
-"""What an answer is judged by, whether a problem or the files of a run have it."""
+"""Evidence: the data from which an answer is certified, gathered from a problem or read from the files of a run."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from ..fem.body import ElasticBody
 from ..linalg.reductions import Reductions
 
 HELD_BEYOND = 1.0 - 1e-10
-"""Length of the part of a node's normal along prescribed components from which on the node cannot touch."""
+"""A node whose normal has at least this length along prescribed components cannot be in contact."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What an answer is judged by: this rank's part, k nodes of which m are judged as contact nodes; newtons, metres.
+    """The data of a certificate: this rank's part, k nodes of which m are contact nodes; newtons, metres.
 
-    Those m are all nodes of the named contact faces but the ones whose displacement along the normal is prescribed; and
-    any other node that has a contact force, as one that is pulled.
+    These m are all nodes of the contact faces except those whose displacement along the normal is prescribed; and any
+    other node with a contact force, which then counts as tensile.
 
     Attributes:
         comm: The ranks.
@@ -59,9 +59,9 @@ class Evidence:
 
 
 def rounding_forces(body: ElasticBody, u: FloatArray) -> FloatArray:
-    """Nodal forces in newtons of a change of the displacement u by one rounding, shapes (k, 3); collective.
+    """Nodal forces in newtons of a rounding error of the displacement u, shapes (k, 3); collective.
 
-    2^-52 of the largest component of u, with signs that change from node to node.
+    The error is 2^-52 of the largest component of u, with signs that vary from node to node.
     """
     motion = Reductions(body.domain.comm).max(np.abs(u))
     size = Reductions(body.domain.comm).max(np.abs(body.x)) or 1.0

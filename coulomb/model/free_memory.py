@@ -1,4 +1,4 @@
-"""How much memory this node still has for us: what the kernel says, and what the control groups allow."""
+"""Free memory of this node, by the kernel and the limits of its control groups."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ _PROC, _GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 
 
 def free_memory(proc: Path = _PROC, groups: Path = _GROUPS) -> float | None:
-    """Bytes; None where the system does not say.
+    """Free memory in bytes; None if the system does not report it.
 
     Args:
-        proc: Where the kernel tells of memory and of the control groups of this process.
-        groups: Where the control groups are, version 1 or 2.
+        proc: The proc file system, with memory and control groups of this process.
+        groups: The file system of the control groups, version 1 or 2.
     """
     found = [_available(proc / "meminfo")]
     for line in _lines(proc / "self" / "cgroup"):

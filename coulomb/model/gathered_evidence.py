@@ -1,9 +1,8 @@
-"""What an answer is judged by, taken from the problem as it was given: faces, foundations, motions, coefficients.
+"""The evidence of a problem, gathered from its input: faces, foundations, motions, coefficients.
 
-The contact surface and the slip origin that the solver works with take no part: nodes come from the facets of the named
-faces, normals and gaps from the foundations where they are at this time, and the place from which slip counts from the
-displacement that the step before has left.  So a node that the surface has lost, a foundation that was not moved, or a
-slip that was forgotten is seen.
+The solver's contact surface and slip origin are not used: nodes come from the facets of the contact faces, normals and
+gaps from the foundations at their current place, and slip is measured from the displacement after the step before.  So
+a node missing in the surface, a foundation that was not moved or a wrong slip origin is detected.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ def gather_evidence(
     x = x.reshape(-1, 3)
     force = taken(surface.vectors(x), inverse_frames(frames))
     on_body = -at_nodes_of(B, force)
-    stray = surface.vectors(x)[~known]  # where no force can be, it pulls, whichever way it points
+    stray = surface.vectors(x)[~known]  # a force where none is possible counts as tensile
     np.subtract.at(on_body, surface.nodes[~known], stray)
     stray = stray[np.any(stray != 0.0, axis=1)]
     none = np.zeros(len(stray))

@@ -1,16 +1,16 @@
-"""Quasi-static load steps: friction that remembers.
+"""Quasi-static load steps with path-dependent friction.
 
-Coulomb's law speaks of the rate of slip.  In the step from t0 to t1 it is the slip increment that counts (backward
-Euler): a node has slipped by u_t(t1) - u_t(t0) less the way of the foundation, and friction points against that.  So a
-step is a problem like any other, with `ContactProblem.slip_origin` at what the step before has left.
+Coulomb's law is a condition on the slip rate.  A step from t0 to t1 takes the slip increment (backward Euler): the
+change of the tangential displacement less the foundation's displacement; friction is opposite to it.  So a step is a
+contact problem with `ContactProblem.slip_origin` at the displacement after the step before.
 
-Energy, of every step and added up.  Loads, reactions and foundation do work; it is kept as elastic energy or dissipated
-by friction.  Elastic energy is exact, and so, by the trapezoidal rule, is all work together, since the stress is linear
-in u.  What friction dissipates is taken by the law, x_t . slip >= 0, with the friction of the end of the step; the
-difference, the `imbalance`, is the error of finite steps and falls with their size.
+Energies are summed over the steps.  Loads, reactions and the foundation do work, which becomes elastic energy or is
+dissipated by friction.  Elastic energy is exact, and so is the sum of all work by the trapezoidal rule, since the
+stress is linear in u.  Dissipation is taken by the law, x_t . slip >= 0, with the friction at the end of the step; the
+difference, the `imbalance`, is the error of the time discretisation and falls with the step size.
 
-A step that fails is halved.  Where the steps go is the `Recorder`'s part: with `coulomb.HistoryFiles` each is on disk
-before the next begins, and a run that was killed continues with the same numbers, on any number of ranks.
+A step that fails is halved.  A `Recorder` receives the steps: `coulomb.HistoryFiles` writes each before the next
+begins, and an interrupted history resumes with the same numbers on any number of ranks.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from .solution import Solution
 from .times import HALVINGS, refuse_times
 
 SMALLEST = 1e-9
-"""Step, as a part of the whole history, under which halving ends."""
+"""Smallest step as a fraction of the whole history; below it a step is not halved."""
 
 
 @dataclass(frozen=True)
 class LoadHistory:
-    """Load steps from `start` to the last of `times`, as a value.
+    """Load steps from `start` to the last of `times`.
 
-    At `start` the body is free of displacement, stress and slip.
+    At `start` displacement, stress and slip are zero.
 
     Attributes:
         times: Ends of the steps, increasing, after `start`.
-        start: Where the history begins.
-        tolerance: Residual at which a step is solved.
+        start: Start time of the history.
+        tolerance: Residual at which the solver of a step stops.
         solver: In place of the default, as for `ContactProblem.solve`.
-        halvings: How often the interval of a step that fails may be halved.
+        halvings: Maximum number of halvings of a failing step.
 
     Raises:
         ValueError: If the times do not increase.
@@ -95,7 +95,7 @@ class LoadHistory:
                     raise StepFailed(text, failure.result, posed) from None
                 state = replace(state, pending=(*state.pending, middle))
                 continue
-            # Judged from what the step before has left, not from the slip origin that the solver was given.
+            # Slip is measured from the state before, independently of the slip origin given to the solver.
             judged = judge(solution.problem.evidence(solution.contact_force, solution.displacement, state))
             solution = replace(solution, certificate=judged)
             state = state.after(solution)
@@ -127,9 +127,10 @@ class LoadHistory:
 
         Args:
             problem: The problem; its own time does not matter.
-            recorder: Where the steps go: `coulomb.HistoryFiles(directory)`, or what the user makes of them.
+            recorder: Receives the steps: `coulomb.HistoryFiles(directory)`, or an object of the user.
             progress: Called after every path-following step.
-            on_step: Called after every load step, once it is recorded; a true answer, the same on every rank, ends it.
+            on_step: Called after every load step, once it is recorded; a true return value, the same on every rank,
+            ends it.
 
         Raises:
             ValueError: On every rank, if the recorder cannot begin.

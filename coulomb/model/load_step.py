@@ -1,4 +1,4 @@
-"""A load step: what it starts from, what it leaves to the next, and its figures in a line."""
+"""A load step: its initial and final state, energies, and its figures as one row."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _OF_ALL = 1e-3  # of all energy
 
 @dataclass(frozen=True)
 class Energy:
-    """In joules, from the start of the history.
+    """Energies in joules since the start of the history.
 
     Attributes:
         loads: Work of tractions and body force.
         prescribed: Work of the reactions at prescribed displacements.
         foundation: Work that the moving foundation does on the body.
-        elastic: Energy kept in the body and in its elastic supports.
+        elastic: Elastic energy of the body and its springs.
         dissipated: By friction.
     """
 
@@ -39,14 +39,14 @@ class Energy:
 
     @property
     def imbalance(self) -> float:
-        """Work done, less what is kept and what is dissipated: the error of finite steps."""
+        """Work minus elastic energy and dissipation: the error of the time discretisation."""
         return self.loads + self.prescribed + self.foundation - self.elastic - self.dissipated
 
     def warning(self, rounding: float = 0.0) -> str:
-        """What to say where the imbalance is large, and more than rounding in joules; empty where it is not.
+        """A warning if the imbalance is large and exceeds `rounding` in joules, else empty.
 
-        Large is more than a quarter of what friction dissipates, which is what finite steps get wrong; and more than a
-        thousandth of all energy that was turned over, so that a history that hardly slips is not blamed for nothing.
+        Large: more than a quarter of the dissipation, whose error it is, and more than a thousandth of the largest of
+        work, elastic energy and dissipation, so that histories with little slip give no warning.
         """
         work = self.loads + self.prescribed + self.foundation
         turned_over = max(abs(work), self.elastic, self.dissipated)
@@ -95,7 +95,7 @@ class Forces:
     Attributes:
         displacement: Of the nodes.
         load: Of tractions and body force.
-        kept: Of the stress, and what the springs resist with.
+        kept: Internal forces of the stress, and minus the forces of the springs.
         on_body: Contact forces on the body.
     """
 
@@ -122,13 +122,13 @@ class Moment:
 
 @dataclass(frozen=True)
 class State(Moment):
-    """What a step leaves to the next; this rank's part.  Number, time and energy as `Moment` says.
+    """The state after a step, from which the next begins; this rank's part.  Number, time and energy as in `Moment`.
 
     Attributes:
         displacement: Metres, shape (k, 3).
         force_on_body: Contact forces on the body at the contact points, space vectors in newtons, shape (m, 3).
         slip_rate: Slip of the step over its duration at the contact points, metres per second, shape (m,).
-        pending: Times still to be reached, the next one last.
+        pending: Ends of the remaining steps, the next one last.
     """
 
     displacement: FloatArray
@@ -137,7 +137,7 @@ class State(Moment):
     pending: tuple[float, ...]
 
     def after(self, solution: Solution) -> State:
-        """The state at the end of the next step, energies brought up to date; collective."""
+        """The state at the end of the next step, with updated energies; collective."""
         problem, surface, elasticity = solution.problem, solution.problem.surface, solution.problem.elasticity
         over = Reductions(problem.comm)
 
@@ -162,9 +162,9 @@ class LoadStep:
     """One step that has been taken.
 
     Attributes:
-        solution: The answer at its end; `solution.problem` has the loads of that time.
-        state: What it leaves to the next.
-        halvings: How often its interval had to be halved.
+        solution: The solution at its end; `solution.problem` has the loads at that time.
+        state: The state after it.
+        halvings: How often its interval was halved.
     """
 
     solution: Solution

@@ -1,4 +1,4 @@
-"""How fast this machine is now, beside the one that the law of `estimate` was measured on: 0.1 s of work."""
+"""Speed of this machine relative to the one on which `estimate` was fitted, measured in 0.1 s."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _DENSE, _MEMORY, _PYTHON = 0.0091, 0.0212, 0.0031  # seconds of the three measur
 
 @dataclass(frozen=True)
 class Slowness:
-    """How many times longer work takes here: 1 on the machine of the law.
+    """Ratios of run times here to those of the reference machine.
 
     Attributes:
         dense: Matrix products (LAPACK, BLAS): factorisations.
-        memory: Reading what lies apart in memory: sparse products, multigrid.
+        memory: Scattered reading of memory: sparse products, multigrid.
         python: The interpreter: start, output, small problems.
     """
 
@@ -32,7 +32,7 @@ SAME = Slowness()
 
 
 def measure(comm: MPI.Comm) -> Slowness:
-    """The slowest rank's, all ranks at once, by the wall clock, so that other load counts; collective."""
+    """Of the slowest rank, all ranks at once, by wall time, so that other load on the machine counts; collective."""
     random = np.random.default_rng(3)
     A = random.standard_normal((600, 600))
     x, places = random.standard_normal(2_000_000), random.integers(0, 2_000_000, 2_000_000)
@@ -49,7 +49,7 @@ def measure(comm: MPI.Comm) -> Slowness:
 
 
 def _least(work: Callable[[], object]) -> float:
-    """The least wall time of three runs, seconds."""
+    """Smallest wall time of three runs, seconds."""
     times = []
     for _ in range(3):
         began = time.perf_counter()

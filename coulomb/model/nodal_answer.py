@@ -1,7 +1,6 @@
-"""What follows from displacement and contact forces at the contact nodes: the written fields, totals and counts.
+"""Fields, totals and counts derived from displacement and contact forces at the contact nodes.
 
-The numbers come from a problem and its answer, when they are written, or from the files, when these are checked:
-nothing here asks which.
+The input comes from a problem and its answer when they are written, or from the files when these are checked.
 """
 
 from __future__ import annotations
@@ -26,10 +25,10 @@ OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
 """Status of a node in contact.xdmf; HELD: on the contact face, but clamped, so no contact node (all fields 0)."""
 
 OPEN_BELOW = 1e-9
-"""A node is open if its normal force is at most this part of the largest; then it is exactly zero (`settled`)."""
+"""A node is open if its normal force is at most this fraction of the largest; it is then exactly zero (`settled`)."""
 
 SLIP_ABOVE = 0.999
-"""A node slips if its friction is at least this part of its bound."""
+"""A node slips if its friction is at least this fraction of its bound."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +158,7 @@ class NodalAnswer:
     def fields(self) -> dict[str, FloatArray]:
         """The fields of contact.xdmf, scalars (m,) and space vectors (m, 3); Pa, m, N; collective.
 
-        Those behind friction_use are what `coulomb check` judges the rest by.
+        Those after friction_use are the input from which `coulomb check` derives the others.
         """
         tangential = self.force.copy()
         tangential[:, 0] = 0.0
@@ -186,7 +185,7 @@ class NodalAnswer:
         }
 
     def totals(self, part: int | None = None) -> dict[str, Any]:
-        """What the contact does as a whole, or one of its faces; newtons and metres; collective, the same on all ranks.
+        """Totals of the contact, or of one of its faces; newtons and metres; collective, the same on all ranks.
 
         Force and moment (about the origin) are those on the body.  The centre of pressure is the mean place of the
         normal forces, null without any.  Slip and dissipated energy count from `slip_origin`.
@@ -243,7 +242,7 @@ class NodalAnswer:
 
 
 def closure(displacement: FloatArray, slip_origin: FloatArray) -> FloatArray:
-    """What displacements do to the gaps: u_n, and slip along t1 and t2, metres; all along n, t1, t2, shapes (m, 3)."""
+    """u_n, and slip along t1 and t2, metres; all along n, t1, t2, shapes (m, 3)."""
     closed = displacement.copy()
     closed[:, 1:] -= slip_origin[:, 1:]
     return closed

@@ -1,4 +1,4 @@
-"""A body, its loads, and the foundation it may touch: where the finite-element room and the algebra room meet."""
+"""The contact problem: a body, its loads and its foundations, as A, b and the law of friction for the solvers."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ class ContactProblem:
             worth a warning, "warn".
 
     Attributes:
-        body: What does not change with time: K, K^-1, A, contact faces and foundations.
-        state: What does: loads, gaps, frames, the law of friction, the place from which slip counts.
+        body: The time-independent part: K, K^-1, A, contact faces and foundations.
+        state: The state at one time: loads, gaps, frames, law of friction, slip origin.
         small_strain: As given.
         seconds: Wall time of each phase so far.
-        started: When the work on it began.
+        started: Date and time when it was set up.
 
     Raises:
         ValueError: If the input does not make a problem, on every rank; the text says what would be right.
@@ -99,8 +99,8 @@ class ContactProblem:
 
         Args:
             time: When.
-            before: What the load step before has left, from which slip counts, with the foundation carried along since;
-                by default slip counts from the body without displacement.
+            before: State after the load step before, from which slip is measured, moved with the foundation since;
+                by default slip is measured from the undeformed body.
 
         Raises:
             ValueError: On every rank, if an amplitude or the motion has no value then, or the foundation has moved so
@@ -177,7 +177,7 @@ class ContactProblem:
 
     @property
     def slip_origin(self) -> FloatArray:
-        """Displacement of the contact points from which slip counts, along n, t1, t2, metres, shape (m, 3)."""
+        """Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m, 3)."""
         return self.state.slip_origin
 
     @cached_property
@@ -192,7 +192,7 @@ class ContactProblem:
 
     @cached_property
     def b(self) -> FloatArray:
-        """B K^-1 f - c in metres, this rank's part, shape (3 m,): how far the free body would pass the foundation.
+        """B K^-1 f - c in metres, this rank's part, shape (3 m,): penetration of the free body, and its slip.
 
         c is the gap along n, and along t1 and t2 the displacement from which slip counts.
         """
@@ -201,12 +201,12 @@ class ContactProblem:
         return free.ravel()
 
     def closure(self, u: FloatArray) -> FloatArray:
-        """What u (k, 3) does to the gaps: u_n, and slip along t1 and t2, metres, shape (m, 3); collective."""
+        """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3); collective."""
         return closure(self.surface.rows(u), self.slip_origin)
 
     @cached_property
     def mean_compliance(self) -> float:
-        """Mean of diag(A) in metres per newton: the scale that turns a gap into a force."""
+        """Mean of diag(A) in metres per newton."""
         return self.friction_problem.mean_diagonal
 
     def displacement(self, x: FloatArray) -> FloatArray:
@@ -228,12 +228,12 @@ class ContactProblem:
         return self.surface.at_nodes(x)
 
     def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
-        """What an answer is judged by, from body, contact faces and foundations as they were given; collective.
+        """The evidence for a certificate, from body, contact faces and foundations as given; collective.
 
         Args:
             x: Contact forces in newtons, shape (3 m,), point by point (n, t1, t2) of the surface.
             u: Displacement in metres, this rank's nodes, shape (k, 3).
-            before: What the load step before has left; without, slip counts from `slip_origin`.
+            before: State after the load step before; by default slip is measured from `slip_origin`.
         """
         return gather_evidence(self.body, self.state, x, u, self.mean_compliance, before)
 
@@ -257,11 +257,12 @@ class ContactProblem:
         progress: ProgressCallback | None = None,
         start: FloatArray | None = None,
     ) -> Solution:
-        """Solve, and certify the answer; whether it counts is `Solution.valid`.  What is outside the theory is logged.
+        """Solve, and certify the answer; `Solution.valid` is the verdict.  Violations of the small-strain theory are
+        logged.
 
         Args:
             tolerance: Residual of the problem at which to stop, once the certificate passes; a
-                tolerance above 1e-8 asks for less, and the solver stops at it whatever the certificate says.
+                tolerance above 1e-8 ends the solver whether or not the certificate passes.
             solver: In place of the default (and of its tolerance): Automatic (the default), InteriorPoint or
                 SuccessiveTresca; where no friction grows with pressure, also KPRGP.  Condensed Newton systems need
                 explicit=False.
@@ -273,7 +274,7 @@ class ContactProblem:
             NotConverged: If the residual stays above the tolerance, or the certificate does not pass however small the
                 residual; `solution(error.result)` has what there is.
         """
-        problem = self.friction_problem  # what K^-1, A and b take is timed on its own
+        problem = self.friction_problem  # K^-1, A and b are timed separately
         chosen = solver or Automatic(tolerance)
         acceptance = Acceptance(self)
         if chosen.tolerance <= CERTIFIED_FROM:

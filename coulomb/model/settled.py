@@ -1,15 +1,15 @@
-"""Contact forces that are exactly zero where the law has them zero.
+"""Contact forces set to exactly zero where the law requires it.
 
-An interior-point method leaves an open node a force of rounding size, and a projection that has not quite converged may
-leave a little more.  It is set to zero before displacement and certificate are computed: what is judged is what is
-written.  The answer changes by less than the residual that was asked for:
+An interior-point method leaves forces of rounding size at open nodes, a projection method slightly larger ones.  They
+are set to zero before displacement and certificate are computed, so that the certified answer is the written one.  The
+change is below the requested residual:
 
-- The natural residual |x - P(x - (A x - b)/a)| has, at a node that P takes to be open, the force itself.  So a force
-  that is small, and that P takes to be none, is none.
-- A node may graze: neither force nor gap.  There P cannot say, and a force up to `OPEN_BELOW` of the largest is none.
-- Where the slip bound is zero (Coulomb friction of an open node, or of one with F = 0), a small friction is none.
+- The natural residual |x - P(x - (A x - b)/a)| is the force itself where P sets it to zero.  So a small force
+  that P sets to zero is zero.
+- Where neither force nor gap is significant, P does not decide: a force up to `OPEN_BELOW` of the largest is zero.
+- Where the slip bound is zero (Coulomb friction at open nodes, or F = 0), a small friction force is zero.
 
-What is not small stays: it is a fault, which the certificate is to see.
+Larger forces are kept as faults for the certificate.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from .problem import ContactProblem
 
 SMALL = 1e-6
-"""Part of the norm of all contact forces: the largest residual that can be asked for."""
+"""Fraction of the norm of all contact forces: the largest residual that can be requested."""
 
 
 def settled(problem: ContactProblem, x: FloatArray, u: FloatArray) -> FloatArray:
-    """Contact forces in newtons, shape (3 m,), as a solver gives them, with exact zeros; collective.
+    """Contact forces of a solver in newtons, shape (3 m,), with exact zeros; collective.
 
     Args:
         problem: The contact problem.
         x: The forces, node by node (n, t1, t2), shape (3 m,).
-        u: The displacement that they make, this rank's nodes, metres, shape (k, 3).
+        u: The displacement under these forces, this rank's nodes, metres, shape (k, 3).
     """
     over, force = Reductions(problem.comm), x.reshape(-1, 3).copy()
     normal, small = force[:, 0], SMALL * over.norm(x)

@@ -1,6 +1,6 @@
-"""Is the answer inside the theory?  Contact is linear here: u_n <= gap at nodes that keep their normals.
+"""Validity of the small-strain theory: the linear contact condition u_n <= gap with fixed normals.
 
-The certificate says whether the equations of small strains are solved; this, whether they were the right ones.
+The certificate checks whether the equations of small strains are solved; this module, whether they apply.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
     from ..fem.obstacles import RigidFoundation
     from .nodal_answer import NodalAnswer
 
-_PRESSING = 1e-6  # a node presses if its force is above this part of the largest
-_ROUNDING = 1e-12  # a distance below this part of the coordinates is none
+_PRESSING = 1e-6  # a node presses if its force is above this fraction of the largest
+_ROUNDING = 1e-12  # distances below this fraction of the coordinates are rounding
 
 
 @dataclass(frozen=True)
 class Bound:
-    """How far a measure may go.
+    """Limits of a measure.
 
     Attributes:
-        warn: Beyond this the answer is inexact for want of theory: a warning.
-        refuse: Beyond this it does not count.
+        warn: Above this the linear theory is inaccurate: a warning.
+        refuse: Above this the answer is invalid.
     """
 
     warn: float
@@ -39,32 +39,32 @@ class Bound:
 
 
 GAP_ERROR = Bound(0.05, 0.25)
-"""Contact forces are off by about the same part as the gaps that make them: at a quarter they are a guess."""
+"""The relative error of contact forces is about that of the gaps."""
 
 TURN = Bound(3.0, 15.0)
-"""In degrees.  sin 15 = 0.26: a quarter of what is taken for pressure acts along the foundation, and the other way."""
+"""In degrees.  sin 15 = 0.26: a quarter of the normal force acts along the foundation, and conversely."""
 
 SLIP_OVER_CELL = Bound(1.0, math.inf)
-"""Says that normals were kept for long; the harm, if any, is in the turn and the gap error, which decide."""
+"""A warning only: the error of fixed normals shows in the turn and the gap error."""
 
 GRADIENT = Bound(0.05, 0.24)
-"""The theory leaves out half the square of the gradient: 12 % of it at 0.24.  Glued rubber, compressed by a tenth and
+"""The theory neglects half the square of the gradient: 12 % of it at 0.24.  Bonded rubber, compressed by 10 % and
 sheared, reaches 0.225 in its corners; a steel block, lifted by 50 mm next to its clamp, 0.25 to 0.41."""
 
 MODES = ("enforce", "warn")
-"""What becomes of an answer beyond a `Bound.refuse`: it does not count, or a warning is enough."""
+"""An answer above a `Bound.refuse` is invalid, or gets a warning."""
 
 
 @dataclass(frozen=True)
 class SmallStrain:
-    """How far an answer has gone from the place where the contact conditions were made linear.
+    """Measures of the nonlinearity that the linear contact conditions neglect.
 
     Attributes:
         gap_error: Largest distance of a pressing node, where it has moved to, from the foundation as it is, over the
-            mean way of the forces that deform the body (as in the certificate).
+            mean displacement of the forces that deform the body (as in the certificate).
         turn: Largest angle in degrees between the foundation's normals at a pressing node before and after.
-        slip_over_cell: Largest way of a pressing node along a foundation that is not plane, from where its normal was
-            taken, over the size of the cells there (square root of the nodal area).
+        slip_over_cell: Largest tangential displacement of a pressing node on a curved foundation, over the size of the
+            cells there (square root of the nodal area).
         gradient: Largest norm of the displacement gradient in a cell: strain and rotation.
     """
 
@@ -75,24 +75,24 @@ class SmallStrain:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is no longer small, in words, violations included; empty if all is well."""
+        """Messages on measures above their limits, violations included; empty if there are none."""
         return tuple(text for value, bound, text in self._measures() if not value <= bound.warn)  # nan is beyond
 
     @property
     def violations(self) -> tuple[str, ...]:
-        """What is outside the theory, in words: an answer with one does not count; empty if there is none."""
+        """Messages on measures above `refuse`, which make the answer invalid; empty if there are none."""
         return tuple(
             f"{text} (limit {bound.refuse:g})" for value, bound, text in self._measures() if not value <= bound.refuse
         )
 
     @property
     def mere_warnings(self) -> tuple[str, ...]:
-        """The warnings that are no violations."""
+        """The warnings that are not violations."""
         measures = self._measures()
         return tuple(text for value, bound, text in measures if bound.warn < value <= bound.refuse)
 
     def _measures(self) -> tuple[tuple[float, Bound, str], ...]:
-        """Every measure with its bounds, and what to say of it when it is beyond one."""
+        """Every measure with its bounds and its message."""
         return (
             (
                 self.gap_error,
@@ -115,10 +115,10 @@ class SmallStrain:
 
 
 def known_mode(mode: str) -> str:
-    """The mode, if it is one.
+    """The mode, if it is known.
 
     Raises:
-        ValueError: If it is none.
+        ValueError: If it is unknown.
     """
     if mode not in MODES:
         raise ValueError(f"small_strain must be {' or '.join(map(repr, MODES))}, but is {mode!r}")
@@ -154,12 +154,12 @@ def small_strain(
 
     try:
         distance, turn = on_all_ranks(measure, "contact: foundation", at_nodes.comm)
-    except ValueError:  # it has no distance or no normal there: far outside
+    except ValueError:  # no distance or normal there: far outside
         distance, turn = np.full((2, len(before)), math.nan)
     internal = body.internal_force(u)
     forces = over.sum(np.linalg.norm(internal, axis=1))
     deformation = 0.0 if forces == 0.0 else 2.0 * over.dot(u, internal) / forces
-    # Normals were taken where the node is before it moves, against the foundation at its place of now.
+    # Normals are those at the undeformed node, of the foundation at its current place.
     along = np.linalg.norm((at_nodes.displacement[:, 1:] / at_nodes.scale)[pressing], axis=1)
     return SmallStrain(
         gap_error=0.0 if deformation <= 0.0 else largest(distance, over) / deformation,

@@ -30,7 +30,7 @@ class Solution:
         contact_force: x in newtons, this rank's part, shape (3 m,), node by node (n, t1, t2); x_n >= 0 presses.
         displacement: In metres, this rank's nodes, shape (k, 3).
         slip_bound: The g in newtons that the solver used, shape (m,).
-        result: What the solver says of it.
+        result: Status, residual and counts of the solver.
         certificate: Whether it solves the equations of small strains.
     """
 
@@ -48,25 +48,23 @@ class Solution:
 
     @cached_property
     def small_strain(self) -> SmallStrain:
-        """How small displacements are, measured by the theory; collective."""
+        """Measures of the small-strain theory; collective."""
         problem = self.problem
         return small_strain(NodalAnswer.of(self), problem.surface.foundations, problem.elasticity, self.displacement)
 
     @property
     def outside(self) -> tuple[str, ...]:
-        """Why the answer is outside the theory, in words; empty if it is inside, or if that was accepted; collective.
-
-        Accepted it is by `ContactProblem(..., small_strain="warn")`.
-        """
+        """Violations of the small-strain theory as messages; empty if there are none or if they are accepted by
+        `ContactProblem(..., small_strain="warn")`; collective."""
         return self.small_strain.violations if self.problem.small_strain == "enforce" else ()
 
     @property
     def valid(self) -> bool:
-        """Whether the answer counts: the certificate passed, and it is inside the theory; collective."""
+        """Whether the certificate passed and the small-strain theory holds, or was not enforced; collective."""
         return self.certificate.passed and not self.outside
 
     def write(self, directory: str | Path) -> None:
-        """Fields, history, summary and picture into a directory; what is there is replaced when all is written.
+        """Fields, history, summary and picture into a directory; existing files are replaced once all are written.
 
         Raises:
             OSError: On every rank, if the directory cannot be written to.
@@ -75,7 +73,7 @@ class Solution:
 
 
 def warn(answer: Solution) -> None:
-    """Log, on one rank, how an answer has left the theory; collective."""
+    """Log violations and warnings of the small-strain theory on one rank; collective."""
     strain = answer.small_strain
     if answer.problem.comm.rank == 0:
         for text in strain.violations:

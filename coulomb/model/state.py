@@ -1,4 +1,4 @@
-"""What of a contact problem depends on time, as a value."""
+"""The state of a contact problem at one time, as a value."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class ContactState:
         surface: Contact points with their frames, gaps and B, for where the foundations are.
         law: Of friction at the contact points.
         slip_rate: In the load step before, metres per second, shape (m,); 0 without one.
-        slip_origin: Displacement of the contact points at which they have not slipped, along n, t1, t2, metres, shape
-            (m, 3): 0 at first, in a later load step that of the step before, carried along with the foundation.
+        slip_origin: Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m,
+            3): 0 at first, in a later load step that after the step before, moved with the foundation.
     """
 
     loading: Loading
@@ -39,7 +39,7 @@ class ContactState:
 
 
 class Before(Protocol):
-    """Where a load step begins: time, displacement (k, 3) in metres and slip rates (m,) in m/s of the step before."""
+    """Start of a load step: time, displacement (k, 3) in metres and slip rates (m,) in m/s after the step before."""
 
     @property
     def time(self) -> float: ...

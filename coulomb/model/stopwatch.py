@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def timed(seconds: dict[str, float], phase: str) -> Iterator[None]:
-    """Adds the wall time of what is inside to a phase, less that of phases inside it."""
+    """Add the wall time of the block to a phase, without that of phases inside the block."""
     began, others = time.perf_counter(), sum(seconds.values())
     try:
         yield

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 HALVINGS = 6
-"""How often the interval of a load step that fails is halved, by default."""
+"""Default of the maximum number of halvings of a failing load step."""
 
 
 def refuse_times(start: float, times: Sequence[float]) -> None:
-    """See that load steps end one after another.
+    """Check that the ends of load steps increase.
 
     Args:
-        start: Where the history begins.
+        start: Start time of the history.
         times: Ends of the steps.
 
     Raises:
@@ -26,6 +26,6 @@ def refuse_times(start: float, times: Sequence[float]) -> None:
 
 
 def shortened(values: Sequence[float]) -> str:
-    """A list for a message, of a long one the beginning."""
+    """A list for a message; of a long list only the beginning."""
     listed = ", ".join(map(str, values[:10]))
     return f"[{listed}]" if len(values) <= 10 else f"[{listed}, ...] ({len(values)} of them)"

@@ -1,4 +1,4 @@
-"""How `Solution.write` reaches the disk: the package supplies the writer, so that the model knows no file format.
+"""The writer behind `Solution.write`, supplied by the package: the model knows no file format.
 
 `coulomb/__init__.py`, which runs before any module of the package, calls `supply` with that of `coulomb.io`.
 """
