@@ -152,6 +152,14 @@ def test_cohesion_acts_on_open_nodes():
     assert total["dissipated_energy"] == pytest.approx(1e3 * 5e-3, rel=1e-3)  # less what the cube shears by
 
 
+def test_a_small_cohesion_of_open_nodes_is_kept():
+    """c a on every open node, however small beside the forces of the others."""
+    solution = block(friction=0.3, cohesion=10.0).solve(1e-12)
+    x, area = solution.contact_force.reshape(-1, 3), solution.problem.surface.area
+    opened = x[:, 0] == 0.0
+    assert np.any(opened) and np.hypot(x[opened, 1], x[opened, 2]) == pytest.approx(10.0 * area[opened], rel=1e-2)
+
+
 CASE = """\
 [mesh]
 box = [1.0, 1.0, 1.0]

@@ -66,7 +66,19 @@ def test_every_node_is_in_its_ellipse(cell, tmp_path):
     write(solution, tmp_path)
     assert check(tmp_path).passed
     told = json.loads((tmp_path / "summary.json").read_text())
+    force = told["force_on_body"]
+    along = np.array(force["vector"]) @ np.column_stack([axis, np.cross([0.0, 0.0, -1.0], axis)])
+    assert force["tangential"] == pytest.approx(along, rel=1e-9)
     assert told["friction"] == F1 and told["friction_along"] == F1 and told["friction_across"] == pytest.approx(F2)
+
+
+def test_components_and_vectors_of_a_surface():
+    """Forces and displacements have inverse pairs of conversions, and their work is the same in both."""
+    surface, rng = block().surface, np.random.default_rng(3)
+    force, way = rng.standard_normal((2, len(surface.nodes), 3))
+    assert np.allclose(surface.force_components(surface.vectors(force)), force)
+    assert np.allclose(surface.components(surface.displacements(way)), way)
+    assert np.sum(surface.vectors(force) * surface.displacements(way)) == pytest.approx(np.sum(force * way))
 
 
 def test_the_same_said_otherwise():
