@@ -36,6 +36,7 @@ from .table import Curve, Panel, Row, Verified, order, relative
 
 STEEL = Material(young=2.1e11, poisson=0.3)
 FRICTION, DOWN = 0.3, 2e-4
+COHESION, ACROSS = 2e7, (0.3, 0.1)
 CELLS = (6, 6, 6)
 RESIDUAL = 1e-10
 
@@ -46,8 +47,12 @@ WAY = ((0.0, 0.0), (1.0, 0.0), (SHEARED, 5e-4), (RIGHT, 20.5e-3), (RETURNED, 20e
 """Displacement of the top along x in metres."""
 
 
-def problem() -> ContactProblem:
-    """The block: pressed down until t = 1, moved to the right until t = 7, then to the left."""
+def problem(contact: Contact | None = None) -> ContactProblem:
+    """The block: pressed down until t = 1, moved to the right until t = 7, then to the left.
+
+    Args:
+        contact: Of its base; by default with Coulomb friction.
+    """
     return ContactProblem(
         box((1.0, 1.0, 1.0), CELLS),
         STEEL,
@@ -55,8 +60,36 @@ def problem() -> ContactProblem:
             PrescribedDisplacement("top", (0.0, 0.0, -DOWN), "z", amplitude=((0.0, 0.0), (1.0, 1.0))),
             PrescribedDisplacement("top", (1.0, 0.0, 0.0), "xy", amplitude=WAY),
         ],
-        Contact("bottom", FRICTION),
+        contact or Contact("bottom", FRICTION),
     )
+
+
+def other_laws() -> list[Row]:
+    """Steady sliding to the right with cohesion, T = c A + F N; and with orthotropic friction.
+
+    The axes of the latter are at 45 degrees to the direction of sliding.  By the associated rule (`FrictionAxes`) the
+    components of T along them are as F1^2 to F2^2, so that T_y/T_x = (F1^2 - F2^2)/(F1^2 + F2^2).
+    """
+
+    def steady(contact: Contact) -> tuple[FloatArray, float, str]:
+        """Force of the plane on the block, its relative change in the last step, and the reason of the tolerance."""
+        *_, before, last = LoadHistory([1.0, *np.arange(SHEARED, RIGHT + 1.0)], tolerance=RESIDUAL).steps(
+            problem(contact)
+        )
+        now, then = (np.array(summary.totals(step.solution)["force"]) for step in (last, before))
+        change = float(np.max(np.abs(now - then)) / np.linalg.norm(now[:2]))
+        return now, change, f"exact on any mesh once sliding is steady; the change of the last step is {change:.1g}"
+
+    (F1, F2), known = ACROSS, (ACROSS[0] ** 2 - ACROSS[1] ** 2) / (ACROSS[0] ** 2 + ACROSS[1] ** 2)
+    total, change, why = steady(Contact("bottom", FRICTION, cohesion=COHESION))
+    cohesive = total[0] / (COHESION * 1.0 + FRICTION * total[2])
+    oblique, turned, reason = steady(Contact("bottom", (F1, F2), direction=(1.0, 1.0, 0.0)))
+    return [
+        relative("with cohesion, sliding right: T/(c A + F N)", -1.0, cohesive, RESIDUAL + change, why),
+        relative(
+            "orthotropic, axes at 45 degrees: T_y/T_x", known, oblique[1] / oblique[0], RESIDUAL + 2.0 * turned, reason
+        ),
+    ]
 
 
 def bonded_stiffness() -> float:
@@ -141,6 +174,7 @@ def verify() -> Verified:
             0.0,
             "backward Euler has the error dg ds/2 per step, first order; higher if dg of different nodes cancel",
         ),
+        *other_laws(),
     )
     return Verified(rows, _panels(times, steps, bonded, parts, shear))
 
