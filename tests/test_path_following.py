@@ -183,6 +183,9 @@ def test_small_discs_are_scaled_to_unit_discs():
     qp, _ = random_tresca(8, seed=22)
     scaled = ScaledProblem(qp.with_slip_bound(qp.law.cohesion * np.geomspace(1e-8, 1e3, 8)))
     assert np.all(scaled.law.radius(np.ones(8)) >= 1.0) and scaled.A.W[:, 1:].min() < 1e-6
+    radius = scaled.law.radius(np.ones(8)) * scaled.A.W[:, 1] * scaled._s  # in newtons
+    assert np.allclose(radius, scaled.problem.law.cohesion) and scaled.A.W.max() == 1.0
+    assert np.all((scaled.law.radius(np.ones(8)) == 1.0) | (scaled.A.W[:, 1] == 1.0))  # unit discs, or larger ones
     assert np.all(scaled.weight(np.ones(8)) == 1.0)  # the rows have their weight already
     sloped = ScaledProblem(FrictionProblem(qp.A, qp.b, FrictionLaw(1e-8 * qp.law.cohesion, np.full(8, 0.3))))
     assert np.all(sloped.A.W == 1.0) and np.all(sloped.weight(np.full(8, 1e-3))[:, 1:] < 1e-3)
