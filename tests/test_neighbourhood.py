@@ -166,3 +166,22 @@ def test_a_start_from_forces_alone_is_well_inside():
     assert np.linalg.norm(y, axis=1).max() <= 0.9 + 1e-12 and 0 < kept.sum() < 20
     assert np.allclose(forces[kept, 1:], x[kept, 1:])
     assert np.allclose(forces[:, 1] * x[:, 2], forces[:, 2] * x[:, 1])  # the direction is kept
+
+
+def test_a_warm_start_with_slope_takes_its_settings(monkeypatch):
+    """The first iterate: x_n >= 0.3 nominal forces, |y| <= 0.9, and nu z = 0.03 rms(A x - b) everywhere."""
+    rng = np.random.default_rng(9)
+    problem = FrictionProblem.coulomb(dense_compliance(random_spd(60, 10.0, rng)), rng.uniform(0.1, 1, 60), np.ones(20))
+    seen = []
+
+    def first(settings, scaled, step, beta, sigma):
+        seen.append((scaled, step.v))
+        return 0.0, None
+
+    monkeypatch.setattr("coulomb.solvers.interior_point.step_length", first)
+    with pytest.raises(NotConverged):
+        InteriorPoint().solve(problem, 1e-3 * rng.standard_normal(60))
+    scaled, v = seen[0]
+    rms = scaled.rms(scaled.gradient(v._replace(nu=np.zeros((20, 2)))))
+    assert v.x_n.min() == pytest.approx(0.3) and np.linalg.norm(v.y, axis=1).max() <= 0.9 + 1e-12
+    assert np.allclose(v.nu * scaled.slack(v.x_n, v.y), 0.03 * rms)
