@@ -25,7 +25,7 @@ def answer(problem):
     try:
         return problem.solve()
     except NotConverged as failure:
-        assert "what does not pass" in str(failure)
+        assert "failing conditions" in str(failure)
         return problem.solution(failure.result)
 
 

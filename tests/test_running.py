@@ -76,7 +76,7 @@ def test_a_load_history_stops_and_goes_on(tmp_path):
     history.run(rubbed(3), unbroken)
     whole = unbroken.rows
     first = whole[0]["path_following"]
-    with pytest.raises(StepFailed, match="interrupted in the load step from 1 s to 2 s, which is given up") as failure:
+    with pytest.raises(StepFailed, match="interrupted in the load step from 1 s to 2 s, which is discarded") as failure:
         history.run(rubbed(3), HistoryFiles(stopped), progress=Stop(first + 3))
     assert failure.value.result.status is Status.INTERRUPTED
     assert len(list((stopped / "steps").iterdir())) == 1

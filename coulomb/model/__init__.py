@@ -1,1 +1,1 @@
-"""Where finite elements and solvers meet: contact, problem, solution, certificate, load steps and histories."""
+"""Contact problems, which combine finite elements and solvers: contact, solution, certificate, load histories."""

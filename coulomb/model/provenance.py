@@ -1,4 +1,4 @@
-"""Where, when and by which command a run was made: the entry `run` of summary.json."""
+"""Host, time and command of a run: the entry `run` of summary.json."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..version import __version__
 
 
 def now() -> datetime:
-    """The time here, with its zone."""
+    """The local time with its zone."""
     return datetime.now().astimezone()
 
 
@@ -25,7 +25,7 @@ def moment(time: datetime) -> str:
 
 
 def command() -> str:
-    """The command line of this process as one would type it: `coulomb run CASE.toml`, `python SCRIPT.py`."""
+    """The command line of this process as typed by a user: `coulomb run CASE.toml`, `python SCRIPT.py`."""
     script, *arguments = sys.argv or [""]
     name = os.path.basename(script)
     if name == "__main__.py":  # python -m PACKAGE
@@ -39,7 +39,7 @@ def provenance(started: datetime, comm: MPI.Comm) -> dict[str, Any]:
     """Host, time, command and version, the same on every rank; collective.
 
     Args:
-        started: When the work began.
+        started: Start time.
         comm: The ranks.
     """
     hosts = sorted(set(comm.allgather(platform.node() or "unknown")))
