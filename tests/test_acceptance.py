@@ -86,7 +86,7 @@ def test_a_refused_answer_is_made_better(law, solver):
 @pytest.mark.parametrize(("law", "solver"), SOLVERS, ids=lambda value: getattr(value, "name", None))
 def test_what_never_passes_is_not_converged(law, solver):
     accept, seen = asked([False])
-    with pytest.raises(coulomb.NotConverged, match="below the tolerance, but the certificate does not pass") as failure:
+    with pytest.raises(coulomb.NotConverged, match="below the tolerance, but the certificate fails") as failure:
         solver.solve(block6(law, accept))
     result = failure.value.result
     assert result.status is Status.STAGNATED and result.residual <= 1e-8 and len(seen) >= 2

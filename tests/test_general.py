@@ -31,7 +31,7 @@ def test_numpy_scipy_and_petsc_alike():
 @pytest.mark.parametrize(
     ("A", "b", "g", "message"),
     [
-        (np.eye(4), np.zeros(4), 1.0, r"A must be square with three rows a contact, but has shape \(4, 4\)"),
+        (np.eye(4), np.zeros(4), 1.0, r"A must be square with three rows per contact, but has shape \(4, 4\)"),
         (np.ones((3, 6)), np.zeros(3), 1.0, r"A must be square .* shape \(3, 6\)"),
         (np.array([[1, 2, 0], [0, 1, 0], [0, 0, 1.0]]), np.zeros(3), 1.0, "A must be symmetric"),
         (-np.eye(3), np.zeros(3), 1.0, "A must be positive definite"),

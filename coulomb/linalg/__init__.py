@@ -1,1 +1,2 @@
-"""K^-1, the compliance A = B K^-1 B^T, what is learnt of A, Krylov methods: PETSc and LAPACK, no friction law."""
+"""K^-1, the compliance A = B K^-1 B^T and its low-rank approximation, Krylov methods: PETSc and LAPACK, no friction
+law."""

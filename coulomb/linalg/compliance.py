@@ -23,11 +23,11 @@ class Compliance(Protocol):
 
     Attributes:
         comm: The ranks that share it.
-        nodes: Contact nodes m of this rank, perhaps none.
+        nodes: Contact nodes m of this rank, possibly 0.
         products: Products made so far.
         exact: Whether a product is as exact as rounding allows, whatever tolerance is given.
         name: Its name in the summary.
-        matrix_free: Itself where it keeps K and B, with which condensed Newton systems work; else None.
+        matrix_free: Itself if it has K and B, which condensed Newton systems need; else None.
     """
 
     comm: MPI.Comm
@@ -45,12 +45,12 @@ class Compliance(Protocol):
         Args:
             x: Forces in newtons.
             y: Displacements in metres.
-            tolerance: Where a product is the solution of a system: largest relative residual.
+            tolerance: Largest relative residual, if a product is the solution of a system.
         """
         ...
 
     def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
-        """The same for an x that changes little from call to call: only the change is solved for.
+        """As `mult` for an x that changes little from call to call: only the change is solved for.
 
         Its relative residual may be `tolerance`; residuals do not add up from call to call.  With 0, the product is as
         exact as mult's.
@@ -63,10 +63,10 @@ class Compliance(Protocol):
 
 
 class BodyCompliance(Compliance, Protocol):
-    """A = B K^-1 B^T of a body whose K and B are at hand."""
+    """A = B K^-1 B^T with access to K and B."""
 
     def rotated(self, B: PETSc.Mat) -> BodyCompliance:
-        """The same in other frames, those of another contact matrix B; collective."""
+        """A in other frames, those of another contact matrix B; collective."""
         ...
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
@@ -127,7 +127,7 @@ class SchurCompliance:
     Args:
         B: Contact matrix, 3 rows per contact node.
         solver: The factorised K, with the nodes of B's columns last.
-        diagonal: What to give out as its diagonal, in place of the exact one, shape (3 m,).
+        diagonal: Replaces the exact diagonal, shape (3 m,).
     """
 
     name = "explicit"
@@ -135,7 +135,7 @@ class SchurCompliance:
     matrix_free: MatrixFreeCompliance | None = None
 
     def __init__(self, B: PETSc.Mat, solver: MultifrontalSolver, diagonal: FloatArray | None = None):
-        self.B = B  # not only its entries: the communicator lives as long as it
+        self.B = B  # kept, since the communicator lives as long as the matrix
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
         self.products = 0
@@ -237,7 +237,7 @@ class MatrixFreeCompliance:
 
     @property
     def matrix_free(self) -> MatrixFreeCompliance:
-        """Itself: it keeps K and B."""
+        """Itself, since it has K and B."""
         return self
 
     def response(self, x: FloatArray, tolerance: float = 0.0) -> PETSc.Vec:

@@ -18,8 +18,8 @@ def estimated_diagonal(A: Compliance, B: PETSc.Mat, K: PETSc.Mat, probes: int = 
     """diag(A) of A = B K^-1 B^T from a few products, shape (3 m,).
 
     diag(A) is close to a multiple of diag(B diag(K)^-1 B^T), one multiple for each of n, t1 and t2, found from products
-    with random signs v, since the mean of v_i (A v)_i is A_ii (Hutchinson 1989).  It does not
-    contain the displacement of the body as a whole; CG hardly notices (`coulomb benchmark table1` shows both).
+    with random signs v, since the mean of v_i (A v)_i is A_ii (Hutchinson 1989).  It neglects
+    rigid motions of the body, with little effect on CG (`coulomb benchmark table1` shows both).
 
     Args:
         A: The compliance; `probes` products are made.

@@ -1,4 +1,4 @@
-"""Krylov methods of PETSc's for the Newton systems, one product by A an iteration."""
+"""PETSc's Krylov methods for the Newton systems, with one product by A per iteration."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from ..arrays import FloatArray
 NodalMap = Callable[[FloatArray], FloatArray]
 
 
-_RESTART = 100  # of FGMRES: far beyond the iterations of a step, unless the system is hopeless
+_RESTART = 100  # restart of FGMRES: far beyond the usual iterations of a step
 
 
 class CarryingKrylov:
-    """PETSc's CG or FGMRES on vectors that carry A x along: A dx is known at the end without another product.
+    """PETSc's CG or FGMRES on vectors extended by A x: A dx is known at the end without another product.
 
-    Each node holds `block` unknowns, of which the first three are x, and behind them the three of w = A x.  The product
-    is made when the preconditioner has its z: w_z = A x_z.  Both methods only ever add and scale z's to get their
-    directions and their solution, which so carry their own w, and the operator finds A x in the vector instead of
-    computing it.  Residuals have w = 0, so no inner product sees it.  One product an iteration, none at the end.
+    Each node has `block` unknowns, the first three of which are x, followed by the three of w = A x.  The product w_z =
+    A x_z is computed by the preconditioner for its result z.  Directions and solution of both methods are linear
+    combinations of the z's, so that their w is A x, and the operator reads A x from the vector instead of computing it.
+    Residuals have w = 0, so that inner products are unchanged.  One product per iteration, none at the end.
 
     Args:
         comm: The ranks.
         nodes: Contact nodes of this rank.
-        block: Unknowns a node, the three of x first.
+        block: Unknowns per node, the three of x first.
         apply_A: x (m, 3) -> A x (m, 3).
         operator: (unknowns (m, block), A x (m, 3)) -> image (m, block).
         preconditioner: Residual (m, block) -> unknowns (m, block).

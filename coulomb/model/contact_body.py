@@ -1,4 +1,4 @@
-"""A body with its contact faces: the time-independent part of a contact problem, shared by all states."""
+"""A body with its contact faces: everything that does not depend on time, computed once and shared by all states."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ class ContactBody:
 
     Args:
         mesh: The body; this and the following as for `ContactProblem`.
-        material: What it is made of.
+        material: Its material.
         clamps: Prescribed displacements.
         contacts: The contact faces.
         tractions: Surface loads.
         body_force: Force per volume in N/m^3.
         springs: Elastic supports.
-        body_force_amplitude: What it is multiplied by in the course of time.
-        time: Time of the frames in which A is computed; in other frames it is rotated.
+        body_force_amplitude: Factor of the body force as a function of time.
+        time: Time of the reference frames in which A is computed; for other frames it is rotated.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.
 
     Attributes:
         mesh: The body.
         contacts: The contact faces.
-        elasticity: K and what belongs to it.
-        linear_solver: The one taken for K^-1 (DirectSolver also stands for MultifrontalSolver: `stiffness_method`).
+        elasticity: K, loads and supports.
+        linear_solver: The solver class for K^-1 (DirectSolver includes MultifrontalSolver: see `stiffness_method`).
         explicit: Whether A is formed.
         seconds: Wall time of assembly, factorisation and A so far.
 
     Raises:
-        ValueError: On every rank, if the input does not fit together.
+        ValueError: On every rank, if the input is inconsistent.
     """
 
     def __init__(
@@ -66,14 +66,14 @@ class ContactBody:
         linear_solver: LinearSolver | None,
         explicit: bool | None,
     ):
-        chosen(0, 0, mesh.comm.size, linear_solver, explicit)  # what cannot be is refused before the assembly
+        chosen(0, 0, mesh.comm.size, linear_solver, explicit)  # impossible combinations are refused before the assembly
         self.mesh, self.contacts = mesh, tuple(contacts)
         self.seconds: dict[str, float] = {}
         with timed(self.seconds, "assembly"):
             self.elasticity = Elasticity(mesh, material, clamps, tractions, body_force, springs, body_force_amplitude)
             faces, still = ContactFaces(self.contacts, self.comm), np.zeros((len(self.contacts), 3))
             self._reference: ContactSurface = faces.surface(self.elasticity, still)
-            self._faces = faces.against(self._reference.foundations)  # where none was given, the face's own plane
+            self._faces = faces.against(self._reference.foundations)  # the plane of the face if none was given
             self._reference = self.surface(self.motions(time), time)
         self.linear_solver, self.explicit = chosen(
             self.unknowns["displacement"], self.unknowns["contact"], self.comm.size, linear_solver, explicit
@@ -86,7 +86,7 @@ class ContactBody:
 
     @property
     def foundations(self) -> tuple[RigidFoundation, ...]:
-        """Of all contact faces, where they were given; of a face without one, its own plane."""
+        """Foundations of all contact faces before any motion; by default the plane of the face."""
         return tuple(foundation for foundation in self._faces.foundations if foundation is not None)
 
     @cached_property
@@ -99,23 +99,23 @@ class ContactBody:
             "contact": self.comm.allreduce(contact, op=MPI.SUM),
         }
 
-    # --- at a time ----------------------------------------------------------------------------------------------
+    # --- state at a time ----------------------------------------------------------------------------------------------
 
     def motions(self, time: float) -> FloatArray:
         """Translations of the foundations of all contact faces at a time in metres, shape (faces, 3); collective."""
         return self._faces.motions(time)
 
     def surface(self, motions: FloatArray, time: float) -> ContactSurface:
-        """The contact surface with the foundations moved so far (faces, 3); collective.
+        """The contact surface with the foundations moved by (faces, 3); collective.
 
-        Frames and B are the same objects for all places of the foundations that turn no normal.
+        Frames and B are the same objects for all positions of the foundations with the same normals.
 
         Raises:
-            ValueError: On every rank, if other nodes than before can touch them; `time` is for the message.
+            ValueError: On every rank, if the set of contact nodes changes; `time` is for the message.
         """
         after, before = self._faces.surface(self.elasticity, motions), self._reference
         if not self.comm.allreduce(np.array_equal(before.nodes, after.nodes), op=MPI.LAND):
-            raise ValueError(f"contact: at time {time:g} the foundation has turned its normals to other nodes")
+            raise ValueError(f"contact: at time {time:g} the foundation's normals make other nodes contact nodes")
         turned = not np.allclose(before.frames, after.frames, rtol=0.0, atol=1e-14)
         if self.comm.allreduce(turned, op=MPI.LOR):
             return after
@@ -125,13 +125,13 @@ class ContactBody:
         """The state at a time; collective.
 
         Args:
-            time: When.
-            before: State after the load step before, from which slip is measured, moved with the foundation since;
-                by default slip is measured from the undeformed body.
+            time: The time.
+            before: End of the load step before: slip is measured from its displacement plus the foundation's
+                displacement since; by default from zero displacement.
 
         Raises:
-            ValueError: On every rank, if an amplitude or a motion has no value then, or other nodes than before can
-                touch the foundation.
+            ValueError: On every rank, if an amplitude or a motion has no value then, or the set of contact nodes
+                changes.
         """
         motions = self.motions(time)
         surface = self.surface(motions, time)
@@ -148,7 +148,7 @@ class ContactBody:
 
     @property
     def stiffness_method(self) -> str:
-        """Name of the solver for K^-1; where A is formed, it is the one that gives the Schur complement as well."""
+        """Name of the solver for K^-1; if A is formed, of the one that gives the Schur complement as well."""
         return MultifrontalSolver.name if self.explicit else self.linear_solver.name
 
     @cached_property
@@ -161,7 +161,7 @@ class ContactBody:
 
     @cached_property
     def _compliance(self) -> BodyCompliance:
-        """A in the frames of the reference."""
+        """A in the reference frames."""
         solver, B = self.stiffness_solver, self._reference.B
         with timed(self.seconds, "compliance"):
             if isinstance(solver, MultifrontalSolver):
@@ -173,7 +173,7 @@ class ContactBody:
 
         Args:
             surface: The surface.
-            seconds: Where the wall time of rotating A is added.
+            seconds: Dictionary to which the wall time of rotating A is added.
         """
         A = self._compliance
         if surface.B is self._reference.B:

@@ -1,1 +1,1 @@
-"""The algebra room: contact problems as quadratic programmes.  Knows numpy and petsc4py, and no DOLFINx."""
+"""Solvers of contact problems given by A, b and the law of friction.  Use numpy and petsc4py, but not DOLFINx."""

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 
-_RANK_DEFICIENT = 1e-12  # eigenvalues of the normal equations below this part of the largest are noise
+_RANK_DEFICIENT = 1e-12  # eigenvalues of the normal equations below this fraction of the largest are rounding errors
 
 
 class Anderson:
@@ -26,16 +26,16 @@ class Anderson:
         self._points: list[tuple[FloatArray, FloatArray]] = []
 
     def restart(self) -> None:
-        """Forget the points so far."""
+        """Discard the points so far."""
         self._points.clear()
 
     def next(self, g: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
-        """The next point; what is behind it is kept.
+        """The next point; the given one is stored.
 
         Args:
             g: The point.
             residual: G(g) - g.
-            damping: The part of the residual that is gone along, in (0, 1].
+            damping: The fraction of the residual that is added, in (0, 1].
         """
         self._points.append((g, residual))
         del self._points[: -self._memory - 1]

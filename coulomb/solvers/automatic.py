@@ -1,4 +1,4 @@
-"""The default: what the measurements favour, and the other way where that fails."""
+"""The default solver: the interior-point method, and successive Tresca if it fails."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from .successive_tresca import SuccessiveTresca
 
 @dataclass(frozen=True)
 class Automatic:
-    """The interior-point method on the whole problem; and where it fails and friction grows with pressure, successive
-    Tresca.
+    """The interior-point method on the whole problem; if it fails and friction grows with pressure, successive Tresca.
 
-    On the block the first needs a quarter of the products of the second, whatever size and friction
-    (`coulomb benchmark friction`).  Of random problems made to be hard, each solves some that the other does not.
-    `SolverResult.method` says which it was.
+    On the block the first needs a quarter of the products of the second, for all sizes and friction coefficients
+    (`coulomb benchmark friction`).  Of random ill-conditioned problems, each solves some that the other does not.
+    `SolverResult.method` records the choice.
 
     Attributes:
         tolerance: Residual at which to stop.
@@ -43,7 +42,7 @@ class Automatic:
         tolerance: float | None = None,
         progress: ProgressCallback | None = None,
     ) -> SolverResult:
-        """Solve a problem with friction; arguments and errors as those of `Solver.solve`, `start` for both ways.
+        """Solve a problem with friction; arguments and errors as those of `Solver.solve`, `start` for both methods.
 
         Raises:
             NotConverged: With the better answer of the two, and the messages of both, if neither converges.

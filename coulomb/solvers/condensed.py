@@ -6,14 +6,14 @@ the step is
 
     B w + C dx = r,   K w - B^T dx = R        hence        (K + B^T C^-1 B) w = B^T C^-1 r + R,   dx = C^-1 (r - B w)
 
-The contact rows hold exactly however inexactly the system is solved: its residual e is what R becomes at the end of the
-step, together with the bend of the curve on which x moves, and the next step removes it.  (To make A x exact after
-every step instead turns e into the gradient error B K^-1 e, which stiff springs answer by large forces.)  So |e| need
-only fall as the path falls: to a part of |R|, and to a part of the right-hand side.
+The contact rows hold exactly even if the system is solved inexactly: its residual e, with the curvature of the curve on
+which x moves, becomes R at the end of the step, and the next step removes it.  (Making A x exact after every step would
+turn e into the gradient error B K^-1 e, which stiff springs amplify to large forces.)  So |e| need only decrease with
+theta: to a fraction of |R|, and to a fraction of the right-hand side.
 
 The matrix has the nonzeros of K, since C couples only the three unknowns of a node: C^-1 is the stiffness of a spring,
-soft where a node opens, stiff where it sticks, between the two where it slips.  C is bounded from below by a small part
-of 1/K_ii, so that springs stay finite; this changes the step, not its aim.
+soft where a node opens, stiff where it sticks, between the two where it slips.  C is bounded from below by a small
+fraction of 1/K_ii, so that springs stay finite; this changes the step, not the solution.
 
 - Without slope C = J11 - A + J12 D22^-1 J21 is symmetric.  CG.
 - With slope dx_n acts on the row of dx_t, so C and C^-1 are block-triangular.  FGMRES on the whole of it, the
@@ -25,10 +25,10 @@ of Gauss-Seidel on the finest level, which PETSc does by 3 x 3 blocks where the 
 Chebyshev with Jacobi on the others, where blocks of small aggregates are singular.
 
 Observed (docs/measurements.md): the steps of the default, 7 to 13 FGMRES iterations per step for Coulomb friction, 11
-to 16 of CG for Tresca's.  Not proved: a bound on them.  CONVERGED is decided by the residual of the problem with A x as
-exact as can be, corrected from y, whatever R was on the way.
+to 16 of CG for Tresca's.  There is no proven bound.  CONVERGED is decided by the residual of the problem with the
+most accurate A x, corrected from y, independent of R.
 
-Memory: K, this matrix and its multigrid, beside the multigrid of K^-1 with which answers are judged; vectors.  Nothing
+Memory: K, this matrix and its multigrid, in addition to the multigrid of K^-1 for the final residual; vectors.  Nothing
 grows with the square of the contact nodes.
 """
 
@@ -61,7 +61,7 @@ def _multigrid() -> dict[str, str | float]:
 
 @dataclass(frozen=True)
 class CondensedSystem:
-    """K with springs at the contact nodes in place of A; needs a compliance that keeps K and B.
+    """K with springs at the contact nodes in place of A; needs a compliance with access to K and B.
 
     Attributes:
         contrast: C is at least this part of 1/K_ii.
@@ -82,7 +82,7 @@ class CondensedSystem:
     multigrid: dict[str, str | float] = field(default_factory=_multigrid)
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
-        """See `NewtonChoice`; a ValueError on every rank if the compliance does not keep K and B."""
+        """See `NewtonChoice`; a ValueError on every rank if the compliance has no K and B."""
         return _Condensed(A, sloped, self)
 
 
@@ -129,7 +129,7 @@ class _Condensed:
         return self._image(x)
 
     def exact_product(self, x: FloatArray) -> FloatArray:
-        """A x as exact as can be, by a correction of y; y stays as it is."""
+        """The most accurate A x, by a correction of y; y is unchanged."""
         self._compliance.guess(self._y)
         return self._scaled.mult_incremental(x)
 
@@ -154,7 +154,7 @@ class _Condensed:
     def solve(
         self, at: Linearization, r1: FloatArray, r2: FloatArray, weight: FloatArray, tolerance: float, cap: float
     ) -> NewtonStep:
-        """The step; R decides how exact it is (module docstring), weight, tolerance and cap do not matter."""
+        """The step; its accuracy depends on R (module docstring); weight, tolerance and cap are not used."""
         r = r1 + at.J12(r2 / at.D22)
         self._spring = NodalInverse(at, self._least)
         self._stiffen()
@@ -164,7 +164,7 @@ class _Condensed:
         settings = self._settings
         ksp = configured_ksp(self._stiffened, self._method, settings.multigrid, operator=self._operator)
         _sweep_by_nodes(ksp)
-        ksp.setErrorIfNotConverged(False)  # a poor step shows in its length, and in the residual that decides
+        ksp.setErrorIfNotConverged(False)  # a poor step leads to a short step length, and shows in the final residual
         goal = max(min(settings.loose * size, settings.share * lacking), settings.tight * size)
         ksp.setTolerances(rtol=0.0, atol=goal, divtol=1e30, max_it=settings.max_iterations)
         ksp.solve(self._rhs, self._w)
@@ -185,7 +185,7 @@ class _Condensed:
         blocks = np.einsum("iak,iab,ibl->ikl", self._frames, springs, self._frames)
         self._K.copy(self._stiffened, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         at = (self._stiffened.getOwnershipRange()[0] // 3 + self._nodes).astype(PETSc.IntType)[:, None]
-        if A.nodes:  # of no blocks, petsc4py divides by their number
+        if A.nodes:  # petsc4py divides by the number of blocks
             self._stiffened.setValuesBlockedRCV(at, at, blocks.reshape(-1, 9), addv=PETSc.InsertMode.ADD_VALUES)
         self._stiffened.assemble()
 
@@ -195,7 +195,7 @@ class _Condensed:
             thing.destroy()
 
     def _mult(self, w: PETSc.Vec, image: PETSc.Vec) -> None:
-        """(K + B^T C_d^-1 B) w and, by the part of C^-1 that C_d^-1 leaves out, the friction that follows pressure."""
+        """(K + B^T C_d^-1 B) w and, by the part of C^-1 that C_d^-1 leaves out, the pressure-dependent friction."""
         self._stiffened.mult(w, image)
         following = self._spring.follow(self._spring.uncoupled(self._gathered(w))[:, :1])
         self._x.array[:] = self._scaled.forces(following)
@@ -203,7 +203,7 @@ class _Condensed:
 
 
 class _Product:
-    """Context of a matrix that is a product; PETSc would call a method `destroy` of a richer one."""
+    """Context of a matrix that is a product; a separate class, since PETSc would call its method `destroy`."""
 
     def __init__(self, product: Callable[[PETSc.Vec, PETSc.Vec], None]):
         self._product = product

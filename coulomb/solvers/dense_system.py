@@ -18,8 +18,8 @@ from .scaled_compliance import ProductImages, ScaledCompliance
 class DenseSystem:
     """J_AM factorised (LU, scaled); on one rank, 3 m products to get A and (5 m)^3 work per step.
 
-    Slower than a Krylov method where that converges, and indifferent to the condition of A: rank-deficient problems
-    with slip bounds over many orders of magnitude are solved by this alone.
+    Slower than a Krylov method that converges, but independent of the condition of A: rank-deficient problems with
+    slip bounds over many orders of magnitude are solved only by this system.
     """
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
@@ -37,11 +37,11 @@ class _Dense(ProductImages):
     def solve(
         self, at: Linearization, r1: FloatArray, r2: FloatArray, weight: FloatArray, tolerance: float, cap: float
     ) -> NewtonStep:
-        """The step, as exact as rounding allows; weight, tolerance and cap do not matter."""
+        """The step to rounding accuracy; weight, tolerance and cap are not used."""
         J = augmented_matrix(self._A, at)
         rows = 1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=1))
         columns = 1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=0))
-        with warnings.catch_warnings():  # a singular matrix shows as a step that is not finite, and ends the start
+        with warnings.catch_warnings():  # a singular matrix gives a step that is not finite, which ends the start
             warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
             factors = scipy.linalg.lu_factor(rows[:, None] * J * columns, overwrite_a=True, check_finite=False)
         solution = columns * scipy.linalg.lu_solve(factors, rows * np.concatenate([r1.ravel(), r2.ravel()]))
@@ -52,7 +52,7 @@ class _Dense(ProductImages):
         return (self._A @ x.ravel()).reshape(x.shape)
 
     def destroy(self) -> None:
-        """Nothing of PETSc's to free."""
+        """There are no PETSc objects to free."""
 
 
 def augmented_matrix(A: FloatArray, at: Linearization) -> FloatArray:

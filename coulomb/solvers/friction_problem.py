@@ -29,7 +29,7 @@ class FrictionProblem:
         b: Free gap closure in metres, this rank's part, shape (3 m,), node by node (n, t1, t2).
         law: Bound of the friction force of every node.
         lower: Lower bound of the normal forces in newtons, a number or shape (m,); 0 for plain contact.
-        accept: The certificate that an answer must pass besides; None where the residual alone decides.
+        accept: The certificate that an answer must pass as well; None if only the residual decides.
 
     Raises:
         ValueError: On every rank, if shapes do not fit, a value is not finite, or a cohesion or coefficient of friction
@@ -103,7 +103,7 @@ class FrictionProblem:
 
     @cached_property
     def sloped(self) -> bool:
-        """Whether friction grows with pressure at any node of any rank: then the problem is no minimum."""
+        """Whether friction grows with pressure at any node of any rank: then the problem is not a minimisation."""
         return self.reductions.max(self.law.slope) > 0.0
 
     def slip_bound(self, x: FloatArray) -> FloatArray:
@@ -111,7 +111,7 @@ class FrictionProblem:
         return self.law.radius(x[0::3])
 
     def with_slip_bound(self, slip_bound: FloatArray) -> FrictionProblem:
-        """The Tresca problem with these slip bounds in newtons, shape (m,), judged by its residual alone."""
+        """The Tresca problem with these slip bounds in newtons, shape (m,), without certificate."""
         return FrictionProblem(self.A, self.b, FrictionLaw.tresca(slip_bound), self.lower)
 
     def gradient(self, x: FloatArray) -> FloatArray:
@@ -121,11 +121,11 @@ class FrictionProblem:
         return y - self.b
 
     def objective(self, x: FloatArray) -> float:
-        """1/2 x^T A x - b^T x in joules, least at the solution of a Tresca problem; one product by A."""
+        """1/2 x^T A x - b^T x in joules, minimal at the solution of a Tresca problem; one product by A."""
         return 0.5 * (self.reductions.dot(x, self.gradient(x)) - self.reductions.dot(x, self.b))
 
     def project(self, x: FloatArray) -> FloatArray:
-        """The point nearest to x (3 m,) under x_n >= lower and the law's bound at x_n; feasible in a Tresca problem."""
+        """The point nearest to x (3 m,) with x_n >= lower and the law's bound at x_n; feasible in a Tresca problem."""
         return self.law.project(x, x[0::3], self.lower)
 
     def residual(self, x: FloatArray, gradient: FloatArray | None = None) -> float:
@@ -133,7 +133,7 @@ class FrictionProblem:
 
         Args:
             x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
-            gradient: A x - b where it is known already; else it is computed, with one product.
+            gradient: A x - b if it is known; else it is computed with one product.
         """
         if gradient is None:
             gradient = self.gradient(x)
@@ -141,10 +141,10 @@ class FrictionProblem:
 
 
 def refuse_slope(problem: FrictionProblem, solver: str) -> None:
-    """Refuse a problem whose friction grows with pressure, on behalf of a solver of Tresca problems; collective.
+    """Refuse a problem whose friction grows with pressure, for solvers of Tresca problems; collective.
 
     Raises:
-        ValueError: On every rank, naming the solver and what to use instead.
+        ValueError: On every rank, with the solver and an alternative.
     """
     if problem.sloped:
         raise ValueError(
@@ -154,10 +154,10 @@ def refuse_slope(problem: FrictionProblem, solver: str) -> None:
 
 
 class Solver(Protocol):
-    """Anything that solves a problem with friction.
+    """Interface of the solvers.
 
-    `solve` raises NotConverged, carrying the result, if the residual stays above the tolerance, and ValueError, if it
-    cannot work with this law or compliance.
+    `solve` raises NotConverged, carrying the result, if the residual stays above the tolerance, and ValueError if it
+    does not support the law or the compliance.
     """
 
     @property
@@ -177,8 +177,8 @@ class Solver(Protocol):
         Args:
             problem: The problem.
             start: Forces in newtons, shape (3 m,), of a nearby problem.
-            gradient: A start - b in metres, shape (3 m,), where it is known.
-            tolerance: In place of the solver's own.
+            gradient: A start - b in metres, shape (3 m,), if it is known.
+            tolerance: Replaces the solver's tolerance.
             progress: Called after every step.
         """
         ...

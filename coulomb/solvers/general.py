@@ -40,7 +40,8 @@ def solve_tresca(
         The answer, x contact by contact.
 
     Raises:
-        ValueError: If A is not square, symmetric and made of blocks of three, or the rest does not fit to it.
+        ValueError: If A is not square, symmetric and made of blocks of three, or other arguments are inconsistent with
+            it.
         NotConverged: If the residual stays above the solver's tolerance.
     """
     compliance = _compliance(A)
@@ -50,14 +51,14 @@ def solve_tresca(
 
 
 def solve_coulomb(A: Any, b: Any, friction: Any, solver: Solver | None = None, *, cohesion: Any = 0.0) -> SolverResult:
-    """The same with slip_bound = cohesion + friction x_n at the solution.
+    """As `solve_tresca` with slip_bound = cohesion + friction x_n at the solution.
 
     Args:
         A: As for `solve_tresca`.
         b: As for `solve_tresca`.
         friction: Coefficient of every contact, >= 0; a number or shape (m,).
         solver: Automatic() by default; InteriorPoint() or SuccessiveTresca().
-        cohesion: Friction force that every contact bears without pressure, >= 0, in units of force; a number or (m,).
+        cohesion: Cohesion of every contact, >= 0, in units of force; a number or (m,).
 
     Raises:
         ValueError: As `solve_tresca`.
@@ -77,7 +78,7 @@ def _numbers(name: str, values: Any) -> FloatArray:
 
 
 def _for_each(name: str, values: Any, nodes: int) -> FloatArray:
-    """A number for every contact, or as given."""
+    """One number per contact."""
     numbers = _numbers(name, values)
     return np.full(nodes, float(numbers)) if numbers.ndim == 0 else numbers
 
@@ -96,7 +97,7 @@ def _compliance(A: Any) -> Compliance:
     size = matrix.norm(PETSc.NormType.FROBENIUS)
     (rows, columns), over = matrix.getSize(), Reductions(matrix.getComm().tompi4py())
     if rows != columns or not over.all(matrix.getLocalSize()[0] % 3 == 0):
-        raise ValueError(f"A must be square with three rows a contact on its rank, but is {rows} x {columns}")
+        raise ValueError(f"A must be square with three rows per contact on its rank, but is {rows} x {columns}")
     if not np.isfinite(size):
         raise ValueError("A has entries that are not finite")
     if not matrix.isSymmetric(1e-8 * size):
@@ -109,5 +110,5 @@ def _compliance(A: Any) -> Compliance:
 
 def _square(A: Any) -> Any:
     if A.ndim != 2 or A.shape[0] != A.shape[1] or A.shape[0] % 3 or A.shape[0] == 0:
-        raise ValueError(f"A must be square with three rows a contact, but has shape {A.shape}")
+        raise ValueError(f"A must be square with three rows per contact, but has shape {A.shape}")
     return A

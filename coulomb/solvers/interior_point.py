@@ -11,14 +11,14 @@ Software.  With slope the bound is differentiated like the other unknowns (linea
 and updated after it the iteration stalls.
 
 The step is taken along the curve x_n + alpha dx_n, y + alpha dy, not along the straight line in x_t, so that friction
-stays in proportion to pressure at a node that opens.  On the straight line y is lost there by division: steps block,
-or need a predictor solve and are twice as many.  The gradient along the curve, A x + alpha A dx + alpha^2 A (0, F dx_n
-dy), only serves to choose alpha: its last term is estimated from what is known of A.  Without slope curve and line are
-one, and that gradient is exact.
+stays proportional to pressure at a node that opens.  On the straight line y becomes inaccurate there by division: steps
+block, or need a predictor solve and are twice as many.  The gradient along the curve, A x + alpha A dx + alpha^2 A (0,
+F dx_n dy), is only used to choose alpha: its last term is computed with the low-rank approximation of A.  Without slope
+curve and line coincide, and the gradient is exact.
 
-Where a product is a solve with K, none of them needs to be exact.  Those of the Krylov method are as exact as the step
-asks, those of the iterates correct K^-1 B^T x to a part of its change, and errors do not add up
-(Compliance.mult_incremental).  Only the residual that decides is computed with a product as exact as can be.
+If a product is a solve with K, it need not be exact.  Products of the Krylov method have the accuracy that the step
+needs; those of the iterates correct K^-1 B^T x to a fraction of its change, and errors do not accumulate
+(Compliance.mult_incremental).  Only the final residual is computed with the most accurate product.
 
 Proved: for F = 0 this is PF for a convex problem.  CONVERGED means that the natural residual, computed afresh, is below
 the tolerance.  Observed (`coulomb benchmark friction --p 6 --p 10 --p 16`): 16 to 23 steps from a cold start to 1e-8
@@ -52,7 +52,7 @@ from .scaled_problem import Iterate, ScaledProblem
 
 @dataclass(frozen=True)
 class InteriorPoint:
-    """The interior-point method as a value: its fields are all its settings.  None needs tuning.
+    """The interior-point method as a value: its fields are all its settings; the defaults suit all problems measured.
 
     Attributes:
         tolerance: Natural residual at which to stop (`FrictionProblem.residual`).
@@ -69,18 +69,18 @@ class InteriorPoint:
             slope), CondensedSystem (K with springs in place of A) or DenseSystem (LU, for small problems).
         starts: theta of one cold start after the other, over rms(A x - b) there, until the steps do not block.
         blocked: A step shorter than this, three times in a row, ends a start that is not the last.
-        to_boundary: The part of the way to the boundary that a step may go.
+        to_boundary: Largest fraction of the distance to the boundary for a step.
         backtrack: The ratio of the step lengths tried.
-        gradient_share: With slope, the residual of a Newton system is at most this part of the gradient.
-        fresh: Where products are inexact, accuracy of A x at a new iterate, as a part of its change.
-        wait: With slope, or where products are inexact, sigma is at least this times the part of N(gamma, beta) that
-            the gradient takes up, so that theta waits for a gradient that does not fall as fast.
+        gradient_share: With slope, the residual of a Newton system is at most this fraction of the gradient.
+        fresh: If products are inexact, accuracy of A x at a new iterate relative to its change.
+        wait: With slope or inexact products, sigma is at least this times the gradient over its bound in N(gamma,
+            beta), so that theta does not decrease faster than the gradient.
         wait_max: The largest sigma for that reason.
         warm_floor: With slope, a start from given forces has x_n at least this many nominal forces inside,
         warm_inside: |y| at most this,
         warm_theta: and this theta, over rms(A x - b) there.
-        far: Without slope, a start from given forces begins on the central path of their projection; from this distance
-            from the solution on, in nominal forces, a cold start is as good and taken.
+        far: Without slope, a start from given forces begins on the central path of their projection; at larger
+            distances from the solution, in nominal forces, a cold start is used.
 
     Raises:
         ValueError: If a constant is outside its bounds.
@@ -137,7 +137,7 @@ class InteriorPoint:
     ) -> SolverResult:
         """Solve a problem with friction; arguments and errors as those of `Solver.solve`.
 
-        Where steps block from `start`, the cold starts follow.  `history` has an InteriorPointStep per Newton step.
+        If steps from `start` block, the cold starts follow.  `history` has an InteriorPointStep per Newton step.
         """
         products = problem.A.products
         goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
@@ -153,7 +153,7 @@ class InteriorPoint:
         return result
 
     def _smallest(self, problem: FrictionProblem, goal: Goal) -> SolverResult | None:
-        """The smallest force that the bounds allow, if that is the answer: there is no path to follow then."""
+        """The smallest feasible force, if it is the answer: then there is no path to follow."""
         x = problem.project(np.zeros_like(problem.b))
         gradient = problem.gradient(x) if problem.reductions.max(np.abs(x)) > 0.0 else -problem.b
         residual = problem.residual(x, gradient)
@@ -165,13 +165,13 @@ class InteriorPoint:
         )
 
     def centring(self, alpha: float, used: float = 0.0) -> float:
-        """sigma after a step of length alpha, with the gradient at a part `used` of its bound in N(gamma, beta)."""
+        """sigma after a step of length alpha, with the gradient at a fraction `used` of its bound in N(gamma, beta)."""
         sigma = min(max((1.0 - alpha) ** 2, self.sigma_min), self.sigma_max)
         return max(sigma, min(self.wait * used, self.wait_max))
 
 
 class Step(NamedTuple):
-    """A step on its curve: v(alpha), and the Krylov iterations it took to find."""
+    """A step on its curve: v(alpha), and its Krylov iterations."""
 
     v: Iterate
     dx_n: FloatArray
@@ -214,7 +214,7 @@ def newton_step(
 def step_length(
     settings: InteriorPoint, scaled: ScaledProblem, step: Step, beta: float, sigma: float
 ) -> tuple[float, Iterate | None]:
-    """The largest step that stays in N(gamma, beta) and decreases theta; None if none longer than 1e-10 will do."""
+    """The largest step that stays in N(gamma, beta) and decreases theta; None if it is below 1e-10."""
     v = step.v
     theta = scaled.theta(v.nu, scaled.slack(v.x_n, v.y))
     alpha = min(1.0, settings.to_boundary * scaled.distance_to_boundary(v, step.dx_n, step.dy, step.dnu))
@@ -233,7 +233,7 @@ def step_length(
 
 
 class _Path:
-    """A problem, followed from one start after another."""
+    """The solution of a problem from one start after another."""
 
     def __init__(
         self, settings: InteriorPoint, problem: FrictionProblem, goal: Goal, progress: ProgressCallback | None
@@ -246,8 +246,8 @@ class _Path:
     def follow(self, start: FloatArray | None, gradient: FloatArray | None) -> SolverResult:
         """One start after another, each farther inside, until the steps do not block.
 
-        A start too near the boundary for how far it is from equilibrium has its steps blocked, and recovers slowly or
-        never; a start far inside costs a few steps more.
+        If a start is far from equilibrium and too close to the boundary, its steps are blocked, and it recovers slowly
+        or never; a start far inside costs a few more steps.
         """
         results: list[SolverResult] = []
         starts, v = list(self._settings.starts), None if start is None else self._warm(start, gradient)
@@ -266,7 +266,7 @@ class _Path:
         return replace(best, newton_steps=len(self._history), history=tuple(self._history))
 
     def _centred(self, x_n: FloatArray, y: FloatArray, relative_theta: float) -> Iterate:
-        """These forces, and centred multipliers with theta so many times rms(A x - b)."""
+        """These forces, and centred multipliers with a multiple of rms(A x - b) as theta."""
         scaled = self._scaled
         A_x = self._newton.start(scaled.forces(x_n, y), self._settings.fresh)
         v = Iterate(x_n, y, np.zeros((scaled.nodes, 2)), A_x)
@@ -274,7 +274,7 @@ class _Path:
         return v._replace(nu=scaled.over_constraints(np.full_like(v.nu, theta), scaled.slack(x_n, y)))
 
     def _warm(self, start: FloatArray, gradient: FloatArray | None) -> Iterate | None:
-        """An iterate near the forces `start`, strictly inside; None if a cold start is as good."""
+        """An iterate near the forces `start`, strictly inside; None if a cold start is preferable."""
         settings, scaled = self._settings, self._scaled
         if scaled.sloped:
             x_n, y = scaled.inside(start, settings.warm_floor, settings.warm_inside)
@@ -309,9 +309,9 @@ class _Path:
             x = scaled.forces(new.x_n, new.y)
             v = new._replace(A_x=newton.advance(x, None if scaled.sloped else new.A_x, alpha, settings.fresh))
             theta, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), scaled.infeasibility(v)
-            # err is proportional to alpha, so that a blocked step looks like the end: the residual decides
+            # err is proportional to alpha, so a blocked step would look like convergence: the residual decides
             residual = problem.residual(*scaled.unscaled(v)[:2])
-            if residual <= goal.residual:  # A x may be inexact: decide by a product as exact as can be
+            if residual <= goal.residual:  # A x may be inexact: decide with the most accurate product
                 exact = v._replace(A_x=newton.exact_product(x))
                 forces, force_gradient, multipliers = scaled.unscaled(exact)
                 residual = problem.residual(forces, force_gradient)

@@ -25,16 +25,16 @@ from .results import (
     check_constants,
 )
 
-_PATIENCE = 1000  # steps without a better residual once the certificate has refused an answer
+_PATIENCE = 1000  # steps without a better residual after the certificate has refused an answer
 _ON_CIRCLE = 1.0 - 1e-13  # a projected point lies on its circle up to rounding
 
 
 @dataclass(frozen=True)
 class Split:
-    """The gradient at x, split into what may change freely and what may leave its constraint.
+    """The gradient at x, split into its parts on free and on active unknowns.
 
     Attributes:
-        free: Components of free unknowns, shape (m, 3): a bound that is not touched, a disc point inside its circle.
+        free: Components of free unknowns, shape (m, 3): inactive bounds, points inside their disc.
         phi: Free gradient, the gradient on free unknowns and 0 on active ones, shape (m, 3).
         beta: Chopped gradient on active ones, 0 on free ones, shape (m, 3); phi + beta = 0 exactly at the solution.
     """
@@ -119,7 +119,9 @@ class KPRGP:
                 x, gradient, split = self._projected(qp, x - a * split.beta.ravel(), a)
                 p = split.phi
             residual = qp.residual(x, gradient)
-            if residual <= goal.residual and kind == "cg":  # the gradient was updated: judge by a fresh product
+            if (
+                residual <= goal.residual and kind == "cg"
+            ):  # the gradient was updated: compute the residual with a fresh product
                 gradient = qp.gradient(x)
                 residual = qp.residual(x, gradient)
             reached = goal.reached(residual, x)
@@ -162,9 +164,9 @@ class KPRGP:
 
 
 def norm_of(qp: FrictionProblem, precision: float = 1e-2, most: int = 100) -> float:
-    """|A|, its largest eigenvalue, by the power method, in metres per newton; a product a step.
+    """|A|, its largest eigenvalue, by the power method, in metres per newton; one product per step.
 
-    Rounded up by the precision asked for: a step of 1.9/|A| must stay below 2/|A|.
+    Increased by the requested precision: a step of 1.9/|A| must stay below 2/|A|.
     """
     over = qp.reductions
     v: FloatArray = np.random.default_rng([1913, qp.A.comm.rank]).standard_normal(qp.b.shape)
@@ -202,7 +204,7 @@ def _feasible_step(qp: FrictionProblem, x: FloatArray, p: FloatArray, free: npt.
 
 
 def _multipliers(qp: FrictionProblem, x: FloatArray, gradient: FloatArray) -> FloatArray:
-    """Multipliers of the bounds and of the discs in metres, shape (m, 2), as the gradient shows them."""
+    """Multipliers of the bounds and of the discs in metres, shape (m, 2), from the gradient."""
     v, r = x.reshape(-1, 3), gradient.reshape(-1, 3)
     bound = np.where(v[:, 0] > qp.lower, 0.0, np.maximum(r[:, 0], 0.0))
     size = np.hypot(v[:, 1], v[:, 2])

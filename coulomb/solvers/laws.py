@@ -34,7 +34,7 @@ class FrictionLaw:
 
     @staticmethod
     def tresca(slip_bound: FloatArray) -> FrictionLaw:
-        """Given slip bounds in newtons, shape (m,), whatever the pressure."""
+        """Given slip bounds in newtons, shape (m,), independent of pressure."""
         return FrictionLaw(slip_bound, np.zeros_like(slip_bound))
 
     @staticmethod
@@ -43,7 +43,7 @@ class FrictionLaw:
         return FrictionLaw(np.zeros_like(friction), friction)
 
     def name(self, over: Reductions) -> str:
-        """Whose law it is over all ranks, one of `LAWS`: Coulomb's without cohesion, Tresca's without friction."""
+        """Name of the law over all ranks, one of `LAWS`: Coulomb's without cohesion, Tresca's without friction."""
         if over.max(self.cohesion) <= 0.0:
             return "coulomb"
         return "mohr-coulomb" if over.max(self.friction) > 0.0 else "tresca"
@@ -68,11 +68,11 @@ class FrictionLaw:
         return bound
 
     def scaled(self, force: FloatArray | float) -> FrictionLaw:
-        """The same law in units of a force, one number or one per node, shape (m,), where normal forces have it too."""
+        """The law in units of a force, one number or one per node, shape (m,), for forces in the same units."""
         return FrictionLaw(self.cohesion / force, self.friction)
 
     def project(self, x: FloatArray, x_n: FloatArray, lower: float | FloatArray = 0.0) -> FloatArray:
-        """The point nearest to x under x_n' >= lower and |x_t| <= r(x_n), node by node.
+        """The point nearest to x with x_n' >= lower and |x_t| <= r(x_n), node by node.
 
         Args:
             x: Forces in newtons, shape (3 m,), node by node (n, t1, t2).
@@ -108,7 +108,7 @@ class FrictionLaw:
     ) -> float:
         """|x - P(x - (A x - b)/a)| / |x|, P the projection with r(x_n) of x itself; 0 exactly at a solution.
 
-        inf for x = 0 where that is no solution.
+        inf for x = 0 if that is not a solution.
 
         Args:
             x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).

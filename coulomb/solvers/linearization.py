@@ -6,8 +6,8 @@ At a node, with y = x_t/r inside the unit disc, h = nu2/r, slope F = dr/dx_n, k 
     [J21  -D22 ] [dnu] = [r2]     J12 dnu = (-dnu1, y dnu2),  J21 dx = (-dx_n, y dx_t - k dx_n)
 
 J21 is the derivative of the constraints -z.  Without slope C is diag(0, h, h), J12 the transpose of J21, and the system
-the paper's J_AM; with the multipliers eliminated, A + C + J12 D22^-1 J21 is J_SC.  With slope it is unsymmetric by the
-two terms that dx_n sends to the tangential rows, -h F y and -y k/D22_2; no tangential unknown acts on the normal row.
+the paper's J_AM; with the multipliers eliminated, A + C + J12 D22^-1 J21 is J_SC.  With slope it is unsymmetric due to
+the two terms of dx_n in the tangential rows, -h F y and -y k/D22_2; no tangential unknown acts on the normal row.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ class Linearization(NamedTuple):
 class NodalInverse:
     """(diag(D) + C + J12 D22^-1 J21)^-1, node by node: the normal unknown first, then the pair that follows it.
 
-    The pair's block is that of the disc; what the normal unknown does to it, h F y + y k/D22_2, is kept apart, so that
-    nothing cancels as D22 -> 0.
+    The pair's block is that of the disc; its coupling to the normal unknown, h F y + y k/D22_2, is kept separate to
+    avoid cancellation as D22 -> 0.
 
     Args:
         at: The linearisation.
@@ -94,12 +94,12 @@ class NodalInverse:
         self._drag, self._widen = (at.h * at.slope)[:, None] * at.y, (at.k * at.frictional)[:, None]
 
     def __call__(self, r: FloatArray) -> FloatArray:
-        """On r (m, 3, ...)."""
+        """The inverse applied to r (m, 3, ...)."""
         z = self.uncoupled(r)
         return z + self.follow(z[:, :1])
 
     def uncoupled(self, r: FloatArray) -> FloatArray:
-        """The same without what the normal unknown does to the pair: symmetric."""
+        """The inverse without the coupling of the pair to the normal unknown: symmetric."""
         at, D22 = self._at, like(self._at.D22, r)
         z = np.empty_like(r)
         z[:, 0] = r[:, 0] * D22[:, 0] / (1.0 + like(self._normal, r)[:, 0] * D22[:, 0])
@@ -108,7 +108,7 @@ class NodalInverse:
         return z
 
     def follow(self, dx_n: FloatArray) -> FloatArray:
-        """What dx_n (m, 1, ...) adds to dx_t, shape (m, 3, ...)."""
+        """Contribution of dx_n (m, 1, ...) to dx_t, shape (m, 3, ...)."""
         at, pair, S = self._at, like(self._pair, dx_n), like(self._S, dx_n)
         y, D22 = like(at.y, dx_n), like(at.D22, dx_n)
         dx_t = disc_inverse(pair, y, D22[:, 1:], S, like(self._drag, dx_n) * dx_n)
@@ -125,7 +125,7 @@ def like(values: FloatArray, r: FloatArray) -> FloatArray:
 def disc_inverse(D: FloatArray, y: FloatArray, d22: FloatArray, S: FloatArray, r: FloatArray) -> FloatArray:
     """(D + y y^T / d22)^-1 r on the tangential pairs, (m, 2, ...), with S = d22 + y^T D^-1 y.
 
-    Sherman and Morrison's D^-1 - D^-1 y y^T D^-1 / S, with the difference multiplied out so that nothing cancels as
+    Sherman and Morrison's D^-1 - D^-1 y y^T D^-1 / S, with the difference expanded to avoid cancellation as
     d22 -> 0: (d22 D^-1 + w w^T / det D) / S, where w = (-y2, y1).
     """
     w = np.stack([-y[:, 1], y[:, 0]], axis=1)

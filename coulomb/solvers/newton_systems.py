@@ -1,21 +1,22 @@
 """The linear system of a path-following step, and its preconditioners (Kucera, Machalova, Netuka, Zencak).
 
-A step eliminates dz and leaves, with every contact node carrying its two multipliers (linearization.py),
+A step eliminates dz and leaves, with two multipliers per contact node (linearization.py),
 
     [J11   J12 ] [dx ]   [r1]
     [J21  -D22 ] [dnu] = [r2]
 
-J_AM is this matrix, P_AM the same with A replaced by its diagonal; J_SC and P_SC are their Schur complements
-J11 + J12 D22^-1 J21 and D11 + J12 D22^-1 J21.  Both preconditioners are nodal.  With a rank, diag(rest) + U U^T, learnt
-from the products of earlier steps (low_rank.py), stands in place of diag(A): what Theorem 1 says of P_AM and P_SC holds
-of it word for word, and the eigenvalues that are not 1 lie closer together.
+J_AM is this matrix, P_AM the same with A replaced by its diagonal; J_SC and P_SC are their Schur complements J11 + J12
+D22^-1 J21 and D11 + J12 D22^-1 J21.  Both preconditioners are nodal.  With a rank, diag(rest) + U U^T from the products
+of earlier steps (low_rank.py) replaces diag(A): Theorem 1 holds for it as well, and the eigenvalues that are not 1 are
+closer together.
 
 Without slope J_SC is positive definite and J_AM symmetric; both are solved by CG.  CG on J_AM, started at dx = 0,
 dnu = -D22^-1 r2, is CG on J_SC (Theorem 1 and what follows it): the second block of the residual is zero at the start
 and stays so, and on such residuals P_AM^-1 acts as P_SC^-1.
 
 With slope J_SC is unsymmetric and solved by FGMRES, preconditioned from the right.  P is triangular by nodal blocks,
-plus U U^T: J_SC P^-1 - 1 = (A - rest - U U^T) P^-1, so P is as good as the stand-in for A, whatever friction does.
+plus U U^T: J_SC P^-1 - 1 = (A - rest - U U^T) P^-1, so the quality of P is that of the approximation of A, independent
+of friction.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from .linearization import Linearization, NodalInverse, disc_inverse, like
 from .scaled_compliance import ProductImages, ScaledCompliance
 
 ROUNDING = 1e-15
-"""A residual of a Krylov method this small, as a part of the right-hand side, is rounding in double precision."""
+"""Relative residual of a Krylov method at the level of rounding errors in double precision."""
 
 
 class NewtonStep(NamedTuple):
@@ -46,7 +47,7 @@ class NewtonStep(NamedTuple):
 
 
 class NewtonSystem(Protocol):
-    """Solves the system of one step after another; made once for a problem."""
+    """Solves the systems of all steps; made once per problem."""
 
     def start(self, x: FloatArray, tolerance: float) -> FloatArray:
         """A x of the first iterate x (m, 3), to a relative accuracy."""
@@ -57,14 +58,14 @@ class NewtonSystem(Protocol):
 
         Args:
             x: Shape (m, 3).
-            predicted: A x + alpha A dx where the step is straight: good enough where products are exact.
+            predicted: A x + alpha A dx for a straight step: sufficient if products are exact.
             alpha: Step length.
-            tolerance: Accuracy of a product, as a part of the change.
+            tolerance: Accuracy of a product relative to the change.
         """
         ...
 
     def exact_product(self, x: FloatArray) -> FloatArray:
-        """A x as exact as can be, shape (m, 3): what the residual that decides is computed with."""
+        """The most accurate A x, shape (m, 3), for the final residual."""
         ...
 
     def solve(
@@ -76,23 +77,23 @@ class NewtonSystem(Protocol):
             at: The linearisation.
             r1: Shape (m, 3).
             r2: Shape (m, 2).
-            weight: W, of the rows, shape (m, 3); 1 where no node has a slope.
+            weight: W, of the rows, shape (m, 3); 1 if no node has a slope.
             tolerance: Relative tolerance.
             cap: Absolute tolerance.
         """
         ...
 
     def estimate(self, x: FloatArray) -> FloatArray:
-        """A x (m, 3) from what is known of A, without a product."""
+        """Approximate A x (m, 3), without a product."""
         ...
 
     def destroy(self) -> None:
-        """Free what it holds of PETSc."""
+        """Free its PETSc objects."""
         ...
 
 
 class NewtonChoice(Protocol):
-    """Which Newton system to use, as a value."""
+    """Choice of the Newton system, as a value."""
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
         """The system for a problem.
@@ -102,7 +103,7 @@ class NewtonChoice(Protocol):
             sloped: Whether friction grows with pressure anywhere.
 
         Raises:
-            ValueError: On every rank, if it cannot work with this compliance or law.
+            ValueError: On every rank, if it does not support the compliance or the law.
         """
         ...
 
@@ -113,7 +114,7 @@ class SchurComplementSystem:
 
     Attributes:
         rank: Columns of U, the low-rank approximation of A in the preconditioner; 0 is the paper's P_SC.
-        product: Where a product is a solve: its accuracy is the tolerance of the step, kept between these two.
+        product: Bounds of the accuracy of a product that is a solve; within them it is the tolerance of the step.
     """
 
     rank: int = 100
@@ -244,7 +245,7 @@ class _Augmented(_Krylov):
         r1, r2 = r[:, :3], r[:, 3:]
         z = np.empty_like(r)
         z[:, 3:] = (at.J21(r1 / D) - r2) / S22
-        # dx = (r1 - J12 dnu) / D11 would cancel where a constraint is active (D22 -> 0), and CG stall: multiplied out
+        # dx = (r1 - J12 dnu) / D11 would cancel for an active constraint (D22 -> 0), and CG would stall: expanded
         z[:, 0] = (D22[:, 0] * r1[:, 0] - r2[:, 0]) / (D[:, 0] * S22[:, 0])
         y = like(at.y, r)
         z[:, 1:3] = disc_inverse(D[:, 1:], y, D22[:, 1:], S22[:, 1:], r1[:, 1:])

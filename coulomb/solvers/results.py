@@ -1,4 +1,4 @@
-"""What a solver returns: a status, the answer, and a record of its steps."""
+"""Results of solvers: status, answer, and a record of the steps."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Status(Enum):
 
 
 def check_constants(owner: object, bounds: Iterable[tuple[str, bool, str]]) -> None:
-    """Refuse a solver's constant that is outside its bounds.
+    """Refuse solver constants outside their bounds.
 
     Args:
         owner: The solver, a value with its constants as fields.
-        bounds: For every constant its name, whether its bound holds, and what it must be.
+        bounds: For every constant its name, whether its bound holds, and the bound as text.
 
     Raises:
-        ValueError: Naming solver, constant, bound and value.
+        ValueError: With solver, constant, bound and value.
     """
     for name, holds, must in bounds:
         if not holds:
@@ -42,15 +42,16 @@ Accept = Callable[[FloatArray], bool]
 
 
 class Goal:
-    """When a solver may stop: its residual is small enough, and the certificate passes.
+    """Stopping criterion: the residual is small enough, and the certificate passes.
 
-    The natural residual measures gaps by the mean compliance of the contact nodes.  Where soft springs hold the body,
-    that compliance is the springs', and gaps that are large compared with the deformation are small in the residual:
-    then `accept` refuses the answer, and is called again each time the residual has halved, and once more at the end.
+    The natural residual measures gaps by the mean compliance of the contact nodes.  If the body is held by soft
+    springs, their compliance dominates, and gaps that are large compared with the deformation are small in the
+    residual: then `accept` refuses the answer, and is called again each time the residual has halved, and once more at
+    the end.
 
     Args:
         tolerance: Residual to reach.
-        accept: The certificate; None where the residual alone decides.
+        accept: The certificate; None if only the residual decides.
 
     Attributes:
         tolerance: Residual to reach.
@@ -66,7 +67,7 @@ class Goal:
 
     @property
     def patience(self) -> int:
-        """Steps of path following without a better residual after which to give up."""
+        """Path-following steps without a better residual after which the solver gives up."""
         return 5 if self.refused else 20
 
     def reached(self, residual: float, x: FloatArray) -> bool:
@@ -79,21 +80,21 @@ class Goal:
         return self._reached
 
     def verdict(self, residual: float, x: FloatArray, otherwise: Status) -> Status:
-        """The one place where CONVERGED is assigned; collective.
+        """The final status; CONVERGED is assigned only here; collective.
 
         Args:
             residual: The problem's own residual at the answer, computed afresh by the problem.
             x: The answer's forces.
-            otherwise: Why the solver stopped, if residual or certificate do not agree.
+            otherwise: The status if residual or certificate do not pass.
         """
         if not residual <= self.tolerance:
             return otherwise
         return Status.CONVERGED if self._reached or self._accept is None or self._accept(x) else otherwise
 
     def missed(self, residual: float) -> str:
-        """Why an answer is not CONVERGED, in words."""
+        """Reason why an answer is not CONVERGED."""
         if self.refused and residual <= self.tolerance:
-            return "below the tolerance, but the certificate does not pass"
+            return "below the tolerance, but the certificate fails"
         return f"above the tolerance {self.tolerance:.1e}"
 
 
@@ -149,17 +150,17 @@ class ActiveSetStep(QPStep):
 
 @dataclass(frozen=True)
 class OuterStep:
-    """One Tresca problem of the fixed point.
+    """One Tresca problem of successive Tresca.
 
     Attributes:
         iteration: Number of the Tresca problem, from 1.
         residual: Coulomb residual of its answer.
         change: |r(x_n) - g| / max(|r(x_n)|, |g|), how far the slip bound still changes.
-        contraction: How much closer the map g -> r(x_n(g)) brings the last two g, |change of r| / |change of g|;
+        contraction: Contraction factor of the map g -> r(x_n(g)) for the last two g, |change of r| / |change of g|;
             nan for the first.
-        slope: The same along the change of g, with its sign: negative where the map overshoots; nan for the first.
-        damping: The part of r(x_n) - g that is added to the next g, in (0, 1].
-        inner_tolerance: Residual asked of the Tresca problem.
+        slope: Signed factor along the change of g: negative if the map overshoots; nan for the first.
+        damping: The fraction of r(x_n) - g added to g, in (0, 1].
+        inner_tolerance: Tolerance of the Tresca problem.
         path_following: Newton steps.
         products: Products by A.
         krylov: CG iterations.
@@ -191,13 +192,13 @@ class SolverResult:
         slip_bound: Bound of friction of every node in newtons, shape (m,): r(x_n), or g of the last Tresca problem.
         multipliers: Lagrange multipliers of the bounds and of the discs in metres, shape (m, 2).
         status: How the solver ended.
-        outer_steps: Tresca problems solved in succession; 0 of a solver that has none.
-        newton_steps: Newton steps of the interior-point method, of all Tresca problems where there are several.
-        products: Products by A, all of them.
+        outer_steps: Number of Tresca problems of successive Tresca; 0 for other solvers.
+        newton_steps: Newton steps of the interior-point method, over all Tresca problems.
+        products: Total products by A.
         residual: Natural residual of the problem, recomputed at the end with a fresh product.
-        history: One record per Newton step or step of KPRGP; of successive Tresca, one per Tresca problem.
+        history: One record per Newton step or step of KPRGP; for successive Tresca, one per Tresca problem.
         method: The solver's name.
-        contraction: Of successive Tresca, the measured factor of the map g -> r(x_n(g)); nan if not measured.
+        contraction: For successive Tresca, the measured factor of the map g -> r(x_n(g)); nan if not measured.
         message: What was observed, if it did not converge.
     """
 
@@ -216,7 +217,7 @@ class SolverResult:
     message: str = ""
 
     def steps(self, kind: StepKind) -> int:
-        """KPRGP's steps of a kind; 0 of other solvers."""
+        """KPRGP's steps of a kind; 0 for other solvers."""
         return sum(isinstance(step, ActiveSetStep) and step.kind == kind for step in self.history)
 
 
@@ -230,7 +231,7 @@ class NotConverged(RuntimeError):
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a solve stands, for a progress display: outer step, PF step, and the residual reached."""
+    """Progress of a solve, for a display: outer step, PF step, and the residual reached."""
 
     outer: int
     path_following: int
@@ -242,4 +243,4 @@ class Progress:
 
 
 ProgressCallback = Callable[[Progress], bool | None]
-"""Called on every rank after every step; a true answer, the same on every rank, ends the solve as INTERRUPTED."""
+"""Called on every rank after every step; a true result, the same on every rank, ends the solve as INTERRUPTED."""

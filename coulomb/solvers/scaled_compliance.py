@@ -9,7 +9,7 @@ from ..linalg.compliance import Compliance
 
 
 class ScaledCompliance:
-    """A~ = W A W / a for forces x = s W x~: all that a Newton system needs to know of A.  Arrays are (m, 3).
+    """A~ = W A W / a for forces x = s W x~: the interface of A for Newton systems.  Arrays are (m, 3).
 
     Args:
         A: The compliance.
@@ -48,7 +48,7 @@ class ScaledCompliance:
 
 
 class ProductImages:
-    """How a Newton system that works by products with A gets A x of the iterates: from products of their own.
+    """A x of the iterates for Newton systems that use products by A.
 
     The methods are those of `NewtonSystem`.
 

@@ -14,7 +14,7 @@ opposes.  All slacks are forces, all multipliers displacements.  Without slope t
 
 s is a nominal nodal force: the multiple of equal pressure on all nodes that minimises the objective.  W is 1 on normal
 forces; on friction it is min(c/s, 1) where the law has no slope, so that small discs become unit discs: the gradient of
-a node then weighs as much as its force can do work, and slip bounds spread over many orders of magnitude cost no more
+a node is then weighted by the work that its force can do, and slip bounds over many orders of magnitude need no more
 steps than equal ones.  Where the law has a slope, the rows are weighted by min(r, 1) of the iterate instead (`weight`).
 """
 
@@ -149,15 +149,15 @@ class ScaledProblem:
         )
 
     def weight(self, x_n: FloatArray) -> FloatArray:
-        """Rows as they can do work, shape (m, 3): 1 for gaps, min(r, 1) for slips, which is 1 where there is no slope;
-        open nodes get no weight where friction is in proportion to pressure."""
+        """Weights of the rows, shape (m, 3): 1 for gaps, min(r, 1) for slips, which is 1 where there is no slope;
+        open nodes get no weight if friction is proportional to pressure."""
         t = np.minimum(self.law.radius(x_n), 1.0)
         return np.column_stack([np.ones(self.nodes), t, t])
 
     def distance_to_boundary(self, v: Iterate, dx_n: FloatArray, dy: FloatArray, dnu: FloatArray) -> float:
         """Largest alpha with x_n + alpha dx_n >= lower, |y + alpha dy| <= 1, nu + alpha dnu >= 0; inf if there is none.
 
-        On a disc, of which room = 1 - |y|^2 is left, it is the positive root in the form that does not cancel.
+        On a disc with room = 1 - |y|^2, it is the positive root, computed without cancellation.
         """
         room = 1.0 - np.sum(v.y**2, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -223,7 +223,7 @@ class ScaledProblem:
         d, d_t = D[:, 0], D[:, 1]
         above = q[:, 0] - self.lower
         root = np.sqrt(above**2 + 4.0 * theta / d)
-        with np.errstate(divide="ignore", invalid="ignore"):  # the form of the root that does not cancel
+        with np.errstate(divide="ignore", invalid="ignore"):  # the root without cancellation
             t = np.where(above > 0.0, 0.5 * (above + root), 2.0 * theta / d / (root - above))
         x_n = self.lower + t
         r, size = self.law.radius(x_n), np.hypot(q[:, 1], q[:, 2])

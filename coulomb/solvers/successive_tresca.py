@@ -1,4 +1,5 @@
-"""Successive Tresca problems, g <- r(x_n) = c + F x_n, until the residual of the problem itself is small enough."""
+"""Successive Tresca problems, g <- r(x_n) = c + F x_n, until the residual of the problem with friction is small
+enough."""
 
 from __future__ import annotations
 
@@ -29,21 +30,23 @@ from .results import (
 
 @dataclass(frozen=True)
 class SuccessiveTresca:
-    """Fixed point g <- r(x_n(g)), started with the cohesion alone; every Tresca problem starts from the last answer.
+    """Fixed-point iteration g <- r(x_n(g)) (Panagiotopoulos), started with the cohesion; every Tresca problem starts
+    from the last answer.
 
     Attributes:
-        tolerance: residual at which to stop.
+        tolerance: Residual at which to stop.
         qp_solver: Solver of the Tresca problems.
-        inner_precision: Residual asked of a Tresca problem, as a part of the last residual, in (0, 1).
-        memory: Differences kept by Anderson's acceleration; 0 is the plain iteration.
-        damping: The part of r(x_n) - g to go along, in (0, 1]; None chooses it by the measured slope of the map: on a
-            wedge of slope s, where plain iteration has the factor -F/s, 1/(1 + F/s).
+        inner_precision: Tolerance of a Tresca problem relative to the last residual, in (0, 1).
+        memory: Differences kept by Anderson acceleration; 0 is the plain iteration.
+        damping: The fraction of r(x_n) - g added to g, in (0, 1]; None chooses it by the measured slope of the map: on
+            a wedge of slope s, where plain iteration has the factor -F/s, 1/(1 + F/s).
         max_iterations: Tresca problems before the solver gives up.
         patience: Tresca problems without a better change of g after which the iteration is called stagnated.
-        turns: So many changes of g in a row, each against the one before and none the smallest, are an oscillation.
-        growth: A slip bound that grew so many times in a row, to this multiple of the first, diverges.
+        turns: Number of successive changes of g, each opposite to the one before and none the smallest, that are called
+            an oscillation.
+        growth: Number of successive increases of the slip bound, and multiple of the first, that are called divergence.
         least_damping: Smallest damping chosen by the measured slope.
-        near: Acceleration waits for changes of g below this: farther off, points have nothing in common.
+        near: Acceleration starts at changes of g below this: before, the map is too far from linear.
 
     Raises:
         ValueError: If a constant is outside its bounds.
@@ -88,7 +91,7 @@ class SuccessiveTresca:
             problem: The problem.
             start: Forces in newtons, shape (3 m,), whose r(x_n) is the first g; by default the cohesion.
             gradient: Not needed.
-            tolerance: In place of the field.
+            tolerance: Replaces the field.
             progress: Called after every step of the Tresca solver.
 
         Returns:
@@ -96,7 +99,7 @@ class SuccessiveTresca:
 
         Raises:
             NotConverged: With the best answer, if the residual stays above the tolerance: STAGNATED,
-                OSCILLATING, DIVERGED or MAX_ITERATIONS, with what was seen and what to try.
+                OSCILLATING, DIVERGED or MAX_ITERATIONS, with a diagnosis and advice.
         """
         over, A = problem.reductions, problem.A
         products = A.products
@@ -161,7 +164,7 @@ class SuccessiveTresca:
             old_g, old_wanted = g, wanted
             if history[-1].change > self.near or (len(history) > 1 and history[-1].change > history[-2].change):
                 anderson.restart()
-            g = self._without_dust(np.maximum(anderson.next(g, misfit, damping), 0.0), g, over)
+            g = self._without_negligible(np.maximum(anderson.next(g, misfit, damping), 0.0), g, over)
         assert best is not None
         _, last, g = best
         residual = problem.residual(last.x)
@@ -196,7 +199,7 @@ class SuccessiveTresca:
         """A Tresca problem from the last answer and, if that fails, from a cold start.
 
         Returns:
-            Its answer, the steps and Krylov iterations of both, and what went wrong, if anything.
+            Its answer, the steps and Krylov iterations of both, and an error message or nothing.
         """
 
         def report(p: Progress) -> bool | None:
@@ -222,26 +225,26 @@ class SuccessiveTresca:
                 break
         return result, steps, krylov, trouble
 
-    def _without_dust(self, wanted: FloatArray, g: FloatArray, over: Reductions) -> FloatArray:
-        """The next slip bound: nodes that carry next to nothing get none, and keep it while that stays so.
+    def _without_negligible(self, wanted: FloatArray, g: FloatArray, over: Reductions) -> FloatArray:
+        """The next slip bound: 0 at nodes with a negligible bound, as long as it stays negligible.
 
-        A node that opens leaves x_n of the size of the tolerance, of no meaning.  Its friction would be dust, its disc
-        a point.  A node dropped must come back ten times stronger: nodes going in and out make a cycle of their own.
+        A node that opens has a remaining x_n of the size of the tolerance, whose friction is negligible and whose disc
+        degenerates.  A removed node must return with ten times the limit, to avoid cycles of removal and return.
         """
-        dust = 1e-2 * self.tolerance * over.max(wanted)
-        return np.where(wanted > np.where(g > 0.0, dust, 10.0 * dust), wanted, 0.0)
+        negligible = 1e-2 * self.tolerance * over.max(wanted)
+        return np.where(wanted > np.where(g > 0.0, negligible, 10.0 * negligible), wanted, 0.0)
 
     def _diagnosis(self, history: list[OuterStep], sizes: list[float], turns: list[float]) -> Status | None:
-        """What goes wrong, judged by how far the slip bound still moves; None while there is hope."""
+        """Failure status from the changes of the slip bound; None while it may converge."""
         changes = [step.change for step in history]
         first = next((size for size in sizes if size > 0.0), math.inf)
         times, multiple = self.growth
         grown = len(sizes) > times and sizes[-1] > multiple * first
         if grown and all(new > 1.1 * old for old, new in pairwise(sizes[-times - 1 :])):
             return Status.DIVERGED
-        if _settles_not(changes, self.turns) and all(turn < -0.5 for turn in turns[-self.turns :]):
+        if _not_decreasing(changes, self.turns) and all(turn < -0.5 for turn in turns[-self.turns :]):
             return Status.OSCILLATING
-        if _settles_not(changes, self.patience):
+        if _not_decreasing(changes, self.patience):
             return Status.STAGNATED
         return None
 
@@ -251,7 +254,7 @@ def _cosine(v: FloatArray, w: FloatArray, over: Reductions) -> float:
 
 
 def _ratio(part: float, whole: float) -> float:
-    """part / whole, and 0 of nothing."""
+    """part / whole, 0 if whole is 0."""
     return part / whole if whole > 0.0 else 0.0
 
 
@@ -268,18 +271,18 @@ def _measure(
     return over.norm(image) / size, over.dot(dg / size, image / size)
 
 
-def _settles_not(changes: list[float], count: int) -> bool:
-    """Whether none of the last `count` changes is clearly smaller than those before."""
+def _not_decreasing(changes: list[float], count: int) -> bool:
+    """Whether none of the last `count` changes is significantly smaller than those before."""
     return len(changes) > count and min(changes[-count:]) > 0.9 * min(changes[:-count])
 
 
 def _message(goal: Goal, result: SolverResult, why: str) -> str:
-    """What was seen, and what to try."""
+    """Diagnosis and advice."""
     residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-4:])
     advice = {
-        Status.OSCILLATING: "the slip bound swings between two states; damping=None or memory > 0 damps it",
-        Status.DIVERGED: "the slip bound runs away: friction locks the body, or none of the states near is one of rest",
-        Status.STAGNATED: "the slip bound does not settle; try InteriorPoint, in a case file method = interior-point",
+        Status.OSCILLATING: "the slip bound oscillates between two states; use damping=None or memory > 0",
+        Status.DIVERGED: "the slip bound diverges: friction locks the body, or there is no equilibrium nearby",
+        Status.STAGNATED: "the slip bound does not converge; try InteriorPoint, in a case file method = interior-point",
         Status.INTERRUPTED: "",
         Status.MAX_ITERATIONS: "more Tresca problems (max_iterations), or InteriorPoint (method = interior-point)",
     }[result.status]
