@@ -28,7 +28,7 @@ class Judged:
     Attributes:
         contact_force: The forces with exact zeros (`settled`), newtons, shape (3 m,).
         displacement: In metres, this rank's nodes, shape (k, 3).
-        certificate: Of both.
+        certificate: Their certificate.
     """
 
     contact_force: FloatArray
@@ -70,12 +70,12 @@ class Acceptance:
         if result.status is Status.INTERRUPTED or not result.residual <= tolerance:
             return failure
         certificate = self.answer(result.x).certificate
-        remedies = ["a look at the units of lengths, forces and stiffnesses"]
+        remedies = ["a check of the units of lengths, forces and stiffnesses"]
         if Reductions(problem.comm).max(problem.elasticity.spring) > 0.0:
-            remedies.insert(0, "a clamp or stiffer springs in place of those that let the body move as a whole")
+            remedies.insert(0, "a clamp or stiffer springs, to prevent the rigid motion")
         if problem.body.stiffness_solver.tolerance > 0.0:
             remedies.insert(0, 'K factorised (linear_solver = "direct")')
-        said = f"{failure}; what does not pass: {what_fails(certificate)}; what may help: {', or '.join(remedies)}"
+        said = f"{failure}; failing conditions: {what_fails(certificate)}; what may help: {', or '.join(remedies)}"
         return NotConverged(said, result)
 
 
@@ -84,8 +84,8 @@ def left_open(certificate: Certificate, tolerance: float) -> str:
     if certificate.passed or tolerance <= CERTIFIED_FROM:
         return ""
     return (
-        f"the tolerance asked for, {tolerance:g}, is reached and leaves open: {what_fails(certificate)}; with "
-        f"{CERTIFIED_FROM:g}, the default, or less a run goes on until the certificate passes"
+        f"the tolerance {tolerance:g} is reached, but these conditions fail: {what_fails(certificate)}; with "
+        f"{CERTIFIED_FROM:g}, the default, or less a run continues until the certificate passes"
     )
 
 

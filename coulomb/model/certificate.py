@@ -1,10 +1,10 @@
 """The certificate: an independent check of an answer, from `Evidence` alone, not from the solver.
 
 The slip and the remaining gap come from the displacement, the equilibrium from a new assembly of the internal forces.
-Neither the matrix K nor products by A take part; of A, its mean diagonal is the scale of the natural residual.
+Neither the matrix K nor products by A are used; the mean diagonal of A is the scale of the natural residual.
 
-Every measure is relative to a natural scale of the problem, so that steel in newtons and metres and rubber in newtons
-and millimetres are judged alike.  Forces: the largest component of a nodal contact force.  Displacements: twice the
+Every measure is relative to a natural scale of the problem, so that the result does not depend on
+units and materials.  Forces: the largest component of a nodal contact force.  Displacements: twice the
 elastic energy over half the sum of all nodal forces, the mean displacement along which forces do work.  A rigid motion
 does not change it: a clamp that moves the body by a metre does not loosen any limit.
 
@@ -29,13 +29,13 @@ LIMIT = 1e-6
 
 ANGLE_LIMIT = 0.1
 """Limit in degrees of the angle between slip and friction, where the slip is at least 1e-3 of the scale of
-displacements and the friction 1e-2 of its largest: there an error of LIMIT turns the slip by less."""
+displacements and the friction 1e-2 of its largest: there an error of LIMIT rotates the slip by less."""
 
 EPSILON = 2.0**-52
-"""Of double precision."""
+"""Rounding unit of double precision."""
 
 ROUNDING = 1e8
-"""No scale is less than this many times what rounding does: a hundred times that is within LIMIT."""
+"""No scale is less than this multiple of the rounding error, so that a hundred rounding errors are within LIMIT."""
 
 SMALLEST = 1e-290
 """Scales below this, or above its inverse, have lost digits to underflow, or are near to overflow."""
@@ -88,7 +88,7 @@ class Certificate:
 
 def judge(e: Evidence) -> Certificate:
     """Check an answer by its evidence alone; collective."""
-    with np.errstate(all="ignore"):  # what overflows is named in the certificate
+    with np.errstate(all="ignore"):  # overflow is reported in the certificate
         return _judge(e, Reductions(e.comm))
 
 
@@ -106,14 +106,14 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     pressing, friction, sliding = force[:, 0], np.hypot(force[:, 1], force[:, 2]), np.hypot(slip[:, 0], slip[:, 1])
     g_scale = over.max(g)
     early_slip = over.max(sliding * np.maximum(g - friction, 0.0))
-    # Where no friction is allowed, what there is of it is rounding, and the cone's to judge.
+    # Where no friction is allowed, friction is a rounding error or a violation of the cone.
     compared = (sliding > 1e-3) & (friction > 1e-2 * over.max(friction)) & (g > 0.0)
     across = np.abs(force[:, 1] * slip[:, 1] - force[:, 2] * slip[:, 0])[compared]
     along = (force[:, 1] * slip[:, 0] + force[:, 2] * slip[:, 1])[compared]
     angle = over.max(np.degrees(np.arctan2(across, along)))
     held = (e.displacement - e.prescribed)[e.fixed] / scales.length
     balance, drift = _rigid_motions(e, spring, np.sum(outer, axis=0), scales, over)
-    remaining = np.column_stack([e.gap - e.closure[:, 0], -e.closure[:, 1:]])  # what A x - b must be
+    remaining = np.column_stack([e.gap - e.closure[:, 0], -e.closure[:, 1:]])  # A x - b
     residual = FrictionLaw.tresca(e.bound).natural_residual(e.force.ravel(), remaining.ravel(), e.compliance, over)
     deepest = _worst(over.max(e.closure[:, 0] - e.gap), 0.0)
 
@@ -144,7 +144,7 @@ class _Scales:
     """Scales of the measures.
 
     Attributes:
-        force: Largest component of the contact force of a node, newtons; 0 where there is none.
+        force: Largest component of the contact force of a node, newtons; 0 without contact forces.
         length: Mean displacement of the forces that deform the body, metres.
         nodal: Norm of the largest of internal forces, loads, springs and contact forces, newtons.
         turnover: Sum of the outer forces of all nodes, newtons.
@@ -203,14 +203,14 @@ def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
 def _rigid_motions(
     e: Evidence, spring: FloatArray, outer: FloatArray, scales: _Scales, over: Reductions
 ) -> tuple[float, float]:
-    """How far three forces and three moments are from balance; and, where clamps do not hold, against the springs.
+    """Imbalance of three forces and three moments; for free rigid motions, relative to the springs.
 
-    A rigid motion makes no internal force: where it moves no clamp, nothing but the springs keeps the body from it, and
-    springs may carry a millionth of the internal forces.  So the forces that go with such a motion are compared with
-    those that the springs exert on it, or would where the body moves by the scale of displacements.
+    A rigid motion causes no internal force.  If no prescribed displacement prevents it, only the springs do, and their
+    forces may be a millionth of the internal forces.  So the forces along such a motion are compared with those of the
+    springs, or with those that they would have for a motion by the scale of displacements.
 
     Returns:
-        Largest of six sums over the sum of all forces; largest imbalance of a free motion over what its springs carry.
+        Largest of six sums over the sum of all forces; largest imbalance of a free motion over its spring forces.
     """
     count = over.sum(float(len(e.x)))
     r = e.x - np.array([over.sum(axis) for axis in e.x.T]) / count
@@ -240,7 +240,7 @@ def _rigid_motions(
 
 
 def _lengths(vectors: FloatArray) -> FloatArray:
-    """Of vectors (k, 3), safe from overflow and underflow of the squares."""
+    """Norms of vectors (k, 3) without overflow or underflow of squares."""
     lengths: FloatArray = np.hypot(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])
     return lengths
 
@@ -251,5 +251,5 @@ def _worst(*values: float) -> float:
 
 
 def _ratio(value: float, scale: float) -> float:
-    """A measure over its scale, which is 0 only where the measure is."""
+    """A measure over its scale, which is 0 only if the measure is."""
     return value / (scale or 1.0)

@@ -29,7 +29,7 @@ from .friction import FrictionModel
 
 @dataclass(frozen=True)
 class Contact:
-    """Which face may touch which foundation, and its law of friction |x_t| <= c a + F x_n, a the area of a node.
+    """A contact face, its foundation and its law of friction |x_t| <= c a + F x_n, a the area of a node.
 
     Coulomb's law has friction F alone, Mohr-Coulomb's friction and cohesion c, Tresca's slip_stress in place of both: a
     cohesion alone.  A cohesion resists slip, not opening, and acts on open nodes too.
@@ -42,15 +42,15 @@ class Contact:
         face: Name of the contact face.
         friction: Coefficient of friction F >= 0, constant or a function of place; or two, along `direction` and across;
             or `SlipRateFriction`, or any `VariableFriction` of place, time and slip rate.
-        slip_stress: Tresca friction: the shear stress in pascals at which the face slips, whatever the pressure;
+        slip_stress: Tresca friction: the shear stress in pascals at which the face slips, independent of pressure;
             constant or a function of place.
         foundation: Rigid foundation; by default the plane of the face itself (gap 0).
-        normals: Whose normals the contact frames take, "foundation" or "body" (`contact_surface`).
-        motion: Translation of the foundation in the course of time, metres.
-        cohesion: Beside friction: the shear stress c >= 0 in pascals that the face bears without pressure, constant or
-            a function of place.
+        normals: Source of the normals of the contact frames, "foundation" or "body" (`contact_surface`).
+        motion: Translation of the foundation as a function of time, metres.
+        cohesion: In addition to friction: the shear stress c >= 0 in pascals that the face bears without pressure,
+            constant or a function of place.
         direction: Of orthotropic friction, a vector or a function of place; projected into the tangent plane of a node.
-        friction_amplitude: What friction is multiplied by in the course of time, >= 0.
+        friction_amplitude: Factor of friction as a function of time, >= 0.
 
     Raises:
         ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
@@ -146,15 +146,15 @@ class Contact:
 
 
 class ContactFaces:
-    """The contact faces of a body: their foundations at any time, and the surface that they make together.
+    """The contact faces of a body: their foundations at any time, and their common surface.
 
     Args:
         contacts: The faces.
         comm: The ranks.
-        foundations: Those of the contacts, by default; None is the face's own plane.
+        foundations: By default those of the contacts; None is the plane of the face.
 
     Attributes:
-        foundations: Where they were given, before any motion.
+        foundations: The foundations before any motion.
 
     Raises:
         ValueError: If there is none.
@@ -172,7 +172,7 @@ class ContactFaces:
         self.foundations = [contact.foundation for contact in contacts] if foundations is None else foundations
 
     def against(self, foundations: Sequence[RigidFoundation]) -> ContactFaces:
-        """The same faces against other foundations."""
+        """The same faces with other foundations."""
         return ContactFaces(self._contacts, self._comm, foundations)
 
     def motions(self, time: float) -> FloatArray:
@@ -185,7 +185,7 @@ class ContactFaces:
         return motions
 
     def surface(self, elasticity: Elasticity, motions: FloatArray) -> ContactSurface:
-        """Nodes, frames and gaps with the foundations moved so far; collective."""
+        """The contact surface with moved foundations; collective."""
         moved = [Moved(f, m) if f and np.any(m) else f for f, m in zip(self.foundations, motions, strict=True)]
         faces = zip(self._contacts, moved, strict=True)
         return joined(elasticity, [contact_surface(elasticity, c.face, f, c.normals, c.axes) for c, f in faces])

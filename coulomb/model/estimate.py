@@ -1,6 +1,6 @@
 """Estimates of memory and time before a run, by formulas fitted to measurements of the block.
 
-    coulomb benchmark estimates --p 8 --p 16 --p 24         # estimated and measured, side by side
+    coulomb benchmark estimates --p 8 --p 16 --p 24         # estimated and measured
 
 With n displacement and m contact unknowns.  Nested dissection of a body in 3D fills the factor with n^(4/3) numbers and
 takes n^2 operations.  The Schur complement on the contact nodes is a dense matrix m x m and takes m^3 more.  Multigrid
@@ -24,28 +24,28 @@ from .machine import SAME, Slowness
 from .problem import ContactProblem
 
 # bytes
-_BASE = 1.4e8  # of a rank before there is a mesh: Python, DOLFINx, PETSc
-_BODY = 2.5e3  # a displacement unknown: mesh, K, multigrid, fields
-_MULTIGRID = 600.0  # a displacement unknown: K in blocks, the last solutions
+_BASE = 1.4e8  # per rank without a mesh: Python, DOLFINx, PETSc
+_BODY = 2.5e3  # per displacement unknown: mesh, K, multigrid, fields
+_MULTIGRID = 600.0  # per displacement unknown: K in blocks, the last solutions
 _FACTOR = 215.0  # over n^(4/3): the factor of K by MUMPS
-_FRONTS = 260.0  # the same by nested dissection, and what fronts leave to others
+_FRONTS = 260.0  # the same by nested dissection, including memory of fronts not yet reused
 _DENSE = 12.0  # over m^2: the Schur complement and the inverse of its factor
 
-# seconds on one core of the machine that the law was measured on (machine.py)
+# seconds on one core of the reference machine (machine.py)
 _START = 1.0  # Python, DOLFINx, PETSc
-_STEP = 0.14  # a load step, whatever its size: files, rows, sums
+_STEP = 0.14  # per load step of any size: files, rows, sums
 _FIELDS = 3e-5  # over n: assembly, certificate, output
 _FACTORISE = 7e-10  # over n^2
 _COMPLEMENT = 2.7e-11  # over m^3: the Schur complement and its factor
 _DENSE_STEPS = 1e-7  # over m^2: path following with A formed
-_FACTOR_STEPS = 4e-6  # over n^(4/3): path following where a product is a solve with the factor
-_MULTIGRID_STEPS = 9e-6  # over n^1.2: path following where it is a multigrid solve
-_SPEED_UP = 0.75  # of ranks, as a power: 1.7 on two
+_FACTOR_STEPS = 4e-6  # over n^(4/3): path following if a product is a solve with the factor
+_MULTIGRID_STEPS = 9e-6  # over n^1.2: path following if it is a multigrid solve
+_SPEED_UP = 0.75  # exponent of the speed-up over ranks: 1.7 on two
 
-_PICTURE = (1.3, 5e-6)  # picture.png: to begin with, and over n
+_PICTURE = (1.3, 5e-6)  # picture.png: constant, and over n
 _FRAME = (0.3, 5e-6)  # the same of a frame of a film, after the first
 
-_SQUAT = 1.7  # slenderness of the block of the benchmarks, of which the law of multigrid steps was measured
+_SQUAT = 1.7  # slenderness of the benchmark block, on which the multigrid steps were measured
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,11 @@ class Estimate:
     """Expected memory and time, within a factor of two for the block and similar bodies.
 
     Attributes:
-        memory: Bytes, of all ranks together.
-        seconds: Of a single run, start and output included, a core for each rank; without pictures.
-        seconds_a_step: Of every further load step, for which K is factorised already.
-        picture: Of a picture, on one core.
-        frame: Of a frame of a film.
+        memory: Bytes, over all ranks.
+        seconds: Time of a single run with start and output, one core per rank, without pictures.
+        seconds_a_step: Time of every further load step, with K already factorised.
+        picture: Time of a picture, on one core.
+        frame: Time of a frame of a film.
     """
 
     memory: float
@@ -76,16 +76,16 @@ def estimate(
     slenderness: float = _SQUAT,
     slowness: Slowness = SAME,
 ) -> Estimate:
-    """Of a problem with so many unknowns, solved in this way.
+    """Estimate for numbers of unknowns and methods.
 
     Args:
         displacement: Displacement unknowns, over all ranks.
         contact: Contact unknowns, over all ranks.
-        ranks: How many.
+        ranks: Number of ranks.
         linear_solver: The solver for K.
         explicit: Whether A is formed.
         slenderness: Width of the contact face over the thickness of the body behind it, see `slenderness`.
-        slowness: Of this machine.
+        slowness: Slowness of this machine.
     """
     n, m = float(displacement), float(contact)
     memory = _BASE * ranks + _BODY * n
@@ -110,7 +110,7 @@ def estimate(
 
 
 def estimate_of(problem: ContactProblem, slowness: Slowness = SAME) -> Estimate:
-    """Of a problem that is set up, and not solved yet; collective."""
+    """Estimate for a problem; collective."""
     size = problem.unknowns
     return estimate(
         size["displacement"],
@@ -138,7 +138,7 @@ def refuse_too_large(problem: ContactProblem) -> None:
     """Compare what the problem needs with the memory that is free, on every node; collective.
 
     Raises:
-        ValueError: On every rank, if some node has too little; says what is needed, what there is, and what would fit.
+        ValueError: On every rank, if a node has too little, with the required and free memory and what would fit.
     """
     comm, size = problem.comm, problem.unknowns
     n, m = size["displacement"], size["contact"]
@@ -162,12 +162,12 @@ def refuse_too_large(problem: ContactProblem) -> None:
     advice = f"take {' or '.join(would)}" if would else f"by multigrid {most} displacement unknowns would fit"
     raise ValueError(
         f"too little memory: {n} displacement and {m} contact unknowns ({way}) need about {gigabytes(needed)}, and "
-        f"{gigabytes(fits)} are free; {advice}, a coarser mesh, or a larger machine; --force tries all the same"
+        f"{gigabytes(fits)} are free; {advice}, a coarser mesh, or a larger machine; --force tries nevertheless"
     )
 
 
 def refuse_too_many_cells(cells: tuple[int, int, int], comm: MPI.Comm) -> None:
-    """The same of a box that has not been made yet, by what any method needs; collective.
+    """As `refuse_too_large` for a box before its mesh is made, with the minimum for any method; collective.
 
     Raises:
         ValueError: On every rank.
@@ -178,21 +178,21 @@ def refuse_too_many_cells(cells: tuple[int, int, int], comm: MPI.Comm) -> None:
         raise ValueError(
             f"too little memory: a mesh of {cells[0]} x {cells[1]} x {cells[2]} cells has {3 * nodes} displacement "
             f"unknowns, which need at least {gigabytes(needed)}, and {gigabytes(fits)} are free; take fewer cells "
-            "(mesh.cells) or a larger machine; --force tries all the same"
+            "(mesh.cells) or a larger machine; --force tries nevertheless"
         )
 
 
 def refuse_uncountable(cells: tuple[int, int, int]) -> None:
-    """The same of a box whose unknowns PETSc has no numbers for, whatever the memory.
+    """Refuse a box with more unknowns than PETSc's integers can number.
 
     Raises:
-        ValueError: With how many there are.
+        ValueError: With their number.
     """
     unknowns, most = 3 * (cells[0] + 1) * (cells[1] + 1) * (cells[2] + 1), int(np.iinfo(PETSc.IntType).max)
     if unknowns > most:
         raise ValueError(
             f"too many unknowns: a mesh of {cells[0]} x {cells[1]} x {cells[2]} cells has {unknowns} displacement "
-            f"unknowns, and this PETSc counts to {most}; take fewer cells (mesh.cells)"
+            f"unknowns, and the integers of this PETSc reach {most}; take fewer cells (mesh.cells)"
         )
 
 
@@ -201,7 +201,7 @@ def gigabytes(size: float) -> str:
 
 
 def _share_of_node(comm: MPI.Comm) -> float:
-    """The part of all ranks that runs on this rank's node; collective."""
+    """The fraction of all ranks that runs on this rank's node; collective."""
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
     here: int = node.size
     node.Free()

@@ -37,7 +37,7 @@ class Evidence:
         closure: Displacement of the contact nodes along n, and their slip along t1, t2, shape (m, 3).
         gap: Before deformation, shape (m,).
         bound: Slip bound of the law at these forces, shape (m,).
-        rounding: Nodal forces that rounding the displacement may make (`rounding_forces`), shape (k, 3).
+        rounding: Nodal forces due to rounding of the displacement (`rounding_forces`), shape (k, 3).
         compliance: Mean diagonal of A, metres per newton.
     """
 

@@ -34,7 +34,7 @@ def _available(path: Path) -> float | None:
 
 
 def _rooms(root: Path, path: str, limit: str, usage: str, cached: str) -> list[float | None]:
-    """Of a group and those it is in: the limit, less what is used and not just cached files.
+    """Free bytes of a group and its parents: limit minus used memory without cached files.
 
     Inside a container, its own group may be at the root.
     """

@@ -38,7 +38,7 @@ def gather_evidence(
         x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2) of its surface.
         u: Displacement in metres, this rank's nodes, shape (k, 3).
         compliance: Mean diagonal of A, metres per newton.
-        before: What the load step before has left; None where slip counts from the state's `slip_origin`.
+        before: End of the load step before; None if slip is measured from the state's `slip_origin`.
     """
     elasticity, surface = body.elasticity, state.surface
     slip_rate = np.zeros(len(u))
@@ -49,11 +49,11 @@ def gather_evidence(
 
     number = np.full(len(u), -1)
     number[nodes] = np.arange(len(nodes))
-    judged = number[surface.nodes]  # the rows of the solver's contact points among those that are judged
+    judged = number[surface.nodes]  # the solver's contact points among those of the evidence
     known = judged >= 0
 
     def taken(vectors: FloatArray, axes: FloatArray) -> FloatArray:
-        """Space vectors at the solver's contact points, along axes at those that are judged; 0 where it has none."""
+        """Space vectors at the solver's contact points as components at those of the evidence; 0 elsewhere."""
         there = np.zeros((len(nodes), 3))
         np.add.at(there, judged[known], vectors[known])
         components: FloatArray = np.einsum("kij,kj->ki", axes, there)
@@ -95,11 +95,11 @@ def gather_evidence(
 def _face(
     body: ContactBody, number: int, time: float, before: Before | None, slip_rate: FloatArray
 ) -> tuple[npt.NDArray[np.int32], FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Of a contact face, the nodes that are not prescribed along their normal; collective.
+    """The nodes of a contact face that are not prescribed along their normal; collective.
 
     Returns:
         Their numbers among this rank's nodes; frames, shape (m, 3, 3); gap in metres; cohesion in newtons and friction,
-        as the contact was given; and the foundation's displacement in this step in metres, shape (m, 3).
+        of the contact; and the foundation's displacement in this step in metres, shape (m, 3).
     """
     contact, elasticity, comm = body.contacts[number], body.elasticity, body.comm
     nodes = elasticity.nodes(contact.face, "contact")
@@ -110,7 +110,7 @@ def _face(
         return here, here - evaluate_motion(contact.motion, before.time, what) if before else np.zeros(3)
 
     here, moved = on_all_ranks(way, "", comm)
-    foundation, place = body.foundations[number], elasticity.x[nodes] - here  # seen by the foundation at rest
+    foundation, place = body.foundations[number], elasticity.x[nodes] - here  # relative to the foundation
     if contact.normals == "body":
         outward = elasticity.nodal_normal(contact.face)[nodes]
         n = outward / np.linalg.norm(outward, axis=1)[:, None]

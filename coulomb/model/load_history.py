@@ -44,7 +44,7 @@ class LoadHistory:
         times: Ends of the steps, increasing, after `start`.
         start: Start time of the history.
         tolerance: Residual at which the solver of a step stops.
-        solver: In place of the default, as for `ContactProblem.solve`.
+        solver: Replaces the default, as for `ContactProblem.solve`.
         halvings: Maximum number of halvings of a failing step.
 
     Raises:
@@ -71,10 +71,10 @@ class LoadHistory:
     def steps(
         self, problem: ContactProblem, state: State | None = None, progress: ProgressCallback | None = None
     ) -> Iterator[LoadStep]:
-        """One step after another, from a state (by default from the beginning); collective.
+        """Compute the steps one by one, from a state (by default from the beginning); collective.
 
         Raises:
-            StepFailed: If a step fails however often it is halved, or is interrupted.
+            StepFailed: If a step fails after all halvings, or is interrupted.
         """
         state = state or self.beginning(problem)
         halved = 0
@@ -85,7 +85,7 @@ class LoadHistory:
             except NotConverged as failure:
                 posed = self._posed(problem, state, time)
                 if failure.result.status is Status.INTERRUPTED:
-                    text = f"interrupted in the load step from {state.time:g} s to {time:g} s, which is given up"
+                    text = f"interrupted in the load step from {state.time:g} s to {time:g} s, which is discarded"
                     raise StepFailed(text, failure.result, posed) from None
                 middle = 0.5 * (state.time + time)
                 halved += 1
@@ -111,7 +111,7 @@ class LoadHistory:
     ) -> Solution:
         posed = self._posed(problem, state, time)
         start = None
-        if state.number > 0:  # from the forces before, in the frames of now
+        if state.number > 0:  # the forces before, in the present frames
             start = -posed.surface.force_components(state.force_on_body).ravel()
         return posed.solve(self.tolerance, self.solver, progress, start)
 
@@ -144,7 +144,7 @@ class LoadHistory:
 
 
 class Recorder(Protocol):
-    """Keeps the steps of a load history as they are taken, on disk or elsewhere."""
+    """Stores the steps of a load history as they are computed, on disk or elsewhere."""
 
     def recording(self, problem: ContactProblem, beginning: State) -> AbstractContextManager[State]:
         """Open for the steps of a problem; collective.
@@ -154,12 +154,12 @@ class Recorder(Protocol):
             beginning: The state from which a new history begins.
 
         Returns:
-            The state to go on from: `beginning`, or that of the last step recorded before.
+            The state from which to continue: `beginning`, or that of the last recorded step.
         """
         ...
 
     def record(self, step: LoadStep) -> None:
-        """Keep a step; collective."""
+        """Store a step; collective."""
         ...
 
 

@@ -15,7 +15,7 @@ from ..linalg.reductions import Reductions
 from .nodal_answer import NodalAnswer
 from .solution import Solution
 
-_IMBALANCE = 0.25  # of the energy of friction
+_IMBALANCE = 0.25  # of the energy dissipated by friction
 _OF_ALL = 1e-3  # of all energy
 
 
@@ -28,7 +28,7 @@ class Energy:
         prescribed: Work of the reactions at prescribed displacements.
         foundation: Work that the moving foundation does on the body.
         elastic: Elastic energy of the body and its springs.
-        dissipated: By friction.
+        dissipated: Energy dissipated by friction.
     """
 
     loads: float = 0.0
@@ -54,8 +54,8 @@ class Energy:
         if abs(self.imbalance) <= small:  # False for nan
             return ""
         return (
-            f"the energies do not add up, by {self.imbalance:.2g} J beside {self.dissipated:.2g} J of friction: take "
-            "more load steps, and let loads, clamps and motions that jump grow from 0 (amplitude)"
+            f"the energies do not add up, by {self.imbalance:.2g} J compared with {self.dissipated:.2g} J of friction: use "
+            "more load steps, and ramp loads, prescribed displacements and motions from 0 (amplitude)"
         )
 
     def after(
@@ -70,11 +70,11 @@ class Energy:
         """The energy at the end of a step; collective.
 
         Args:
-            then: At its beginning.
-            now: At its end.
+            then: Values at its beginning.
+            now: Values at its end.
             fixed: Which components of this rank's nodes are prescribed, shape (k, 3).
             foundation: Work of the moving foundation on the body in the step, joules.
-            dissipated: By friction in the step, joules.
+            dissipated: Energy dissipated by friction in the step, joules.
             over: The ranks.
         """
         change = now.displacement - then.displacement
@@ -93,8 +93,8 @@ class Forces:
     """Displacement and forces at this rank's k nodes at one time, shapes (k, 3); metres and newtons.
 
     Attributes:
-        displacement: Of the nodes.
-        load: Of tractions and body force.
+        displacement: Displacement.
+        load: Load of tractions and body force.
         kept: Internal forces of the stress, and minus the forces of the springs.
         on_body: Contact forces on the body.
     """
@@ -110,9 +110,9 @@ class Moment:
     """The end of a load step.
 
     Attributes:
-        number: Of the step, from 1; 0 before the first.
-        time: When.
-        energy: Since the start of the history.
+        number: Number of the step, from 1; 0 before the first.
+        time: Its time.
+        energy: Energies since the start of the history.
     """
 
     number: int
@@ -159,7 +159,7 @@ class State(Moment):
 
 @dataclass(frozen=True)
 class LoadStep:
-    """One step that has been taken.
+    """A completed load step.
 
     Attributes:
         solution: The solution at its end; `solution.problem` has the loads at that time.
@@ -173,7 +173,7 @@ class LoadStep:
 
     @property
     def row(self) -> dict[str, Any]:
-        """Its figures, in the order of the columns of a table of steps; collective."""
+        """Its figures, in the order of the columns of history.csv; collective."""
         result, certificate = self.solution.result, self.solution.certificate
         return row(
             NodalAnswer.of(self.solution).numbers(),
@@ -191,10 +191,10 @@ def row(
     """The figures of a step, by name.
 
     Args:
-        numbers: What follows from its contact nodes (`NodalAnswer.numbers`).
-        at: Its number, its end, and the energy since the start of the history.
+        numbers: Figures of its contact nodes (`NodalAnswer.numbers`).
+        at: Its number, time, and energies.
         steps: Path-following steps.
-        residual: Of its problem.
+        residual: Residual of its problem.
         certified: Whether its certificate passed.
         valid: Whether its answer counts.
     """

@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-_DENSE, _MEMORY, _PYTHON = 0.0091, 0.0212, 0.0031  # seconds of the three measures on that machine, one core of it
+_DENSE, _MEMORY, _PYTHON = 0.0091, 0.0212, 0.0031  # seconds of the three measures on one core of the reference machine
 
 
 @dataclass(frozen=True)

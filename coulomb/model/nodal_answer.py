@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from .solution import Solution
 
 OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
-"""Status of a node in contact.xdmf; HELD: on the contact face, but clamped, so no contact node (all fields 0)."""
+"""Status of a node in contact.xdmf; HELD: on the contact face, but with prescribed displacement, so no contact node
+(all fields 0)."""
 
 OPEN_BELOW = 1e-9
 """A node is open if its normal force is at most this fraction of the largest; it is then exactly zero (`settled`)."""
@@ -45,10 +46,10 @@ class NodalAnswer:
             orthotropic.  Components along them are such that forces on the body are -B^T x and displacements B u.
         gap: Before deformation, shape (m,).
         area: In m^2, shape (m,).
-        slip_origin: Displacement from which slip counts, along n, t1, t2, shape (m, 3).
+        slip_origin: Displacement from which slip is measured, along n, t1, t2, shape (m, 3).
         displacement: Along n, t1, t2, shape (m, 3).
         force: Along n, t1, t2, shape (m, 3); x_n >= 0 presses.
-        slip_bound: The one that the solver used, shape (m,).
+        slip_bound: Slip bound used by the solver, shape (m,).
     """
 
     comm: MPI.Comm
@@ -66,7 +67,7 @@ class NodalAnswer:
 
     @staticmethod
     def of(solution: Solution) -> NodalAnswer:
-        """That of a solution."""
+        """From a solution."""
         problem, surface = solution.problem, solution.problem.surface
         return NodalAnswer(
             comm=problem.comm,
@@ -100,7 +101,7 @@ class NodalAnswer:
 
     @cached_property
     def cohesion(self) -> FloatArray:
-        """Shear stress in pascals that the nodes bear without pressure, shape (m,)."""
+        """Cohesion in pascals, shape (m,)."""
         cohesion: FloatArray = self.law.cohesion / self.area
         return cohesion
 
@@ -116,7 +117,7 @@ class NodalAnswer:
 
     @cached_property
     def slip(self) -> FloatArray:
-        """From `slip_origin`, space vectors in the tangent plane, shape (m, 3)."""
+        """Slip from `slip_origin`, space vectors in the tangent plane, shape (m, 3)."""
         slip = self.closure.copy()
         slip[:, 0] = 0.0
         return self._displacements(slip)
@@ -187,8 +188,8 @@ class NodalAnswer:
     def totals(self, part: int | None = None) -> dict[str, Any]:
         """Totals of the contact, or of one of its faces; newtons and metres; collective, the same on all ranks.
 
-        Force and moment (about the origin) are those on the body.  The centre of pressure is the mean place of the
-        normal forces, null without any.  Slip and dissipated energy count from `slip_origin`.
+        Force and moment (about the origin) are those on the body.  The centre of pressure is the mean position
+        of the normal forces, null without any.  Slip and dissipated energy are measured from `slip_origin`.
         """
         here = self.part == part if part is not None else np.ones(len(self.part), dtype=bool)
         over, force, x = Reductions(self.comm), self.force[here], self.x[here]
@@ -258,7 +259,7 @@ def law_numbers(law: FrictionLaw, area: FloatArray, frames: FloatArray, over: Re
 
     def number(values: FloatArray) -> float | dict[str, float]:
         least, largest = (float(f"{value:.15g}") for value in (over.min(values), over.max(values)))
-        same = largest - least <= 1e-12 * largest  # files have it rounded
+        same = largest - least <= 1e-12 * largest  # rounded in files
         return least if same else {"min": least, "max": largest}
 
     name, cohesion = law.name(over), number(law.cohesion / area)

@@ -44,27 +44,28 @@ class ContactProblem:
     Args:
         mesh: The body.
         material: Its material, or a mapping of cell groups to theirs.
-        clamps: Prescribed displacements; they and the springs must leave it no rigid motion.
+        clamps: Prescribed displacements (`Clamp`, `PrescribedDisplacement`); with the springs they must prevent every
+            rigid motion.
         contact: The contact face, its foundation and friction; or several, which share no node; their laws may differ.
         tractions: Surface loads.
         body_force: Force per volume in N/m^3.
         springs: Elastic supports.
-        body_force_amplitude: What it is multiplied by in the course of time.
-        time: The time at which loads, prescribed displacements and the foundation's place are taken.
+        body_force_amplitude: Factor of the body force as a function of time.
+        time: Time of loads, prescribed displacements and the foundation's position.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.  Needs the direct solver.
-        small_strain: Whether an answer outside the theory (`SmallStrain.violations`) does not count, "enforce", or is
-            worth a warning, "warn".
+        small_strain: Whether an answer outside the theory (`SmallStrain.violations`) does not count, "enforce", or
+            causes a warning, "warn".
 
     Attributes:
         body: The time-independent part: K, K^-1, A, contact faces and foundations.
         state: The state at one time: loads, gaps, frames, law of friction, slip origin.
-        small_strain: As given.
+        small_strain: The argument.
         seconds: Wall time of each phase so far.
         started: Date and time when it was set up.
 
     Raises:
-        ValueError: If the input does not make a problem, on every rank; the text says what would be right.
+        ValueError: On every rank, if the input is invalid, with a remedy.
     """
 
     def __init__(
@@ -95,16 +96,16 @@ class ContactProblem:
             self.state = self.body.state(time)
 
     def at(self, time: float, before: Before | None = None) -> ContactProblem:
-        """The problem at another time, body, K^-1 and A shared; collective.
+        """The problem at another time with the same body, K^-1 and A; collective.
 
         Args:
-            time: When.
+            time: The time.
             before: State after the load step before, from which slip is measured, moved with the foundation since;
                 by default slip is measured from the undeformed body.
 
         Raises:
-            ValueError: On every rank, if an amplitude or the motion has no value then, or the foundation has moved so
-                that other nodes than before can touch it.
+            ValueError: On every rank, if an amplitude or the motion has no value then, or the set of contact
+                nodes changes.
         """
         seconds: dict[str, float] = {}
         with timed(seconds, "assembly"):
@@ -132,7 +133,7 @@ class ContactProblem:
 
     @property
     def elasticity(self) -> Elasticity:
-        """K and what belongs to it."""
+        """K, loads and supports."""
         return self.body.elasticity
 
     @property
@@ -142,7 +143,7 @@ class ContactProblem:
 
     @property
     def foundations(self) -> tuple[RigidFoundation, ...]:
-        """Of all contact faces, where they were given; of a face without one, its own plane."""
+        """Foundations of all contact faces before any motion; by default the plane of the face."""
         return self.body.foundations
 
     @property
@@ -152,7 +153,7 @@ class ContactProblem:
 
     @property
     def time(self) -> float:
-        """The time at which loads, prescribed displacements and the foundation's place are taken."""
+        """Time of loads, prescribed displacements and the foundation's position."""
         return self.state.time
 
     @property
@@ -162,7 +163,7 @@ class ContactProblem:
 
     @property
     def motions(self) -> FloatArray:
-        """Translations of the foundations from where they were given, metres, shape (faces, 3)."""
+        """Translations of the foundations, metres, shape (faces, 3)."""
         return self.state.motions
 
     @property
@@ -172,7 +173,7 @@ class ContactProblem:
 
     @property
     def law(self) -> FrictionLaw:
-        """Of friction at this rank's contact points."""
+        """Law of friction at this rank's contact points."""
         return self.state.law
 
     @property
@@ -182,7 +183,7 @@ class ContactProblem:
 
     @cached_property
     def f(self) -> PETSc.Vec:
-        """Load in newtons, with the prescribed displacements built in; not to be changed."""
+        """Load in newtons, with the prescribed displacements included; must not be modified."""
         return self.elasticity.f(self.loading)
 
     @cached_property
@@ -215,7 +216,7 @@ class ContactProblem:
 
     @cached_property
     def _free_displacement(self) -> FloatArray:
-        """K^-1 f in metres, this rank's nodes, shape (k, 3): the body without contact."""
+        """K^-1 f in metres, this rank's nodes, shape (k, 3): the displacement without contact."""
         u, solver = self.elasticity.K.createVecRight(), self.body.stiffness_solver
         with timed(self.seconds, "displacement"):
             solver.solve(self.f, u)
@@ -263,7 +264,7 @@ class ContactProblem:
         Args:
             tolerance: Residual of the problem at which to stop, once the certificate passes; a
                 tolerance above 1e-8 ends the solver whether or not the certificate passes.
-            solver: In place of the default (and of its tolerance): Automatic (the default), InteriorPoint or
+            solver: Replaces the default (and its tolerance): Automatic (the default), InteriorPoint or
                 SuccessiveTresca; where no friction grows with pressure, also KPRGP.  Condensed Newton systems need
                 explicit=False.
             progress: Called after every step.
@@ -271,8 +272,8 @@ class ContactProblem:
                 (`interpolated_forces`).
 
         Raises:
-            NotConverged: If the residual stays above the tolerance, or the certificate does not pass however small the
-                residual; `solution(error.result)` has what there is.
+            NotConverged: If the residual stays above the tolerance, or the certificate fails for any residual
+                reached; `solution(error.result)` is the best answer.
         """
         problem = self.friction_problem  # K^-1, A and b are timed separately
         chosen = solver or Automatic(tolerance)
@@ -289,10 +290,10 @@ class ContactProblem:
         return answer
 
     def solution(self, result: SolverResult, acceptance: Acceptance | None = None) -> Solution:
-        """Displacement and certificate of a solver's result, converged or not; from `acceptance` where it has them."""
+        """Displacement and certificate of a solver's result, converged or not; from `acceptance` if it has them."""
         judged = (acceptance or Acceptance(self)).answer(result.x)
         x = judged.contact_force
-        g = np.where(self.slip_bound(x) > 0.0, result.slip_bound, 0.0)  # as the forces, exactly zero at open nodes
+        g = np.where(self.slip_bound(x) > 0.0, result.slip_bound, 0.0)  # exactly zero at open nodes, as the forces
         return Solution(self, x, judged.displacement, g, result, judged.certificate)
 
 

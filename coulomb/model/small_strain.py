@@ -62,7 +62,7 @@ class SmallStrain:
     Attributes:
         gap_error: Largest distance of a pressing node, where it has moved to, from the foundation as it is, over the
             mean displacement of the forces that deform the body (as in the certificate).
-        turn: Largest angle in degrees between the foundation's normals at a pressing node before and after.
+        turn: Largest angle in degrees between the foundation's normals at a node in contact before and after its displacement.
         slip_over_cell: Largest tangential displacement of a pressing node on a curved foundation, over the size of the
             cells there (square root of the nodal area).
         gradient: Largest norm of the displacement gradient in a cell: strain and rotation.
@@ -76,7 +76,9 @@ class SmallStrain:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Messages on measures above their limits, violations included; empty if there are none."""
-        return tuple(text for value, bound, text in self._measures() if not value <= bound.warn)  # nan is beyond
+        return tuple(
+            text for value, bound, text in self._measures() if not value <= bound.warn
+        )  # nan exceeds every bound
 
     @property
     def violations(self) -> tuple[str, ...]:
@@ -97,7 +99,7 @@ class SmallStrain:
             (
                 self.gap_error,
                 GAP_ERROR,
-                f"the foundation's curvature shows: pressing nodes are {self.gap_error:.0%} of the deformation off it "
+                f"the foundation's curvature matters: nodes in contact are {self.gap_error:.0%} of the deformation away from it "
                 "(smaller load, or smaller load steps with the foundation moved to its new place)",
             ),
             (self.turn, TURN, f"the foundation's normal turns by {self.turn:.1f} degrees under a moving node"),
@@ -132,7 +134,7 @@ def small_strain(
 
     Args:
         at_nodes: The answer at the contact nodes.
-        foundations: That of each contact face, where it is at this time.
+        foundations: Foundation of each contact face at this time.
         body: The body.
         u: Displacement in metres, this rank's nodes, shape (k, 3).
     """

@@ -31,7 +31,7 @@ class Solution:
         displacement: In metres, this rank's nodes, shape (k, 3).
         slip_bound: The g in newtons that the solver used, shape (m,).
         result: Status, residual and counts of the solver.
-        certificate: Whether it solves the equations of small strains.
+        certificate: Certificate for the equations of small strains.
     """
 
     problem: ContactProblem

@@ -17,10 +17,10 @@ class ContactState:
 
     Attributes:
         loading: Loads and prescribed displacements.
-        motions: Translations of the foundations from where they were given, metres, shape (faces, 3).
-        surface: Contact points with their frames, gaps and B, for where the foundations are.
+        motions: Translations of the foundations, metres, shape (faces, 3).
+        surface: Contact points with their frames, gaps and B, for the foundations at this time.
         law: Of friction at the contact points.
-        slip_rate: In the load step before, metres per second, shape (m,); 0 without one.
+        slip_rate: Slip rate in the load step before, metres per second, shape (m,); 0 without one.
         slip_origin: Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m,
             3): 0 at first, in a later load step that after the step before, moved with the foundation.
     """

@@ -22,7 +22,7 @@ _supplied: list[Writer] = []
 
 
 def supply(writer: Writer) -> None:
-    """Let `Solution.write` use this writer from now on."""
+    """Set the writer of `Solution.write`."""
     _supplied[:] = [writer]
 
 
