@@ -160,17 +160,17 @@ def test_the_best_answer_is_kept_not_the_last():
     assert result.residual == pytest.approx(min(residuals)) == pytest.approx(problem.residual(result.x))
 
 
-def test_nodes_that_carry_dust_do_not_come_and_go():
+def test_nodes_with_negligible_bounds_do_not_alternate():
     solver = SuccessiveTresca(1e-8)
     problem, _ = small_coulomb(3, 44, 0.3)
     over, big = problem.reductions, 1.0
-    dust = 1e-10 * big
-    kept = solver._without_dust(np.array([big, 2 * dust, 0.5 * dust]), np.array([big, dust, dust]), over)
-    assert kept.tolist() == [big, 2 * dust, 0.0]
-    again = solver._without_dust(np.array([big, 2 * dust, 5 * dust]), kept, over)
-    assert again.tolist() == [big, 2 * dust, 0.0]  # dropped, and not yet ten times stronger
-    back = solver._without_dust(np.array([big, 2 * dust, 11 * dust]), again, over)
-    assert back.tolist() == [big, 2 * dust, 11 * dust]
+    small = 1e-10 * big
+    kept = solver._without_negligible(np.array([big, 2 * small, 0.5 * small]), np.array([big, small, small]), over)
+    assert kept.tolist() == [big, 2 * small, 0.0]
+    again = solver._without_negligible(np.array([big, 2 * small, 5 * small]), kept, over)
+    assert again.tolist() == [big, 2 * small, 0.0]  # dropped, and not yet ten times stronger
+    back = solver._without_negligible(np.array([big, 2 * small, 11 * small]), again, over)
+    assert back.tolist() == [big, 2 * small, 11 * small]
 
 
 def test_open_contact():

@@ -205,7 +205,7 @@ RESOURCES = (
     Wrong(
         "more unknowns than PETSc has numbers for",
         (*run("mesh.cells=[100000,100000,100000]"), "--force"),
-        r"too many unknowns: a mesh of 100000 x 100000 x 100000 cells .* PETSc counts to \d+; take fewer cells",
+        r"too many unknowns: a mesh of 100000 x 100000 x 100000 cells .* PETSc reach \d+; take fewer cells",
         library="this PETSc counts",
     ),
     Wrong(

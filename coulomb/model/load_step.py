@@ -54,7 +54,7 @@ class Energy:
         if abs(self.imbalance) <= small:  # False for nan
             return ""
         return (
-            f"the energies do not add up, by {self.imbalance:.2g} J compared with {self.dissipated:.2g} J of friction: use "
+            f"the energies do not add up, by {self.imbalance:.2g} J against {self.dissipated:.2g} J of friction: use "
             "more load steps, and ramp loads, prescribed displacements and motions from 0 (amplitude)"
         )
 

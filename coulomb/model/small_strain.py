@@ -62,7 +62,8 @@ class SmallStrain:
     Attributes:
         gap_error: Largest distance of a pressing node, where it has moved to, from the foundation as it is, over the
             mean displacement of the forces that deform the body (as in the certificate).
-        turn: Largest angle in degrees between the foundation's normals at a node in contact before and after its displacement.
+        turn: Largest angle in degrees between the foundation's normals at a node in contact before and after its
+            displacement.
         slip_over_cell: Largest tangential displacement of a pressing node on a curved foundation, over the size of the
             cells there (square root of the nodal area).
         gradient: Largest norm of the displacement gradient in a cell: strain and rotation.
@@ -99,7 +100,7 @@ class SmallStrain:
             (
                 self.gap_error,
                 GAP_ERROR,
-                f"the foundation's curvature matters: nodes in contact are {self.gap_error:.0%} of the deformation away from it "
+                f"the foundation's curvature matters: contact nodes are {self.gap_error:.0%} of the deformation off it "
                 "(smaller load, or smaller load steps with the foundation moved to its new place)",
             ),
             (self.turn, TURN, f"the foundation's normal turns by {self.turn:.1f} degrees under a moving node"),
