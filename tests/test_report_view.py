@@ -75,18 +75,16 @@ def test_a_large_surface_is_thinned():
 
 @needs_chromium
 def test_the_view_draws(block, tmp_path):
-    contents, console = open_page(page_of(block), tmp_path, SHOWS)
+    view, console = open_page(page_of(block), tmp_path, SHOWS)
     assert not console
-    assert contents["by"] == "webgl" and int(contents["drawn"]) > 50_000
-    assert (
-        int(contents["arrowsinfront"]) > 500 > 50 > int(contents["arrowsbehind"])
-    )  # the surface hides them from behind
-    counts = [int(contents[f"zone{code}"]) for code in range(4)]
-    assert int(contents["blue0"]) < 100 < min(counts)  # zones show only when they are asked for, each in its colour
+    assert view["by"] == "webgl" and int(view["drawn"]) > 50_000
+    assert int(view["arrowsinfront"]) > 500 > 50 > int(view["arrowsbehind"])  # the surface hides them from behind
+    counts = [int(view[f"zone{code}"]) for code in range(4)]
+    assert int(view["blue0"]) < 100 < min(counts)  # zones show only when they are asked for, each in its colour
     assert counts[2] > 5 * max(counts[0], counts[1], counts[3])  # most of the surface slips
-    assert contents["legend"] == "openstickslipheld"
-    assert int(contents["turned"]) < 0.6 * counts[2]  # by a quarter turn the surface is seen from its edge
-    assert re.fullmatch(r"(open|stick|slip|held) at \(.*\) m", contents["tip"])
+    assert view["legend"] == "openstickslipheld"
+    assert int(view["turned"]) < 0.6 * counts[2]  # by a quarter turn the surface is seen from its edge
+    assert re.fullmatch(r"(open|stick|slip|held) at \(.*\) m", view["tip"])
 
 
 SHOWS = """
@@ -119,12 +117,12 @@ SHOWS = """
 def test_the_wheel_scrolls_the_page_unless_the_view_has_focus(history, tmp_path, flat):
     text = page_of(history)
     assert '"flat": false' in text
-    contents, console = open_page(text.replace('"flat": false', f'"flat": {json.dumps(flat)}'), tmp_path, WHEEL)
-    assert not console and contents["by"] == ("canvas" if flat else "webgl")
-    assert contents["scrolled"] == "true" and contents["left"] == contents["home"]  # the page scrolls, the view stays
-    assert contents["scrolledwithfocus"] == "false" and int(contents["far"]) < 0.3 * int(contents["home"])
-    assert contents["scrolledafterescape"] == "true" and contents["after"] == contents["far"]
-    assert contents["finger"] == "pan-y" and contents["fingerwithfocus"] == "none"  # a finger scrolls the page, too
+    view, console = open_page(text.replace('"flat": false', f'"flat": {json.dumps(flat)}'), tmp_path, WHEEL)
+    assert not console and view["by"] == ("canvas" if flat else "webgl")
+    assert view["scrolled"] == "true" and view["left"] == view["home"]  # the page scrolls, the view stays
+    assert view["scrolledwithfocus"] == "false" and int(view["far"]) < 0.3 * int(view["home"])
+    assert view["scrolledafterescape"] == "true" and view["after"] == view["far"]
+    assert view["finger"] == "pan-y" and view["fingerwithfocus"] == "none"  # a finger scrolls the page, too
 
 
 WHEEL = """
@@ -147,11 +145,11 @@ WHEEL = """
 @pytest.mark.parametrize("run", ["block", "history"])
 def test_the_body_stays_in_the_frame(run, tmp_path, request):
     """However it is turned, at every step, its displacement enlarged as far as it goes: nothing reaches the border."""
-    contents, console = open_page(page_of(request.getfixturevalue(run)), tmp_path, FRAME)
+    view, console = open_page(page_of(request.getfixturevalue(run)), tmp_path, FRAME)
     assert not console
-    assert int(contents["states"]) >= 24 and contents["atborder"] == "0"
-    assert float(contents["smallest"]) > 0.6  # and it fills the frame, in one direction at least
-    assert float(contents["shifted"]) > 100.0 and contents["movedout"] == "false"
+    assert int(view["states"]) >= 24 and view["atborder"] == "0"
+    assert float(view["smallest"]) > 0.6  # and it fills the frame, in one direction at least
+    assert float(view["shifted"]) > 100.0 and view["movedout"] == "false"
 
 
 FRAME = """
@@ -196,18 +194,16 @@ FRAME = """
 def test_the_tip_follows_its_node(history, tmp_path):
     """It says the value there when the step changes, moves with the node, and goes when the mouse does."""
     data = data_of(history)
-    contents, console = open_page(page_of(history), tmp_path, TIP)
+    view, console = open_page(page_of(history), tmp_path, TIP)
     assert not console
-    assert contents["distance"] == contents["distanceafter"] == "0,0,0"  # the ring is on the node, before and after
-    assert contents["first"] != contents["last"] and contents["place"] == contents["placelast"]
-    node = int(contents["node"])
+    assert view["distance"] == view["distanceafter"] == "0,0,0"  # the ring is on the node, before and after
+    assert view["first"] != view["last"] and view["place"] == view["placelast"]
+    node = int(view["node"])
     for name, step in (("first", 0), ("last", -1)):
         value = numbers(data["steps"][step]["values"]["pressure"])[node]
-        assert float(contents[name].split()[0]) == pytest.approx(float(value), rel=1e-3)
-    assert contents["moved"] == "true" and contents["gone"] == "true" and contents["whiledragging"] == "true"
-    assert (
-        contents["tapped"] == "false" and contents["withstep"] == contents["found"] == contents["undermouse"] == "true"
-    )
+        assert float(view[name].split()[0]) == pytest.approx(float(value), rel=1e-3)
+    assert view["moved"] == "true" and view["gone"] == "true" and view["whiledragging"] == "true"
+    assert view["tapped"] == "false" and view["withstep"] == view["found"] == view["undermouse"] == "true"
 
 
 TIP = """
@@ -276,10 +272,10 @@ TIP = """
 @needs_chromium
 def test_axes_turn_with_the_body(block, tmp_path):
     """The ends of the three axes in the corner are the directions in which points of the body lie."""
-    contents, console = open_page(page_of(block), tmp_path, AXES)
-    assert not console and contents["names"] == "xyz"
+    view, console = open_page(page_of(block), tmp_path, AXES)
+    assert not console and view["names"] == "xyz"
     for when in ("before", "after"):
-        ends = np.array([[float(v) for v in contents[f"{when}-{axis}"].split(",")] for axis in "xyz"])
+        ends = np.array([[float(v) for v in view[f"{when}-{axis}"].split(",")] for axis in "xyz"])
         # rows x, y, z; columns right and down: with what points at the eye they make a rotation
         assert np.allclose(ends.T @ ends, np.eye(2), atol=2e-3)
     data = data_of(block)
@@ -287,8 +283,8 @@ def test_axes_turn_with_the_body(block, tmp_path):
     right = np.cross(data["up"], towards)
     right /= np.linalg.norm(right)
     expected = np.column_stack([right, -np.cross(towards, right)])
-    before = np.array([[float(v) for v in contents[f"before-{axis}"].split(",")] for axis in "xyz"])
-    assert np.allclose(before, expected, atol=2e-3) and contents["before-x"] != contents["after-x"]
+    before = np.array([[float(v) for v in view[f"before-{axis}"].split(",")] for axis in "xyz"])
+    assert np.allclose(before, expected, atol=2e-3) and view["before-x"] != view["after-x"]
 
 
 AXES = """
@@ -312,22 +308,22 @@ def test_mesh_lines_do_not_hide_the_colours_of_a_fine_mesh(block, tmp_path, flat
     """The highest pressure everywhere is the last colour of viridis: of a surface of 200 x 200 cells as of 8 x 8."""
     shares, whole = [], page_of(block).replace('"flat": false', f'"flat": {json.dumps(flat)}')
     for cells in (8, 200):
-        contents, console = open_page(refined(whole, cells), tmp_path, 'tell("share", count("#fde725") / count());')
+        view, console = open_page(refined(whole, cells), tmp_path, 'tell("share", count("#fde725") / count());')
         assert not console
-        shares.append(float(contents["share"]))
+        shares.append(float(view["share"]))
     assert shares[0] > 0.8 and shares[1] > shares[0] - 0.05
 
 
 @needs_chromium
 def test_a_phone_shows_what_can_be_scrolled(history, tmp_path):
-    contents, console = open_page(page_of(history), tmp_path, PHONE, phone=True)
+    view, console = open_page(page_of(history), tmp_path, PHONE, phone=True)
     assert not console
-    assert contents["width"] == "390" and contents["page"] == "390"  # the page itself does not scroll sideways
-    assert int(contents["charts"]) == int(contents["hints"]) == 5
-    assert contents["hint"] == "scroll sideways →" and contents["shadow"] != "none"
-    assert contents["hintatend"] == "← scroll sideways"
-    contents, _ = open_page(page_of(history), tmp_path, PHONE)
-    assert contents["hints"] == "0" and contents["shadow"] == "none"  # on a wide screen there is nothing to scroll
+    assert view["width"] == "390" and view["page"] == "390"  # the page itself does not scroll sideways
+    assert int(view["charts"]) == int(view["hints"]) == 5
+    assert view["hint"] == "scroll sideways →" and view["shadow"] != "none"
+    assert view["hintatend"] == "← scroll sideways"
+    view, _ = open_page(page_of(history), tmp_path, PHONE)
+    assert view["hints"] == "0" and view["shadow"] == "none"  # on a wide screen there is nothing to scroll
 
 
 PHONE = """
