@@ -1,6 +1,7 @@
 """Load steps: slip that is remembered, energy, a step that fails, a run that is killed."""
 
 import csv
+import logging
 import os
 import signal
 import subprocess
@@ -146,10 +147,14 @@ class Fussy:
         return result
 
 
-def test_a_step_that_fails_is_halved():
+def test_a_step_that_fails_is_halved(caplog):
     history = LoadHistory([1.0, 2.0], solver=Fussy((1, 2)))
-    steps = list(history.steps(rubbed()))
+    with caplog.at_level(logging.INFO, "coulomb.model.load_history"):
+        steps = list(history.steps(rubbed()))
     assert [step.state.time for step in steps] == [1.0, 1.25, 1.5, 2.0]
+    said = [record.levelname for record in caplog.records if record.name == "coulomb.model.load_history"]
+    assert said == ["INFO", "WARNING", "WARNING", "INFO", "INFO", "INFO"]
+    assert caplog.messages[-1] == "load step 4 to 2 s: certificate passed"
     assert [step.halvings for step in steps] == [0, 2, 0, 0]
 
 

@@ -15,6 +15,7 @@ begins, and an interrupted history resumes with the same numbers on any number o
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -29,6 +30,8 @@ from .load_step import Energy, LoadStep, State
 from .problem import ContactProblem
 from .solution import Solution
 from .times import HALVINGS, refuse_times
+
+_log = logging.getLogger(__name__)
 
 SMALLEST = 1e-9
 """Smallest step as a fraction of the whole history; below it a step is not halved."""
@@ -93,12 +96,17 @@ class LoadHistory:
                     interval = f"from {state.time:g} s to {time:g} s"
                     text = f"the load step {interval} failed, halved {halved - 1} times: {failure}"
                     raise StepFailed(text, failure.result, posed) from None
+                if problem.comm.rank == 0:
+                    _log.warning("load step from %g s to %g s halved: %s", state.time, time, failure)
                 state = replace(state, pending=(*state.pending, middle))
                 continue
             # Slip is measured from the state before, independently of the slip origin given to the solver.
             judged = judge(solution.problem.evidence(solution.contact_force, solution.displacement, state))
             solution = replace(solution, certificate=judged)
             state = state.after(solution)
+            if problem.comm.rank == 0:
+                passed = "passed" if judged.passed else "FAILED"
+                _log.info("load step %d to %g s: certificate %s", state.number, state.time, passed)
             yield LoadStep(solution, state, halved)
             halved = 0
 
