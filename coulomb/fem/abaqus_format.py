@@ -76,7 +76,7 @@ class _Sets:
 
 @dataclass
 class _Surface:
-    """What lines below *SURFACE say: an element or a set of them, and the side, perhaps none."""
+    """Content of the lines below *SURFACE: an element or a set of elements, and the side, if any."""
 
     name: str
     rows: list[tuple[str, str]]
@@ -90,7 +90,7 @@ def read(path: str) -> MeshFile:
 
     Raises:
         OSError: If it, or a file it includes, cannot be read.
-        ValueError: If it is damaged, or says something this reader does not know and cannot skip.
+        ValueError: If it is damaged, or contains something that this reader does not support and cannot skip.
     """
     return _Reader(path).mesh()
 

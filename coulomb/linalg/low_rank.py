@@ -29,7 +29,7 @@ class LowRankApproximation:
         comm: The ranks of A.
         diagonal: diag(A) or an estimate of it, shape (m, 3), this rank's nodes.
         rank: Columns of U to keep, at most; 0 keeps diag(A).
-        exact: Whether products are exact; else their error would be taken for a part of A.
+        exact: Whether products are exact; only then is the part of A outside U measured from new pairs.
         least_rest: The rest is at least this part of diag(A), as far as A is not yet in U.
 
     Attributes:
@@ -73,9 +73,9 @@ class LowRankApproximation:
         self.rest = np.maximum(rest, self._least_rest * self._new_part * self._diagonal)
 
     def _unknown(self, X: FloatArray, Y: FloatArray) -> float:
-        """How large A is on the new part of the pairs (X, Y), over diag(A) there; as before where nothing is new.
+        """Size of A on the new part of the pairs (X, Y) relative to diag(A); unchanged without a new part.
 
-        Much less than 1 where diag(A) is that of a few motions: a body on soft springs, which moves as a whole.
+        Much less than 1 if diag(A) is dominated by a few motions: rigid motions of a body on soft springs.
         """
         known = self._comm.allreduce(self.U.T @ X)
         new, A_new = X - self._X @ known, Y - self.U @ known  # A-orthogonal to the range of U
