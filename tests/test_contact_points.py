@@ -16,7 +16,6 @@ from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane
 from coulomb.fem import contact_matrix
 from coulomb.io import output
 from coulomb.io.restart import nodal_vectors
-from coulomb.model.nodal_answer import NodalAnswer
 
 RUBBER = Material(1e7, 0.3)
 PATH = [(0, 0, 0, 0), (1, 0, 0, 1e-3), (2, 2e-3, 0, 1e-3), (3, -1e-3, 5e-4, 1e-3)]
@@ -88,7 +87,7 @@ def test_every_step_is_certified_and_slips_by_the_weights(foundation, tmp_path):
         here = problem.body.motions(step.state.time)[0]
         slip = surface.components(W @ (solution.displacement - before) - (here - motion))
         slip[:, 0] = 0.0
-        answer = NodalAnswer.of(solution)
+        answer = solution.at_nodes
         assert answer.fields()["slip"] == pytest.approx(surface.vectors(slip), abs=1e-12)
         assert answer.moved == pytest.approx(W @ solution.displacement, abs=1e-12)
         gap = surface.gap - surface.components(W @ solution.displacement)[:, 0]

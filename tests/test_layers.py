@@ -9,11 +9,11 @@ PACKAGE = ROOT / "coulomb"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
-def imports(path, tree=None):
+def imports(path):
     """Absolute names of everything a file imports, inside functions too."""
     package = ("coulomb", *path.relative_to(PACKAGE).parts[:-1])
     found = set()
-    for node in ast.walk(tree or ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -73,22 +73,13 @@ def test_there_is_no_circle():
             del arrows[name]
 
 
-def runtime_imports(path):
-    """As `imports`, without those for type checkers alone."""
-    tree = ast.parse(path.read_text())
-    for node in ast.walk(tree):
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
-            node.body = []
-    return imports(path, tree)
-
-
 def test_there_is_no_circle_of_files():
-    """Files can be put in such an order too, imports in functions counted; the package itself loads lazily."""
+    """Files have such an order too, imports in functions and for types counted; the package itself loads lazily."""
     names = {
         ".".join(("coulomb", *p.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): p for p in FILES
     }
     del names["coulomb"]
-    arrows = {name: runtime_imports(path) & names.keys() - {name} for name, path in names.items()}
+    arrows = {name: imports(path) & names.keys() - {name} for name, path in names.items()}
     while arrows:
         ground = {name for name, targets in arrows.items() if not targets & arrows.keys()}
         assert ground, f"a circle among {sorted(arrows)}"

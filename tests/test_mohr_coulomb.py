@@ -14,7 +14,6 @@ from coulomb.io.output import write
 from coulomb.io.recheck.directory import check
 from coulomb.io.summary import summary, totals
 from coulomb.linalg.reductions import Reductions
-from coulomb.model.nodal_answer import NodalAnswer
 
 FRICTION, COHESION = 0.3, 4e6
 CUBE = Material(2.1e11, 0.3)
@@ -132,7 +131,7 @@ def test_functions_of_place(name):
     F, c = ((value(surface.x.T) if callable(value) else value) for value in (given["friction"], given["cohesion"]))
     bound, friction = c * surface.area + F * x[:, 0], np.hypot(x[:, 1], x[:, 2])
     assert np.all(friction <= bound + 1e-7 * np.max(bound))
-    slips = NodalAnswer.of(solution).status == 2
+    slips = solution.at_nodes.status == 2
     assert np.any(slips) and friction[slips] == pytest.approx(bound[slips], rel=2e-3)
     numbers = summary(solution)
     assert (

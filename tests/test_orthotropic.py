@@ -8,7 +8,6 @@ import pytest
 import coulomb
 from coulomb import Contact, ContactProblem, LoadHistory, Material, PrescribedDisplacement, Spring
 from coulomb.io.summary import totals
-from coulomb.model.nodal_answer import NodalAnswer
 
 F1, F2 = 0.3, 0.1
 STEEL = Material(2.1e11, 0.3)
@@ -59,7 +58,7 @@ def test_block_drawn_along_an_angle(cell, direction, angle):
     work = -expected @ unit(angle) * 5e-3
     assert last.state.energy.dissipated - before.state.energy.dissipated == pytest.approx(work, rel=1e-7)
     assert last.state.energy.prescribed - before.state.energy.prescribed == pytest.approx(work, rel=1e-7)
-    fields = NodalAnswer.of(last.solution).fields()
+    fields = last.solution.at_nodes.fields()
     slip = fields["slip"][:, :2] / 5e-3
     assert np.allclose(slip, unit(angle), rtol=0.0, atol=1e-7) and np.allclose(fields["friction_use"], 1.0, atol=1e-9)
     sums = fields["friction_traction"] * fields["area"][:, None]
@@ -86,7 +85,7 @@ def test_direction_of_sliding_of_a_pulled_block(angle):
     N = totals(last.solution)["normal_force"]
     assert T == pytest.approx(-np.linalg.norm(T) * unit(angle), abs=1e-3 * np.linalg.norm(T))  # against the pull
     assert math.hypot(T[0] / F1, T[1] / F2) == pytest.approx(N, rel=1e-8)  # on the ellipse
-    slip = NodalAnswer.of(last.solution).fields()["slip"][:, :2] @ axes
+    slip = last.solution.at_nodes.fields()["slip"][:, :2] @ axes
     normal = -T / np.array([F1, F2]) ** 2
     assert np.allclose(slip / np.linalg.norm(slip, axis=1)[:, None], normal / np.linalg.norm(normal), atol=1e-6)
     if 0.0 < angle < 90.0:

@@ -18,7 +18,6 @@ from coulomb.fem.contact_frames import FrictionAxes, tangent_frames
 from coulomb.io.output import write
 from coulomb.io.recheck.directory import check
 from coulomb.io.summary import summary
-from coulomb.model.nodal_answer import NodalAnswer
 
 AXES = {"friction": (F1, F2), "direction": (1.0, 0.5, 0.0)}
 
@@ -45,7 +44,7 @@ def test_every_node_is_in_its_ellipse(cell, tmp_path):
     """From the written space vectors: T inside the ellipse, on it where there is slip, slip along its normal."""
     solution = block(cell=cell).solve(1e-10)
     assert solution.certificate.passed
-    fields, surface = NodalAnswer.of(solution).fields(), solution.problem.surface
+    fields, surface = solution.at_nodes.fields(), solution.problem.surface
     axis = np.array([1.0, 0.5, 0.0]) / math.hypot(1.0, 0.5)
     across = np.array([-axis[1], axis[0], 0.0])
     N = fields["contact_force"][:, 2]
@@ -61,7 +60,7 @@ def test_every_node_is_in_its_ellipse(cell, tmp_path):
     turned = normal[:, 0] * slip[:, 1] - normal[:, 1] * slip[:, 0]
     assert np.sum(sure) > 5
     assert np.all(np.abs(turned[sure]) <= 1e-4 * (np.linalg.norm(normal, axis=1) * np.linalg.norm(slip, axis=1))[sure])
-    assert NodalAnswer.of(solution).dissipated_energy == pytest.approx(-np.sum(T * slip), rel=1e-9)
+    assert solution.at_nodes.dissipated_energy == pytest.approx(-np.sum(T * slip), rel=1e-9)
     assert np.allclose(fields["slip"], solution.displacement[surface.nodes] * [1, 1, 0], atol=1e-15)
     write(solution, tmp_path)
     assert check(tmp_path).passed

@@ -26,8 +26,8 @@ from .. import process
 from ..arrays import FloatArray
 from ..fem import compat
 from ..fem.compat import fem
-from ..model.nodal_answer import HELD, NodalAnswer
-from ..model.problem import ContactProblem
+from ..model.nodal_answer import HELD
+from ..model.posed_problem import PosedProblem
 from ..model.provenance import moment, now, provenance
 from ..model.solution import Solution
 from ..process import hushed
@@ -113,7 +113,7 @@ def _write_body(solution: Solution, path: str) -> None:
 
 def contact_fields(solution: Solution) -> dict[str, FloatArray]:
     """Fields on this rank's contact nodes: `NodalAnswer.fields`; collective."""
-    return NodalAnswer.of(solution).fields()
+    return solution.at_nodes.fields()
 
 
 def _write_fields(comm: MPI.Comm, path: str, domain: Any, functions: Sequence[Any]) -> None:
@@ -148,7 +148,7 @@ def _write_fields(comm: MPI.Comm, path: str, domain: Any, functions: Sequence[An
             raise OSError(errno.EIO, f"{faults[0].rstrip('.')}; is the disk full?")
 
 
-def size_on_disk(problem: ContactProblem) -> float:
+def size_on_disk(problem: PosedProblem) -> float:
     """Approximate bytes of the fields of a solution; collective."""
     domain, comm = problem.mesh.domain, problem.comm
     points, cells = (float(domain.topology.index_map(dim).size_global) for dim in (0, 3))
@@ -158,7 +158,7 @@ def size_on_disk(problem: ContactProblem) -> float:
     return 8e4 + 24.0 * 6.0 * points + 8.0 * (width + 3.0) * cells + (24.0 * 7.0 + 64.0) * 1.5 * facets
 
 
-def refuse_full_disk(problem: ContactProblem, target: Path, times: int = 1) -> None:
+def refuse_full_disk(problem: PosedProblem, target: Path, times: int = 1) -> None:
     """Check the free disk space beforehand; with a full disk HDF5 leaves damaged files and no clear message.
 
     Args:
@@ -184,7 +184,7 @@ def refuse_full_disk(problem: ContactProblem, target: Path, times: int = 1) -> N
     on_rank_0(problem.comm, look)
 
 
-def _contact_facets(problem: ContactProblem) -> npt.NDArray[np.int32]:
+def _contact_facets(problem: PosedProblem) -> npt.NDArray[np.int32]:
     """This rank's facets of all contact faces."""
     facets: npt.NDArray[np.int32] = np.unique(
         np.concatenate([problem.mesh.facets(face, "contact") for face in problem.surface.faces])

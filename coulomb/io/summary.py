@@ -13,7 +13,7 @@ from ..fem.body import Material
 from ..linalg.reductions import Reductions
 from ..model.certificate import Certificate
 from ..model.nodal_answer import NodalAnswer
-from ..model.problem import ContactProblem
+from ..model.posed_problem import PosedProblem
 from ..model.solution import Solution
 from ..version import __version__
 from .environment import versions
@@ -25,7 +25,7 @@ LOOK_AT_GAP = "check the foundation's position and normal, and the unit of the m
 
 def node_status(solution: Solution) -> npt.NDArray[np.int64]:
     """OPEN, STICK or SLIP of this rank's contact nodes, shape (m,); collective."""
-    return NodalAnswer.of(solution).status
+    return solution.at_nodes.status
 
 
 def summary(solution: Solution) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         "coulomb": __version__,
         "status": result.status.value,
         "valid": solution.valid,
-        **derived(NodalAnswer.of(solution), solution.certificate, u, elasticity.spring_force(u), elasticity.fixed),
+        **derived(solution.at_nodes, solution.certificate, u, elasticity.spring_force(u), elasticity.fixed),
         "material": _materials(problem),
         "mean_compliance": problem.mean_compliance,
         "method": {
@@ -125,10 +125,10 @@ def remarks(solution: Solution) -> list[str]:
 
 def totals(solution: Solution, part: int | None = None) -> dict[str, Any]:
     """Totals of the contact, or of one of its faces: `NodalAnswer.totals`; collective."""
-    return NodalAnswer.of(solution).totals(part)
+    return solution.at_nodes.totals(part)
 
 
-def _materials(problem: ContactProblem) -> list[dict[str, Any]]:
+def _materials(problem: PosedProblem) -> list[dict[str, Any]]:
     """The material of every group of cells, or of the whole body."""
     given = problem.elasticity.materials
     groups = [(None, given)] if isinstance(given, Material) else list(given.items())

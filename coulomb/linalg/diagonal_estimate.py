@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .reductions import Reductions
 
-if TYPE_CHECKING:
-    from .compliance import Compliance
+
+class Products(Protocol):
+    """The products by a compliance that the estimate takes, see `Compliance`."""
+
+    @property
+    def comm(self) -> MPI.Comm: ...
+
+    @property
+    def nodes(self) -> int: ...
+
+    def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None: ...
 
 
-def estimated_diagonal(A: Compliance, B: PETSc.Mat, K: PETSc.Mat, probes: int = 8) -> FloatArray:
+def estimated_diagonal(A: Products, B: PETSc.Mat, K: PETSc.Mat, probes: int = 8) -> FloatArray:
     """diag(A) of A = B K^-1 B^T from a few products, shape (3 m,).
 
     diag(A) is close to a multiple of diag(B diag(K)^-1 B^T), one multiple for each of n, t1 and t2, found from products

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,11 +10,9 @@ from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from ..solvers.results import NotConverged, Status
 from .certificate import Certificate, judge
+from .posed_problem import PosedProblem
 from .settled import settled
 from .stopwatch import timed
-
-if TYPE_CHECKING:
-    from .problem import ContactProblem
 
 CERTIFIED_FROM = 1e-8
 """Largest tolerance (the default) at which the answer must pass the certificate; above it only the residual counts."""
@@ -43,7 +40,7 @@ class Acceptance:
         problem: The contact problem.
     """
 
-    def __init__(self, problem: ContactProblem):
+    def __init__(self, problem: PosedProblem):
         self._problem = problem
         self._last: tuple[FloatArray, Judged] | None = None
 

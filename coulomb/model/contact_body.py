@@ -151,12 +151,21 @@ class ContactBody:
         """Name of the solver for K^-1; if A is formed, of the one that gives the Schur complement as well."""
         return MultifrontalSolver.name if self.explicit else self.linear_solver.name
 
-    @cached_property
+    @property
     def stiffness_solver(self) -> StiffnessSolver:
         """K^-1."""
+        return self._contact_last if self.explicit else self._any_order
+
+    @cached_property
+    def _contact_last(self) -> MultifrontalSolver:
+        """K^-1 with the contact nodes eliminated last, which gives A."""
         with timed(self.seconds, "stiffness"):
-            if self.explicit:
-                return MultifrontalSolver(self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows)
+            return MultifrontalSolver(self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows)
+
+    @cached_property
+    def _any_order(self) -> StiffnessSolver:
+        """K^-1 where A is not formed."""
+        with timed(self.seconds, "stiffness"):
             return self.linear_solver(self.elasticity.K)
 
     @cached_property
@@ -164,8 +173,8 @@ class ContactBody:
         """A in the reference frames."""
         solver, B = self.stiffness_solver, self._reference.B
         with timed(self.seconds, "compliance"):
-            if isinstance(solver, MultifrontalSolver):
-                return SchurCompliance(B, solver)
+            if self.explicit:
+                return SchurCompliance(B, self._contact_last)
             return MatrixFreeCompliance(B, self.elasticity.K, solver)
 
     def compliance(self, surface: ContactSurface, seconds: dict[str, float]) -> BodyCompliance:

@@ -19,12 +19,12 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from ..solvers.friction_problem import Solver
-from ..solvers.results import NotConverged, ProgressCallback, Status
+from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from .certificate import judge
 from .load_step import Energy, LoadStep, State
 from .problem import ContactProblem
@@ -174,6 +174,6 @@ class Recorder(Protocol):
 class StepFailed(NotConverged):
     """NotConverged of a load step, with the problem that it posed."""
 
-    def __init__(self, message: str, result: Any, problem: ContactProblem):
+    def __init__(self, message: str, result: SolverResult, problem: ContactProblem):
         super().__init__(message, result)
         self.problem = problem

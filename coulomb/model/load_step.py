@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
-from .nodal_answer import NodalAnswer
 from .solution import Solution
 
 _IMBALANCE = 0.25  # of the energy dissipated by friction
@@ -150,7 +149,7 @@ class State(Moment):
         now = forces(solution.displacement, problem.loading.load, on_body)
         moved = (problem.motions - problem.body.motions(self.time))[surface.part]
         foundation = 0.5 * over.dot(self.force_on_body + on_body, moved)
-        answer = NodalAnswer.of(solution)
+        answer = solution.at_nodes
         slip_rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - self.time)
         dissipated = answer.dissipated_energy
         energy = self.energy.after(then, now, elasticity.fixed, foundation, dissipated, over)
@@ -176,7 +175,7 @@ class LoadStep:
         """Its figures, in the order of the columns of history.csv; collective."""
         result, certificate = self.solution.result, self.solution.certificate
         return row(
-            NodalAnswer.of(self.solution).numbers(),
+            self.solution.at_nodes.numbers(),
             self.state,
             steps=result.newton_steps,
             residual=result.residual,

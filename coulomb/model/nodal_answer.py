@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +17,6 @@ from ..arrays import FloatArray
 from ..fem.contact_frames import inverse_frames, tangent_lengths
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
-
-if TYPE_CHECKING:
-    from .solution import Solution
 
 OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
 """Status of a node in contact.xdmf; HELD: on the contact face, but with prescribed displacement, so no contact node
@@ -64,25 +61,6 @@ class NodalAnswer:
     displacement: FloatArray
     force: FloatArray
     slip_bound: FloatArray
-
-    @staticmethod
-    def of(solution: Solution) -> NodalAnswer:
-        """From a solution."""
-        problem, surface = solution.problem, solution.problem.surface
-        return NodalAnswer(
-            comm=problem.comm,
-            law=problem.law,
-            faces=surface.faces,
-            part=surface.part,
-            x=surface.x,
-            frames=surface.frames,
-            gap=surface.gap,
-            area=surface.area,
-            slip_origin=problem.slip_origin,
-            displacement=surface.rows(solution.displacement),
-            force=solution.contact_force.reshape(-1, 3),
-            slip_bound=solution.slip_bound,
-        )
 
     @cached_property
     def scale(self) -> FloatArray:

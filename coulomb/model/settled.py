@@ -14,22 +14,18 @@ Larger forces are kept as faults for the certificate.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from .nodal_answer import OPEN_BELOW
-
-if TYPE_CHECKING:
-    from .problem import ContactProblem
+from .posed_problem import PosedProblem
 
 SMALL = 1e-6
 """Fraction of the norm of all contact forces: the largest residual that can be requested."""
 
 
-def settled(problem: ContactProblem, x: FloatArray, u: FloatArray) -> FloatArray:
+def settled(problem: PosedProblem, x: FloatArray, u: FloatArray) -> FloatArray:
     """Contact forces of a solver in newtons, shape (3 m,), with exact zeros; collective.
 
     Args:

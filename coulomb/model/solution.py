@@ -6,17 +6,14 @@ import logging
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..arrays import FloatArray
 from ..solvers.results import SolverResult
 from .certificate import Certificate
 from .nodal_answer import NodalAnswer
+from .posed_problem import PosedProblem
 from .small_strain import SmallStrain, small_strain
 from .writing import supplied
-
-if TYPE_CHECKING:
-    from .problem import ContactProblem
 
 _log = logging.getLogger(__name__)
 
@@ -34,7 +31,7 @@ class Solution:
         certificate: Certificate for the equations of small strains.
     """
 
-    problem: ContactProblem
+    problem: PosedProblem
     contact_force: FloatArray
     displacement: FloatArray
     slip_bound: FloatArray
@@ -47,10 +44,29 @@ class Solution:
         return -self.problem.surface.vectors(self.contact_force.reshape(-1, 3))
 
     @cached_property
+    def at_nodes(self) -> NodalAnswer:
+        """Fields, totals and counts at this rank's contact nodes."""
+        problem, surface = self.problem, self.problem.surface
+        return NodalAnswer(
+            comm=problem.comm,
+            law=problem.law,
+            faces=surface.faces,
+            part=surface.part,
+            x=surface.x,
+            frames=surface.frames,
+            gap=surface.gap,
+            area=surface.area,
+            slip_origin=problem.slip_origin,
+            displacement=surface.rows(self.displacement),
+            force=self.contact_force.reshape(-1, 3),
+            slip_bound=self.slip_bound,
+        )
+
+    @cached_property
     def small_strain(self) -> SmallStrain:
         """Measures of the small-strain theory; collective."""
         problem = self.problem
-        return small_strain(NodalAnswer.of(self), problem.surface.foundations, problem.elasticity, self.displacement)
+        return small_strain(self.at_nodes, problem.surface.foundations, problem.elasticity, self.displacement)
 
     @property
     def outside(self) -> tuple[str, ...]:

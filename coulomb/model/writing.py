@@ -5,18 +5,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable
 
-if TYPE_CHECKING:
-    from .solution import Solution
-
-
-class Writer(Protocol):
-    """Writes a solution into a directory; collective."""
-
-    def __call__(self, solution: Solution, directory: str | Path) -> object: ...
-
+Writer = Callable[..., object]
+"""Writes a `Solution`, its first argument, into a directory, its second; collective."""
 
 _supplied: list[Writer] = []
 

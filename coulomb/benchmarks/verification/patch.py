@@ -26,6 +26,7 @@ from ...fem.obstacles import Plane
 from ...io import summary
 from ...linalg.compliance import SchurCompliance
 from ...model.contact import Contact
+from ...model.posed_problem import PosedProblem
 from ...model.problem import ContactProblem
 from ...model.solution import Solution
 from .table import Curve, Panel, Row, Verified, absolute, relative
@@ -122,7 +123,7 @@ def _rows(name: str, patch: Patch, solution: Solution) -> list[Row]:
     ]
 
 
-def _amplification(problem: ContactProblem) -> float:
+def _amplification(problem: PosedProblem) -> float:
     """Bound of the error over the natural residual: (1 + L)/m for a strongly monotone problem."""
     assert isinstance(problem.A, SchurCompliance)
     eigenvalues = np.linalg.eigvalsh(problem.A.dense()) / problem.mean_compliance

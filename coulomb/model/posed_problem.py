@@ -1,0 +1,181 @@
+"""A contact problem in one state, as A, b and the law of friction: what solvers and certificates work with."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from functools import cached_property
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from ..fem.elasticity import Elasticity
+from ..fem.loaded_body import Loading
+from ..fem.meshes import NamedMesh
+from ..fem.obstacles import RigidFoundation
+from ..fem.surface import ContactSurface
+from ..linalg.compliance import BodyCompliance
+from ..solvers.friction_problem import FrictionProblem
+from ..solvers.laws import FrictionLaw
+from .contact import Contact
+from .contact_body import ContactBody
+from .evidence import Evidence
+from .gathered_evidence import gather_evidence
+from .nodal_answer import closure
+from .state import Before, ContactState
+from .stopwatch import timed
+
+
+class PosedProblem:
+    """A body in a state, u = K^-1 (f - B^T x) with the contact forces x, which obey |x_t| <= c a + F x_n.
+
+    Args:
+        body: The time-independent part: K, K^-1, A, contact faces and foundations.
+        state: The state at one time: loads, gaps, frames, law of friction, slip origin.
+        small_strain: What becomes of an answer outside the theory, "enforce" or "warn".
+        started: Date and time when it was set up.
+        seconds: Wall time of each phase so far.
+
+    Attributes:
+        body: The argument, as all of them.
+        state: The argument.
+        small_strain: The argument.
+        started: The argument.
+        seconds: The argument.
+    """
+
+    def __init__(
+        self, body: ContactBody, state: ContactState, small_strain: str, started: datetime, seconds: dict[str, float]
+    ):
+        self.body, self.state, self.small_strain = body, state, small_strain
+        self.started, self.seconds = started, seconds
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share the problem."""
+        return self.body.comm
+
+    @property
+    def mesh(self) -> NamedMesh:
+        """The mesh of the body."""
+        return self.body.mesh
+
+    @property
+    def elasticity(self) -> Elasticity:
+        """K, loads and supports."""
+        return self.body.elasticity
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contact faces."""
+        return self.body.contacts
+
+    @property
+    def foundations(self) -> tuple[RigidFoundation, ...]:
+        """Foundations of all contact faces before any motion; by default the plane of the face."""
+        return self.body.foundations
+
+    @property
+    def unknowns(self) -> dict[str, int]:
+        """Free displacement unknowns and contact unknowns, over all ranks."""
+        return self.body.unknowns
+
+    @property
+    def time(self) -> float:
+        """Time of loads, prescribed displacements and the foundation's position."""
+        return self.state.time
+
+    @property
+    def loading(self) -> Loading:
+        """Loads and prescribed displacements."""
+        return self.state.loading
+
+    @property
+    def motions(self) -> FloatArray:
+        """Translations of the foundations, metres, shape (faces, 3)."""
+        return self.state.motions
+
+    @property
+    def surface(self) -> ContactSurface:
+        """The contact points."""
+        return self.state.surface
+
+    @property
+    def law(self) -> FrictionLaw:
+        """Law of friction at this rank's contact points."""
+        return self.state.law
+
+    @property
+    def slip_origin(self) -> FloatArray:
+        """Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m, 3)."""
+        return self.state.slip_origin
+
+    @cached_property
+    def f(self) -> PETSc.Vec:
+        """Load in newtons, with the prescribed displacements included; must not be modified."""
+        return self.elasticity.f(self.loading)
+
+    @cached_property
+    def A(self) -> BodyCompliance:
+        """Compliance B K^-1 B^T of the contact points, metres per newton."""
+        return self.body.compliance(self.surface, self.seconds)
+
+    @cached_property
+    def b(self) -> FloatArray:
+        """B K^-1 f - c in metres, this rank's part, shape (3 m,): penetration of the free body, and its slip.
+
+        c is the gap along n, and along t1 and t2 the displacement from which slip counts.
+        """
+        free = self.closure(self._free_displacement)
+        free[:, 0] -= self.surface.gap
+        return free.ravel()
+
+    def closure(self, u: FloatArray) -> FloatArray:
+        """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3); collective."""
+        return closure(self.surface.rows(u), self.slip_origin)
+
+    @cached_property
+    def mean_compliance(self) -> float:
+        """Mean of diag(A) in metres per newton."""
+        return self.friction_problem.mean_diagonal
+
+    def displacement(self, x: FloatArray) -> FloatArray:
+        """K^-1 (f - B^T x) in metres, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,); collective."""
+        return self.A.displacement(x, self.f, self._free_displacement.ravel()).reshape(-1, 3)
+
+    @cached_property
+    def _free_displacement(self) -> FloatArray:
+        """K^-1 f in metres, this rank's nodes, shape (k, 3): the displacement without contact."""
+        u, solver = self.elasticity.K.createVecRight(), self.body.stiffness_solver
+        with timed(self.seconds, "displacement"):
+            solver.solve(self.f, u)
+        values: FloatArray = u.array.reshape(-1, 3).copy()
+        u.destroy()
+        return values
+
+    def nodal_contact_force(self, x: FloatArray) -> FloatArray:
+        """B^T x in newtons, this rank's nodes, shape (k, 3): minus the force on the body; collective."""
+        return self.surface.at_nodes(x)
+
+    def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
+        """The evidence for a certificate, from body, contact faces and foundations as given; collective.
+
+        Args:
+            x: Contact forces in newtons, shape (3 m,), point by point (n, t1, t2) of the surface.
+            u: Displacement in metres, this rank's nodes, shape (k, 3).
+            before: State after the load step before; by default slip is measured from `slip_origin`.
+        """
+        return gather_evidence(self.body, self.state, x, u, self.mean_compliance, before)
+
+    def slip_bound(self, x: FloatArray) -> FloatArray:
+        """Bound of the friction force of every node at the forces x (3 m,), newtons, shape (m,)."""
+        return self.law.radius(x[0::3])
+
+    @property
+    def friction_problem(self) -> FrictionProblem:
+        """A, b and the law, without the body."""
+        return FrictionProblem(self.A, self.b, self.law)
+
+    def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
+        """The Tresca problem with these slip bounds in newtons, shape (m,)."""
+        return FrictionProblem.tresca(self.A, self.b, slip_bound)
