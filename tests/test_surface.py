@@ -103,6 +103,7 @@ def test_bad_input(clamps, face, foundation, message):
         (lambda: Contact("bottom"), "either friction .* or slip_stress"),
         (lambda: Contact("bottom", 0.3, 1e7), "either friction .* or slip_stress"),
         (lambda: Contact("bottom", -0.3), "friction must be a number >= 0"),
+        (lambda: Contact("bottom", "rough"), "friction must be a number >= 0, but is 'rough'"),
         (lambda: Contact("bottom", slip_stress=float("inf")), "slip_stress must be a number >= 0"),
         (lambda: Plane((0, 0, 0), (0, 0, 0)), "normal must not be zero"),
         (lambda: Plane((0, 0, float("nan")), (0, 0, 1)), "point must be three finite numbers"),

@@ -72,6 +72,8 @@ class Contact:
             raise ValueError("contact: give either friction (Coulomb) or slip_stress (Tresca), one of the two")
         if self.cohesion is not None and self.friction is None:
             raise ValueError("contact: cohesion goes with friction; slip_stress is a cohesion alone")
+        if isinstance(self.friction, str):
+            raise ValueError(f"contact: friction must be a number >= 0, but is {self.friction!r}")
         if isinstance(self.friction, Sequence) != (self.direction is not None):
             raise ValueError("contact: two coefficients of friction, (along, across), and a direction go together")
         if isinstance(self.friction, Sequence) and len(self.friction) != 2:
