@@ -1,10 +1,12 @@
 """The program: `coulomb`, or `python -m coulomb`.  Signals and streams are set up before anything else is loaded."""
 
+import gc
 import sys
 
 from .process import begin
 
 begin()
+gc.set_threshold(20_000)  # else the modules to be loaded cost a tenth of a second of searches for garbage
 
 from .pictures import overview_process  # noqa: E402  (streams and signals are in order when it begins)
 

@@ -107,7 +107,7 @@ def waits_for(condition, seconds=30.0):
 
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="no /proc on this platform")
-several = pytest.mark.skipif(overview_process._processors() < 2, reason="on one processor nothing begins early")
+several = pytest.mark.skipif(overview_process.processors() < 2, reason="on one processor nothing begins early")
 
 
 @needs_proc

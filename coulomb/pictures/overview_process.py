@@ -23,7 +23,7 @@ def begin_early(arguments: Sequence[str]) -> None:
     """
     global _early
     runs = arguments[:1] == ["run"] and not _WITHOUT.intersection(arguments)
-    if runs and _processors() > 1 and not any(name in os.environ for name in RANK_VARIABLES):
+    if runs and processors() > 1 and not any(name in os.environ for name in RANK_VARIABLES):
         _early = _new()
 
 
@@ -44,6 +44,6 @@ def _new() -> Apart:
     return Apart("coulomb.pictures.report", ["overview"])
 
 
-def _processors() -> int:
+def processors() -> int:
     """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
