@@ -20,10 +20,10 @@ If a product is a solve with K, it need not be exact.  Products of the Krylov me
 needs; those of the iterates correct K^-1 B^T x to a fraction of its change, and errors do not accumulate
 (Compliance.mult_incremental).  Only the final residual is computed with the most accurate product.
 
-Proved: for F = 0 this is PF for a convex problem.  CONVERGED means that the natural residual, computed afresh, is below
-the tolerance.  Observed (`coulomb benchmark friction --p 6 --p 10 --p 16`): 16 to 23 steps from a cold start to 1e-8
-for F = 0.1 to 1.5, 2 to 5 FGMRES iterations per step.  Not proved for F > 0: that the Newton system is never singular,
-that a path leads from the start to theta = 0, or which of several solutions it finds.
+Proved: for F = 0 this is PF for a convex problem. CONVERGED means that the natural residual, computed afresh, is below
+the tolerance. Observed (`coulomb benchmark friction`): 16 to 23 steps from a cold start to 1e-8 for F = 0.1 to 1.5, 2
+to 5 FGMRES iterations per step. Not proved for F > 0: that the Newton system is never singular, that a path leads from
+the start to theta = 0, or which of several solutions it finds.
 """
 
 from __future__ import annotations
@@ -60,10 +60,10 @@ class InteriorPoint:
             tol_k = min(r_tol err_(k-1), c_fact tol_(k-1)), err the relative change of v = (x, nu, z) in the last step.
         c_fact: The factor by which tol_k decreases at least.
         gamma: Centrality, nu_i z_i >= gamma theta, in (0, 1).
-        beta: Dual feasibility, rms(W gradient) <= beta theta, > 0; widened to ten times what a start needs.
+        beta: Dual feasibility, rms(W gradient) <= beta theta, > 0.
+        widening: beta is at least this times what the start needs.
         omega: Sufficient decrease, theta_new <= (1 - alpha omega (1 - sigma)) theta, in (0, 1).
-        sigma_min: Centring after an ordinary step, 0 < sigma_min <= sigma_max.
-        sigma_max: Centring after a short step, at most 1/2.
+        sigma_min: Centring after an ordinary step, > 0; at most that after a short one, sigma_max, at most 1/2.
         max_iterations: Newton steps of a start before the solver gives up.
         newton: The linear system of a step: SchurComplementSystem (J_SC, P_SC), AugmentedSystem (J_AM, P_AM; without
             slope), CondensedSystem (K with springs in place of A) or DenseSystem (LU, for small problems).
@@ -74,8 +74,7 @@ class InteriorPoint:
         gradient_share: With slope, the residual of a Newton system is at most this fraction of the gradient.
         fresh: If products are inexact, accuracy of A x at a new iterate relative to its change.
         wait: With slope or inexact products, sigma is at least this times the gradient over its bound in N(gamma,
-            beta), so that theta does not decrease faster than the gradient.
-        wait_max: The largest sigma for that reason.
+            beta), so that theta does not decrease faster than the gradient; but at most `wait_max` for that reason.
         warm_floor: With slope, a start from given forces has x_n at least this many nominal forces inside,
         warm_inside: |y| at most this,
         warm_theta: and this theta, over rms(A x - b) there.
@@ -91,6 +90,7 @@ class InteriorPoint:
     c_fact: float = 0.99
     gamma: float = 1e-3
     beta: float = 1e4
+    widening: float = 10.0
     omega: float = 1e-2
     sigma_min: float = 0.1
     sigma_max: float = 0.5
@@ -293,7 +293,7 @@ class _Path:
         settings, scaled, newton, goal, history = self._settings, self._scaled, self._newton, self._goal, self._history
         problem, first = self._problem, len(history)
         theta, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), scaled.infeasibility(v)
-        beta = max(settings.beta, 10.0 * gradient / theta)
+        beta = max(settings.beta, settings.widening * gradient / theta)
         err, krylov_tolerance, alpha = 1.0, settings.r_tol / settings.c_fact, 1.0
         waits = scaled.sloped or not problem.A.exact
         best, best_at, blocked, reached, status = math.inf, first, 0, False, Status.MAX_ITERATIONS
