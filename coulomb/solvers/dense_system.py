@@ -16,7 +16,8 @@ from .scaled_compliance import ProductImages, ScaledCompliance
 
 @dataclass(frozen=True)
 class DenseSystem:
-    """J_AM factorised (LU, scaled); on one rank, 3 m products to get A and (5 m)^3 work per step.
+    """J_AM factorised (LU, scaled), with slope J_SC; on one rank, 3 m products to get A and (5 m)^3 or (3 m)^3 work per
+    step.
 
     Slower than a Krylov method that converges, but independent of the condition of A: rank-deficient problems with
     slip bounds over many orders of magnitude are solved only by this system.
@@ -24,7 +25,7 @@ class DenseSystem:
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
         """See `NewtonChoice`; a ValueError on more than one rank."""
-        return _Dense(A)
+        return _DenseSchur(A) if sloped else _Dense(A)
 
 
 class _Dense(ProductImages):
@@ -53,6 +54,34 @@ class _Dense(ProductImages):
 
     def destroy(self) -> None:
         """There are no PETSc objects to free."""
+
+
+class _DenseSchur(_Dense):
+    """J_SC by LU: with slope J_AM is as accurate, and takes three times as long (block, p = 10, F = 0.3)."""
+
+    def solve(
+        self, at: Linearization, r1: FloatArray, r2: FloatArray, weight: FloatArray, tolerance: float, cap: float
+    ) -> NewtonStep:
+        """The step to rounding accuracy; weight, tolerance and cap are not used."""
+        M = schur_matrix(self._A, at)
+        rows = 1.0 / np.abs(M).max(axis=1)
+        columns = 1.0 / np.abs(rows[:, None] * M).max(axis=0)
+        with warnings.catch_warnings():  # as in J_AM
+            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
+            factors = scipy.linalg.lu_factor(rows[:, None] * M * columns, overwrite_a=True, check_finite=False)
+        rhs = r1 + at.J12(r2 / at.D22)
+        rhs[~at.frictional, 1:] = 0.0
+        dx = (columns * scipy.linalg.lu_solve(factors, rows * rhs.ravel())).reshape(r1.shape)
+        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, self.estimate(dx), 0)
+
+
+def schur_matrix(A: FloatArray, at: Linearization) -> FloatArray:
+    """J_SC = A + C + J12 D22^-1 J21 with this A, shape (3 m, 3 m); the identity for pairs without friction."""
+    M, n = A.copy(), 3 * np.arange(len(at.h))
+    dropped = (n[~at.frictional][:, None] + np.array([1, 2])).ravel()
+    M[dropped], M[:, dropped] = 0.0, 0.0
+    M[n[:, None, None] + np.arange(3)[:, None], n[:, None, None] + np.arange(3)] += at.blocks()
+    return M
 
 
 def augmented_matrix(A: FloatArray, at: Linearization) -> FloatArray:
