@@ -25,6 +25,42 @@ DATA = Path(__file__).with_name("data")
 ROOT = Path(__file__).parents[1]
 STEEL = coulomb.Material(young=2.119e11, poisson=0.277)
 
+SMALL_CASE = """\
+[mesh]
+box = [3.0, 1.0, 1.0]
+cells = [3, 1, 1]
+[material]
+young = 2e11
+poisson = 0.3
+[[clamp]]
+face = "left"
+[[traction]]
+face = "top"
+value = [0.0, 0.0, -1e7]
+[contact]
+face = "bottom"
+friction = 0.3
+[output]
+picture = false
+"""
+"""A case that is solved in a moment."""
+
+PRESSED_CASE = """\
+[mesh]
+box = [1.0, 1.0, 1.0]
+cells = [3, 3, 3]
+cell = "CELL"
+[material]
+young = 2.1e11
+poisson = 0.3
+[[prescribed_displacement]]
+face = "top"
+components = "z"
+value = [0, 0, -2e-4]
+amplitude = [[0, 0], [1, 1]]
+"""
+"""A cube of CELL cells, its top pressed down in the first second."""
+
 
 def make_block(p, friction=0.3, slip_stress=None, cells=None, foundation=None, **options):
     """The block of the benchmarks with p cells a metre."""

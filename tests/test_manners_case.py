@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import SMALL_CASE as BLOCK
 from conftest import run_coulomb
 from mesh_files import BoxFile
 
@@ -15,25 +16,6 @@ from coulomb.case.case import Case, read_case
 from coulomb.case.text import LARGEST
 from coulomb.fem.meshes import read_gmsh, read_xdmf
 from coulomb.model.estimate import refuse_uncountable
-
-BLOCK = """\
-[mesh]
-box = [3.0, 1.0, 1.0]
-cells = [3, 1, 1]
-[material]
-young = 2e11
-poisson = 0.3
-[[clamp]]
-face = "left"
-[[traction]]
-face = "top"
-value = [0.0, 0.0, -1e7]
-[contact]
-face = "bottom"
-friction = 0.3
-[output]
-picture = false
-"""
 
 
 def said(text, *changes, name="case.toml"):

@@ -11,27 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import run_coulomb
+from conftest import SMALL_CASE, run_coulomb
 
-CASE = """\
-[mesh]
-box = [3.0, 1.0, 1.0]
-cells = [6, 2, 2]
-[material]
-young = 2e11
-poisson = 0.3
-[[clamp]]
-face = "left"
-[[traction]]
-face = "top"
-value = [0.0, 0.0, -1e7]
-[contact]
-face = "bottom"
-friction = 0.3
-[output]
-directory = "out"
-picture = false
-"""
+CASE = SMALL_CASE.replace("[3, 1, 1]", "[6, 2, 2]") + 'directory = "out"\n'
 LAUNCHER = ("OMPI_COMM", "OMPI_MCA", "OMPI_UNIVERSE", "PMIX", "PRTE")
 COULOMB = (sys.executable, "-m", "coulomb")
 STEPS = """[{face="top", value=[0,0,-1e-4], amplitude=[[0,0],[1,1]]}]"""

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from conftest import STEEL, run_coulomb
+from conftest import PRESSED_CASE, STEEL, run_coulomb
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, PrescribedDisplacement, Spring
@@ -159,19 +159,9 @@ def test_a_small_cohesion_of_open_nodes_is_kept():
     assert np.any(opened) and np.hypot(x[opened, 1], x[opened, 2]) == pytest.approx(10.0 * area[opened], rel=1e-2)
 
 
-CASE = """\
-[mesh]
-box = [1.0, 1.0, 1.0]
-cells = [3, 3, 3]
-cell = "CELL"
-[material]
-young = 2.1e11
-poisson = 0.3
-[[prescribed_displacement]]
-face = "top"
-components = "z"
-value = [0, 0, -2e-4]
-amplitude = [[0, 0], [1, 1]]
+CASE = (
+    PRESSED_CASE
+    + """\
 [[prescribed_displacement]]
 face = "top"
 components = "xy"
@@ -188,6 +178,7 @@ tolerance = 1e-11
 [output]
 picture = false
 """
+)
 
 
 @pytest.mark.parametrize(

@@ -276,7 +276,7 @@ CONTACT = (
     Wrong(
         "two coefficients of friction without a direction",
         run("contact.friction=[0.3, 0.1]"),
-        r"friction = \[along, across\] and the direction of the first go together",
+        r"two coefficients, friction = \[along, across\], need a direction",
     ),
     Wrong(
         "three coefficients of friction",

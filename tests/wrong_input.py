@@ -12,6 +12,7 @@ from unittest import mock
 
 import h5py
 import numpy as np
+from conftest import SMALL_CASE as BLOCK
 from mesh_files import BoxFile
 from mpi4py import MPI
 
@@ -19,25 +20,6 @@ from coulomb.cli import app as cli
 from coulomb.cli import console
 
 comm = MPI.COMM_WORLD
-
-BLOCK = """\
-[mesh]
-box = [3.0, 1.0, 1.0]
-cells = [3, 1, 1]
-[material]
-young = 2e11
-poisson = 0.3
-[[clamp]]
-face = "left"
-[[traction]]
-face = "top"
-value = [0.0, 0.0, -1e7]
-[contact]
-face = "bottom"
-friction = 0.3
-[output]
-picture = false
-"""
 
 FROM_FILE = BLOCK.replace("box = [3.0, 1.0, 1.0]\ncells = [3, 1, 1]", 'file = "part.msh"')
 TOP = "[{face='top', value=[0,0,-1e-4], amplitude=[[0,0],[1,1]]}]"

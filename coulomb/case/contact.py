@@ -152,7 +152,7 @@ class ContactTable(Table):
             raise ValueError("cohesion goes with friction; slip_stress is a cohesion alone")
         frictions = [part.friction for part in self._parts]
         if any(isinstance(friction, tuple) for friction in frictions) != (self.direction is not None):
-            raise ValueError("friction = [along, across] and the direction of the first go together")
+            raise ValueError("two coefficients, friction = [along, across], need a direction; one has none")
         if self.direction is not None and any(isinstance(friction, SlipRateTable) for friction in frictions):
             raise ValueError("friction by slip rate has no direction")
         if self.friction_amplitude is not None:

@@ -75,7 +75,7 @@ class Contact:
         if isinstance(self.friction, str):
             raise ValueError(f"contact: friction must be a number >= 0, but is {self.friction!r}")
         if isinstance(self.friction, Sequence) != (self.direction is not None):
-            raise ValueError("contact: two coefficients of friction, (along, across), and a direction go together")
+            raise ValueError("contact: two coefficients of friction, (along, across), need a direction; one has none")
         if isinstance(self.friction, Sequence) and len(self.friction) != 2:
             raise ValueError(f"contact: friction must be one number or two, (along, across), but is {self.friction}")
         for name, given in (
