@@ -151,8 +151,11 @@ class ContactTable(Table):
         if self.cohesion is not None and self.friction is None:
             raise ValueError("cohesion goes with friction; slip_stress is a cohesion alone")
         frictions = [part.friction for part in self._parts]
-        if any(isinstance(friction, tuple) for friction in frictions) != (self.direction is not None):
-            raise ValueError("two coefficients, friction = [along, across], need a direction; one has none")
+        orthotropic = any(isinstance(friction, tuple) for friction in frictions)
+        if orthotropic and self.direction is None:
+            raise ValueError("two coefficients, friction = [along, across], need a direction")
+        if self.direction is not None and not orthotropic:
+            raise ValueError("a direction needs two coefficients, friction = [along, across]")
         if self.direction is not None and any(isinstance(friction, SlipRateTable) for friction in frictions):
             raise ValueError("friction by slip rate has no direction")
         if self.friction_amplitude is not None:

@@ -74,8 +74,10 @@ class Contact:
             raise ValueError("contact: cohesion goes with friction; slip_stress is a cohesion alone")
         if isinstance(self.friction, str):
             raise ValueError(f"contact: friction must be a number >= 0, but is {self.friction!r}")
-        if isinstance(self.friction, Sequence) != (self.direction is not None):
-            raise ValueError("contact: two coefficients of friction, (along, across), need a direction; one has none")
+        if isinstance(self.friction, Sequence) and self.direction is None:
+            raise ValueError("contact: two coefficients of friction, (along, across), need a direction")
+        if self.direction is not None and not isinstance(self.friction, Sequence):
+            raise ValueError("contact: a direction needs two coefficients of friction, (along, across)")
         if isinstance(self.friction, Sequence) and len(self.friction) != 2:
             raise ValueError(f"contact: friction must be one number or two, (along, across), but is {self.friction}")
         for name, given in (
