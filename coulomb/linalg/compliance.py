@@ -143,10 +143,11 @@ class SchurCompliance:
         indptr, indices, values = B.getValuesCSR()
         columns = (3 * solver.last[:, None] + np.arange(3)).ravel()
         self._rows = scipy.sparse.csr_matrix((values, indices, indptr), shape=B.getSize())[:, columns]
+        self._columns = self._rows.T.tocsr()
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         L = self._solver.schur_factor
-        z = dtrsv(L, self._rows.T @ x, lower=1, overwrite_x=1)
+        z = dtrsv(L, self._columns @ x, lower=1, overwrite_x=1)
         y[:] = self._rows @ dtrsv(L, z, lower=1, trans=1, overwrite_x=1)
         self.products += 1
 

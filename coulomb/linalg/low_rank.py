@@ -60,9 +60,9 @@ class LowRankApproximation:
         if self._exact:
             self._new_part = min(self._unknown(X, Y), 1.0)
         X, Y = np.column_stack([self._X, X]), np.column_stack([self.U, Y])
-        size = np.sqrt(np.maximum(self._gram(X, X).diagonal(), 1e-300))
-        X, Y = X / size, Y / size
-        T = _inverse_root(self._gram(X, X))  # orthonormal X, ...
+        G = self._gram(X, X)
+        size = np.sqrt(np.maximum(G.diagonal(), 1e-300))
+        T = _inverse_root(G / np.outer(size, size)) / size[:, None]  # orthonormal X, ...
         X, Y = X @ T, Y @ T
         T = _inverse_root(self._gram(X, Y))  # ... then X^T A X = I, so that Nyström's is Y Y^T; truncated by its size
         X, Y = X @ T, Y @ T

@@ -12,7 +12,8 @@ the two terms of dx_n in the tangential rows, -h F y and -y k/D22_2; no tangenti
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +21,8 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 
 
-class Linearization(NamedTuple):
+@dataclass(frozen=True)
+class Linearization:
     """The nodal numbers of a Newton system.
 
     Attributes:
@@ -39,26 +41,43 @@ class Linearization(NamedTuple):
     D22: FloatArray
     frictional: npt.NDArray[np.bool_]
 
-    @property
+    @cached_property
     def k(self) -> FloatArray:
         """F (1 + |y|^2)/2, how fast the slack of the disc grows with x_n, shape (m,)."""
         widening: FloatArray = 0.5 * self.slope * (1.0 + np.sum(self.y**2, axis=1))
         return widening
 
+    @cached_property
+    def _disc(self) -> FloatArray:
+        """Derivative of -z2 along dx_n, dx_t1, dx_t2, shape (m, 3); 0 without friction."""
+        rows: FloatArray = np.column_stack([-self.k, self.y]) * self.frictional[:, None]
+        return rows
+
+    @cached_property
+    def _C(self) -> FloatArray:
+        """The last two rows of the nodal part of J11 along dx_n, as that along dx_t is h, shape (m, 2)."""
+        columns: FloatArray = -(self.h * self.slope)[:, None] * self.y
+        return columns
+
     def C(self, dx: FloatArray) -> FloatArray:
         """The nodal part of J11 on dx (m, 3)."""
-        t = self.h[:, None] * (dx[:, 1:] - (self.slope * dx[:, 0])[:, None] * self.y)
-        return np.column_stack([np.zeros(len(dx)), t])
+        forces = np.zeros_like(dx)
+        forces[:, 1:] = self.h[:, None] * dx[:, 1:] + self._C * dx[:, :1]
+        return forces
 
     def J21(self, dx: FloatArray) -> FloatArray:
         """Derivative of -z along dx (m, 3, ...), shape (m, 2, ...)."""
-        disc = np.einsum("ij,ij...->i...", self.y, dx[:, 1:]) - like(self.k[:, None], dx)[:, 0] * dx[:, 0]
-        disc[~self.frictional] = 0.0
-        return np.stack([-dx[:, 0], disc], axis=1)
+        change = np.empty((len(dx), 2, *dx.shape[2:]))
+        change[:, 0] = -dx[:, 0]
+        change[:, 1] = np.einsum("ij,ij...->i...", self._disc, dx)
+        return change
 
     def J12(self, dnu: FloatArray) -> FloatArray:
         """Force balance of the multipliers dnu (m, 2), shape (m, 3)."""
-        return np.column_stack([-dnu[:, 0], self.y * dnu[:, 1:]])
+        forces = np.empty((len(dnu), 3))
+        forces[:, 0] = -dnu[:, 0]
+        forces[:, 1:] = self.y * dnu[:, 1:]
+        return forces
 
     def schur(self, dx: FloatArray) -> FloatArray:
         """(C + J12 D22^-1 J21) dx, what J_SC adds to A dx, shape (m, 3)."""
@@ -128,7 +147,8 @@ def disc_inverse(D: FloatArray, y: FloatArray, d22: FloatArray, S: FloatArray, r
     Sherman and Morrison's D^-1 - D^-1 y y^T D^-1 / S, with the difference expanded to avoid cancellation as
     d22 -> 0: (d22 D^-1 + w w^T / det D) / S, where w = (-y2, y1).
     """
-    w = np.stack([-y[:, 1], y[:, 0]], axis=1)
+    w = np.empty_like(y)
+    w[:, 0], w[:, 1] = -y[:, 1], y[:, 0]
     along = (w[:, :1] * r[:, :1] + w[:, 1:] * r[:, 1:]) / (D[:, :1] * D[:, 1:])
     inverse: FloatArray = (d22 * r / D + along * w) / S
     return inverse
