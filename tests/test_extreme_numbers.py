@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from made_up import BODY, CASES, failed, made_up
+from synthetic_evidence import BODY, CASES, failed, synthetic_evidence
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, PrescribedDisplacement, Traction, certify
@@ -17,7 +17,7 @@ ARRAYS = [field.name for field in fields(Evidence) if field.name not in ("comm",
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("name", [*ARRAYS, "compliance"])
 def test_what_is_not_finite_fails_and_is_named(name, bad):
-    evidence, _ = made_up()
+    evidence, _ = synthetic_evidence()
     array = np.array(getattr(evidence, name), dtype=float)
     array.flat[7 % array.size] = bad
     certificate = judge(replace(evidence, **{name: array if array.ndim else float(array)}))
@@ -39,7 +39,7 @@ def test_what_is_not_finite_fails_and_is_named(name, bad):
     ],
 )
 def test_scales_at_the_ends_of_the_numbers_fail_and_are_named(factor, contents):
-    certificate = judge(in_units(made_up()[0], **factor))
+    certificate = judge(in_units(synthetic_evidence()[0], **factor))
     assert "finite" in failed(certificate) and contents in certificate["finite"].meaning
 
 
@@ -56,7 +56,7 @@ def in_units(e, newtons=1.0, metres=1.0):
 @pytest.mark.parametrize("newtons, metres", [(1e-140, 1e-140), (1e140, 1e140), (1e-180, 1e80), (1e180, 1e-80)])
 def test_no_product_of_scales_overflows(name, error, options, newtons, metres):
     """Squares and products of such numbers do; the measures are the same all the same."""
-    evidence, turnover = made_up(**options)
+    evidence, turnover = synthetic_evidence(**options)
     wrong = error(evidence, 1.05 * (0.1 if name == "slip angle" else 1e-6), turnover)
     usual, other = judge(wrong), judge(in_units(wrong, newtons, metres))
     assert failed(other) == failed(usual) == {name}
@@ -65,7 +65,7 @@ def test_no_product_of_scales_overflows(name, error, options, newtons, metres):
 
 def test_the_limits_of_the_scales():
     """Just inside and just outside."""
-    evidence, _ = made_up()
+    evidence, _ = synthetic_evidence()
     assert judge(replace(evidence, compliance=1.1 * SMALLEST))["finite"].passed
     assert not judge(replace(evidence, compliance=0.9 * SMALLEST))["finite"].passed
     assert judge(replace(evidence, compliance=0.9 / SMALLEST))["finite"].passed
@@ -79,7 +79,7 @@ def test_the_limits_of_the_scales():
 
 def nothing():
     """No load, no displacement, no force."""
-    evidence, _ = made_up()
+    evidence, _ = synthetic_evidence()
     zero = {name: np.zeros_like(getattr(evidence, name)) for name in ARRAYS if name not in ("x", "spring")}
     return replace(evidence, **zero)
 

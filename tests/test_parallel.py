@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import STEEL, indentation, make_block, reference
-from made_up import BODY, CASES, CONTACT, made_up
 from mesh_files import BoxFile
 from mpi4py import MPI
 from petsc4py import PETSc
+from synthetic_evidence import BODY, CASES, CONTACT, synthetic_evidence
 
 import coulomb
 from coulomb import (
@@ -72,7 +72,7 @@ def test_block_against_the_independent_solver(law):
 @pytest.mark.parametrize(("name", "error", "options"), CASES)
 def test_evidence_is_judged_alike_however_it_is_shared_out(name, error, options):
     """Each rank has its nodes, the last one none."""
-    evidence, turnover = made_up(**options)
+    evidence, turnover = synthetic_evidence(**options)
     wrong = error(evidence, 1e-6, turnover)
     part = slice(comm.rank, None, max(comm.size - 1, 1)) if comm.rank + 1 < max(comm.size, 2) else slice(0, 0)
     shared = {k: v[part] for k, v in vars(wrong).items() if np.ndim(v) and len(v) in (BODY, CONTACT)}

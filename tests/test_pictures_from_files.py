@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from conftest import run_coulomb
-from test_manners_files import HISTORY
-from test_manners_process import CASE
+from test_full_disks import HISTORY
+from test_pipes_and_signals import CASE
 
 from coulomb.pictures.report import files, page, picture
 

@@ -18,7 +18,7 @@ STICK, SLIP, OPEN = 5, 45, 85
 """One of each."""
 
 
-def made_up(clamped="yz", stiffness=50.0, sway=1.0):
+def synthetic_evidence(clamped="yz", stiffness=50.0, sway=1.0):
     """Evidence of an answer without an error.
 
     Args:

@@ -11,7 +11,7 @@ import pytest
 import typer.main
 import typer.testing
 from conftest import run_coulomb, run_python
-from test_manners_process import CASE, certified, shell
+from test_pipes_and_signals import CASE, certified, shell
 
 from coulomb.case.case import read_case
 from coulomb.cli import app as cli

@@ -8,7 +8,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from test_manners_process import CASE, COULOMB, environment, shell
+from test_pipes_and_signals import CASE, COULOMB, environment, shell
 
 
 @pytest.fixture(autouse=True)

@@ -6,7 +6,7 @@ Expected values are by the formulas of docs/certificate.md; the scales are known
 from dataclasses import replace
 
 import pytest
-from made_up import CASES, SLIP, failed, made_up, turned_short_slip, turned_small_friction
+from synthetic_evidence import CASES, SLIP, failed, synthetic_evidence, turned_short_slip, turned_small_friction
 
 from coulomb.model.certificate import ANGLE_LIMIT, LIMIT, judge
 
@@ -14,7 +14,7 @@ from coulomb.model.certificate import ANGLE_LIMIT, LIMIT, judge
 @pytest.mark.parametrize("sway", [1e-3, 1.0, 30.0])
 @pytest.mark.parametrize("clamped", ["xyz", "yz", "z"])
 def test_without_an_error_all_is_zero(clamped, sway):
-    evidence, _ = made_up(clamped, sway=sway)
+    evidence, _ = synthetic_evidence(clamped, sway=sway)
     for check in judge(evidence).checks:
         assert check.value <= 1e-3 * check.limit, check
 
@@ -22,7 +22,7 @@ def test_without_an_error_all_is_zero(clamped, sway):
 @pytest.mark.parametrize(("name", "error", "options"), CASES)
 def test_just_inside_and_just_outside(name, error, options):
     limit = 0.1 if name == "slip angle" else 1e-6
-    evidence, turnover = made_up(**options)
+    evidence, turnover = synthetic_evidence(**options)
     for value, fails in ((0.95 * limit, set()), (1.05 * limit, {name})):
         certificate = judge(error(evidence, value, turnover))
         assert certificate[name].value == pytest.approx(value, rel=1e-3)
@@ -31,14 +31,14 @@ def test_just_inside_and_just_outside(name, error, options):
 
 def test_every_condition_has_such_a_case():
     named = {name for name, _, _ in CASES}
-    assert {check.name for check in judge(made_up()[0]).checks} == named | {"finite"}
+    assert {check.name for check in judge(synthetic_evidence()[0]).checks} == named | {"finite"}
     assert (LIMIT, ANGLE_LIMIT) == (1e-6, 0.1)
 
 
 @pytest.mark.parametrize("error", [turned_short_slip, turned_small_friction])
 def test_below_its_thresholds_the_angle_is_not_judged(error):
     """Slip under 1e-3 of the scale or friction under 1e-2 of the largest: its direction is that of the errors."""
-    evidence, turnover = made_up()
+    evidence, turnover = synthetic_evidence()
     turned = error(evidence, 1.0, turnover)
     assert judge(turned)["slip angle"].value == pytest.approx(1.0)
     closure, force, bound = turned.closure.copy(), turned.force.copy(), turned.bound.copy()
@@ -51,7 +51,7 @@ def test_below_its_thresholds_the_angle_is_not_judged(error):
 
 
 def test_rounding_of_friction_that_is_none_has_no_angle():
-    evidence, _ = made_up()
+    evidence, _ = synthetic_evidence()
     force = evidence.force.copy()
     force[:, 1:] *= -1e-16
     without = judge(replace(evidence, force=force, bound=0.0 * evidence.bound))
