@@ -16,7 +16,9 @@ from .version import __version__
 if TYPE_CHECKING:
     from .fem.body import Material
     from .fem.elasticity import Elasticity
-    from .fem.loaded_body import Clamp, PrescribedDisplacement, Spring, Traction
+    from .fem.load_curve import LoadCurve
+    from .fem.loaded_body import Clamp, PrescribedDisplacement, Spring
+    from .fem.loads import Pressure, TotalForce, Traction
     from .fem.meshes import NamedMesh, box, read_gmsh, read_mesh, read_xdmf
     from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
     from .fem.surface import ContactSurface
@@ -63,6 +65,7 @@ __all__ = [
     "HistoryFiles",
     "InteriorPoint",
     "IterativeSolver",
+    "LoadCurve",
     "LoadHistory",
     "LoadStep",
     "Material",
@@ -70,6 +73,7 @@ __all__ = [
     "NotConverged",
     "Plane",
     "PrescribedDisplacement",
+    "Pressure",
     "Progress",
     "SchurComplementSystem",
     "SignedDistance",
@@ -81,6 +85,7 @@ __all__ = [
     "Status",
     "StepFailed",
     "SuccessiveTresca",
+    "TotalForce",
     "Traction",
     "VariableFriction",
     "__version__",
@@ -100,7 +105,9 @@ _PUBLIC = {
     "model.friction": ("SlipRateFriction", "VariableFriction"),
     "fem.body": ("Material",),
     "fem.elasticity": ("Elasticity",),
-    "fem.loaded_body": ("Clamp", "PrescribedDisplacement", "Spring", "Traction"),
+    "fem.load_curve": ("LoadCurve",),
+    "fem.loaded_body": ("Clamp", "PrescribedDisplacement", "Spring"),
+    "fem.loads": ("Pressure", "TotalForce", "Traction"),
     "fem.meshes": ("NamedMesh", "box", "read_gmsh", "read_mesh", "read_xdmf"),
     "fem.obstacles": ("Cylinder", "Plane", "SignedDistance", "Sphere"),
     "fem.surface": ("ContactSurface",),

@@ -15,7 +15,8 @@ from .values import TABLES, AmplitudeTable, Cells, FileName, GroupNumber, Length
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from ..fem.loaded_body import PrescribedDisplacement, Spring, Traction
+    from ..fem.loaded_body import PrescribedDisplacement, Spring
+    from ..fem.loads import Traction
     from ..fem.meshes import NamedMesh
 
 
@@ -142,7 +143,7 @@ class TractionTable(Table):
 
     def traction(self) -> Traction:
         """What the table describes."""
-        from ..fem.loaded_body import Traction
+        from ..fem.loads import Traction
 
         return Traction(self.face, self.value, self.amplitude or 1.0)
 

@@ -33,7 +33,8 @@ if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validat
     from mpi4py import MPI
 
     from ..fem.body import Material
-    from ..fem.loaded_body import LoadedBody, PrescribedDisplacement, Spring, Traction
+    from ..fem.loaded_body import LoadedBody, PrescribedDisplacement, Spring
+    from ..fem.loads import Load
     from ..model.load_history import LoadHistory
     from ..model.problem import ContactProblem
     from ..solvers.friction_problem import Solver
@@ -121,7 +122,7 @@ class Case(Table):
         )
 
     @property
-    def _acting(self) -> tuple[list[PrescribedDisplacement], list[Traction], list[Spring]]:
+    def _acting(self) -> tuple[list[PrescribedDisplacement], list[Load], list[Spring]]:
         supports = [t.support() for t in (*self.clamp, *self.prescribed_displacement)]
         return supports, [t.traction() for t in self.traction], [t.spring() for t in self.spring]
 

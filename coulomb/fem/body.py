@@ -25,6 +25,7 @@ class Material:
     Attributes:
         young: Young's modulus in pascals, > 0.
         poisson: Poisson's ratio, in (-1, 0.5).
+        density: Density in kg/m^3, > 0; only gravity needs it.
 
     Raises:
         ValueError: If a constant is outside its bounds.
@@ -32,12 +33,15 @@ class Material:
 
     young: float
     poisson: float
+    density: float | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.young) and self.young > 0.0):
             raise ValueError(f"material: young must be a positive number of pascals, but is {self.young}")
         if not -1.0 < self.poisson < 0.5:
             raise ValueError(f"material: poisson must be in (-1, 0.5), but is {self.poisson}")
+        if self.density is not None and not (math.isfinite(self.density) and self.density > 0.0):
+            raise ValueError(f"material: density must be a positive number of kg/m^3, but is {self.density}")
 
 
 class ElasticBody:
@@ -99,6 +103,12 @@ class ElasticBody:
         # nan is propagated, which a reduction by MPI.MAX does not guarantee
         return float(np.max(self.domain.comm.allgather(float(np.max(values, initial=0.0)))))
 
+    def nodes_of(self, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+        """This rank's nodes on boundary facets of any rank, sorted."""
+        dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
+        owned: npt.NDArray[np.int32] = dofs[dofs < self._owned].astype(np.int32)
+        return owned
+
     def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
         """Integral of every hat function over boundary facets in m^2, this rank's nodes, shape (k,)."""
         one = self.function(np.ones((self._owned, 3)))
@@ -108,6 +118,34 @@ class ElasticBody:
         """Integral of the outward normal against every hat function over boundary facets, m^2, shape (k, 3)."""
         n = ufl.FacetNormal(self.domain)
         return self._assemble(fem.form(ufl.inner(n, self._test) * self._ds(facets)))
+
+    def surface_load(self, traction: FloatArray, facets: npt.NDArray[np.int32]) -> FloatArray:
+        """Nodal forces in newtons of tractions in pascals on boundary facets; shapes (k, 3)."""
+        return self._assemble(fem.form(ufl.inner(self.function(traction), self._test) * self._ds(facets)))
+
+    def pressure_load(self, pressure: FloatArray, facets: npt.NDArray[np.int32]) -> FloatArray:
+        """Nodal forces in newtons, shape (k, 3), of a pressure (k,) in pascals on boundary facets.
+
+        The integral of -p n over each facet of the undeformed mesh; n, the outward normal, varies over a facet with
+        four corners that is not plane.
+        """
+        p = self.function(np.repeat(pressure[:, None], 3, axis=1))[0]
+        n = ufl.FacetNormal(self.domain)
+        return self._assemble(fem.form(-p * ufl.inner(n, self._test) * self._ds(facets)))
+
+    def volume_load(self, force: FloatArray) -> FloatArray:
+        """Nodal forces in newtons of forces per volume in N/m^3; shapes (k, 3)."""
+        return self._assemble(fem.form(ufl.inner(self.function(force), self._test) * ufl.dx))
+
+    def weight(self, density: FloatArray, gravity: FloatArray) -> FloatArray:
+        """Nodal forces in newtons, shape (k, 3).
+
+        Args:
+            density: Of this rank's own cells in kg/m^3, shape (c,).
+            gravity: Acceleration in m/s^2, shape (3,).
+        """
+        g = self.function(np.broadcast_to(gravity, (self._owned, 3)))
+        return self._assemble(fem.form(self._on_cells(density, "density") * ufl.inner(g, self._test) * ufl.dx))
 
     def _ds(self, facets: npt.NDArray[np.int32]) -> Any:
         tags = compat.meshtags(self.domain, 2, facets, np.ones(len(facets), dtype=np.int32))

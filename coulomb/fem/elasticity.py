@@ -11,7 +11,9 @@ from petsc4py import PETSc
 from . import compat
 from .body import strain
 from .compat import fem, ufl
-from .loaded_body import Clamp, LoadedBody, Loading, Materials, PrescribedDisplacement, Spring, Traction
+from .loaded_body import Clamp, LoadedBody, Loading, PrescribedDisplacement, Spring
+from .loads import Load, Traction
+from .materials import Materials
 from .meshes import NamedMesh
 from .user_values import Amplitude, Field
 
@@ -40,12 +42,17 @@ class Elasticity(LoadedBody):
         mesh: NamedMesh,
         materials: Materials,
         clamps: Sequence[PrescribedDisplacement],
-        tractions: Sequence[Traction] = (),
+        tractions: Sequence[Load] = (),
         body_force: Field = (0.0, 0.0, 0.0),
         springs: Sequence[Spring] = (),
         body_force_amplitude: Amplitude = 1.0,
+        gravity: Sequence[float] = (0.0, 0.0, 0.0),
+        gravity_amplitude: Amplitude = 1.0,
     ):
-        super().__init__(mesh, materials, clamps, tractions, body_force, springs, body_force_amplitude)
+        super().__init__(
+            *(mesh, materials, clamps, tractions, body_force, springs, body_force_amplitude),
+            *(gravity, gravity_amplitude),
+        )
         trial = ufl.TrialFunction(self.V)
         self.K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * ufl.dx))
         self._add_springs()

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .body import ElasticBody, Material
-from .compat import fem, ufl
+from .body import ElasticBody
+from .loads import AppliedLoad, BodyForce, Load, Weight, vanishes
+from .materials import Materials, material_of_cells
 from .meshes import NamedMesh
 from .user_values import Amplitude, Field, evaluate_amplitude, evaluate_vectors, on_all_ranks
 
@@ -74,22 +74,6 @@ class Clamp(PrescribedDisplacement):
 
 
 @dataclass(frozen=True)
-class Traction:
-    """Surface load on a face.
-
-    Attributes:
-        face: Name of the face.
-        value: Traction in pascals, a vector or a function of x.
-        amplitude: Factor of the value as a function of time; a table is constant before its first and after its last
-            row.
-    """
-
-    face: str
-    value: Field
-    amplitude: Amplitude = 1.0
-
-
-@dataclass(frozen=True)
 class Spring:
     """Elastic support of a face towards its undeformed position (Winkler foundation).
 
@@ -119,17 +103,13 @@ class Spring:
         return np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (3,))
 
 
-Materials = Material | Mapping[str, Material]
-"""A material for the whole body, or one per group of cells, by name."""
-
-
 @dataclass(frozen=True)
 class Loading:
     """Loads and prescribed displacements of a body at a time; this rank's k nodes.
 
     Attributes:
         time: The time.
-        load: Nodal forces of tractions and body force in newtons, shape (k, 3).
+        load: Nodal forces of all loads in newtons, shape (k, 3).
         prescribed: Prescribed displacements in metres, 0 elsewhere, shape (k, 3).
     """
 
@@ -147,11 +127,12 @@ class LoadedBody(ElasticBody):
         V: Its space of displacements.
         fixed: Which components are prescribed, this rank's nodes, shape (k, 3).
         spring: Stiffness of the springs at this rank's nodes along x, y, z in N/m, shape (k, 3).
+        loads: Its loads, with their nodal forces.
         dragged: Which components are prescribed to be other than 0 at some time, shape (k, 3).
 
     Raises:
-        ValueError: If a face is unknown, a value not finite, a cell without a material or with two, or if supports and
-            springs allow a rigid motion.
+        ValueError: If a face is unknown, a value not finite, a cell without a material or with two, no density
+            under gravity, or if supports and springs allow a rigid motion.
     """
 
     def __init__(
@@ -159,10 +140,12 @@ class LoadedBody(ElasticBody):
         mesh: NamedMesh,
         materials: Materials,
         clamps: Sequence[PrescribedDisplacement],
-        tractions: Sequence[Traction] = (),
+        tractions: Sequence[Load] = (),
         body_force: Field = (0.0, 0.0, 0.0),
         springs: Sequence[Spring] = (),
         body_force_amplitude: Amplitude = 1.0,
+        gravity: Sequence[float] = (0.0, 0.0, 0.0),
+        gravity_amplitude: Amplitude = 1.0,
     ):
         super().__init__(mesh.domain, *material_of_cells(mesh, materials))
         self.mesh, self.materials = mesh, materials
@@ -170,7 +153,9 @@ class LoadedBody(ElasticBody):
         self._clamps = [self._prescribe(clamp) for clamp in clamps]
         self._support(springs)
         self._refuse_floating_body()
-        self._loads = self._assemble_loads(tractions, body_force, body_force_amplitude)
+        volume: list[Load] = [] if vanishes(body_force) else [BodyForce(body_force, body_force_amplitude)]
+        volume += [] if vanishes(gravity) else [Weight(gravity, materials, gravity_amplitude)]
+        self.loads = tuple(AppliedLoad(load, load.nodal_force(self, mesh)) for load in (*volume, *tractions))
 
     def at(self, time: float) -> Loading:
         """Loads and prescribed displacements at a time; collective.
@@ -179,8 +164,8 @@ class LoadedBody(ElasticBody):
             ValueError: On every rank, if an amplitude has no finite value at that time.
         """
         load, prescribed = np.zeros((2, self._owned, 3))
-        for amplitude, what, nodal in self._loads:
-            load += self._factor(amplitude, time, what) * nodal
+        for applied in self.loads:
+            load += applied.at(time, self.mesh.comm)
         for support, nodes, values in self._clamps:
             factor = self._factor(support.amplitude, time, support.what)
             for component in map("xyz".index, support.components):
@@ -232,31 +217,11 @@ class LoadedBody(ElasticBody):
         free = vectors[:, eigenvalues <= limit]
         return ", ".join(name for name, row in zip(_MODES, free, strict=True) if np.linalg.norm(row) > 0.3)
 
-    def _assemble_loads(
-        self, tractions: Sequence[Traction], body_force: Field, body_force_amplitude: Amplitude
-    ) -> list[tuple[Amplitude, str, FloatArray]]:
-        """Every load with its amplitude and its name in error messages."""
-        loads = [(body_force_amplitude, "body_force", self._integrate(body_force, "body_force", ufl.dx))]
-        for traction in tractions:
-            facets, what = self.mesh.facets(traction.face, "traction"), f"traction on {traction.face!r}"
-            loads.append((traction.amplitude, what, self._integrate(traction.value, what, self._ds(facets))))
-        return loads
-
-    def _integrate(self, field: Field, what: str, measure: Any) -> FloatArray:
-        """Integral of field . v for every hat function, this rank's part, shape (k, 3)."""
-        density = fem.Function(self.V)
-        density.x.array[: 3 * self._owned] = evaluate_vectors(field, self.x, what, self.mesh.comm).ravel()
-        density.x.scatter_forward()
-        return self._assemble(fem.form(ufl.inner(density, self._test) * measure))
-
     # --- queries ----------------------------------------------------------------------------------------
 
     def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
         """This rank's nodes on a face, sorted; ValueError if there is no such face."""
-        facets = self.mesh.facets(face, what)
-        dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
-        owned: npt.NDArray[np.int32] = dofs[dofs < self._owned].astype(np.int32)
-        return owned
+        return self.nodes_of(self.mesh.facets(face, what))
 
     def nodal_area(self, face: str, what: str = "contact") -> FloatArray:
         """Integral of every hat function over a face in m^2, this rank's nodes, shape (k,)."""
@@ -269,28 +234,3 @@ class LoadedBody(ElasticBody):
     def spring_force(self, u: FloatArray) -> FloatArray:
         """Forces of the springs on the body at displacements u, newtons; shapes (k, 3)."""
         return -self.spring * u
-
-
-def material_of_cells(mesh: NamedMesh, materials: Materials) -> tuple[FloatArray, FloatArray]:
-    """Young's modulus and Poisson's ratio of this rank's own cells, shapes (c,).
-
-    Raises:
-        ValueError: On every rank, if a group is unknown, or a cell of any rank is in no group given or in two.
-    """
-    count = mesh.domain.topology.index_map(3).size_local
-    if isinstance(materials, Material):
-        return np.full(count, materials.young), np.full(count, materials.poisson)
-    young, poisson, times = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.int64)
-    for name, material in materials.items():
-        cells = mesh.group(name, "material")
-        young[cells], poisson[cells] = material.young, material.poisson
-        times[cells] += 1
-    for wrong, fault in ((times == 0, "without a material"), (times > 1, "in more than one of these groups")):
-        bad = mesh.comm.allreduce(int(wrong.sum()), op=MPI.SUM)
-        if bad:
-            all_cells = mesh.comm.allreduce(count, op=MPI.SUM)
-            raise ValueError(
-                f"material: {bad} of {all_cells} cells are {fault}; materials are given for {', '.join(materials)}, "
-                f"the mesh has the cell groups {', '.join(mesh.cells) or '(none)'}; every cell needs exactly one"
-            )
-    return young, poisson

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from .load_curve import LoadCurve
 
 Value = TypeVar("Value")
 
@@ -19,21 +20,23 @@ Field = Sequence[float] | Callable[[FloatArray], FloatArray]
 Coefficient = float | Callable[[FloatArray], FloatArray]
 """A number, or a function of x, shape (3, k), in metres, that returns k numbers."""
 
+Amplitude = float | Callable[[float], float] | Sequence[tuple[float, float]] | LoadCurve
+"""Factor of a load: a number, a function of time, a table of (time, factor), or a `LoadCurve`.
 
-Amplitude = float | Callable[[float], float] | Sequence[tuple[float, float]]
-"""Factor of a load: a number, a function of time, or a table of (time, factor).
+A table is linear between its rows, and constant before the first and after the last row; a `LoadCurve` may also be
+periodic, or refuse times after its last row."""
 
-A table is linear between its rows, and constant before the first and after the last row."""
-
-Motion = Callable[[float], Sequence[float]] | Sequence[tuple[float, float, float, float]]
-"""A translation in metres: a function of time, or a table of (time, x, y, z), interpolated as for `Amplitude`."""
+Motion = Callable[[float], Sequence[float]] | Sequence[tuple[float, float, float, float]] | LoadCurve
+"""A translation in metres: a function of time, a table of (time, x, y, z), interpolated as for `Amplitude`, or a
+`LoadCurve` with three columns."""
 
 
 def evaluate_amplitude(amplitude: Amplitude, time: float, what: str) -> float:
     """The factor at a time; tables are linear between rows and constant beyond.
 
     Raises:
-        ValueError: If a function fails or its value is not a finite number, or the table's times do not increase.
+        ValueError: If a function fails or its value is not a finite number, the table's times do not increase, or a
+            `LoadCurve` has ended.
     """
     if isinstance(amplitude, int | float):
         return float(amplitude)
@@ -45,7 +48,7 @@ def evaluate_amplitude(amplitude: Amplitude, time: float, what: str) -> float:
         if not np.isfinite(value):
             raise ValueError(f"{what}: the amplitude at time {time:g} is {value}")
         return value
-    return float(_interpolate(amplitude, time, 1, f"{what}: amplitude")[0])
+    return float(_curve(amplitude, time, 1, f"{what}: amplitude")[0])
 
 
 def evaluate_motion(motion: Motion | None, time: float, what: str) -> FloatArray:
@@ -64,20 +67,28 @@ def evaluate_motion(motion: Motion | None, time: float, what: str) -> FloatArray
         if value.shape != (3,) or not np.all(np.isfinite(value)):
             raise ValueError(f"{what}: the motion at time {time:g} must be three finite numbers, but is {value}")
         return value
-    return _interpolate(motion, time, 3, f"{what}: motion")
+    return _curve(motion, time, 3, f"{what}: motion")
 
 
-def _interpolate(table: Sequence[Sequence[float]], time: float, columns: int, what: str) -> FloatArray:
+def _curve(table: LoadCurve | Sequence[Sequence[float]], time: float, columns: int, what: str) -> FloatArray:
+    """The values of a table at a time, shape (columns,)."""
+    if not isinstance(table, LoadCurve):
+        try:
+            rows = np.array(table, dtype=np.float64)
+        except (TypeError, ValueError):
+            rows = np.empty((0, 0))
+        if rows.ndim != 2 or rows.shape[0] == 0 or rows.shape[1] != 1 + columns or not np.all(np.isfinite(rows)):
+            form = "[time, factor]" if columns == 1 else "[time, x, y, z]"
+            raise ValueError(f"{what} must be a table of rows {form}, but is {table}")
+        if np.any(np.diff(rows[:, 0]) <= 0.0):
+            raise ValueError(f"{what}: the times of the table must increase, but are {rows[:, 0].tolist()}")
+        table = LoadCurve(rows[:, 0], rows[:, 1:])
+    if table.columns != columns:
+        raise ValueError(f"{what}: the load curve must have {columns} column{'s'[: columns - 1]}, has {table.columns}")
     try:
-        rows = np.array(table, dtype=np.float64)
-    except ValueError:
-        rows = np.empty((0, 0))
-    if rows.ndim != 2 or rows.shape[0] == 0 or rows.shape[1] != 1 + columns or not np.all(np.isfinite(rows)):
-        form = "[time, factor]" if columns == 1 else "[time, x, y, z]"
-        raise ValueError(f"{what} must be a table of rows {form}, but is {table}")
-    if np.any(np.diff(rows[:, 0]) <= 0.0):
-        raise ValueError(f"{what}: the times of the table must increase, but are {rows[:, 0].tolist()}")
-    return np.array([np.interp(time, rows[:, 0], rows[:, k]) for k in range(1, 1 + columns)])
+        return table.at(time)
+    except ValueError as error:
+        raise ValueError(f"{what}: {error}") from None
 
 
 def evaluate_vectors(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
@@ -111,20 +122,39 @@ def evaluate_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: M
     """
 
     def evaluate() -> FloatArray:
-        if not callable(coefficient):
-            return np.full(len(x), float(coefficient))
-        if len(x) == 0:
-            return np.empty(0)
-        values = np.asarray(coefficient(x.T.copy()), dtype=np.float64)
-        if values.shape not in ((), (len(x),)):
-            raise ValueError(f"the function must return {len(x)} numbers, but returned shape {values.shape}")
-        values = np.broadcast_to(values, (len(x),)).copy()
+        values = _numbers(coefficient, x)
         bad = ~(np.isfinite(values) & (values >= 0.0))
-        if np.any(bad):
+        if np.any(bad) and callable(coefficient):
             raise ValueError(f"must be >= 0 everywhere, but is {values[np.argmax(bad)]} at x = {first_place(x, bad)}")
         return values
 
     return on_all_ranks(evaluate, what, comm)
+
+
+def evaluate_signed_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
+    """Numbers of either sign (k,) of a coefficient at the points x (k, 3).
+
+    Raises:
+        ValueError: On every rank, if a function fails, or a value is not finite, on any.
+    """
+
+    def evaluate() -> FloatArray:
+        values = _numbers(coefficient, x)
+        _finite(values[:, None], x)
+        return values
+
+    return on_all_ranks(evaluate, what, comm)
+
+
+def _numbers(coefficient: Coefficient, x: FloatArray) -> FloatArray:
+    if not callable(coefficient):
+        return np.full(len(x), float(coefficient))
+    if len(x) == 0:
+        return np.empty(0)
+    values = np.asarray(coefficient(x.T.copy()), dtype=np.float64)
+    if values.shape not in ((), (len(x),)):
+        raise ValueError(f"the function must return {len(x)} numbers, but returned shape {values.shape}")
+    return np.broadcast_to(values, (len(x),)).copy()
 
 
 def _finite(values: FloatArray, x: FloatArray) -> FloatArray:

@@ -10,7 +10,8 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.elasticity import Elasticity, Materials, PrescribedDisplacement, Spring, Traction
+from ..fem.elasticity import Elasticity, Materials, PrescribedDisplacement, Spring
+from ..fem.loads import Load
 from ..fem.meshes import NamedMesh
 from ..fem.obstacles import RigidFoundation
 from ..fem.surface import ContactSurface
@@ -36,6 +37,8 @@ class ContactBody:
         body_force: Force per volume in N/m^3.
         springs: Elastic supports.
         body_force_amplitude: Factor of the body force as a function of time.
+        gravity: Acceleration of gravity in m/s^2.
+        gravity_amplitude: Factor of gravity as a function of time.
         time: Time of the reference frames in which A is computed; for other frames it is rotated.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.
@@ -58,10 +61,12 @@ class ContactBody:
         material: Materials,
         clamps: Sequence[PrescribedDisplacement],
         contacts: Sequence[Contact],
-        tractions: Sequence[Traction],
+        tractions: Sequence[Load],
         body_force: Field,
         springs: Sequence[Spring],
         body_force_amplitude: Amplitude,
+        gravity: Sequence[float],
+        gravity_amplitude: Amplitude,
         time: float,
         linear_solver: LinearSolver | None,
         explicit: bool | None,
@@ -70,7 +75,10 @@ class ContactBody:
         self.mesh, self.contacts = mesh, tuple(contacts)
         self.seconds: dict[str, float] = {}
         with timed(self.seconds, "assembly"):
-            self.elasticity = Elasticity(mesh, material, clamps, tractions, body_force, springs, body_force_amplitude)
+            self.elasticity = Elasticity(
+                *(mesh, material, clamps, tractions, body_force, springs, body_force_amplitude),
+                *(gravity, gravity_amplitude),
+            )
             faces, still = ContactFaces(self.contacts, self.comm), np.zeros((len(self.contacts), 3))
             self._reference: ContactSurface = faces.surface(self.elasticity, still)
             self._faces = faces.against(self._reference.foundations)  # the plane of the face if none was given

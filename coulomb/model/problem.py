@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.elasticity import Materials, PrescribedDisplacement, Spring, Traction
+from ..fem.elasticity import Materials, PrescribedDisplacement, Spring
+from ..fem.loads import Load
 from ..fem.meshes import NamedMesh
 from ..fem.user_values import Amplitude, Field
 from ..linalg.methods import LinearSolver
@@ -37,10 +38,12 @@ class ContactProblem(PosedProblem):
         clamps: Prescribed displacements (`Clamp`, `PrescribedDisplacement`); with the springs they must prevent every
             rigid motion.
         contact: The contact face, its foundation and friction; or several, which share no node; their laws may differ.
-        tractions: Surface loads.
+        tractions: Surface loads: `Traction`, `Pressure`, `TotalForce`.
         body_force: Force per volume in N/m^3.
         springs: Elastic supports.
         body_force_amplitude: Factor of the body force as a function of time.
+        gravity: Acceleration of gravity in m/s^2, for example (0, 0, -9.81); every material then needs a density.
+        gravity_amplitude: Factor of gravity as a function of time.
         time: Time of loads, prescribed displacements and the foundation's position.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.  Needs the direct solver.
@@ -64,11 +67,13 @@ class ContactProblem(PosedProblem):
         material: Materials,
         clamps: Sequence[PrescribedDisplacement],
         contact: Contact | Sequence[Contact],
-        tractions: Sequence[Traction] = (),
+        tractions: Sequence[Load] = (),
         body_force: Field = (0.0, 0.0, 0.0),
         springs: Sequence[Spring] = (),
         *,
         body_force_amplitude: Amplitude = 1.0,
+        gravity: Sequence[float] = (0.0, 0.0, 0.0),
+        gravity_amplitude: Amplitude = 1.0,
         time: float = 0.0,
         linear_solver: LinearSolver | None = None,
         explicit: bool | None = None,
@@ -78,7 +83,7 @@ class ContactProblem(PosedProblem):
         mode, started = known_mode(small_strain), now()
         body = ContactBody(
             *(mesh, material, clamps, contacts, tractions, body_force, springs, body_force_amplitude),
-            *(time, linear_solver, explicit),
+            *(gravity, gravity_amplitude, time, linear_solver, explicit),
         )
         with timed(body.seconds, "assembly"):
             state = body.state(time)
