@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from .body import ElasticBody
 from .loads import AppliedLoad, BodyForce, Load, Weight, vanishes
 from .materials import Materials, material_of_cells
 from .meshes import NamedMesh
+from .nodal_forces import NodalForces
 from .user_values import Amplitude, Field, evaluate_amplitude, evaluate_vectors, on_all_ranks
 
 _MODES = (
@@ -164,13 +165,47 @@ class LoadedBody(ElasticBody):
             ValueError: On every rank, if an amplitude has no finite value at that time.
         """
         load, prescribed = np.zeros((2, self._owned, 3))
-        for applied in self.loads:
-            load += applied.at(time, self.mesh.comm)
+        for part in self.loads_at(time):
+            load += part.forces
         for support, nodes, values in self._clamps:
             factor = self._factor(support.amplitude, time, support.what)
             for component in map("xyz".index, support.components):
                 prescribed[nodes, component] = factor * values[:, component]
         return Loading(time, load, prescribed)
+
+    def loads_at(self, time: float) -> Iterator[NodalForces]:
+        """The forces of every load by itself at a time; collective.
+
+        Raises:
+            ValueError: On every rank, if an amplitude has no finite value at that time.
+        """
+        for applied in self.loads:
+            load = applied.load
+            yield NodalForces(load.kind.replace(" ", "_"), load.face, applied.at(time, self.mesh.comm))
+
+    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
+        """The forces of every clamp and prescribed displacement by itself, in the order given.
+
+        A component that several supports prescribe belongs to the last of them, whose value it has.
+
+        Args:
+            reaction: Forces of all of them on the body in newtons, 0 along free directions, shape (k, 3).
+        """
+        taken = np.zeros((self._owned, 3), dtype=bool)
+        shares = []
+        for support, nodes, _ in reversed(self._clamps):
+            mine = np.zeros((self._owned, 3), dtype=bool)
+            for component in map("xyz".index, support.components):
+                mine[nodes, component] = True
+            forces = np.where(mine & ~taken, reaction, 0.0)
+            shares.append(NodalForces(support.kind.replace(" ", "_"), support.face, forces))
+            taken |= mine
+        yield from reversed(shares)
+
+    def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
+        """The forces of every spring by itself at displacements u (k, 3), in the order given."""
+        for face, stiffness in self._springs:
+            yield NodalForces("spring", face, -stiffness * u)
 
     def _factor(self, amplitude: Amplitude, time: float, what: str) -> float:
         factor: float = on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)
@@ -188,8 +223,11 @@ class LoadedBody(ElasticBody):
 
     def _support(self, springs: Sequence[Spring]) -> None:
         self.spring = np.zeros((self._owned, 3))
+        self._springs: list[tuple[str, FloatArray]] = []
         for spring in springs:
-            self.spring += self.nodal_area(spring.face, "spring")[:, None] * spring.along_axes
+            stiffness = self.nodal_area(spring.face, "spring")[:, None] * spring.along_axes
+            self._springs.append((spring.face, stiffness))
+            self.spring += stiffness
 
     def _refuse_floating_body(self) -> None:
         held = 1.0 * (self.fixed | (self.spring > 0.0))

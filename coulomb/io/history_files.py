@@ -123,7 +123,8 @@ class HistoryFiles:
         folder, rows = self.directory, self.rows
         partial = folder.history.with_name(f".{HISTORY}")
         with partial.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(rows[0]))
+            names = dict.fromkeys(name for row in rows for name in row)  # steps of an older version have fewer
+            writer = csv.DictWriter(file, list(names))
             writer.writeheader()
             writer.writerows(rows)
         os.replace(partial, folder.history)

@@ -14,6 +14,7 @@ from ..linalg.reductions import Reductions
 from ..model.certificate import Certificate
 from ..model.nodal_answer import NodalAnswer
 from ..model.posed_problem import PosedProblem
+from ..model.resultants import Acting
 from ..model.solution import Solution
 from ..version import __version__
 from .environment import versions
@@ -39,7 +40,9 @@ def summary(solution: Solution) -> dict[str, Any]:
         "coulomb": __version__,
         "status": result.status.value,
         "valid": solution.valid,
-        **derived(solution.at_nodes, solution.certificate, u, elasticity.spring_force(u), elasticity.fixed),
+        **derived(
+            solution.at_nodes, solution.certificate, u, elasticity.spring_force(u), elasticity.fixed, solution.acting
+        ),
         "material": _materials(problem),
         "mean_compliance": problem.mean_compliance,
         "method": {
@@ -75,6 +78,7 @@ def derived(
     displacement: FloatArray,
     spring_force: FloatArray,
     fixed: npt.NDArray[np.bool_],
+    acting: Acting | None,
 ) -> dict[str, Any]:
     """The entries of summary.json that follow from displacement and forces; collective, the same on every rank.
 
@@ -84,6 +88,7 @@ def derived(
         displacement: Displacement of this rank's nodes in metres, shape (k, 3).
         spring_force: Forces of the springs on the body in newtons, shape (k, 3).
         fixed: Which components are prescribed, shape (k, 3).
+        acting: Resultants of loads and supports; None if they are unknown.
     """
     over, numbers = Reductions(at_nodes.comm), at_nodes.numbers()
     return {
@@ -92,6 +97,7 @@ def derived(
             "displacement": int(over.sum(float(np.count_nonzero(~fixed)))),
             "contact": 3 * numbers["nodes"]["contact"],
         },
+        **(acting.entries() if acting is not None else {}),
         "spring_force_on_body": [over.sum(spring_force[:, k]) for k in range(3)],
         "maximum": {
             "contact_pressure": numbers["totals"]["greatest_pressure"],

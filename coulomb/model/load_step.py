@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -12,6 +11,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
+from .columns import along_axes, face_columns, reaction_columns
 from .solution import Solution
 
 _IMBALANCE = 0.25  # of the energy dissipated by friction
@@ -174,8 +174,9 @@ class LoadStep:
     def row(self) -> dict[str, Any]:
         """Its figures, in the order of the columns of history.csv; collective."""
         result, certificate = self.solution.result, self.solution.certificate
+        reactions = [reaction.entry() for reaction in self.solution.reactions]
         return row(
-            self.solution.at_nodes.numbers(),
+            {**self.solution.at_nodes.numbers(), "reactions": reactions},
             self.state,
             steps=result.newton_steps,
             residual=result.residual,
@@ -190,7 +191,7 @@ def row(
     """The figures of a step, by name.
 
     Args:
-        numbers: Figures of its contact nodes (`NodalAnswer.numbers`).
+        numbers: Figures of its contact nodes (`NodalAnswer.numbers`), and its `reactions`.
         at: Its number, time, and energies.
         steps: Path-following steps.
         residual: Residual of its problem.
@@ -198,25 +199,20 @@ def row(
         valid: Whether its answer counts.
     """
     face = numbers["totals"]
-    centre = face["centre_of_pressure"] or [math.nan] * 3
-    axes = ("x", "y", "z")
     several = numbers["faces"] if len(numbers["faces"]) > 1 else []
     return {
         "step": at.number,
         "time": at.time,
-        **{f"force_{a}": value for a, value in zip(axes, face["force"], strict=True)},
-        **{f"moment_{a}": value for a, value in zip(axes, face["moment"], strict=True)},
+        **along_axes("force", face["force"]),
+        **along_axes("moment", face["moment"]),
         "normal_force": numbers["force_on_body"]["normal"],
         "contact_area": face["contact_area"],
-        **{f"centre_of_pressure_{a}": value for a, value in zip(axes, centre, strict=True)},
+        **along_axes("centre_of_pressure", face["centre_of_pressure"]),
         "greatest_slip": face["greatest_slip"],
         "greatest_pressure": face["greatest_pressure"],
         **{name: numbers["nodes"][name] for name in ("open", "stick", "slip")},
-        **{
-            f"{part['faces'][0]}_force_{a}": value
-            for part in several
-            for a, value in zip(axes, part["force"], strict=True)
-        },
+        **{name: value for part in several for name, value in face_columns(part).items()},
+        **{name: value for part in numbers["reactions"] for name, value in reaction_columns(part).items()},
         **{f"energy_{name}": value for name, value in asdict(at.energy).items()},
         "energy_imbalance": at.energy.imbalance,
         "path_following": steps,

@@ -5,13 +5,18 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 
+import numpy as np
+
 from ..arrays import FloatArray
+from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
 from .certificate import Certificate
 from .nodal_answer import NodalAnswer
 from .posed_problem import PosedProblem
+from .resultants import Acting, Resultant, acting
 from .small_strain import SmallStrain, small_strain
 from .writing import supplied
 
@@ -61,6 +66,29 @@ class Solution:
             force=self.contact_force.reshape(-1, 3),
             slip_bound=self.slip_bound,
         )
+
+    @cached_property
+    def acting(self) -> Acting:
+        """Resultants of all loads and supports, and the balance of all forces; collective."""
+        problem, u = self.problem, self.displacement
+        body, on_body = problem.elasticity, -problem.nodal_contact_force(self.contact_force)
+        inner = body.internal_force(u) - body.spring_force(u)
+        held = np.where(body.fixed, inner - problem.loading.load - on_body, 0.0)
+        supports = chain(body.shares(held), body.spring_forces(u))
+        return acting(body.loads_at(problem.time), supports, on_body, body.x, Reductions(problem.comm))
+
+    @property
+    def loads(self) -> tuple[Resultant, ...]:
+        """Force and moment of every load: in their order, those in the volume first; collective."""
+        return self.acting.loads
+
+    @property
+    def reactions(self) -> tuple[Resultant, ...]:
+        """Force and moment of every clamp, prescribed displacement and spring on the body, in their order; collective.
+
+        With the loads and the contact forces on the body (`at_nodes.totals()`) they add up to zero.
+        """
+        return self.acting.reactions
 
     @cached_property
     def small_strain(self) -> SmallStrain:

@@ -198,7 +198,14 @@ class _Chain:
             steps, residual = summary["iterations"]["path_following"], summary["residual"]
         except (KeyError, TypeError):
             raise ValueError(f"{findings.run.files.summary}: has no iterations of its solver") from None
-        line = row(derived, at, steps, residual, derived["certificate"]["passed"], derived["valid"])
+        line = row(
+            {"reactions": summary.get("reactions", []), **derived},
+            at,
+            steps,
+            residual,
+            derived["certificate"]["passed"],
+            derived["valid"],
+        )
         return {"number": at.number, "time": at.time, "energy": asdict(at.energy), "row": line}
 
     def _add_energy(self, findings: Findings) -> None:

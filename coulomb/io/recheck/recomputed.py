@@ -4,8 +4,9 @@ strains."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -16,11 +17,30 @@ from ...fem.obstacles import RigidFoundation
 from ...model.certificate import Certificate, judge
 from ...model.evidence import Evidence, rounding_forces
 from ...model.load_step import Forces
+from ...model.resultants import Acting
 from ...model.small_strain import SmallStrain, small_strain
 from ..run_files import WrittenRun
 from ..summary import derived
 from .comparison import Rounding
 from .face_nodes import FaceNodes
+
+
+class Supported(Protocol):
+    """Loads and supports of a body, each by itself, as the case has them."""
+
+    def acting(
+        self, u: FloatArray, held: FloatArray, on_body: FloatArray, taken: Callable[[FloatArray], FloatArray]
+    ) -> Acting:
+        """Resultants and balance.
+
+        Args:
+            u: Displacement of the run's nodes in metres, shape (k, 3).
+            held: Forces of the supports on the body along held directions in newtons, shape (k, 3).
+            on_body: Contact forces on the body in newtons, shape (k, 3).
+            taken: Replaces numbers by perturbed ones.
+        """
+        ...
+
 
 _FOLLOW = ("pressure", "friction_traction", "slip", "gap", "status", "friction_use", "coefficient")
 """Fields of contact.xdmf that follow from displacement and contact forces; the others are input data."""
@@ -52,8 +72,10 @@ def recomputed(
     nodes: FaceNodes,
     foundations: list[RigidFoundation] | None,
     rounding: Rounding | None,
+    supported: Supported | None = None,
 ) -> Variant:
-    """Data recomputed from the written or perturbed numbers; `foundations` is None if they are unknown."""
+    """Data recomputed from the written or perturbed numbers; `foundations` is None if they are unknown, `supported` if
+    loads and supports are."""
 
     def taken(values: FloatArray, scale: float = 0.0) -> FloatArray:
         return values if rounding is None else rounding.of(values, scale)
@@ -87,7 +109,9 @@ def recomputed(
         )
     )
     stress = body.von_mises(body.function(u))
-    numbers = derived(written, certificate, u, -spring * u, fixed)
+    held = np.where(fixed, internal + spring * u - run.on_body["load"] - on_body, 0.0)
+    acting = None if supported is None else supported.acting(u, held, on_body, taken)
+    numbers = derived(written, certificate, u, -spring * u, fixed, acting)
     accepted, recorded = _recorded_strain(run)
     if foundations is None:
         measured = {"gradient": body.largest_gradient(u)}

@@ -17,6 +17,7 @@ from .case_reference import CaseReference
 from .comparison import Comparison, Rounding
 from .face_nodes import FaceNodes, face_nodes
 from .recomputed import Variant, recomputed
+from .supported_body import SupportedBody
 
 SLIP_BOUND_LIMIT = 1e-6
 """Accepted relative difference between g of the last Tresca problem and the law at its forces, plus ten times the
@@ -166,7 +167,8 @@ def check_run(
     trusted += say
     foundations = None if case is None else case.foundations(time)
     roundings = (None, *(Rounding((seed, abs(step)), run.evaluation) for seed in _SEEDS))
-    variants = tuple(recomputed(run, nodes, foundations, rounding) for rounding in roundings)
+    supported = None if case is None or part is None else SupportedBody(case.body, time, run)
+    variants = tuple(recomputed(run, nodes, foundations, rounding, supported) for rounding in roundings)
     _compare(run, nodes.only(nodes.written), variants, found)
     certificate = variants[0].certificate
     unchecked = [key for key in run.summary if key not in variants[0].numbers and key not in ("material", "step")]

@@ -1,0 +1,29 @@
+"""Columns of history.csv: the figures of a face, of a support, ..., as entries of the row of a load step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+
+def along_axes(name: str, vector: Sequence[float] | None) -> dict[str, float]:
+    """The columns name_x, name_y, name_z of a vector; nan without one."""
+    return {f"{name}_{axis}": value for axis, value in zip("xyz", vector or [math.nan] * 3, strict=True)}
+
+
+def face_columns(face: Mapping[str, Any]) -> dict[str, Any]:
+    """The columns of one of several contact faces, from its totals (`NodalAnswer.totals`)."""
+    name = face["faces"][0]
+    return {
+        **along_axes(f"{name}_force", face["force"]),
+        **along_axes(f"{name}_moment", face["moment"]),
+        f"{name}_contact_area": face["contact_area"],
+        **along_axes(f"{name}_centre_of_pressure", face["centre_of_pressure"]),
+    }
+
+
+def reaction_columns(reaction: Mapping[str, Any]) -> dict[str, float]:
+    """The columns of a support, from its entry in summary.json (`Resultant.entry`)."""
+    name = reaction["name"]
+    return {**along_axes(f"{name}_force", reaction["force"]), **along_axes(f"{name}_moment", reaction["moment"])}

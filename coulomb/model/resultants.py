@@ -1,0 +1,129 @@
+"""Resultant force and moment of every load and support, and the balance of all forces on the body.
+
+Loads, reactions of the supports and contact forces on the body add up to zero, and so do their moments about any point:
+the stress does no work on a rigid motion.  The reactions are the internal forces less loads, springs and contact forces
+along the held directions, so that what is left over is the residual at the free nodes.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..fem.nodal_forces import NodalForces
+from ..linalg.reductions import Reductions
+
+
+@dataclass(frozen=True)
+class Resultant:
+    """Force and moment of a load or a support on the body.
+
+    Attributes:
+        kind: Its kind: "traction", "body_force", ..., "clamp", "prescribed_displacement", "spring", ...
+        face: Where it acts; None for the whole body.
+        name: Kind and face, "clamp_left", as in the columns of history.csv; of several of one kind on one face the
+            second is "clamp_left_2".
+        force: In newtons, shape (3,).
+        moment: About the origin in newton metres, shape (3,).
+        nodal: Sum of the magnitudes of its nodal forces, newtons.
+    """
+
+    kind: str
+    face: str | None
+    name: str
+    force: FloatArray
+    moment: FloatArray
+    nodal: float
+
+    def entry(self) -> dict[str, Any]:
+        """As in summary.json."""
+        given = {"kind": self.kind, "face": self.face, "name": self.name}
+        return {**given, "force": self.force.tolist(), "moment": self.moment.tolist()}
+
+
+@dataclass(frozen=True)
+class Acting:
+    """All that acts on a body at one time.
+
+    Attributes:
+        loads: Every load.
+        reactions: Every clamp, prescribed displacement and spring.
+        balance: What they and the contact forces leave over, relative to the largest of them (`balance`).
+    """
+
+    loads: tuple[Resultant, ...]
+    reactions: tuple[Resultant, ...]
+    balance: float
+
+    def entries(self) -> dict[str, Any]:
+        """As in summary.json."""
+        return {
+            "loads": [load.entry() for load in self.loads],
+            "reactions": [reaction.entry() for reaction in self.reactions],
+            "balance": self.balance,
+        }
+
+
+def acting(
+    loads: Iterable[NodalForces],
+    supports: Iterable[NodalForces],
+    on_body: FloatArray,
+    x: FloatArray,
+    over: Reductions,
+) -> Acting:
+    """Resultants and balance of nodal forces; collective.
+
+    Args:
+        loads: The forces of every load.
+        supports: The forces of every support.
+        on_body: Contact forces on the body at this rank's nodes in newtons, shape (k, 3).
+        x: Coordinates of the nodes, shape (k, 3).
+        over: The ranks.
+    """
+    with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
+        pulling, holding = resultants(loads, x, over), resultants(supports, x, over)
+        contact = resultants([NodalForces("contact", None, on_body)], x, over)
+        return Acting(pulling, holding, balance((*pulling, *holding, *contact), x, over))
+
+
+def resultants(parts: Iterable[NodalForces], x: FloatArray, over: Reductions) -> tuple[Resultant, ...]:
+    """The resultant of each of several nodal forces at nodes x (k, 3), in their order; collective."""
+    found: list[Resultant] = []
+    seen: Counter[str] = Counter()
+    for part in parts:
+        name = part.kind if part.face is None else f"{part.kind}_{part.face}"
+        seen[name] += 1
+        name = name if seen[name] == 1 else f"{name}_{seen[name]}"
+        found.append(_resultant(part.kind, part.face, name, part.forces, x, over))
+    return tuple(found)
+
+
+def balance(outer: Sequence[Resultant], x: FloatArray, over: Reductions) -> float:
+    """What all forces on a body leave over, relative to the largest of them; collective.
+
+    The larger of two figures: the sum of the forces, and the sum of their moments about the body's centre over the
+    radius of the body, each over the largest sum of nodal forces of a load, support or contact.
+
+    Args:
+        outer: All loads, supports and contact forces on the body.
+        x: The nodes of the body, shape (k, 3).
+        over: The ranks.
+    """
+    ends = np.array([[over.min(axis), over.max(axis)] for axis in x.T])
+    centre, radius = ends.mean(axis=1), 0.5 * float(np.linalg.norm(np.ptp(ends, axis=1)))
+    force: FloatArray = np.sum([part.force for part in outer], axis=0)
+    moment = np.sum([part.moment for part in outer], axis=0) - np.cross(centre, force)
+    left = float(np.max([np.linalg.norm(force), np.linalg.norm(moment) / radius]))
+    return left / (float(np.max([part.nodal for part in outer])) or 1.0)
+
+
+def _resultant(
+    kind: str, face: str | None, name: str, forces: FloatArray, x: FloatArray, over: Reductions
+) -> Resultant:
+    total = over.total(np.concatenate([forces.sum(axis=0), np.cross(x, forces).sum(axis=0)]))
+    return Resultant(kind, face, name, total[:3], total[3:], over.sum(np.linalg.norm(forces, axis=1)))
