@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .fem.loads import Pressure, TotalForce, Traction
     from .fem.meshes import NamedMesh, box, read_gmsh, read_mesh, read_xdmf
     from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
+    from .fem.rigid_motion import Rotation
     from .fem.surface import ContactSurface
     from .io.history_files import HistoryFiles
     from .linalg.stiffness import DirectSolver, IterativeSolver
@@ -75,6 +76,7 @@ __all__ = [
     "PrescribedDisplacement",
     "Pressure",
     "Progress",
+    "Rotation",
     "SchurComplementSystem",
     "SignedDistance",
     "SlipRateFriction",
@@ -110,6 +112,7 @@ _PUBLIC = {
     "fem.loads": ("Pressure", "TotalForce", "Traction"),
     "fem.meshes": ("NamedMesh", "box", "read_gmsh", "read_mesh", "read_xdmf"),
     "fem.obstacles": ("Cylinder", "Plane", "SignedDistance", "Sphere"),
+    "fem.rigid_motion": ("Rotation",),
     "fem.surface": ("ContactSurface",),
     "io.history_files": ("HistoryFiles",),
     "solvers.general": ("solve_coulomb", "solve_tresca"),

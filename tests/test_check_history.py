@@ -80,7 +80,7 @@ class ForgetsFoundation(LoadHistory):
         if state.number == 0:
             return posed
         first = problem.at(self.times[0])
-        return posed.in_state(replace(posed.state, motions=first.motions, surface=first.surface))
+        return posed.in_state(replace(posed.state, rigid_motions=first.state.rigid_motions, surface=first.surface))
 
 
 class ForgetsLoad(LoadHistory):

@@ -80,11 +80,11 @@ def test_A_b_and_displacement_are_those_of_the_weights(ways):
 @pytest.mark.parametrize("foundation", [None, Sphere((0.05, 0.05, -0.5), 0.5)], ids=["plane", "ball"])
 def test_every_step_is_certified_and_slips_by_the_weights(foundation, tmp_path):
     problem = dragged(foundation=foundation)
-    W, motion, before = weights_of(problem), problem.body.motions(0.0)[0], np.zeros_like(problem.elasticity.x)
+    W, motion, before = weights_of(problem), problem.motions[0], np.zeros_like(problem.elasticity.x)
     for step in LoadHistory([1.0, 1.5, 2.0, 3.0]).steps(problem):
         solution, surface = step.solution, step.solution.problem.surface
         assert solution.certificate.passed, solution.certificate
-        here = problem.body.motions(step.state.time)[0]
+        here = solution.problem.motions[0]
         slip = surface.components(W @ (solution.displacement - before) - (here - motion))
         slip[:, 0] = 0.0
         answer = solution.at_nodes
@@ -113,7 +113,7 @@ def test_work_is_that_of_forces_and_displacements_at_the_points():
         }
         contact = np.vdot(force, W @ (u1 - u0))
         assert energy["loads"] + energy["prescribed"] + contact == pytest.approx(energy["elastic"], abs=1e-9)
-        moved = problem.body.motions(later.state.time)[0] - problem.body.motions(earlier.state.time)[0]
+        moved = later.solution.problem.motions[0] - earlier.solution.problem.motions[0]
         assert energy["foundation"] == pytest.approx(force.sum(axis=0) @ moved, rel=1e-9)
         surface, end = later.solution.problem.surface, later.state.force_on_body
         slip = W @ (u1 - u0) - moved

@@ -10,6 +10,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, PrescribedDisplacement, Sphere
 from coulomb.fem import surface as surfaces
 from coulomb.fem.contact_matrix import contact_matrix
+from coulomb.fem.rigid_motion import RigidMotion
 from coulomb.model.contact_body import ContactBody
 from coulomb.model.load_history import StepFailed
 
@@ -190,14 +191,14 @@ def test_a_foundation_that_was_not_moved_fails(monkeypatch):
 
 def test_motions_that_are_forgotten_fail(monkeypatch):
     problem = moving()
-    monkeypatch.setattr(ContactBody, "motions", lambda self, time: np.zeros((1, 3)))
+    monkeypatch.setattr(ContactBody, "rigid_motions", lambda self, time: (RigidMotion(np.zeros(3)),))
     (pressed,) = certificates(problem, [1.0])
     assert "penetration" in failed(pressed)
 
 
 def test_normals_of_a_moved_ball_that_stay_fail(monkeypatch):
     problem = moving("foundation", BALL)
-    monkeypatch.setattr("coulomb.fem.obstacles.Moved.normal", lambda self, x: self.foundation.normal(x))
+    monkeypatch.setattr("coulomb.fem.rigid_motion.Moved.normal", lambda self, x: self.foundation.normal(x))
     assert not certificates(problem)[-1].passed
 
 

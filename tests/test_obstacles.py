@@ -7,7 +7,7 @@ from conftest import STEEL, make_block
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Cylinder, Plane, PrescribedDisplacement, SignedDistance, Sphere
 from coulomb.fem.elasticity import Elasticity
-from coulomb.fem.obstacles import Moved
+from coulomb.fem.rigid_motion import Moved, RigidMotion
 from coulomb.fem.surface import contact_surface
 
 POINTS = np.random.default_rng(5).uniform(-1.0, 1.0, (50, 3)) + [0.0, 0.0, 4.0]
@@ -45,7 +45,7 @@ def test_distance_and_normal(foundation):
     assert np.allclose(np.linalg.norm(normal, axis=1), 1.0)
     ahead = foundation.signed_distance(POINTS + 1e-3 * normal)
     assert np.allclose(ahead - distance, 1e-3, rtol=1e-9)  # its gradient, and out of the foundation
-    moved = Moved(foundation, np.array([1.0, 2.0, 3.0]))
+    moved = Moved(foundation, RigidMotion(np.array([1.0, 2.0, 3.0])))
     assert np.allclose(moved.signed_distance(POINTS + [1.0, 2.0, 3.0]), distance)
     assert np.allclose(moved.normal(POINTS + [1.0, 2.0, 3.0]), normal)
 

@@ -10,11 +10,17 @@ import pytest
 from conftest import ROOT, run_python
 
 import coulomb
-from coulomb.fem.obstacles import RigidFoundation
+from coulomb.fem.obstacles import Revolved, RigidFoundation
 from coulomb.linalg.stiffness import StiffnessSolver
 from coulomb.solvers.newton_systems import NewtonChoice, NewtonSystem
 
-PROTOCOLS = (NewtonChoice, NewtonSystem, RigidFoundation, StiffnessSolver)  # they say what their methods do, once
+PROTOCOLS = (
+    NewtonChoice,
+    NewtonSystem,
+    Revolved,
+    RigidFoundation,
+    StiffnessSolver,
+)  # they say what their methods do, once
 NAMES = [name for name in coulomb.__all__ if name != "__version__"]
 PLATFORM = ("dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py", "numpy", "scipy", "h5py", "cffi", "pyvista", "vtk")
 

@@ -171,6 +171,7 @@ class Case(Table):
     def _time_needs_a_history(self) -> Case:
         if self.history is None:
             timed: dict[str, Any] = {f"{key}.motion": table.motion for key, table in self.contacts.items()}
+            timed |= {f"{key}.rotation": table.rotation for key, table in self.contacts.items()}
             timed |= {"body_force_amplitude": self.body_force_amplitude}
             for name in ("clamp", "prescribed_displacement", "traction"):
                 timed |= {f"{name}.{k}.amplitude": table.amplitude for k, table in enumerate(getattr(self, name))}

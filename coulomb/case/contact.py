@@ -30,6 +30,7 @@ from .values import (
 )
 
 if TYPE_CHECKING:
+    from ..fem.rigid_motion import Rotation
     from ..fem.user_values import Coefficient
     from ..model.contact import Contact
     from ..model.friction import SlipRateFriction
@@ -130,6 +131,26 @@ MotionTable = Annotated[tuple[tuple[Number, Number, Number, Number], ...], Field
 there."""
 
 
+class RotationTable(Table):
+    """Rotation of a foundation: a point of the axis in metres, its direction, and rows [time, angle] in radians."""
+
+    point: Vector
+    axis: Vector
+    angle: AmplitudeTable
+
+    @model_validator(mode="after")
+    def _direction(self) -> RotationTable:
+        if not any(self.axis):
+            raise ValueError("axis must not be zero")
+        return self
+
+    def rotation(self) -> Rotation:
+        """What it describes."""
+        from ..fem.rigid_motion import Rotation
+
+        return Rotation(self.point, self.axis, self.angle)
+
+
 class ContactTable(Table):
     """The contact face and its law: friction (Coulomb), perhaps with cohesion, or slip_stress (Tresca), in pascals."""
 
@@ -143,6 +164,7 @@ class ContactTable(Table):
     cohesion: Stress | None = None
     direction: Vector | None = None
     friction_amplitude: AmplitudeTable | None = None
+    rotation: RotationTable | None = None
 
     @model_validator(mode="after")
     def _one_law(self) -> ContactTable:
@@ -200,6 +222,7 @@ class ContactTable(Table):
             self._coefficient("cohesion"),
             self.direction,
             self.friction_amplitude or 1.0,
+            self.rotation.rotation() if self.rotation is not None else None,
         )
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:

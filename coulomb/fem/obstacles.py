@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -16,6 +16,10 @@ _DIFFERENCE = 1e-5
 """Relative step of the finite differences for a normal: the cube root of the rounding error."""
 
 
+_SAME = 1e-12
+"""Distance over the radius, and sine of the angle, below which two axes are the same up to rounding."""
+
+
 class RigidFoundation(Protocol):
     """A rigid foundation."""
 
@@ -25,6 +29,17 @@ class RigidFoundation(Protocol):
 
     def normal(self, x: FloatArray) -> FloatArray:
         """Unit normals out of the foundation, into the free space, at the points x (k, 3), shape (k, 3)."""
+        ...
+
+
+@runtime_checkable
+class Revolved(Protocol):
+    """A foundation that can say about which axes it is a surface of revolution: rotations about them leave its distance
+    and normals exactly as they are.  Without this method they are computed in rotated coordinates."""
+
+    def revolves(self, point: FloatArray, axis: FloatArray) -> bool:
+        """Whether it is a surface of revolution about the axis through a point (3,) in metres with the direction axis
+        (3,) of length 1."""
         ...
 
 
@@ -44,8 +59,8 @@ class Plane:
     normal_vector: Point
 
     def __post_init__(self) -> None:
-        _check_point("plane: point", self.point)
-        _check_direction("plane: normal", self.normal_vector)
+        check_point("plane: point", self.point)
+        check_direction("plane: normal", self.normal_vector)
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
         distance: FloatArray = (x - np.asarray(self.point)) @ _unit(self.normal_vector)
@@ -53,6 +68,9 @@ class Plane:
 
     def normal(self, x: FloatArray) -> FloatArray:
         return np.tile(_unit(self.normal_vector), (len(x), 1))
+
+    def revolves(self, point: FloatArray, axis: FloatArray) -> bool:
+        return _parallel(axis, self.normal_vector)
 
 
 @dataclass(frozen=True)
@@ -73,7 +91,7 @@ class Sphere:
     hollow: bool = False
 
     def __post_init__(self) -> None:
-        _check_point("sphere: centre", self.centre)
+        check_point("sphere: centre", self.centre)
         _check_radius("sphere: radius", self.radius)
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
@@ -82,6 +100,9 @@ class Sphere:
 
     def normal(self, x: FloatArray) -> FloatArray:
         return _radial(x - np.asarray(self.centre), self.hollow)
+
+    def revolves(self, point: FloatArray, axis: FloatArray) -> bool:
+        return _off_axis(np.asarray(self.centre) - point, axis) <= _SAME * self.radius
 
 
 @dataclass(frozen=True)
@@ -104,8 +125,8 @@ class Cylinder:
     hollow: bool = False
 
     def __post_init__(self) -> None:
-        _check_point("cylinder: point", self.point)
-        _check_direction("cylinder: axis", self.axis)
+        check_point("cylinder: point", self.point)
+        check_direction("cylinder: axis", self.axis)
         _check_radius("cylinder: radius", self.radius)
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
@@ -114,6 +135,10 @@ class Cylinder:
 
     def normal(self, x: FloatArray) -> FloatArray:
         return _radial(self._from_axis(x), self.hollow)
+
+    def revolves(self, point: FloatArray, axis: FloatArray) -> bool:
+        off = _off_axis(np.asarray(self.point) - point, axis)
+        return _parallel(axis, self.axis) and off <= _SAME * self.radius
 
     def _from_axis(self, x: FloatArray) -> FloatArray:
         r, axis = x - np.asarray(self.point), _unit(self.axis)
@@ -164,20 +189,6 @@ class SignedDistance:
         return slope
 
 
-@dataclass(frozen=True)
-class Moved:
-    """A foundation translated by `translation` (metres)."""
-
-    foundation: RigidFoundation
-    translation: FloatArray
-
-    def signed_distance(self, x: FloatArray) -> FloatArray:
-        return self.foundation.signed_distance(x - self.translation)
-
-    def normal(self, x: FloatArray) -> FloatArray:
-        return self.foundation.normal(x - self.translation)
-
-
 def _radial(r: FloatArray, inwards: bool) -> FloatArray:
     length = np.linalg.norm(r, axis=1)
     if np.any(length == 0.0):
@@ -186,19 +197,31 @@ def _radial(r: FloatArray, inwards: bool) -> FloatArray:
     return -unit if inwards else unit
 
 
+def _parallel(axis: FloatArray, other: Point) -> bool:
+    """Whether a unit vector and a direction are parallel."""
+    return bool(np.linalg.norm(np.cross(axis, _unit(other))) <= _SAME)
+
+
+def _off_axis(r: FloatArray, axis: FloatArray) -> float:
+    """Distance of a point r from the axis through 0 along the unit vector axis."""
+    return float(np.linalg.norm(np.cross(axis, r)))
+
+
 def _unit(vector: Point) -> FloatArray:
     n = np.asarray(vector, dtype=np.float64)
     unit: FloatArray = n / np.linalg.norm(n)
     return unit
 
 
-def _check_point(what: str, point: Point) -> None:
+def check_point(what: str, point: Point) -> None:
+    """Raises ValueError if a point has not three finite coordinates."""
     if len(point) != 3 or not np.all(np.isfinite(point)):
         raise ValueError(f"{what} must be three finite numbers, but is {point}")
 
 
-def _check_direction(what: str, vector: Point) -> None:
-    _check_point(what, vector)
+def check_direction(what: str, vector: Point) -> None:
+    """Raises ValueError if a direction has not three finite components, or has no length."""
+    check_point(what, vector)
     if not np.linalg.norm(vector) > 0.0:
         raise ValueError(f"{what} must not be zero")
 

@@ -23,6 +23,12 @@ def face_columns(face: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def rotation_columns(face: Mapping[str, Any]) -> dict[str, float]:
+    """The columns of a contact face whose foundation rotates, from its entry in summary.json; none of other faces."""
+    names = ("angle", "torque", "power") if "torque" in face else ()
+    return {f"{face['faces'][0]}_{name}": math.nan if face[name] is None else face[name] for name in names}
+
+
 def reaction_columns(reaction: Mapping[str, Any]) -> dict[str, float]:
     """The columns of a support, from its entry in summary.json (`Resultant.entry`)."""
     name = reaction["name"]

@@ -11,7 +11,8 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from ..fem.contact_frames import FrictionAxes, tangent_frames
 from ..fem.elasticity import Elasticity
-from ..fem.obstacles import Moved, RigidFoundation
+from ..fem.obstacles import RigidFoundation
+from ..fem.rigid_motion import RigidMotion, Rotation, moved, rigid_motion
 from ..fem.surface import ContactSurface, Normals, contact_surface, joined
 from ..fem.user_values import (
     Amplitude,
@@ -19,7 +20,6 @@ from ..fem.user_values import (
     Field,
     Motion,
     evaluate_amplitude,
-    evaluate_motion,
     evaluate_numbers,
     on_all_ranks,
 )
@@ -47,6 +47,7 @@ class Contact:
         foundation: Rigid foundation; by default the plane of the face itself (gap 0).
         normals: Source of the normals of the contact frames, "foundation" or "body" (`contact_surface`).
         motion: Translation of the foundation as a function of time, metres.
+        rotation: Rotation of the foundation as a function of time; before the translation, with which its axis moves.
         cohesion: In addition to friction: the shear stress c >= 0 in pascals that the face bears without pressure,
             constant or a function of place.
         direction: Of orthotropic friction, a vector or a function of place; projected into the tangent plane of a node.
@@ -66,6 +67,7 @@ class Contact:
     cohesion: Coefficient | None = None
     direction: Field | None = None
     friction_amplitude: Amplitude = 1.0
+    rotation: Rotation | None = None
 
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):
@@ -97,6 +99,14 @@ class Contact:
         if not isinstance(self.friction, Sequence) or self.direction is None:
             return None
         return FrictionAxes(self.friction[0], self.friction[1], self.direction)
+
+    def rigid_motion(self, time: float, what: str) -> RigidMotion:
+        """Of the foundation at a time; `what` it is called in errors.
+
+        Raises:
+            ValueError: If a function fails, or a table is none.
+        """
+        return rigid_motion(self.motion, self.rotation, time, what)
 
     def frames(self, n: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArray:
         """Rows n, t1, t2 at nodes x (k, 3) of the face with normals n (k, 3), shape (k, 3, 3); collective."""
@@ -179,19 +189,16 @@ class ContactFaces:
         """The same faces with other foundations."""
         return ContactFaces(self._contacts, self._comm, foundations)
 
-    def motions(self, time: float) -> FloatArray:
-        """Translations of the foundations at a time in metres, shape (faces, 3); collective."""
-        motions: FloatArray = on_all_ranks(
-            lambda: np.array([evaluate_motion(c.motion, time, "contact: foundation") for c in self._contacts]),
-            "",
-            self._comm,
+    def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
+        """Of the foundations of all faces at a time; collective."""
+        return on_all_ranks(
+            lambda: tuple(c.rigid_motion(time, "contact: foundation") for c in self._contacts), "", self._comm
         )
-        return motions
 
-    def surface(self, elasticity: Elasticity, motions: FloatArray) -> ContactSurface:
+    def surface(self, elasticity: Elasticity, motions: Sequence[RigidMotion]) -> ContactSurface:
         """The contact surface with moved foundations; collective."""
-        moved = [Moved(f, m) if f and np.any(m) else f for f, m in zip(self.foundations, motions, strict=True)]
-        faces = zip(self._contacts, moved, strict=True)
+        there = [f and moved(f, motion) for f, motion in zip(self.foundations, motions, strict=True)]
+        faces = zip(self._contacts, there, strict=True)
         return joined(elasticity, [contact_surface(elasticity, c.face, f, c.normals, c.axes) for c, f in faces])
 
     def law(self, surface: ContactSurface, time: float, slip_rate: FloatArray) -> FrictionLaw:

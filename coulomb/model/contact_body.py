@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import repeat
 
 import numpy as np
 from mpi4py import MPI
@@ -14,6 +15,7 @@ from ..fem.elasticity import Elasticity, Materials, PrescribedDisplacement, Spri
 from ..fem.loads import Load
 from ..fem.meshes import NamedMesh
 from ..fem.obstacles import RigidFoundation
+from ..fem.rigid_motion import RigidMotion, since_at, spin
 from ..fem.surface import ContactSurface
 from ..fem.user_values import Amplitude, Field
 from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance, SchurCompliance
@@ -79,10 +81,10 @@ class ContactBody:
                 *(mesh, material, clamps, tractions, body_force, springs, body_force_amplitude),
                 *(gravity, gravity_amplitude),
             )
-            faces, still = ContactFaces(self.contacts, self.comm), np.zeros((len(self.contacts), 3))
-            self._reference: ContactSurface = faces.surface(self.elasticity, still)
+            faces, still = ContactFaces(self.contacts, self.comm), RigidMotion(np.zeros(3))
+            self._reference: ContactSurface = faces.surface(self.elasticity, [still] * len(self.contacts))
             self._faces = faces.against(self._reference.foundations)  # the plane of the face if none was given
-            self._reference = self.surface(self.motions(time), time)
+            self._reference = self.surface(self.rigid_motions(time), time)
         self.linear_solver, self.explicit = chosen(
             self.unknowns["displacement"], self.unknowns["contact"], self.comm.size, linear_solver, explicit
         )
@@ -109,12 +111,12 @@ class ContactBody:
 
     # --- state at a time ----------------------------------------------------------------------------------------------
 
-    def motions(self, time: float) -> FloatArray:
-        """Translations of the foundations of all contact faces at a time in metres, shape (faces, 3); collective."""
-        return self._faces.motions(time)
+    def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
+        """Of the foundations of all contact faces at a time; collective."""
+        return self._faces.rigid_motions(time)
 
-    def surface(self, motions: FloatArray, time: float) -> ContactSurface:
-        """The contact surface with the foundations moved by (faces, 3); collective.
+    def surface(self, motions: Sequence[RigidMotion], time: float) -> ContactSurface:
+        """The contact surface with the foundations of the faces moved; collective.
 
         Frames and B are the same objects for all positions of the foundations with the same normals.
 
@@ -141,16 +143,19 @@ class ContactBody:
             ValueError: On every rank, if an amplitude or a motion has no value then, or the set of contact nodes
                 changes.
         """
-        motions = self.motions(time)
+        motions = self.rigid_motions(time)
         surface = self.surface(motions, time)
+        spins = tuple(spin(motion, None, 1.0) for motion in motions)
         origin: FloatArray = np.zeros_like(surface.x)
         slip_rate: FloatArray = np.zeros(len(surface.x))
         if before is not None:
             slip_rate = before.slip_rate
-            carried = (motions - self.motions(before.time))[surface.part]
+            then = self.rigid_motions(before.time)
+            carried = since_at(motions, then, surface.part, surface.x)
             origin = surface.rows(before.displacement) + surface.components(carried)
+            spins = tuple(map(spin, motions, then, repeat(time - before.time)))
         law = self._faces.law(surface, time, slip_rate)
-        return ContactState(self.elasticity.at(time), motions, surface, law, slip_rate, origin)
+        return ContactState(self.elasticity.at(time), motions, spins, surface, law, slip_rate, origin)
 
     # --- K^-1 and A ---------------------------------------------------------------------------------------------
 

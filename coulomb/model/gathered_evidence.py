@@ -13,8 +13,9 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..fem.contact_frames import inverse_frames
 from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
+from ..fem.rigid_motion import RigidMotion
 from ..fem.surface import way_along
-from ..fem.user_values import evaluate_motion, on_all_ranks
+from ..fem.user_values import on_all_ranks
 from ..solvers.laws import FrictionLaw
 from .contact_body import ContactBody
 from .evidence import HELD_BEYOND, Evidence, rounding_forces
@@ -44,7 +45,7 @@ def gather_evidence(
     slip_rate = np.zeros(len(u))
     slip_rate[surface.nodes] = state.slip_rate if before is None else before.slip_rate
     faces = [_face(body, number, state.time, before, slip_rate) for number in range(len(body.contacts))]
-    nodes, frames, gap, cohesion, friction, moved = (np.concatenate(part) for part in zip(*faces, strict=True))
+    nodes, frames, gap, cohesion, friction, carried = (np.concatenate(part) for part in zip(*faces, strict=True))
     B = contact_matrix(elasticity, nodes, frames)
 
     number = np.full(len(u), -1)
@@ -69,7 +70,7 @@ def gather_evidence(
     if before is None:
         origin = taken(surface.displacements(state.slip_origin), frames)
     else:
-        origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, moved)
+        origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
     closed = closure(rows_of(B, u), origin)
     B.destroy()
     bound = FrictionLaw(cohesion, friction).radius(force[:, 0])
@@ -105,17 +106,17 @@ def _face(
     nodes = elasticity.nodes(contact.face, "contact")
     what = f"contact face {contact.face!r}"
 
-    def way() -> tuple[FloatArray, FloatArray]:
-        here = evaluate_motion(contact.motion, time, what)
-        return here, here - evaluate_motion(contact.motion, before.time, what) if before else np.zeros(3)
+    def way() -> tuple[RigidMotion, RigidMotion]:
+        here = contact.rigid_motion(time, what)
+        return here, contact.rigid_motion(before.time, what) if before else here
 
-    here, moved = on_all_ranks(way, "", comm)
-    foundation, place = body.foundations[number], elasticity.x[nodes] - here  # relative to the foundation
+    here, then = on_all_ranks(way, "", comm)
+    foundation, place = body.foundations[number], here.undone(elasticity.x[nodes])  # in the foundation's coordinates
     if contact.normals == "body":
         outward = elasticity.nodal_normal(contact.face)[nodes]
         n = outward / np.linalg.norm(outward, axis=1)[:, None]
     else:
-        n = on_all_ranks(lambda: -foundation.normal(place) if len(place) else np.zeros((0, 3)), what, comm)
+        n = on_all_ranks(lambda: here.turned(-foundation.normal(place)) if len(place) else np.zeros((0, 3)), what, comm)
     free = np.linalg.norm(np.where(elasticity.fixed[nodes], n, 0.0), axis=1) <= HELD_BEYOND
     nodes, n, place = nodes[free], n[free], place[free]
 
@@ -123,9 +124,9 @@ def _face(
         if len(place) == 0:
             return np.zeros(0)
         distance = foundation.signed_distance(place)
-        return way_along(n, place, distance, foundation) if contact.normals == "body" else distance
+        return way_along(here.turned_back(n), place, distance, foundation) if contact.normals == "body" else distance
 
     gap = on_all_ranks(remaining, what, comm)
     law = contact.law(elasticity.x[nodes], elasticity.nodal_area(contact.face)[nodes], time, slip_rate[nodes], comm)
     frames = contact.frames(n, elasticity.x[nodes], comm)
-    return nodes, frames, gap, law.cohesion, law.friction, np.tile(moved, (len(nodes), 1))
+    return nodes, frames, gap, law.cohesion, law.friction, here.since(then, elasticity.x[nodes])

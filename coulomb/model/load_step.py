@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..fem.rigid_motion import since_at
 from ..linalg.reductions import Reductions
-from .columns import along_axes, face_columns, reaction_columns
+from .columns import along_axes, face_columns, reaction_columns, rotation_columns
 from .solution import Solution
 
 _IMBALANCE = 0.25  # of the energy dissipated by friction
@@ -147,7 +148,8 @@ class State(Moment):
         on_body = solution.force_on_body
         then = forces(self.displacement, elasticity.at(self.time).load, self.force_on_body)
         now = forces(solution.displacement, problem.loading.load, on_body)
-        moved = (problem.motions - problem.body.motions(self.time))[surface.part]
+        then_at = problem.body.rigid_motions(self.time)
+        moved = since_at(problem.state.rigid_motions, then_at, surface.part, surface.x)
         foundation = 0.5 * over.dot(self.force_on_body + on_body, moved)
         answer = solution.at_nodes
         slip_rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - self.time)
@@ -212,6 +214,7 @@ def row(
         "greatest_pressure": face["greatest_pressure"],
         **{name: numbers["nodes"][name] for name in ("open", "stick", "slip")},
         **{name: value for part in several for name, value in face_columns(part).items()},
+        **{name: value for part in numbers["faces"] for name, value in rotation_columns(part).items()},
         **{name: value for part in numbers["reactions"] for name, value in reaction_columns(part).items()},
         **{f"energy_{name}": value for name, value in asdict(at.energy).items()},
         "energy_imbalance": at.energy.imbalance,

@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.contact_frames import inverse_frames, tangent_lengths
+from ..fem.rigid_motion import Spin
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
 
@@ -47,6 +48,7 @@ class NodalAnswer:
         displacement: Along n, t1, t2, shape (m, 3).
         force: Along n, t1, t2, shape (m, 3); x_n >= 0 presses.
         slip_bound: Slip bound used by the solver, shape (m,).
+        spins: Rotations of the foundations of the faces; None where there is none.
     """
 
     comm: MPI.Comm
@@ -61,6 +63,7 @@ class NodalAnswer:
     displacement: FloatArray
     force: FloatArray
     slip_bound: FloatArray
+    spins: tuple[Spin | None, ...]
 
     @cached_property
     def scale(self) -> FloatArray:
@@ -194,7 +197,6 @@ class NodalAnswer:
         rubbing = ~self._open | (self.law.cohesion > 0.0)  # a cohesion acts on open nodes too
         slip, stick = self._at_bound & rubbing, ~self._at_bound & rubbing
         counts = {"contact": np.ones(len(x)), "open": self._open, "stick": stick, "slip": slip}
-        faces = range(len(self.faces))
         return {
             **law_numbers(self.law, self.area, self.frames, over),
             "force_on_body": {
@@ -203,8 +205,30 @@ class NodalAnswer:
                 "vector": [over.sum(self.on_body[:, k]) for k in range(3)],
             },
             "totals": self.totals(),
-            "faces": [{**self.totals(part), **self._law_numbers(part)} for part in faces],
+            "faces": [
+                {**self.totals(part), **self._rotation(part), **self._law_numbers(part)}
+                for part in range(len(self.faces))
+            ],
             "nodes": {name: int(over.sum(which.astype(float))) for name, which in counts.items()},
+        }
+
+    def _rotation(self, part: int) -> dict[str, Any]:
+        """Of a rotating foundation: axis, angle, torque of the contact forces on it, and their power.
+
+        The torque about the axis is positive in the direction of positive angles, newton metres.  The power in watts is
+        torque times mean angular velocity of the load step, null without one; it is negative where friction brakes.
+        """
+        spin = self.spins[part]
+        if spin is None:
+            return {}
+        here = self.part == part
+        torque = -Reductions(self.comm).sum(spin.torques(self.x[here], self.on_body[here]))
+        return {
+            "axis": {"point": spin.centre.tolist(), "direction": spin.axis.tolist()},
+            "angle": spin.angle,
+            "angular_velocity": spin.angular_velocity,
+            "torque": torque,
+            "power": None if spin.angular_velocity is None else torque * spin.angular_velocity,
         }
 
     def _law_numbers(self, part: int) -> dict[str, Any]:

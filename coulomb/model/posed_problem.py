@@ -5,6 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from functools import cached_property
 
+import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -92,8 +93,8 @@ class PosedProblem:
 
     @property
     def motions(self) -> FloatArray:
-        """Translations of the foundations, metres, shape (faces, 3)."""
-        return self.state.motions
+        """Translations of the foundations, metres, shape (faces, 3); their rotations are in `state.rigid_motions`."""
+        return np.array([motion.translation for motion in self.state.rigid_motions])
 
     @property
     def surface(self) -> ContactSurface:

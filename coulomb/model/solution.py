@@ -65,6 +65,7 @@ class Solution:
             displacement=surface.rows(self.displacement),
             force=self.contact_force.reshape(-1, 3),
             slip_bound=self.slip_bound,
+            spins=problem.state.spins,
         )
 
     @cached_property

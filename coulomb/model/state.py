@@ -7,6 +7,7 @@ from typing import Protocol
 
 from ..arrays import FloatArray
 from ..fem.loaded_body import Loading
+from ..fem.rigid_motion import RigidMotion, Spin
 from ..fem.surface import ContactSurface
 from ..solvers.laws import FrictionLaw
 
@@ -17,7 +18,8 @@ class ContactState:
 
     Attributes:
         loading: Loads and prescribed displacements.
-        motions: Translations of the foundations, metres, shape (faces, 3).
+        rigid_motions: Of the foundations of the faces.
+        spins: Axis and angular velocity of the foundations of the faces; None where there is no rotation.
         surface: Contact points with their frames, gaps and B, for the foundations at this time.
         law: Of friction at the contact points.
         slip_rate: Slip rate in the load step before, metres per second, shape (m,); 0 without one.
@@ -26,7 +28,8 @@ class ContactState:
     """
 
     loading: Loading
-    motions: FloatArray
+    rigid_motions: tuple[RigidMotion, ...]
+    spins: tuple[Spin | None, ...]
     surface: ContactSurface
     law: FrictionLaw
     slip_rate: FloatArray

@@ -20,9 +20,9 @@ from ...fem import compat
 from ...fem.body import Material
 from ...fem.loaded_body import LoadedBody
 from ...fem.meshes import corners_of
-from ...fem.obstacles import Moved, RigidFoundation
+from ...fem.obstacles import RigidFoundation
+from ...fem.rigid_motion import RigidMotion, moved
 from ...fem.surface import plane_of_face, way_along
-from ...fem.user_values import evaluate_motion
 from ...solvers.laws import FrictionLaw
 from ..run_directory import SOLUTION, SUMMARY, RunDirectory
 from ..run_files import WrittenRun, midpoints, places
@@ -70,9 +70,9 @@ class CaseReference:
         """
         return self.settings.body(MPI.COMM_SELF)
 
-    def motion(self, time: float) -> FloatArray:
-        """Translations of the foundations at a time in metres, shape (faces, 3)."""
-        return np.array([evaluate_motion(contact.motion, time, "contact") for contact in self.contacts])
+    def rigid_motions(self, time: float) -> list[RigidMotion]:
+        """Of the foundations of the faces at a time."""
+        return [contact.rigid_motion(time, "contact") for contact in self.contacts]
 
     def law(self, part: int, x: FloatArray, area: FloatArray, time: float, slip_rate: FloatArray) -> FrictionLaw:
         """The law of friction of a face at a time, at points x (k, 3) in metres with areas (k,) in m^2, and slip rates
@@ -103,8 +103,8 @@ class CaseReference:
 
     def foundations(self, time: float) -> list[RigidFoundation]:
         """Foundations of all faces for which `foundation` was called, moved to a time."""
-        motion = self.motion(time)
-        return [Moved(f, motion[k]) if np.any(motion[k]) else f for k, f in sorted(self._foundations.items())]
+        motions = self.rigid_motions(time)
+        return [moved(f, motions[k]) for k, f in sorted(self._foundations.items())]
 
     def geometry(
         self, part: int, time: float, x: FloatArray, area: FloatArray, outward: FloatArray
@@ -115,12 +115,12 @@ class CaseReference:
             ValueError: If the foundation has no distance or normal at a node.
         """
         self.foundation(part, x, area, outward)
-        moved = self.foundations(time)[part]
-        distance = moved.signed_distance(x)
+        there = self.foundations(time)[part]
+        distance = there.signed_distance(x)
         if self.contacts[part].normals == "foundation":
-            return -moved.normal(x), distance
+            return -there.normal(x), distance
         n = outward / np.linalg.norm(outward, axis=1)[:, None]
-        return n, way_along(n, x, distance, moved)
+        return n, way_along(n, x, distance, there)
 
     def compare_body(self, run: WrittenRun, time: float, found: Comparison) -> npt.NDArray[np.int64] | None:
         """Compare mesh, materials, clamps, springs, loads and contact faces.

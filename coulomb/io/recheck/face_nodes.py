@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ...fem.contact_frames import inverse_frames, tangent_frames
+from ...fem.rigid_motion import Spin
 from ...model.evidence import HELD_BEYOND
 from ...model.nodal_answer import NodalAnswer
 from ...solvers.laws import FrictionLaw
@@ -46,6 +47,7 @@ class FaceNodes:
         friction: Coefficient of friction, shape (m,).
         cohesion: In pascals, shape (m,).
         origin: Displacement from which slip is measured, shape (m, 3).
+        moved: Displacement of the foundation in the load step, metres, shape (m, 3); 0 as long as it is unknown.
     """
 
     index: npt.NDArray[np.int64]
@@ -57,16 +59,20 @@ class FaceNodes:
     friction: FloatArray
     cohesion: FloatArray
     origin: FloatArray
+    moved: FloatArray
 
     def only(self, which: npt.NDArray[np.bool_]) -> FaceNodes:
         """A subset of the nodes."""
         return FaceNodes(**{name: values[which] for name, values in vars(self).items()})
 
-    def from_origin(self, origin: FloatArray) -> FaceNodes:
-        """The same nodes with another slip origin, shape (m, 3)."""
-        return replace(self, origin=origin)
-
-    def answer(self, run: WrittenRun, displacement: FloatArray, on_body: FloatArray, x: FloatArray) -> NodalAnswer:
+    def answer(
+        self,
+        run: WrittenRun,
+        displacement: FloatArray,
+        on_body: FloatArray,
+        x: FloatArray,
+        spins: tuple[Spin | None, ...],
+    ) -> NodalAnswer:
         """The answer at the nodes.
 
         Args:
@@ -74,6 +80,7 @@ class FaceNodes:
             displacement: Displacement of the nodes of the body in metres, shape (k, 3).
             on_body: Contact forces on the body at the nodes of the written face in newtons, shape (q, 3).
             x: Coordinates of these, shape (q, 3).
+            spins: Rotations of the foundations of the faces.
         """
         frames = self.frames
         return NodalAnswer(
@@ -89,6 +96,7 @@ class FaceNodes:
             displacement=np.einsum("kij,kj->ki", frames, displacement[run.node[self.index]]),
             force=-np.einsum("kij,kj->ki", inverse_frames(frames), on_body[self.index]),
             slip_bound=run.on_face["slip_bound"][self.index],
+            spins=spins,
         )
 
 
@@ -211,7 +219,8 @@ def _face(
         _report(found, run, _everywhere(run, index[left_out]), "are left out, but are not prescribed in solution.h5")
     part = np.full(len(index), number)
     cohesion = law.cohesion / area
-    return FaceNodes(index, part, written, frames, gap, area, law.friction, cohesion, data["slip_origin"]).only(free)
+    origin, still = data["slip_origin"], np.zeros_like(x)
+    return FaceNodes(index, part, written, frames, gap, area, law.friction, cohesion, origin, still).only(free)
 
 
 def _parts(run: WrittenRun, count: int, said: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

@@ -215,7 +215,7 @@ class _Chain:
             return
         self._energies = self._energies or [Energy()] * len(findings.variants)
         moved = np.zeros_like(run.body.x)
-        moved[run.node[findings.nodes.index]] = findings.moved[findings.nodes.part]
+        moved[run.node[findings.nodes.index]] = findings.nodes.moved
         for k, variant in enumerate(findings.variants):
             then = self._then(run, k)
             dissipated = variant.numbers["totals"]["dissipated_energy"]
@@ -255,7 +255,7 @@ def _recorded_energy(run: WrittenRun) -> Energy:
 def _check_gaps(before: Findings, now: Findings, found: Comparison) -> None:
     """Compare the displacement of a plane foundation in the step with the change of the gaps."""
     same = places(before.run.on_face["x"][before.nodes.index], now.run.on_face["x"][now.nodes.index])
-    for part in range(len(now.moved)):
+    for part in range(int(np.max(now.nodes.part)) + 1):
         here = (now.nodes.part == part) & (same >= 0)
         if not np.any(here):
             continue
@@ -263,7 +263,7 @@ def _check_gaps(before: Findings, now: Findings, found: Comparison) -> None:
         if np.max(np.abs(n - n[0])) > 1e-9 or np.max(np.abs(then.frames[:, 0] - n[0])) > 1e-9:
             continue
         floor = 1e-13 * float(np.max(np.abs(now.run.points)))
-        expected = then.gap + n @ now.moved[part]
+        expected = then.gap + np.einsum("ki,ki->k", n, now.nodes.moved[here])
         x = now.run.on_face["x"][now.nodes.index[here]]
         source = "the step before, and the foundation's displacement in slip_origin"
         found.field("contact.xdmf: initial_gap", now.nodes.gap[here], expected, x, source, floor=floor)

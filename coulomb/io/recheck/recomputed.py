@@ -14,6 +14,7 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...fem import compat
 from ...fem.obstacles import RigidFoundation
+from ...fem.rigid_motion import Spin
 from ...model.certificate import Certificate, judge
 from ...model.evidence import Evidence, rounding_forces
 from ...model.load_step import Forces
@@ -71,6 +72,7 @@ def recomputed(
     run: WrittenRun,
     nodes: FaceNodes,
     foundations: list[RigidFoundation] | None,
+    spins: tuple[Spin | None, ...],
     rounding: Rounding | None,
     supported: Supported | None = None,
 ) -> Variant:
@@ -87,8 +89,8 @@ def recomputed(
     on_body = np.zeros_like(u)
     on_body[run.node] = on_face
     internal = body.internal_force(u)
-    judged = nodes.answer(run, u, on_face, x)
-    written = nodes.only(nodes.written).answer(run, u, on_face, x)
+    judged = nodes.answer(run, u, on_face, x, spins)
+    written = nodes.only(nodes.written).answer(run, u, on_face, x, spins)
     certificate = judge(
         Evidence(
             comm=MPI.COMM_SELF,

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import FloatArray
+from ...fem.rigid_motion import Spin, since_at
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
 from ..run_directory import SUMMARY
@@ -17,6 +18,7 @@ from .case_reference import CaseReference
 from .comparison import Comparison, Rounding
 from .face_nodes import FaceNodes, face_nodes
 from .recomputed import Variant, recomputed
+from .rotation import AS_WRITTEN, case_spins, foundation_displacement, written_spins
 from .supported_body import SupportedBody
 
 SLIP_BOUND_LIMIT = 1e-6
@@ -83,7 +85,6 @@ class Findings:
         trusted: Data that could not be compared, a line each.
         recorded: Whether the run itself recorded that its certificate had passed.
         run: The files.
-        moved: Displacement of the foundations in the load step in metres, shape (faces, 3).
         nodes: The nodes that are written as contact nodes.
         variants: Data recomputed from the numbers as written, and perturbed.
     """
@@ -93,7 +94,6 @@ class Findings:
     trusted: tuple[str, ...]
     recorded: bool
     run: WrittenRun
-    moved: FloatArray
     nodes: FaceNodes
     variants: tuple[Variant, ...]
 
@@ -163,19 +163,20 @@ def check_run(
     alone = start is None and "step" in run.summary
     slip_rate = None if alone else np.zeros(len(run.node)) if start is None else start.slip_rate(run)
     nodes = face_nodes(run, case, time, slip_rate, part, found)
-    nodes, moved, say = _from_origin(run, nodes, case, time, start, found)
+    spins = written_spins(run) if case is None else case_spins(case, time, start.time if start else None)
+    nodes, say = _from_origin(run, nodes, spins, case, time, start, found)
     trusted += say
     foundations = None if case is None else case.foundations(time)
     roundings = (None, *(Rounding((seed, abs(step)), run.evaluation) for seed in _SEEDS))
     supported = None if case is None or part is None else SupportedBody(case.body, time, run)
-    variants = tuple(recomputed(run, nodes, foundations, rounding, supported) for rounding in roundings)
+    variants = tuple(recomputed(run, nodes, foundations, spins, rounding, supported) for rounding in roundings)
     _compare(run, nodes.only(nodes.written), variants, found)
     certificate = variants[0].certificate
     unchecked = [key for key in run.summary if key not in variants[0].numbers and key not in ("material", "step")]
     trusted.append(f"as recorded by the run, nothing to compare with: {', '.join(unchecked)}")
     recorded = bool(run.summary["certificate"]["passed"])
     written = nodes.only(nodes.written)
-    return Findings(certificate, tuple(found.faults), tuple(trusted), recorded, run, moved, written, variants)
+    return Findings(certificate, tuple(found.faults), tuple(trusted), recorded, run, written, variants)
 
 
 def step_of(run: WrittenRun) -> tuple[int, float]:
@@ -197,40 +198,30 @@ def step_of(run: WrittenRun) -> tuple[int, float]:
 def _from_origin(
     run: WrittenRun,
     nodes: FaceNodes,
+    spins: tuple[Spin | None, ...],
     case: CaseReference | None,
     time: float,
     start: Start | None,
     found: Comparison,
-) -> tuple[FaceNodes, FloatArray, list[str]]:
-    """The nodes with their slip origin, the displacement of the foundations, and what is unknown."""
-    count = int(np.max(nodes.part)) + 1
-    moved: FloatArray = np.zeros((count, 3))
-    x = run.on_face["x"]
+) -> tuple[FaceNodes, list[str]]:
+    """The nodes with their slip origin and the displacement of the foundation, and what is unknown."""
+    here, x = nodes.written, run.on_face["x"][nodes.index]
     if start is None:
         if "step" in run.summary or case is None:
-            return nodes, moved, ["taken as written, without the load step before: slip_origin, friction"]
+            return nodes, ["taken as written, without the load step before: slip_origin, friction"]
         origin, source = np.zeros_like(nodes.origin), "a run without steps before it"
+        found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[here], source)
+        return replace(nodes, origin=origin), []
+    before = start.at(run)[run.node[nodes.index]]
+    say = []
+    if case is not None:
+        moved = since_at(case.rigid_motions(time), case.rigid_motions(start.time), nodes.part, x)
     else:
-        before = start.at(run)[run.node[nodes.index]]
-        say = []
-        if case is not None:
-            moved = case.motion(time) - case.motion(start.time)
-        else:
-            say = [
-                "taken as written, without a case.json: the foundation's displacement, the same at all nodes of a face"
-            ]
-            for part in range(count):
-                here = nodes.written & (nodes.part == part)
-                moved[part] = np.mean((nodes.origin - before)[here], axis=0) if np.any(here) else 0.0
-        origin, source = before + moved[nodes.part], "the step before, and the foundation's displacement"
-        here = nodes.written
-        floor = run.evaluation * float(np.max(np.abs(before), initial=0.0))
-        where = x[nodes.index[here]]
-        found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], where, source, floor=floor)
-        return replace(nodes, origin=origin), moved, say
-    here = nodes.written
-    found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[nodes.index[here]], source)
-    return replace(nodes, origin=origin), moved, []
+        moved, say = foundation_displacement(nodes, spins, x, before, time - start.time), [AS_WRITTEN]
+    origin, source = before + moved, "the step before, and the foundation's displacement"
+    floor = run.evaluation * float(np.max(np.abs(before), initial=0.0))
+    found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[here], source, floor=floor)
+    return replace(nodes, origin=origin, moved=moved), say
 
 
 def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], found: Comparison) -> None:
