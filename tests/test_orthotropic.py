@@ -27,14 +27,14 @@ def force_for_slip(slip, N, direction=0.0):
     return -turn @ scaled / math.sqrt(F1**2 * along[0] ** 2 + F2**2 * along[1] ** 2)
 
 
-def drawn(angle, cell="hexahedron", direction=(1.0, 0.0, 0.0), **options):
+def drawn(angle, cell="hexahedron", direction=(1.0, 0.0, 0.0), amplitude=1.0, **options):
     """A cube pressed on its foundation and drawn along an angle, until all of it slides by 5 mm a step."""
     way = PrescribedDisplacement("top", (*unit(angle), 0.0), "xy", amplitude=[(1, 0), (2, 1e-3), (11, 46e-3)])
     return ContactProblem(
         coulomb.box((1.0, 1.0, 1.0), (3, 3, 3), cell),
         STEEL,
         [PRESSED, way],
-        Contact("bottom", (F1, F2), direction=direction),
+        Contact("bottom", (F1, F2), direction=direction, friction_amplitude=amplitude),
         **options,
     )
 
@@ -63,6 +63,21 @@ def test_block_drawn_along_an_angle(cell, direction, angle):
     assert np.allclose(slip, unit(angle), rtol=0.0, atol=1e-7) and np.allclose(fields["friction_use"], 1.0, atol=1e-9)
     sums = fields["friction_traction"] * fields["area"][:, None]
     assert sums.sum(axis=0) == pytest.approx([*total["force"][:2], 0.0], rel=1e-9, abs=1e-3)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("angle", [0.0, 45.0, 70.0])
+def test_amplitude_scales_the_ellipse(cell, angle):
+    """T of a node is on the ellipse of A(t) F1, A(t) F2; where A is constant, the total is A times the known force."""
+    steps = sliding(drawn(angle, cell, (*unit(30.0), 0.0), amplitude=[(2, 1.0), (4, 0.25)]))
+    axes = np.column_stack([[*unit(30.0), 0.0], [*unit(120.0), 0.0]])
+    for step, factor in zip(steps[2:], [0.625, *[0.25] * 8], strict=True):
+        fields = step.solution.at_nodes.fields()
+        T, N = fields["contact_force"] @ axes, fields["contact_force"][:, 2]
+        assert np.hypot(T[:, 0] / F1, T[:, 1] / F2) == pytest.approx(factor * N, abs=1e-8 * N.max())
+    total = totals(steps[-1].solution)
+    expected = 0.25 * force_for_slip(unit(angle), total["normal_force"], 30.0)
+    assert total["force"][:2] == pytest.approx(expected, abs=1e-7 * np.linalg.norm(expected))
 
 
 @pytest.mark.parametrize("angle", ANGLES)

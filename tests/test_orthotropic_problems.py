@@ -168,22 +168,32 @@ report = true
 )
 
 
-@pytest.mark.parametrize(("cell", "ranks"), [("hexahedron", None), ("tetrahedron", 2), ("hexahedron", 3)])
-def test_case_file(tmp_path, cell, ranks):
-    (tmp_path / "case.toml").write_text(CASE.replace("CELL", cell))
+@pytest.mark.parametrize(
+    ("cell", "ranks", "factor"), [("hexahedron", None, 1.0), ("tetrahedron", 2, 1.0), ("hexahedron", 3, 0.5)]
+)
+def test_case_file(tmp_path, cell, ranks, factor):
+    amplitude = f"friction_amplitude = [[2, 1], [7, {factor}]]"
+    (tmp_path / "case.toml").write_text(CASE.replace("CELL", cell).replace("[history]", f"{amplitude}\n[history]"))
     done = run_coulomb("run", "case.toml", "--output", "out", ranks=ranks, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "Coulomb friction 0.3 along and 0.1 across" in done.stdout
-    assert "Coulomb friction 0.3 along and 0.1 across" in (tmp_path / "out" / "report.html").read_text()
+    report = (tmp_path / "out" / "report.html").read_text().replace("\u202f", " ")
+    assert f"Coulomb friction {0.3 * factor:g} along and {0.1 * factor:g} across" in report
+    assert "friction law in the last step" in report and f"factor 1 at 2 s, {factor:g} at 7 s" in report
     with (tmp_path / "out" / "history.csv").open() as file:
         last = list(csv.DictReader(file))[-1]
     slip = np.array([0.8, 0.6])
-    expected = force_for_slip(slip, float(last["normal_force"]), math.degrees(math.atan2(0.5, 1.0)))
+    expected = factor * force_for_slip(slip, float(last["normal_force"]), math.degrees(math.atan2(0.5, 1.0)))
     T = np.array([float(last["force_x"]), float(last["force_y"])])
     assert np.linalg.norm(T - expected) <= 1e-6 * np.linalg.norm(expected)
     assert check(tmp_path / "out").passed
     told = (tmp_path / "out" / "case.json").read_text()
-    for changes in ({"friction": [0.3, 0.10001]}, {"direction": [1, 0.50001, 0]}, {"friction": [0.1, 0.3]}):
+    for changes in (
+        {"friction": [0.3, 0.10001]},
+        {"direction": [1, 0.50001, 0]},
+        {"friction": [0.1, 0.3]},
+        {"friction_amplitude": [[2, 1], [7, 0.99 * factor]]},
+    ):
         changed = json.loads(told)
         changed["contact"].update(changes)
         (tmp_path / "out" / "case.json").write_text(json.dumps(changed))

@@ -1,11 +1,13 @@
 """The report of a run: what it says, of what, and that it needs nothing else."""
 
+import csv
 import json
 import platform
 import re
 import shutil
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from datetime import datetime
 
@@ -24,6 +26,25 @@ from coulomb.pictures.report.files import read_run
 from coulomb.pictures.report.shown_fields import named
 from coulomb.pictures.report.units import number, quantity, scale_of, vector
 from coulomb.version import __version__
+
+APART = """
+[mesh]
+box = [1, 1, 1]
+cells = [2, 2, 2]
+[material]
+young = 1e9
+poisson = 0.3
+[[clamp]]
+face = "top"
+[contact]
+face = "bottom"
+friction = 0.3
+foundation = { point = [0, 0, -0.1], normal = [0, 0, 1] }
+[output]
+picture = false
+report = true
+"""
+"""A block 0.1 m above its foundation."""
 
 
 def test_page_needs_nothing_else(block, failed, history):
@@ -207,6 +228,28 @@ def test_a_history_that_did_not_end_says_so(history, tmp_path):
     (tmp_path / "h.html").replace(tmp_path / "h" / "report.html")
     assert "NOT CERTIFIED" in words_of(tmp_path / "h")
     assert "stopped at time 6 s, before its end at 8 s" in words_of(tmp_path / "h")
+
+
+@pytest.mark.parametrize("history", ["", "[history]\ntimes = [1, 2]\n"], ids=["single", "history"])
+@pytest.mark.parametrize("method", ["auto", "successive-tresca"])
+def test_charts_where_nothing_touches(tmp_path, history, method):
+    """Residuals, forces and energies are 0: the charts state it, and no logarithm of 0 is drawn."""
+    (tmp_path / "case.toml").write_text(APART + history)
+    done = run_coulomb("run", "case.toml", "--output", "out", "--set", f"solver.method={method}", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    run = read_run(tmp_path / "out")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        drawn = [charts.convergence(run)]
+        if history:
+            drawn += [draw(run) for draw in (charts.forces, charts.surface, charts.effort)]
+    said = [re.findall(r"<!-- (.*?) -->", chart) for chart in drawn]
+    rows = list(csv.DictReader((tmp_path / "out" / "history.csv").open()))
+    assert not rows or all(float(row["residual"]) == 0.0 for row in rows)
+    assert ("residual 0 in every step" in said[0]) == (drawn[0] != "")
+    if history:
+        assert "all energies are 0" in said[1] and "residual 0 in every step" in said[3]
+    assert "could not" not in done.stderr and (tmp_path / "out" / "report.html").exists()
 
 
 def test_a_run_from_python_has_no_case(tmp_path):

@@ -135,6 +135,23 @@ MATERIALS_AND_LOADS = (
         r"contact\.friction\.kinetic: is missing\n.*contact\.friction\.dynamic = 0\.2: there is no such key",
     ),
     Wrong(
+        "two tables of friction by slip rate",
+        run(
+            "contact.friction=[{static=0.3, kinetic=0.2, decay_speed=0.1}, {static=0.1, kinetic=0.1, decay_speed=0.1}]"
+        ),
+        r"contact\.friction = .*: should be two numbers: friction by slip rate is the same in all directions",
+    ),
+    Wrong(
+        "two coefficients in friction by slip rate",
+        run("contact.friction={static=[0.3, 0.1], kinetic=0.2, decay_speed=0.1}"),
+        r"contact\.friction\.static = \[0\.3, 0\.1\]: should be one number: friction by slip rate is the same",
+    ),
+    Wrong(
+        "friction by slip rate with a direction",
+        run("contact.friction={static=0.3, kinetic=0.2, decay_speed=0.1}", "contact.direction=[1,0,0]"),
+        r"friction by slip rate is the same in all directions: give neither a direction nor two coefficients",
+    ),
+    Wrong(
         "friction that becomes negative",
         run("contact.friction_amplitude=[[0,1],[1,-1]]"),
         r"friction_amplitude: factors must be >= 0",

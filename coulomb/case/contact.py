@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from ..arrays import FloatArray
 from ..fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
@@ -79,12 +79,24 @@ LAW_KEYS = ("friction", "slip_stress", "cohesion")
 """What describes the law of friction of a face or a region."""
 
 
+def _one_number(given: Any) -> Any:
+    if isinstance(given, list | tuple):
+        raise ValueError("should be one number: friction by slip rate is the same in all directions")
+    return given
+
+
+def _two_numbers(given: Any) -> Any:
+    if isinstance(given, list | tuple) and any(isinstance(value, dict) for value in given):
+        raise ValueError("should be two numbers: friction by slip rate is the same in all directions")
+    return given
+
+
 class SlipRateTable(Table):
     """Friction by the slip rate v of the load step before, in m/s: kinetic + (static - kinetic) exp(-v/decay_speed)."""
 
-    static: Friction
-    kinetic: Friction
-    decay_speed: Speed
+    static: Annotated[Friction, BeforeValidator(_one_number)]
+    kinetic: Annotated[Friction, BeforeValidator(_one_number)]
+    decay_speed: Annotated[Speed, BeforeValidator(_one_number)]
 
 
 BY_SLIP_RATE = "by slip rate"
@@ -98,7 +110,7 @@ def _kind(given: Any) -> str:
 
 FrictionValue = Annotated[
     Annotated[Friction, Tag(ISOTROPIC)]
-    | Annotated[tuple[Friction, Friction], Tag(ORTHOTROPIC)]
+    | Annotated[tuple[Friction, Friction], BeforeValidator(_two_numbers), Tag(ORTHOTROPIC)]
     | Annotated[SlipRateTable, Tag(BY_SLIP_RATE)],
     Discriminator(_kind),
 ]
@@ -174,12 +186,14 @@ class ContactTable(Table):
             raise ValueError("cohesion goes with friction; slip_stress is a cohesion alone")
         frictions = [part.friction for part in self._parts]
         orthotropic = any(isinstance(friction, tuple) for friction in frictions)
+        if any(isinstance(friction, SlipRateTable) for friction in frictions) and (orthotropic or self.direction):
+            raise ValueError(
+                "friction by slip rate is the same in all directions: give neither a direction nor two coefficients"
+            )
         if orthotropic and self.direction is None:
             raise ValueError("two coefficients, friction = [along, across], need a direction")
         if self.direction is not None and not orthotropic:
             raise ValueError("a direction needs two coefficients, friction = [along, across]")
-        if self.direction is not None and any(isinstance(friction, SlipRateTable) for friction in frictions):
-            raise ValueError("friction by slip rate has no direction")
         if self.friction_amplitude is not None:
             if self.friction is None:
                 raise ValueError("friction_amplitude goes with friction")

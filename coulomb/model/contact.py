@@ -21,6 +21,7 @@ from ..fem.user_values import (
     Motion,
     evaluate_amplitude,
     evaluate_numbers,
+    is_number,
     on_all_ranks,
 )
 from ..solvers.laws import FrictionLaw
@@ -76,6 +77,13 @@ class Contact:
             raise ValueError("contact: cohesion goes with friction; slip_stress is a cohesion alone")
         if isinstance(self.friction, str):
             raise ValueError(f"contact: friction must be a number >= 0, but is {self.friction!r}")
+        coefficients = self.friction if isinstance(self.friction, Sequence) else ()
+        directed = self.direction is not None and isinstance(self.friction, FrictionModel)
+        if directed or any(isinstance(value, FrictionModel) for value in coefficients):
+            raise ValueError(
+                "contact: friction that depends on the slip rate is the same in all directions: give it alone, "
+                "without a direction, or two numbers or functions of place, (along, across), with a direction"
+            )
         if isinstance(self.friction, Sequence) and self.direction is None:
             raise ValueError("contact: two coefficients of friction, (along, across), need a direction")
         if self.direction is not None and not isinstance(self.friction, Sequence):
@@ -88,9 +96,8 @@ class Contact:
             ("cohesion", self.cohesion),
         ):
             for value in given if isinstance(given, Sequence) else (given,):
-                if value is None or callable(value) or isinstance(value, FrictionModel):
-                    continue
-                if not (np.isfinite(value) and value >= 0.0):
+                allowed = value is None or callable(value) or is_number(value)
+                if not (allowed or (name == "friction" and isinstance(value, FrictionModel))):
                     raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
 
     @property

@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.user_values import Coefficient, evaluate_numbers
+from ..fem.user_values import Coefficient, evaluate_numbers, is_number
 
 
 @runtime_checkable
@@ -43,6 +43,8 @@ class FrictionModel(Protocol):
 class SlipRateFriction:
     """F = kinetic + (static - kinetic) exp(-v / decay_speed) with the slip rate v: exponential decay.
 
+    F is the same in all directions; orthotropic friction does not depend on the slip rate.
+
     Attributes:
         static: F without slip, >= 0; a number or a function of place.
         kinetic: F of fast slip, >= 0; smaller or larger than static.
@@ -58,9 +60,9 @@ class SlipRateFriction:
 
     def __post_init__(self) -> None:
         for name, value in (("static", self.static), ("kinetic", self.kinetic)):
-            if not callable(value) and not (np.isfinite(value) and value >= 0.0):
+            if not callable(value) and not is_number(value):
                 raise ValueError(f"friction: {name} must be a number >= 0, but is {value}")
-        if not callable(self.decay_speed) and not (np.isfinite(self.decay_speed) and self.decay_speed > 0.0):
+        if not callable(self.decay_speed) and not (is_number(self.decay_speed) and self.decay_speed > 0.0):
             raise ValueError(f"friction: decay_speed must be a number > 0 (m/s), but is {self.decay_speed}")
 
     def coefficient(self, x: FloatArray, time: float, slip_rate: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:

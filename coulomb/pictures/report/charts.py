@@ -27,14 +27,14 @@ def convergence(run: Run) -> str:
     outer = "change" in rows[0]
     figure, (left, right) = _figure(2)
     number = _column(rows, "iteration")
-    left.semilogy(number, _column(rows, "residual"), "o-", color=_FIRST, markersize=4, label="residual")
+    _logarithmic(left, number, _column(rows, "residual"), "o-", _FIRST, 4.0, "residual")
     what = "Tresca problem" if outer else "path-following step" if "theta" in rows[0] else "step"
     if "theta" in rows[0]:
-        left.semilogy(number, _column(rows, "theta"), "s--", color=_SECOND, markersize=3.5, label="θ, duality measure")
+        theta = _column(rows, "theta")
+        _logarithmic(left, number, theta, "s--", _SECOND, 3.5, "θ, duality measure")
     if outer:
-        left.semilogy(
-            number, _column(rows, "change"), "s--", color=_SECOND, markersize=3.5, label="change of slip bound"
-        )
+        change = _column(rows, "change")
+        _logarithmic(left, number, change, "s--", _SECOND, 3.5, "change of slip bound")
         _measured_rate(left, number, _column(rows, "residual"), run.summary.get("contraction"))
     tolerance = ((run.case or {}).get("solver") or {}).get("tolerance", 1e-8)
     if run.case is not None:
@@ -43,7 +43,7 @@ def convergence(run: Run) -> str:
         left.annotate("tolerance", (0.02, tolerance), xycoords=where, va="bottom", color=_THIRD)
     left.set(xlabel=what, ylabel="relative measure")
     _legend(left)
-    _decades(left)
+    _decades(left, "residual 0 in every step")
     right.bar(number, _column(rows, "krylov"), color=_FIRST, width=0.7, label="CG iterations")
     if outer:
         right.bar(number, _column(rows, "path_following"), color=_SECOND, width=0.4, label="path-following steps")
@@ -55,7 +55,7 @@ def convergence(run: Run) -> str:
 
 def _measured_rate(axis: Any, number: Any, residual: Any, rate: float | None) -> None:
     """A line with the measured rate, backwards from the last residual."""
-    if rate is None or not 0.0 < rate or len(number) < 2:
+    if rate is None or not 0.0 < rate or len(number) < 2 or not residual[-1] > 0.0:
         return
     shown = residual[-1] * rate ** (number - number[-1])
     label = f"measured rate {rate:.2g} per problem"
@@ -81,6 +81,8 @@ def forces(run: Run) -> str:
             label = f"work of {name}" if work else f"{name} energy"
             axes[1].plot(time, curve / factor, "--" if work else "-", color=colour, label=label)
     axes[1].set(xlabel="time, s", ylabel=f"energy since the start, {unit}")
+    if not any(np.any(curve) for curve in curves.values()):
+        _say(axes[1], "all energies are 0")
     for axis in axes:
         _legend(axis)
         axis.margins(x=0.02)
@@ -169,24 +171,42 @@ def effort(run: Run) -> str:
     number = _column(run.rows, "step")
     left.bar(number, _column(run.rows, "path_following"), color=_FIRST, width=0.7)
     left.set(xlabel="load step", ylabel="path-following steps")
-    right.semilogy(number, _column(run.rows, "residual"), "o", color=_FIRST, markersize=4)
+    _logarithmic(right, number, _column(run.rows, "residual"), "o", _FIRST, 4.0)
     right.set(xlabel="load step", ylabel="residual at the end of the step")
-    _decades(right)
+    _decades(right, "residual 0 in every step")
     _whole(left.xaxis, left.yaxis, right.xaxis)
     return _svg(figure, "Path-following steps and residuals by load step")
 
 
 def _legend(axis: Any) -> None:
-    """Place the legend above the axes."""
-    longest = max(len(label) for label in axis.get_legend_handles_labels()[1])
+    """Place the legend above the axes, if there is a line with a label."""
+    labels = axis.get_legend_handles_labels()[1]
+    if not labels:
+        return
+    longest = max(len(label) for label in labels)
     shape = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4 if longest < 9 else 2, "borderaxespad": 0.2}
     axis.legend(frameon=False, labelcolor=_INK, fontsize=8.5, columnspacing=1.2, **shape)
 
 
-def _decades(axis: Any) -> None:
-    """A logarithmic axis between powers of ten, so that it has labelled ticks."""
+def _logarithmic(axis: Any, x: Any, y: Any, style: str, colour: str, size: float, label: str = "") -> None:
+    """A line on a logarithmic axis, without the values that are not positive; none if no value is."""
+    if np.any(y > 0.0):
+        axis.semilogy(x, np.where(y > 0.0, y, np.nan), style, color=colour, markersize=size, label=label)
+
+
+def _decades(axis: Any, empty: str) -> None:
+    """A logarithmic axis between powers of ten, so that it has labelled ticks; without a line a text in its place."""
+    if axis.get_yscale() != "log":
+        _say(axis, empty)
+        return
     low, high = axis.get_ylim()
     axis.set_ylim(10.0 ** np.floor(np.log10(low)), 10.0 ** np.ceil(np.log10(high)))
+
+
+def _say(axis: Any, text: str) -> None:
+    """A text in place of lines."""
+    axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", va="center", color=_INK)
+    axis.set_yticks([])
 
 
 def _whole(*axes: Any) -> None:

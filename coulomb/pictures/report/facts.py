@@ -82,9 +82,11 @@ def _contact(run: Run) -> Facts:
     faces = (run.summary.get("totals") or {}).get("faces") or [contact.get("face", "") for contact in contacts]
     named = f"contact {'faces' if len(faces) > 1 else 'face'}"
     facts = [(named, f"{', '.join(faces)}; {run.summary['nodes']['contact']} contact nodes")]
-    facts.append(("friction", friction_in_words(run.summary)))
+    changing = [contact for contact in contacts if _changing_friction(contact, "")]
+    facts.append(("friction law in the last step" if changing else "friction", friction_in_words(run.summary)))
     for contact in contacts if run.case is not None else ():
-        facts += _foundation(contact, f" at {contact['face']}" if len(contacts) > 1 else "")
+        where = f" at {contact['face']}" if len(contacts) > 1 else ""
+        facts += _changing_friction(contact, where) + _foundation(contact, where)
     if run.is_history:
         facts.append(("history", f"{len(run.rows)} load steps to time {in_seconds(run.rows[-1]['time'])}"))
     method = run.summary.get("method", {})
@@ -94,6 +96,19 @@ def _contact(run: Run) -> Facts:
             f"{method.get('solver', '–')}; K⁻¹ by {method.get('stiffness', '–')}; A {method.get('compliance', '–')}",
         )
     )
+    return facts
+
+
+def _changing_friction(contact: dict[str, Any], where: str) -> Facts:
+    """How friction at a contact face of the case depends on slip rate and time; empty where it does not."""
+    facts: Facts = []
+    law = contact.get("friction")
+    if isinstance(law, dict):
+        static, kinetic = number(law["static"]), number(law["kinetic"])
+        speed = f"{number(law['decay_speed'])} m/s"
+        facts.append((f"friction by slip rate{where}", f"static {static}, kinetic {kinetic}, decay speed {speed}"))
+    if contact.get("friction_amplitude"):
+        facts.append((f"friction in time{where}", _in_time(contact["friction_amplitude"]).removeprefix(", ")))
     return facts
 
 
