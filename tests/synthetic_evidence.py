@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 
+from coulomb.fem.constraints import HeldDirections
 from coulomb.model.certificate import LIMIT
 from coulomb.model.evidence import Evidence
 
@@ -69,7 +70,7 @@ def synthetic_evidence(clamped="yz", stiffness=50.0, sway=1.0):
         internal=internal,
         load=load,
         spring=spring,
-        fixed=fixed,
+        held=HeldDirections.of_fields(1.0 * fixed, None),
         prescribed=np.where(fixed, displacement, 0.0),
         on_body=on_body,
         force=force,
@@ -141,8 +142,8 @@ def drift_along_springs(e, value, turnover):
 
 def turn_on_springs(e, value, turnover):
     """A couple about z, against springs along x and y."""
-    held = e.fixed.any()
-    assert held and not e.fixed[:, :2].any()
+    held = e.held.components
+    assert held.any() and not held[:, :2].any()
     modes = np.zeros((BODY, 3, 3))
     r = e.x - e.x.mean(axis=0)
     modes[:, 0, 0] = modes[:, 1, 1] = 1.0

@@ -11,7 +11,7 @@ from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Presc
 from coulomb.model.certificate import SMALLEST, judge
 from coulomb.model.evidence import Evidence
 
-ARRAYS = [field.name for field in fields(Evidence) if field.name not in ("comm", "fixed", "compliance")]
+ARRAYS = [field.name for field in fields(Evidence) if field.name not in ("comm", "held", "compliance")]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -109,10 +109,10 @@ def test_rounding_is_the_least_scale():
     """A body that has only been moved: forces up to a hundred times those of rounding are no error, more are."""
     evidence = nothing()
     rng = np.random.default_rng(2)
-    moved = {"displacement": np.ones((BODY, 3)), "prescribed": 1.0 * evidence.fixed}
+    moved = {"displacement": np.ones((BODY, 3)), "prescribed": 1.0 * evidence.held.components}
     rounding = 1e-6 * rng.uniform(-1.0, 1.0, (BODY, 3))
     resting = replace(evidence, **moved, spring=np.zeros((BODY, 3)), rounding=rounding)
-    internal = np.where(evidence.fixed, 0.0, rng.uniform(-1.0, 1.0, (BODY, 3)))
+    internal = np.where(evidence.held.components, 0.0, rng.uniform(-1.0, 1.0, (BODY, 3)))
     internal *= np.linalg.norm(rounding) / np.linalg.norm(internal)
     assert judge(replace(resting, internal=95.0 * internal))["equilibrium"].passed
     assert not judge(replace(resting, internal=105.0 * internal))["equilibrium"].passed

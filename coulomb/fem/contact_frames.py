@@ -136,15 +136,21 @@ class FrictionAxes:
         return on_all_ranks(scaled, what, comm)
 
 
-def held_obliquely(frames: FloatArray, fixed: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Nodes with orthotropic friction that a clamp holds along a tangent, but along neither t1 nor t2; shape (k,).
+def held_length(directions: FloatArray, H: FloatArray) -> FloatArray:
+    """Length of the parts of directions (k, 3) that are held, with the projectors H (k, 3, 3) of the nodes; (k,)."""
+    lengths: FloatArray = np.linalg.norm(np.einsum("kij,kj->ki", H, directions), axis=1)
+    return lengths
+
+
+def held_obliquely(frames: FloatArray, H: FloatArray) -> npt.NDArray[np.bool_]:
+    """Nodes with orthotropic friction that are held along a tangent, but along neither t1 nor t2; shape (k,).
 
     Args:
         frames: Rows n, t1, t2, shape (k, 3, 3).
-        fixed: Which components are prescribed, shape (k, 3).
+        H: Projectors onto the held directions of the nodes, shape (k, 3, 3).
     """
-    tangents, lengths = frames[:, 1:], tangent_lengths(frames)
+    lengths = tangent_lengths(frames)
     differ = np.abs(lengths[:, 0] - lengths[:, 1]) > _CLEAN
-    seen = np.all(np.abs(tangents / lengths[:, :, None]) > _CLEAN, axis=1)
-    oblique: npt.NDArray[np.bool_] = differ & np.any(seen & fixed, axis=1)
+    held = held_length(frames[:, 1] / lengths[:, :1], H)
+    oblique: npt.NDArray[np.bool_] = differ & (held > _CLEAN) & (held < 1.0 - _CLEAN)
     return oblique

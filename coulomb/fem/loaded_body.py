@@ -12,96 +12,20 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from .body import ElasticBody
+from .constraints import prescribed_rows
 from .loads import AppliedLoad, BodyForce, Load, Weight, vanishes
 from .materials import Materials, material_of_cells
 from .meshes import NamedMesh
 from .nodal_forces import NodalForces
-from .user_values import Amplitude, Field, evaluate_amplitude, evaluate_vectors, on_all_ranks
+from .supports import Clamp, PrescribedDisplacement, Spring, Support, SupportedFace
+from .user_values import Amplitude, Field, evaluate_amplitude, on_all_ranks
+
+__all__ = ["Clamp", "LoadedBody", "Loading", "PrescribedDisplacement", "Spring", "Support"]
 
 _MODES = (
     *("translation along x", "translation along y", "translation along z"),
     *("rotation about x", "rotation about y", "rotation about z"),
 )
-
-
-@dataclass(frozen=True)
-class PrescribedDisplacement:
-    """Prescribed displacement on a face (an inhomogeneous Dirichlet condition).
-
-    Attributes:
-        face: Name of the face.
-        value: Displacement in metres, a vector or a function of x; components that are not prescribed are ignored.
-        components: Which components are prescribed, letters of "xyz".
-        amplitude: Factor of the value as a function of time; a table is constant before its first and after its last
-            row.
-
-    Raises:
-        ValueError: If components is not made of different letters of "xyz".
-    """
-
-    face: str
-    value: Field
-    components: str = "xyz"
-    amplitude: Amplitude = 1.0
-
-    kind = "prescribed displacement"
-
-    def __post_init__(self) -> None:
-        letters = set(self.components)
-        if not letters or len(letters) != len(self.components) or letters - set("xyz"):
-            raise ValueError(f"{self.what}: components must be letters of 'xyz', but are {self.components!r}")
-
-    @property
-    def what(self) -> str:
-        """Kind and face, for error messages."""
-        return f"{self.kind} on {self.face!r}"
-
-
-class Clamp(PrescribedDisplacement):
-    """Zero displacement of a face, in all components or in some.
-
-    Args:
-        face: Name of the face.
-        components: Which components are held, letters of "xyz".
-
-    Raises:
-        ValueError: If components is not made of different letters of "xyz".
-    """
-
-    kind = "clamp"
-
-    def __init__(self, face: str, components: str = "xyz"):
-        super().__init__(face, (0.0, 0.0, 0.0), components)
-
-
-@dataclass(frozen=True)
-class Spring:
-    """Elastic support of a face towards its undeformed position (Winkler foundation).
-
-    Attributes:
-        face: Name of the face.
-        stiffness: Force per area and displacement in N/m^3, along x, y and z; one number for all three.
-
-    Raises:
-        ValueError: If there are not one or three numbers, finite, >= 0, and one > 0.
-    """
-
-    face: str
-    stiffness: float | Sequence[float]
-
-    def __post_init__(self) -> None:
-        if np.shape(self.stiffness) not in ((), (3,)) or not (
-            np.all(np.isfinite(self.along_axes)) and np.all(self.along_axes >= 0.0) and np.any(self.along_axes > 0.0)
-        ):
-            raise ValueError(
-                f"spring on {self.face!r}: stiffness must be a number or three (along x, y, z), in N/m^3, "
-                f">= 0 and not all 0, but is {self.stiffness}"
-            )
-
-    @property
-    def along_axes(self) -> FloatArray:
-        """Shape (3,)."""
-        return np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (3,))
 
 
 @dataclass(frozen=True)
@@ -126,10 +50,11 @@ class LoadedBody(ElasticBody):
         mesh: The body.
         materials: A Material, or a mapping of cell groups to materials.
         V: Its space of displacements.
-        fixed: Which components are prescribed, this rank's nodes, shape (k, 3).
+        supports: What prescribes displacements; where supports meet, the later one applies.
+        held: The directions along which this rank's nodes are held.
         spring: Stiffness of the springs at this rank's nodes along x, y, z in N/m, shape (k, 3).
         loads: Its loads, with their nodal forces.
-        dragged: Which components are prescribed to be other than 0 at some time, shape (k, 3).
+        dragged: Which nodes have a prescribed displacement other than 0 at some time, shape (k,).
 
     Raises:
         ValueError: If a face is unknown, a value not finite, a cell without a material or with two, no density
@@ -140,7 +65,7 @@ class LoadedBody(ElasticBody):
         self,
         mesh: NamedMesh,
         materials: Materials,
-        clamps: Sequence[PrescribedDisplacement],
+        clamps: Sequence[Support],
         tractions: Sequence[Load] = (),
         body_force: Field = (0.0, 0.0, 0.0),
         springs: Sequence[Spring] = (),
@@ -150,8 +75,8 @@ class LoadedBody(ElasticBody):
     ):
         super().__init__(mesh.domain, *material_of_cells(mesh, materials))
         self.mesh, self.materials = mesh, materials
-        self.fixed, self.dragged = np.zeros((2, self._owned, 3), dtype=bool)
-        self._clamps = [self._prescribe(clamp) for clamp in clamps]
+        self.supports = tuple(clamps)
+        self._prescribe()
         self._support(springs)
         self._refuse_floating_body()
         volume: list[Load] = [] if vanishes(body_force) else [BodyForce(body_force, body_force_amplitude)]
@@ -164,13 +89,11 @@ class LoadedBody(ElasticBody):
         Raises:
             ValueError: On every rank, if an amplitude has no finite value at that time.
         """
-        load, prescribed = np.zeros((2, self._owned, 3))
+        load = np.zeros((self._owned, 3))
         for part in self.loads_at(time):
             load += part.forces
-        for support, nodes, values in self._clamps:
-            factor = self._factor(support.amplitude, time, support.what)
-            for component in map("xyz".index, support.components):
-                prescribed[nodes, component] = factor * values[:, component]
+        factors = [self._factor(support.amplitude, time, support.what) for support in self.supports]
+        prescribed = self._rows.displacement(np.array([0.0, *factors])[1 + self._rows.support] * self._values)
         return Loading(time, load, prescribed)
 
     def loads_at(self, time: float) -> Iterator[NodalForces]:
@@ -183,25 +106,6 @@ class LoadedBody(ElasticBody):
             load = applied.load
             yield NodalForces(load.kind.replace(" ", "_"), load.face, applied.at(time, self.mesh.comm))
 
-    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
-        """The forces of every clamp and prescribed displacement by itself, in the order given.
-
-        A component that several supports prescribe belongs to the last of them, whose value it has.
-
-        Args:
-            reaction: Forces of all of them on the body in newtons, 0 along free directions, shape (k, 3).
-        """
-        taken = np.zeros((self._owned, 3), dtype=bool)
-        shares = []
-        for support, nodes, _ in reversed(self._clamps):
-            mine = np.zeros((self._owned, 3), dtype=bool)
-            for component in map("xyz".index, support.components):
-                mine[nodes, component] = True
-            forces = np.where(mine & ~taken, reaction, 0.0)
-            shares.append(NodalForces(support.kind.replace(" ", "_"), support.face, forces))
-            taken |= mine
-        yield from reversed(shares)
-
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
         """The forces of every spring by itself at displacements u (k, 3), in the order given."""
         for face, stiffness in self._springs:
@@ -211,15 +115,24 @@ class LoadedBody(ElasticBody):
         factor: float = on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)
         return factor
 
-    def _prescribe(
-        self, clamp: PrescribedDisplacement
-    ) -> tuple[PrescribedDisplacement, npt.NDArray[np.int32], FloatArray]:
-        nodes = self.nodes(clamp.face, clamp.kind)
-        values = evaluate_vectors(clamp.value, self.x[nodes], clamp.what, self.mesh.comm)
-        for component in map("xyz".index, clamp.components):
-            self.fixed[nodes, component] = True
-            self.dragged[nodes, component] = values[:, component] != 0.0
-        return clamp, nodes, values
+    def _prescribe(self) -> None:
+        faces = [self._supported_face(support) for support in self.supports]
+        given = zip(self.supports, faces, strict=True)
+        directions = [(face.nodes, support.directions(face)) for support, face in given]
+        self._rows = prescribed_rows(self._owned, directions)
+        self.held = self._rows.held
+        self._values = np.zeros(len(self._rows.node))
+        for number, (support, face) in enumerate(zip(self.supports, faces, strict=True)):
+            here = self._rows.support == number
+            values = support.displacement(face)[np.searchsorted(face.nodes, self._rows.node[here])]
+            self._values[here] = np.einsum("ri,ri->r", self._rows.direction[here], values)
+        self.dragged = np.zeros(self._owned, dtype=bool)
+        self.dragged[self._rows.node[self._values != 0.0]] = True
+
+    def _supported_face(self, support: Support) -> SupportedFace:
+        nodes = self.nodes(support.face, support.kind)
+        facets = self.mesh.facets(support.face, support.kind)
+        return SupportedFace(support.face, nodes, self.x[nodes], self.mesh.comm, lambda: self.normal_of(facets)[nodes])
 
     def _support(self, springs: Sequence[Spring]) -> None:
         self.spring = np.zeros((self._owned, 3))
@@ -230,8 +143,9 @@ class LoadedBody(ElasticBody):
             self.spring += stiffness
 
     def _refuse_floating_body(self) -> None:
-        held = 1.0 * (self.fixed | (self.spring > 0.0))
-        free = self._rigid_motions(held, 1e-10 * self.mesh.comm.allreduce(float(held.sum()), op=MPI.SUM))
+        springs = 1.0 * (self.spring > 0.0)
+        count = self.mesh.comm.allreduce(self.held.number + float(springs.sum()), op=MPI.SUM)
+        free = self._rigid_motions(springs, 1e-10 * count)
         if free:
             raise ValueError(
                 f"the body floats: its clamps and springs leave it {free}; hold these by a clamp or a spring, "
@@ -239,7 +153,8 @@ class LoadedBody(ElasticBody):
             )
 
     def _rigid_motions(self, weight: FloatArray, limit: float) -> str:
-        """Names of the rigid motions, of size 1 at a node, against which weights (k, 3) at the nodes have no energy."""
+        """Names of the rigid motions, of size 1 at a node, against which weights (k, 3) at the nodes and held
+        directions, with the weight 1, have no energy."""
         comm, x = self.mesh.comm, self.x
         count = comm.allreduce(len(x), op=MPI.SUM)
         centre = comm.allreduce(x.sum(axis=0), op=MPI.SUM) / count
@@ -250,7 +165,8 @@ class LoadedBody(ElasticBody):
             i, j = (k + 1) % 3, (k + 2) % 3
             modes[:, k, k] = 1.0
             modes[:, i, 3 + k], modes[:, j, 3 + k] = -r[:, j] / size, r[:, i] / size
-        gram = comm.allreduce(np.einsum("kci,kc,kcj->ij", modes, weight, modes), op=MPI.SUM)
+        against = weight[:, :, None] * modes + self.held_part(modes)
+        gram = comm.allreduce(np.einsum("kci,kcj->ij", modes, against), op=MPI.SUM)
         eigenvalues, vectors = np.linalg.eigh(gram)
         free = vectors[:, eigenvalues <= limit]
         return ", ".join(name for name, row in zip(_MODES, free, strict=True) if np.linalg.norm(row) > 0.3)
@@ -268,6 +184,33 @@ class LoadedBody(ElasticBody):
     def nodal_normal(self, face: str) -> FloatArray:
         """Integral of the body's outward normal against every hat function over a face, m^2, shape (k, 3)."""
         return self.normal_of(self.mesh.facets(face, "contact"))
+
+    @property
+    def fixed(self) -> npt.NDArray[np.bool_]:
+        """Which components are prescribed whatever the others are, shape (k, 3)."""
+        return self.held.components
+
+    def held_part(self, v: FloatArray) -> FloatArray:
+        """The part of nodal vectors along prescribed directions; shapes (k, 3), or (k, 3, j)."""
+        return self.held.held_part(v)
+
+    def free_part(self, v: FloatArray) -> FloatArray:
+        """The part of nodal vectors along free directions; shapes (k, 3), or (k, 3, j)."""
+        return self.held.free_part(v)
+
+    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
+        """The forces of every support by itself, in the order given: each held direction belongs to the support that
+        prescribes it.
+
+        Args:
+            reaction: Forces of the supports on the body at this rank's nodes in newtons, along held directions:
+                `held_part` of internal forces minus loads, springs and contact forces; shape (k, 3).
+        """
+        forces = self._rows.forces(reaction)
+        for number, support in enumerate(self.supports):
+            here, share = self._rows.support == number, np.zeros_like(reaction)
+            np.add.at(share, self._rows.node[here], forces[here])
+            yield NodalForces(support.kind.replace(" ", "_"), support.face, share)
 
     def spring_force(self, u: FloatArray) -> FloatArray:
         """Forces of the springs on the body at displacements u, newtons; shapes (k, 3)."""

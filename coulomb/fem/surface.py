@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
-from .contact_frames import FrictionAxes, held_obliquely, inverse_frames, tangent_frames
+from .contact_frames import FrictionAxes, held_length, held_obliquely, inverse_frames, tangent_frames
 from .contact_matrix import at_nodes_of, contact_matrix, rows_of
 from .elasticity import Elasticity
 from .obstacles import Plane, RigidFoundation
@@ -149,7 +149,7 @@ def contact_surface(
     """
     comm = elasticity.mesh.comm
     candidates = elasticity.nodes(face, "contact")
-    x, fixed = elasticity.x[candidates], elasticity.fixed[candidates]
+    x, H = elasticity.x[candidates], elasticity.held.projector_at(candidates)
     area, outward = elasticity.nodal_area(face)[candidates], elasticity.nodal_normal(face)[candidates]
     if comm.allreduce(len(candidates), op=MPI.SUM) == 0:
         raise ValueError(f"contact: face {face!r} has no facets")
@@ -165,8 +165,7 @@ def contact_surface(
     refuse.where(away, x, "is turned away from the foundation: reverse the normal, or leave such facets out")
     n = -inwards if normals == "foundation" else outward / np.linalg.norm(outward, axis=1)[:, None]
 
-    held = np.where(fixed, n, 0.0)  # the component of n along held directions
-    touching_held = np.linalg.norm(held, axis=1)
+    touching_held = held_length(n, H)
     left_out = touching_held > 1.0 - 1e-10
     oblique = ~left_out & (touching_held > 1e-10)
     refuse.where(oblique, x, "is held obliquely to the foundation's normal; hold all components or none")
@@ -175,7 +174,7 @@ def contact_surface(
     # Held at 0, it has no slip and no friction.  With a prescribed displacement d it would have friction against the
     # slip d less that compliance times the friction: a wrong slip and a wrong direction, and the prescribed value would
     # not hold.
-    dragged = keep & np.any(elasticity.dragged[candidates], axis=1)
+    dragged = keep & elasticity.dragged[candidates]
     refuse.where(
         dragged,
         x,
@@ -194,7 +193,7 @@ def contact_surface(
     else:
         frames = axes.frames(n, x, f"contact face {face!r}", comm)
         refuse.where(
-            held_obliquely(frames, fixed[keep]),
+            held_obliquely(frames, H[keep]),
             x,
             "is held by a clamp obliquely to the direction of friction; hold it along or across that direction",
         )

@@ -61,8 +61,11 @@ def read_grid(path: str | Path) -> Grid:
     return Grid(str(topology.get("TopologyType")), data(topology), data(geometry), fields)
 
 
-def read_fields(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, npt.NDArray[np.int64], dict[str, FloatArray]]:
-    """Points (k, 3), cells and fields of an HDF5 file; scalars (k,), vectors (k, 3).
+def read_fields(
+    path: Path, names: tuple[str, ...], optional: tuple[str, ...] = ()
+) -> tuple[FloatArray, npt.NDArray[np.int64], dict[str, FloatArray]]:
+    """Points (k, 3), cells and fields of an HDF5 file, those that are `optional` if they exist; scalars (k,), vectors
+    (k, 3).
 
     Raises:
         ValueError: If a field is missing, or the mesh is damaged.
@@ -72,7 +75,7 @@ def read_fields(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, npt.NDA
         points = np.array(file["Mesh/mesh/geometry"], dtype=np.float64)
         cells = np.array(file["Mesh/mesh/topology"], dtype=np.int64)
         fields: dict[str, FloatArray] = {}
-        for name in names:
+        for name in (*names, *(name for name in optional if f"Function/{name}" in file)):
             if f"Function/{name}" not in file:
                 raise ValueError(f"{path}: has no field {name!r}: {OLD}")
             values = np.array(dataset(file, name), dtype=np.float64)

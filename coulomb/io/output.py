@@ -26,6 +26,7 @@ from .. import process
 from ..arrays import FloatArray
 from ..fem import compat
 from ..fem.compat import fem
+from ..fem.constraints import HELD_OBLIQUE
 from ..model.nodal_answer import HELD
 from ..model.posed_problem import PosedProblem
 from ..model.provenance import moment, now, provenance
@@ -98,13 +99,11 @@ def _make_partial(target: Path) -> str:
 def _write_body(solution: Solution, path: str) -> None:
     elasticity = solution.problem.elasticity
     u = elasticity.function(solution.displacement)
-    given = {
-        "load": solution.problem.loading.load,
-        "held": elasticity.fixed,
-        "prescribed": solution.problem.loading.prescribed,
-    }
-    given["spring"] = elasticity.spring
-    nodal = [u, *(elasticity.function(values.astype(float), name) for name, values in given.items())]
+    loading, held = solution.problem.loading, elasticity.held
+    given = {"load": loading.load, **held.fields, "prescribed": loading.prescribed, "spring": elasticity.spring}
+    if not solution.problem.comm.allreduce(bool(np.any(held.oblique)), op=MPI.LOR):
+        del given[HELD_OBLIQUE]
+    nodal = [u, *(elasticity.function(values, name) for name, values in given.items())]
     domain, comm = elasticity.mesh.domain, solution.problem.comm
     _write_fields(comm, path, domain, [*nodal, elasticity.von_mises(u), elasticity.young, elasticity.poisson])
     owned = dof_of_point(domain, elasticity.V)[: domain.geometry.index_map().size_local]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from scipy.spatial import cKDTree
 from ..arrays import FloatArray
 from ..fem import compat
 from ..fem.body import ElasticBody
+from ..fem.constraints import HELD_OBLIQUE, HeldDirections
 from ..fem.meshes import corners_of, local_facets
 from ..model.nodal_answer import HELD
 from ..solvers.laws import LAWS
@@ -51,7 +53,8 @@ class WrittenRun:
         cells: Their numbers per cell, in the order of the file.
         body: The body with the materials of the files; its nodes may be in another order.
         on_cells: Fields of the cells, in the order of `body.domain`, shape (c,).
-        on_body: Vectors at the nodes of `body`, shape (k, 3).
+        on_body: Vectors at the nodes of `body`, shape (k, 3); HELD_OBLIQUE only if directions are held that are no
+            axes.
         on_face: Fields at the q nodes of the contact face, and their coordinates "x".
         node: Numbers of these nodes in `body`, shape (q,).
         facets: Facets of the contact face, rows of node numbers, in the order of the file.
@@ -90,10 +93,10 @@ class WrittenRun:
         edge = float(np.min(np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2)))
         return max(OF_LARGEST, 1e-15 * float(np.max(np.abs(self.points))) / edge)
 
-    @property
-    def fixed(self) -> npt.NDArray[np.bool_]:
-        """Which components of the nodes are prescribed, shape (k, 3)."""
-        return np.round(self.on_body["held"]).astype(bool)
+    @cached_property
+    def held(self) -> HeldDirections:
+        """The held directions of the nodes."""
+        return HeldDirections.of_fields(self.on_body["held"], self.on_body.get(HELD_OBLIQUE))
 
     @property
     def touching(self) -> npt.NDArray[np.bool_]:
@@ -122,11 +125,12 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
     refuse_misnamed(files.solution, (*ON_CELLS, *ON_BODY))
     refuse_misnamed(files.contact, ON_FACE)
     try:
-        points, cells, in_file = read_fields(body_data, (*ON_CELLS, *ON_BODY))
+        points, cells, in_file = read_fields(body_data, (*ON_CELLS, *ON_BODY), (HELD_OBLIQUE,))
         corners, facets, on_face = read_fields(face_data, ON_FACE)
         for name in ON_CELLS:
             _fits(body_data, name, in_file[name], (len(cells),))
-        for name in ON_BODY:
+        on_body = [name for name in (*ON_BODY, HELD_OBLIQUE) if name in in_file]
+        for name in on_body:
             _fits(body_data, name, in_file[name], (len(points), 3))
         vectors = {"friction_traction", "slip", "contact_force", "normal", "tangent_1", "tangent_2", "slip_origin"}
         for name in ON_FACE:
@@ -157,7 +161,7 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
         cells,
         body,
         on_cells,
-        {name: in_file[name][node] for name in ON_BODY},
+        {name: in_file[name][node] for name in on_body},
         on_face,
         numbers(body.x, corners, unfit),
         facets,

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..fem.body import Material
+from ..fem.constraints import HeldDirections
 from ..linalg.reductions import Reductions
 from ..model.certificate import Certificate
 from ..model.nodal_answer import NodalAnswer
@@ -41,7 +42,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         "status": result.status.value,
         "valid": solution.valid,
         **derived(
-            solution.at_nodes, solution.certificate, u, elasticity.spring_force(u), elasticity.fixed, solution.acting
+            solution.at_nodes, solution.certificate, u, elasticity.spring_force(u), elasticity.held, solution.acting
         ),
         "material": _materials(problem),
         "mean_compliance": problem.mean_compliance,
@@ -77,7 +78,7 @@ def derived(
     certificate: Certificate,
     displacement: FloatArray,
     spring_force: FloatArray,
-    fixed: npt.NDArray[np.bool_],
+    held: HeldDirections,
     acting: Acting | None,
 ) -> dict[str, Any]:
     """The entries of summary.json that follow from displacement and forces; collective, the same on every rank.
@@ -87,14 +88,14 @@ def derived(
         certificate: Its certificate.
         displacement: Displacement of this rank's nodes in metres, shape (k, 3).
         spring_force: Forces of the springs on the body in newtons, shape (k, 3).
-        fixed: Which components are prescribed, shape (k, 3).
+        held: The held directions of this rank's nodes.
         acting: Resultants of loads and supports; None if they are unknown.
     """
     over, numbers = Reductions(at_nodes.comm), at_nodes.numbers()
     return {
         **numbers,
         "unknowns": {
-            "displacement": int(over.sum(float(np.count_nonzero(~fixed)))),
+            "displacement": int(over.sum(float(displacement.size - held.number))),
             "contact": 3 * numbers["nodes"]["contact"],
         },
         **(acting.entries() if acting is not None else {}),

@@ -95,7 +95,7 @@ def judge(e: Evidence) -> Certificate:
 def _judge(e: Evidence, over: Reductions) -> Certificate:
     spring = -e.spring * e.displacement
     imbalance = e.internal - e.load - spring - e.on_body
-    outer = (e.load, spring, np.where(e.fixed, imbalance, 0.0), e.on_body)  # the third: reactions
+    outer = (e.load, spring, e.held.held_part(imbalance), e.on_body)  # the third: reactions
     scales = _scales(e, spring, outer, over)
     faults = _faults(e, scales, over)
 
@@ -111,7 +111,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     across = np.abs(force[:, 1] * slip[:, 1] - force[:, 2] * slip[:, 0])[compared]
     along = (force[:, 1] * slip[:, 0] + force[:, 2] * slip[:, 1])[compared]
     angle = over.max(np.degrees(np.arctan2(across, along)))
-    held = (e.displacement - e.prescribed)[e.fixed] / scales.length
+    held = e.held.held_part(e.displacement - e.prescribed) / scales.length
     balance, drift = _rigid_motions(e, spring, np.sum(outer, axis=0), scales, over)
     remaining = np.column_stack([e.gap - e.closure[:, 0], -e.closure[:, 1:]])  # A x - b
     residual = FrictionLaw.tresca(e.bound).natural_residual(e.force.ravel(), remaining.ravel(), e.compliance, over)
@@ -123,7 +123,9 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     checks = (
         relative("finite", float(len(faults)), "; ".join(faults) or "no number overflows or vanishes"),
         relative(
-            "equilibrium", _ratio(over.norm(imbalance[~e.fixed]), scales.nodal), "forces in balance at free nodes"
+            "equilibrium",
+            _ratio(over.norm(e.held.free_part(imbalance)), scales.nodal),
+            "forces in balance at free nodes",
         ),
         relative("clamps", over.max(np.abs(held)), "prescribed displacements held"),
         relative("force balance", balance, "loads, springs, reactions, contact: forces and moments add to zero"),
@@ -223,7 +225,7 @@ def _rigid_motions(
     sums = over.total(np.einsum("kcj,kc->j", modes, outer))
     balance = _ratio(_worst(*np.abs(sums)), scales.turnover)
 
-    held = over.total(np.einsum("kci,kc,kcj->ij", modes, e.fixed, modes))
+    held = over.total(np.einsum("kci,kcj->ij", modes, e.held.held_part(modes)))
     stiffness = over.total(np.einsum("kci,kc,kcj->ij", modes, e.spring, modes))
     if not (np.all(np.isfinite(sums)) and np.all(np.isfinite(held)) and np.all(np.isfinite(stiffness))):
         return balance, math.nan

@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.elasticity import Elasticity, Materials, PrescribedDisplacement, Spring
+from ..fem.elasticity import Elasticity, Materials, Spring, Support
 from ..fem.loads import Load
 from ..fem.meshes import NamedMesh
 from ..fem.obstacles import RigidFoundation
@@ -61,7 +61,7 @@ class ContactBody:
         self,
         mesh: NamedMesh,
         material: Materials,
-        clamps: Sequence[PrescribedDisplacement],
+        clamps: Sequence[Support],
         contacts: Sequence[Contact],
         tractions: Sequence[Load],
         body_force: Field,
@@ -102,7 +102,7 @@ class ContactBody:
     @cached_property
     def unknowns(self) -> dict[str, int]:
         """Free displacement unknowns and contact unknowns, over all ranks."""
-        free = int(np.count_nonzero(~self.elasticity.fixed))
+        free = 3 * len(self.elasticity.x) - self.elasticity.held.number
         contact = 3 * len(self._reference.nodes)
         return {
             "displacement": self.comm.allreduce(free, op=MPI.SUM),

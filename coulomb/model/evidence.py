@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.body import ElasticBody
+from ..fem.constraints import HeldDirections
 from ..linalg.reductions import Reductions
 
 HELD_BEYOND = 1.0 - 1e-10
-"""A node whose normal has at least this length along prescribed components cannot be in contact."""
+"""A node whose normal has at least this length along prescribed directions cannot be in contact."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Evidence:
         internal: Nodal forces of its stress, assembled anew, shape (k, 3).
         load: Shape (k, 3).
         spring: Stiffness of the springs along x, y and z in N/m, shape (k, 3).
-        fixed: Which components are prescribed, shape (k, 3).
-        prescribed: Their values, shape (k, 3).
+        held: The directions along which displacements are prescribed.
+        prescribed: The displacement along them, shape (k, 3).
         on_body: Contact forces on the body, shape (k, 3).
         force: The same at the contact nodes along n, t1, t2, with x_n >= 0 pressing, shape (m, 3).
         closure: Displacement of the contact nodes along n, and their slip along t1, t2, shape (m, 3).
@@ -47,7 +47,7 @@ class Evidence:
     internal: FloatArray
     load: FloatArray
     spring: FloatArray
-    fixed: npt.NDArray[np.bool_]
+    held: HeldDirections
     prescribed: FloatArray
     on_body: FloatArray
     force: FloatArray

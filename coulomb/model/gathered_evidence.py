@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.contact_frames import inverse_frames
+from ..fem.contact_frames import held_length, inverse_frames
 from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
 from ..fem.rigid_motion import RigidMotion
 from ..fem.surface import way_along
@@ -81,7 +81,7 @@ def gather_evidence(
         internal=elasticity.internal_force(u),
         load=state.loading.load,
         spring=elasticity.spring,
-        fixed=elasticity.fixed,
+        held=elasticity.held,
         prescribed=state.loading.prescribed,
         on_body=on_body,
         force=np.concatenate([force, np.column_stack([-np.max(np.abs(stray), axis=1, initial=0.0), none, none])]),
@@ -117,7 +117,7 @@ def _face(
         n = outward / np.linalg.norm(outward, axis=1)[:, None]
     else:
         n = on_all_ranks(lambda: here.turned(-foundation.normal(place)) if len(place) else np.zeros((0, 3)), what, comm)
-    free = np.linalg.norm(np.where(elasticity.fixed[nodes], n, 0.0), axis=1) <= HELD_BEYOND
+    free = held_length(n, elasticity.held.projector_at(nodes)) <= HELD_BEYOND
     nodes, n, place = nodes[free], n[free], place[free]
 
     def remaining() -> FloatArray:

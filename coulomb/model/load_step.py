@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..fem.constraints import HeldDirections
 from ..fem.rigid_motion import since_at
 from ..linalg.reductions import Reductions
 from .columns import along_axes, face_columns, reaction_columns, rotation_columns
@@ -62,7 +62,7 @@ class Energy:
         self,
         then: Forces,
         now: Forces,
-        fixed: npt.NDArray[np.bool_],
+        held: HeldDirections,
         foundation: float,
         dissipated: float,
         over: Reductions,
@@ -72,13 +72,13 @@ class Energy:
         Args:
             then: Values at its beginning.
             now: Values at its end.
-            fixed: Which components of this rank's nodes are prescribed, shape (k, 3).
+            held: The held directions of this rank's nodes.
             foundation: Work of the moving foundation on the body in the step, joules.
             dissipated: Energy dissipated by friction in the step, joules.
             over: The ranks.
         """
         change = now.displacement - then.displacement
-        reactions = sum(np.where(fixed, at.kept - at.load - at.on_body, 0.0) for at in (then, now))
+        reactions = sum(held.held_part(at.kept - at.load - at.on_body) for at in (then, now))
         return Energy(
             loads=self.loads + 0.5 * over.dot(now.load + then.load, change),
             prescribed=self.prescribed + 0.5 * over.dot(np.asarray(reactions), change),
@@ -154,7 +154,7 @@ class State(Moment):
         answer = solution.at_nodes
         slip_rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - self.time)
         dissipated = answer.dissipated_energy
-        energy = self.energy.after(then, now, elasticity.fixed, foundation, dissipated, over)
+        energy = self.energy.after(then, now, elasticity.held, foundation, dissipated, over)
         return State(self.number + 1, problem.time, energy, now.displacement, on_body, slip_rate, self.pending[:-1])
 
 

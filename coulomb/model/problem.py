@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.elasticity import Materials, PrescribedDisplacement, Spring
+from ..fem.elasticity import Materials, Spring, Support
 from ..fem.loads import Load
 from ..fem.meshes import NamedMesh
 from ..fem.user_values import Amplitude, Field
@@ -65,7 +65,7 @@ class ContactProblem(PosedProblem):
         self,
         mesh: NamedMesh,
         material: Materials,
-        clamps: Sequence[PrescribedDisplacement],
+        clamps: Sequence[Support],
         contact: Contact | Sequence[Contact],
         tractions: Sequence[Load] = (),
         body_force: Field = (0.0, 0.0, 0.0),

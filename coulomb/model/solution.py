@@ -8,8 +8,6 @@ from functools import cached_property
 from itertools import chain
 from pathlib import Path
 
-import numpy as np
-
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
@@ -74,7 +72,7 @@ class Solution:
         problem, u = self.problem, self.displacement
         body, on_body = problem.elasticity, -problem.nodal_contact_force(self.contact_force)
         inner = body.internal_force(u) - body.spring_force(u)
-        held = np.where(body.fixed, inner - problem.loading.load - on_body, 0.0)
+        held = body.held_part(inner - problem.loading.load - on_body)
         supports = chain(body.shares(held), body.spring_forces(u))
         return acting(body.loads_at(problem.time), supports, on_body, body.x, Reductions(problem.comm))
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ...fem.contact_frames import inverse_frames, tangent_frames
+from ...fem.contact_frames import held_length, inverse_frames, tangent_frames
 from ...fem.rigid_motion import Spin
 from ...model.evidence import HELD_BEYOND
 from ...model.nodal_answer import NodalAnswer
@@ -168,7 +168,7 @@ def _face(
     on = area > 0.0
     index = np.flatnonzero(on)
     area, outward = area[on], outward[on]
-    x, fixed = run.on_face["x"][on], run.fixed[run.node[on]]
+    x, H = run.on_face["x"][on], run.held.projector_at(run.node[on])
     written = run.touching[on] & said[on]
     data = {name: run.on_face[name][on] for name in ("normal", *_TANGENTS, "initial_gap", *_LAW, "slip_origin")}
     unit = outward / np.linalg.norm(outward, axis=1)[:, None]
@@ -183,7 +183,7 @@ def _face(
         if slip_rate is None:
             law = replace(law, friction=data["friction"])
         beyond = np.full(len(x), HELD_BEYOND)
-    free = np.linalg.norm(np.where(fixed, n, 0.0), axis=1) <= beyond
+    free: npt.NDArray[np.bool_] = held_length(n, H) <= beyond
     frames = tangent_frames(n)
     if case is None:
         frames[written] = np.stack([data[name][written] for name in ("normal", *_TANGENTS)], axis=1)
@@ -194,7 +194,7 @@ def _face(
     size, file = float(np.max(np.abs(run.points))), CONTACT
     found.field(f"{file}: area", run.on_face["area"][on][here], area[here], x[here], "the facets")
     if case is None:
-        length, none = np.linalg.norm(frames, axis=2)[here], np.zeros(np.sum(here))
+        length, none = np.linalg.norm(frames, axis=2)[here], np.zeros(int(np.sum(here)))
         found.field(f"{file}: length of normal", length[:, 0], none + 1.0, x[here], "its direction")
         longer = np.max(length[:, 1:], axis=1)
         found.field(f"{file}: length of the longer tangent", longer, none + 1.0, x[here], "its direction")

@@ -220,7 +220,7 @@ class _Chain:
             then = self._then(run, k)
             dissipated = variant.numbers["totals"]["dissipated_energy"]
             foundation = 0.5 * over.dot(then.on_body + variant.at.on_body, moved)
-            self._energies[k] = self._energies[k].after(then, variant.at, run.fixed, foundation, dissipated, over)
+            self._energies[k] = self._energies[k].after(then, variant.at, run.held, foundation, dissipated, over)
 
     def _then(self, run: WrittenRun, k: int) -> Forces:
         """Displacement and forces at the beginning of the step, at its own nodes."""

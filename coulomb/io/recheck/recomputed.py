@@ -83,7 +83,7 @@ def recomputed(
         return values if rounding is None else rounding.of(values, scale)
 
     nodes = replace(nodes, gap=taken(nodes.gap, float(np.max(np.abs(run.points)))))
-    body, spring, fixed = run.body, run.on_body["spring"], run.fixed
+    body, spring, held = run.body, run.on_body["spring"], run.held
     u, x = taken(run.on_body["displacement"]), taken(run.on_face["x"])
     on_face = taken(np.where(run.touching[:, None], run.on_face["contact_force"], 0.0))
     on_body = np.zeros_like(u)
@@ -99,7 +99,7 @@ def recomputed(
             internal=internal,
             load=run.on_body["load"],
             spring=spring,
-            fixed=fixed,
+            held=held,
             prescribed=run.on_body["prescribed"],
             on_body=on_body,
             force=judged.force,
@@ -111,9 +111,9 @@ def recomputed(
         )
     )
     stress = body.von_mises(body.function(u))
-    held = np.where(fixed, internal + spring * u - run.on_body["load"] - on_body, 0.0)
-    acting = None if supported is None else supported.acting(u, held, on_body, taken)
-    numbers = derived(written, certificate, u, -spring * u, fixed, acting)
+    reactions = held.held_part(internal + spring * u - run.on_body["load"] - on_body)
+    acting = None if supported is None else supported.acting(u, reactions, on_body, taken)
+    numbers = derived(written, certificate, u, -spring * u, held, acting)
     accepted, recorded = _recorded_strain(run)
     if foundations is None:
         measured = {"gradient": body.largest_gradient(u)}

@@ -229,7 +229,9 @@ def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], f
     first, *others = variants
     at, x = nodes.index, run.on_face["x"]
     found.field("contact.xdmf: status", run.on_face["status"], np.round(run.on_face["status"]), x, "whole numbers")
-    found.field("solution.xdmf: held", run.on_body["held"], run.fixed, run.body.x, "0 and 1")
+    for name, expected in run.held.fields.items():
+        written = run.on_body.get(name, np.zeros_like(expected))
+        found.field(f"solution.xdmf: {name}", written, expected, run.body.x, "the nearest projectors", floor=1e-9)
     for name, expected in first.fields.items():
         if name == "slip_bound" and SuccessiveTresca.name in str(run.summary.get("method")):
             limit = SLIP_BOUND_LIMIT + 10.0 * first.certificate["natural residual"].value
