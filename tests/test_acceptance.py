@@ -33,7 +33,7 @@ def soft_block(friction, **options):
 
 @pytest.mark.parametrize("tolerance", [1e-8, 1e-9])
 @pytest.mark.parametrize("friction", [0.0, 0.1, 0.2, 0.3])
-def test_soft_springs_do_not_blind_the_solver(friction, tolerance):
+def test_soft_springs_are_solved_to_the_certificate(friction, tolerance):
     """By the natural residual alone, three of four end with gaps of 1e-5 to 1e-4 of the deformation."""
     solution = soft_block(friction).solve(tolerance=tolerance)
     assert solution.certificate.passed and solution.result.residual <= tolerance
@@ -73,7 +73,7 @@ SOLVERS = [("coulomb", solver) for solver in COULOMB] + [("tresca", solver) for 
 
 
 @pytest.mark.parametrize(("law", "solver"), SOLVERS, ids=lambda value: getattr(value, "name", None))
-def test_a_refused_answer_is_made_better(law, solver):
+def test_iterations_continue_after_a_refused_answer(law, solver):
     accept, seen = asked([False, False, True])
     problem = block6(law, accept)
     result = solver.solve(problem)
@@ -84,7 +84,7 @@ def test_a_refused_answer_is_made_better(law, solver):
 
 
 @pytest.mark.parametrize(("law", "solver"), SOLVERS, ids=lambda value: getattr(value, "name", None))
-def test_what_never_passes_is_not_converged(law, solver):
+def test_an_answer_that_never_passes_is_not_converged(law, solver):
     accept, seen = asked([False])
     with pytest.raises(coulomb.NotConverged, match="below the tolerance, but the certificate fails") as failure:
         solver.solve(block6(law, accept))
@@ -111,7 +111,7 @@ def test_the_goal():
     assert goal.reached(1e-9, np.zeros(3)) and goal.verdict(2e-8, np.zeros(3), Status.STAGNATED) is Status.STAGNATED
 
 
-def test_whoever_gives_up_asks_once_more():
+def test_a_stalled_solver_evaluates_the_goal_once_more():
     """The residual stalls between two askings, with an answer that passes."""
     accept, seen = asked([False, True])
     goal = Goal(1e-8, accept)
@@ -126,7 +126,7 @@ def test_whoever_gives_up_asks_once_more():
 
 
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
-def test_what_does_not_pass_is_named(monkeypatch, law):
+def test_failing_conditions_are_named(monkeypatch, law):
     monkeypatch.setattr(certificate_module, "LIMIT", 1e-30)
     problem = make_block(4, slip_stress=1e7 if law == "tresca" else None)
     with pytest.raises(coulomb.NotConverged, match=r"failing conditions: .*equilibrium .*\(limit 1e-30\)") as failure:
@@ -135,20 +135,20 @@ def test_what_does_not_pass_is_named(monkeypatch, law):
     assert failure.value.result.residual <= 1e-8
 
 
-def test_springs_are_named_where_there_are_some(monkeypatch):
+def test_advice_on_springs_only_where_there_are_some(monkeypatch):
     monkeypatch.setattr(certificate_module, "LIMIT", 1e-30)
     with pytest.raises(coulomb.NotConverged, match="a clamp or stiffer springs"):
         soft_block(0.2).solve()
 
 
-def test_whoever_asks_for_less_gets_it(monkeypatch):
+def test_a_looser_tolerance_stops_earlier(monkeypatch):
     monkeypatch.setattr(certificate_module, "LIMIT", 1e-30)
     solution = make_block(4).solve(tolerance=1e-6)
     assert solution.result.status is Status.CONVERGED and not solution.certificate.passed
     assert 1e-8 < solution.result.residual <= 1e-6
 
 
-def test_the_answer_is_judged_once(monkeypatch):
+def test_the_certificate_is_computed_once(monkeypatch):
     """The certificate that let the solver stop is the solution's own: it is not computed again.
 
     A displacement, and another one for the forces with exact zeros (`settled`).
@@ -208,7 +208,7 @@ picture = false
 """
 
 
-def test_the_command_line_says_what_is_left_open(tmp_path):
+def test_the_command_line_reports_the_failing_conditions(tmp_path):
     (tmp_path / "soft.toml").write_text(CASE)
     done = run_coulomb("run", "soft.toml", cwd=tmp_path)
     assert done.returncode == 0 and "certificate passed" in done.stdout and not done.stderr, done.stderr

@@ -80,7 +80,7 @@ def test_agrees_with_clarabel(solver, name):
         assert np.linalg.norm(difference) <= 1e-4 * np.linalg.norm(theirs)
 
 
-def test_zones_are_what_they_are_called():
+def test_zones_of_the_random_problems():
     for name in ("all open", "all stick", "all slip"):
         A, b, g = CASES[name]
         x = InteriorPoint(tolerance=1e-9).solve(FrictionProblem.tresca(dense_compliance(A), b, g)).x.reshape(-1, 3)

@@ -138,7 +138,7 @@ def test_unreadable_files(tmp_path):
         read_case(path)
 
 
-def test_no_clamp_is_a_floating_body():
+def test_without_a_clamp_the_body_floats():
     with pytest.raises(ValueError, match="the body floats"):
         read_case(BLOCK, ["clamp=[]", "mesh.cells=[3,1,1]"]).problem()
 

@@ -48,7 +48,7 @@ def test_the_new_cases_are_the_demos(kind):
             assert [{k: t[k] for k in d} for t, d in zip(template[table], keys, strict=True)] == keys
 
 
-def test_new_replaces_nothing_unasked(tmp_path):
+def test_new_replaces_a_file_only_with_force(tmp_path):
     (tmp_path / "mine.toml").write_text("mine")
     assert run_coulomb("new", "hertz", "mine.toml", cwd=tmp_path).returncode == 2
     assert (tmp_path / "mine.toml").read_text() == "mine"
@@ -75,7 +75,7 @@ def test_check_case_solves_and_writes_nothing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_check_case_on_two_ranks_and_in_vain(tmp_path):
+def test_check_case_on_two_ranks_and_of_a_wrong_case(tmp_path):
     done = run_coulomb("check-case", ROOT / "demos" / "block.toml", ranks=2, cwd=tmp_path, timeout=240)
     assert done.returncode == 0 and "K iterative (CG, GAMG), A matrix-free" in done.stdout
     assert "on 2 ranks, a core for each" in done.stdout
@@ -83,14 +83,14 @@ def test_check_case_on_two_ranks_and_in_vain(tmp_path):
     assert done.returncode == 2 and "the body floats" in done.stderr
 
 
-def test_the_law_holds():
+def test_memory_estimate_on_small_problems():
     """Memory to a factor of two, on sizes that are quick; docs/measurements.md has the others, and the seconds."""
     for row in measure([6, 12]):
         assert 0.5 < row.memory_expected / row.memory_measured < 2.0, row
         assert row.seconds_expected > 0.0 and row.seconds_measured > 0.0
 
 
-def test_the_law_against_what_was_measured():
+def test_memory_estimate_against_measurements():
     """Peak memory of larger runs on one rank: the block at p = 24 and 46, and a cube of 24^3 cells."""
     for n, m, solver, explicit, measured in (
         (135_000, 5_400, DirectSolver, True, 2.60e9),
@@ -209,7 +209,7 @@ def test_free_memory(tmp_path, groups, free):
     assert system(tmp_path, 1_000_000, groups) == free
 
 
-def test_where_nobody_knows_the_memory(tmp_path):
+def test_unknown_free_memory(tmp_path):
     assert free_memory(tmp_path, tmp_path) is None
     here = free_memory()
     assert here is None or here > 1e7

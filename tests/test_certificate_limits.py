@@ -13,7 +13,7 @@ from coulomb.model.certificate import ANGLE_LIMIT, LIMIT, judge
 
 @pytest.mark.parametrize("sway", [1e-3, 1.0, 30.0])
 @pytest.mark.parametrize("clamped", ["xyz", "yz", "z"])
-def test_without_an_error_all_is_zero(clamped, sway):
+def test_exact_evidence_has_measures_of_zero(clamped, sway):
     evidence, _ = synthetic_evidence(clamped, sway=sway)
     for check in judge(evidence).checks:
         assert check.value <= 1e-3 * check.limit, check
@@ -29,14 +29,14 @@ def test_just_inside_and_just_outside(name, error, options):
         assert failed(certificate) == fails
 
 
-def test_every_condition_has_such_a_case():
+def test_every_condition_has_a_case():
     named = {name for name, _, _ in CASES}
     assert {check.name for check in judge(synthetic_evidence()[0]).checks} == named | {"finite"}
     assert (LIMIT, ANGLE_LIMIT) == (1e-6, 0.1)
 
 
 @pytest.mark.parametrize("error", [turned_short_slip, turned_small_friction])
-def test_below_its_thresholds_the_angle_is_not_judged(error):
+def test_no_angle_for_small_slip_or_friction(error):
     """Slip under 1e-3 of the scale or friction under 1e-2 of the largest: its direction is that of the errors."""
     evidence, turnover = synthetic_evidence()
     turned = error(evidence, 1.0, turnover)
@@ -50,7 +50,7 @@ def test_below_its_thresholds_the_angle_is_not_judged(error):
     assert judge(replace(turned, closure=closure, force=force, bound=bound))["slip angle"].value <= 1e-6
 
 
-def test_rounding_of_friction_that_is_none_has_no_angle():
+def test_no_angle_for_rounding_errors_without_friction():
     evidence, _ = synthetic_evidence()
     force = evidence.force.copy()
     force[:, 1:] *= -1e-16

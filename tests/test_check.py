@@ -120,7 +120,7 @@ def one_node(data):
         ("contact.h5", "initial_gap", lambda gap: gap + 1e-5, "complementarity"),
     ],
 )
-def test_what_was_tampered_with_fails(copy, file, field, function, failing):
+def test_changed_files_fail(copy, file, field, function, failing):
     change(copy / file, field, function)
     found = check(copy)
     assert not found.passed and not found.certificate[failing].passed
@@ -143,7 +143,7 @@ def test_what_was_tampered_with_fails(copy, file, field, function, failing):
         (lambda d: change(d / "contact.h5", "contact_force", lambda x: np.nan * x), "entries that are not finite"),
     ],
 )
-def test_what_is_not_whole_is_refused(copy, spoil, message):
+def test_incomplete_results_are_refused(copy, spoil, message):
     spoil(copy)
     done = run_coulomb("check", copy)
     assert done.returncode == 2 and message in done.stderr and "Traceback" not in done.stderr
@@ -157,7 +157,7 @@ def test_files_of_two_runs(copy, tmp_path):
         check(copy)
 
 
-def test_a_failed_run_says_so_again(tmp_path):
+def test_a_failed_run_fails_again(tmp_path):
     problem = make_block(3)
     try:
         problem.solve(solver=coulomb.SuccessiveTresca(max_iterations=2))

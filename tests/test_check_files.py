@@ -34,14 +34,14 @@ GIVEN = {
 
 
 @pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
-def test_what_was_run_agrees(text):
+def test_unchanged_results_agree(text):
     found = check(made(text))
     assert found.passed and found.recorded, found
     assert not any("taken as written" in line for line in found.trusted)
 
 
 @pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
-def test_without_a_case_that_is_said(text, tmp_path):
+def test_a_missing_case_is_reported(text, tmp_path):
     folder = copied(text, tmp_path / "run")
     (folder / "case.json").unlink()
     found = check(folder)
@@ -86,7 +86,7 @@ def test_every_field(text, name, spoil, tmp_path):
 
 
 @pytest.mark.parametrize("name", sorted({*ON_BODY, *ON_FACE} - GIVEN - {"face"}))
-def test_every_field_that_follows_without_a_case(name, tmp_path):
+def test_computed_fields_without_a_case(name, tmp_path):
     folder = copied(BLOCK, tmp_path / "run")
     (folder / "case.json").unlink()
     change(folder / f"{'solution' if name in ON_BODY else 'contact'}.h5", name, scaled(1.0 + 1e-6))
@@ -94,7 +94,7 @@ def test_every_field_that_follows_without_a_case(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", sorted(GIVEN))
-def test_what_was_given_without_a_case(name, tmp_path):
+def test_given_fields_without_a_case(name, tmp_path):
     """The certificate, or a number of summary.json, sees a thousandth."""
     folder = copied(BLOCK, tmp_path / "run")
     (folder / "case.json").unlink()
@@ -103,7 +103,7 @@ def test_what_was_given_without_a_case(name, tmp_path):
 
 
 @pytest.mark.parametrize("entry", ["young", "poisson"])
-def test_the_material_that_is_told_without_a_case(entry, tmp_path):
+def test_material_without_a_case(entry, tmp_path):
     folder = copied(BLOCK, tmp_path / "run")
     (folder / "case.json").unlink()
     edit(
@@ -190,7 +190,7 @@ def test_numbers_of_the_case_and_the_certificate(key, value, tmp_path):
 
 
 @pytest.mark.parametrize("key", ["totals", "nodes", "maximum", "certificate.penetration", "small_strain", "material"])
-def test_a_number_that_is_missing(key, tmp_path):
+def test_missing_numbers(key, tmp_path):
     folder = copied(BLOCK, tmp_path / "run")
     *path, last = key.split(".")
     edit(folder / "summary.json", lambda contents: get(contents, path).pop(last))
@@ -256,7 +256,7 @@ def test_another_case_of_two_faces(other, tmp_path):
     assert check(folder).faults
 
 
-def test_a_mesh_file_that_is_gone(tmp_path):
+def test_a_missing_mesh_file(tmp_path):
     """Then the rest of the case is compared all the same."""
     folder = copied(BLOCK, tmp_path / "run")
     gone = str(tmp_path / "part.msh")
@@ -285,7 +285,7 @@ def lost_nodes(monkeypatch):
 
 
 @pytest.mark.parametrize("with_case", [True, False])
-def test_nodes_that_the_surface_has_lost(lost_nodes, with_case, tmp_path):
+def test_nodes_missing_from_the_surface(lost_nodes, with_case, tmp_path):
     folder = run_case(BLOCK.replace("[[contact.region]]", "").split("box = [[")[0] + UNASKED, tmp_path / "run")
     assert np.sum(np.round(field(folder / "contact.h5", "status")) == HELD) > 10
     if not with_case:
@@ -303,7 +303,7 @@ def test_normals_and_signs_without_a_case(tmp_path):
     assert any("normal that points into the body" in fault for fault in check(folder).faults)
 
 
-def test_a_step_on_its_own(tmp_path):
+def test_a_single_step(tmp_path):
     folder = copied(BALL, tmp_path / "run")
     (folder / "steps" / "0002").rename(tmp_path / "alone")
     found = check(tmp_path / "alone")

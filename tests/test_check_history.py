@@ -32,7 +32,7 @@ def test_a_history_agrees(text):
 
 
 @pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
-def test_without_a_case_that_is_said(text, tmp_path):
+def test_a_missing_case_is_reported(text, tmp_path):
     folder = copied(text, tmp_path / "run")
     (folder / "case.json").unlink()
     found = check(folder)
@@ -41,14 +41,14 @@ def test_without_a_case_that_is_said(text, tmp_path):
     assert "without the load at the start: the energies of the first step" in found.ending
 
 
-def test_work_of_what_does_not_move(tmp_path):
+def test_work_of_a_clamp_at_rest(tmp_path):
     """Reactions of 1e9 N at a clamp that stays: their work is 0, or what rounding makes of it from step to step."""
     problem, history = indentation()
     history.run(problem, HistoryFiles(tmp_path))
     assert check(tmp_path).passed
 
 
-def test_one_step_where_it_stands(tmp_path):
+def test_one_step_of_a_history(tmp_path):
     """Step by step against the one before, with the case of the history."""
     folder = copied(BALL, tmp_path / "run")
     for number in (1, 2, 3):
@@ -58,21 +58,21 @@ def test_one_step_where_it_stands(tmp_path):
     assert any("slip_origin" in fault for fault in check(folder / "steps" / "0002").faults)
 
 
-class ForgetsSlip(LoadHistory):
+class WithoutSlipOrigin(LoadHistory):
     """A fault: every step counts slip from the place before deformation."""
 
     def _posed(self, problem, state, time):
         return super()._posed(problem, replace(state, displacement=0.0 * state.displacement), time)
 
 
-class ForgetsMotion(LoadHistory):
+class WithoutMotionOfOrigin(LoadHistory):
     """A fault: the slip origin stays where it was when the foundation moves."""
 
     def _posed(self, problem, state, time):
         return problem.at(time, replace(state, time=time))
 
 
-class ForgetsFoundation(LoadHistory):
+class WithFirstFoundation(LoadHistory):
     """A fault: the foundation, its gaps and its way stay those of the first step."""
 
     def _posed(self, problem, state, time):
@@ -83,7 +83,7 @@ class ForgetsFoundation(LoadHistory):
         return posed.in_state(replace(posed.state, rigid_motions=first.state.rigid_motions, surface=first.surface))
 
 
-class ForgetsLoad(LoadHistory):
+class WithFirstLoad(LoadHistory):
     """A fault: the load stays that of the first step."""
 
     def _posed(self, problem, state, time):
@@ -95,9 +95,14 @@ class ForgetsLoad(LoadHistory):
 @pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
 @pytest.mark.parametrize(
     ("faulty", "steps"),
-    [(ForgetsSlip, [2, 3]), (ForgetsMotion, [1, 2, 3]), (ForgetsFoundation, [2, 3]), (ForgetsLoad, [2, 3])],
+    [
+        (WithoutSlipOrigin, [2, 3]),
+        (WithoutMotionOfOrigin, [1, 2, 3]),
+        (WithFirstFoundation, [2, 3]),
+        (WithFirstLoad, [2, 3]),
+    ],
 )
-def test_a_code_that_forgets(text, faulty, steps, monkeypatch, tmp_path):
+def test_faults_in_the_history_are_detected(text, faulty, steps, monkeypatch, tmp_path):
     import coulomb.model.load_history
 
     monkeypatch.setattr(coulomb.model.load_history, "LoadHistory", faulty)
@@ -105,7 +110,7 @@ def test_a_code_that_forgets(text, faulty, steps, monkeypatch, tmp_path):
     monkeypatch.undo()
     found = check(folder)
     assert failing(found) == steps
-    if faulty in (ForgetsSlip, ForgetsMotion):
+    if faulty in (WithoutSlipOrigin, WithoutMotionOfOrigin):
         assert all(any("slip_origin" in fault for fault in found.steps[k - 1].faults) for k in steps)
         # slip is measured from the step before, not from the record of the step
         assert all("certificate FAILED" in found.steps[k - 1].details for k in steps)
@@ -129,8 +134,10 @@ def test_gaps_to_a_plane_without_a_case(tmp_path):
     assert any(fault.startswith("contact.xdmf: initial_gap") for fault in found.steps[1].faults)
 
 
-@pytest.mark.parametrize(("faulty", "steps"), [(LoadHistory, []), (ForgetsSlip, [2, 3]), (ForgetsMotion, [2, 3])])
-def test_a_code_that_forgets_is_seen_without_a_case(faulty, steps, monkeypatch, tmp_path):
+@pytest.mark.parametrize(
+    ("faulty", "steps"), [(LoadHistory, []), (WithoutSlipOrigin, [2, 3]), (WithoutMotionOfOrigin, [2, 3])]
+)
+def test_faults_in_the_history_are_detected_without_a_case(faulty, steps, monkeypatch, tmp_path):
     """Slip origins are the displacement before and a translation, with which gaps to a plane and work must agree."""
     import coulomb.model.load_history
 
@@ -163,7 +170,7 @@ def test_records_of_a_step(spoil, tmp_path):
     assert 2 in failing(found)
 
 
-def test_times_that_are_left_out(tmp_path):
+def test_missing_steps(tmp_path):
     folder = copied(BALL, tmp_path / "run")
     edit(folder / "steps/0001/summary.json", lambda s: s["step"].update(pending=[3.0]))
     assert any("leaves out [2.0]" in fault for fault in check(folder).faults)
@@ -171,7 +178,7 @@ def test_times_that_are_left_out(tmp_path):
     assert any("do not increase" in fault for fault in check(folder).faults)
 
 
-def test_an_unfinished_history_says_so(tmp_path):
+def test_an_unfinished_history_is_reported(tmp_path):
     """As after an interruption: what there is passes, and it is said that there should be more."""
     folder = tmp_path / "run"
     text = BALL.replace("times = [1, 2, 3]", "times = [1, 2, 3, 4]")
@@ -301,7 +308,7 @@ DAMAGED = {
 
 
 @pytest.mark.parametrize(("spoil", "message"), DAMAGED.values(), ids=DAMAGED)
-def test_what_is_not_whole_is_refused(spoil, message, tmp_path):
+def test_incomplete_results_are_refused(spoil, message, tmp_path):
     folder = copied(BALL, tmp_path / "run")
     spoil(folder)
     with pytest.raises(ValueError) as caught:

@@ -44,7 +44,7 @@ def test_directory_of_the_case(tmp_path):
     assert done.returncode == 0 and (tmp_path / "results" / "block" / "summary.json").exists()
 
 
-def test_not_converged_exits_1_and_keeps_what_there_is(tmp_path):
+def test_not_converged_exits_1_and_keeps_the_answer(tmp_path):
     done = run_coulomb(
         "run", BLOCK, *SMALL, "--set", "solver={method='successive-tresca', max_outer=2}", "--output", tmp_path
     )
@@ -69,7 +69,7 @@ def test_bad_input_exits_2_and_touches_nothing(tmp_path, change, message):
     assert "Traceback" not in done.stderr and not (tmp_path / "out").exists()
 
 
-def test_output_that_cannot_be_written_is_seen_before(tmp_path):
+def test_unwritable_output_is_refused_before_the_run(tmp_path):
     (tmp_path / "file").write_text("")
     done = run_coulomb("run", BLOCK, *SMALL, "--output", tmp_path / "file" / "out")
     assert done.returncode == 2 and "out: cannot be written: " in done.stderr and "file is no directory" in done.stderr
@@ -77,7 +77,7 @@ def test_output_that_cannot_be_written_is_seen_before(tmp_path):
 
 
 @pytest.mark.parametrize("ranks", [None, 2])
-def test_output_that_cannot_be_written_in_the_end_still_reports(tmp_path, ranks):
+def test_unwritable_output_after_the_run_is_reported(tmp_path, ranks):
     script = tmp_path / "full.py"
     script.write_text(
         "import sys\nfrom coulomb.cli import app as cli\nfrom coulomb.io import output\n"

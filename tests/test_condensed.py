@@ -165,7 +165,7 @@ def test_a_compliance_without_stiffness_is_refused():
         InteriorPoint(newton=CondensedSystem()).solve(block.tresca(np.full(len(block.surface.nodes), 1e4)))
 
 
-def test_what_is_kept():
+def test_memory_of_condensed_systems():
     """K's nonzeros once more, and vectors: nothing of m x m."""
     problem = make_block(4, **MULTIGRID)
     scaled = ScaledProblem(FrictionProblem.coulomb(problem.A, problem.b, problem.law.friction))

@@ -143,7 +143,7 @@ def test_a_history_goes_on_from_its_files(tmp_path):
     assert step.state.energy.foundation == pytest.approx(expected.state.energy.foundation, rel=1e-7)
 
 
-def test_what_is_judged_is_built_anew_from_the_weights():
+def test_evidence_is_built_from_the_weights():
     """Points that the solver has lost or moved are seen, as with one node per point."""
     problem = dragged().at(1.0)
     solution = problem.solve()

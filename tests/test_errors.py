@@ -9,12 +9,12 @@ from wrong_input import Wrong
 from wrong_inputs import ALL, DOCUMENT, answer, document
 
 
-def test_there_are_forty():
+def test_number_of_wrong_inputs():
     assert len(ALL) >= 40 and len({wrong.what for wrong in ALL}) == len(ALL)
 
 
 @pytest.mark.parametrize("wrong", [w for w in ALL if w.alone is not None], ids=lambda wrong: wrong.what)
-def test_what_is_said(wrong: Wrong, tmp_path):
+def test_messages(wrong: Wrong, tmp_path):
     code, text = answer(wrong, tmp_path)
     assert re.search(wrong.message, text), text
     assert code == wrong.code and "Traceback" not in text

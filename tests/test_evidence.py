@@ -59,7 +59,7 @@ def test_one_lost_node_is_enough(monkeypatch):
 
 
 @pytest.mark.parametrize("clamped", [False, True])
-def test_a_force_off_the_contact_faces_is_none(monkeypatch, clamped):
+def test_forces_off_the_contact_faces_fail(monkeypatch, clamped):
     """A contact node that is another than it says: in the body, or where a clamp takes its force unseen."""
     problem = make_block(3)
     solution = problem.solve()
@@ -72,7 +72,7 @@ def test_a_force_off_the_contact_faces_is_none(monkeypatch, clamped):
     assert "adhesion" in failed(certificate)
 
 
-def test_prescribed_nodes_are_excused():
+def test_prescribed_nodes_are_not_checked():
     """The nodes of the clamped edge cannot touch: they are the only ones of the face that are not checked."""
     problem = make_block(3)
     x = np.zeros(3 * len(problem.surface.nodes))
@@ -82,7 +82,7 @@ def test_prescribed_nodes_are_excused():
 
 
 @pytest.mark.parametrize("components", ["x", "y"])
-def test_held_along_a_tangent_is_not_excused(monkeypatch, components):
+def test_nodes_held_along_a_tangent_are_checked(monkeypatch, components):
     """A clamp that leaves the normal free is no reason for a node not to be a contact node."""
     lose(monkeypatch, lambda x: x[:, 0] < 1e-9)
     problem = ContactProblem(
@@ -136,13 +136,13 @@ def test_right_steps_pass(problem):
         assert certificate.passed, certificate
 
 
-def forget_origin(monkeypatch):
+def without_origin(monkeypatch):
     """Every step assumes that no node has slipped before."""
     at = ContactProblem.at
     monkeypatch.setattr(ContactProblem, "at", lambda self, time, before=None: at(self, time))
 
 
-def forget_motion_in_origin(monkeypatch):
+def without_motion_of_origin(monkeypatch):
     """The origin is not carried along with the foundation."""
 
     def posed(self, problem, state, time):
@@ -151,7 +151,7 @@ def forget_motion_in_origin(monkeypatch):
     monkeypatch.setattr(LoadHistory, "_posed", posed)
 
 
-def forget_origin_in_b(monkeypatch):
+def without_origin_in_b(monkeypatch):
     def closure(self, u):
         return self.surface.rows(u)
 
@@ -167,8 +167,8 @@ def wrong_sign_of_origin(monkeypatch):
     monkeypatch.setattr(ContactProblem, "at", wrong)
 
 
-@pytest.mark.parametrize("forget", [forget_origin, forget_origin_in_b, wrong_sign_of_origin])
-def test_a_forgotten_slip_origin_fails(monkeypatch, forget):
+@pytest.mark.parametrize("forget", [without_origin, without_origin_in_b, wrong_sign_of_origin])
+def test_a_missing_slip_origin_fails(monkeypatch, forget):
     forget(monkeypatch)
     first, *later = certificates(dragged())
     assert first.passed  # nothing to be remembered yet
@@ -176,20 +176,20 @@ def test_a_forgotten_slip_origin_fails(monkeypatch, forget):
     assert failed(later[-1]) & {"slip inside the cone", "slip angle"}
 
 
-def test_an_origin_left_behind_by_the_foundation_fails(monkeypatch):
-    forget_motion_in_origin(monkeypatch)
+def test_an_origin_that_does_not_move_with_the_foundation_fails(monkeypatch):
+    without_motion_of_origin(monkeypatch)
     later = certificates(moving())[1:]
     assert later and not any(certificate.passed for certificate in later)
 
 
-def test_a_foundation_that_was_not_moved_fails(monkeypatch):
+def test_a_foundation_that_does_not_move_fails(monkeypatch):
     problem = moving()
     monkeypatch.setattr(ContactBody, "surface", lambda self, motions, time: self._reference)
     (pressed,) = certificates(problem, [1.0])
     assert "penetration" in failed(pressed)
 
 
-def test_motions_that_are_forgotten_fail(monkeypatch):
+def test_missing_motions_fail(monkeypatch):
     problem = moving()
     monkeypatch.setattr(ContactBody, "rigid_motions", lambda self, time: (RigidMotion(np.zeros(3)),))
     (pressed,) = certificates(problem, [1.0])

@@ -40,7 +40,7 @@ def order(points, wanted):
 
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
 @pytest.mark.parametrize("cell", CELLS)
-def test_open_nodes_have_no_force_at_all(cell, law, tmp_path):
+def test_forces_of_open_nodes_are_exactly_zero(cell, law, tmp_path):
     solution = block(cell, law).solve()
     solution.write(tmp_path)
     assert solution.certificate.passed
@@ -61,7 +61,7 @@ def test_open_nodes_have_no_force_at_all(cell, law, tmp_path):
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_what_is_written_is_the_answer_to_the_last_bit(cell, tmp_path):
+def test_written_fields_equal_the_answer_exactly(cell, tmp_path):
     solution = block(cell).solve()
     solution.write(tmp_path)
     elasticity, surface = solution.problem.elasticity, solution.problem.surface
@@ -99,14 +99,14 @@ def test_on_ranks(cell, ranks, tmp_path):
     assert np.abs(u - expected.displacement).max() <= 1e-6 * np.abs(expected.displacement).max()
 
 
-def test_without_friction_there_is_none(tmp_path):
+def test_zero_friction_gives_zero_friction_forces(tmp_path):
     solution = block("hexahedron", friction=0.0).solve()
     assert solution.certificate.passed and not solution.contact_force.reshape(-1, 3)[:, 1:].any()
     assert solution.contact_force.any()
 
 
 @pytest.mark.parametrize("solver", [coulomb.InteriorPoint(), coulomb.SuccessiveTresca()])
-def test_what_is_judged_is_what_is_written(solver):
+def test_the_certificate_is_of_the_written_forces(solver):
     """The certificate is of the settled forces, and these are the solver's within its residual."""
     problem = make_block(4)
     solution = problem.solve(solver=solver)
@@ -119,7 +119,7 @@ def test_what_is_judged_is_what_is_written(solver):
     assert np.abs(fresh - solution.displacement).max() <= 1e-12 * np.abs(fresh).max()
 
 
-def test_only_what_is_small_is_settled():
+def test_only_small_forces_are_set_to_zero():
     """An answer that is wrong stays wrong: forces across a gap, pull, friction without pressure."""
     problem = make_block(4)
     solution = problem.solve()
@@ -141,7 +141,7 @@ def test_only_what_is_small_is_settled():
         assert settled(problem, spoilt.ravel(), u).reshape(-1, 3)[pressing, 0] == (spoilt[pressing, 0] if stays else 0)
 
 
-def test_a_file_that_is_not_there_is_an_error_in_words(tmp_path):
+def test_a_missing_file_is_a_clear_error(tmp_path):
     problem = make_block(3)
     domain = problem.mesh.domain
     with pytest.raises(OSError, match=r"none\.h5: .*[Uu]nable to open"):

@@ -16,7 +16,7 @@ ARRAYS = [field.name for field in fields(Evidence) if field.name not in ("comm",
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("name", [*ARRAYS, "compliance"])
-def test_what_is_not_finite_fails_and_is_named(name, bad):
+def test_values_that_are_not_finite_fail_and_are_named(name, bad):
     evidence, _ = synthetic_evidence()
     array = np.array(getattr(evidence, name), dtype=float)
     array.flat[7 % array.size] = bad
@@ -38,7 +38,7 @@ def test_what_is_not_finite_fails_and_is_named(name, bad):
         ({"newtons": 1e-200, "metres": 1e100}, "compliance is"),
     ],
 )
-def test_scales_at_the_ends_of_the_numbers_fail_and_are_named(factor, contents):
+def test_extreme_scales_fail_and_are_named(factor, contents):
     certificate = judge(in_units(synthetic_evidence()[0], **factor))
     assert "finite" in failed(certificate) and contents in certificate["finite"].meaning
 
@@ -84,7 +84,7 @@ def nothing():
     return replace(evidence, **zero)
 
 
-def test_where_nothing_happens_all_is_well():
+def test_zero_load_passes():
     assert judge(nothing()).passed
 
 
@@ -97,7 +97,7 @@ def test_where_nothing_happens_all_is_well():
         ("natural residual", "gap", 3, -1e-12),
     ],
 )
-def test_where_nothing_happens_only_zero_is_right(name, field, index, value):
+def test_zero_load_with_small_errors_fails(name, field, index, value):
     """These passed as 1e-12 of a metre and a newton."""
     evidence = nothing()
     array = getattr(evidence, field).copy()
@@ -105,7 +105,7 @@ def test_where_nothing_happens_only_zero_is_right(name, field, index, value):
     assert name in failed(judge(replace(evidence, **{field: array})))
 
 
-def test_rounding_is_the_least_scale():
+def test_the_smallest_scale_is_that_of_rounding():
     """A body that has only been moved: forces up to a hundred times those of rounding are no error, more are."""
     evidence = nothing()
     rng = np.random.default_rng(2)
@@ -142,7 +142,7 @@ def test_a_run_whose_numbers_overflow_is_not_certified(young):
     assert "finite" in failed(solution.certificate)
 
 
-def test_ordinary_units_of_all_kinds_pass():
+def test_ordinary_units_pass():
     """Far from the ends: these are the same block."""
     for factor in (1e-100, 1e-20, 1e20, 1e100):
         assert block(2e11 * factor, 1e7 * factor).solve().certificate.passed

@@ -170,7 +170,7 @@ def test_tresca_with_products_as_inexact_as_allowed(name):
 
 
 @pytest.mark.parametrize("name", ["P_AM with low rank", "interior point", "interior point, condensed"])
-def test_what_is_given_up_is_judged_afresh_too(name):
+def test_interrupted_answers_have_a_fresh_residual(name):
     """Stopped on the way, by multigrid: A x of the last step is good to a few hundredths of that step."""
     if name in QP:
         problem, A, b = block("tresca")
@@ -187,7 +187,7 @@ def test_what_is_given_up_is_judged_afresh_too(name):
 
 @pytest.mark.parametrize("product", [3, 8, 12, 16])
 @pytest.mark.parametrize("name", [name for name in QP if name not in CONDENSED])
-def test_a_product_that_was_wrong_once(name, product):
+def test_one_wrong_product_is_detected(name, product):
     """What a solver adds up from its products stays wrong; the residual that decides must not be made of it.
 
     All nodes stick: no face is left and no constraint met, which would make KPRGP compute its gradient anew.

@@ -119,7 +119,7 @@ def summary(folder, number):
     return json.loads((folder / "steps" / f"{number:04d}" / "summary.json").read_text())
 
 
-def test_files_are_judged_by_the_rate_of_the_step_before(run, tmp_path):
+def test_check_uses_the_slip_rate_of_the_step_before(run, tmp_path):
     """`coulomb check` takes the slip rates from the step before as it is written; another coefficient is refused."""
     found = check(run)
     assert found.passed, found
@@ -135,7 +135,7 @@ def test_files_are_judged_by_the_rate_of_the_step_before(run, tmp_path):
     assert bad[0] == 3 and len(bad) == len(TIMES) - 2  # all that follow a step with slip along the floor
 
 
-def test_resume_goes_on_with_the_rate_before(run, tmp_path):
+def test_resume_uses_the_slip_rate_of_the_step_before(run, tmp_path):
     (tmp_path / "case.toml").write_text(CASE)
     settings = read_case(tmp_path / "case.toml")
     write_case(settings, tmp_path / "out", MPI.COMM_SELF)
@@ -197,7 +197,7 @@ def test_any_function_of_place_time_and_rate():
     assert step.solution.certificate.passed
 
 
-def test_a_forgotten_rate_fails(monkeypatch):
+def test_a_missing_slip_rate_fails(monkeypatch):
     """A solver that takes another coefficient than the law's at the rate before is not certified."""
     problem = dragged()
     *_, before, _ = LoadHistory(TIMES[:6]).steps(problem)

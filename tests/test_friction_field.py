@@ -28,7 +28,7 @@ def test_a_constant_function_is_the_constant():
     assert np.array_equal(constant.contact_force, function.contact_force)
 
 
-def test_every_node_obeys_its_own_coefficient():
+def test_every_node_has_its_own_coefficient():
     problem = block_with(lambda x: 0.1 + 0.2 * x[0] * x[1])
     x = problem.surface.x
     assert problem.law.friction == pytest.approx(0.1 + 0.2 * x[:, 0] * x[:, 1])
@@ -71,7 +71,7 @@ def test_slip_stress_as_a_function():
         (lambda x: x[7], r"friction: .*out of bounds"),
     ],
 )
-def test_functions_that_do_not_fit(function, message):
+def test_wrong_functions(function, message):
     with pytest.raises(ValueError, match=message):
         block_with(function)
 
@@ -105,7 +105,7 @@ def test_regions_of_a_case(tmp_path):
         ("{box=[[0,0,0],[1,1,0]], friction=-1}", r"contact.region.0.friction = -1: should be greater"),
     ],
 )
-def test_regions_that_do_not_fit(region, message):
+def test_wrong_regions(region, message):
     with pytest.raises(ValueError, match=message):
         read_case(BLOCK, ["mesh.cells=[3,1,1]", f"contact.region=[{region}]"]).problem()
 
@@ -125,7 +125,7 @@ def test_regions_that_do_not_fit(region, message):
         ),
     ],
 )
-def test_methods_that_do_not_fit(changes, message):
+def test_incompatible_methods(changes, message):
     with pytest.raises(ValueError, match=message):
         read_case(BLOCK, changes)
 

@@ -105,7 +105,7 @@ def test_a_file_onto_a_full_disk(command, code):
         assert not left or "benchmark" in command
 
 
-def test_a_log_onto_a_full_disk_ends_alone():
+def test_a_full_disk_ends_the_log_but_not_the_run():
     with disk("4k"):
         Path("small/filler").write_bytes(bytes(4096))
         done = shell("coulomb run case.toml --log small/log")
@@ -114,7 +114,7 @@ def test_a_log_onto_a_full_disk_ends_alone():
 
 
 @pytest.mark.parametrize("command", ["plot out --save there/file.png", "report out --save there/file.html"])
-def test_a_folder_that_is_not_there(command):
+def test_a_missing_folder(command):
     done = shell(f"coulomb {command}")
     assert done.returncode == 2
     assert re.fullmatch(r"error: --save there/file\.\w+: there is no folder there; create it first\n", done.stderr)
@@ -125,7 +125,7 @@ def test_a_folder_that_is_not_there(command):
 
 
 @pytest.mark.parametrize("scale", ["nan", "inf", "-1", "1e300"])
-def test_a_scale_that_is_none(scale):
+def test_scales_that_are_not_numbers(scale):
     done = shell(f"coulomb plot out --save file.png --scale {scale}")
     assert done.returncode == 2 and done.stderr.startswith("error: --scale must be from 0 to 1e12, but is ")
 
@@ -133,7 +133,7 @@ def test_a_scale_that_is_none(scale):
 # --- export of a history -------------------------------------------------------------------------------------------
 
 
-def test_an_export_says_which_time():
+def test_an_export_reports_its_time():
     exported = {}
     for time in (None, 0.5, 1.5):
         option = [] if time is None else ["--time", time]
@@ -148,7 +148,7 @@ def test_an_export_says_which_time():
     assert not list(Path().glob(".*.partial"))
 
 
-def test_an_export_at_no_time():
+def test_an_export_at_a_wrong_time():
     for case, option, said in (
         ("history.toml", "2", "--time 2: must be from 0 to the end of the history, 1.5"),
         ("history.toml", "nan", "--time nan: must be from 0 to the end of the history, 1.5"),
@@ -179,7 +179,7 @@ def words(text):
     ("path", "command"),
     [pytest.param(*found, id=" ".join(found[0]) or "coulomb") for found in commands(typer.main.get_command(cli.app))],
 )
-def test_no_word_of_a_help_is_lost(path, command):
+def test_help_texts_are_complete(path, command):
     """What looks like markup is a word like others."""
     environment = {"COLUMNS": "400", "TERMINAL_WIDTH": "400", "TERM": "dumb"}
     done = typer.testing.CliRunner().invoke(cli.app, [*path, "--help"], env=environment)
@@ -191,7 +191,7 @@ def test_no_word_of_a_help_is_lost(path, command):
         assert not lost, (path, lost)
 
 
-def test_an_amplitude_stays_as_it_is_at_its_ends():
+def test_amplitudes_are_constant_beyond_their_tables():
     """As docs/case-files.md, the docstring and the templates say."""
     table = [(1.0, 2.0), (2.0, 5.0)]
     assert [evaluate_amplitude(table, time, "load") for time in (-9.0, 1.0, 1.5, 2.0, 1e9)] == [2.0, 2.0, 3.5, 5.0, 5.0]
@@ -200,6 +200,6 @@ def test_an_amplitude_stays_as_it_is_at_its_ends():
 
 
 @pytest.mark.parametrize("tolerance", ["nan", "inf", "2"])
-def test_a_tolerance_that_is_none(tolerance):
+def test_tolerances_that_are_not_numbers(tolerance):
     done = shell(f"coulomb fclib none.hdf5 --tolerance {tolerance}")
     assert done.returncode == 2 and "--tolerance" in done.stderr and "cannot be read" not in done.stderr

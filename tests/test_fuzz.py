@@ -65,19 +65,19 @@ loads that a body without rigid motions would not have, and may have no solution
 
 
 @pytest.mark.parametrize("name", SOLVERS)
-def test_converged_is_true_and_giving_up_rare(name):
+def test_converged_answers_are_right_and_failures_rare(name):
     given_up = []
 
     @settings(max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
     @given(problem=problems())
     def solve(problem):
-        given_up.append(gives_up(SOLVERS[name], *problem))
+        given_up.append(fails(SOLVERS[name], *problem))
 
     solve()
     assert np.mean(given_up) <= GIVING_UP[name]
 
 
-def gives_up(solver, A, b, friction):
+def fails(solver, A, b, friction):
     """Whether the solver gives up, and says so; what it does not give up must be right."""
     try:
         result = solver.solve(FrictionProblem.coulomb(dense_compliance(A), b, friction))

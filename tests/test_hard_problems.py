@@ -38,7 +38,7 @@ def test_wedge(solver, friction):
     assert result.x == pytest.approx([x_n, friction * x_n, 0.0], abs=1e-6)
 
 
-def test_plain_iteration_on_a_steep_wedge_is_seen_to_oscillate():
+def test_oscillation_on_a_steep_wedge_is_detected():
     """Undamped, it oscillates between x_n = 0 and 3: neither is the answer, 0.6."""
     problem = wedge(0.5, 2.0)
     with pytest.raises(NotConverged, match=r"\(oscillating\).* factor .*oscillates between two states") as failure:
@@ -59,7 +59,7 @@ def test_damping_is_chosen_by_the_measured_slope():
     assert undamped.outer_steps > 40 and undamped.contraction == pytest.approx(0.8, rel=1e-2)
 
 
-def test_divergence_is_seen():
+def test_divergence_is_detected():
     """Friction presses a rigid body on: x_n = 3 + g, so that for F = 2 the bound doubles for ever: no answer."""
     A = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     problem = FrictionProblem.coulomb(dense_compliance(A), np.array([3.0, 5.0, 0.0]), np.array([2.0]))
@@ -72,17 +72,17 @@ def test_divergence_is_seen():
 
 
 @every_method
-def test_growth_that_ends(solver):
+def test_growth_until_the_node_sticks(solver):
     """The same on an elastic body: the bound quadruples until the node sticks, far away but there."""
     A = np.array([[1.0, -2.0, 0.0], [-2.0, 10.0, 0.0], [0.0, 0.0, 1.0]])
     problem = FrictionProblem.coulomb(dense_compliance(A), np.array([3.0, 1e4, 0.0]), np.array([2.0]))
     assert solver.solve(problem).x == pytest.approx(np.linalg.solve(A, problem.b), rel=1e-6)
 
 
-def test_stagnation_is_seen():
+def test_stagnation_is_detected():
     """A slip bound that does not converge because of a coarse inner tolerance."""
 
-    class Stirring:
+    class Restless:
         tolerance = 1e-8
 
         def solve(self, qp, start=None, *, gradient=None, tolerance=None, progress=None):
@@ -91,7 +91,7 @@ def test_stagnation_is_seen():
             return coulomb.SolverResult(**{**vars(result), "x": factor * result.x})
 
     with pytest.raises(NotConverged, match=r"\(stagnated\).*does not converge") as failure:
-        SuccessiveTresca(memory=0, qp_solver=Stirring()).solve(wedge(3.0, 0.3))
+        SuccessiveTresca(memory=0, qp_solver=Restless()).solve(wedge(3.0, 0.3))
     assert failure.value.result.status is Status.STAGNATED
 
 
@@ -154,7 +154,7 @@ def test_grazing_contact(solver):
 
 
 @every_method
-def test_nothing_at_all(solver):
+def test_zero_load(solver):
     result = solver.solve(FrictionProblem.coulomb(dense_compliance(np.eye(3)), np.zeros(3), np.ones(1)))
     assert result.status is Status.CONVERGED and not result.x.any()
 

@@ -41,7 +41,7 @@ def test_a_step_starts_from_the_forces_before():
     assert np.allclose(started, before, rtol=0.0, atol=1e-12 * np.abs(before).max())
 
 
-def test_springs_keep_energy():
+def test_energy_in_springs():
     """A body on springs that touches nothing: half of force times displacement, most of it in the springs."""
     far = Contact("bottom", 0.4, foundation=Plane((0, 0, -1.0), (0, 0, 1)))
     pull = [Traction("top", (3e3, 0.0, -1e4), UP)]
@@ -88,7 +88,7 @@ def test_the_largest_slip_is_that_of_a_closed_node():
     assert totals(solution)["greatest_slip"] == pytest.approx(way[closed].max(), rel=1e-9)
 
 
-def test_a_foundation_that_moves_past_is_no_way_of_the_nodes():
+def test_small_strain_measures_of_a_foundation_that_moves_past():
     """A ball of 1 m moved away under a body by 30 mm: normals are those at its present position."""
     ball, mesh = Sphere((0.05, 0.05, -1.0), 1.0), coulomb.box((0.1, 0.1, 0.05), (4, 4, 3))
     drawn = Contact("bottom", 0.0, foundation=ball, motion=[(0, 0, 0, 0), (1, 0.03, 0, 2e-3)])
@@ -102,7 +102,7 @@ def test_a_foundation_that_moves_past_is_no_way_of_the_nodes():
     assert 0.0 < expected < 0.1 and not measured.small_strain.warnings
 
 
-def test_the_slip_bound_written_is_the_solvers(tmp_path):
+def test_the_written_slip_bound_is_that_of_the_solver(tmp_path):
     solution = rubbed(cells=2).at(1.0).solve()
     contents = dataclasses.replace(solution, slip_bound=1.25 * solution.slip_bound)
     assert np.array_equal(output.contact_fields(contents)["slip_bound"], 1.25 * solution.slip_bound)

@@ -66,7 +66,7 @@ def test_energy_of_the_history_is_the_sum_over_its_steps(done):
     assert f"friction {sum(dissipated):.6g}, time-stepping error" in said
 
 
-def test_terminal_says_what_its_figures_are_of(done):
+def test_terminal_labels_its_figures(done):
     directory, said = done
     history = json.loads((directory / "summary.json").read_text())["history"]
     pressure, slip = history["maximum"]["contact_pressure"], history["maximum"]["slip_in_a_step"]
@@ -95,7 +95,7 @@ def test_a_history_that_was_resumed_has_the_same_figures_and_both_runs(done, tmp
     assert "2 steps in this run, 2 were there before, " in said.stdout
 
 
-def test_a_run_says_where_when_and_how_it_was_made(done):
+def test_a_run_records_host_date_and_command(done):
     directory, _ = done
     (run,) = json.loads((directory / "summary.json").read_text())["history"]["runs"]
     assert run["hosts"] == [platform.node()] and run["ranks"] == 1 and run["coulomb"] == __version__
@@ -120,7 +120,7 @@ def test_a_run_says_where_when_and_how_it_was_made(done):
         (["-c", "x"], "-c"),
     ],
 )
-def test_command_is_what_one_would_type(monkeypatch, arguments, shown):
+def test_recorded_command_can_be_typed(monkeypatch, arguments, shown):
     monkeypatch.setattr("sys.argv", arguments)
     assert provenance.command() == shown
 
@@ -136,7 +136,7 @@ def altered(step, number, passed=True, value=1e-8, gradient=0.0, memory=5):
     return step | {"residual": value, "peak_memory_bytes": memory}
 
 
-def test_one_step_that_failed_is_the_history_s(done):
+def test_a_failed_step_fails_the_history(done):
     """An earlier step that failed is not hidden by a last one that passed, nor a warning, nor a value that is none."""
     step = summaries(done[0])[0]
     failed = altered(step, 2, passed=False, value=3e-5, gradient=0.2, memory=9)

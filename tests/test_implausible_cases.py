@@ -69,7 +69,7 @@ ABSURD = {
 
 
 @pytest.mark.parametrize("change", ABSURD, ids=lambda change: change[:40])
-def test_an_absurd_request(change):
+def test_implausible_values(change):
     text = said(BLOCK, change)
     assert re.search(ABSURD[change], text), text
     assert all(len(line) < 300 for line in text.splitlines())
@@ -98,7 +98,7 @@ MONSTERS = {
 
 
 @pytest.mark.parametrize("name", MONSTERS)
-def test_a_monster_is_refused_before_it_costs_anything(name):
+def test_huge_cases_are_refused_at_once(name):
     text, expected = MONSTERS[name]
     began = time.process_time()
     found = said(text)
@@ -107,7 +107,7 @@ def test_a_monster_is_refused_before_it_costs_anything(name):
     assert time.process_time() - began < 60.0  # not to measure, but to end: it would be hours
 
 
-def test_what_is_large_and_meant_is_allowed():
+def test_large_plausible_values_are_accepted():
     rows = ",".join(f"[{k}, {k % 2}]" for k in range(20_000))
     timed = BLOCK.replace('face = "left"', f'face = "left"\namplitude = [{rows}]')
     steps = f"[history]\ntimes = [{','.join(map(str, range(1, 100_001)))}]\n"
@@ -162,13 +162,13 @@ SLIPS = {
 
 
 @pytest.mark.parametrize("name", SLIPS)
-def test_a_slip_is_named_with_its_remedy(name):
+def test_mistakes_are_reported_with_the_correction(name):
     text, expected = SLIPS[name]
     found = said(text)
     assert re.search(expected, found, re.DOTALL), found
 
 
-def test_a_byte_order_mark_is_none_of_our_business():
+def test_a_byte_order_mark_is_accepted():
     assert said(b"\xef\xbb\xbf" + BLOCK.encode()) == ""
     path = BoxFile().write(Path("part.msh"))
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
@@ -178,7 +178,7 @@ def test_a_byte_order_mark_is_none_of_our_business():
         read_gmsh(path)
 
 
-def test_a_case_written_by_a_run_may_have_a_mark_too():
+def test_a_byte_order_mark_in_case_json_is_accepted():
     from mpi4py import MPI
 
     from coulomb.io.written_case import write_case, written_case
@@ -229,7 +229,7 @@ def test_a_pipe_on_the_command_line(command):
 
 
 @pytest.mark.parametrize("option", ["--output", "--log"])
-def test_a_long_name_for_what_is_written(option):
+def test_long_output_names(option):
     Path("case.toml").write_text(BLOCK)
     done = run_coulomb("run", "case.toml", option, LONG)
     assert done.returncode == 2 and done.stderr.count("File name too long") == 1 and "Traceback" not in done.stderr

@@ -32,7 +32,7 @@ def test_the_package_loads_nothing_until_it_is_used():
     assert "coulomb" in packages and not packages & (SLOW | {"numpy", "typer", "pydantic"})
 
 
-def test_a_public_name_brings_what_it_needs_and_no_pictures():
+def test_public_names_load_no_drawing_libraries():
     done, packages = loaded("from coulomb import ContactProblem, solve_coulomb; print(ContactProblem.__name__)")
     assert done.stdout.strip() == "ContactProblem" and {"dolfinx", "petsc4py"} <= packages
     assert not packages & (PICTURES | {"typer", "pydantic"})
@@ -51,7 +51,7 @@ def test_a_public_name_brings_what_it_needs_and_no_pictures():
         (["benchmark", "--help"], 0, "table1"),
     ],
 )
-def test_what_needs_no_computing_needs_nothing_that_computes(tmp_path, words, code, said):
+def test_messages_load_no_numerical_libraries(tmp_path, words, code, said):
     text = (ROOT / "demos" / "block.toml").read_text().replace("young = ", "yuong = 1 # ")
     (tmp_path / "wrong.toml").write_text(text)
     done, packages = command(*(str(tmp_path / "wrong.toml") if word == "WRONG" else word for word in words))
@@ -67,7 +67,7 @@ def test_a_run_draws_in_another_process(tmp_path):
     assert "dolfinx" in packages and not packages & PICTURES
 
 
-def test_one_rank_speaks_where_a_launcher_has_started_several():
+def test_only_rank_0_prints():
     for words, said in ((["--version"], "coulomb "), (["check-case", "none.toml"], "error: none.toml: cannot be read")):
         done = run_coulomb(*words, ranks=2)
         assert (done.stdout + done.stderr).count(said) == 1
@@ -85,7 +85,7 @@ def test_lazy_names_are_the_public_ones():
         coulomb.Block  # noqa: B018
 
 
-def test_dolfinx_is_imported_without_reading_what_is_installed():
+def test_dolfinx_is_imported_without_pkg_resources():
     """UFL of Debian 12 would load pkg_resources; a later import gets the real one."""
     program = (
         "import sys\nimport coulomb.fem.compat\nassert 'pkg_resources' not in sys.modules\n"

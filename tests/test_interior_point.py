@@ -165,7 +165,7 @@ def test_krylov_iterations_stay_bounded_to_the_end():
     assert max(step.krylov for step in history[-8:]) <= 8
 
 
-def test_accepted_iterates_decrease_theta_and_the_residual_decides():
+def test_accepted_iterates_decrease_theta():
     result = InteriorPoint(1e-8).solve(solved_block(6).problem.friction_problem)
     thetas = [step.theta for step in result.history]
     for before, after, step in zip(thetas, thetas[1:], result.history[1:], strict=False):
@@ -188,7 +188,7 @@ def test_units_do_not_matter():
     assert max(counts) - min(counts) <= 1
 
 
-def test_auto_says_what_it_chose():
+def test_auto_records_its_choice():
     result = Automatic(1e-8).solve(solved_block(6).problem.friction_problem)
     assert result.method == "auto: interior point" and result.outer_steps == 0
 
@@ -223,7 +223,7 @@ def test_auto_falls_back(monkeypatch):
     assert failure.value.result.method == "auto: interior point, the better of both"
 
 
-def test_giving_up_says_so_and_carries_the_answer():
+def test_failure_reports_why_and_carries_the_answer():
     problem = solved_block(6).problem.friction_problem
     with pytest.raises(
         NotConverged, match=r"interior-point method ended with a residual of .* last residuals"
@@ -241,7 +241,7 @@ def test_constants_outside_their_bounds(field):
         InteriorPoint(**{field: 0})
 
 
-def test_a_solver_says_which_law_it_cannot_solve():
+def test_unsupported_laws_are_named():
     with pytest.raises(ValueError, match=r"KPRGP solves problems with given slip bounds.*SuccessiveTresca\(qp_solver="):
         make_block(2).solve(solver=KPRGP())
     tresca = make_block(2, slip_stress=1e7)

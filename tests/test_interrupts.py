@@ -50,7 +50,7 @@ class Stop:
 
 
 @pytest.mark.parametrize("solver", [InteriorPoint(), Automatic(), SuccessiveTresca(), InteriorPoint(), KPRGP()])
-def test_a_solver_stops_when_asked_and_keeps_its_answer(solver):
+def test_an_interrupted_solver_returns_its_answer(solver):
     tresca = isinstance(solver, InteriorPoint | KPRGP)
     problem = make_block(3, slip_stress=1e7 if tresca else None)
     stop = Stop(5)
@@ -63,14 +63,14 @@ def test_a_solver_stops_when_asked_and_keeps_its_answer(solver):
     assert solution.contact_force.any() and not solution.certificate.passed
 
 
-def test_who_is_there_already_has_converged():
+def test_an_interruption_at_the_solution_is_convergence():
     steps = []
     result = make_block(3).solve(progress=steps.append).result
     stopped = make_block(3).solve(progress=Stop(len(steps))).result
     assert stopped.status is Status.CONVERGED and stopped.newton_steps == result.newton_steps
 
 
-def test_a_load_history_stops_and_goes_on(tmp_path):
+def test_an_interrupted_load_history_continues(tmp_path):
     history = LoadHistory([1.0, 2.0, 3.0])
     unbroken, stopped = HistoryFiles(tmp_path / "whole"), tmp_path / "stopped"
     history.run(rubbed(3), unbroken)
@@ -175,7 +175,7 @@ def test_the_second_signal_ends_it_at_once(tmp_path):
     assert done.returncode == -signal.SIGINT and "still here" not in done.stdout
 
 
-def test_handlers_are_put_back():
+def test_signal_handlers_are_restored():
     from mpi4py import MPI
 
     from coulomb.cli.interruption import SIGNALS, Interruption
@@ -188,7 +188,7 @@ def test_handlers_are_put_back():
     assert [signal.getsignal(number) for number in SIGNALS] == before
 
 
-def test_the_log_has_all_that_is_said_and_every_step(tmp_path):
+def test_the_log_has_all_messages_and_steps(tmp_path):
     log = tmp_path / "deep" / "run.log"
     command = ("run", BLOCK, "--set", "mesh.cells=[6,2,2]", "--set", "output.picture=false", "--output", tmp_path)
     loud = run_coulomb(*command, "--log", log)
@@ -208,7 +208,7 @@ def test_the_log_has_all_that_is_said_and_every_step(tmp_path):
     assert sum("  path following" in line for line in data) == contents["iterations"]["path_following"]
 
 
-def test_errors_are_logged_and_a_full_disk_ends_the_log_alone(tmp_path):
+def test_errors_are_logged_and_a_full_disk_ends_only_the_log(tmp_path):
     log = tmp_path / "run.log"
     assert run_coulomb("run", BLOCK, "--set", "clamp=[]", "--log", log).returncode == 2
     assert "error: the body floats" in log.read_text()
@@ -219,7 +219,7 @@ def test_errors_are_logged_and_a_full_disk_ends_the_log_alone(tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_the_log_says_how_long_the_load_steps_will_take(tmp_path):
+def test_the_log_has_the_time_left_of_load_steps(tmp_path):
     log = tmp_path / "run.log"
     case = ROOT / "demos" / "history.toml"
     changes = ("--set", "mesh.cells=[4,4,2]", "--set", "history={end=2.0, steps=3}", "--set", "output.picture=false")
@@ -245,7 +245,7 @@ def test_time_left_of_a_residual_that_falls_geometrically():
     assert geometric(-0.5, 20).seconds is None
 
 
-def test_time_left_begins_anew():
+def test_time_left_restarts_with_the_residual():
     left = geometric(0.5, 8)
     left.note(Progress(0, 1, 1.0), 20.0)
     assert left.seconds is None
@@ -255,7 +255,7 @@ def test_time_left_begins_anew():
     assert left.seconds is None
 
 
-def test_about():
+def test_rounded_times():
     assert [about(s) for s in (0.2, 1.4, 99.0, 100.0, 600.0, 5900.0, 7000.0, 4e5)] == [
         *("0 s", "1 s", "99 s", "1.7 min", "10 min", "98 min", "1.9 h", "111 h")
     ]

@@ -42,7 +42,7 @@ def indented(cell="hexahedron"):
     return steps(cell=cell)
 
 
-def test_the_history_has_what_must_not_change():
+def test_the_history_has_all_states_of_contact():
     """Contact and gap, stick and slip, and forces in all directions: otherwise the tests below say little."""
     rows = [step.row for step in indented()]
     assert all(row["certified"] and row["open"] > 10 and row["slip"] > 1 for row in rows)

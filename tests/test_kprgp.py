@@ -65,7 +65,7 @@ def test_norm_by_the_power_method():
     assert 0.96 * exact <= norm_of(qp) <= 1.02 * exact
 
 
-def test_starts_where_it_is_told():
+def test_starts_from_given_forces():
     qp, _ = random_tresca(30, seed=72)
     answer = KPRGP(tolerance=1e-8).solve(qp)
     assert KPRGP(tolerance=1e-7).solve(qp, answer.x).history == ()
@@ -79,7 +79,7 @@ def test_block_needs_many_more_products_than_path_following():
     assert active.products > 3.1 * interior.products  # the largest advantage in the paper
 
 
-def test_giving_up():
+def test_failure():
     qp, _ = random_tresca(30, seed=73)
     with pytest.raises(NotConverged, match=r"KPRGP ended with a residual of .* after 3 steps \(max_iterations\)"):
         KPRGP(max_iterations=3).solve(qp)

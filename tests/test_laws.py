@@ -49,7 +49,7 @@ def test_radius_slope_and_violation():
     assert law.scaled(10.0).radius(np.ones(3)) == pytest.approx(law.radius(np.full(3, 10.0)) / 10.0)
 
 
-def test_projection_takes_the_bound_where_it_is_told():
+def test_projection_with_given_bounds():
     law = FrictionLaw(np.array([1.0]), np.array([0.5]))
     assert law.project(np.array([-1.0, 6.0, 8.0]), np.array([8.0])).tolist() == [0.0, 3.0, 4.0]
     assert law.project(np.array([-1.0, 0.6, 0.8]), np.array([-3.0]), 2.0).tolist() == [2.0, 0.6, 0.8]
@@ -122,7 +122,7 @@ def test_one_node_by_hand():
     assert np.allclose(open_, [0.0, 0.3, 0.4], atol=1e-7)
 
 
-def test_solvers_of_tresca_problems_say_so():
+def test_solvers_of_tresca_problems_refuse_friction():
     A, b, law = mohr_coulomb(15)
     with pytest.raises(ValueError, match=r"given slip bounds.*InteriorPoint\(\) or SuccessiveTresca\(qp_solver="):
         KPRGP().solve(FrictionProblem(dense_compliance(A), b, law))

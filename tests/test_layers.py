@@ -47,11 +47,11 @@ def room(name):
     return parts[1] if parts[0] == "coulomb" and len(parts) > 1 and parts[1] in ROOMS else ""
 
 
-def test_every_folder_is_a_room():
+def test_every_folder_is_listed():
     assert {p.name for p in PACKAGE.iterdir() if p.is_dir() and any(p.glob("*.py"))} == set(ROOMS)
 
 
-def test_arrows_between_rooms_run_one_way():
+def test_imports_between_rooms():
     wrong = set()
     for path in FILES:
         own = path.relative_to(PACKAGE)
@@ -63,7 +63,7 @@ def test_arrows_between_rooms_run_one_way():
     assert not wrong
 
 
-def test_there_is_no_circle():
+def test_no_import_cycle_of_rooms():
     """Rooms can be put in an order in which each imports only those behind it."""
     arrows = {name: set(targets) for name, targets in ROOMS.items()}
     while arrows:
@@ -73,7 +73,7 @@ def test_there_is_no_circle():
             del arrows[name]
 
 
-def test_there_is_no_circle_of_files():
+def test_no_import_cycle_of_files():
     """Files have such an order too, imports in functions and for types counted; the package itself loads lazily."""
     names = {
         ".".join(("coulomb", *p.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): p for p in FILES
@@ -115,7 +115,7 @@ READERS = ("coulomb.io.run_directory", "coulomb.io.field_files", "coulomb.arrays
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_the_reader_of_the_run_directory_stands_alone(name):
+def test_the_reader_of_the_run_directory_imports_nothing(name):
     path = PACKAGE.parent / f"{name.replace('.', '/')}.py"
     assert not uses(path, "dolfinx", "petsc4py", "mpi4py")
     assert not [used for used in uses(path, "coulomb") if used != "coulomb" and not used.startswith(READERS)]
@@ -133,14 +133,14 @@ NAMES_OF_FILES = (
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_one_module_knows_the_files_of_a_run(path):
+def test_file_names_of_a_run_are_in_one_module(path):
     """No other names one in code, only in words: docstrings, and messages that say more than the name."""
     constants = {n.value for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Constant)}
     assert path.name == "run_directory.py" or not constants.intersection((*NAMES_OF_FILES, "steps/", "report.html"))
 
 
 @pytest.mark.parametrize("path", sorted({*(PACKAGE / "pictures").rglob("*.py")} - LAUNCH), ids=lambda p: p.name)
-def test_what_draws_stands_alone(path):
+def test_pictures_import_only_the_file_format(path):
     """It runs without the package's `__init__` (coulomb.pictures.apart), with nothing else but the files' format."""
     own = ("coulomb.pictures.plotting", "coulomb.pictures.report", *READERS)
     assert not uses(path, "dolfinx", "petsc4py", "mpi4py")
@@ -168,9 +168,9 @@ def test_converged_is_assigned_in_one_place():
     assert places == ["results.py"]
 
 
-def test_compat_is_short():
+def test_length_of_compat():
     assert len((PACKAGE / "fem" / "compat.py").read_text().splitlines()) < 130
 
 
-def test_no_file_grows_too_long():
+def test_length_of_files():
     assert max(len(path.read_text().splitlines()) for path in FILES) <= 350

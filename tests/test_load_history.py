@@ -45,7 +45,7 @@ def rubbed(cells=4, sway=2e-3, friction=0.4, material=RUBBER):
     return ContactProblem(mesh, material, top, Contact("bottom", friction))
 
 
-def test_a_step_remembers_slip():
+def test_slip_is_kept_between_steps():
     """Back at its place after a slip, the plate feels a force: the body has not gone back with it."""
     cork = Material(1e7, 0.0)  # does not swell sideways: all nodes slip along x
     steps = list(LoadHistory([1, 2, 3, 4, 5]).steps(rubbed(material=cork)))
@@ -60,7 +60,7 @@ def test_a_step_remembers_slip():
     assert abs(coulomb.io.summary.summary(at_once)["force_on_body"]["vector"][0]) <= 1e-6 * normal[2]
 
 
-def test_slip_increments_are_judged_as_such():
+def test_slip_is_measured_from_the_step_before():
     """The certificate counts slip from the step before; with the origin forgotten it must fail."""
     *_, before, step = LoadHistory([1, 2, 2.5]).steps(rubbed())
     last = step.solution
@@ -81,7 +81,7 @@ def test_energy():
     assert abs(imbalance[1]) <= 0.55 * abs(imbalance[0]) and abs(imbalance[2]) <= 0.55 * abs(imbalance[1])
 
 
-def test_without_friction_all_work_is_kept():
+def test_without_friction_work_is_elastic_energy():
     """Elastic, and linear while no node opens or closes: the trapezoidal rule is exact."""
     last = list(LoadHistory([1, 2, 3]).steps(rubbed(friction=0.0)))[-1].state.energy
     assert last.dissipated == 0.0
@@ -132,7 +132,7 @@ def test_a_turned_compliance_is_the_one_of_the_turned_frames():
 
 
 @dataclass(frozen=True)
-class Fussy:
+class FailsAt:
     """Fails when called for one of these."""
 
     failures: tuple[int, ...]
@@ -148,7 +148,7 @@ class Fussy:
 
 
 def test_a_step_that_fails_is_halved(caplog):
-    history = LoadHistory([1.0, 2.0], solver=Fussy((1, 2)))
+    history = LoadHistory([1.0, 2.0], solver=FailsAt((1, 2)))
     with caplog.at_level(logging.INFO, "coulomb.model.load_history"):
         steps = list(history.steps(rubbed()))
     assert [step.state.time for step in steps] == [1.0, 1.25, 1.5, 2.0]
@@ -159,7 +159,7 @@ def test_a_step_that_fails_is_halved(caplog):
 
 
 def test_a_step_that_always_fails_keeps_those_before(tmp_path):
-    history = LoadHistory([1.0, 2.0], solver=Fussy(tuple(range(1, 99))), halvings=3)
+    history = LoadHistory([1.0, 2.0], solver=FailsAt(tuple(range(1, 99))), halvings=3)
     with pytest.raises(StepFailed, match=r"load step from 1 s to 1\.125 s failed, halved 3 times: fussy") as failure:
         history.run(rubbed(), coulomb.HistoryFiles(tmp_path))
     assert failure.value.problem.time == 1.125

@@ -69,7 +69,7 @@ def without_flock():
 
 
 @pytest.mark.parametrize("command", ["run", "resume"])
-def test_a_second_run_says_whose_the_directory_is_and_loses_nothing(command, tmp_path):
+def test_a_second_run_is_refused_and_changes_nothing(command, tmp_path):
     assert run_coulomb("run", HISTORY, *TINY, cwd=tmp_path).returncode == 0
     assert not (tmp_path / "out" / LOCK).exists()
     with another_run(tmp_path / "out", tmp_path) as other:
@@ -82,7 +82,7 @@ def test_a_second_run_says_whose_the_directory_is_and_loses_nothing(command, tmp
         assert everything(tmp_path / "out") == before
 
 
-def test_on_two_ranks_rank_0_holds_it_and_all_are_refused(tmp_path):
+def test_locking_on_two_ranks(tmp_path):
     with another_run(tmp_path / "out", tmp_path) as other:
         done = run_coulomb("run", HISTORY, *TINY, ranks=2, cwd=tmp_path, timeout=240)
         assert done.returncode == 2 and done.stderr.count(f"out is in use by process {other.pid} ") == 1
@@ -93,7 +93,7 @@ def test_on_two_ranks_rank_0_holds_it_and_all_are_refused(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def test_a_killed_run_holds_nothing(tmp_path):
+def test_the_lock_of_a_killed_run_is_removed(tmp_path):
     folder = tmp_path / "out"
     command = [sys.executable, "-m", "coulomb", "run", HISTORY, "--output", folder, "--set", "mesh.cells=[6,6,3]"]
     process = subprocess.Popen(list(map(str, command)), stdout=subprocess.DEVNULL)
@@ -112,7 +112,7 @@ def test_a_killed_run_holds_nothing(tmp_path):
 
 
 @pytest.mark.parametrize("flock", [True, False])
-def test_who_holds_a_lock_that_was_left_behind(flock, tmp_path):
+def test_the_holder_of_an_old_lock(flock, tmp_path):
     with contextlib.nullcontext() if flock else without_flock():
         left_behind(tmp_path)
         refuse_in_use(tmp_path, comm)
@@ -130,7 +130,7 @@ def test_who_holds_a_lock_that_was_left_behind(flock, tmp_path):
             pass
 
 
-def test_without_flock_a_living_process_holds_it(tmp_path):
+def test_without_flock_a_running_process_holds_the_lock(tmp_path):
     with another_run(tmp_path, tmp_path) as other, without_flock():
         for ask in (lambda: refuse_in_use(tmp_path, comm), lambda: locked(tmp_path, comm).__enter__()):
             with pytest.raises(InUseError, match=f"in use by process {other.pid} "):
@@ -140,7 +140,7 @@ def test_without_flock_a_living_process_holds_it(tmp_path):
             refuse_in_use(tmp_path, comm)
 
 
-def test_one_process_may_hold_it_twice_and_what_is_refused_leaves_nothing(tmp_path):
+def test_one_process_may_lock_twice(tmp_path):
     folder = tmp_path / "deep" / "out"
     with locked(folder, comm), locked(folder, comm):
         refuse_in_use(folder, comm)

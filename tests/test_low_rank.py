@@ -20,7 +20,7 @@ def A():
     return random_spd(3 * NODES, 1e4, np.random.default_rng(61))
 
 
-def learnt_from(A, X, rank, exact=False):
+def approximated_by(A, X, rank, exact=False):
     learnt = LowRankApproximation(MPI.COMM_SELF, np.diag(A).reshape(-1, 3).copy(), rank, exact)
     for x in X:
         learnt.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
@@ -28,16 +28,16 @@ def learnt_from(A, X, rank, exact=False):
     return learnt
 
 
-def test_nothing_learnt_is_the_papers_diagonal(A):
-    learnt = learnt_from(A, [], 100)
+def test_rank_zero_is_the_papers_diagonal(A):
+    learnt = approximated_by(A, [], 100)
     assert learnt.U.shape == (3 * NODES, 0) and np.array_equal(learnt.rest.ravel(), np.diag(A))
-    assert learnt_from(A, np.eye(3 * NODES), 0).U.shape[1] == 0
+    assert approximated_by(A, np.eye(3 * NODES), 0).U.shape[1] == 0
 
 
-def test_stand_in_is_below_A_and_exact_on_what_was_tried(A):
+def test_approximation_is_below_A_and_exact_on_its_directions(A):
     rng = np.random.default_rng(62)
     X = rng.standard_normal((10, 3 * NODES))
-    learnt = learnt_from(A, [*X, X[0] - 2.0 * X[3], 1e-9 * X[1]], 100)  # repetitions bring nothing
+    learnt = approximated_by(A, [*X, X[0] - 2.0 * X[3], 1e-9 * X[1]], 100)  # repetitions bring nothing
     assert learnt.U.shape[1] == 10
     nystrom = learnt.U @ learnt.U.T
     assert np.allclose(nystrom @ X.T, A @ X.T, rtol=1e-8, atol=1e-8)
@@ -45,14 +45,14 @@ def test_stand_in_is_below_A_and_exact_on_what_was_tried(A):
     assert np.allclose(learnt.rest.ravel(), np.maximum(np.diag(A - nystrom), 0.2 * np.diag(A)))
 
 
-def test_a_motion_of_the_whole_once_learnt_leaves_the_rest_small():
+def test_a_rigid_motion_in_the_approximation_leaves_a_small_rest():
     """A body on soft springs: diag(A) is that of its motion as a whole, the rest a ten-thousandth of it."""
     rng = np.random.default_rng(67)
     whole, elastic = np.ones(3 * NODES), np.diag(rng.uniform(0.5, 1.0, 3 * NODES))
     soft = 1e4 * np.outer(whole, whole) + elastic
     X = np.vstack([whole, rng.standard_normal((6, 3 * NODES))])
     for exact, least in ((True, 1e-5), (False, 0.2)):
-        learnt = learnt_from(soft, X[:1], 100, exact)
+        learnt = approximated_by(soft, X[:1], 100, exact)
         for x in X[1:]:  # the error of U is measured on new pairs
             learnt.record(x.reshape(-1, 3), (soft @ x).reshape(-1, 3))
         learnt.update()
@@ -62,7 +62,7 @@ def test_a_motion_of_the_whole_once_learnt_leaves_the_rest_small():
 
 def test_truncation_keeps_the_largest_and_its_pairs(A):
     values, V = np.linalg.eigh(A)
-    learnt = learnt_from(A, V.T[::-1][:15], 6)
+    learnt = approximated_by(A, V.T[::-1][:15], 6)
     assert np.allclose(np.sort(np.linalg.svd(learnt.U, compute_uv=False) ** 2), values[-6:])
     for x in V.T[:3]:  # small eigenvectors, which must not push out the large ones
         learnt.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
@@ -70,7 +70,7 @@ def test_truncation_keeps_the_largest_and_its_pairs(A):
     assert np.allclose(np.sort(np.linalg.svd(learnt.U, compute_uv=False) ** 2), values[-6:])
 
 
-def test_theorem_1_holds_with_the_stand_in(A):
+def test_theorem_1_holds_with_the_approximation(A):
     """P^-1 J_AM: positive eigenvalues, 1 with multiplicity 2 m; and P^-1 is the inverse it claims to be."""
     rng = np.random.default_rng(63)
     angle = rng.uniform(0.0, 6.28, NODES)

@@ -169,7 +169,7 @@ def test_missing_file_directory_and_wrong_scale(tmp_path):
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_face_groups_that_are_no_faces(cell, tmp_path):
+def test_wrong_face_groups(cell, tmp_path):
     file = BoxFile(cell=cell)
     file.faces["inside"] = file.interface
     file.faces["empty"] = file.faces["left"][:0]
@@ -186,7 +186,7 @@ def test_face_groups_that_are_no_faces(cell, tmp_path):
             Elasticity(domain, STEEL, [Clamp(name)])
 
 
-def test_materials_that_do_not_fit(tmp_path):
+def test_wrong_materials(tmp_path):
     file = BoxFile()
     file.cell_groups["end"] = file.cell_groups["stiff"][-1:]
     domain = coulomb.read_gmsh(file.write(tmp_path / "box.msh"))

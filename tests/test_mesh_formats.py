@@ -149,7 +149,7 @@ def test_abaqus_sets_and_surfaces(text, cells, faces, tmp_path):
     assert {name: len(read.faces[name]) for name in faces} == faces
 
 
-def test_abaqus_sides_are_where_they_should_be(tmp_path):
+def test_abaqus_numbers_of_sides(tmp_path):
     """Where the nodes lie that have a share in the area."""
     read = read_text(tmp_path, TWO + "*SURFACE, NAME=a\n1, S6\n*SURFACE, NAME=b\n2, S4\n*SURFACE, NAME=c\nall, S1\n")
     body = Elasticity(read, STEEL, [Clamp("a")])
@@ -199,7 +199,7 @@ def test_wrong_abaqus_files(text, message, tmp_path):
         read_text(tmp_path, text)
 
 
-def test_node_sets_that_are_no_faces(tmp_path):
+def test_wrong_node_sets(tmp_path):
     sets = {"line": "1, 2", "middle": "5, 6, 7, 8", "more": "1, 2, 3, 4, 9", "lost": "1, 2, 3, 4, 99", "none": ""}
     text = "".join(f"*NSET, NSET={name}\n{nodes}\n" for name, nodes in sets.items())
     read = read_text(tmp_path, TWO.replace("*ELEMENT", "99, 9, 9, 9\n*ELEMENT") + text)
@@ -308,7 +308,7 @@ def test_vtk_of_gmsh_has_its_numbers_as_scalars(tmp_path):
     assert len(read.faces["5"]) == 1 and len(read.cells["7"]) == 1
 
 
-def test_names_and_formats_that_do_not_fit(tmp_path):
+def test_wrong_names_and_formats(tmp_path):
     file = BoxFile()
     vtu(file, tmp_path / "box.vtu")
     with pytest.raises(ValueError, match=r"box.vtu: names has 'gone' = 9, but the numbers there are 1, 2, 3, 4, 5, 6"):

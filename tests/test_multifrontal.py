@@ -54,13 +54,13 @@ def check(graph, fronts, last):
 
 
 @pytest.mark.parametrize("leaf", [1, 4, 80])
-def test_fronts_are_what_the_factorisation_relies_on(leaf):
+def test_properties_of_the_fronts(leaf):
     graph, points = grid(9, 4, 5)
     last = np.flatnonzero(points[:, 2] == 0.0)
     check(graph, dissect(graph, points, last, leaf), last)
 
 
-def test_bodies_that_no_plane_cuts():
+def test_bodies_without_a_separating_plane():
     """Nodes all in one place, none before the last, and two bodies that are not coupled."""
     graph, points = grid(4, 3, 3)
     last = np.arange(5)
@@ -73,7 +73,7 @@ def test_bodies_that_no_plane_cuts():
     check(pair, dissect(pair, np.vstack([points, points + [20.0, 0.0, 0.0]]), last, 4), last)
 
 
-def test_separators_are_planes_however_the_body_lies():
+def test_separators_do_not_depend_on_orientation():
     """Operations grow like nodes squared, as nested dissection of a cube must (George 1973), also of a turned one."""
     turn, _ = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))
     counts = []

@@ -109,7 +109,7 @@ def test_gaps_along_the_normals_of_the_body():
     assert np.allclose(found.gap[beside], (distance - 1.0)[beside] * distance[beside] / 2.0)
 
 
-def test_a_great_sphere_is_a_plane():
+def test_a_large_sphere_is_a_plane():
     """R = 1e7 m: the gap at the corners is 1e-7 m, the displacements 1e-4 m; forces differ by about that ratio."""
     plane = make_block(4).solve()
     for foundation in (Sphere((1.5, 0.5, -1e7), 1e7), Cylinder((0.0, 0.5, -1e7), (1, 0, 0), 1e7)):
@@ -128,7 +128,7 @@ def test_a_great_sphere_is_a_plane():
             assert not solution.small_strain.warnings
 
 
-def test_leaving_the_theory_is_said():
+def test_leaving_the_theory_is_reported():
     """A cap pressed 5 mm into a ball of 50 mm: curvature, turn of the normals and strain all show."""
     mesh = coulomb.box((0.1, 0.1, 0.05), (8, 8, 4))
     contact = Contact("bottom", 0.1, foundation=Sphere((0.05, 0.05, -0.05), 0.05))

@@ -40,7 +40,7 @@ def vectors(solution):
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_every_node_is_in_its_ellipse(cell, tmp_path):
+def test_friction_of_every_node_is_in_its_ellipse(cell, tmp_path):
     """From the written space vectors: T inside the ellipse, on it where there is slip, slip along its normal."""
     solution = block(cell=cell).solve(1e-10)
     assert solution.certificate.passed
@@ -80,7 +80,7 @@ def test_components_and_vectors_of_a_surface():
     assert np.sum(surface.vectors(force) * surface.displacements(way)) == pytest.approx(np.sum(force * way))
 
 
-def test_the_same_said_otherwise():
+def test_equivalent_descriptions():
     """F1 = F2 is one coefficient; axes may be exchanged; a direction may point to either side, and out of the plane."""
     one = block({"friction": 0.2}).solve(1e-10)
     same = block({"friction": (0.2, 0.2), "direction": (1.0, 0.5, 0.0)}).solve(1e-10)

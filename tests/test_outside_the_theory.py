@@ -70,7 +70,7 @@ ABSURD = [
 
 
 @pytest.mark.parametrize(("case", "change"), ABSURD, ids=[change for _, change in ABSURD])
-def test_what_is_absurd_but_finite_does_not_count(tmp_path, case, change):
+def test_answers_with_huge_strains_do_not_count(tmp_path, case, change):
     code, said, complaint = run(tmp_path, case, change)
     contents = summary_of(tmp_path)
     assert code == 1 and "certificate passed" in said
@@ -82,7 +82,7 @@ def test_what_is_absurd_but_finite_does_not_count(tmp_path, case, change):
 
 
 @pytest.mark.parametrize("how", ["case", "force"])
-def test_it_may_be_accepted_knowingly(tmp_path, how):
+def test_small_strain_warn_accepts_the_answer(tmp_path, how):
     if how == "case":
         code, _, complaint = run(tmp_path, BLOCK, "material.young=210.0", "small_strain='warn'")
     else:
@@ -136,7 +136,7 @@ def test_force_accepts_a_history(tmp_path):
     assert code == 0 and said.splitlines()[-1] == "all 1 load steps certified"
 
 
-def doctored(monkeypatch):
+def with_failing_certificates(monkeypatch):
     """The next certificates fail in one condition; the solver's status is what it was."""
     honest = load_history.judge
 
@@ -154,7 +154,7 @@ LOOSE = "solver.tolerance=1e-7"  # the solver does not ask for the certificate
 
 def test_a_converged_run_without_its_certificate_exits_1(tmp_path, monkeypatch):
     assert run(tmp_path, BLOCK, LOOSE)[0] == 0
-    doctored(monkeypatch)
+    with_failing_certificates(monkeypatch)
     code, said, complaint = run(tmp_path, BLOCK, LOOSE)
     contents = summary_of(tmp_path)
     assert code == 1 and "converged" in said and "certificate FAILED" in said and "error" not in complaint
@@ -166,7 +166,7 @@ def test_a_converged_run_without_its_certificate_exits_1(tmp_path, monkeypatch):
 def test_a_converged_history_without_its_certificates_exits_1(tmp_path, monkeypatch):
     changes = ("history={times=[0.5, 1.0]}", LOOSE)
     assert run(tmp_path / "good", HISTORY, *changes)[0] == 0
-    doctored(monkeypatch)
+    with_failing_certificates(monkeypatch)
     code, said, complaint = run(tmp_path / "bad", HISTORY, *changes)
     assert code == 1 and said.count("certificate FAILED") == 2 and "error" not in complaint
     assert said.splitlines()[-1] == "0 of 2 load steps certified"
@@ -263,7 +263,7 @@ def test_nothing_touches(tmp_path, case, changes):
     assert kind == "passed" and "Warning nothing touches" in words
 
 
-def test_the_smallest_gap_is_said(tmp_path):
+def test_the_smallest_gap_is_reported(tmp_path):
     code, _, complaint = run(
         tmp_path, BLOCK, "traction=[]", "contact.foundation={shape='plane', point=[0,0,-0.25], normal=[0,0,1]}"
     )
@@ -295,7 +295,7 @@ def test_imbalance_just_inside_and_just_outside():
     assert replace(stuck, elastic=np.nan).warning()
 
 
-def test_the_body_and_its_mesh_are_said(tmp_path):
+def test_size_of_the_body_and_mesh_are_reported(tmp_path):
     _, said, _ = run(tmp_path, HISTORY, "history={times=[1.0]}")
     assert said.splitlines()[1] == "body 100 mm x 100 mm x 50 mm; 32 hexahedra, 75 nodes"
     done = invoke("check-case", ROOT / "demos" / "foot.toml", "--set", "mesh.scale=1.0")

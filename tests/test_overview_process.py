@@ -37,7 +37,7 @@ def two_processors(monkeypatch):
     return monkeypatch
 
 
-def test_a_run_begins_it_and_takes_it_over_once(two_processors):
+def test_a_run_starts_and_uses_one_drawing_process(two_processors):
     overview_process.begin_early(["run", "case.toml"])
     begun = overview_process._early
     assert isinstance(begun, Started)
@@ -45,7 +45,7 @@ def test_a_run_begins_it_and_takes_it_over_once(two_processors):
     assert overview_process.begin() is not begun
 
 
-def test_a_case_without_a_picture_ends_it(two_processors):
+def test_a_case_without_a_picture_ends_the_drawing_process(two_processors):
     overview_process.begin_early(["run", "case.toml"])
     begun = overview_process._early
     overview_process.stop_early()
@@ -63,13 +63,13 @@ def test_a_case_without_a_picture_ends_it(two_processors):
         ["run", "c.toml", "--set", "output.picture=false"],
     ],
 )
-def test_what_needs_no_picture_begins_nothing(two_processors, arguments):
+def test_commands_without_pictures_start_no_process(two_processors, arguments):
     overview_process.begin_early(arguments)
     assert overview_process._early is None
 
 
 @pytest.mark.parametrize("name", RANK_VARIABLES)
-def test_under_mpi_nothing_begins(two_processors, name):
+def test_under_mpi_no_process_is_started_early(two_processors, name):
     two_processors.setenv(name, "0")
     overview_process.begin_early(["run", "case.toml"])
     assert overview_process._early is None

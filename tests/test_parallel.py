@@ -70,7 +70,7 @@ def test_block_against_the_independent_solver(law):
 
 
 @pytest.mark.parametrize(("name", "error", "options"), CASES)
-def test_evidence_is_judged_alike_however_it_is_shared_out(name, error, options):
+def test_the_certificate_does_not_depend_on_the_partition(name, error, options):
     """Each rank has its nodes, the last one none."""
     evidence, turnover = synthetic_evidence(**options)
     wrong = error(evidence, 1e-6, turnover)

@@ -145,7 +145,7 @@ class Blocked(AugmentedSystem):
         return system
 
 
-def test_trap_a_blocked_step_is_not_convergence():
+def test_a_blocked_step_is_not_convergence():
     """err = |v_new - v|/|v_new| is tiny when alpha is; only the residual may say converged."""
     qp, _ = random_tresca(10, seed=18)
     with pytest.raises(NotConverged) as failure:
@@ -157,7 +157,7 @@ def test_trap_a_blocked_step_is_not_convergence():
 
 
 @pytest.mark.parametrize(("force", "length"), [(1e-3, 1e3), (1e6, 1e-6), (1.0, 1e9), (2.0**-20, 2.0**30)])
-def test_trap_units_do_not_matter(force, length):
+def test_units_do_not_change_the_iteration(force, length):
     """The same problem with other units of force and length: the same steps, the same answer."""
     qp, A = random_tresca(25, seed=19)
     base = InteriorPoint().solve(qp)
@@ -171,7 +171,7 @@ def test_trap_units_do_not_matter(force, length):
 
 
 @pytest.mark.parametrize("decades", [3, 5, 7])
-def test_trap_slip_bounds_over_many_orders(decades):
+def test_slip_bounds_over_many_orders(decades):
     problem = make_block(6, slip_stress=1e7)
     rng = np.random.default_rng(20)
     spread = problem.slip_bound(problem.b) * 10.0 ** -rng.uniform(0, decades, len(problem.surface.nodes))
@@ -191,7 +191,7 @@ def test_small_discs_are_scaled_to_unit_discs():
     assert np.all(sloped.A.W == 1.0) and np.all(sloped.weight(np.full(8, 1e-3))[:, 1:] < 1e-3)
 
 
-def test_trap_zero_slip_bounds():
+def test_zero_slip_bounds():
     """Nodes without friction: no disc, no interior there; the rest as an independent solver has it."""
     qp, A = random_tresca(30, seed=23)
     qp = qp.with_slip_bound(np.where(np.arange(30) % 3 == 0, 0.0, qp.law.cohesion))
@@ -202,12 +202,12 @@ def test_trap_zero_slip_bounds():
     assert np.allclose(result.gradient, A @ result.x - qp.b, rtol=1e-9, atol=1e-12 * np.abs(qp.b).max())
 
 
-def test_trap_small_beta_is_widened_to_hold_the_start():
+def test_small_beta_is_widened_to_contain_the_start():
     qp, _ = random_tresca(30, seed=24)
     assert InteriorPoint(beta=1e-6).solve(qp).newton_steps <= 40
 
 
-def test_trap_inexact_stiffness_solver():
+def test_inexact_stiffness_solver():
     """CG-GAMG tight enough gives the direct answer; too loose, the run must not claim to have converged."""
 
     class Loose(IterativeSolver):
@@ -241,7 +241,7 @@ def hard_tresca(seed):
 
 
 @pytest.mark.parametrize("seed", [1072, 1083, 1112, 1153, 1209, 1219, 1236, 1277, 1288, 1299, *range(2000, 2030)])
-def test_trap_hard_problems(seed):
+def test_hard_problems(seed):
     """Starts too near the boundary block, and a preconditioner that cancels stalls: the first ten needed a cure."""
     qp = hard_tresca(seed)
     result = InteriorPoint(tolerance=1e-8).solve(qp)

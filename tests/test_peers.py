@@ -15,7 +15,7 @@ def only(name, p=3):
     return rows[name]
 
 
-def test_ours_comes_first_and_is_the_measure():
+def test_coulomb_is_the_first_row_and_the_reference():
     rows = list(measure([2, 3], [OURS]))
     assert [(row.peer, row.p) for row in rows] == [(OURS, 2), (OURS, 3)]
     for row in rows:
@@ -33,26 +33,26 @@ def test_agrees(name):
     assert row.seconds > 0.0 and row.iterations > 0 and row.peak_memory_bytes > 1e7
 
 
-def test_the_least_time_of_some_runs_counts(monkeypatch):
+def test_the_shortest_time_counts(monkeypatch):
     runs = iter([3.0, 1.0, 2.0])
     monkeypatch.setattr(peers, "_run", lambda *_: peers._Run(next(runs), 5, 10**8, np.zeros((1, 3)), np.ones((1, 3))))
     (row,) = measure([2], [OURS], repeats=3)
     assert row.seconds == 1.0
 
 
-def test_what_is_not_installed_is_said(monkeypatch):
+def test_missing_peers_are_reported(monkeypatch):
     monkeypatch.setitem(PEERS, "Absent", peers.Peer("absent", "no_such_module", "Debian's no-such-package"))
     skipped = only("Absent")
     assert isinstance(skipped, Skipped)
     assert skipped.p == 3 and "not installed" in skipped.reason and "no-such-package" in skipped.reason
 
 
-def test_what_fails_is_said_in_words():
+def test_failing_peers_are_reported():
     said = peers._run("no such peer", 2, peers.Path("unused.npz"))
     assert isinstance(said, str) and "Traceback" not in said and "\n" not in said
 
 
-def test_what_takes_too_long_is_said(monkeypatch):
+def test_timeouts_are_reported(monkeypatch):
     monkeypatch.setitem(PEERS, "Slow", peers.Peer("ours", "coulomb", "", up_to=2))
     assert only("Slow") == Skipped("Slow", 3, "takes too long beyond p = 2")
 

@@ -46,7 +46,7 @@ BLIND = {  # Machado, Oliveira, Fernandes 2009, Table 1: severity 1
 
 
 @pytest.mark.parametrize("pair", PAIRS, ids="-".join)
-def test_zones_are_told_apart_in_greyscale(pair):
+def test_zones_differ_in_greyscale(pair):
     """By the contrast of luminance of WCAG 2, which is 1.06 for colours that look the same in grey."""
     darker, lighter = sorted(float(linear(dict(ZONES.values())[name]) @ [0.2126, 0.7152, 0.0722]) for name in pair)
     assert (lighter + 0.05) / (darker + 0.05) > 2.0
@@ -54,7 +54,7 @@ def test_zones_are_told_apart_in_greyscale(pair):
 
 @pytest.mark.parametrize("pair", PAIRS, ids="-".join)
 @pytest.mark.parametrize("eyes", BLIND)
-def test_zones_are_told_apart_by_the_colour_blind(pair, eyes):
+def test_zones_differ_for_the_colour_blind(pair, eyes):
     """A difference of 2 is just seen side by side, one of 20 is another colour."""
     first, second = (
         lab(np.clip(np.array(BLIND[eyes]) @ linear(dict(ZONES.values())[name]), 0.0, 1.0)) for name in pair
@@ -76,7 +76,7 @@ BODIES = {
 
 @pytest.mark.parametrize("lengths", BODIES.values(), ids=BODIES)
 @pytest.mark.parametrize("view", VIEWS)
-def test_the_camera_sees_everything_and_little_else(lengths, view):
+def test_the_view_contains_the_body_and_little_else(lengths, view):
     """By VTK's own projection: all points within the picture, and some of them near its border."""
     corners = np.array(list(itertools.product((0.0, 1.0), repeat=3))) * lengths + [7.0, -3.0, 2.0]
     points = np.concatenate([corners, 0.5 * (corners[:1] + corners)])
@@ -133,7 +133,7 @@ def test_nothing_is_cut_off(block, field, view):
 
 
 @pytest.mark.parametrize("field", ["friction_traction", "slip"])
-def test_arrows_leave_the_field_seen(block, field, monkeypatch):
+def test_arrows_do_not_hide_the_field(block, field, monkeypatch):
     chosen = look(block, field)
     camera = camera_of(block.steps, chosen, (900, 600))
     whole = shoot(block.steps[0], chosen, camera=camera).pixels.astype(int)
@@ -163,7 +163,7 @@ def test_the_picture_shows_pressure_and_zones(block, tmp_path):
 @pytest.mark.parametrize(
     ("lengths", "cells", "wide"), [((3.0, 1.0, 1.0), (6, 2, 2), True), ((1, 1, 1), (2, 2, 2), False)]
 )
-def test_views_stand_above_or_beside_each_other_as_the_body_is_wide_or_not(tmp_path, lengths, cells, wide):
+def test_arrangement_of_the_two_views(tmp_path, lengths, cells, wide):
     """And where nothing touches there is a picture all the same."""
     problem = ContactProblem(
         box(lengths, cells),
@@ -212,12 +212,12 @@ def test_ticks_are_round(limits):
 # --- the process that draws --------------------------------------------------------------------------------
 
 
-def test_what_draws_ends_when_nobody_tells_it_what():
+def test_the_drawing_process_ends_with_its_input():
     """As where the run that began it is killed: its standard input ends."""
     assert overview_process.begin().finish("", seconds=120.0) == (0, "")
 
 
-def test_what_draws_can_be_stopped():
+def test_the_drawing_process_can_be_stopped():
     process = overview_process.begin()
     process.stop()
     process.stop()

@@ -79,7 +79,7 @@ def test_a_history_is_drawn_by_its_steps(copy, name, how):
     assert run.alarm == ("certificate unknown: summary.json cannot be read" if name == "summary.json" else "")
 
 
-def test_nothing_at_all_is_no_run(tmp_path):
+def test_an_empty_directory_is_no_run(tmp_path):
     with pytest.raises(ValueError, match=r"holds no run: there is no contact\.xdmf"):
         picture.plot(tmp_path, "pressure", None, None, tmp_path / "x.png", None)
 
@@ -87,7 +87,7 @@ def test_nothing_at_all_is_no_run(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "name"), [("single", "history.csv"), ("single", "case.json"), ("history", "history.csv")]
 )
-def test_a_report_goes_without(copy, kind, name):
+def test_a_report_without_optional_files(copy, kind, name):
     whole = page.render(files.read_run(copy / kind))
     spoil(copy / kind, name, "missing")
     rest = page.render(files.read_run(copy / kind))
@@ -95,14 +95,14 @@ def test_a_report_goes_without(copy, kind, name):
 
 
 @pytest.mark.parametrize("kind", ["single", "history"])
-def test_a_table_that_is_none_is_named(copy, kind):
+def test_damaged_tables_are_named(copy, kind):
     spoil(copy / kind, "history.csv", "binary")
     done = run_coulomb("report", kind)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
     assert re.match(rf"error: {kind}/history\.csv: cannot be read: it is not a text table: ", done.stderr)
 
 
-def test_lines_that_are_too_short_are_no_crash(copy):
+def test_short_lines_in_tables(copy):
     table = copy / "single" / "history.csv"
     head, first, *others = table.read_text().splitlines()
     table.write_text("\n".join([head, first, others[0].split(",")[0], others[1] + ",7,8"]) + "\n")

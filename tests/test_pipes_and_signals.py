@@ -58,7 +58,7 @@ def certified(directory="out"):
         ("coulomb new block new.toml >&-", {0}, 0),
     ],
 )
-def test_a_reader_that_goes_away(line, codes, shown):
+def test_closed_pipe(line, codes, shown):
     done = shell(line)
     assert done.returncode in codes and done.stderr == "", done.stderr
     assert len(done.stdout.splitlines()) <= shown
@@ -83,7 +83,7 @@ def test_standard_error_on_a_full_disk():
     assert done.returncode == 2 and done.stderr == done.stdout == ""
 
 
-def test_a_narrow_encoding_is_no_crash():
+def test_narrow_encoding():
     Path("größe.toml").write_text(CASE)
     done = shell("coulomb run größe.toml", PYTHONIOENCODING="ascii")
     assert done.returncode == 0 and r"gr\xf6\xdfe.toml" in done.stdout and done.stderr == ""
@@ -106,7 +106,7 @@ def read_only(path):
 
 
 @pytest.mark.parametrize("kind", ["read-only", "no directory"])
-def test_a_home_that_cannot_be_written(kind, tmp_path):
+def test_unwritable_home(kind, tmp_path):
     with read_only(tmp_path / "home") as home:
         where = str(home) if kind == "read-only" else "/dev/null"
         clean = {"HOME": where, "TMPDIR": str(tmp_path), "XDG_CACHE_HOME": ""}
@@ -116,7 +116,7 @@ def test_a_home_that_cannot_be_written(kind, tmp_path):
     assert list((tmp_path / f"coulomb-{os.getuid()}" / "fenics").glob("*.so"))
 
 
-def test_a_directory_of_somebody_else_is_no_cache(tmp_path, monkeypatch):
+def test_a_cache_of_another_user_is_not_used(tmp_path, monkeypatch):
     from coulomb import process
 
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -132,7 +132,7 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP]
 EARLY = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGUSR1: 138, signal.SIGHUP: 129}
 
 
-def deaf_no_more():
+def signals_not_ignored():
     """The tests may have been started where signals are ignored, as behind `&` or nohup."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_DFL)
@@ -149,7 +149,7 @@ class Watched:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            preexec_fn=deaf_no_more,
+            preexec_fn=signals_not_ignored,
         )
         self.until = time.monotonic() + 120.0
 
@@ -245,7 +245,7 @@ def test_the_last_step_of_a_history_is_kept_when_the_picture_is_not():
     assert run_coulomb("resume", "out", "--quiet").returncode == 0
 
 
-def test_nohup_goes_on_when_the_terminal_ends():
+def test_nohup_continues_after_the_terminal_ends():
     """A SIGHUP that is ignored stays ignored."""
     script = "import signal, os; signal.signal(signal.SIGHUP, signal.SIG_IGN)\nfrom mpi4py import MPI\n"
     script += "from coulomb.cli.interruption import Interruption\n"
@@ -257,7 +257,7 @@ def test_nohup_goes_on_when_the_terminal_ends():
     assert done.returncode == 0, done.stderr
 
 
-def test_what_draws_ends_with_whoever_asked_for_it(tmp_path):
+def test_the_drawing_process_ends_with_its_caller(tmp_path):
     """A process of coulomb.pictures.apart does not outlive a caller that is killed."""
     run = run_coulomb("run", "case.toml", "--quiet")
     assert run.returncode == 0

@@ -25,7 +25,7 @@ NAMES = [name for name in coulomb.__all__ if name != "__version__"]
 PLATFORM = ("dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py", "numpy", "scipy", "h5py", "cffi", "pyvista", "vtk")
 
 
-def test_the_public_names_are_few_and_there():
+def test_public_names():
     assert sorted(coulomb.__all__) == sorted(set(coulomb.__all__))
     assert len(coulomb.__all__) <= 64
     assert all(hasattr(coulomb, name) for name in coulomb.__all__)
@@ -53,7 +53,7 @@ def test_every_public_name_is_documented(name):
             )
 
 
-def test_the_version_has_one_source_and_the_others_agree():
+def test_versions_agree():
     version = coulomb.__version__
     assert re.fullmatch(r"(0|[1-9]\d*)\.(0|[1-9]\d*)\.(0|[1-9]\d*)(\.dev\d+)?", version)
     citation = (ROOT / "CITATION.cff").read_text()
@@ -63,7 +63,7 @@ def test_the_version_has_one_source_and_the_others_agree():
     assert "version" in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dynamic"]
 
 
-def test_the_package_says_that_it_is_typed():
+def test_the_package_is_marked_as_typed():
     assert Path(coulomb.__file__).with_name("py.typed").exists()
 
 

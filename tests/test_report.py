@@ -60,7 +60,7 @@ def test_page_needs_nothing_else(block, failed, history):
         assert 50_000 < len(text) < 3_000_000
 
 
-def test_page_tells_what_was_solved(block):
+def test_page_shows_the_problem(block):
     words, contents = words_of(block), json.loads((block / "summary.json").read_text())
     conditions = sum(isinstance(check, dict) for check in contents["certificate"].values())
     assert f"Certified All {conditions} conditions hold" in words and "NOT CERTIFIED" not in words
@@ -110,7 +110,7 @@ def between(words, start, end):
     return words.split(start, 1)[1].split(end, 1)[0]
 
 
-def test_figures_of_a_history_say_what_they_are_of(history):
+def test_figures_of_a_history_are_labelled(history):
     """Sums and largest values are of all steps, those of the last step say so; the two are not the same."""
     words = words_of(history)
     steps = [json.loads(file.read_text()) for file in sorted((history / "steps").glob("*/summary.json"))]
@@ -166,7 +166,7 @@ def test_times_of_a_history_add_up_to_its_run(history):
     assert "Times, all steps" in words_of(history)
 
 
-def test_a_page_says_when_where_and_how_it_was_made(block, history):
+def test_a_page_shows_date_host_and_command(block, history):
     for directory in (block, history):
         words, (run,) = words_of(directory), read_run(directory).made
         started = datetime.fromisoformat(run["started"])
@@ -218,7 +218,7 @@ def test_force_is_drawn_against_what_moves_most(history):
     assert charts.force_displacement(still) == ""
 
 
-def test_a_history_that_did_not_end_says_so(history, tmp_path):
+def test_an_unfinished_history_is_labelled(history, tmp_path):
     shutil.copytree(history, tmp_path / "h")
     contents = json.loads((tmp_path / "h" / "summary.json").read_text())
     contents["last"]["step"]["pending"] = [8.0, 7.0]
@@ -270,7 +270,7 @@ def test_report_of_no_run_exits_2(tmp_path):
     assert done.returncode == 2 and "not a summary of coulomb's" in done.stderr
 
 
-def test_what_draws_starts_no_mpi(block):
+def test_drawing_does_not_start_mpi(block):
     """Neither DOLFINx nor MPI is imported on the way."""
     command = [
         sys.executable,

@@ -102,13 +102,13 @@ def test_plot_without_a_display_writes_a_file(block, failed, tmp_path, monkeypat
         ("gap", None, "x.png", 2, "there is no step 2; there are 1"),
     ],
 )
-def test_what_is_not_there_is_refused(block, tmp_path, field, view, save, step, message):
+def test_unknown_fields_and_steps_are_refused(block, tmp_path, field, view, save, step, message):
     with pytest.raises(ValueError, match=message):
         plot(block, field, None, view, tmp_path / save, step)
     assert not list(tmp_path.iterdir())
 
 
-def test_plot_of_what_is_not_there_exits_2(block, tmp_path):
+def test_plot_of_a_missing_run_exits_2(block, tmp_path):
     done = run_coulomb("plot", block, "--field", "presure", "--save", tmp_path / "x.png")
     assert done.returncode == 2 and done.stderr.startswith("error: there is no field 'presure'; did you mean pressure?")
     assert "Traceback" not in done.stderr and not list(tmp_path.iterdir())
@@ -121,7 +121,7 @@ def test_mp4(history, tmp_path):
     assert frames == 6 and seconds == pytest.approx(6 * 0.15, rel=0.1)
 
 
-def test_mp4_without_its_package_says_what_to_install(history, tmp_path, monkeypatch):
+def test_mp4_without_its_package(history, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(ValueError, match=r"pip install imageio-ffmpeg\); or save a .gif"):
         plot(history, "pressure", None, None, tmp_path / "h.mp4", None)

@@ -315,7 +315,7 @@ def test_mesh_lines_do_not_hide_the_colours_of_a_fine_mesh(block, tmp_path, flat
 
 
 @needs_chromium
-def test_a_phone_shows_what_can_be_scrolled(history, tmp_path):
+def test_wide_charts_scroll_on_phones(history, tmp_path):
     view, console = open_page(page_of(history), tmp_path, PHONE, phone=True)
     assert not console
     assert view["width"] == "390" and view["page"] == "390"  # the page itself does not scroll sideways
@@ -342,7 +342,7 @@ PHONE = """
 
 
 @needs_chromium
-def test_console_of_a_broken_page_is_seen(block, tmp_path):
+def test_errors_of_a_page_are_detected(block, tmp_path):
     """The tests above can fail."""
     _, console = open_page(page_of(block).replace("const data = JSON", "const data = JASON"), tmp_path, "")
     assert any("JASON" in line for line in console)

@@ -107,7 +107,7 @@ def test_an_edited_mesh_is_refused(copy):
     assert "computed from: the contents of mesh.file; " in refused(copy)
 
 
-def test_what_does_not_change_the_problem_may_change(copy):
+def test_changes_that_keep_the_problem_are_accepted(copy):
     """Another place of the same mesh and of the results, another method, a case written out in full."""
     edit(
         copy,
@@ -120,7 +120,7 @@ def test_what_does_not_change_the_problem_may_change(copy):
     assert sorted(data) == ["history.halvings is 3, was 6", 'solver.method is "interior-point", was "auto"']
 
 
-def test_steps_that_do_not_say_are_refused(copy):
+def test_steps_without_a_recorded_case_are_refused(copy):
     step = copy / "out" / "steps" / "0001" / "summary.json"
     data = json.loads(step.read_text())
     del data["step"]["case"]
@@ -151,7 +151,7 @@ def test_a_refused_run_leaves_the_case_of_the_history(copy):
     assert (copy / "out" / "case.json").read_bytes() == before
 
 
-def test_python_keeps_no_case(tmp_path, stopped):
+def test_runs_from_python_have_no_case(tmp_path, stopped):
     case = read_case(stopped / "case.toml")
     LoadHistory([0.5]).run(case.problem(comm), HistoryFiles(tmp_path / "out"))
     data = json.loads((tmp_path / "out" / "steps" / "0001" / "summary.json").read_text())

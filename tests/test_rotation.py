@@ -120,7 +120,7 @@ def by_angle(point, axis, angle, translation=(0.0, 0.0, 0.0)):
 
 
 @pytest.mark.parametrize(("foundation", "point", "axis"), AXES)
-def test_a_surface_of_revolution_stays_as_it_is(foundation, point, axis):
+def test_a_rotated_surface_of_revolution_is_unchanged(foundation, point, axis):
     """The same object; with the formulas of a rotated foundation the same up to rounding."""
     motion = by_angle(point, axis, 0.7)
     assert moved(foundation, motion) is foundation

@@ -39,7 +39,7 @@ def test_multigrid_iterations_of_the_whole_problem():
     assert problem.body.stiffness_solver.iterations <= 4 * result.products
 
 
-def test_following_does_not_add_up():
+def test_incremental_products_do_not_accumulate_errors():
     """A hundred small moves, each to 10 % of itself, leave the error of one."""
     problem = make_block(4, **MULTIGRID)
     A, n = problem.A, 3 * len(problem.surface.nodes)

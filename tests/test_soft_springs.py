@@ -48,14 +48,14 @@ def test_a_drift_fails(stiffness, way, turn):
     assert "rigid motion" in failed(certificate)
 
 
-def test_the_drift_was_not_seen_by_the_internal_forces():
+def test_internal_forces_do_not_show_the_drift():
     """Why equilibrium and balance of all forces are not enough."""
     _, certificate = drifted(block(1e5), 0.1)
     for name in ("equilibrium", "force balance"):
         assert certificate[name].passed
 
 
-def test_what_clamps_hold_is_not_judged_by_springs():
+def test_only_free_rigid_motions_are_judged():
     """A clamp along y and z leaves free only the motion along x: the other five move clamped components."""
     problem = block(1e6, clamps=[Clamp("top", "yz")])
     solution, certificate = drifted(problem, 1e-3)

@@ -84,7 +84,7 @@ def test_springs_iteratively():
         (lambda: sprung(Spring("left", 1e-6)), "the springs are too soft in comparison with rounding errors"),
     ],
 )
-def test_springs_that_are_wrong(make, message):
+def test_wrong_springs(make, message):
     with pytest.raises(ValueError, match=message):
         make()
 

@@ -41,7 +41,7 @@ def longest(allowed):
     return next(alpha for alpha in 0.9 ** np.arange(100) if allowed(alpha))
 
 
-def test_a_good_step_is_taken_whole(at):
+def test_a_full_step_is_accepted(at):
     alpha, new = length(at, -0.9 * np.ones((NODES, 2)))
     assert alpha == 1.0 and new is not None
 
@@ -86,7 +86,7 @@ def test_centring_follows_the_last_step():
         assert SOLVER.centring(alpha) == pytest.approx(sigma)
 
 
-def test_theta_waits_for_the_gradient():
+def test_sigma_is_larger_where_the_gradient_limits_theta():
     """Three times the part of beta theta that is taken, up to 0.9."""
     for alpha, used, sigma in ((1.0, 0.0, 0.1), (0.5, 0.0, 0.25), (0.1, 0.1, 0.5), (1.0, 0.2, 0.6), (0.5, 0.5, 0.9)):
         assert SOLVER.centring(alpha, used) == pytest.approx(sigma)
@@ -98,7 +98,7 @@ class Inexact(MatrixCompliance):
     exact = False
 
 
-def test_theta_waits_only_where_products_are_inexact():
+def test_sigma_is_larger_only_where_products_are_inexact():
     """beta so small that the gradient takes up much of the neighbourhood."""
     qp, A = random_tresca(30, seed=5)
     matrix = dense_compliance(A).matrix
@@ -115,7 +115,7 @@ def test_theta_waits_only_where_products_are_inexact():
     assert max(waited(inexact)) > 1.5 and min(waited(inexact)) >= 1.0
 
 
-def test_a_start_that_blocks_is_given_up_for_one_farther_inside(monkeypatch):
+def test_a_blocked_start_is_replaced_by_one_farther_inside(monkeypatch):
     """theta of the starts, over rms(A x - b) at equal pressure: one after the other."""
     qp, _ = random_tresca(20, seed=7)
     seen = []

@@ -115,7 +115,7 @@ def test_history_has_a_record_for_each_tresca_problem():
     assert not result.history[0].warm and all(step.warm for step in result.history[1:])
 
 
-def test_giving_up_says_so_and_carries_the_answer(block6):
+def test_failure_reports_why_and_carries_the_answer(block6):
     problem = FrictionProblem.coulomb(
         block6.problem.A, block6.problem.b, np.full(len(block6.problem.surface.nodes), 0.3)
     )
@@ -200,7 +200,7 @@ def test_bad_friction():
         FrictionProblem.coulomb(A, np.zeros(6), np.array([0.3, -0.1]))
 
 
-def test_two_solvers_one_answer():
+def test_both_newton_systems_give_the_same_answer():
     """PF with J_SC in the loop gives the same forces as with J_AM."""
     from coulomb import SchurComplementSystem
 

@@ -45,12 +45,12 @@ def test_a_line_changes_on_a_terminal():
 
 
 @pytest.mark.parametrize("changes", [{"TERM": "dumb"}, {"TERM": "xterm", "NO_COLOR": "1"}, {"TERM": ""}], ids=str)
-def test_nothing_but_text_where_that_is_asked_for(changes):
+def test_plain_text_on_request(changes):
     shown = on_a_terminal(*RUN, **changes)
     assert "\x1b" not in shown and "path following   2" in shown and "certificate passed" in shown
 
 
-def test_nothing_but_text_under_mpirun():
+def test_plain_text_under_mpirun():
     """Open MPI gives its processes terminals, whose output may go to a file."""
     yielding = {"OMPI_MCA_mpi_yield_when_idle": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1"}
     command = ["mpirun", "-n", "2", *RUN]
@@ -64,6 +64,6 @@ def test_nothing_but_text_under_mpirun():
     assert b"\x1b" not in done.stdout and b"check-case" in done.stdout
 
 
-def test_nothing_but_text_in_a_file_that_a_forced_terminal_writes():
+def test_plain_text_in_a_log_with_forced_colours():
     done = shell("coulomb run case.toml > said; cat said", FORCE_COLOR="1", TERM="xterm")
     assert "\x1b" not in done.stdout and "certificate passed" in done.stdout

@@ -65,7 +65,7 @@ def product(A, x):
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_another_time_is_a_fresh_problem(way):
+def test_a_problem_at_another_time(way):
     """Solved, taken to another time, solved, and the first once more: data and answers are those of fresh problems."""
     first = problem(0.3, **WAYS[way])
     answers = [first.solve(1e-9)]

@@ -27,14 +27,14 @@ def without(monkeypatch, tmp_path):
     return take
 
 
-def test_the_extra_is_what_is_named():
+def test_the_extra_lists_the_packages():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     assert {re.match(r"[\w-]+", entry)[0] for entry in extras["pictures"]} == set(PACKAGES.values())
     needed = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
     assert not {re.match(r"[\w-]+", entry)[0] for entry in needed} & set(PACKAGES.values())
 
 
-def test_a_run_goes_on_without_its_picture_and_its_report(tmp_path, without):
+def test_a_run_continues_without_picture_and_report(tmp_path, without):
     without(*PACKAGES)
     done = run_coulomb(*SMALL, "--report", "--output", tmp_path / "out")
     assert done.returncode == 0, done.stderr
@@ -52,7 +52,7 @@ def test_a_run_goes_on_without_its_picture_and_its_report(tmp_path, without):
 
 @pytest.mark.parametrize("command", ["plot", "report"])
 @pytest.mark.parametrize("module", ["pyvista", "PIL"])
-def test_what_draws_says_what_to_install(tmp_path, without, command, module):
+def test_drawing_commands_say_what_to_install(tmp_path, without, command, module):
     done = run_coulomb(*SMALL, "--set", "output.picture=false", "--output", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     without(module)
@@ -64,7 +64,7 @@ def test_what_draws_says_what_to_install(tmp_path, without, command, module):
     )
 
 
-def test_a_benchmark_keeps_its_table_without_its_figure(tmp_path, without):
+def test_a_benchmark_writes_its_table_without_figure(tmp_path, without):
     without("matplotlib")
     done = run_coulomb("benchmark", "conditioning", "--p", 1, "--output", tmp_path)
     assert done.returncode == 0 and "warning: no figure: matplotlib is not installed" in done.stderr
