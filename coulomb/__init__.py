@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from .model.friction import SlipRateFriction, VariableFriction
     from .model.load_history import LoadHistory, StepFailed
     from .model.load_step import Energy, LoadStep
+    from .model.probes import Probe, ProbeValue
     from .model.problem import ContactProblem
+    from .model.resultants import Resultant
     from .model.solution import Solution
     from .solvers.automatic import Automatic
     from .solvers.condensed import CondensedSystem
@@ -75,7 +77,10 @@ __all__ = [
     "Plane",
     "PrescribedDisplacement",
     "Pressure",
+    "Probe",
+    "ProbeValue",
     "Progress",
+    "Resultant",
     "Rotation",
     "SchurComplementSystem",
     "SignedDistance",
@@ -118,6 +123,8 @@ _PUBLIC = {
     "solvers.general": ("solve_coulomb", "solve_tresca"),
     "model.load_history": ("LoadHistory", "StepFailed"),
     "model.load_step": ("Energy", "LoadStep"),
+    "model.probes": ("Probe", "ProbeValue"),
+    "model.resultants": ("Resultant",),
     "model.problem": ("ContactProblem",),
     "model.solution": ("Solution",),
     "solvers.automatic": ("Automatic",),

@@ -24,6 +24,7 @@ from .body import (
 )
 from .contact import ContactTable, ContactTables, HistoryTable
 from .faults import fault_of, tables_of_several
+from .probe import ProbeTable
 from .renamed import renamed
 from .solver import OutputTable, SolverTable
 from .text import apply, parsed, read_text
@@ -56,6 +57,7 @@ class Case(Table):
     small_strain: Literal["enforce", "warn"] = "enforce"
     spring: Annotated[tuple[SpringTable, ...], Field(max_length=TABLES)] = ()
     contact: ContactTables
+    probe: Annotated[tuple[ProbeTable, ...], Field(max_length=TABLES)] = ()
     history: HistoryTable | None = None
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
@@ -100,6 +102,7 @@ class Case(Table):
                 self.solver.compliance
             ],
             small_strain=small_strain or self.small_strain,
+            probes=[table.probe() for table in self.probe],
         )
         regions = {f"{key}.region.{k}": region for key, t in self.contacts.items() for k, region in enumerate(t.region)}
         for key, region in regions.items():

@@ -44,6 +44,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         **derived(
             solution.at_nodes, solution.certificate, u, elasticity.spring_force(u), elasticity.held, solution.acting
         ),
+        "probes": [value.entry() for value in solution.probes],
         "material": _materials(problem),
         "mean_compliance": problem.mean_compliance,
         "method": {

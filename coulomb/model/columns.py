@@ -29,6 +29,22 @@ def rotation_columns(face: Mapping[str, Any]) -> dict[str, float]:
     return {f"{face['faces'][0]}_{name}": math.nan if face[name] is None else face[name] for name in names}
 
 
+def probe_columns(probe: Mapping[str, Any]) -> dict[str, float | None]:
+    """The columns of a probe, from its entry in summary.json (`ProbeValue.entry`); those of a contact are None
+    elsewhere."""
+    name, slip = f"probe_{probe['name']}", probe["slip"]
+    return {
+        **along_axes(f"{name}_displacement", probe["displacement"]),
+        **(along_axes(f"{name}_slip", slip) if slip is not None else dict.fromkeys(axes(f"{name}_slip"))),
+        f"{name}_pressure": probe["pressure"],
+    }
+
+
+def axes(name: str) -> list[str]:
+    """The names of the columns of a vector."""
+    return [f"{name}_{axis}" for axis in "xyz"]
+
+
 def reaction_columns(reaction: Mapping[str, Any]) -> dict[str, float]:
     """The columns of a support, from its entry in summary.json (`Resultant.entry`)."""
     name = reaction["name"]

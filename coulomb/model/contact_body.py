@@ -23,6 +23,7 @@ from ..linalg.methods import LinearSolver, chosen
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.stiffness import StiffnessSolver
 from .contact import Contact, ContactFaces
+from .probes import LocatedProbes, Probe
 from .state import Before, ContactState
 from .stopwatch import timed
 
@@ -44,6 +45,7 @@ class ContactBody:
         time: Time of the reference frames in which A is computed; for other frames it is rotated.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.
+        probes: Points at which displacement, slip and pressure are reported.
 
     Attributes:
         mesh: The body.
@@ -51,6 +53,7 @@ class ContactBody:
         elasticity: K, loads and supports.
         linear_solver: The solver class for K^-1 (DirectSolver includes MultifrontalSolver: see `stiffness_method`).
         explicit: Whether A is formed.
+        probes: The probes, found in the mesh.
         seconds: Wall time of assembly, factorisation and A so far.
 
     Raises:
@@ -72,6 +75,7 @@ class ContactBody:
         time: float,
         linear_solver: LinearSolver | None,
         explicit: bool | None,
+        probes: Sequence[Probe] = (),
     ):
         chosen(0, 0, mesh.comm.size, linear_solver, explicit)  # impossible combinations are refused before the assembly
         self.mesh, self.contacts = mesh, tuple(contacts)
@@ -85,6 +89,7 @@ class ContactBody:
             self._reference: ContactSurface = faces.surface(self.elasticity, [still] * len(self.contacts))
             self._faces = faces.against(self._reference.foundations)  # the plane of the face if none was given
             self._reference = self.surface(self.rigid_motions(time), time)
+            self.probes = self.located(probes)
         self.linear_solver, self.explicit = chosen(
             self.unknowns["displacement"], self.unknowns["contact"], self.comm.size, linear_solver, explicit
         )
@@ -98,6 +103,16 @@ class ContactBody:
     def foundations(self) -> tuple[RigidFoundation, ...]:
         """Foundations of all contact faces before any motion; by default the plane of the face."""
         return tuple(foundation for foundation in self._faces.foundations if foundation is not None)
+
+    def located(self, probes: Sequence[Probe]) -> LocatedProbes:
+        """Probes found in the mesh; collective.
+
+        Raises:
+            ValueError: On every rank, if two have the same name, or a point is outside the body.
+        """
+        return LocatedProbes(
+            probes, self.elasticity, [self.mesh.facets(contact.face, "contact") for contact in self.contacts]
+        )
 
     @cached_property
     def unknowns(self) -> dict[str, int]:

@@ -12,7 +12,7 @@ from ..arrays import FloatArray
 from ..fem.constraints import HeldDirections
 from ..fem.rigid_motion import since_at
 from ..linalg.reductions import Reductions
-from .columns import along_axes, face_columns, reaction_columns, rotation_columns
+from .columns import along_axes, face_columns, probe_columns, reaction_columns, rotation_columns
 from .solution import Solution
 
 _IMBALANCE = 0.25  # of the energy dissipated by friction
@@ -177,8 +177,9 @@ class LoadStep:
         """Its figures, in the order of the columns of history.csv; collective."""
         result, certificate = self.solution.result, self.solution.certificate
         reactions = [reaction.entry() for reaction in self.solution.reactions]
+        probes = [value.entry() for value in self.solution.probes]
         return row(
-            {**self.solution.at_nodes.numbers(), "reactions": reactions},
+            {**self.solution.at_nodes.numbers(), "reactions": reactions, "probes": probes},
             self.state,
             steps=result.newton_steps,
             residual=result.residual,
@@ -193,7 +194,7 @@ def row(
     """The figures of a step, by name.
 
     Args:
-        numbers: Figures of its contact nodes (`NodalAnswer.numbers`), and its `reactions`.
+        numbers: Figures of its contact nodes (`NodalAnswer.numbers`), its `reactions` and its `probes`.
         at: Its number, time, and energies.
         steps: Path-following steps.
         residual: Residual of its problem.
@@ -216,6 +217,7 @@ def row(
         **{name: value for part in several for name, value in face_columns(part).items()},
         **{name: value for part in numbers["faces"] for name, value in rotation_columns(part).items()},
         **{name: value for part in numbers["reactions"] for name, value in reaction_columns(part).items()},
+        **{name: value for probe in numbers["probes"] for name, value in probe_columns(probe).items()},
         **{f"energy_{name}": value for name, value in asdict(at.energy).items()},
         "energy_imbalance": at.energy.imbalance,
         "path_following": steps,

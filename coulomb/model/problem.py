@@ -20,6 +20,7 @@ from .acceptance import CERTIFIED_FROM, Acceptance
 from .contact import Contact
 from .contact_body import ContactBody
 from .posed_problem import PosedProblem
+from .probes import Probe
 from .provenance import now
 from .small_strain import known_mode
 from .solution import Solution, warn
@@ -49,6 +50,8 @@ class ContactProblem(PosedProblem):
         explicit: Whether to form the matrix A; by default chosen by size.  Needs the direct solver.
         small_strain: Whether an answer outside the theory (`SmallStrain.violations`) does not count, "enforce", or
             causes a warning, "warn".
+        probes: Points at which displacement, slip and pressure are reported: `Solution.probes`, summary.json and
+            history.csv.
 
     Attributes:
         body: The time-independent part: K, K^-1, A, contact faces and foundations.
@@ -78,12 +81,13 @@ class ContactProblem(PosedProblem):
         linear_solver: LinearSolver | None = None,
         explicit: bool | None = None,
         small_strain: str = "enforce",
+        probes: Sequence[Probe] = (),
     ):
         contacts = (contact,) if isinstance(contact, Contact) else tuple(contact)
         mode, started = known_mode(small_strain), now()
         body = ContactBody(
             *(mesh, material, clamps, contacts, tractions, body_force, springs, body_force_amplitude),
-            *(gravity, gravity_amplitude, time, linear_solver, explicit),
+            *(gravity, gravity_amplitude, time, linear_solver, explicit, probes),
         )
         with timed(body.seconds, "assembly"):
             state = body.state(time)

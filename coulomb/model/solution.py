@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -14,6 +15,7 @@ from ..solvers.results import SolverResult
 from .certificate import Certificate
 from .nodal_answer import NodalAnswer
 from .posed_problem import PosedProblem
+from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import Acting, Resultant, acting
 from .small_strain import SmallStrain, small_strain
 from .writing import supplied
@@ -88,6 +90,22 @@ class Solution:
         With the loads and the contact forces on the body (`at_nodes.totals()`) they add up to zero.
         """
         return self.acting.reactions
+
+    @cached_property
+    def probes(self) -> tuple[ProbeValue, ...]:
+        """Displacement, slip and pressure at the probes of the problem; collective, the same on every rank."""
+        return self._at(self.problem.body.probes)
+
+    def probed(self, probes: Sequence[Probe]) -> tuple[ProbeValue, ...]:
+        """Displacement, slip and pressure at other points; collective, the same on every rank.
+
+        Raises:
+            ValueError: On every rank, if two have the same name, or a point is outside the body.
+        """
+        return self._at(self.problem.body.located(probes))
+
+    def _at(self, probes: LocatedProbes) -> tuple[ProbeValue, ...]:
+        return probes.values(self.displacement, self.at_nodes, self.problem.surface.nodes)
 
     @cached_property
     def small_strain(self) -> SmallStrain:

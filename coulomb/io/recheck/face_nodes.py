@@ -139,7 +139,7 @@ def face_nodes(
     count = len(case.contacts) if case is not None else len(face_names(run))
     said = np.round(run.on_face["face"]).astype(np.int64)
     found.field("contact.xdmf: face", run.on_face["face"], said.astype(float), run.on_face["x"], "whole numbers")
-    part = _parts(run, count, said) if facet_part is None else facet_part
+    part = facet_parts(run, count) if facet_part is None else facet_part
     faces = [
         _face(run, case, time, slip_rate, number, part == number, said == number, found) for number in range(count)
     ]
@@ -223,9 +223,10 @@ def _face(
     return FaceNodes(index, part, written, frames, gap, area, law.friction, cohesion, origin, still).only(free)
 
 
-def _parts(run: WrittenRun, count: int, said: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def facet_parts(run: WrittenRun, count: int) -> npt.NDArray[np.int64]:
     """The face of every written facet: that of its contact nodes; if they are on two, the one to which the facet is
     more parallel."""
+    said = np.round(run.on_face["face"]).astype(np.int64)
     best = np.full(len(run.facets), -np.inf)
     part: npt.NDArray[np.int64] = np.zeros(len(run.facets), dtype=np.int64)
     x = run.on_face["x"][run.facets]

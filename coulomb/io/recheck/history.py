@@ -319,13 +319,15 @@ def _check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], foun
 
 
 def _parsed(text: str | None) -> Any:
-    """A number or boolean of a csv file; nan and inf are None, as in JSON."""
+    """A number or boolean of a csv file; nan, inf and nothing are None, as in JSON."""
+    if not text:
+        return None
     if text in ("True", "False"):
         return text == "True"
     try:
-        value = float(text or "")
+        value = float(text)
     except ValueError:
         return text
     if not np.isfinite(value):
         return None
-    return int(value) if re.fullmatch(r"-?\d+", text or "") else value
+    return int(value) if re.fullmatch(r"-?\d+", text) else value

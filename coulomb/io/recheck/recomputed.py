@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
@@ -18,12 +19,34 @@ from ...fem.rigid_motion import Spin
 from ...model.certificate import Certificate, judge
 from ...model.evidence import Evidence, rounding_forces
 from ...model.load_step import Forces
+from ...model.nodal_answer import NodalAnswer
 from ...model.resultants import Acting
 from ...model.small_strain import SmallStrain, small_strain
 from ..run_files import WrittenRun
 from ..summary import derived
 from .comparison import Rounding
 from .face_nodes import FaceNodes
+
+
+class Probing(Protocol):
+    """The probes of a run."""
+
+    def values(
+        self,
+        u: FloatArray,
+        answer: NodalAnswer,
+        nodes: npt.NDArray[np.int64],
+        taken: Callable[[FloatArray], FloatArray],
+    ) -> list[dict[str, Any]]:
+        """Their entries in summary.json.
+
+        Args:
+            u: Displacement of the run's nodes in metres, shape (k, 3).
+            answer: The answer at its contact nodes.
+            nodes: Their numbers, shape (m,).
+            taken: Replaces numbers by perturbed ones.
+        """
+        ...
 
 
 class Supported(Protocol):
@@ -74,10 +97,20 @@ def recomputed(
     foundations: list[RigidFoundation] | None,
     spins: tuple[Spin | None, ...],
     rounding: Rounding | None,
-    supported: Supported | None = None,
+    supported: Supported | None,
+    probes: Probing,
 ) -> Variant:
-    """Data recomputed from the written or perturbed numbers; `foundations` is None if they are unknown, `supported` if
-    loads and supports are."""
+    """Data recomputed from the written or perturbed numbers.
+
+    Args:
+        run: The files.
+        nodes: The contact nodes.
+        foundations: Those of the contact faces; None if they are unknown.
+        spins: Rotation of the foundation of each contact face; None where it does not rotate.
+        rounding: Perturbs the numbers; None for those as written.
+        supported: Loads and supports; None if they are unknown.
+        probes: The probes.
+    """
 
     def taken(values: FloatArray, scale: float = 0.0) -> FloatArray:
         return values if rounding is None else rounding.of(values, scale)
@@ -113,6 +146,7 @@ def recomputed(
     stress = body.von_mises(body.function(u))
     reactions = held.held_part(internal + spring * u - run.on_body["load"] - on_body)
     acting = None if supported is None else supported.acting(u, reactions, on_body, taken)
+    probed = probes.values(u, written, run.node[nodes.index[nodes.written]], taken)
     numbers = derived(written, certificate, u, -spring * u, held, acting)
     accepted, recorded = _recorded_strain(run)
     if foundations is None:
@@ -126,7 +160,12 @@ def recomputed(
         at=Forces(u, run.on_body["load"], internal + spring * u, on_body),
         fields={name: v for name, v in written.fields().items() if name in _FOLLOW} | {"slip_bound": written.bound},
         stress=stress.x.array[compat.cell_dofs(stress.function_space)[:, 0]],
-        numbers={**numbers, "small_strain": measured, "valid": certificate.passed and (accepted or not outside)},
+        numbers={
+            **numbers,
+            "probes": probed,
+            "small_strain": measured,
+            "valid": certificate.passed and (accepted or not outside),
+        },
         certificate=certificate,
         outside=() if accepted else outside,
     )

@@ -16,10 +16,11 @@ from ..run_directory import SUMMARY
 from ..run_files import WrittenRun, midpoints, numbers, read_run
 from .case_reference import CaseReference
 from .comparison import Comparison, Rounding
-from .face_nodes import FaceNodes, face_nodes
+from .face_nodes import FaceNodes, face_names, face_nodes, facet_parts
 from .recomputed import Variant, recomputed
 from .rotation import AS_WRITTEN, case_spins, foundation_displacement, written_spins
 from .supported_body import SupportedBody
+from .written_probes import WrittenProbes
 
 SLIP_BOUND_LIMIT = 1e-6
 """Accepted relative difference between g of the last Tresca problem and the law at its forces, plus ten times the
@@ -169,7 +170,9 @@ def check_run(
     foundations = None if case is None else case.foundations(time)
     roundings = (None, *(Rounding((seed, abs(step)), run.evaluation) for seed in _SEEDS))
     supported = None if case is None or part is None else SupportedBody(case.body, time, run)
-    variants = tuple(recomputed(run, nodes, foundations, spins, rounding, supported) for rounding in roundings)
+    count = len(face_names(run)) if case is None else len(case.contacts)
+    probes = WrittenProbes(run, case, facet_parts(run, count) if part is None else part, count)
+    variants = tuple(recomputed(run, nodes, foundations, spins, rounding, supported, probes) for rounding in roundings)
     _compare(run, nodes.only(nodes.written), variants, found)
     certificate = variants[0].certificate
     unchecked = [key for key in run.summary if key not in variants[0].numbers and key not in ("material", "step")]

@@ -1,0 +1,24 @@
+"""The table of a case file that describes a probe."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from .body import Table
+from .values import Name, Vector
+
+if TYPE_CHECKING:
+    from ..model.probes import Probe
+
+
+class ProbeTable(Table):
+    """A named point in metres at which displacement, slip and pressure are reported."""
+
+    name: Name
+    point: Vector
+
+    def probe(self) -> Probe:
+        """What the table describes."""
+        from ..model.probes import Probe
+
+        return Probe(self.name, self.point)

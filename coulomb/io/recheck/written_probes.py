@@ -1,0 +1,53 @@
+"""Probes in the files of a run, recomputed from the written fields."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import FloatArray
+from ...model.nodal_answer import NodalAnswer
+from ...model.probes import LocatedProbes, Probe
+from ..run_directory import OLD
+from ..run_files import WrittenRun
+from .case_reference import CaseReference
+
+
+class WrittenProbes:
+    """The probes of a run, found in the mesh of its files.
+
+    Args:
+        run: The files.
+        case: The case, if there is one: then the probes are its, else those of summary.json.
+        part: Number of the contact face of each of the run's facets.
+        count: Number of contact faces.
+
+    Raises:
+        ValueError: If summary.json has no probes, or a point is outside the mesh.
+    """
+
+    def __init__(self, run: WrittenRun, case: CaseReference | None, part: npt.NDArray[np.int64], count: int):
+        probes = _of_summary(run) if case is None else [table.probe() for table in case.settings.probe]
+        self._located = LocatedProbes(probes, run.body, [run.number[part == face] for face in range(count)])
+
+    def values(
+        self,
+        u: FloatArray,
+        answer: NodalAnswer,
+        nodes: npt.NDArray[np.int64],
+        taken: Callable[[FloatArray], FloatArray],
+    ) -> list[dict[str, Any]]:
+        """Their entries in summary.json (`recomputed.Probing`)."""
+        found = self._located.values(u, answer, nodes)
+        return [replace(value, found_at=taken(value.found_at)).entry() for value in found]
+
+
+def _of_summary(run: WrittenRun) -> Sequence[Probe]:
+    try:
+        return [Probe(given["name"], given["point"]) for given in run.summary.get("probes", [])]
+    except (KeyError, TypeError):
+        raise ValueError(f"{run.files.summary}: probes: {OLD}") from None
