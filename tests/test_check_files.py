@@ -279,7 +279,8 @@ def lost_nodes(monkeypatch):
         surface = real_surface(elasticity, face, foundation, normals, axes)
         keep = ~((surface.x[:, 0] > 0.39) & (surface.x[:, 0] < 0.81))
         of_nodes = {name: getattr(surface, name)[keep] for name in ("part", "nodes", "x", "frames", "gap", "area")}
-        return replace(surface, **of_nodes, B=contact_matrix(elasticity, of_nodes["nodes"], of_nodes["frames"]))
+        B = contact_matrix(elasticity, of_nodes["nodes"], of_nodes["frames"])
+        return replace(surface, **of_nodes, B=B, free_B=B)
 
     monkeypatch.setattr(contact, "contact_surface", without_the_middle)
 

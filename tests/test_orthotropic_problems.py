@@ -262,20 +262,23 @@ def test_wrong_inputs(contact, message):
 
 
 def test_a_clamp_along_a_tangent():
-    """A plane of symmetry along the direction is one; obliquely to it there is none."""
+    """Held across a tangent or obliquely to both: friction along what is held, where there is no slip, is zero."""
 
     def held(direction):
         side = [Clamp("front", "y"), PrescribedDisplacement("top", (2e-3, 0.0, -1e-3), "xz"), Clamp("top", "y")]
         contact = Contact("bottom", (0.3, 0.1), direction=direction)
         return ContactProblem(coulomb.box((1.0, 1.0, 1.0), (3, 3, 3)), STEEL, side, contact)
 
-    solution = held((1.0, 0.0, 0.0)).solve(1e-10)
-    surface = solution.problem.surface
-    assert solution.certificate.passed
-    edge = surface.x[:, 1] < 1e-9
-    assert np.all(solution.contact_force.reshape(-1, 3)[edge, 2] == 0.0)
-    with pytest.raises(ValueError, match="is held by a clamp obliquely to the direction of friction"):
-        held((1.0, 1.0, 0.0))
+    for direction in ((1.0, 0.0, 0.0), (1.0, 1.0, 0.0)):
+        solution = held(direction).solve(1e-10)
+        surface = solution.problem.surface
+        assert solution.certificate.passed
+        edge = surface.x[:, 1] < 1e-9
+        force, slip = solution.contact_force.reshape(-1, 3)[edge], solution.at_nodes.closure[edge, 1:]
+        bound = solution.problem.slip_bound(solution.contact_force)[edge]
+        way = np.linalg.norm(slip, axis=1)
+        assert np.all(way > 1e-4)  # the edge slips along x: friction is along the slip in the scaled tangents
+        assert np.allclose(force[:, 1:], bound[:, None] * slip / way[:, None], atol=1e-8 * bound.max())
 
 
 def test_no_friction_in_both_directions():

@@ -3,7 +3,7 @@ import pytest
 from conftest import STEEL, make_block
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Elasticity, Plane, PrescribedDisplacement
+from coulomb import Clamp, Contact, ContactProblem, Elasticity, Plane
 from coulomb.fem.contact_frames import tangent_frames
 from coulomb.fem.surface import contact_surface
 
@@ -84,12 +84,6 @@ def test_nodes_held_along_a_tangent_stay_and_carry_no_friction_there():
         ([Clamp("left")], "botom", None, "contact: there is no face 'botom' on this mesh"),
         ([Clamp("left")], "bottom", Plane((0, 0, 0), (0, 0, -1)), "turned away from the foundation"),
         ([Clamp("left"), Clamp("right", "x")], "bottom", Plane((0, 0, 0), (1, 0, 1)), "obliquely.*first seen at x = 3"),
-        (
-            [Clamp("left"), PrescribedDisplacement("right", (1e-3, 0, 0), "x")],
-            "bottom",
-            None,
-            "moved along the foundation",
-        ),
     ],
 )
 def test_bad_input(clamps, face, foundation, message):

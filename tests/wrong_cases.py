@@ -224,11 +224,6 @@ CONTACT = (
         r"'left' is fully clamped: none of its nodes",
     ),
     Wrong(
-        "a contact face with a prescribed sliding",
-        run("clamp=[{face='left'}, {face='bottom', components='x', value=[1e-3,0,0]}]"),
-        r"is moved along the foundation by a prescribed displacement; prescribe all components",
-    ),
-    Wrong(
         "a contact face held obliquely",
         run(
             "clamp=[{face='left'},{face='right',components='x'}]",
@@ -309,15 +304,6 @@ CONTACT = (
         "a direction of friction along the normal",
         run("contact.friction=[0.3, 0.1]", "contact.direction=[0,0,1]"),
         r"contact face 'bottom': the direction of friction is along the normal at x = .*; it must lie in the face",
-    ),
-    Wrong(
-        "a clamp obliquely to the direction of friction",
-        run(
-            "contact.friction=[0.3, 0.1]",
-            "contact.direction=[1,1,0]",
-            "clamp=[{face='left'},{face='front',components='y'}]",
-        ),
-        r"is held by a clamp obliquely to the direction of friction; hold it along or across that direction",
     ),
     Wrong(
         "a curved contact face without a foundation",

@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -22,9 +21,6 @@ from .user_values import Coefficient, Field, evaluate_numbers, evaluate_vectors,
 
 _ALONG_NORMAL = 1e-3
 """Sine of the angle between a direction and a normal below which the direction has no place in the tangent plane."""
-
-_CLEAN = 1e-10
-"""A component of a tangent below this is none."""
 
 LEAST_RATIO = 1e-3
 """Smallest ratio of the two coefficients of a node: what it scales enters A squared."""
@@ -140,17 +136,3 @@ def held_length(directions: FloatArray, H: FloatArray) -> FloatArray:
     """Length of the parts of directions (k, 3) that are held, with the projectors H (k, 3, 3) of the nodes; (k,)."""
     lengths: FloatArray = np.linalg.norm(np.einsum("kij,kj->ki", H, directions), axis=1)
     return lengths
-
-
-def held_obliquely(frames: FloatArray, H: FloatArray) -> npt.NDArray[np.bool_]:
-    """Nodes with orthotropic friction that are held along a tangent, but along neither t1 nor t2; shape (k,).
-
-    Args:
-        frames: Rows n, t1, t2, shape (k, 3, 3).
-        H: Projectors onto the held directions of the nodes, shape (k, 3, 3).
-    """
-    lengths = tangent_lengths(frames)
-    differ = np.abs(lengths[:, 0] - lengths[:, 1]) > _CLEAN
-    held = held_length(frames[:, 1] / lengths[:, :1], H)
-    oblique: npt.NDArray[np.bool_] = differ & (held > _CLEAN) & (held < 1.0 - _CLEAN)
-    return oblique

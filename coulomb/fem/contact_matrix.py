@@ -10,6 +10,9 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from .elasticity import Elasticity
 
+_ROUNDING = 1e-13
+"""A component of a row along the free directions below this is a rounding error of the projection."""
+
 
 def point_weights(elasticity: Elasticity, nodes: npt.NDArray[np.int32]) -> scipy.sparse.csr_matrix:
     """What the displacement at each contact point is made of: one row per contact point of this rank, one column per
@@ -50,6 +53,18 @@ def contact_matrix(elasticity: Elasticity, nodes: npt.NDArray[np.int32], frames:
     B.assemble()
     B.setAttr("mesh", elasticity.mesh)  # keeps it alive: see compat.assemble_matrix
     return B
+
+
+def free_frames(elasticity: Elasticity, nodes: npt.NDArray[np.int32], frames: FloatArray) -> FloatArray:
+    """The parts of frames (m, 3, 3) along the free directions of their nodes (m,), those that are not prescribed.
+
+    With them in place of the frames the contact matrix is B P, P the projection on the free directions: a contact
+    force acts on free displacements only, so that A = B P K^-1 P B^T.  A row along a prescribed direction is zero.
+    """
+    held = elasticity.held.projector_at(nodes)
+    free: FloatArray = frames - np.einsum("kij,kjl->kil", frames, held)
+    free[np.abs(free) <= _ROUNDING * np.linalg.norm(frames, axis=2)[:, :, None]] = 0.0
+    return free
 
 
 def rows_of(B: PETSc.Mat, u: FloatArray) -> FloatArray:

@@ -54,7 +54,6 @@ class LoadedBody(ElasticBody):
         held: The directions along which this rank's nodes are held.
         spring: Stiffness of the springs at this rank's nodes along x, y, z in N/m, shape (k, 3).
         loads: Its loads, with their nodal forces.
-        dragged: Which nodes have a prescribed displacement other than 0 at some time, shape (k,).
 
     Raises:
         ValueError: If a face is unknown, a value not finite, a cell without a material or with two, no density
@@ -126,8 +125,6 @@ class LoadedBody(ElasticBody):
             here = self._rows.support == number
             values = support.displacement(face)[np.searchsorted(face.nodes, self._rows.node[here])]
             self._values[here] = np.einsum("ri,ri->r", self._rows.direction[here], values)
-        self.dragged = np.zeros(self._owned, dtype=bool)
-        self.dragged[self._rows.node[self._values != 0.0]] = True
 
     def _supported_face(self, support: Support) -> SupportedFace:
         nodes = self.nodes(support.face, support.kind)

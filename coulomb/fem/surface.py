@@ -13,8 +13,8 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
-from .contact_frames import FrictionAxes, held_length, held_obliquely, inverse_frames, tangent_frames
-from .contact_matrix import at_nodes_of, contact_matrix, rows_of
+from .contact_frames import FrictionAxes, held_length, inverse_frames, tangent_frames
+from .contact_matrix import at_nodes_of, contact_matrix, free_frames, rows_of
 from .elasticity import Elasticity
 from .obstacles import Plane, RigidFoundation
 from .user_values import on_all_ranks
@@ -44,6 +44,8 @@ class ContactSurface:
         gap: Distance to the foundation along n before deformation in metres, shape (m,).
         area: Integral of the hat function over the face in m^2, shape (m,).
         B: Rows n, t1, t2 of every contact point; columns the displacements.  Shape (3 m, n), distributed.
+        free_B: B without the parts of its rows along prescribed directions: A = free_B K^-1 free_B^T.  B itself if
+            no contact node has a prescribed direction.
         foundations: The foundation of each face, to which gaps are measured.
     """
 
@@ -55,6 +57,7 @@ class ContactSurface:
     gap: FloatArray
     area: FloatArray
     B: PETSc.Mat
+    free_B: PETSc.Mat
     foundations: tuple[RigidFoundation, ...]
 
     def components(self, vectors: FloatArray) -> FloatArray:
@@ -132,8 +135,8 @@ def contact_surface(
     the mean normal of the facets around the node, weighted by its hat function, and gap is the distance along n to the
     foundation; if that ray misses it, to the tangent plane of the foundation's point nearest to the node.
 
-    Nodes whose normal displacement is prescribed are no contact nodes.  A node held along a tangent is one, without
-    friction in that direction.
+    Nodes whose normal displacement is prescribed are no contact nodes.  A node whose displacement along a tangent is
+    prescribed is one: its slip in that direction is known, and friction acts on the support that prescribes it.
 
     Args:
         elasticity: The body with its clamps.
@@ -144,8 +147,7 @@ def contact_surface(
 
     Raises:
         ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from the
-            foundation, held obliquely to it or to the axes, moved along it by a prescribed displacement, or has no free
-            node.
+            foundation, held obliquely to it, or has no free node.
     """
     comm = elasticity.mesh.comm
     candidates = elasticity.nodes(face, "contact")
@@ -170,16 +172,6 @@ def contact_surface(
     oblique = ~left_out & (touching_held > 1e-10)
     refuse.where(oblique, x, "is held obliquely to the foundation's normal; hold all components or none")
     keep = ~left_out
-    # A held component is not an unknown: A has for it the compliance of the diagonal entry in its row of K, not 0.
-    # Held at 0, it has no slip and no friction.  With a prescribed displacement d it would have friction against the
-    # slip d less that compliance times the friction: a wrong slip and a wrong direction, and the prescribed value would
-    # not hold.
-    dragged = keep & elasticity.dragged[candidates]
-    refuse.where(
-        dragged,
-        x,
-        "is moved along the foundation by a prescribed displacement; prescribe all components, or exclude the face",
-    )
     if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
         raise ValueError(f"contact face {face!r} is fully clamped: none of its nodes can move against the foundation")
 
@@ -192,13 +184,16 @@ def contact_surface(
         frames = tangent_frames(n)
     else:
         frames = axes.frames(n, x, f"contact face {face!r}", comm)
-        refuse.where(
-            held_obliquely(frames, H[keep]),
-            x,
-            "is held by a clamp obliquely to the direction of friction; hold it along or across that direction",
-        )
-    B = contact_matrix(elasticity, nodes, frames)
-    return ContactSurface((face,), np.zeros(len(nodes), dtype=np.int64), nodes, x, frames, gap, area, B, (foundation,))
+    part, matrices = np.zeros(len(nodes), dtype=np.int64), _matrices(elasticity, nodes, frames)
+    return ContactSurface((face,), part, nodes, x, frames, gap, area, *matrices, (foundation,))
+
+
+def _matrices(elasticity: Elasticity, nodes: npt.NDArray[np.int32], frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
+    """B and free_B of `ContactSurface`; collective."""
+    B, free = contact_matrix(elasticity, nodes, frames), free_frames(elasticity, nodes, frames)
+    if elasticity.mesh.comm.allreduce(np.array_equal(free, frames), op=MPI.LAND):
+        return B, B
+    return B, contact_matrix(elasticity, nodes, free)
 
 
 def joined(elasticity: Elasticity, surfaces: Sequence[ContactSurface]) -> ContactSurface:
@@ -226,7 +221,7 @@ def joined(elasticity: Elasticity, surfaces: Sequence[ContactSurface]) -> Contac
         frames,
         np.concatenate([surface.gap for surface in surfaces]),
         np.concatenate([surface.area for surface in surfaces]),
-        contact_matrix(elasticity, nodes, frames),
+        *_matrices(elasticity, nodes, frames),
         tuple(foundation for surface in surfaces for foundation in surface.foundations),
     )
 

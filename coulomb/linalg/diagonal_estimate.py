@@ -56,5 +56,6 @@ def estimated_diagonal(A: Products, B: PETSc.Mat, K: PETSc.Mat, probes: int = 8)
         A.mult(v, y, 0.03)
         traces += [over.sum((v * y)[k::3]) / probes for k in range(3)]
     local_traces = np.array([over.sum(local[:, k]) for k in range(3)])
-    estimate: FloatArray = (local * (traces / local_traces)).ravel()
+    factors = np.divide(traces, local_traces, out=np.zeros(3), where=local_traces > 0.0)  # 0 where all rows are zero
+    estimate: FloatArray = (local * factors).ravel()
     return estimate

@@ -144,7 +144,7 @@ class ContactBody:
         turned = not np.allclose(before.frames, after.frames, rtol=0.0, atol=1e-14)
         if self.comm.allreduce(turned, op=MPI.LOR):
             return after
-        return replace(after, frames=before.frames, B=before.B)
+        return replace(after, frames=before.frames, B=before.B, free_B=before.free_B)
 
     def state(self, time: float, before: Before | None = None) -> ContactState:
         """The state at a time; collective.
@@ -199,7 +199,7 @@ class ContactBody:
     @cached_property
     def _compliance(self) -> BodyCompliance:
         """A in the reference frames."""
-        solver, B = self.stiffness_solver, self._reference.B
+        solver, B = self.stiffness_solver, self._reference.free_B
         with timed(self.seconds, "compliance"):
             if self.explicit:
                 return SchurCompliance(B, self._contact_last)
@@ -213,7 +213,7 @@ class ContactBody:
             seconds: Dictionary to which the wall time of rotating A is added.
         """
         A = self._compliance
-        if surface.B is self._reference.B:
+        if surface.free_B is self._reference.free_B:
             return A
         with timed(seconds, "compliance"):
-            return A.rotated(surface.B)
+            return A.rotated(surface.free_B)

@@ -26,6 +26,9 @@ from .nodal_answer import closure
 from .state import Before, ContactState
 from .stopwatch import timed
 
+_ROUNDING = 2.0**-48
+"""Slip below this part of the displacements of which it is the difference is a rounding error."""
+
 
 class PosedProblem:
     """A body in a state, u = K^-1 (f - B^T x) with the contact forces x, which obey |x_t| <= c a + F x_n.
@@ -132,8 +135,16 @@ class PosedProblem:
         return free.ravel()
 
     def closure(self, u: FloatArray) -> FloatArray:
-        """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3); collective."""
-        return closure(self.surface.rows(u), self.slip_origin)
+        """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3); collective.
+
+        Slip of the size of rounding errors is exactly 0: where it is prescribed, only its direction decides the
+        direction of friction.
+        """
+        rows = self.surface.rows(u)
+        closed = closure(rows, self.slip_origin)
+        size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.slip_origin).max(axis=1, initial=0.0)
+        closed[:, 1:][np.abs(closed[:, 1:]) <= _ROUNDING * size[:, None]] = 0.0
+        return closed
 
     @cached_property
     def mean_compliance(self) -> float:
@@ -142,7 +153,7 @@ class PosedProblem:
 
     def displacement(self, x: FloatArray) -> FloatArray:
         """K^-1 (f - B^T x) in metres, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,); collective."""
-        return self.A.displacement(x, self.f, self._free_displacement.ravel()).reshape(-1, 3)
+        return self._with_prescribed(self.A.displacement(x, self.f, self._free_displacement.ravel()).reshape(-1, 3))
 
     @cached_property
     def _free_displacement(self) -> FloatArray:
@@ -150,9 +161,13 @@ class PosedProblem:
         u, solver = self.elasticity.K.createVecRight(), self.body.stiffness_solver
         with timed(self.seconds, "displacement"):
             solver.solve(self.f, u)
-        values: FloatArray = u.array.reshape(-1, 3).copy()
+        values = self._with_prescribed(u.array.reshape(-1, 3))
         u.destroy()
         return values
+
+    def _with_prescribed(self, u: FloatArray) -> FloatArray:
+        """u with exactly the prescribed displacements, which a solver holds to its tolerance only; shapes (k, 3)."""
+        return self.elasticity.free_part(u) + self.loading.prescribed
 
     def nodal_contact_force(self, x: FloatArray) -> FloatArray:
         """B^T x in newtons, this rank's nodes, shape (k, 3): minus the force on the body; collective."""

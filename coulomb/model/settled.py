@@ -8,6 +8,10 @@ change is below the requested residual:
   that P sets to zero is zero.
 - Where neither force nor gap is significant, P does not decide: a force up to `OPEN_BELOW` of the largest is zero.
 - Where the slip bound is zero (Coulomb friction at open nodes, or F = 0), a small friction force is zero.
+- Where a support prescribes the displacement in a tangential direction, and there is no slip in it, the law leaves
+  friction in that direction undetermined, and it acts on the support alone: it is zero.
+
+Where supports prescribe all of the slip, friction is set by the law from the final normal force.
 
 Larger forces are kept as faults for the certificate.
 """
@@ -17,9 +21,13 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import FloatArray
+from ..fem.contact_matrix import free_frames
 from ..linalg.reductions import Reductions
 from .nodal_answer import OPEN_BELOW
 from .posed_problem import PosedProblem
+
+ROUNDING = 1e-13
+"""Relative size of rounding errors of slips and of projections on free directions."""
 
 SMALL = 1e-6
 """Fraction of the norm of all contact forces: the largest residual that can be requested."""
@@ -41,4 +49,23 @@ def settled(problem: PosedProblem, x: FloatArray, u: FloatArray) -> FloatArray:
     normal[grazing | opened] = 0.0
     frictionless = (problem.slip_bound(force.ravel()) == 0.0) & (np.hypot(force[:, 1], force[:, 2]) <= small)
     force[frictionless, 1:] = 0.0
+    if problem.surface.free_B is not problem.surface.B:
+        _settle_friction_on_supports(problem, force, u)
     return force.ravel()
+
+
+def _settle_friction_on_supports(problem: PosedProblem, force: FloatArray, u: FloatArray) -> None:
+    """Set friction (m, 2) at nodes whose slip is prescribed, or has a prescribed component of 0; collective.
+
+    Friction v, along t1 and t2, acts on the support alone if P (t1, t2)^T v = 0, P the projection on the free
+    directions of the node.
+    """
+    surface, slip = problem.surface, problem.closure(u)[:, 1:]
+    free = free_frames(problem.elasticity, surface.nodes, surface.frames)[:, 1:]
+    sizes, directions = np.linalg.eigh(np.einsum("kia,kja->kij", free, free))
+    v = directions[:, :, 0]
+    still = np.abs(np.einsum("ki,ki->k", v, slip)) <= ROUNDING * np.abs(slip).max(axis=1, initial=0.0)
+    undetermined = still & (sizes[:, 0] <= ROUNDING * sizes[:, 1])
+    force[:, 1:] -= np.where(undetermined, np.einsum("ki,ki->k", v, force[:, 1:]), 0.0)[:, None] * v
+    known = np.all(free == 0.0, axis=(1, 2))
+    force[known, 1:] = problem.law.at(known).against(slip[known], force[known, 0])

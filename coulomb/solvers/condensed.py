@@ -110,6 +110,8 @@ class _Condensed:
         diagonal = self._K.getDiagonal()
         stiffness = np.einsum("ijk,ik->ij", self._frames**2, diagonal.array_r.reshape(-1, 3)[self._nodes])
         diagonal.destroy()
+        # a row of B along a prescribed direction is zero: C there needs no more than to be regular
+        stiffness = np.where(stiffness > 0.0, stiffness, stiffness.max(axis=1, keepdims=True, initial=0.0))
         self._least: FloatArray = A.W**2 * settings.contrast / (stiffness * A.a)
         self._operator = None  # K + B^T C^-1 B, where that is not the stiffened matrix
         if sloped:

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..linalg.compliance import Compliance
@@ -24,8 +25,13 @@ class FrictionProblem:
     Where the law has no slope (Tresca's) this is the minimum of 1/2 x^T A x - b^T x under the two constraints, a convex
     quadratic programme.
 
+    Where the displacement along a tangent is prescribed, the slip along it is known, no contact force changes it, and
+    its row of A is zero.  Where all of the tangent plane is prescribed, friction follows from the slip and from x_n
+    (`completed`): the solvers treat such a node as one without friction.
+
     Attributes:
-        A: Compliance, in metres per newton, symmetric positive (semi)definite.
+        A: Compliance, in metres per newton, symmetric positive semidefinite; its diagonal is positive, except in zero
+            rows along tangents.
         b: Free gap closure in metres, this rank's part, shape (3 m,), node by node (n, t1, t2).
         law: Bound of the friction force of every node.
         lower: Lower bound of the normal forces in newtons, a number or shape (m,); 0 for plain contact.
@@ -97,9 +103,28 @@ class FrictionProblem:
 
     @cached_property
     def mean_diagonal(self) -> float:
-        """Mean of diag(A) in metres per newton: the scale that turns a gap into a force."""
+        """Mean of diag(A) without its zeros in metres per newton: the scale that turns a gap into a force."""
         d = self.A.diagonal()
-        return self.reductions.sum(d) / self.reductions.sum(float(d.size))
+        return self.reductions.sum(d) / self.reductions.sum(float(np.count_nonzero(d)))
+
+    @cached_property
+    def known_slip(self) -> npt.NDArray[np.bool_]:
+        """Nodes whose slip no contact force changes, shape (m,): both tangential rows of A are zero."""
+        known: npt.NDArray[np.bool_] = np.all(self.A.diagonal().reshape(-1, 3)[:, 1:] == 0.0, axis=1)
+        return known
+
+    @cached_property
+    def frictional(self) -> npt.NDArray[np.bool_]:
+        """Nodes whose friction is to be found: not zero at every pressure, nor known from the slip; shape (m,)."""
+        return self.law.frictional & ~self.known_slip
+
+    def completed(self, x: FloatArray) -> FloatArray:
+        """Forces x (3 m,) in newtons with the friction of nodes of known slip: at its bound r(x_n), against the slip;
+        0 where there is no slip, where the law leaves it undetermined."""
+        known, forces = self.known_slip, x.reshape(-1, 3).copy()
+        law, slip = self.law.at(known), self.b.reshape(-1, 3)[known, 1:]
+        forces[known, 1:] = law.against(slip, forces[known, 0])
+        return forces.ravel()
 
     @cached_property
     def sloped(self) -> bool:

@@ -30,7 +30,8 @@ def solve_tresca(
 
     Args:
         A: Symmetric positive definite, shape (3 m, 3 m): a numpy array, a scipy sparse matrix, or an assembled PETSc
-            matrix (whose rows on this rank belong to whole contacts); in any consistent units.
+            matrix (whose rows on this rank belong to whole contacts); in any consistent units.  Rows along tangents may
+            be zero, with their columns: there the slip is known, that of b.
         b: Shape (3 m,), contact by contact (n, t1, t2); with a PETSc matrix, this rank's part.
         slip_bound: Radius of every friction disc, >= 0; a number or shape (m,).
         lower: Lower bound of the normal forces; a number or shape (m,).
@@ -103,8 +104,15 @@ def _compliance(A: Any) -> Compliance:
     if not matrix.isSymmetric(1e-8 * size):
         raise ValueError("A must be symmetric")
     compliance = MatrixCompliance(matrix)
-    if not over.min(compliance.diagonal()) > 0.0:
-        raise ValueError("A must be positive definite, but has a diagonal entry that is not positive")
+    diagonal = compliance.diagonal()
+    zero = np.flatnonzero(diagonal == 0.0)
+    first = matrix.getOwnershipRange()[0]
+    known = bool(np.all(zero % 3 > 0)) and not any(np.any(matrix.getRow(first + int(row))[1]) for row in zero)
+    if not (over.min(diagonal) >= 0.0 and over.all(known)):
+        raise ValueError(
+            "A must be positive definite, but has a diagonal entry that is not positive (only zero rows along "
+            "tangents, where the slip is known, may have a zero)"
+        )
     return compliance
 
 

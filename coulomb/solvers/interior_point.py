@@ -154,7 +154,7 @@ class InteriorPoint:
 
     def _smallest(self, problem: FrictionProblem, goal: Goal) -> SolverResult | None:
         """The smallest feasible force, if it is the answer: then there is no path to follow."""
-        x = problem.project(np.zeros_like(problem.b))
+        x = problem.completed(problem.project(np.zeros_like(problem.b)))
         gradient = problem.gradient(x) if problem.reductions.max(np.abs(x)) > 0.0 else -problem.b
         residual = problem.residual(x, gradient)
         if not goal.reached(residual, x):

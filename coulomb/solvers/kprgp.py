@@ -6,6 +6,7 @@ constraints, SIAM J. Optim. 19 (2008); Z. Dostal and J. Schoberl for bounds.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,7 +87,7 @@ class KPRGP:
         tolerance = self.tolerance if tolerance is None else tolerance
         over, products = qp.reductions, qp.A.products
         a = self.step / norm_of(qp)
-        x = qp.project(np.zeros_like(qp.b) if start is None else start)
+        x = qp.completed(qp.project(np.zeros_like(qp.b) if start is None else start))
         gradient = qp.gradient(x)
         residual = qp.residual(x, gradient)
         goal, best, best_at = Goal(tolerance, qp.accept), residual, 0
@@ -101,13 +102,14 @@ class KPRGP:
                 A_p = np.empty_like(x)
                 qp.A.mult(p.ravel(), A_p)
                 krylov, curvature = 1, over.dot(p.ravel(), A_p)
-                to_minimum = over.dot(gradient, p.ravel()) / curvature
+                slope = over.dot(gradient, p.ravel())
+                to_minimum = slope / curvature if curvature > 0.0 else math.inf if slope > 0.0 else 0.0
                 to_boundary = _feasible_step(qp, x.reshape(-1, 3), p, split.free)
                 if to_minimum <= to_boundary:
                     kind: StepKind = "cg"
                     x, gradient = x - to_minimum * p.ravel(), gradient - to_minimum * A_p
                     split = _split(qp, x, gradient, a)
-                    p = split.phi - over.dot(split.phi.ravel(), A_p) / curvature * p
+                    p = split.phi - (over.dot(split.phi.ravel(), A_p) / curvature * p if curvature > 0.0 else 0.0)
                 else:
                     kind = "expansion"
                     x, gradient = x - to_boundary * p.ravel(), gradient - to_boundary * A_p

@@ -88,6 +88,19 @@ class FrictionLaw:
         p[:, 1:] = v[:, 1:] * shrink[:, None]
         return p.ravel()
 
+    def against(self, slip: FloatArray, x_n: FloatArray) -> FloatArray:
+        """Friction where the slip is known, newtons, shape (m, 2): at its bound, and along the slip, as x_t is.
+
+        0 where there is no slip: there friction is anything within its bound.
+
+        Args:
+            slip: Along t1 and t2, shape (m, 2).
+            x_n: Normal forces in newtons, shape (m,).
+        """
+        way = np.hypot(slip[:, 0], slip[:, 1])
+        friction: FloatArray = slip * (self.radius(x_n) / np.where(way > 0.0, way, 1.0))[:, None]
+        return friction
+
     def violation(self, x: FloatArray) -> FloatArray:
         """Friction force over its bound, |x_t| - r(x_n) in newtons, shape (m,); negative inside it.
 

@@ -104,11 +104,12 @@ class NodalInverse:
 
     Args:
         at: The linearisation.
-        D: Shape (m, 3), positive, or 0 where C is regular.
+        D: Shape (m, 3), positive, or 0 where C is regular, as in a zero row of A along a tangent.
     """
 
     def __init__(self, at: Linearization, D: FloatArray):
-        self._at, self._normal, self._pair = at, D[:, :1], D[:, 1:] + at.h[:, None]
+        self._at, self._normal = at, D[:, :1]
+        self._pair = np.where(at.frictional[:, None], D[:, 1:] + at.h[:, None], 1.0)
         self._S = at.D22[:, 1:] + np.sum(at.y**2 / self._pair, axis=1)[:, None]
         self._drag, self._widen = (at.h * at.slope)[:, None] * at.y, (at.k * at.frictional)[:, None]
 

@@ -229,6 +229,7 @@ class _Augmented(_Krylov):
     ) -> NewtonStep:
         self._at = at
         self._D11 = self._A.rest + np.column_stack([np.zeros_like(at.h), at.h, at.h])
+        self._D11[~at.frictional, 1:] = 1.0
         self._S22 = at.D22 + np.column_stack([1.0 / self._D11[:, 0], np.sum(at.y**2 / self._D11[:, 1:], axis=1)])
         guess = np.hstack([np.zeros_like(r1), -r2 / at.D22])
         size = self._norm(r1 - at.J12(guess[:, 3:]))

@@ -49,7 +49,7 @@ class ScaledProblem:
 
     Attributes:
         nodes: Contact nodes m of this rank.
-        frictional: Nodes with friction, shape (m,).
+        frictional: Nodes with friction to be found (`FrictionProblem.frictional`), shape (m,).
         sloped: Whether friction grows with pressure anywhere, on any rank.
         lower: Lower bound of x_n, shape (m,).
         law: The scaled law; bound 1 where there is no friction.
@@ -58,14 +58,15 @@ class ScaledProblem:
 
     def __init__(self, problem: FrictionProblem):
         self.problem, self._over, self.sloped = problem, problem.reductions, problem.sloped
-        self.nodes, self.frictional = problem.A.nodes, problem.law.frictional
+        self.nodes, self.frictional = problem.A.nodes, problem.frictional
         self._active = np.column_stack([np.ones(self.nodes, dtype=bool), self.frictional])
         self._constraints = self._over.sum(self._active.astype(float))
         self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
         self._a, self._s = problem.mean_diagonal, self._nominal_force()
         law = problem.law.scaled(self._s)
         unit = np.where(self.frictional & (law.slope == 0.0), np.minimum(law.cohesion, 1.0), 1.0)
-        self.law = FrictionLaw(np.where(self.frictional, law.cohesion / unit, 1.0), law.friction)
+        cohesion, slope = np.where(self.frictional, [law.cohesion / unit, law.friction], [[1.0], [0.0]])
+        self.law = FrictionLaw(cohesion, slope)
         self._W = np.column_stack([np.ones(self.nodes), unit, unit])
         self.A = ScaledCompliance(problem.A, self._W, self._a, self._s)
         self.lower = np.broadcast_to(np.asarray(problem.lower) / self._s, (self.nodes,))
@@ -181,10 +182,12 @@ class ScaledProblem:
         return scaled
 
     def unscaled(self, v: Iterate) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Forces in N (3 m,), A x - b in m (3 m,), multipliers in m (m, 2)."""
-        unit = self._a * self._s / self._W
+        """Forces in N (3 m,), with friction where the slip is known, A x - b in m (3 m,), multipliers in m (m, 2)."""
+        unit, problem = self._a * self._s / self._W, self.problem
         forces = self._s * self._W * self.forces(v.x_n, v.y)
-        return forces.ravel(), (unit * (v.A_x - self._b)).ravel(), unit[:, :2] * v.nu
+        multipliers, known = unit[:, :2] * v.nu, problem.law.frictional & problem.known_slip
+        multipliers[known, 1] = np.linalg.norm(problem.b.reshape(-1, 3)[known, 1:], axis=1)
+        return problem.completed(forces.ravel()), (unit * (v.A_x - self._b)).ravel(), multipliers
 
     # --- warm starts -------------------------------------------------------------------------------------------------
 
@@ -202,7 +205,7 @@ class ScaledProblem:
 
     def _isotropic(self) -> FloatArray:
         d = self.A.diagonal.copy()
-        d[:, 1:] = 0.5 * (d[:, 1:2] + d[:, 2:3])
+        d[:, 1:] = np.where(self.frictional[:, None], 0.5 * (d[:, 1:2] + d[:, 2:3]), 1.0)
         return d
 
     def distance_from_solution(self, x: FloatArray, q: FloatArray) -> float:

@@ -121,6 +121,7 @@ class SuccessiveTresca:
             inner = inner if problem.sloped else goal.residual  # the only Tresca problem
             warm = last is not None
             last, steps, krylov, trouble = self._tresca(problem, g, last, inner, iteration, progress)
+            last = replace(last, x=problem.completed(last.x))  # where the slip is known, with r(x_n) in place of g
             wanted = problem.slip_bound(last.x)
             residual = problem.residual(last.x, last.gradient)
             if best is None or residual < best[0]:
@@ -171,7 +172,7 @@ class SuccessiveTresca:
         result = SolverResult(
             x=last.x,
             gradient=last.gradient,
-            slip_bound=g,
+            slip_bound=np.where(problem.known_slip, problem.slip_bound(last.x), g),
             multipliers=last.multipliers,
             status=goal.verdict(residual, last.x, status),
             outer_steps=len(history),
