@@ -1,4 +1,4 @@
-"""Small runs whose files the tests of `coulomb check` spoil: each is made once, and copied."""
+"""Small runs whose files the tests of `coulomb check` change: each is computed once and copied."""
 
 import functools
 import json
@@ -100,12 +100,12 @@ TRESCA_STEPS = BALL.replace("cells = [4, 3, 2]", 'cells = [4, 2, 2]\ncell = "tet
 """The same history with tetrahedra and Tresca friction."""
 
 UNASKED = "[solver]\ntolerance = 2e-8\n"
-"""More than 1e-8: the solver does not ask the certificate, so that a fault of the code is left to the check."""
+"""Above 1e-8 the solver does not evaluate the certificate, so that only the check can detect a fault of the code."""
 
 
 @functools.cache
 def made(text):
-    """Directory of a case that was run, never to be changed."""
+    """Directory of a computed case; tests must not change it."""
     folder = Path(tempfile.mkdtemp(prefix="coulomb-check-"))
     return run_case(text, folder / "run")
 
@@ -125,7 +125,7 @@ def run_case(text, target):
 
 
 def copied(text, target):
-    """A copy of a run, to be spoilt."""
+    """A copy of a run that a test may change."""
     return Path(shutil.copytree(made(text), target))
 
 
@@ -175,5 +175,5 @@ def get(tree, path):
 
 
 def shown(path):
-    """A place as a fault has it."""
+    """A place as it is written in a fault."""
     return "summary.json" + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)

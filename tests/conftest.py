@@ -1,4 +1,4 @@
-"""What the tests share: the block of the benchmarks, and small dense problems."""
+"""Shared by the tests: the block of the benchmarks, and small dense problems."""
 
 import os
 
@@ -43,7 +43,7 @@ friction = 0.3
 [output]
 picture = false
 """
-"""A case that is solved in a moment."""
+"""A small case."""
 
 PRESSED_CASE = """\
 [mesh]
@@ -59,11 +59,11 @@ components = "z"
 value = [0, 0, -2e-4]
 amplitude = [[0, 0], [1, 1]]
 """
-"""A cube of CELL cells, its top pressed down in the first second."""
+"""A cube of cells CELL whose top is pressed down in the first second."""
 
 
 def make_block(p, friction=0.3, slip_stress=None, cells=None, foundation=None, **options):
-    """The block of the benchmarks with p cells a metre."""
+    """The block of the benchmarks with p cells per metre."""
     return coulomb.ContactProblem(
         coulomb.box((3.0, 1.0, 1.0), cells or (3 * p, p, p)),
         STEEL,
@@ -111,7 +111,7 @@ def random_tresca(nodes, seed, condition=1e3):
 
 
 def projected_gradient(qp, A, tolerance=1e-11, steps=200_000):
-    """The Tresca problem by accelerated projected gradients with restart: slow, simple, and none of our solvers."""
+    """Solve a Tresca problem by accelerated projected gradients with restart, independently of the package."""
     step = 1.0 / np.linalg.eigvalsh(A)[-1]
     x = y = qp.project(np.zeros_like(qp.b))
     t = 1.0
@@ -129,12 +129,12 @@ def projected_gradient(qp, A, tolerance=1e-11, steps=200_000):
 
 
 def run_coulomb(*arguments, ranks=None, cwd=None, timeout=600):
-    """Run the command line as a user would; under mpirun where ranks are given."""
+    """Run the command line in a process of its own; under mpirun if ranks are given."""
     return run_python("-m", "coulomb", *arguments, ranks=ranks, cwd=cwd, timeout=timeout)
 
 
 def run_python(*arguments, ranks=None, cwd=None, timeout=600):
-    """Run Python in a process of its own, which must not take itself for a part of this one's MPI."""
+    """Run Python in a process of its own, without the MPI environment of this one."""
     launcher = ("OMPI_COMM", "OMPI_MCA", "OMPI_UNIVERSE", "PMIX", "PRTE")
     clean = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
     clean |= {
@@ -167,7 +167,7 @@ def block(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def failed(tmp_path_factory):
-    """The same of a solver that was not given the steps it needs."""
+    """The same of a solver that stopped at its maximum number of steps."""
     directory = tmp_path_factory.mktemp("runs") / "failed"
     given = ("--set", "solver={method='successive-tresca', max_outer=3}", "--set", "output.report=true")
     done = run_coulomb("run", ROOT / "demos" / "block.toml", *SMALL_BLOCK, *given, "--output", directory)
@@ -188,7 +188,7 @@ def history(tmp_path_factory):
 def indentation(turn=None, order=(0, 1, 2), metre=1.0, newton=1.0, mirror=False, cell="hexahedron", **options):
     """A rigid ball pressed into a steel block and dragged along it, by a history of four steps.
 
-    The same physics, written down in different ways.
+    The same physics in different descriptions.
 
     Args:
         turn: Rotation of the whole in space.

@@ -13,7 +13,7 @@ KINDS = {3: 2, 4: 3}, {4: 4, 8: 5}  # gmsh's types of facets and cells, by numbe
 
 
 class BoxFile:
-    """Points, cells and named groups of a box; spoil them as you like, then write."""
+    """Points, cells and named groups of a box, which a test may change before writing."""
 
     def __init__(self, lengths=(2.0, 1.0, 1.0), cells=(4, 2, 2), cell="hexahedron", interface=None):
         axes = [np.linspace(0.0, length, n + 1) for length, n in zip(lengths, cells, strict=True)]

@@ -1,4 +1,4 @@
-"""What the tests of the report share: a page as text, as words, as data, and as Chromium shows it."""
+"""Shared by the tests of the report: a page as text, as words, as data, and as Chromium shows it."""
 
 import base64
 import html
@@ -21,7 +21,7 @@ def page_of(directory):
 
 
 def words_of(directory):
-    """The text of the page, as it is read."""
+    """The visible text of the page."""
     text = re.sub(r"<(style|script|svg).*?</\1>", " ", page_of(directory), flags=re.DOTALL)
     return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]*>", " ", text))).replace("\u202f", " ")
 
@@ -102,11 +102,11 @@ TOOLS = """
   const choose = (k) => ((part("field").selectedIndex = k), part("field").dispatchEvent(new Event("change")));
   const slide = (name, value) => ((part(name).value = value), part(name).dispatchEvent(new Event("input")));
 """
-"""What a script of a test finds: names of the canvas, ways to use it as a reader would, and `tell` for the test."""
+"""Available to the script of a test: the canvas, functions for mouse and keys, and `tell` to report a value."""
 
 
 def open_page(text, tmp_path, script, phone=False):
-    """What Chromium makes of a page.
+    """Show a page in Chromium.
 
     Args:
         text: The page.

@@ -1,4 +1,4 @@
-"""Skipped tests are said, and in CI only those of skips_allowed.txt are taken.
+"""Skipped tests are reported, and in CI only those of skips_allowed.txt are accepted.
 
 pytest --no-unexpected-skips      fails when a test is skipped that the list does not name for this platform
 pytest --list-skips=FILE          writes which were skipped: a line per reason, with how many tests
@@ -33,7 +33,7 @@ def here():
 
 
 def allowed(text, place):
-    """How the names of tests begin that may be skipped in this place.
+    """Prefixes of the names of tests that may be skipped on this platform.
 
     Raises:
         ValueError: If a line has no platform, test and reason.
@@ -53,7 +53,7 @@ def allowed(text, place):
 
 
 def unexpected(skipped, begins):
-    """Those of the skipped (name, reason) whose name begins with none of these."""
+    """The skipped tests (name, reason) whose name begins with none of these prefixes."""
     return [(name, reason) for name, reason in skipped if not name.startswith(begins)]
 
 

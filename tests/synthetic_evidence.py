@@ -1,4 +1,4 @@
-"""Evidence that was made up: exact, of known scales; and every way to put one error of a given size into it."""
+"""Synthetic evidence: exact, of known scales; and functions that put one error of a given size into it."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def synthetic_evidence(clamped="yz", stiffness=50.0, sway=1.0):
     Args:
         clamped: Components that are prescribed at three nodes.
         stiffness: Of springs along x (and along y, where that is not clamped), N/m.
-        sway: Way of the springs along x, over U.
+        sway: Displacement of the springs along x, over U.
     """
     rng = np.random.default_rng(1)
     x = rng.uniform(0.0, 1.0, (BODY, 3)) * (3.0, 1.0, 1.0)
@@ -118,14 +118,14 @@ def clamp_given_way(e, value, turnover):
 
 
 def net_force(e, value, turnover, component=2):
-    """Spread over the nodes that nothing holds, at which it is small."""
+    """Distributed over the free nodes, so that it is small at each."""
     load = e.load.copy()
     load[CONTACT:150, component] += value * turnover / 50
     return replace(e, load=load)
 
 
 def net_moment(e, value, turnover):
-    """A couple about z: forces along y, to and fro on the sides of the middle, many and small."""
+    """A couple about z: many small forces along y, of opposite signs on the two sides of the middle."""
     r = e.x - e.x.mean(axis=0)
     size = np.sqrt(np.mean(np.sum(r**2, axis=1)))
     some = r[CONTACT:150, 0] - r[CONTACT:150, 0].mean()
@@ -225,7 +225,7 @@ def turned_small_friction(e, value, turnover):
 
 
 def off_everywhere(e, value, turnover):
-    """Every pressing node off by half of what one may be: in the norm of the whole it shows, with a stiff A."""
+    """Every pressing node off by half of the limit: the norm over all nodes exceeds the limit, with a stiff A."""
     gap = e.gap.copy()
     gap[:PRESSING] = 0.5 * LIMIT * U
     distance = np.linalg.norm(gap[:PRESSING])

@@ -1,4 +1,4 @@
-"""Solvers stop when the certificate passes: not before, and not without saying what keeps it from passing."""
+"""Solvers stop when the certificate passes, not before; otherwise they report the failing condition."""
 
 import numpy as np
 import pytest
@@ -44,14 +44,14 @@ def test_soft_springs_are_solved_to_the_certificate(friction, tolerance):
 
 
 def test_the_residual_alone_would_have_stopped_before():
-    """What the test above asks for is not had without the certificate."""
+    """Without the certificate, the solver stops before the condition of the test above holds."""
     problem = soft_block(0.2)
     blind = coulomb.InteriorPoint(1e-8).solve(problem.friction_problem)
     assert blind.status is Status.CONVERGED and not problem.solution(blind).certificate.passed
 
 
 def asked(answers):
-    """An `accept` that gives these answers, the last for ever, and remembers the forces it was asked about."""
+    """An `accept` that returns these answers, then always the last, and records the forces it was given."""
     seen = []
 
     def accept(x):
@@ -112,7 +112,7 @@ def test_the_goal():
 
 
 def test_a_stalled_solver_evaluates_the_goal_once_more():
-    """The residual stalls between two askings, with an answer that passes."""
+    """The residual stalls between two evaluations, with an answer that passes."""
     accept, seen = asked([False, True])
     goal = Goal(1e-8, accept)
     assert not goal.reached(4e-9, np.zeros(3)) and not goal.reached(3e-9, np.ones(3)) and len(seen) == 1
@@ -149,7 +149,7 @@ def test_a_looser_tolerance_stops_earlier(monkeypatch):
 
 
 def test_the_certificate_is_computed_once(monkeypatch):
-    """The certificate that let the solver stop is the solution's own: it is not computed again.
+    """The certificate at which the solver stopped is that of the solution: it is not computed again.
 
     A displacement, and another one for the forces with exact zeros (`settled`).
     """

@@ -1,4 +1,4 @@
-"""Case files: what is read, and what is said of a wrong one."""
+"""Case files: reading, and messages about wrong ones."""
 
 import pytest
 from conftest import ROOT

@@ -1,4 +1,4 @@
-"""A case to begin with, and what a case will take before it runs."""
+"""Template cases, and estimates of memory and time of a case."""
 
 import json
 import os
@@ -84,7 +84,7 @@ def test_check_case_on_two_ranks_and_of_a_wrong_case(tmp_path):
 
 
 def test_memory_estimate_on_small_problems():
-    """Memory to a factor of two, on sizes that are quick; docs/measurements.md has the others, and the seconds."""
+    """Memory to a factor of two on small problems; docs/measurements.md has the larger ones, and times."""
     for row in measure([6, 12]):
         assert 0.5 < row.memory_expected / row.memory_measured < 2.0, row
         assert row.seconds_expected > 0.0 and row.seconds_measured > 0.0
@@ -241,7 +241,7 @@ def test_force_runs_where_memory_seems_too_small(tmp_path):
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])
 def test_completion(shell):
-    """The script of a shell, and what it is answered: a command, an option, a kind."""
+    """The completion script of a shell, and its completions: a command, an option, a value."""
     runner = typer.testing.CliRunner()
     for command, line in (
         ("check-case", "coulomb ch"),

@@ -94,7 +94,7 @@ def test_a_nan_fails(answer, where):
 
 
 def test_force_balance_by_hand(block6):
-    """Loads, contact and reactions: the reaction at the clamp is what is left of the two others."""
+    """Loads, contact and reactions: the reaction at the clamp balances the two others."""
     problem, x = block6.problem, block6.contact_force
     internal = problem.elasticity.internal_force(block6.displacement)
     reaction = internal[problem.elasticity.fixed].reshape(-1, 3).sum(axis=0)
@@ -115,7 +115,7 @@ def scaled_block(young, length, stress, offset=0.0):
         [coulomb.Traction("top", (0.0, stress, -4 * stress)), coulomb.Traction("right", (2 * stress, 0.0, 0.0))],
     )
     x = problem.solve().contact_force
-    x[0::3] *= 1.0 + 1e-7  # an error of a size to be seen
+    x[0::3] *= 1.0 + 1e-7  # an error well above the limit
     return certify(problem, x, problem.displacement(x))
 
 
@@ -131,7 +131,7 @@ def test_measures_do_not_depend_on_material_and_units(young, length, stress):
 
 
 def test_measures_do_not_depend_on_a_rigid_motion():
-    """Clamp and plane moved by a metre, a thousand times the displacements that matter."""
+    """Clamp and plane moved by a metre, a thousand times the deformation."""
     resting, moved = scaled_block(2.119e11, 1.0, 1e7), scaled_block(2.119e11, 1.0, 1e7, offset=1.0)
     for name in ("penetration", "complementarity", "slip inside the cone"):
         assert moved[name].value == pytest.approx(resting[name].value, rel=1e-2, abs=1e-9), name

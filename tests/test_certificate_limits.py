@@ -1,6 +1,6 @@
-"""Each condition of the certificate just inside its limit and just outside, by made-up evidence with one error.
+"""Each condition of the certificate just inside its limit and just outside, by synthetic evidence with one error.
 
-Expected values are by the formulas of docs/certificate.md; the scales are known, since it is made to have them.
+Expected values follow from the formulas of docs/certificate.md; the scales are known by construction.
 """
 
 from dataclasses import replace

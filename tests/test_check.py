@@ -41,7 +41,7 @@ def test_same_certificate(run):
 
 
 def pressed(place):
-    """A block somewhere, pressed down and dragged."""
+    """A block away from the origin, pressed down and dragged."""
     mesh = coulomb.box((1.0, 1.0, 1.0), (4, 3, 3), place=place)
     clamp = coulomb.PrescribedDisplacement("top", (1e-4, 0.0, -1e-3))
     return coulomb.ContactProblem(mesh, coulomb.Material(2.1e11, 0.3), [clamp], coulomb.Contact("bottom", 0.3))

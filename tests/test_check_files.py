@@ -1,4 +1,4 @@
-"""`coulomb check` refuses every written field and number that does not follow, or is not the case's."""
+"""`coulomb check` refuses fields and numbers that do not follow from the answer, or differ from the case."""
 
 import json
 
@@ -50,7 +50,7 @@ def test_a_missing_case_is_reported(text, tmp_path):
 
 
 def scaled(factor):
-    """A field times a factor; one that is zero everywhere, made other than zero somewhere."""
+    """A field times a factor; a field of zeros gets one value other than zero."""
 
     def spoil(values):
         if np.max(np.abs(values)) > 1e-12:
@@ -95,7 +95,7 @@ def test_computed_fields_without_a_case(name, tmp_path):
 
 @pytest.mark.parametrize("name", sorted(GIVEN))
 def test_given_fields_without_a_case(name, tmp_path):
-    """The certificate, or a number of summary.json, sees a thousandth."""
+    """A change by a thousandth fails the certificate or contradicts a number of summary.json."""
     folder = copied(BLOCK, tmp_path / "run")
     (folder / "case.json").unlink()
     change(folder / f"{'solution' if name in ON_BODY else 'contact'}.h5", name, lambda v: 1.001 * v + 1e-6)
@@ -135,7 +135,7 @@ def test_held_nodes_have_no_fields(tmp_path):
 
 @pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
 def test_every_number(text, tmp_path):
-    """All are spoilt at once, each by a millionth of itself where it is not rounding; each is named."""
+    """All are changed at once, each by a millionth of itself unless it is a rounding error; each is named."""
     folder = copied(text, tmp_path / "run")
     first, *others = check(folder).variants
     millionths, spoilt = 0, json.loads((folder / "summary.json").read_text())
@@ -257,7 +257,7 @@ def test_another_case_of_two_faces(other, tmp_path):
 
 
 def test_a_missing_mesh_file(tmp_path):
-    """Then the rest of the case is compared all the same."""
+    """The rest of the case is compared nevertheless."""
     folder = copied(BLOCK, tmp_path / "run")
     gone = str(tmp_path / "part.msh")
     edit(folder / "case.json", lambda c: c.update(mesh={"file": gone}))
@@ -269,7 +269,7 @@ def test_a_missing_mesh_file(tmp_path):
 
 @pytest.fixture
 def lost_nodes(monkeypatch):
-    """A fault in the contact surface: it leaves out the middle third of the face."""
+    """A faulty contact surface that omits the middle third of the face."""
     from dataclasses import replace
 
     from coulomb.fem.contact_matrix import contact_matrix
@@ -293,7 +293,7 @@ def test_nodes_missing_from_the_surface(lost_nodes, with_case, tmp_path):
         (folder / "case.json").unlink()
     found = check(folder)
     assert any("nodes are left out, but are not prescribed in solution.h5" in fault for fault in found.faults)
-    if with_case:  # the foundation of the case says how deep
+    if with_case:  # the foundation of the case gives the depth
         assert found.certificate["penetration"].value > 1e-2
 
 

@@ -1,4 +1,4 @@
-"""`coulomb check` of a load history: every step against the step before as it is written, and what is said of all."""
+"""`coulomb check` of a load history: every step against the written step before, and the summary of all steps."""
 
 import csv
 import json
@@ -42,14 +42,14 @@ def test_a_missing_case_is_reported(text, tmp_path):
 
 
 def test_work_of_a_clamp_at_rest(tmp_path):
-    """Reactions of 1e9 N at a clamp that stays: their work is 0, or what rounding makes of it from step to step."""
+    """Reactions of 1e9 N at a clamp at rest: their work is 0 up to rounding in each step."""
     problem, history = indentation()
     history.run(problem, HistoryFiles(tmp_path))
     assert check(tmp_path).passed
 
 
 def test_one_step_of_a_history(tmp_path):
-    """Step by step against the one before, with the case of the history."""
+    """Each step against the one before, with the case of the history."""
     folder = copied(BALL, tmp_path / "run")
     for number in (1, 2, 3):
         found = check(folder / "steps" / f"{number:04d}")
@@ -59,21 +59,21 @@ def test_one_step_of_a_history(tmp_path):
 
 
 class WithoutSlipOrigin(LoadHistory):
-    """A fault: every step counts slip from the place before deformation."""
+    """A fault: every step measures slip from the undeformed position."""
 
     def _posed(self, problem, state, time):
         return super()._posed(problem, replace(state, displacement=0.0 * state.displacement), time)
 
 
 class WithoutMotionOfOrigin(LoadHistory):
-    """A fault: the slip origin stays where it was when the foundation moves."""
+    """A fault: the slip origin does not move with the foundation."""
 
     def _posed(self, problem, state, time):
         return problem.at(time, replace(state, time=time))
 
 
 class WithFirstFoundation(LoadHistory):
-    """A fault: the foundation, its gaps and its way stay those of the first step."""
+    """A fault: foundation, gaps and motion are those of the first step in all steps."""
 
     def _posed(self, problem, state, time):
         posed = super()._posed(problem, state, time)
@@ -84,7 +84,7 @@ class WithFirstFoundation(LoadHistory):
 
 
 class WithFirstLoad(LoadHistory):
-    """A fault: the load stays that of the first step."""
+    """A fault: the load is that of the first step in all steps."""
 
     def _posed(self, problem, state, time):
         posed = super()._posed(problem, state, time)
@@ -123,7 +123,7 @@ def on_a_plane():
 
 
 def test_gaps_to_a_plane_without_a_case(tmp_path):
-    """They change by the displacement of the foundation, by less than the certificate detects."""
+    """The gaps change by the displacement of the foundation, less than the certificate detects."""
     folder = copied(on_a_plane(), tmp_path / "run")
     (folder / "case.json").unlink()
     assert check(folder).passed
@@ -179,7 +179,7 @@ def test_missing_steps(tmp_path):
 
 
 def test_an_unfinished_history_is_reported(tmp_path):
-    """As after an interruption: what there is passes, and it is said that there should be more."""
+    """As after an interruption: the existing steps pass, and the missing ones are reported."""
     folder = tmp_path / "run"
     text = BALL.replace("times = [1, 2, 3]", "times = [1, 2, 3, 4]")
     run_case(BALL, folder)
@@ -264,7 +264,7 @@ def test_another_case(other, steps, tmp_path):
 
 
 def test_steps_of_two_histories(tmp_path):
-    """Every step is right by itself; the third is not from the second."""
+    """Every step is right by itself; the third does not start from the second."""
     folder = copied(BALL, tmp_path / "run")
     other = run_case(BALL.replace("times = [1, 2, 3]", "times = [0.5, 1, 3]"), tmp_path / "other")
     shutil.rmtree(folder / "steps" / "0003")
@@ -286,7 +286,7 @@ def test_the_command(tmp_path):
     assert [line for line in lines if line.startswith("step")][1].endswith("FAILED")
     assert any(line.startswith("  equilibrium") and "FAILED" in line for line in lines)
     assert any(line.strip().startswith("contact.xdmf: slip") for line in lines)
-    assert lines[-1] == "1 of 3 load steps passed"  # the third starts where the second is said to be
+    assert lines[-1] == "1 of 3 load steps passed"  # the third starts from the written state of the second
 
 
 DAMAGED = {

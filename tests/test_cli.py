@@ -1,4 +1,4 @@
-"""The command line as a user meets it, in a process of its own."""
+"""The command line in a process of its own."""
 
 import csv
 import json
@@ -22,7 +22,7 @@ def test_run(tmp_path):
     lines = done.stdout.splitlines()
     assert "2646 displacement and 378 contact unknowns, Coulomb friction 0.3" in lines[0]
     assert lines[1] == "body 3 m x 1 m x 1 m; 648 hexahedra, 931 nodes"
-    assert lines[2].startswith("path following   1  residual ")  # plain lines where the output is no terminal
+    assert lines[2].startswith("path following   1  residual ")  # plain lines if the output is not a terminal
     assert any(line.startswith("converged (auto: interior point): residual ") for line in lines)
     assert "\x1b" not in done.stdout
     assert "certificate passed" in done.stdout
@@ -87,7 +87,7 @@ def test_unwritable_output_after_the_run_is_reported(tmp_path, ranks):
     done = run_python(script, "run", BLOCK, *SMALL, "--output", tmp_path / "out", ranks=ranks, timeout=300)
     assert done.returncode == 1 and "out: cannot be written: No space left on device" in done.stderr
     assert "certificate passed" in done.stdout and "results in" not in done.stdout  # what was computed is not lost
-    assert not (tmp_path / "out").exists()  # nor is anything left behind
+    assert not (tmp_path / "out").exists()  # no partial files
 
 
 def test_info():
@@ -104,7 +104,7 @@ def test_ranks_give_the_same_forces(tmp_path, ranks):
         directory = tmp_path / str(n)
         done = run_coulomb("run", BLOCK, *SMALL, "--output", directory, ranks=n)
         assert done.returncode == 0, done.stderr
-        assert done.stdout.count("certificate passed") == 1  # only rank 0 speaks
+        assert done.stdout.count("certificate passed") == 1  # only rank 0 prints
         forces.append(json.loads((directory / "summary.json").read_text())["force_on_body"]["vector"])
     assert forces[1] == pytest.approx(forces[0], rel=1e-8)
 
@@ -115,7 +115,7 @@ def test_bad_input_ends_all_ranks():
 
 
 def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path):
-    """A rank that dies must not leave the others waiting."""
+    """The other ranks must not wait for a rank that has failed."""
     script = tmp_path / "die.py"
     script.write_text(
         "import sys\nfrom mpi4py import MPI\nfrom coulomb.cli import app as cli\n"

@@ -1,4 +1,4 @@
-"""On a fresh machine one hears that forms are compiled; and but once."""
+"""The compilation of forms is announced, once per machine."""
 
 from conftest import ROOT, run_coulomb
 

@@ -1,4 +1,4 @@
-"""Condensed Newton systems: their steps against dense ones, their answers against the default's, what they keep."""
+"""Condensed Newton systems: steps against dense ones, answers against the default's, memory."""
 
 import functools
 
@@ -23,7 +23,7 @@ MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
 
 
 def friction(x):
-    """One that some nodes have none of."""
+    """A coefficient that is 0 at some nodes."""
     return np.where(x[0] > 2.4, 0.0, 0.3 + 0.2 * x[1])
 
 
@@ -38,7 +38,7 @@ EXACT = CondensedSystem(loose=1e-14, tight=1e-14, contrast=1e-13)
 
 
 def lagging(system, x):
-    """An image of x by a y that is 0.7 K^-1 B^T x: A x misses three tenths, and R knows."""
+    """An image of x by y = 0.7 K^-1 B^T x: A x has an error of three tenths, which is in R."""
     system.start(x, 0.0)
     system._y.scale(0.7)
     return system._image(x)
@@ -49,7 +49,7 @@ def close(values, expected, accuracy=1e-8):
 
 
 def test_cone_step_is_the_dense_step():
-    """From a carried y that lags, the step that the dense system makes of the true A x; and y + w is exact after it."""
+    """From an inexact y, the step equals that of the dense system with the exact A x; y + w is exact afterwards."""
     rng = np.random.default_rng(81)
     scaled = ScaledProblem(body().friction_problem)
     m, f = scaled.nodes, scaled.frictional
@@ -74,7 +74,7 @@ def test_cone_step_is_the_dense_step():
     assert close(carried, scaled.A.mult(x + dx)) and system._R.norm() < 1e-9 * scaled.A.s
     assert close(carried, image + step.A_dx)
     half = x + dx
-    half[:, 0] *= 1.5  # a bend: in R, and in what judges, not in the carried A x
+    half[:, 0] *= 1.5  # a deformation: in R and in the exact product, not in the incremental A x
     bent = system.advance(half, None, 0.0, 0.0)
     assert close(bent, carried) and system._R.norm() > 1e-3 * scaled.A.s
     assert close(system.exact_product(half), scaled.A.mult(half))
@@ -120,14 +120,14 @@ def test_whole_answers(p, law):
     history = solution.result.history
     assert len(history) <= len(known.result.history) + 3
     assert np.mean([step.krylov for step in history]) <= 15
-    assert solution.result.products <= 8  # five to know diagonal and scale of A, and those that judge, near the end
+    assert solution.result.products <= 8  # five for diagonal and scale of A, and the exact products near the end
     if p == 6 and law != "1.5":
         totals, _ = reference(6, "tresca" if tresca else "coulomb")
         assert solution.contact_force[0::3].sum() == pytest.approx(totals["total_normal_force_N"], rel=1e-6)
 
 
 def test_krylov_iterations_stay_bounded():
-    """Springs grow without bound as theta goes to 0; the iterations do not, on a finer mesh neither."""
+    """The springs grow without bound as theta goes to 0; the iterations do not, nor with a finer mesh."""
     for p, solver in (
         (8, InteriorPoint(1e-9, newton=CondensedSystem())),
         (4, InteriorPoint(1e-9, newton=CondensedSystem())),

@@ -101,7 +101,7 @@ def test_every_step_is_certified_and_slips_by_the_weights(foundation, tmp_path):
 
 
 def test_work_is_that_of_forces_and_displacements_at_the_points():
-    """What loads, clamps and contact do is kept in the body, to rounding; the foundation moves the points' forces."""
+    """Loads, clamps and contact do the work that the body stores; the work of the foundation is force times motion."""
     problem = dragged()
     W, steps = weights_of(problem), list(LoadHistory([1.0, 1.5, 2.0, 3.0]).steps(problem))
     for earlier, later in pairwise(steps):
@@ -144,7 +144,7 @@ def test_a_history_goes_on_from_its_files(tmp_path):
 
 
 def test_evidence_is_built_from_the_weights():
-    """Points that the solver has lost or moved are seen, as with one node per point."""
+    """Points that the solver omits or moves are detected, as with one node per point."""
     problem = dragged().at(1.0)
     solution = problem.solve()
     judged = problem.evidence(solution.contact_force, solution.displacement)

@@ -1,6 +1,6 @@
-"""The demos run as they stand, and print what formulas and references say.
+"""The demos run unchanged, and their printed numbers agree with formulas and references.
 
-Numbers are read from what a demo prints, so that a reader finds there what is asserted here.
+Numbers are read from the output of a demo, so that a reader finds the asserted numbers there.
 """
 
 import functools
@@ -51,7 +51,7 @@ def test_every_demo_has_a_test():
 
 
 def test_demo_block():
-    """Both ways to the forces of the independent solver; the contraction says how fast the residual falls."""
+    """Both methods give the forces of the independent solver; the residual falls by the printed contraction."""
     text, (totals, _) = said("block.py"), reference(10, "coulomb")
     expected = [*totals["tangential_force_on_body_N"], totals["total_normal_force_N"]]
     force = line(text, r"force of the foundation on the block: #, #, # N")
@@ -69,7 +69,7 @@ def test_demo_block():
 
 
 def test_successive_tresca_by_the_command_of_the_readme(tmp_path):
-    """The command of the README's first part, with its contraction."""
+    """The command in the README, and the contraction it prints."""
     first = (ROOT / "README.md").read_text().split("## From Python")[0]
     (command,) = re.findall(r"`coulomb (run demos/block\.toml --set solver\.method=[\w-]+)`", first)
     done = run_coulomb(*command.split(), "--set", "mesh.cells=[12,4,4]", "--output", tmp_path, cwd=ROOT)
@@ -125,14 +125,14 @@ def test_demo_patch():
 
 
 def test_demo_sliding_block():
-    """|T| is at most F N, and F N once all has slipped far enough, whichever way; energies add up."""
+    """|T| is at most F N, and equal to it after enough slip in either direction; energies balance."""
     text = said("sliding_block.py")
     way, ratio, stick, slip = table(text, r"# mm: T = # F N, # nodes stick, # slip").T
     assert len(way) == 41 and np.all(stick + slip == 36) and np.all(np.abs(ratio) <= 1.0 + 2e-9)
     assert way == pytest.approx([*np.arange(0, 2.05, 0.1), *np.arange(1.9, -0.05, -0.1)], abs=1e-9)
     assert ratio[[20, 40]] == pytest.approx([-1.0, 1.0], abs=2e-9)
     assert np.all(ratio[:21] <= 1e-9) and np.all(np.diff(ratio[:21]) <= 1e-9) and np.all(np.diff(ratio[20:]) >= -1e-9)
-    assert stick[20] == stick[40] == 0 and stick[21] > 30  # turned round, it sticks again
+    assert stick[20] == stick[40] == 0 and stick[21] > 30  # after the reversal it sticks again
     work, elastic, dissipated = line(text, r"work # J: # J elastic, # J dissipated by friction,")
     missing = line(text, r"and # J time-stepping error")[0]
     assert work - elastic - dissipated == pytest.approx(missing, abs=2.0)  # printed to a joule
@@ -140,7 +140,7 @@ def test_demo_sliding_block():
 
 
 def test_demo_ssnv128():
-    """Displacements of code_aster's manual: to its digits, but for the last, which other codes give as we do."""
+    """Displacements of code_aster's manual to its digits, but for the last, where other codes agree with this one."""
     place, ours, known = table(said("ssnv128.py"), r"x = +# mm: u_x = # m, code_aster's manual # m").T
     assert place == pytest.approx([0.0, 1.25, 5.0, 7.5, 11.25])
     assert known == pytest.approx([2.86e-5, 2.72e-5, 2.28e-5, 1.98e-5, 1.50e-5])
@@ -185,7 +185,7 @@ def test_demo_history():
 
 
 def test_demo_foot():
-    """The floor carries the machine and holds the push, 0.4 of its weight, until that is gone."""
+    """The floor carries the machine, and by friction the push, 0.4 of its weight, until the release."""
     _, time, normal, along, across, _ = steps_of(said("foot.toml"))
     assert time == pytest.approx([0.5, 1.0, 1.5, 2.0, 2.5, 3.0])
     weight = normal[1]
@@ -195,7 +195,7 @@ def test_demo_foot():
 
 
 def test_readme_example(tmp_path):
-    """The code of the README runs as it stands there."""
+    """The code of the README runs unchanged."""
     code = (ROOT / "README.md").read_text().split("```python\n")[1].split("```")[0]
     (tmp_path / "example.py").write_text(code)
     done = run_python(tmp_path / "example.py", cwd=tmp_path)

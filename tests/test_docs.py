@@ -1,4 +1,4 @@
-"""The documentation says what is there: commands, keys, public names; and it builds."""
+"""The documentation names existing commands, keys and public names only, and it builds."""
 
 import functools
 import os
@@ -44,7 +44,7 @@ def test_commands_exist(page):
 
 
 def test_tutorial_shows_the_demo():
-    """Every setting of the tutorial's case stands in demos/foot.toml, and the other way round."""
+    """The settings of the tutorial's case are those of demos/foot.toml."""
 
     def settings(text):
         return {re.sub(r"\s+", " ", line.split("#")[0]).strip() for line in text.splitlines()} - {""}

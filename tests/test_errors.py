@@ -1,4 +1,4 @@
-"""Wrong inputs: what is said of each, on one rank and on two, and that docs/errors.md says the same."""
+"""Wrong inputs: their messages on one rank and on two, and docs/errors.md."""
 
 import re
 
@@ -21,11 +21,11 @@ def test_messages(wrong: Wrong, tmp_path):
     assert text.startswith("warning: " if code == 0 else "error: ")
     left = {path.name for path in tmp_path.iterdir()}
     if code == 2 and not any(name in getattr(wrong.prepare, "__qualname__", "") for name in ("ran.", "another_run")):
-        assert "results" not in left  # nothing was begun
+        assert "results" not in left  # nothing was started
 
 
 def test_on_two_ranks():
-    """Every rank says the same, and none waits for another."""
+    """Every rank has the same message, and none waits for another."""
     done = run_python(wrong_inputs.__file__, ranks=2, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "the same on 2 ranks" in done.stdout

@@ -22,7 +22,7 @@ def failed(certificate):
 
 
 def answer(problem):
-    """What the solver got to, whether or not it stopped of its own accord."""
+    """The answer of the solver, converged or not."""
     try:
         return problem.solve()
     except NotConverged as failure:
@@ -60,7 +60,7 @@ def test_one_lost_node_is_enough(monkeypatch):
 
 @pytest.mark.parametrize("clamped", [False, True])
 def test_forces_off_the_contact_faces_fail(monkeypatch, clamped):
-    """A contact node that is another than it says: in the body, or where a clamp takes its force unseen."""
+    """A contact force at a wrong node: inside the body, or at a clamp, whose reaction would balance it."""
     problem = make_block(3)
     solution = problem.solve()
     fixed = problem.elasticity.fixed.all(axis=1)
@@ -73,7 +73,7 @@ def test_forces_off_the_contact_faces_fail(monkeypatch, clamped):
 
 
 def test_prescribed_nodes_are_not_checked():
-    """The nodes of the clamped edge cannot touch: they are the only ones of the face that are not checked."""
+    """The nodes of the clamped edge are the only ones of the face that are not checked."""
     problem = make_block(3)
     x = np.zeros(3 * len(problem.surface.nodes))
     judged = problem.evidence(x, problem.displacement(x))
@@ -83,7 +83,7 @@ def test_prescribed_nodes_are_not_checked():
 
 @pytest.mark.parametrize("components", ["x", "y"])
 def test_nodes_held_along_a_tangent_are_checked(monkeypatch, components):
-    """A clamp that leaves the normal free is no reason for a node not to be a contact node."""
+    """A node whose normal component is free is a contact node."""
     lose(monkeypatch, lambda x: x[:, 0] < 1e-9)
     problem = ContactProblem(
         coulomb.box((0.1, 0.1, 0.05), (3, 3, 3)),
@@ -111,7 +111,7 @@ def dragged():
 
 
 def certificates(problem, times=(1.0, 2.0, 3.0)):
-    """Of the steps that were taken, and of the one that the history ended with."""
+    """Of the completed steps, and of the one at which the history ended."""
     found = []
     try:
         for step in LoadHistory(times, halvings=0).steps(problem):
@@ -137,13 +137,13 @@ def test_right_steps_pass(problem):
 
 
 def without_origin(monkeypatch):
-    """Every step assumes that no node has slipped before."""
+    """Every step takes the slip origin 0."""
     at = ContactProblem.at
     monkeypatch.setattr(ContactProblem, "at", lambda self, time, before=None: at(self, time))
 
 
 def without_motion_of_origin(monkeypatch):
-    """The origin is not carried along with the foundation."""
+    """The origin does not move with the foundation."""
 
     def posed(self, problem, state, time):
         return problem.at(time, replace(state, time=time))
@@ -171,7 +171,7 @@ def wrong_sign_of_origin(monkeypatch):
 def test_a_missing_slip_origin_fails(monkeypatch, forget):
     forget(monkeypatch)
     first, *later = certificates(dragged())
-    assert first.passed  # nothing to be remembered yet
+    assert first.passed  # the first step has no slip origin
     assert later and not any(certificate.passed for certificate in later)
     assert failed(later[-1]) & {"slip inside the cone", "slip angle"}
 

@@ -1,4 +1,4 @@
-"""What is zero, or a whole number, is so in the files to the last bit; and every value is at its own point."""
+"""Zeros and integers are exact in the files, and every value is at its own point."""
 
 import h5py
 import numpy as np
@@ -51,7 +51,7 @@ def test_forces_of_open_nodes_are_exactly_zero(cell, law, tmp_path):
     friction = np.linalg.norm(at["friction_traction"], axis=1)[open_]
     if law == "coulomb":
         assert not friction.any() and not at["contact_force"][open_].any() and not at["friction_use"][open_].any()
-    else:  # the law has it so: slip stress acts without pressure
+    else:  # slip stress acts without pressure
         assert np.all(friction > 1e6)
         normal = np.sum((at["contact_force"] * at["normal"])[open_], axis=1)
         assert not normal.any()
@@ -79,7 +79,7 @@ def test_written_fields_equal_the_answer_exactly(cell, tmp_path):
 @pytest.mark.parametrize("ranks", [1, 3])
 @pytest.mark.parametrize("cell", CELLS)
 def test_on_ranks(cell, ranks, tmp_path):
-    """Every point has the value of its own node, wherever it is owned."""
+    """Every point has the value of its own node, on whichever rank."""
     case = ROOT / "demos" / "block.toml"
     changes = ("mesh.cells=[12,4,4]", f"mesh.cell='{cell}'", "output.picture=false", "solver.linear_solver='iterative'")
     sets = [part for change in changes for part in ("--set", change)]
@@ -107,7 +107,7 @@ def test_zero_friction_gives_zero_friction_forces(tmp_path):
 
 @pytest.mark.parametrize("solver", [coulomb.InteriorPoint(), coulomb.SuccessiveTresca()])
 def test_the_certificate_is_of_the_written_forces(solver):
-    """The certificate is of the settled forces, and these are the solver's within its residual."""
+    """The certificate is of the forces with exact zeros, which equal the solver's within its residual."""
     problem = make_block(4)
     solution = problem.solve(solver=solver)
     x, raw = solution.contact_force, solution.result.x
@@ -120,7 +120,7 @@ def test_the_certificate_is_of_the_written_forces(solver):
 
 
 def test_only_small_forces_are_set_to_zero():
-    """An answer that is wrong stays wrong: forces across a gap, pull, friction without pressure."""
+    """Wrong answers are not corrected: forces across a gap, tension, friction without pressure."""
     problem = make_block(4)
     solution = problem.solve()
     u, force = solution.displacement, solution.contact_force.reshape(-1, 3)
@@ -136,7 +136,7 @@ def test_only_small_forces_are_set_to_zero():
             assert np.array_equal(kept, spoilt[far] if stays else np.zeros(3))
     pressing = int(np.argmin(np.where(gap < 1e-3 * gap.max(), np.abs(gap), np.inf)))
     spoilt = force.copy()
-    for part, stays in ((2.0 * OPEN_BELOW, True), (0.5 * OPEN_BELOW, False)):  # where there is no gap, P cannot say
+    for part, stays in ((2.0 * OPEN_BELOW, True), (0.5 * OPEN_BELOW, False)):  # without a gap the sign decides
         spoilt[pressing] = [part * force.max(), 0.0, 0.0]
         assert settled(problem, spoilt.ravel(), u).reshape(-1, 3)[pressing, 0] == (spoilt[pressing, 0] if stays else 0)
 

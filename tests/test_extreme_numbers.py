@@ -1,4 +1,4 @@
-"""Numbers that overflow or vanish, and bodies to which nothing happens: no certificate passes by dividing by them."""
+"""Numbers that overflow or vanish, and bodies without load: no certificate passes because of a division by them."""
 
 from dataclasses import fields, replace
 
@@ -55,7 +55,7 @@ def in_units(e, newtons=1.0, metres=1.0):
 @pytest.mark.parametrize(("name", "error", "options"), CASES)
 @pytest.mark.parametrize("newtons, metres", [(1e-140, 1e-140), (1e140, 1e140), (1e-180, 1e80), (1e180, 1e-80)])
 def test_no_product_of_scales_overflows(name, error, options, newtons, metres):
-    """Squares and products of such numbers do; the measures are the same all the same."""
+    """Squares and products of the scales would overflow; the measures are unchanged."""
     evidence, turnover = synthetic_evidence(**options)
     wrong = error(evidence, 1.05 * (0.1 if name == "slip angle" else 1e-6), turnover)
     usual, other = judge(wrong), judge(in_units(wrong, newtons, metres))
@@ -74,7 +74,7 @@ def test_the_limits_of_the_scales():
         assert not judge(replace(evidence, compliance=compliance))["finite"].passed
 
 
-# --- nothing there -----------------------------------------------------------------------------------------------
+# --- no load -----------------------------------------------------------------------------------------------
 
 
 def nothing():
@@ -98,7 +98,7 @@ def test_zero_load_passes():
     ],
 )
 def test_zero_load_with_small_errors_fails(name, field, index, value):
-    """These passed as 1e-12 of a metre and a newton."""
+    """Errors of 1e-12 m and 1e-12 N, which an absolute scale of 1 m and 1 N would accept."""
     evidence = nothing()
     array = getattr(evidence, field).copy()
     array[index] = value
@@ -106,7 +106,7 @@ def test_zero_load_with_small_errors_fails(name, field, index, value):
 
 
 def test_the_smallest_scale_is_that_of_rounding():
-    """A body that has only been moved: forces up to a hundred times those of rounding are no error, more are."""
+    """A body in rigid motion: forces up to a hundred times the rounding error pass, larger ones fail."""
     evidence = nothing()
     rng = np.random.default_rng(2)
     moved = {"displacement": np.ones((BODY, 3)), "prescribed": 1.0 * evidence.held.components}
@@ -143,7 +143,7 @@ def test_a_run_whose_numbers_overflow_is_not_certified(young):
 
 
 def test_ordinary_units_pass():
-    """Far from the ends: these are the same block."""
+    """Units far from overflow give the same block."""
     for factor in (1e-100, 1e-20, 1e20, 1e100):
         assert block(2e11 * factor, 1e7 * factor).solve().certificate.passed
 
@@ -171,7 +171,7 @@ def test_a_history_that_ends_lifted_off_passes():
 
 
 def test_a_lifted_body_that_is_wrong_fails():
-    """The least scales are small: a bend of a ten millionth of the way is seen."""
+    """The smallest scales are small: a deformation of 1e-7 of the displacement is detected."""
     problem = block(load=0.0, clamp=PrescribedDisplacement("top", (0.0, 0.0, 1e-3)))
     solution = problem.solve()
     u = solution.displacement.copy()

@@ -1,4 +1,4 @@
-"""CONVERGED is said of the residual with a fresh product, by every solver and with every Newton system."""
+"""CONVERGED refers to the residual with a fresh product, for every solver and Newton system."""
 
 import dataclasses
 import functools
@@ -51,7 +51,7 @@ DEAR = {
 
 @functools.cache
 def block(law):
-    """The block, its products by multigrid; and A as it is, from the factorised one."""
+    """The block with products by multigrid, and the exact A from the factorised one."""
     problem = make_block(6, slip_stress=1e7 if law == "tresca" else None, linear_solver=IterativeSolver, explicit=False)
     exact = solved_block(6, law).problem
     return problem, exact.A.dense(), exact.b
@@ -171,7 +171,7 @@ def test_tresca_with_products_as_inexact_as_allowed(name):
 
 @pytest.mark.parametrize("name", ["P_AM with low rank", "interior point", "interior point, condensed"])
 def test_interrupted_answers_have_a_fresh_residual(name):
-    """Stopped on the way, by multigrid: A x of the last step is good to a few hundredths of that step."""
+    """Stopped before convergence, by multigrid: A x of the last step is accurate to a few hundredths of that step."""
     if name in QP:
         problem, A, b = block("tresca")
         posed, g = problem.friction_problem, problem.slip_bound(problem.b)
@@ -188,7 +188,7 @@ def test_interrupted_answers_have_a_fresh_residual(name):
 @pytest.mark.parametrize("product", [3, 8, 12, 16])
 @pytest.mark.parametrize("name", [name for name in QP if name not in CONDENSED])
 def test_one_wrong_product_is_detected(name, product):
-    """What a solver adds up from its products stays wrong; the residual that decides must not be made of it.
+    """Incremental products of the solver stay wrong; the residual for CONVERGED must not use them.
 
     All nodes stick: no face is left and no constraint met, which would make KPRGP compute its gradient anew.
     """

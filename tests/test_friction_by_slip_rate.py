@@ -172,7 +172,7 @@ def test_a_halved_step_keeps_the_rate():
 
 
 def test_amplitude_in_time():
-    """T = A(t) F N, and a certificate that knows the factor."""
+    """T = A(t) F N, and a certificate with the same factor."""
     motion = [(0.0, 0.0, 0.0, 1e-3), (20.0, 2.0, 0.0, 1e-3)]
     problem = dragged(0.4, [(0.0, 1.0), (10.0, 0.5)], motion)
     for step in LoadHistory([4.0, 8.0, 12.0, 16.0, 20.0], tolerance=1e-11).steps(problem):
@@ -198,7 +198,7 @@ def test_any_function_of_place_time_and_rate():
 
 
 def test_a_missing_slip_rate_fails(monkeypatch):
-    """A solver that takes another coefficient than the law's at the rate before is not certified."""
+    """An answer with another coefficient than that of the slip rate before is not certified."""
     problem = dragged()
     *_, before, _ = LoadHistory(TIMES[:6]).steps(problem)
     still = replace(before.state, slip_rate=np.zeros_like(before.state.slip_rate))

@@ -77,7 +77,7 @@ def test_wrong_functions(function, message):
 
 
 def test_regions_of_a_case(tmp_path):
-    """A table by region, the last one counts; the summary tells the range, the answer is that of the function."""
+    """Tables by region, of which the last counts: the summary has the range, the answer is that of the function."""
     left = "{box=[[0,0,0],[1.0,1,0]], friction=0.0}"
     strip = "{box=[[0,0,0],[3.0,0.5,0]], friction=0.5}"
     changes = ["mesh.cells=[9,3,3]", f"contact.region=[{left}, {strip}]"]

@@ -1,4 +1,4 @@
-"""What is written, and where it cannot be: full disks, folders that are not there; helps, and exports of a history."""
+"""Output to full disks and missing folders; help texts, and exports of a history."""
 
 import contextlib
 import os
@@ -58,7 +58,7 @@ def test_a_run_onto_a_small_disk(size, force):
 
 @pytest.mark.parametrize("size", ["64k", "72k"])
 def test_a_disk_that_hdf5_finds_full(size):
-    """Where the estimate does not foresee it: one line, no stack of HDF5's, no segmentation fault."""
+    """A full disk that the estimate did not predict: one line of message, no HDF5 stack, no segmentation fault."""
     script = "import sys; from coulomb.io import output; output.size_on_disk = lambda _: 0.0\n"
     script += (
         "from coulomb.cli.app import main; sys.argv = ['coulomb', 'run', 'case.toml', '--output', 'small/out']; main()"
@@ -180,7 +180,7 @@ def words(text):
     [pytest.param(*found, id=" ".join(found[0]) or "coulomb") for found in commands(typer.main.get_command(cli.app))],
 )
 def test_help_texts_are_complete(path, command):
-    """What looks like markup is a word like others."""
+    """Text in brackets is shown as text, not taken as markup."""
     environment = {"COLUMNS": "400", "TERMINAL_WIDTH": "400", "TERM": "dumb"}
     done = typer.testing.CliRunner().invoke(cli.app, [*path, "--help"], env=environment)
     assert done.exit_code == 0

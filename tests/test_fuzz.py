@@ -25,7 +25,7 @@ SOLVERS = {
 
 @st.composite
 def problems(draw):
-    """Few nodes, any friction, A from well conditioned to rank-deficient, loads with ties and zeros."""
+    """Few nodes, any friction, A from well conditioned to rank-deficient, loads with equal entries and zeros."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     m = draw(st.integers(1, 8))
     A = random_spd(3 * m, 10.0 ** draw(st.sampled_from([0, 1, 2, 4, 7])), rng)
@@ -36,7 +36,7 @@ def problems(draw):
     if draw(st.booleans()):
         b = np.round(b)
     b[0::3] += draw(st.sampled_from([-1.0, 0.0, 0.0, 1.0]))
-    if draw(st.booleans()):  # in the range of A: what a mechanical system has
+    if draw(st.booleans()):  # in the range of A, as in a mechanical system
         b = A @ b
     friction = draw(st.sampled_from([0.0, 0.1, 0.3, 1.0, 2.0])) * np.ones(m)
     if draw(st.booleans()):
@@ -60,7 +60,7 @@ def coulomb_residual(A, b, friction, x):
 
 
 GIVING_UP = {"auto": 0.1, "interior point": 0.2, "interior point, dense": 0.25, "successive Tresca": 0.1, "plain": 0.25}
-"""Share of the problems that a solver may give up, about twice what it does: a third of them are rank-deficient, with
+"""Permitted share of failures of a solver, about twice the actual one: a third of the problems are rank-deficient, with
 loads that a body without rigid motions would not have, and may have no solution."""
 
 
@@ -78,7 +78,7 @@ def test_converged_answers_are_right_and_failures_rare(name):
 
 
 def fails(solver, A, b, friction):
-    """Whether the solver gives up, and says so; what it does not give up must be right."""
+    """Whether the solver raises NotConverged; every other answer must be right."""
     try:
         result = solver.solve(FrictionProblem.coulomb(dense_compliance(A), b, friction))
     except NotConverged as failure:

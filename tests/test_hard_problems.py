@@ -1,4 +1,4 @@
-"""Trouble on purpose: problems on which other codes have failed silently.  The right answer, or the right refusal."""
+"""Hard problems on which other codes have failed silently: the right answer, or the right status."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_wedge(solver, friction):
 
 
 def test_oscillation_on_a_steep_wedge_is_detected():
-    """Undamped, it oscillates between x_n = 0 and 3: neither is the answer, 0.6."""
+    """Without damping it oscillates between x_n = 0 and 3; the answer is 0.6."""
     problem = wedge(0.5, 2.0)
     with pytest.raises(NotConverged, match=r"\(oscillating\).* factor .*oscillates between two states") as failure:
         SuccessiveTresca(memory=0, damping=1.0).solve(problem)
@@ -50,7 +50,7 @@ def test_oscillation_on_a_steep_wedge_is_detected():
 
 
 def test_damping_is_chosen_by_the_measured_slope():
-    """Factor -F/s = -0.8: damped by 1/(1 + 0.8), what is left is the inner accuracy."""
+    """Factor -F/s = -0.8: with damping 1/(1 + 0.8) only the inner accuracy remains."""
     result = SuccessiveTresca(memory=0).solve(wedge(0.5, 0.4))
     assert result.history[1].slope == pytest.approx(-0.8, rel=0.1)
     assert result.history[1].damping == pytest.approx(1.0 / 1.8, rel=0.1)
@@ -60,7 +60,7 @@ def test_damping_is_chosen_by_the_measured_slope():
 
 
 def test_divergence_is_detected():
-    """Friction presses a rigid body on: x_n = 3 + g, so that for F = 2 the bound doubles for ever: no answer."""
+    """Friction increases the normal force of a rigid body: x_n = 3 + g; for F = 2 the bound doubles for ever."""
     A = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     problem = FrictionProblem.coulomb(dense_compliance(A), np.array([3.0, 5.0, 0.0]), np.array([2.0]))
     with pytest.raises(NotConverged, match=r"\(diverged\).* factor 2; .*diverges:") as failure:
@@ -73,7 +73,7 @@ def test_divergence_is_detected():
 
 @every_method
 def test_growth_until_the_node_sticks(solver):
-    """The same on an elastic body: the bound quadruples until the node sticks, far away but there."""
+    """The same on an elastic body: the bound quadruples until the node sticks; a large solution exists."""
     A = np.array([[1.0, -2.0, 0.0], [-2.0, 10.0, 0.0], [0.0, 0.0, 1.0]])
     problem = FrictionProblem.coulomb(dense_compliance(A), np.array([3.0, 1e4, 0.0]), np.array([2.0]))
     assert solver.solve(problem).x == pytest.approx(np.linalg.solve(A, problem.b), rel=1e-6)
@@ -171,7 +171,7 @@ def test_a_single_node(solver, friction):
 
 @every_method
 def test_two_solutions(solver):
-    """Friction may hold by itself what nothing presses: open, or wedged in.  Either is an answer; a mixture is not."""
+    """Friction may hold a node that no load presses: open, or wedged in.  Either is an answer; a mixture is not."""
     A = np.array([[1.0, -0.9, 0.0], [-0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
     b = np.array([-0.1, 0.5, 0.0])
     problem = FrictionProblem.coulomb(dense_compliance(A), b, np.array([1.5]))
@@ -190,7 +190,7 @@ def test_two_solutions(solver):
 
 @every_method
 def test_two_nearly_equal_solutions(solver):
-    """Open and wedged in, closer and closer together: what is called converged is one of them."""
+    """Open and wedged in, closer and closer together: a converged answer is one of them."""
     for distance in (1e-2, 1e-4, 1e-6):
         A = np.array([[1.0, -0.9, 0.0], [-0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
         b = np.array([-0.1 * distance, 0.5 * distance, 0.0])

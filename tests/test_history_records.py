@@ -1,4 +1,4 @@
-"""What a load step starts from, and what is written of it: warm start, energy, slip of the step, small strain."""
+"""Start and records of a load step: warm start, energy, slip of the step, small strain."""
 
 import dataclasses
 from dataclasses import dataclass, field
@@ -28,7 +28,7 @@ class Noting:
 
 
 def test_a_step_starts_from_the_forces_before():
-    """In their own sense, and in the frames of now, which a moved ball has turned."""
+    """As physical vectors, in the present frames, which a moved ball has turned."""
     ball = Sphere((0.05, 0.05, -0.5), 0.5)
     contact = Contact("bottom", 0.4, foundation=ball, motion=[(0, 0, 0, 0), (1, 0, 0, 1e-3), (2, 0.02, 0.01, 1e-3)])
     problem = ContactProblem(coulomb.box((0.1, 0.1, 0.05), (4, 4, 3)), RUBBER, [Clamp("top")], contact)
@@ -42,7 +42,7 @@ def test_a_step_starts_from_the_forces_before():
 
 
 def test_energy_in_springs():
-    """A body on springs that touches nothing: half of force times displacement, most of it in the springs."""
+    """A body on springs without contact: half of force times displacement, most of it in the springs."""
     far = Contact("bottom", 0.4, foundation=Plane((0, 0, -1.0), (0, 0, 1)))
     pull = [Traction("top", (3e3, 0.0, -1e4), UP)]
     mesh = coulomb.box((0.1, 0.1, 0.05), (3, 3, 3))
@@ -56,7 +56,7 @@ def test_energy_in_springs():
 
 
 def test_slip_is_written_as_that_of_the_step(tmp_path):
-    """From where the step before has left the nodes, moved along with the foundation."""
+    """From the positions after the step before, moved with the foundation."""
     way = [(0, 0, 0, 0), (1, 0, 0, 1e-3), (2, 2e-3, 0, 1e-3)]
     contact = Contact("bottom", 0.3, foundation=Plane((0, 0, 0), (0, 0, 1)), motion=way)
     problem = ContactProblem(coulomb.box((0.1, 0.1, 0.05), (4, 4, 3)), RUBBER, [Clamp("top")], contact)
@@ -72,7 +72,7 @@ def test_slip_is_written_as_that_of_the_step(tmp_path):
 
 
 def test_the_largest_slip_is_that_of_a_closed_node():
-    """A beam pressed down near its clamped end; the free end is lifted and swings out, farther than what touches."""
+    """A beam pressed down near its clamped end; the free end is lifted and moves farther than the closed nodes."""
     pressed = Traction("top", lambda x: np.stack([0 * x[0], 0 * x[0], np.where(x[0] < 0.9, -3e7, 0.0)]))
     solution = ContactProblem(
         coulomb.box((2.0, 0.5, 0.5), (8, 2, 2)),

@@ -56,7 +56,7 @@ def test_sums_and_largest_values_are_of_all_steps(done):
 
 
 def test_energy_of_the_history_is_the_sum_over_its_steps(done):
-    """What friction dissipated in all, not in the last step."""
+    """The energy dissipated in all steps, not in the last one."""
     directory, said = done
     contents, steps = json.loads((directory / "summary.json").read_text()), summaries(directory)
     dissipated = [step["totals"]["dissipated_energy"] for step in steps]
@@ -79,7 +79,7 @@ def test_terminal_labels_its_figures(done):
 def test_a_history_that_was_resumed_has_the_same_figures_and_both_runs(done, tmp_path):
     directory, _ = done
     assert run_coulomb("run", HISTORY, *SMALL, "--output", tmp_path).returncode == 0
-    for number in (3, 4):  # as if it had been killed after the second step
+    for number in (3, 4):  # as after a kill in the third step
         for file in (tmp_path / "steps" / f"{number:04d}").iterdir():
             file.unlink()
     said = run_coulomb("resume", tmp_path)
@@ -137,7 +137,7 @@ def altered(step, number, passed=True, value=1e-8, gradient=0.0, memory=5):
 
 
 def test_a_failed_step_fails_the_history(done):
-    """An earlier step that failed is not hidden by a last one that passed, nor a warning, nor a value that is none."""
+    """A failed step, a warning and a missing value of an earlier step are not hidden by a last step that passed."""
     step = summaries(done[0])[0]
     failed = altered(step, 2, passed=False, value=3e-5, gradient=0.2, memory=9)
     contents = whole([altered(step, 1), failed, altered(step, 3)])
@@ -147,4 +147,4 @@ def test_a_failed_step_fails_the_history(done):
     assert len(contents["warnings"]) == 1 and "0.2" in contents["warnings"][0]
     nothing = added(contents, altered(step, 4, passed=False, value=None))
     assert nothing["certificate"]["adhesion"]["step"] == 4 and nothing["residual"]["value"] is None
-    assert added(nothing, altered(step, 5, value=1e9))["residual"]["step"] == 4  # null stays the worst
+    assert added(nothing, altered(step, 5, value=1e9))["residual"]["step"] == 4  # null counts as the largest

@@ -1,4 +1,4 @@
-"""Case files that ask for the absurd, or slip where everybody slips: refused at once, with what was meant."""
+"""Implausible case files and common mistakes: refused at once, with the probable intention."""
 
 import os
 import re
@@ -19,7 +19,7 @@ from coulomb.model.estimate import refuse_uncountable
 
 
 def said(text, *changes, name="case.toml"):
-    """What is said of a case; nothing if it is right."""
+    """The message about a case; empty if it is right."""
     Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())
     try:
         assert isinstance(read_case(name, changes), Case)
@@ -104,7 +104,7 @@ def test_huge_cases_are_refused_at_once(name):
     found = said(text)
     assert re.search(expected, found), found[:1000]
     assert len(found) < 2000
-    assert time.process_time() - began < 60.0  # not to measure, but to end: it would be hours
+    assert time.process_time() - began < 60.0  # a bound on hours, not a measurement
 
 
 def test_large_plausible_values_are_accepted():
@@ -195,7 +195,7 @@ def test_a_byte_order_mark_in_case_json_is_accepted():
 
 @pytest.fixture
 def odd_files():
-    """A pipe, a device and a socket by their names; the pipe has no writer."""
+    """A pipe without a writer, a device and a socket."""
     os.mkfifo("pipe.msh")
     listening = socket.socket(socket.AF_UNIX)
     listening.bind("socket.msh")
@@ -236,7 +236,7 @@ def test_long_output_names(option):
 
 
 def test_more_unknowns_than_petsc_has_numbers_for():
-    """With --force too: memory may be a matter of opinion, the width of an integer is not."""
+    """With --force too: it overrides the estimate of memory, not the range of integers."""
     Path("case.toml").write_text(BLOCK)
     done = run_coulomb("run", "case.toml", "--force", "--set", "mesh.cells=[1000000,1000000,1000000]")
     assert done.returncode == 2 and "too many unknowns: a mesh of 1000000 x 1000000 x 1000000 cells" in done.stderr

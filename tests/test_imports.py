@@ -74,7 +74,7 @@ def test_only_rank_0_prints():
 
 
 def test_lazy_names_are_the_public_ones():
-    """What a type checker sees, what is loaded when asked for, and what `*` imports."""
+    """The names for type checkers, the lazily loaded names, and the names that `*` imports agree."""
     tree = ast.parse((ROOT / "coulomb" / "__init__.py").read_text())
     checked = next(node for node in tree.body if isinstance(node, ast.If))
     seen = {node.module: tuple(alias.name for alias in node.names) for node in checked.body}
@@ -86,7 +86,7 @@ def test_lazy_names_are_the_public_ones():
 
 
 def test_dolfinx_is_imported_without_pkg_resources():
-    """UFL of Debian 12 would load pkg_resources; a later import gets the real one."""
+    """UFL of Debian 12 would import pkg_resources; a later import gets the real module."""
     program = (
         "import sys\nimport coulomb.fem.compat\nassert 'pkg_resources' not in sys.modules\n"
         "import ufl, ffcx\nprint(ufl.__version__, ffcx.__version__)"

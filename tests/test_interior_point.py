@@ -47,7 +47,7 @@ def scaled():
 
 
 def test_newton_direction_against_differences(scaled):
-    """Along the step every equation changes as Newton's method demands, the cone's by finite differences."""
+    """Along the step every equation changes as linearised, compared with finite differences for the cone."""
     scaled, v = scaled
     target = 0.1 * scaled.theta(v.nu, scaled.slack(v.x_n, v.y))
     newton = DenseSystem().system(scaled.A, True)
@@ -105,7 +105,7 @@ def test_tolerances_are_of_weighted_rows(scaled):
         step = system.solve(at, r1, r2, W, tolerance, cap)
         left = np.linalg.norm(W * (r1 - (M @ step.dx.ravel()).reshape(NODES, 3)))
         aim = min(tolerance * np.linalg.norm(W * r1), cap)
-        assert 1e-4 * aim <= left <= (1 + 1e-9) * aim  # as precise as asked, and not by far more
+        assert 1e-4 * aim <= left <= (1 + 1e-9) * aim  # as accurate as required, and not much more
         system.destroy()
 
 
@@ -251,7 +251,7 @@ def test_unsupported_laws_are_named():
 
 
 def test_start_from_a_coarser_mesh():
-    """Forces of half the resolution: the same answer in fewer steps; nonsense as a start does no harm."""
+    """Forces of half the resolution: the same answer in fewer steps; random starting forces change nothing."""
     coarse, fine = solved_block(6), solved_block(12)
     start = interpolated_forces(coarse.contact_force, coarse.problem.surface, fine.problem.surface)
     assert np.linalg.norm(start - fine.contact_force) <= 0.15 * np.linalg.norm(fine.contact_force)

@@ -1,4 +1,4 @@
-"""A run as it goes on: stopped by a signal, logged, with the time it still takes."""
+"""Signals that stop a run, its log, and the displayed time left."""
 
 import csv
 import io
@@ -39,7 +39,7 @@ SLOW = (  # three seconds of path following
 
 
 class Stop:
-    """Progress that asks to stop at a step."""
+    """Progress that requests a stop at a step."""
 
     def __init__(self, at):
         self.at, self.calls = at, 0
@@ -182,7 +182,7 @@ def test_signal_handlers_are_restored():
 
     before = [signal.getsignal(number) for number in SIGNALS]
     with Interruption(MPI.COMM_SELF) as interruption:
-        assert [signal.getsignal(number) for number in SIGNALS] == before  # until it is asked
+        assert [signal.getsignal(number) for number in SIGNALS] == before  # until the handler is read
         interruption.asked()
         assert signal.getsignal(signal.SIGTERM) not in before
     assert [signal.getsignal(number) for number in SIGNALS] == before
@@ -200,7 +200,9 @@ def test_the_log_has_all_messages_and_steps(tmp_path):
     assert data[0].startswith("coulomb run ") and data[1:] == loud.stdout.splitlines()
     quiet = run_coulomb(*command, "--log", log, "--quiet")
     assert quiet.returncode == 0 and quiet.stdout == ""
-    assert len(log.read_text().splitlines()) == 2 * len(lines)  # added to, and complete though nothing was said
+    assert len(log.read_text().splitlines()) == 2 * len(
+        lines
+    )  # appended to, and complete although standard output is quiet
     fixed = run_coulomb(*command, "--log", log, "--set", "solver.method='successive-tresca'")
     data = log.read_text().splitlines()[2 * len(lines) :]
     contents = json.loads((tmp_path / "summary.json").read_text())
@@ -251,7 +253,7 @@ def test_time_left_restarts_with_the_residual():
     assert left.seconds is None
     left = TimeLeft(1e-8)
     for step in range(1, 10):
-        left.note(Progress(2, step, 10.0**-step), float(step))  # inside a Tresca problem: no end in sight
+        left.note(Progress(2, step, 10.0**-step), float(step))  # inside a Tresca problem: no estimate
     assert left.seconds is None
 
 

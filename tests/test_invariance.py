@@ -1,7 +1,7 @@
-"""The answer does not depend on how the problem is written down: orientation, numbering, mirror, units.
+"""The answer does not depend on the description of the problem: orientation, numbering, mirror image, units.
 
-Each problem is solved to 1e-10; on the scale of the forces, two answers may differ by that times what the problem makes
-of it, (1 + L)/m with the extreme eigenvalues L and m of A over its mean diagonal: below 1e3 here.  Ranks are in
+Each problem is solved to 1e-10; relative to the forces, two answers may differ by that times the amplification of the
+problem, (1 + L)/m with the extreme eigenvalues L and m of A over its mean diagonal: below 1e3 here.  Ranks are in
 tests/test_parallel.py.
 """
 
@@ -43,7 +43,7 @@ def indented(cell="hexahedron"):
 
 
 def test_the_history_has_all_states_of_contact():
-    """Contact and gap, stick and slip, and forces in all directions: otherwise the tests below say little."""
+    """Contact and gap, stick and slip, and forces in all directions: otherwise the tests below prove little."""
     rows = [step.row for step in indented()]
     assert all(row["certified"] and row["open"] > 10 and row["slip"] > 1 for row in rows)
     assert sum(row["stick"] > 5 for row in rows) == 3 and rows[-1]["stick"] == 0
@@ -75,7 +75,7 @@ def test_block_turned_in_space(cell):
     displacement = upright.displacement @ turn.T
     assert np.linalg.norm(turned.displacement - displacement) <= AGREE * np.linalg.norm(displacement)
     tangents = turned.problem.surface.frames[0] @ turn
-    assert np.abs(np.abs(tangents) - np.eye(3)).max() > 0.1  # they have indeed not turned along
+    assert np.abs(np.abs(tangents) - np.eye(3)).max() > 0.1  # the tangents have not turned
 
 
 def test_history_over_a_ball_turned_in_space():
@@ -93,7 +93,7 @@ def test_other_numbering(cell):
     for plain, other in zip(indented(cell), steps(order=(1, 2, 0), cell=cell), strict=True):
         force, x = forces(plain.solution.problem, plain.solution)
         renumbered, elsewhere = forces(other.solution.problem, other.solution)
-        assert np.abs(x - elsewhere).max() > 0.1  # they are indeed numbered differently
+        assert np.abs(x - elsewhere).max() > 0.1  # the numbering differs
         expected = sorted_by_place(force, x)
         difference = sorted_by_place(renumbered, elsewhere) - expected
         assert np.linalg.norm(difference) <= AGREE * np.linalg.norm(expected)
@@ -112,7 +112,7 @@ def test_mirror_image():
 def test_other_units(metre, newton, steps_off):
     """Other numbers, the same answer; a joule is a kN mm.
 
-    With powers of two rounding is the same too, and so is every iteration count; with powers of ten rounding may tip a
+    With powers of two rounding is the same too, and so is every iteration count; with powers of ten rounding may move a
     last step over the tolerance.
     """
     for plain, other in zip(indented(), steps(metre=metre, newton=newton), strict=True):

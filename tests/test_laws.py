@@ -42,7 +42,7 @@ def mohr_coulomb(seed):
 def test_radius_slope_and_violation():
     law = FrictionLaw(np.array([2.0, 0.0, 3.0]), np.array([0.0, 0.5, 0.1]))
     assert law.radius(np.array([10.0, 10.0, 10.0])).tolist() == [2.0, 5.0, 4.0]
-    assert law.radius(np.array([-10.0, -10.0, -10.0])).tolist() == [2.0, 0.0, 3.0]  # a pull takes nothing away
+    assert law.radius(np.array([-10.0, -10.0, -10.0])).tolist() == [2.0, 0.0, 3.0]  # tension does not reduce the bound
     assert law.slope.tolist() == [0.0, 0.5, 0.1] and law.frictional.all()
     assert law.violation(np.array([10.0, 3, 4, 10.0, 3, 4, -1.0, 0, 1])).tolist() == [3.0, 0.0, -2.0]
     assert FrictionLaw(np.zeros(2), np.array([0.0, 0.1])).frictional.tolist() == [False, True]
@@ -118,7 +118,7 @@ def test_lower_bounds(seed):
 def test_one_node_by_hand():
     """A = I, b = (2, 3, 4): x_n = 2, friction 0.4 + 0.3 * 2 = 1 along (3, 4)/5."""
     assert np.allclose(solve_coulomb(np.eye(3), [2.0, 3.0, 4.0], 0.3, cohesion=0.4).x, [2.0, 0.6, 0.8], atol=1e-7)
-    open_ = solve_coulomb(np.eye(3), [-2.0, 3.0, 4.0], 0.3, cohesion=0.5).x  # cohesion holds without pressure too
+    open_ = solve_coulomb(np.eye(3), [-2.0, 3.0, 4.0], 0.3, cohesion=0.5).x  # cohesion acts without pressure
     assert np.allclose(open_, [0.0, 0.3, 0.4], atol=1e-7)
 
 

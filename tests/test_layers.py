@@ -1,4 +1,4 @@
-"""The rooms of the house: what may import what."""
+"""Permitted imports between the packages ("rooms") of coulomb."""
 
 import ast
 
@@ -38,7 +38,7 @@ ROOMS = {
     "linalg": set(),
     "fem": set(),
 }
-"""What a room may import.  The files beside the rooms (arrays, ranks, version, ...) serve all, and import no room."""
+"""What a package may import.  The files beside the packages (arrays, ranks, version, ...) import no package."""
 
 
 def room(name):
@@ -74,7 +74,7 @@ def test_no_import_cycle_of_rooms():
 
 
 def test_no_import_cycle_of_files():
-    """Files have such an order too, imports in functions and for types counted; the package itself loads lazily."""
+    """The same for files, including imports in functions and for types; the package itself loads lazily."""
     names = {
         ".".join(("coulomb", *p.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): p for p in FILES
     }
@@ -96,7 +96,7 @@ def test_only_compat_imports_dolfinx(path):
 def test_only_compat_asks_for_the_version(path):
     text = path.read_text()
     assert "dolfinx.__version__" not in text
-    assert path.name == "environment.py" or "compat.VERSION" not in text  # it tells which one it was
+    assert path.name == "environment.py" or "compat.VERSION" not in text  # it prints the version
 
 
 def test_package_imports_neither_plotting_nor_command_line():
@@ -107,7 +107,7 @@ def test_package_imports_neither_plotting_nor_command_line():
 
 
 LAUNCH = {PACKAGE / "pictures" / name for name in ("overview_process.py", "picture_of_run.py")}
-"""They run in the process that asks for a picture."""
+"""They run in the process that requests a picture."""
 
 
 READERS = ("coulomb.io.run_directory", "coulomb.io.field_files", "coulomb.arrays")
@@ -134,14 +134,14 @@ NAMES_OF_FILES = (
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_file_names_of_a_run_are_in_one_module(path):
-    """No other names one in code, only in words: docstrings, and messages that say more than the name."""
+    """No other module has such a name in code, except in docstrings and in longer messages."""
     constants = {n.value for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Constant)}
     assert path.name == "run_directory.py" or not constants.intersection((*NAMES_OF_FILES, "steps/", "report.html"))
 
 
 @pytest.mark.parametrize("path", sorted({*(PACKAGE / "pictures").rglob("*.py")} - LAUNCH), ids=lambda p: p.name)
 def test_pictures_import_only_the_file_format(path):
-    """It runs without the package's `__init__` (coulomb.pictures.apart), with nothing else but the files' format."""
+    """It runs without the package's `__init__` (coulomb.pictures.apart) and imports only the format of the files."""
     own = ("coulomb.pictures.plotting", "coulomb.pictures.report", *READERS)
     assert not uses(path, "dolfinx", "petsc4py", "mpi4py")
     assert not [name for name in uses(path, "coulomb") if name != "coulomb" and not name.startswith(own)]
@@ -155,7 +155,7 @@ def test_nothing_prints_outside_the_command_line():
 
 
 def test_converged_is_assigned_in_one_place():
-    """Only `verdict` may hand out CONVERGED; everybody else compares with it."""
+    """Only `verdict` may assign CONVERGED; all other code compares with it."""
     places = []
     for path in FILES:
         tree = ast.parse(path.read_text())

@@ -1,4 +1,4 @@
-"""Load steps: slip that is remembered, energy, a step that fails, a run that is killed."""
+"""Load steps: slip across steps, energy, a step that fails, a run that is killed."""
 
 import csv
 import logging
@@ -46,7 +46,7 @@ def rubbed(cells=4, sway=2e-3, friction=0.4, material=RUBBER):
 
 
 def test_slip_is_kept_between_steps():
-    """Back at its place after a slip, the plate feels a force: the body has not gone back with it."""
+    """After slip and return of the plate there is a friction force: the slip has not been undone."""
     cork = Material(1e7, 0.0)  # does not swell sideways: all nodes slip along x
     steps = list(LoadHistory([1, 2, 3, 4, 5]).steps(rubbed(material=cork)))
     assert [step.solution.certificate.passed for step in steps] == [True] * 5
@@ -55,13 +55,13 @@ def test_slip_is_kept_between_steps():
     assert abs(force[0]) <= 1e-6 * normal[0]  # symmetric
     assert force[1] == pytest.approx(-0.4 * normal[1], rel=1e-6)  # slips as a whole: F N
     assert force[3] == pytest.approx(+0.4 * normal[3], rel=1e-6)  # and back
-    assert abs(force[2]) < 0.4 * normal[2]  # on the way back, the plate at x = 0: sticks for the greater part
-    at_once = rubbed(material=cork).at(3.0).solve()  # without memory, this would be the symmetric answer
+    assert abs(force[2]) < 0.4 * normal[2]  # on the return, with the plate at x = 0, most nodes stick
+    at_once = rubbed(material=cork).at(3.0).solve()  # without history, this would be the symmetric answer
     assert abs(coulomb.io.summary.summary(at_once)["force_on_body"]["vector"][0]) <= 1e-6 * normal[2]
 
 
 def test_slip_is_measured_from_the_step_before():
-    """The certificate counts slip from the step before; with the origin forgotten it must fail."""
+    """The certificate measures slip from the step before; without that origin it must fail."""
     *_, before, step = LoadHistory([1, 2, 2.5]).steps(rubbed())
     last = step.solution
     assert last.certificate.passed
@@ -89,7 +89,7 @@ def test_without_friction_work_is_elastic_energy():
 
 
 def test_work_of_loads():
-    """A load that grows from nothing on a body that touches nothing: Clapeyron's half of force times displacement."""
+    """A load that grows from zero on a body without contact: half of force times displacement (Clapeyron)."""
     far = Contact("bottom", 0.4, foundation=Plane((0, 0, -1.0), (0, 0, 1)))
     pull = [Traction("top", (3e3, 0.0, -1e4), UP)]
     problem = ContactProblem(coulomb.box((0.1, 0.1, 0.05), (3, 3, 3)), RUBBER, [Clamp("left")], far, pull)

@@ -1,4 +1,4 @@
-"""A directory of results belongs to one run at a time, and a load history to one case."""
+"""Locking of a directory of results by one run at a time; a load history has one case."""
 
 import contextlib
 import json
@@ -56,7 +56,7 @@ def everything(folder):
 
 
 def left_behind(folder, **changes):
-    """The lock of a process of this machine that was killed, or so."""
+    """The lock of a killed process of this machine."""
     script = "from mpi4py import MPI; import os, sys; from coulomb.io.lock import locked\n"
     script += "hold = locked(sys.argv[1], MPI.COMM_WORLD); hold.__enter__(); os.kill(os.getpid(), 9)"
     run_python("-c", script, folder)
@@ -118,7 +118,7 @@ def test_the_holder_of_an_old_lock(flock, tmp_path):
         refuse_in_use(tmp_path, comm)
         with locked(tmp_path, comm):
             pass
-        left_behind(tmp_path, pid=os.getpid())  # the number has gone to another process since: to this one
+        left_behind(tmp_path, pid=os.getpid())  # the process number has been reused since, by this process
         with locked(tmp_path, comm):
             pass
         left_behind(tmp_path, host="elsewhere", started="another-boot 77")

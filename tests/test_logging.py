@@ -14,7 +14,7 @@ MESSAGE = 'solver.method = "fixed-point" is now called "successive-tresca"'
 
 
 def test_a_library_user_sees_the_messages(tmp_path):
-    """With logging.basicConfig and nothing else; without it, warnings alone, by Python's handler of last resort."""
+    """With logging.basicConfig alone; without it, warnings only, by Python's handler of last resort."""
     script = tmp_path / "user.py"
     script.write_text(
         "import logging, sys\n"
@@ -46,7 +46,7 @@ def test_the_command_line_shows_a_warning_once(tmp_path, ranks):
 
 
 def test_levels_on_the_command_line(capsys):
-    """Information on standard output unless quiet, warnings and errors on standard error, debugging nowhere."""
+    """Information on standard output unless quiet, warnings and errors on standard error, debug messages not shown."""
     library = logging.getLogger("coulomb")
     before = (list(library.handlers), library.level, library.propagate)
     some = logging.getLogger("coulomb.some.module")

@@ -37,7 +37,7 @@ def test_rank_zero_is_the_papers_diagonal(A):
 def test_approximation_is_below_A_and_exact_on_its_directions(A):
     rng = np.random.default_rng(62)
     X = rng.standard_normal((10, 3 * NODES))
-    learnt = approximated_by(A, [*X, X[0] - 2.0 * X[3], 1e-9 * X[1]], 100)  # repetitions bring nothing
+    learnt = approximated_by(A, [*X, X[0] - 2.0 * X[3], 1e-9 * X[1]], 100)  # repetitions add nothing
     assert learnt.U.shape[1] == 10
     nystrom = learnt.U @ learnt.U.T
     assert np.allclose(nystrom @ X.T, A @ X.T, rtol=1e-8, atol=1e-8)
@@ -46,7 +46,7 @@ def test_approximation_is_below_A_and_exact_on_its_directions(A):
 
 
 def test_a_rigid_motion_in_the_approximation_leaves_a_small_rest():
-    """A body on soft springs: diag(A) is that of its motion as a whole, the rest a ten-thousandth of it."""
+    """A body on soft springs: diag(A) is dominated by rigid motion, the rest is a ten-thousandth of it."""
     rng = np.random.default_rng(67)
     whole, elastic = np.ones(3 * NODES), np.diag(rng.uniform(0.5, 1.0, 3 * NODES))
     soft = 1e4 * np.outer(whole, whole) + elastic
@@ -71,7 +71,7 @@ def test_truncation_keeps_the_largest_and_its_pairs(A):
 
 
 def test_theorem_1_holds_with_the_approximation(A):
-    """P^-1 J_AM: positive eigenvalues, 1 with multiplicity 2 m; and P^-1 is the inverse it claims to be."""
+    """P^-1 J_AM: positive eigenvalues, 1 with multiplicity 2 m; and P^-1 is the inverse of P."""
     rng = np.random.default_rng(63)
     angle = rng.uniform(0.0, 6.28, NODES)
     y = rng.uniform(0.0, 0.999, NODES)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -86,7 +86,7 @@ def test_theorem_1_holds_with_the_approximation(A):
     r1[4, 1:] = 0.0
     first = newton.solve(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf)
     again = newton.solve(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf)
-    assert again.iterations < 0.7 * first.iterations  # the same system, now known
+    assert again.iterations < 0.7 * first.iterations  # the same system, with its approximation
     stand_in = newton._A.U @ newton._A.U.T + np.diag(newton._A.rest.ravel())
     newton.solve(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf)  # preconditioned with it
     P, J = augmented_matrix(stand_in, at), augmented_matrix(A, at)

@@ -1,4 +1,4 @@
-"""Mesh files that are wrong: what is said of them."""
+"""Messages about wrong mesh files."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Mesh files of other programs: the same body with the same faces, whatever the format; and what is refused."""
+"""Mesh files of other programs: the same body with the same faces in every format; wrong files are refused."""
 
 from functools import partial
 

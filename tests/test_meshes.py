@@ -128,7 +128,7 @@ def test_xdmf_of_dolfinx(cell, tmp_path):
         coulomb.read_xdmf(path, names={"gone": 9})
 
 
-# --- the whole way ----------------------------------------------------------------------------------------------------
+# --- whole runs ----------------------------------------------------------------------------------------------------
 
 CASE = """
 body_force = [0.0, 0.0, -1e5]
@@ -247,7 +247,7 @@ def test_gmsh_itself(tmp_path):
         )
         for name in ("left", "right"):
             assert len(other.faces[name]) == len(domain.faces[name])
-        gmsh.option.setNumber("Mesh.Binary", 0)  # its binary VTK files are not read by meshio
+        gmsh.option.setNumber("Mesh.Binary", 0)  # meshio does not read its binary VTK files
         for name in ("box.bdf", "box.vtk"):
             gmsh.write(str(tmp_path / name))
             numbered = coulomb.read_mesh(tmp_path / name)

@@ -122,7 +122,7 @@ def test_both_limits():
 
 @pytest.mark.parametrize("name", ["friction", "cohesion"])
 def test_functions_of_place(name):
-    """Each node obeys its own law; forces differ from those of the mean."""
+    """Each node has its own law; forces differ from those of the mean values."""
     given = {"friction": 0.2, "cohesion": 5e6, name: lambda x: (0.1 if name == "friction" else 3e6) * (1.0 + x[0])}
     problem = block(**given)
     solution = problem.solve(1e-10)
@@ -202,7 +202,7 @@ def test_case_file(tmp_path, cell, ranks):
 
 
 def test_regions_and_tables(tmp_path):
-    """Friction or cohesion by region; what a region leaves out is the face's."""
+    """Friction or cohesion by region; the keys that a region omits are those of the face."""
     (tmp_path / "case.toml").write_text(CASE.replace("CELL", "hexahedron"))
     left = "{box=[[0,0,0],[0.4,1,1]], cohesion=1e6}, {box=[[0.9,0,0],[1,1,1]], friction=0.1}"
     problem = read_case(tmp_path / "case.toml", [f"contact.region=[{left}]"]).problem()

@@ -1,4 +1,4 @@
-"""Nested dissection and the factorisation that goes along it, against what they promise and dense algebra."""
+"""Nested dissection and the multifrontal factorisation, against their documented properties and dense algebra."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def operations(fronts):
 
 
 def check(graph, fronts, last):
-    """What the factorisation relies on."""
+    """The properties that the factorisation requires."""
     position = np.empty(graph.shape[0], dtype=int)
     order = np.concatenate([front.own for front in fronts])
     assert np.array_equal(np.sort(order), np.arange(graph.shape[0]))
@@ -93,7 +93,7 @@ def test_borders_are_few_runs():
 
 
 def test_less_work_than_mumps_beside_a_schur_complement():
-    """At p = 10 MUMPS takes 6.8e9 operations with Debian's only order, AMD, and 1.8e9 where nothing is kept."""
+    """At p = 10 MUMPS takes 6.8e9 operations with AMD, Debian's only ordering, and 1.8e9 without a Schur complement."""
     problem = block(10, explicit=True)
     solver = problem.body.stiffness_solver
     assert operations(solver._fronts) <= 4.5e9
@@ -102,7 +102,7 @@ def test_less_work_than_mumps_beside_a_schur_complement():
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_against_dense_algebra(cell):
-    """Also where the coordinates are nonsense: they decide about the work, not about the result."""
+    """Also with random coordinates: they determine the work, not the result."""
     problem = block(3, cell=cell, explicit=True)
     K, nodes = problem.elasticity.K, np.sort(problem.surface.nodes)
     indptr, indices, values = K.getValuesCSR()

@@ -118,7 +118,7 @@ def test_preconditioners_are_the_papers(system):
 
 @pytest.mark.parametrize("kind", [AugmentedSystem(rank=0), SchurComplementSystem(rank=0)])
 def test_preconditioners_do_not_cancel(kind):
-    """Active constraints have D22 -> 0: what is left of dx is then small, and must keep all its digits."""
+    """Active constraints have D22 -> 0: the remaining dx is then small, and must be accurate in all digits."""
     rng = np.random.default_rng(32)
     A = random_spd(3 * NODES, 10.0, rng)
     y = rng.standard_normal((NODES, 2))

@@ -1,4 +1,4 @@
-"""What is kept of a problem works without the rest: communicators die with DOLFINx's meshes."""
+"""Parts of a problem work after the rest is deleted: communicators end with DOLFINx's meshes."""
 
 import gc
 

@@ -129,7 +129,7 @@ def test_a_large_sphere_is_a_plane():
 
 
 def test_leaving_the_theory_is_reported():
-    """A cap pressed 5 mm into a ball of 50 mm: curvature, turn of the normals and strain all show."""
+    """A cap pressed 5 mm into a ball of 50 mm: gap error, turn of the normals and strain exceed their limits."""
     mesh = coulomb.box((0.1, 0.1, 0.05), (8, 8, 4))
     contact = Contact("bottom", 0.1, foundation=Sphere((0.05, 0.05, -0.05), 0.05))
     press = PrescribedDisplacement("top", (0.01, 0.0, -0.02))

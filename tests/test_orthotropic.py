@@ -50,7 +50,7 @@ def sliding(problem, tolerance=1e-11):
     ("cell", "direction"), [("hexahedron", 0.0), ("tetrahedron", 30.0)], ids=["hexahedra, x", "tetrahedra, 30 degrees"]
 )
 def test_block_drawn_along_an_angle(cell, direction, angle):
-    """The way is given: T is the ellipse's point whose normal is against it, and |T| s is dissipated."""
+    """T is the point of the ellipse whose normal is opposite to the given slip; |T| s is dissipated."""
     *_, before, last = sliding(drawn(angle, cell, (*unit(direction), 0.0)))
     total = totals(last.solution)
     expected = force_for_slip(unit(angle), total["normal_force"], direction)

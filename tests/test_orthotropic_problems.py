@@ -72,7 +72,7 @@ def test_friction_of_every_node_is_in_its_ellipse(cell, tmp_path):
 
 
 def test_components_and_vectors_of_a_surface():
-    """Forces and displacements have inverse pairs of conversions, and their work is the same in both."""
+    """The conversions of forces and displacements are inverse to each other and preserve work."""
     surface, rng = block().surface, np.random.default_rng(3)
     force, way = rng.standard_normal((2, len(surface.nodes), 3))
     assert np.allclose(surface.force_components(surface.vectors(force)), force)

@@ -1,4 +1,4 @@
-"""What a run leaves on disk, read back by others."""
+"""The files of a run, read by other software."""
 
 import csv
 import json
@@ -129,7 +129,7 @@ def test_picture_shows_something(run):
 
 
 def test_tresca_counts_slip_on_open_nodes_too():
-    """As the reference counts: Tresca friction acts without pressure."""
+    """As in the reference: Tresca friction acts without pressure."""
     nodes = summary(solved_block(6, "tresca"))["nodes"]
     assert nodes == {"contact": 126, "open": 20, "stick": 8, "slip": 118}
 

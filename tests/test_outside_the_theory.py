@@ -1,6 +1,6 @@
-"""Answers whose equations are solved and that do not count all the same: exit code, terminal, summary, report.
+"""Answers outside the theory although the equations are solved: exit code, terminal, summary, report.
 
-And the other way round: a certificate that fails is not overruled by a solver that says converged.
+Conversely, a failed certificate is not overruled by a solver that has converged.
 """
 
 import csv
@@ -64,7 +64,7 @@ ABSURD = [
     (
         HERTZ,
         "prescribed_displacement.0.value=[1.0,0,-0.0001]",
-    ),  # along the ball: gone from where its gaps and normals were taken
+    ),  # along the ball, away from where gaps and normals were evaluated
     (HERTZ, "contact.foundation.centre=[0.02,0.02,-0.15]"),
 ]
 
@@ -125,8 +125,8 @@ def test_every_step_of_a_history_counts(tmp_path):
         assert [row["valid"] for row in csv.DictReader(file)] == ["True", "False", "True"]
     words, kind = words_of(tmp_path)
     assert kind == "failed" and "OUTSIDE THE THEORY" in words and "first is step 2" in words
-    assert invoke("resume", tmp_path).exit_code == 1  # no steps are left, and the verdict is the same
-    assert invoke("resume", tmp_path, "--force").exit_code == 1  # what is written was not accepted
+    assert invoke("resume", tmp_path).exit_code == 1  # no steps remain, and the result is the same
+    assert invoke("resume", tmp_path, "--force").exit_code == 1  # the written steps were not accepted
 
 
 def test_force_accepts_a_history(tmp_path):
@@ -137,7 +137,7 @@ def test_force_accepts_a_history(tmp_path):
 
 
 def with_failing_certificates(monkeypatch):
-    """The next certificates fail in one condition; the solver's status is what it was."""
+    """The next certificates fail in one condition; the solver's status is unchanged."""
     honest = load_history.judge
 
     def judge(*arguments):
@@ -203,7 +203,7 @@ def test_a_measure_just_inside_and_just_outside(name, bound):
         (0.999 * bound.refuse, 1, 0),
         (1.001 * bound.refuse, 1, 1),
         (np.inf, 1, 1),
-        (np.nan, 1, 1),  # what is no number is not small
+        (np.nan, 1, 1),  # nan is not small
     ):
         strain = replace(quiet, **{name: value})
         assert (len(strain.warnings), len(strain.violations)) == (warnings, violations)
@@ -212,7 +212,7 @@ def test_a_measure_just_inside_and_just_outside(name, bound):
 
 
 def test_a_foundation_that_ends_where_the_body_goes_is_outside():
-    """Its function has no value there: no crash, and the measures are not small."""
+    """The foundation's function is undefined there: no crash, and the measures are not small."""
 
     def distance(x):
         if np.any(x[0] > 3.3):
@@ -272,7 +272,7 @@ def test_the_smallest_gap_is_reported(tmp_path):
 
 
 def test_a_large_energy_imbalance_is_a_warning(tmp_path):
-    """Deep and in one stride: what friction dissipates is taken from the end of the step alone."""
+    """Deep indentation in one step: the dissipated energy uses the friction at the end of the step only."""
     code, said, complaint = run(
         tmp_path, HISTORY, "prescribed_displacement.0.value=[0,0,-0.004]", "history={times=[1.0, 2.0, 3.0]}"
     )

@@ -1,4 +1,4 @@
-"""The process that draws picture.png begins early where it may be needed, and never outlives the run."""
+"""The process that draws picture.png starts early if it may be needed, and ends with the run."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ MARK = "COULOMB_TEST_OF_THE_OVERVIEW"
 
 
 class Started:
-    """In place of a process."""
+    """A stand-in for a process."""
 
     def __init__(self, module, arguments):
         self.stopped = False
@@ -28,7 +28,7 @@ class Started:
 
 @pytest.fixture
 def two_processors(monkeypatch):
-    """A machine with two processors, no launcher of MPI, and processes that only note that they were started."""
+    """A machine with two processors, without an MPI launcher, and processes that only record their start."""
     for name in RANK_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)

@@ -1,4 +1,4 @@
-"""What must hold on any number of ranks: run it alone, or as `mpirun -n 3 python -m pytest tests/test_parallel.py`."""
+"""Tests for any number of ranks: run alone, or as `mpirun -n 3 python -m pytest tests/test_parallel.py`."""
 
 import json
 from dataclasses import replace
@@ -212,7 +212,7 @@ def test_a_rank_without_contact_nodes():
 
 
 def test_ranks_without_cells(shared_directory):
-    """A body of one cell: every other rank has nothing, and still writes its part."""
+    """A body of one cell: the other ranks have no cells, and still take part in writing."""
     problem = ContactProblem(coulomb.box((1, 1, 1), (1, 1, 1)), STEEL, [Clamp("top")], Contact("bottom", friction=0.3))
     output.write(problem.solve(), shared_directory)
 

@@ -1,4 +1,4 @@
-"""Algorithm PF: right answers, and each of its known traps."""
+"""Algorithm PF: right answers, and its known pitfalls."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -146,7 +146,7 @@ class Blocked(AugmentedSystem):
 
 
 def test_a_blocked_step_is_not_convergence():
-    """err = |v_new - v|/|v_new| is tiny when alpha is; only the residual may say converged."""
+    """err = |v_new - v|/|v_new| is tiny when alpha is; the residual alone decides on convergence."""
     qp, _ = random_tresca(10, seed=18)
     with pytest.raises(NotConverged) as failure:
         InteriorPoint(tolerance=1e-6, newton=Blocked()).solve(qp)
@@ -164,7 +164,7 @@ def test_units_do_not_change_the_iteration(force, length):
     other = FrictionProblem.tresca(dense_compliance(A * length / force), qp.b * length, qp.law.cohesion * force)
     result = InteriorPoint().solve(other)
     assert result.newton_steps == base.newton_steps
-    if force == 2.0**-20:  # powers of two: not even the rounding changes
+    if force == 2.0**-20:  # powers of two: rounding is the same
         assert [step.krylov for step in result.history] == [step.krylov for step in base.history]
         assert np.array_equal(result.x, force * base.x)
     assert np.allclose(result.x, force * base.x, rtol=1e-6, atol=1e-9 * force * np.abs(base.x).max())
@@ -192,7 +192,7 @@ def test_small_discs_are_scaled_to_unit_discs():
 
 
 def test_zero_slip_bounds():
-    """Nodes without friction: no disc, no interior there; the rest as an independent solver has it."""
+    """Nodes without friction have no disc and no interior; the others agree with an independent solver."""
     qp, A = random_tresca(30, seed=23)
     qp = qp.with_slip_bound(np.where(np.arange(30) % 3 == 0, 0.0, qp.law.cohesion))
     result = InteriorPoint(tolerance=1e-9).solve(qp)
@@ -208,7 +208,7 @@ def test_small_beta_is_widened_to_contain_the_start():
 
 
 def test_inexact_stiffness_solver():
-    """CG-GAMG tight enough gives the direct answer; too loose, the run must not claim to have converged."""
+    """An accurate CG-GAMG gives the direct answer; an inaccurate one must not end as converged."""
 
     class Loose(IterativeSolver):
         def __init__(self, K):
@@ -242,7 +242,7 @@ def hard_tresca(seed):
 
 @pytest.mark.parametrize("seed", [1072, 1083, 1112, 1153, 1209, 1219, 1236, 1277, 1288, 1299, *range(2000, 2030)])
 def test_hard_problems(seed):
-    """Starts too near the boundary block, and a preconditioner that cancels stalls: the first ten needed a cure."""
+    """Starts too near the boundary block the steps, and cancellation in the preconditioner stalls CG."""
     qp = hard_tresca(seed)
     result = InteriorPoint(tolerance=1e-8).solve(qp)
     assert qp.residual(result.x) <= 1e-8
@@ -270,12 +270,12 @@ def test_useless_warm_start_falls_back_to_a_cold_one():
     warm = InteriorPoint().solve(other, start.x, gradient=start.gradient)
     assert warm.newton_steps <= cold.newton_steps + 3  # three blocked steps at the most
     far = InteriorPoint().solve(other, 100.0 * start.x, gradient=100.0 * start.gradient)
-    assert far.newton_steps == cold.newton_steps  # so far off that it is not even tried
+    assert far.newton_steps == cold.newton_steps  # so far off that it is not used
     assert np.linalg.norm(warm.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)
 
 
 def test_blocked_warm_start_falls_back_to_a_cold_one(monkeypatch):
-    """A warm start on the boundary, by force: its steps block, the cold start behind it brings the answer."""
+    """A warm start forced onto the boundary: its steps block, and the following cold start gives the answer."""
     qp, _ = random_tresca(60, seed=27)
     start = InteriorPoint().solve(qp)
     other = replace(qp, b=-np.roll(qp.b, 7))
@@ -287,7 +287,7 @@ def test_blocked_warm_start_falls_back_to_a_cold_one(monkeypatch):
 
 
 def test_longest_step_ends_on_the_boundary():
-    """Bounds, multipliers and discs, each once the nearest: a hair further is outside."""
+    """Bounds, multipliers and discs, each once the nearest: a slightly longer step is outside."""
     rng = np.random.default_rng(17)
     law, lower = FrictionLaw(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.5, 0.0])), np.array([0.3, 0.1, 0.2])
     problem = ScaledProblem(FrictionProblem(dense_compliance(np.eye(9)), np.ones(9), law, lower))

@@ -1,4 +1,4 @@
-"""The block by coulomb and its peers: those installed agree, the others are left out and said so."""
+"""The block by coulomb and its peers: the installed ones agree, the others are omitted and reported."""
 
 import numpy as np
 import pytest

@@ -81,7 +81,7 @@ def test_patch_sticking(cell):
 def test_patch_sliding_everywhere(cell):
     """u_x = s0 + (nu (1+nu) p/E) x + (F p/G) z, u_y = 0, u_z = -((1-nu^2) p/E) z: all nodes slide along x.
 
-    The loop starts without friction and has to get there.  sigma_xx = 0, sigma_yy = -nu p, sigma_zz = -p,
+    The iteration starts without friction.  sigma_xx = 0, sigma_yy = -nu p, sigma_zz = -p,
     sigma_xz = F p: the friction on the body is -F p along x.
     """
     E, nu, p, friction, s0 = STEEL.young, STEEL.poisson, 4e7, 0.3, 1e-4
@@ -151,7 +151,7 @@ def test_gap_not_closed_by_the_load():
 
 
 def test_body_force_presses_the_block_down():
-    """Its own weight, a thousandfold: contact and clamp carry it."""
+    """A thousand times its own weight, carried by contact and clamp."""
     problem = ContactProblem(
         coulomb.box((3.0, 1.0, 1.0), (6, 2, 2)),
         STEEL,

@@ -1,4 +1,4 @@
-"""Pictures: nothing cut off, zones that every eye tells apart, arrows that leave the field seen, round numbers."""
+"""Pictures: nothing cut off, distinguishable zones, arrows that do not hide the field, round ticks."""
 
 import itertools
 
@@ -55,7 +55,7 @@ def test_zones_differ_in_greyscale(pair):
 @pytest.mark.parametrize("pair", PAIRS, ids="-".join)
 @pytest.mark.parametrize("eyes", BLIND)
 def test_zones_differ_for_the_colour_blind(pair, eyes):
-    """A difference of 2 is just seen side by side, one of 20 is another colour."""
+    """A difference of 2 is just visible side by side, one of 20 is another colour."""
     first, second = (
         lab(np.clip(np.array(BLIND[eyes]) @ linear(dict(ZONES.values())[name]), 0.0, 1.0)) for name in pair
     )
@@ -121,7 +121,7 @@ def look(run, field, view="contact", **changes):
 @pytest.mark.parametrize("field", ["pressure", "status", "friction_traction", "displacement"])
 @pytest.mark.parametrize("view", VIEWS)
 def test_nothing_is_cut_off(block, field, view):
-    """The outermost pixels are empty, those next to them on all sides are not: the body fills the picture."""
+    """The outermost pixels are empty, those next to them are not on any side: the body fills the picture."""
     shot = shoot(block.steps[0], look(block, field, view), (600, 450))
     seen = shot.pixels[:, :, 3] > 0
     height, width = seen.shape
@@ -164,7 +164,7 @@ def test_the_picture_shows_pressure_and_zones(block, tmp_path):
     ("lengths", "cells", "wide"), [((3.0, 1.0, 1.0), (6, 2, 2), True), ((1, 1, 1), (2, 2, 2), False)]
 )
 def test_arrangement_of_the_two_views(tmp_path, lengths, cells, wide):
-    """And where nothing touches there is a picture all the same."""
+    """Without contact there is a picture as well."""
     problem = ContactProblem(
         box(lengths, cells),
         Material(2e11, 0.3),
@@ -180,7 +180,7 @@ def test_arrangement_of_the_two_views(tmp_path, lengths, cells, wide):
 
 
 def test_a_thin_body_is_not_turned_inside_out(tmp_path):
-    """At the scale at which displacements are a twentieth of a plate, a pressed plate's faces would change places."""
+    """At the scale that shows displacements as a twentieth of the plate, its two faces would be exchanged."""
     problem = ContactProblem(
         box((1.0, 1.0, 0.01), (6, 6, 1)),
         Material(2e11, 0.3),
@@ -194,7 +194,7 @@ def test_a_thin_body_is_not_turned_inside_out(tmp_path):
     height = (body.points + scale * body.fields["displacement"])[:, 2]
     top = body.points[:, 2] > 0.005
     assert height[top].min() > height[~top].max()
-    assert scale * np.abs(body.fields["displacement"]).max() > 1e-3  # and it still shows
+    assert scale * np.abs(body.fields["displacement"]).max() > 1e-3  # and it is still visible
 
 
 @pytest.mark.parametrize("limits", [(0.0, 189.3e6), (0.0, 7.77e-7), (-96.62e3, 96.62e3), (0.0, 1.0), (0.0, 33.0)])
@@ -213,7 +213,7 @@ def test_ticks_are_round(limits):
 
 
 def test_the_drawing_process_ends_with_its_input():
-    """As where the run that began it is killed: its standard input ends."""
+    """As when the run that started it is killed: its standard input ends."""
     assert overview_process.begin().finish("", seconds=120.0) == (0, "")
 
 

@@ -1,4 +1,4 @@
-"""`coulomb plot` and `coulomb report` need what they draw, and nothing else."""
+"""`coulomb plot` and `coulomb report` need only the files that they draw."""
 
 import json
 import re

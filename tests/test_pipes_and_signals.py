@@ -1,4 +1,4 @@
-"""The process that the command line is: pipes, closed streams, full disks, signals in any phase, what a log shows."""
+"""The process of the command line: pipes, closed streams, full disks, signals in any phase."""
 
 import contextlib
 import json
@@ -32,7 +32,7 @@ def environment(**changes):
 
 
 def shell(line, **changes):
-    """A line of the shell, with `coulomb` for ours."""
+    """A line of shell, in which `coulomb` is this checkout's."""
     line = line.replace("coulomb", " ".join(COULOMB))
     return subprocess.run(
         ["bash", "-o", "pipefail", "-c", line], env=environment(**changes), capture_output=True, text=True, timeout=240
@@ -91,7 +91,7 @@ def test_narrow_encoding():
 
 @contextlib.contextmanager
 def read_only(path):
-    """A directory in which nothing can be written, by root either."""
+    """A directory in which not even root can write."""
     path.mkdir()
     if os.getuid() != 0:
         path.chmod(0o555)
@@ -133,13 +133,13 @@ EARLY = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGUSR1: 138, signal.SI
 
 
 def signals_not_ignored():
-    """The tests may have been started where signals are ignored, as behind `&` or nohup."""
+    """Signals may be ignored where the tests were started, as behind `&` or nohup."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_DFL)
 
 
 class Watched:
-    """A command that gets a signal when it can be seen to have come to a point."""
+    """A command that gets a signal when it has reached a given point."""
 
     def __init__(self, *arguments):
         command = [*COULOMB, *map(str, arguments)]
@@ -165,7 +165,7 @@ class Watched:
         return self.when(lambda: library in maps.read_text())
 
     def signalled(self, *numbers):
-        """Exit code as a shell counts it, and what was said."""
+        """Exit code as in a shell, and the messages."""
         for number in numbers:
             self.process.send_signal(number)
             time.sleep(0.05 if len(numbers) > 1 else 0.0)
@@ -187,7 +187,7 @@ def test_a_signal_while_it_loads(number, library):
 @pytest.mark.parametrize("number", SIGNALS[:2], ids=lambda number: number.name)
 @pytest.mark.parametrize("command", ["check-case", "run"])
 def test_a_signal_before_there_is_something_to_keep(number, command):
-    """Mesh, assembly, factorisation: at once and in silence."""
+    """Mesh, assembly, factorisation: immediate end without a message."""
     arguments = [command, "case.toml", "--set", "mesh.cells=[60,20,20]", "--log", "log"]
     watched = Watched(*(arguments if command == "run" else arguments[:-2])).mapped("libdolfinx")
     time.sleep(1.0)
@@ -211,7 +211,7 @@ def test_a_signal_in_the_loop(number):
 
 @pytest.mark.parametrize("drawn", ["picture", "report"])
 def test_a_signal_while_it_draws(drawn):
-    """The results are there, complete, certified; only what was being drawn is not."""
+    """The results are complete and certified; only the picture being drawn is missing."""
     summary = Path("out/summary.json")
     pictures = ["--set", f"output.picture={'true' if drawn == 'picture' else 'false'}"]
     watched = Watched("run", "case.toml", *pictures, *(["--report"] if drawn == "report" else []))
@@ -241,7 +241,7 @@ def test_the_last_step_of_a_history_is_kept_when_the_picture_is_not():
     last = Path("out/steps/0002/summary.json")
     watched = Watched("run", "case.toml", *history, "--set", "output.picture=true").when(last.exists)
     code, _, errors = watched.signalled(signal.SIGTERM)
-    assert code in (0, 130) and "Traceback" not in errors  # 0 if the picture was quicker
+    assert code in (0, 130) and "Traceback" not in errors  # 0 if the picture was finished first
     assert run_coulomb("resume", "out", "--quiet").returncode == 0
 
 

@@ -1,4 +1,4 @@
-"""What the package promises: public names and their documentation, one version, types, imports without warnings."""
+"""Public names and their documentation, one version, types, imports without warnings."""
 
 import inspect
 import re
@@ -20,7 +20,7 @@ PROTOCOLS = (
     Revolved,
     RigidFoundation,
     StiffnessSolver,
-)  # they say what their methods do, once
+)  # documented by their methods
 NAMES = [name for name in coulomb.__all__ if name != "__version__"]
 PLATFORM = ("dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py", "numpy", "scipy", "h5py", "cffi", "pyvista", "vtk")
 
@@ -32,7 +32,7 @@ def test_public_names():
 
 
 def members(value):
-    """What a public class defines for its users: methods and properties with public names."""
+    """Methods and properties of a public class with public names."""
     for base in inspect.getmro(value):
         if base.__module__.startswith("coulomb"):
             for name, member in vars(base).items():
@@ -68,7 +68,7 @@ def test_the_package_is_marked_as_typed():
 
 
 def test_no_import_is_deprecated():
-    """Every module, with deprecations as errors; what the packages of the platform do among themselves is theirs."""
+    """Every module, with deprecations as errors; those between packages of the platform are ignored."""
     done = run_python(
         "-c",
         f"""

@@ -1,4 +1,4 @@
-"""The report of a run: what it says, of what, and that it needs nothing else."""
+"""The report of a run: its contents, their labels, and that it is self-contained."""
 
 import csv
 import json
@@ -55,7 +55,7 @@ def test_page_needs_nothing_else(block, failed, history):
         assert "default-src 'none'" in text  # the browser would not load it either
         (run,) = read_run(directory).made
         rest = text.replace(str(markupsafe.escape(run["command"])), "")
-        assert len(rest) < len(text)  # it is there, as it was typed, and is the only one to name places of this machine
+        assert len(rest) < len(text)  # the command is shown as typed; nothing else names places of this machine
         assert str(directory.parent) not in rest and str(ROOT) not in rest
         assert 50_000 < len(text) < 3_000_000
 
@@ -85,7 +85,7 @@ def test_a_run_that_failed_is_red(failed):
     contents = json.loads((failed / "summary.json").read_text())
     assert '<header class="failed">' in text and "<title>failed: NOT CERTIFIED</title>" in text
     assert "are not a solution" in words and "Solver: max iterations" in words
-    assert "Successive Tresca ended with a residual of" in words  # what the solver said
+    assert "Successive Tresca ended with a residual of" in words  # the message of the solver
     bad = [name for name, check in contents["certificate"].items() if isinstance(check, dict) and not check["passed"]]
     conditions = sum(isinstance(check, dict) for check in contents["certificate"].values())
     assert f"{len(bad)} of {conditions} conditions fail" in words and words.count("✗ failed") == len(bad) > 3
@@ -111,7 +111,7 @@ def between(words, start, end):
 
 
 def test_figures_of_a_history_are_labelled(history):
-    """Sums and largest values are of all steps, those of the last step say so; the two are not the same."""
+    """Sums and largest values are of all steps, those of the last step are labelled; the two differ."""
     words = words_of(history)
     steps = [json.loads(file.read_text()) for file in sorted((history / "steps").glob("*/summary.json"))]
     last = steps[-1]
@@ -199,7 +199,7 @@ def test_a_step_before_the_last_that_failed_is_named(history, tmp_path):
 
 
 def test_zones_of_the_first_step_are_drawn(history, monkeypatch):
-    """Each step is as wide as it is long: the first one begins at the start of the history."""
+    """The width of a step is its duration; the first one begins at the start of the history."""
     drawn = []
     monkeypatch.setattr(
         Axes, "stackplot", lambda axis, *given, **options: drawn.append((axis.plot([], label="x"), *given))
@@ -289,7 +289,7 @@ def test_drawing_does_not_start_mpi(block):
     (block / "again.html").unlink()
 
 
-# --- numbers in words -------------------------------------------------------------------------------------------------
+# --- formatted numbers ------------------------------------------------------------------------------------------------
 
 
 def test_quantities():
@@ -305,7 +305,7 @@ def test_quantities():
 
 def test_named_fields():
     assert named("slip").component is None and named("slip_y").component == 1
-    assert named("slip_y").limits(np.array([-2.0, 1.0])) == (-2.0, 2.0)  # zero is in the middle of the colours
+    assert named("slip_y").limits(np.array([-2.0, 1.0])) == (-2.0, 2.0)  # zero is in the middle of the colour scale
     assert named("pressure").limits(np.array([1.0, 3.0])) == (0.0, 3.0)
     assert named("friction_use").limits(np.array([0.2, 0.4])) == (0.0, 1.0)
     with pytest.raises(ValueError, match="did you mean gap"):

@@ -40,7 +40,7 @@ def test_plot_of_zones_and_of_a_film(block, history, tmp_path):
 
 
 def test_largest_value_on_a_picture_is_of_its_step(history, tmp_path, monkeypatch):
-    """Colours range over all steps of a history; the figure beside the bar is that of the step."""
+    """Colours span all steps of a history; the figure beside the bar is that of the step."""
     made = []
     monkeypatch.setattr(picture, "sheet", lambda *given: made.append(sheet(*given)) or made[-1])
     found = []

@@ -1,4 +1,4 @@
-"""The view of the contact surface in the report: its data, and what it does in a browser."""
+"""The view of the contact surface in the report: its data, and its behaviour in a browser."""
 
 import json
 import re
@@ -80,10 +80,10 @@ def test_the_view_draws(block, tmp_path):
     assert view["by"] == "webgl" and int(view["drawn"]) > 50_000
     assert int(view["arrowsinfront"]) > 500 > 50 > int(view["arrowsbehind"])  # the surface hides them from behind
     counts = [int(view[f"zone{code}"]) for code in range(4)]
-    assert int(view["blue0"]) < 100 < min(counts)  # zones show only when they are asked for, each in its colour
+    assert int(view["blue0"]) < 100 < min(counts)  # zones are shown on request only, each in its colour
     assert counts[2] > 5 * max(counts[0], counts[1], counts[3])  # most of the surface slips
     assert view["legend"] == "openstickslipheld"
-    assert int(view["turned"]) < 0.6 * counts[2]  # by a quarter turn the surface is seen from its edge
+    assert int(view["turned"]) < 0.6 * counts[2]  # after a quarter turn the surface is seen from its edge
     assert re.fullmatch(r"(open|stick|slip|held) at \(.*\) m", view["tip"])
 
 
@@ -144,7 +144,7 @@ WHEEL = """
 @needs_chromium
 @pytest.mark.parametrize("run", ["block", "history"])
 def test_the_body_stays_in_the_frame(run, tmp_path, request):
-    """However it is turned, at every step, its displacement enlarged as far as it goes: nothing reaches the border."""
+    """At every rotation and step and the largest scale of the displacement, nothing reaches the border."""
     view, console = open_page(page_of(request.getfixturevalue(run)), tmp_path, FRAME)
     assert not console
     assert int(view["states"]) >= 24 and view["atborder"] == "0"
@@ -192,7 +192,7 @@ FRAME = """
 
 @needs_chromium
 def test_the_tip_follows_its_node(history, tmp_path):
-    """It says the value there when the step changes, moves with the node, and goes when the mouse does."""
+    """It shows the value at the node when the step changes, moves with the node, and closes when the mouse leaves."""
     data = data_of(history)
     view, console = open_page(page_of(history), tmp_path, TIP)
     assert not console
@@ -276,7 +276,7 @@ def test_axes_turn_with_the_body(block, tmp_path):
     assert not console and view["names"] == "xyz"
     for when in ("before", "after"):
         ends = np.array([[float(v) for v in view[f"{when}-{axis}"].split(",")] for axis in "xyz"])
-        # rows x, y, z; columns right and down: with what points at the eye they make a rotation
+        # rows x, y, z; columns right and down: completed by the direction to the eye they form a rotation
         assert np.allclose(ends.T @ ends, np.eye(2), atol=2e-3)
     data = data_of(block)
     towards = np.array(data["direction"]) / np.linalg.norm(data["direction"])
@@ -343,6 +343,6 @@ PHONE = """
 
 @needs_chromium
 def test_errors_of_a_page_are_detected(block, tmp_path):
-    """The tests above can fail."""
+    """Checks that the tests above can fail."""
     _, console = open_page(page_of(block).replace("const data = JSON", "const data = JASON"), tmp_path, "")
     assert any("JASON" in line for line in console)

@@ -1,4 +1,4 @@
-"""`coulomb resume` goes on with the case that was computed, and with no other."""
+"""`coulomb resume` continues with the computed case and refuses any other."""
 
 import json
 import shutil
@@ -39,7 +39,7 @@ picture = false
 
 @pytest.fixture(scope="module")
 def stopped(tmp_path_factory):
-    """A history of two steps of which one is taken."""
+    """A history of two steps, stopped after the first."""
     home = tmp_path_factory.mktemp("stopped")
     BoxFile().write(home / "part.msh")
     (home / "case.toml").write_text(CASE)
@@ -53,7 +53,7 @@ def stopped(tmp_path_factory):
 
 @pytest.fixture
 def copy(stopped, tmp_path):
-    """Of it, the mesh file moved along."""
+    """A copy of it, with the mesh file."""
     shutil.copytree(stopped, tmp_path / "copy")
     return tmp_path / "copy"
 
@@ -108,7 +108,7 @@ def test_an_edited_mesh_is_refused(copy):
 
 
 def test_changes_that_keep_the_problem_are_accepted(copy):
-    """Another place of the same mesh and of the results, another method, a case written out in full."""
+    """Another path of the same mesh and of the results, another method, a case with all defaults written out."""
     edit(
         copy,
         output={"report": True},
@@ -143,7 +143,7 @@ def test_the_command(copy):
 
 
 def test_a_refused_run_leaves_the_case_of_the_history(copy):
-    """A changed case, run by mistake where a history is: what is there stays whole, its case too."""
+    """A changed case, run by mistake in the directory of a history: the history and its case are unchanged."""
     edit(copy)
     before = (copy / "out" / "case.json").read_bytes()
     done = run_coulomb("run", copy / "case.toml", "--set", "contact.friction=0.7", "--output", copy / "out")

@@ -1,4 +1,4 @@
-"""Where a product is a solve: no more exact than need be, and the same answer."""
+"""Products that are linear solves: only as accurate as needed, and the same answer."""
 
 import csv
 
@@ -40,7 +40,7 @@ def test_multigrid_iterations_of_the_whole_problem():
 
 
 def test_incremental_products_do_not_accumulate_errors():
-    """A hundred small moves, each to 10 % of itself, leave the error of one."""
+    """After a hundred small increments, each accurate to 10 %, the error is that of one."""
     problem = make_block(4, **MULTIGRID)
     A, n = problem.A, 3 * len(problem.surface.nodes)
     rng = np.random.default_rng(91)
@@ -62,7 +62,7 @@ def test_a_loose_product_costs_less():
     A, solver = problem.A, problem.body.stiffness_solver
     rng, y = np.random.default_rng(92), np.empty(3 * len(problem.surface.nodes))
     counts = []
-    for tolerance in (0.1, 1e-3, 0.0):  # of something new each time: a solve starts from the last ones
+    for tolerance in (0.1, 1e-3, 0.0):  # of a new vector each time: a solve starts from the last ones
         x = rng.standard_normal(len(y))
         before = solver.iterations
         A.mult(x, y, tolerance)

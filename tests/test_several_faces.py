@@ -15,7 +15,7 @@ CLOSING = [(0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, -1e-3), (2.0, 2e-3, 0.0, -1e-3)
 
 
 def jaws(friction=(0.4, 0.4), motion=CLOSING, **options):
-    """A block of cork, on soft springs, between a floor and a plate that comes down by 1 mm and then moves by 2 mm."""
+    """A block of cork on soft springs between a floor and a plate that moves down by 1 mm and then sideways by 2 mm."""
     return ContactProblem(
         coulomb.box((0.1, 0.1, 0.05), (4, 4, 4)),
         CORK,
@@ -42,7 +42,7 @@ def test_squeezed_and_sheared():
     assert bottom["moment"] == pytest.approx([0.05 * pressed, -0.05 * pressed, 0.0], rel=1e-4, abs=1e-6 * pressed)
     assert totals(first)["contact_area"] == pytest.approx(0.02) and bottom["contact_area"] == pytest.approx(0.01)
     bottom, top = totals(second, 0), totals(second, 1)
-    assert top["force"][0] == pytest.approx(0.2 * top["normal_force"], rel=1e-8)  # along with the plate
+    assert top["force"][0] == pytest.approx(0.2 * top["normal_force"], rel=1e-8)  # with the plate
     assert bottom["force"][0] == pytest.approx(-top["force"][0], rel=1e-3)
     assert bottom["faces"] == ["bottom"] and totals(second)["faces"] == ["bottom", "top"]
 
@@ -53,12 +53,12 @@ def test_the_order_of_the_faces_does_not_matter():
     a, b = (next(iter(LoadHistory([1.0], tolerance=1e-10).steps(problem))).solution for problem in (one, other))
     # 2000 N pass by springs of 10 N/m in all: 1e-10 of the forces moves the block by 2e-8 m
     assert np.allclose(a.displacement, b.displacement, rtol=0.0, atol=2e-8)
-    # and the springs make the mean of diag(A), by which the residual is measured, 1e4 times what the cork makes it
+    # and the springs make the mean of diag(A), the scale of the residual, 1e4 times that of the cork
     assert totals(a, 0)["normal_force"] == pytest.approx(totals(b, 1)["normal_force"], rel=1e-5)
 
 
 def test_matrix_free_and_written(tmp_path):
-    """The same forces by multigrid; the files certify themselves; a line of history.csv has both faces."""
+    """The same forces by multigrid; `coulomb check` passes; a line of history.csv has both faces."""
     direct, free = jaws(), jaws(linear_solver=coulomb.IterativeSolver, explicit=False)
     files = coulomb.HistoryFiles(tmp_path)
     LoadHistory([1.0, 1.5], tolerance=1e-10).run(direct, files)
@@ -73,7 +73,7 @@ def test_matrix_free_and_written(tmp_path):
 
 
 def test_energy_with_one_jaw_moving():
-    """The plate does the work; the floor none."""
+    """All work is done by the plate, none by the floor."""
     *_, last = LoadHistory(np.linspace(0, 2, 17)[1:]).steps(jaws())
     energy = last.state.energy
     assert energy.loads == energy.prescribed == 0.0

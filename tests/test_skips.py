@@ -1,4 +1,4 @@
-"""The list of tests that may be skipped in CI, and what happens to the others."""
+"""The list of tests that may be skipped in CI."""
 
 import os
 import subprocess

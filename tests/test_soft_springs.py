@@ -1,4 +1,4 @@
-"""A body that only soft springs keep from moving: a drift of the whole is seen, however large the internal forces."""
+"""A body held by soft springs only: a rigid drift is detected, however large the internal forces."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,10 @@ def drifted(problem, way, turn=0.0):
 @pytest.mark.parametrize("stiffness", [1e5, 1e6, 1e7])
 def test_right_answers_pass(stiffness):
     solution, certificate = drifted(block(stiffness), 0.0)
-    assert failed(solution.certificate) <= {"complementarity", "penetration"}  # soft springs ask for more of the solver
+    assert failed(solution.certificate) <= {
+        "complementarity",
+        "penetration",
+    }  # soft springs need a more accurate solver
     assert certificate["rigid motion"].value <= 1e-7
 
 
@@ -49,7 +52,7 @@ def test_a_drift_fails(stiffness, way, turn):
 
 
 def test_internal_forces_do_not_show_the_drift():
-    """Why equilibrium and balance of all forces are not enough."""
+    """Equilibrium and balance of all forces do not detect it."""
     _, certificate = drifted(block(1e5), 0.1)
     for name in ("equilibrium", "force balance"):
         assert certificate[name].passed
@@ -66,6 +69,6 @@ def test_only_free_rigid_motions_are_judged():
 
 
 def test_a_drift_of_a_rubbing_block_fails():
-    """With friction as well: what the springs carry is compared, not the forces of the contact."""
+    """With friction as well: errors are relative to the spring forces, not to the contact forces."""
     _, certificate = drifted(block(1e6, friction=0.3), 0.1)
     assert "rigid motion" in failed(certificate)

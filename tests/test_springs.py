@@ -48,7 +48,9 @@ def test_block_held_by_friction_and_springs_slides():
     assert contents["nodes"]["stick"] == 0
     x = solution.contact_force.reshape(-1, 3)
     assert np.allclose(np.hypot(x[:, 1], x[:, 2]), 0.3 * x[:, 0], rtol=1e-6, atol=1e-8 * x.max())
-    assert -force[0] == pytest.approx(0.3 * force[2], rel=1e-5)  # nodes slip across a little: they spread under load
+    assert -force[0] == pytest.approx(
+        0.3 * force[2], rel=1e-5
+    )  # nodes slip sideways a little, since the body expands under load
     assert np.allclose(force + spring + [4e6, 0.0, -10e6], 0.0, atol=1.0)
     slip = (4e6 - 0.3 * force[2]) / 1e8  # of two faces of 0.5 m^2
     assert np.mean(solution.displacement[:, 0]) == pytest.approx(slip, rel=0.01)

@@ -1,4 +1,4 @@
-"""How long a step may be, each condition by a step made to break that one alone; sigma; and where a path starts."""
+"""Step lengths, with one step per condition that violates it alone; sigma; and starting points."""
 
 from itertools import pairwise
 
@@ -17,7 +17,7 @@ SOLVER = InteriorPoint(gamma=0.2)
 
 @pytest.fixture(params=["Tresca", "Coulomb", "both"])
 def at(request):
-    """A scaled problem, and of it: equal pressure, no friction, multipliers with nu z = 1 everywhere, gradient 0."""
+    """A scaled problem, and its iterate with equal pressure, no friction, nu z = 1 everywhere and gradient 0."""
     rng = np.random.default_rng(3)
     A, b = dense_compliance(random_spd(3 * NODES, 10.0, rng)), rng.standard_normal(3 * NODES)
     cohesion, friction = {"Tresca": (1.0, 0.0), "Coulomb": (0.0, 0.5), "both": (1.0, 0.5)}[request.param]
@@ -29,7 +29,7 @@ def at(request):
 
 
 def length(at, dnu, A_dx=0.0):
-    """Of a step that leaves the forces, changes nu by dnu nu (m, 2), and the gradient's rms by A_dx."""
+    """Length of a step that keeps the forces, changes nu by dnu nu (m, 2), and the gradient's rms by A_dx."""
     scaled, v = at
     rows = np.zeros((NODES, 3))
     A_dx = rows + [A_dx * np.sqrt(3.0), 0.0, 0.0]  # normal rows: they have the weight 1
@@ -37,7 +37,7 @@ def length(at, dnu, A_dx=0.0):
 
 
 def longest(allowed):
-    """The largest of 1, 0.9, 0.81, ... that is allowed."""
+    """The largest permitted length of 1, 0.9, 0.81, ..."""
     return next(alpha for alpha in 0.9 ** np.arange(100) if allowed(alpha))
 
 
@@ -93,7 +93,7 @@ def test_sigma_is_larger_where_the_gradient_limits_theta():
 
 
 class Inexact(MatrixCompliance):
-    """Exact, in truth."""
+    """Exact products that are declared inexact."""
 
     exact = False
 
@@ -133,7 +133,9 @@ def test_a_blocked_start_is_replaced_by_one_farther_inside(monkeypatch):
     monkeypatch.setattr("coulomb.solvers.interior_point.step_length", short)
     with pytest.raises(NotConverged):
         InteriorPoint(max_iterations=5).solve(qp)
-    assert seen == pytest.approx([0.1] * 3 + [1e3] * 3 + [1e6] * 5, rel=1e-6)  # the last one is patient
+    assert seen == pytest.approx(
+        [0.1] * 3 + [1e3] * 3 + [1e6] * 5, rel=1e-6
+    )  # the last start has no limit of short steps
 
 
 def test_a_warm_start_is_on_the_central_path_of_its_projection():
@@ -165,7 +167,7 @@ def test_a_start_from_forces_alone_is_well_inside():
     kept, forces = np.linalg.norm(y, axis=1) < 0.9 - 1e-9, problem.forces(x_n, y) * problem._W * problem._s
     assert np.linalg.norm(y, axis=1).max() <= 0.9 + 1e-12 and 0 < kept.sum() < 20
     assert np.allclose(forces[kept, 1:], x[kept, 1:])
-    assert np.allclose(forces[:, 1] * x[:, 2], forces[:, 2] * x[:, 1])  # the direction is kept
+    assert np.allclose(forces[:, 1] * x[:, 2], forces[:, 2] * x[:, 1])  # the direction is unchanged
 
 
 def test_a_warm_start_with_slope_takes_its_settings(monkeypatch):

@@ -50,7 +50,7 @@ def test_residual_is_that_of_the_tresca_problem_with_its_own_bound():
 
 
 def test_stops_on_the_coulomb_residual(block6):
-    """The status is earned by the residual of the Coulomb problem, recomputed from its definition."""
+    """CONVERGED needs the residual of the Coulomb problem, recomputed from its definition."""
     result, problem = block6.result, block6.problem
     friction = np.full(len(problem.surface.nodes), 0.3)
     again = FrictionProblem.coulomb(problem.A, problem.b, friction).residual(result.x)
@@ -137,7 +137,7 @@ def test_inner_failure_stops_the_outer_loop(block6):
 
 @dataclass(frozen=True)
 class Failing:
-    """PF; from its third Tresca problem on an answer of no use, which it gives up."""
+    """PF; from its third Tresca problem on it fails with a useless answer."""
 
     tolerance: float = 1e-8
     calls: list = field(default_factory=list)

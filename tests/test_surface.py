@@ -113,7 +113,7 @@ def test_bad_contact(make, message):
 
 
 def test_frames_at_45_degrees_do_not_depend_on_rounding():
-    """Two axes are as near to the normal: files, which round it, must lead to the same tangents."""
+    """Two axes at equal angles to the normal: a normal rounded in a file must give the same tangents."""
     n = np.array([1.0, 0.0, -1.0]) / np.sqrt(2.0) + 1e-16 * np.random.default_rng(0).integers(-3, 4, (40, 3))
     frames = tangent_frames(n)
     assert np.abs(frames - frames[0]).max() < 1e-14

@@ -1,4 +1,4 @@
-"""Output on a terminal and in a log: plain text if it is not interactive."""
+"""Output on a terminal and in a log: plain text unless it is interactive."""
 
 import contextlib
 import os
@@ -18,7 +18,7 @@ def _here(tmp_path, monkeypatch):
 
 
 def on_a_terminal(*command, **changes):
-    """What a command shows where standard output is a terminal."""
+    """The output of a command whose standard output is a terminal."""
     master, slave = pty.openpty()
     process = subprocess.Popen(command, env=environment(**changes), stdout=slave, stderr=slave)
     os.close(slave)

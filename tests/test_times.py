@@ -1,4 +1,4 @@
-"""A problem taken to another time is the problem that is made for that time.
+"""A problem moved to another time equals the problem made for that time.
 
 On any number of ranks: alone, or as `mpirun -n 3 python -m pytest tests/test_times.py`.
 """

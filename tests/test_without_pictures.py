@@ -1,4 +1,4 @@
-"""A cluster need not have what only pictures need: the run goes on, and one line says what to install."""
+"""Without the packages for pictures a run continues, and one line says what to install."""
 
 import re
 import tomllib
@@ -14,7 +14,7 @@ EVERY = " ".join(dict.fromkeys(PACKAGES.values()))
 
 @pytest.fixture
 def without(monkeypatch, tmp_path):
-    """Takes modules away from the processes that a test starts."""
+    """Makes modules unavailable in the processes that a test starts."""
 
     def take(*modules):
         place = tmp_path / "missing"

@@ -1,4 +1,4 @@
-"""A wrong input: what it is made of, and the directories, files and faults it needs."""
+"""A wrong input: its definition, and the directories, files and faults it needs."""
 
 import contextlib
 import io
@@ -38,7 +38,7 @@ class Wrong:
         patch: What is simulated.
         code: The exit code.
         alone: Whether the command runs on one rank only; False for both, None where it takes two ranks.
-        library: From here on the text is a library's and depends on its version.
+        library: Text of a library, which depends on its version, follows from here on.
     """
 
     what: str
@@ -60,7 +60,7 @@ def case(text, name="case.toml"):
 
 
 def part(spoil=lambda file: None, after=lambda text: text, **options):
-    """A mesh file part.msh, spoilt before or after it is written, and a case that reads it."""
+    """A mesh file part.msh, changed before or after it is written, and a case that reads it."""
 
     def prepare():
         file = BoxFile(**options)
@@ -81,7 +81,7 @@ def flatten(file):
 
 
 def tear(file):
-    """The cells of one half get nodes of their own."""
+    """Gives the cells of one half nodes of their own."""
     stiff = file.cell_groups["stiff"]
     file.cells[stiff] += len(file.points)
     file.points = np.vstack([file.points, file.points + [5.0, 0.0, 0.0]])
@@ -93,7 +93,7 @@ def only_faces(file):
 
 
 def ran(*changes, then=lambda: None):
-    """A run before, in results."""
+    """An earlier run, in results."""
 
     def prepare():
         case(BLOCK)()
@@ -147,7 +147,7 @@ def disk(free):
 
 
 class FullDisk:
-    """What DOLFINx makes of a disk that is full: here on the last rank alone."""
+    """A full disk as DOLFINx reports it: here on the last rank alone."""
 
     def write_mesh(self, _):
         if comm.rank == comm.size - 1:
@@ -156,7 +156,7 @@ class FullDisk:
 
 @contextlib.contextmanager
 def said():
-    """What is said on standard error, by this rank."""
+    """The standard error of this rank."""
     heard = io.StringIO()
     with (
         mock.patch.object(console.errors, "quiet", False),

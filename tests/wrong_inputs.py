@@ -1,7 +1,7 @@
-"""Wrong inputs, and what is said of each: the table behind docs/errors.md.
+"""Wrong inputs and their messages: the table behind docs/errors.md.
 
-Written anew by `python tests/wrong_inputs.py`; `mpirun -n 2 python tests/wrong_inputs.py` walks through it on two ranks
-and compares what every rank says.
+Rewritten by `python tests/wrong_inputs.py`; `mpirun -n 2 python tests/wrong_inputs.py` runs it on two ranks
+and compares the messages of the ranks.
 """
 
 import os
@@ -31,7 +31,7 @@ ALL = [wrong for rows in TABLE.values() for wrong in rows]
 
 
 def answer(wrong, directory):
-    """Exit code of a wrong input in an empty directory, and what this rank says; collective."""
+    """Exit code of a wrong input in an empty directory, and this rank's message; collective."""
     home = Path.cwd()
     os.chdir(directory)
     try:
@@ -55,7 +55,7 @@ def answer(wrong, directory):
 
 
 def shown(wrong, text):
-    """As the document has it: what libraries say is left to them."""
+    """The message as in the document, without the text of libraries."""
     start = text.find(wrong.library) if wrong.library else -1
     return text if start < 0 else text[: start + len(wrong.library)].rstrip() + " ..."
 
@@ -63,14 +63,14 @@ def shown(wrong, text):
 def document():
     """The table in Markdown; on one rank."""
     lines = [
-        "# What is said of wrong input",
+        "# Messages about wrong input",
         "",
-        "Written by `python tests/wrong_inputs.py`; `tests/test_errors.py` compares, on one rank and on two. An error",
-        "ends with exit code 2 before anything is solved, where no other is named; a warning lets the run go on. Here",
-        "the case is `case.toml`, its mesh `part.msh`, its output `results`.",
+        "Written by `python tests/wrong_inputs.py`; `tests/test_errors.py` compares it on one rank and on two. An",
+        "error ends with exit code 2 before anything is solved, unless another code is given; after a warning the run",
+        "continues. Here the case is `case.toml`, its mesh `part.msh`, its output `results`.",
     ]
     for title, rows in TABLE.items():
-        lines += ["", f"## {title}", "", "| input | what is said |", "|---|---|"]
+        lines += ["", f"## {title}", "", "| input | message |", "|---|---|"]
         for wrong in rows:
             if wrong.alone is None:
                 continue
