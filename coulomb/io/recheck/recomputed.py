@@ -115,7 +115,8 @@ def recomputed(
     def taken(values: FloatArray, scale: float = 0.0) -> FloatArray:
         return values if rounding is None else rounding.of(values, scale)
 
-    nodes = replace(nodes, gap=taken(nodes.gap, float(np.max(np.abs(run.points)))))
+    gap = taken(nodes.gap, float(np.max(np.abs(run.points))))
+    nodes = replace(nodes, gap=gap, origin=taken(nodes.origin))
     body, spring, held = run.body, run.on_body["spring"], run.held
     u, x = taken(run.on_body["displacement"]), taken(run.on_face["x"])
     on_face = taken(np.where(run.touching[:, None], run.on_face["contact_force"], 0.0))

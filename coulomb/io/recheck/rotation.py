@@ -16,14 +16,18 @@ AS_WRITTEN = (
 )
 
 
-def case_spins(case: CaseReference, time: float, started: float | None) -> tuple[Spin | None, ...]:
-    """Rotations of the foundations of the faces of a case in the step from `started`, None without one, to a time."""
+def case_spins(run: WrittenRun, case: CaseReference, time: float, started: float | None) -> tuple[Spin | None, ...]:
+    """Rotations of the foundations in the step from `started`, None without one, to a time, by the case.
+
+    There is one for each contact face of the run: the case may be another one, with fewer faces.
+    """
     now = case.rigid_motions(time)
     if started is None:
-        return tuple(spin(motion, None, 1.0) for motion in now)
-    return tuple(
-        spin(motion, before, time - started) for motion, before in zip(now, case.rigid_motions(started), strict=True)
-    )
+        spins = [spin(motion, None, 1.0) for motion in now]
+    else:
+        pairs = zip(now, case.rigid_motions(started), strict=True)
+        spins = [spin(motion, before, time - started) for motion, before in pairs]
+    return (*spins, *[None] * (len(face_names(run)) - len(spins)))
 
 
 def written_spins(run: WrittenRun) -> tuple[Spin | None, ...]:

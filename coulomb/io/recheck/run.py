@@ -164,7 +164,7 @@ def check_run(
     alone = start is None and "step" in run.summary
     slip_rate = None if alone else np.zeros(len(run.node)) if start is None else start.slip_rate(run)
     nodes = face_nodes(run, case, time, slip_rate, part, found)
-    spins = written_spins(run) if case is None else case_spins(case, time, start.time if start else None)
+    spins = written_spins(run) if case is None else case_spins(run, case, time, start.time if start else None)
     nodes, say = _from_origin(run, nodes, spins, case, time, start, found)
     trusted += say
     foundations = None if case is None else case.foundations(time)
