@@ -34,8 +34,8 @@ def plot(
     field: Annotated[
         str,
         typer.Option(
-            help="pressure, friction_traction, friction_use, status, slip, gap, displacement, von_mises_stress; "
-            "with _x, _y or _z a component."
+            help="pressure, friction_traction, friction_use, status, slip, gap, accumulated_slip, friction_work, "
+            "largest_pressure, displacement, von_mises_stress; with _x, _y or _z a component."
         ),
     ] = "pressure",
     scale: Annotated[float | None, typer.Option(help="Factor of the displacement; by default a visible one.")] = None,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from ..model.accumulated import ACCUMULATED, Accumulated
 from ..model.load_step import Energy, LoadStep, State
 from ..model.problem import ContactProblem
 from ..ranks import on_rank_0
@@ -20,7 +21,7 @@ from . import output
 from .field_files import data_of
 from .history_summary import Entries, added, whole
 from .lock import locked
-from .restart import nodal_vectors, read_step, read_summary
+from .restart import nodal_numbers, nodal_vectors, read_step, read_summary
 from .run_directory import FIELDS, HISTORY, RunDirectory, step_place
 
 
@@ -108,6 +109,7 @@ class HistoryFiles:
         x, points = problem.elasticity.x, problem.surface.x
         began = read_step(self.directory.step(number - 1).path, problem.comm)["time"] if number > 1 else self._start
         slip = nodal_vectors(data_of(step.contact), "slip", points, problem.comm)
+        worn = [nodal_numbers(data_of(step.contact), name, points, problem.comm) for name in ACCUMULATED]
         return State(
             number=number,
             time=record["time"],
@@ -115,6 +117,7 @@ class HistoryFiles:
             displacement=nodal_vectors(data_of(step.solution), "displacement", x, problem.comm),
             force_on_body=nodal_vectors(data_of(step.contact), "contact_force", points, problem.comm),
             slip_rate=np.linalg.norm(slip, axis=1) / (record["time"] - began),
+            accumulated=Accumulated(*worn),
             pending=tuple(record["pending"]),
         )
 

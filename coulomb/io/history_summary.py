@@ -49,6 +49,7 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
         "steps_in_contact": touching,
         "halvings": before.get("halvings", 0) + record["halvings"],
         "iterations": _sum(before.get("iterations", {}), step["iterations"]),
+        "accumulated": step["accumulated"],
         "energy": {name: record["row"][f"energy_{name}"] for name in (*record["energy"], "imbalance")},
         "maximum": largest,
         "residual": _larger(before.get("residual"), {"value": step["residual"], **where}),

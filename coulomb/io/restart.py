@@ -75,3 +75,9 @@ def nodal_vectors(path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewher
         return values
 
     return on_all_ranks(read, str(path), comm)
+
+
+def nodal_numbers(path: Path, name: str, x: FloatArray, comm: MPI.Comm) -> FloatArray:
+    """A scalar field of a DOLFINx file at this rank's points, shape (k,); otherwise as `nodal_vectors`; collective."""
+    numbers: FloatArray = nodal_vectors(path, name, x, comm)[:, 0].copy()
+    return numbers

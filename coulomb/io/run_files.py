@@ -18,6 +18,7 @@ from ..fem import compat
 from ..fem.body import ElasticBody
 from ..fem.constraints import HELD_OBLIQUE, HeldDirections
 from ..fem.meshes import corners_of, local_facets
+from ..model.accumulated import ACCUMULATED
 from ..model.nodal_answer import HELD
 from ..solvers.laws import LAWS
 from .field_files import data_of, read_fields, refuse_misnamed
@@ -31,7 +32,17 @@ ON_BODY = ("displacement", "load", "held", "prescribed", "spring")
 """Fields of solution.h5, one vector per node."""
 
 ON_FACE = (
-    *("pressure", "friction_traction", "slip", "gap", "status", "friction_use", "contact_force", "normal"),
+    *(
+        "pressure",
+        "friction_traction",
+        "slip",
+        "gap",
+        "status",
+        "friction_use",
+        *ACCUMULATED,
+        "contact_force",
+        "normal",
+    ),
     *("tangent_1", "tangent_2", "initial_gap", "area", "coefficient", "friction", "cohesion"),
     *("slip_bound", "slip_origin", "face"),
 )

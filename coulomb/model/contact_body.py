@@ -22,6 +22,7 @@ from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance, SchurCompl
 from ..linalg.methods import LinearSolver, chosen
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.stiffness import StiffnessSolver
+from .accumulated import Accumulated
 from .contact import Contact, ContactFaces
 from .probes import LocatedProbes, Probe
 from .state import Before, ContactState
@@ -163,14 +164,16 @@ class ContactBody:
         spins = tuple(spin(motion, None, 1.0) for motion in motions)
         origin: FloatArray = np.zeros_like(surface.x)
         slip_rate: FloatArray = np.zeros(len(surface.x))
+        accumulated = Accumulated.none(len(surface.x))
         if before is not None:
-            slip_rate = before.slip_rate
             then = self.rigid_motions(before.time)
             carried = since_at(motions, then, surface.part, surface.x)
+            slip_rate, accumulated = before.slip_rate, before.accumulated
             origin = surface.rows(before.displacement) + surface.components(carried)
             spins = tuple(map(spin, motions, then, repeat(time - before.time)))
         law = self._faces.law(surface, time, slip_rate)
-        return ContactState(self.elasticity.at(time), motions, spins, surface, law, slip_rate, origin)
+        loading = self.elasticity.at(time)
+        return ContactState(loading, motions, spins, surface, law, slip_rate, origin, accumulated)
 
     # --- K^-1 and A ---------------------------------------------------------------------------------------------
 

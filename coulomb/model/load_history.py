@@ -25,6 +25,7 @@ import numpy as np
 
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
+from .accumulated import Accumulated
 from .certificate import judge
 from .load_step import Energy, LoadStep, State
 from .problem import ContactProblem
@@ -69,7 +70,8 @@ class LoadHistory:
         """The state at `start`."""
         still, none = np.zeros_like(problem.elasticity.x), np.zeros_like(problem.surface.x)
         pending = tuple(reversed([float(t) for t in self.times]))
-        return State(0, self.start, Energy(), still, none, np.zeros(len(none)), pending)
+        count = len(none)
+        return State(0, self.start, Energy(), still, none, np.zeros(count), Accumulated.none(count), pending)
 
     def steps(
         self, problem: ContactProblem, state: State | None = None, progress: ProgressCallback | None = None

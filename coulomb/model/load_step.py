@@ -12,6 +12,7 @@ from ..arrays import FloatArray
 from ..fem.constraints import HeldDirections
 from ..fem.rigid_motion import since_at
 from ..linalg.reductions import Reductions
+from .accumulated import Accumulated
 from .columns import along_axes, face_columns, probe_columns, reaction_columns, rotation_columns
 from .solution import Solution
 
@@ -128,12 +129,14 @@ class State(Moment):
         displacement: Metres, shape (k, 3).
         force_on_body: Contact forces on the body at the contact points, space vectors in newtons, shape (m, 3).
         slip_rate: Slip of the step over its duration at the contact points, metres per second, shape (m,).
+        accumulated: Slip, friction work and largest pressure at the contact points since the start of the history.
         pending: Ends of the remaining steps, the next one last.
     """
 
     displacement: FloatArray
     force_on_body: FloatArray
     slip_rate: FloatArray
+    accumulated: Accumulated
     pending: tuple[float, ...]
 
     def after(self, solution: Solution) -> State:
@@ -155,7 +158,8 @@ class State(Moment):
         slip_rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - self.time)
         dissipated = answer.dissipated_energy
         energy = self.energy.after(then, now, elasticity.held, foundation, dissipated, over)
-        return State(self.number + 1, problem.time, energy, now.displacement, on_body, slip_rate, self.pending[:-1])
+        number, worn, pending = self.number + 1, answer.accumulated, self.pending[:-1]
+        return State(number, problem.time, energy, now.displacement, on_body, slip_rate, worn, pending)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from ..fem.contact_frames import inverse_frames, tangent_lengths
 from ..fem.rigid_motion import Spin
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
+from .accumulated import Accumulated
 
 OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
 """Status of a node in contact.xdmf; HELD: on the contact face, but with prescribed displacement, so no contact node
@@ -49,6 +50,7 @@ class NodalAnswer:
         force: Along n, t1, t2, shape (m, 3); x_n >= 0 presses.
         slip_bound: Slip bound used by the solver, shape (m,).
         spins: Rotations of the foundations of the faces; None where there is none.
+        earlier: What has accumulated in the load steps before.
     """
 
     comm: MPI.Comm
@@ -64,6 +66,7 @@ class NodalAnswer:
     force: FloatArray
     slip_bound: FloatArray
     spins: tuple[Spin | None, ...]
+    earlier: Accumulated
 
     @cached_property
     def scale(self) -> FloatArray:
@@ -124,13 +127,24 @@ class NodalAnswer:
         """OPEN, STICK or SLIP, shape (m,); collective."""
         return np.where(self._open, OPEN, np.where(self._at_bound, SLIP, STICK))
 
+    @cached_property
+    def _friction_work(self) -> FloatArray:
+        work: FloatArray = np.sum(self.force[:, 1:] * self.closure[:, 1:], axis=1)
+        return work
+
+    @cached_property
+    def accumulated(self) -> Accumulated:
+        """Slip, friction work and largest pressure since the start of the history, with this answer; collective."""
+        pressure = self.force[:, 0] / self.area
+        return self.earlier.after(self.slip, self._friction_work / self.area, pressure, ~self._open)
+
     @property
     def dissipated_energy(self) -> float:
         """Work of friction against slip from `slip_origin`, joules; collective."""
         return self._dissipated(np.ones(len(self.part), dtype=bool))
 
     def _dissipated(self, here: npt.NDArray[np.bool_]) -> float:
-        return Reductions(self.comm).sum(np.sum(self.force[here, 1:] * self.closure[here, 1:], axis=1))
+        return Reductions(self.comm).sum(self._friction_work[here])
 
     @property
     def coefficient(self) -> FloatArray:
@@ -140,7 +154,7 @@ class NodalAnswer:
     def fields(self) -> dict[str, FloatArray]:
         """The fields of contact.xdmf, scalars (m,) and space vectors (m, 3); Pa, m, N; collective.
 
-        Those after friction_use are the input from which `coulomb check` derives the others.
+        Those after largest_pressure are the input from which `coulomb check` derives the others.
         """
         tangential = self.force.copy()
         tangential[:, 0] = 0.0
@@ -152,6 +166,7 @@ class NodalAnswer:
             "gap": self.gap - self.closure[:, 0],
             "status": self.status.astype(float),
             "friction_use": np.where(self.status == OPEN, 0.0, use),
+            **self.accumulated.fields(),
             "contact_force": self.on_body,
             "normal": self.frames[:, 0],
             "tangent_1": self.frames[:, 1],
@@ -209,6 +224,7 @@ class NodalAnswer:
                 {**self.totals(part), **self._rotation(part), **self._law_numbers(part)}
                 for part in range(len(self.faces))
             ],
+            "accumulated": self._accumulated_numbers(),
             "nodes": {name: int(over.sum(which.astype(float))) for name, which in counts.items()},
         }
 
@@ -229,6 +245,15 @@ class NodalAnswer:
             "angular_velocity": spin.angular_velocity,
             "torque": torque,
             "power": None if spin.angular_velocity is None else torque * spin.angular_velocity,
+        }
+
+    def _accumulated_numbers(self) -> dict[str, float]:
+        over, now = Reductions(self.comm), self.accumulated
+        return {
+            "largest_slip": max(over.max(now.slip), 0.0),
+            "largest_friction_work": over.max(now.friction_work),
+            "largest_pressure": max(over.max(now.pressure), 0.0),
+            "dissipated_energy": over.dot(now.friction_work, self.area),
         }
 
     def _law_numbers(self, part: int) -> dict[str, Any]:

@@ -66,6 +66,7 @@ class Solution:
             force=self.contact_force.reshape(-1, 3),
             slip_bound=self.slip_bound,
             spins=problem.state.spins,
+            earlier=problem.state.accumulated,
         )
 
     @cached_property

@@ -10,6 +10,7 @@ from ..fem.loaded_body import Loading
 from ..fem.rigid_motion import RigidMotion, Spin
 from ..fem.surface import ContactSurface
 from ..solvers.laws import FrictionLaw
+from .accumulated import Accumulated
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class ContactState:
         slip_rate: Slip rate in the load step before, metres per second, shape (m,); 0 without one.
         slip_origin: Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m,
             3): 0 at first, in a later load step that after the step before, moved with the foundation.
+        accumulated: Slip, friction work and largest pressure of the load steps before.
     """
 
     loading: Loading
@@ -34,6 +36,7 @@ class ContactState:
     law: FrictionLaw
     slip_rate: FloatArray
     slip_origin: FloatArray
+    accumulated: Accumulated
 
     @property
     def time(self) -> float:
@@ -42,7 +45,8 @@ class ContactState:
 
 
 class Before(Protocol):
-    """Start of a load step: time, displacement (k, 3) in metres and slip rates (m,) in m/s after the step before."""
+    """Start of a load step: time, displacement (k, 3) in metres, slip rates (m,) in m/s and what has accumulated, after
+    the step before."""
 
     @property
     def time(self) -> float: ...
@@ -52,3 +56,6 @@ class Before(Protocol):
 
     @property
     def slip_rate(self) -> FloatArray: ...
+
+    @property
+    def accumulated(self) -> Accumulated: ...

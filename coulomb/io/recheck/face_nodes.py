@@ -15,6 +15,7 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...fem.contact_frames import held_length, inverse_frames, tangent_frames
 from ...fem.rigid_motion import Spin
+from ...model.accumulated import ACCUMULATED, Accumulated
 from ...model.evidence import HELD_BEYOND
 from ...model.nodal_answer import NodalAnswer
 from ...solvers.laws import FrictionLaw
@@ -48,6 +49,7 @@ class FaceNodes:
         cohesion: In pascals, shape (m,).
         origin: Displacement from which slip is measured, shape (m, 3).
         moved: Displacement of the foundation in the load step, metres, shape (m, 3); 0 as long as it is unknown.
+        earlier: Accumulated slip, friction work and largest pressure before, shape (m, 3).
     """
 
     index: npt.NDArray[np.int64]
@@ -60,6 +62,7 @@ class FaceNodes:
     cohesion: FloatArray
     origin: FloatArray
     moved: FloatArray
+    earlier: FloatArray
 
     def only(self, which: npt.NDArray[np.bool_]) -> FaceNodes:
         """A subset of the nodes."""
@@ -97,6 +100,7 @@ class FaceNodes:
             force=-np.einsum("kij,kj->ki", inverse_frames(frames), on_body[self.index]),
             slip_bound=run.on_face["slip_bound"][self.index],
             spins=spins,
+            earlier=Accumulated(*self.earlier.T),
         )
 
 
@@ -219,8 +223,8 @@ def _face(
         _report(found, run, _everywhere(run, index[left_out]), "are left out, but are not prescribed in solution.h5")
     part = np.full(len(index), number)
     cohesion = law.cohesion / area
-    origin, still = data["slip_origin"], np.zeros_like(x)
-    return FaceNodes(index, part, written, frames, gap, area, law.friction, cohesion, origin, still).only(free)
+    origin, still, earlier = data["slip_origin"], np.zeros_like(x), np.zeros((len(index), len(ACCUMULATED)))
+    return FaceNodes(index, part, written, frames, gap, area, law.friction, cohesion, origin, still, earlier).only(free)
 
 
 def facet_parts(run: WrittenRun, count: int) -> npt.NDArray[np.int64]:

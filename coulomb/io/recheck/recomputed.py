@@ -16,6 +16,7 @@ from ...arrays import FloatArray
 from ...fem import compat
 from ...fem.obstacles import RigidFoundation
 from ...fem.rigid_motion import Spin
+from ...model.accumulated import ACCUMULATED
 from ...model.certificate import Certificate, judge
 from ...model.evidence import Evidence, rounding_forces
 from ...model.load_step import Forces
@@ -66,7 +67,7 @@ class Supported(Protocol):
         ...
 
 
-_FOLLOW = ("pressure", "friction_traction", "slip", "gap", "status", "friction_use", "coefficient")
+_FOLLOW = ("pressure", "friction_traction", "slip", "gap", "status", "friction_use", *ACCUMULATED, "coefficient")
 """Fields of contact.xdmf that follow from displacement and contact forces; the others are input data."""
 
 

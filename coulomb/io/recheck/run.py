@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...fem.rigid_motion import Spin, since_at
+from ...model.accumulated import ACCUMULATED
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
 from ..run_directory import SUMMARY
@@ -31,6 +33,9 @@ _SEEDS = (1, 2, 3)
 
 _MOST = 12
 """Maximum number of faults listed; one wrong number causes many."""
+
+_NO_CASE = "taken as written, without a case.json: slip_origin, friction"
+_NO_STEP_BEFORE = "taken as written, without the load step before: slip_origin, friction, " + ", ".join(ACCUMULATED)
 
 _SOURCE = "displacement and contact forces"
 
@@ -58,9 +63,24 @@ class Start:
         if self.run is None:
             return np.zeros(len(run.node))
         rate = np.linalg.norm(self.run.on_face["slip"], axis=1) / max(self.time - self.began, 1e-300)
-        unfit = f"{run.folder}: has another contact face than {self.run.folder}"
-        here: FloatArray = rate[numbers(self.run.on_face["x"], run.on_face["x"], unfit)]
+        here: FloatArray = rate[self._same_nodes(run)]
         return here
+
+    def accumulated(self, run: WrittenRun) -> FloatArray:
+        """Accumulated slip, friction work and largest pressure before, at the nodes of this step's contact face, shape
+        (q, 3).
+
+        Raises:
+            ValueError: If the step before has another mesh.
+        """
+        if self.run is None:
+            return np.zeros((len(run.node), len(ACCUMULATED)))
+        return _accumulated(self.run)[self._same_nodes(run)]
+
+    def _same_nodes(self, run: WrittenRun) -> npt.NDArray[np.int64]:
+        assert self.run is not None
+        unfit = f"{run.folder}: has another contact face than {self.run.folder}"
+        return numbers(self.run.on_face["x"], run.on_face["x"], unfit)
 
     def at(self, run: WrittenRun, name: str = "displacement") -> FloatArray:
         """Vectors of the step before at the nodes of this step's body, shape (k, 3).
@@ -166,6 +186,7 @@ def check_run(
     nodes = face_nodes(run, case, time, slip_rate, part, found)
     spins = written_spins(run) if case is None else case_spins(run, case, time, start.time if start else None)
     nodes, say = _from_origin(run, nodes, spins, case, time, start, found)
+    nodes = _from_accumulated(run, nodes, spins, start)
     trusted += say
     foundations = None if case is None else case.foundations(time)
     roundings = (None, *(Rounding((seed, abs(step)), run.evaluation) for seed in _SEEDS))
@@ -211,7 +232,7 @@ def _from_origin(
     here, x = nodes.written, run.on_face["x"][nodes.index]
     if start is None:
         if "step" in run.summary or case is None:
-            return nodes, ["taken as written, without the load step before: slip_origin, friction"]
+            return nodes, [_NO_STEP_BEFORE if "step" in run.summary else _NO_CASE]
         origin, source = np.zeros_like(nodes.origin), "a run without steps before it"
         found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[here], source)
         return replace(nodes, origin=origin), []
@@ -225,6 +246,27 @@ def _from_origin(
     floor = run.evaluation * float(np.max(np.abs(before), initial=0.0))
     found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[here], source, floor=floor)
     return replace(nodes, origin=origin, moved=moved), say
+
+
+def _from_accumulated(
+    run: WrittenRun, nodes: FaceNodes, spins: tuple[Spin | None, ...], start: Start | None
+) -> FaceNodes:
+    """The nodes with what has accumulated in the load steps before; without these as follows from what is written."""
+    if start is not None:
+        return replace(nodes, earlier=start.accumulated(run)[nodes.index])
+    if "step" not in run.summary:
+        return nodes
+    displacement, on_body = run.on_body["displacement"], run.on_face["contact_force"]
+    own = nodes.answer(run, displacement, on_body, run.on_face["x"], spins).accumulated
+    earlier = _accumulated(run)[nodes.index]
+    earlier[:, 0] -= own.slip
+    earlier[:, 1] -= own.friction_work
+    return replace(nodes, earlier=earlier)
+
+
+def _accumulated(run: WrittenRun) -> FloatArray:
+    """The written fields `ACCUMULATED`, shape (q, 3)."""
+    return np.column_stack([run.on_face[name] for name in ACCUMULATED])
 
 
 def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], found: Comparison) -> None:

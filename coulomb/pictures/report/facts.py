@@ -176,6 +176,11 @@ def history_totals(run: Run) -> Facts:
         ("largest penetration", at_step(largest["penetration"], "m")),
         ("energy dissipated by friction", quantity(energy["dissipated"], "J")),
     ]
+    if worn := run.history.get("accumulated"):
+        rows[-1:-1] = [
+            ("largest slip accumulated at a node", quantity(worn["largest_slip"], "m")),
+            ("largest friction work per area", quantity(worn["largest_friction_work"], "J/m²")),
+        ]
     for name, text in (
         ("loads", "loads"),
         ("prescribed", "prescribed displacements"),

@@ -32,6 +32,9 @@ PICTURES = (
 )
 """Fields and views of the pictures."""
 
+OF_HISTORIES = (("friction_work", "contact"),)
+"""Further pictures of a load history."""
+
 SCRIPTS = (("view_state.js", "view_paint.js", "view_hand.js", "view.js"), ("scroll.js",))
 """Scripts of the page: the files of each entry in one function, in this order."""
 
@@ -145,7 +148,7 @@ def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
     """Pictures of the last step, with their colour legends."""
     found = []
     step = run.steps[-1]
-    for name, view in PICTURES:
+    for name, view in (*PICTURES, *(OF_HISTORIES if run.is_history else ())):
         field = named(name)
         limits = limits_of(run, field)
         shot = cropped([shoot(step, Look(field, limits, scale, view), (1050, 780))])[0]

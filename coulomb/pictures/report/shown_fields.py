@@ -80,6 +80,9 @@ FIELDS = (
     Field("status", "contact", "zones"),
     Field("slip", "contact", "slip", "m", vector=True),
     Field("gap", "contact", "remaining gap", "m"),
+    Field("accumulated_slip", "contact", "slip accumulated since the start", "m"),
+    Field("friction_work", "contact", "friction work since the start", "J/m²"),
+    Field("largest_pressure", "contact", "largest pressure since the start", "Pa"),
     Field("displacement", "solution", "displacement", "m", vector=True),
     Field("von_mises_stress", "solution", "von Mises stress", "Pa"),
 )

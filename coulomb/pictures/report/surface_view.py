@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...io.field_files import Grid
+from ...model.accumulated import ACCUMULATED
 from ..plotting import ZONES, match, renderer, skin_of
 from .files import Run, Step
 from .scene import limits_of, looking_at, outward
@@ -21,11 +22,12 @@ from .units import in_seconds, scale_of
 IntArray = npt.NDArray[np.int64]
 
 SHOWN = ("pressure", "friction_traction", "friction_use", "status", "slip", "gap")
+"""Fields in the menu; of a load history those of `ACCUMULATED` as well."""
 
 MOST_NODES, MOST_VALUES, MOST_ARROWS = 40_000, 1_500_000, 900
 """Limits of a page: nodes of the surface, numbers over all nodes and steps, arrows."""
 
-_A_NODE = len(SHOWN) + 6  # numbers per node and step: fields, displacement, traction
+_A_NODE = len(SHOWN) + len(ACCUMULATED) + 6  # numbers per node and step: fields, displacement, traction
 
 
 def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
@@ -44,7 +46,7 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
     points, size = first.points[nodes], float(np.linalg.norm(np.ptp(body.points, axis=0)))
     outline_nodes, lines = _outline(body)
     direction, up = looking_at(outward(first))
-    fields = [_field(run, name) for name in SHOWN]
+    fields = [_field(run, name) for name in (*SHOWN, *(ACCUMULATED if run.is_history else ()))]
     largest = max(
         float(np.linalg.norm(step.grid("contact").fields["friction_traction"], axis=1).max()) for step in run.steps
     )

@@ -1,0 +1,246 @@
+"""Slip, friction work and largest pressure since the start of a history, against formulas."""
+
+import json
+import shutil
+from functools import partial
+
+import numpy as np
+import pytest
+from check_runs import change, edit
+from conftest import run_coulomb
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, HistoryFiles, LoadHistory, Material, Plane, PrescribedDisplacement
+from coulomb.io.field_files import data_of, read_fields
+from coulomb.io.recheck.directory import check
+from coulomb.model.accumulated import ACCUMULATED, Accumulated
+
+YOUNG, HEIGHT, DOWN, FRICTION, AREA = 1e10, 0.05, 1e-6, 0.4, 0.01
+PRESSURE = YOUNG * DOWN / HEIGHT  # no lateral contraction: uniform as long as nothing shears
+PRESS = [(0, 0), (1, 1), (5, 1), (6, -1), (7, -1), (8, 0.5), (10, 0.5)]
+"""Factor of the depth: pressed, lifted off after 5, from 8 on pressed with half the pressure."""
+WAY = [(1, 0.0), (2, 0.01), (4, -0.01), (5, 0.005), (6, 0.005), (7, 0.05), (8, 0.05), (10, 0.03)]
+"""Displacement of the top along x, metres: 10, 20 and 15 mm in contact, 45 mm in the air, 20 mm in contact."""
+TIMES = [0.5, 1, 1.5, 2, 3, 4, 4.5, 5, 6, 7, 8, 9, 10]
+PATH = {2: 0.01, 4: 0.03, 5: 0.045, 8: 0.045, 10: 0.065}
+"""Distance in contact until these times, metres; the block lags behind by less than a micrometre."""
+STEADY = {2: (0.005, 1.0), 4: (0.01, 1.0), 5: (0.0075, 1.0), 10: (0.01, 0.5)}
+"""Distance in the step until these times, all of it sliding, and the part of the pressure."""
+
+
+def rubbed(cell="hexahedron", press=PRESS, way=WAY, contact=None):
+    mesh = coulomb.box((0.1, 0.1, HEIGHT), (4, 4, 3), cell=cell)
+    top = [
+        PrescribedDisplacement("top", (0.0, 0.0, -DOWN), "z", amplitude=press),
+        PrescribedDisplacement("top", (1.0, 0.0, 0.0), "x", amplitude=way),
+        Clamp("top", "y"),
+    ]
+    return ContactProblem(mesh, Material(YOUNG, 0.0), top, contact or Contact("bottom", FRICTION), small_strain="warn")
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_a_block_dragged_to_and_fro(cell):
+    """Accumulated slip is the path in contact; friction works F p s per area, over the face the dissipated energy."""
+    last = Accumulated.none(25)
+    path, u = np.zeros(25), np.zeros((25, 3))
+    for step in LoadHistory(TIMES, tolerance=1e-10).steps(rubbed(cell)):
+        worn, answer, time = step.state.accumulated, step.solution.at_nodes, step.state.time
+        assert step.halvings == 0
+        assert worn.friction_work @ answer.area == pytest.approx(step.state.energy.dissipated, rel=1e-10, abs=1e-14)
+        assert np.all(worn.friction_work >= last.friction_work - 1e-9 * FRICTION * PRESSURE * 0.01)
+        now = answer.moved.copy()
+        now[:, 2] = 0.0
+        path += np.where(answer.force[:, 0] > 0.0, np.linalg.norm(now - u, axis=1), 0.0)
+        assert worn.slip == pytest.approx(path, rel=1e-12, abs=1e-20)
+        u = now
+        if time in PATH:
+            assert worn.slip == pytest.approx(PATH[time], abs=8e-6)
+        if time in STEADY:
+            distance, part = STEADY[time]
+            assert worn.slip - last.slip == pytest.approx(distance, rel=1e-8)
+            pressure, done = answer.force[:, 0] / answer.area, worn.friction_work - last.friction_work
+            assert done == pytest.approx(FRICTION * pressure * distance, rel=1e-8)
+            assert done @ answer.area == pytest.approx(FRICTION * part * PRESSURE * AREA * distance, rel=1e-8)
+        last = worn
+    assert set(STEADY) | set(PATH) <= set(TIMES)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_the_largest_pressure_of_a_load_up_and_down(cell):
+    press = [(0, 0), (1, 0.3), (2, 1), (3, 0.6), (4, -0.5), (5, 0.8)]
+    expected = [0.3, 1.0, 1.0, 1.0, 1.0]
+    problem = rubbed(cell, press, [(0, 0)])
+    for step, factor in zip(LoadHistory([1, 2, 3, 4, 5], tolerance=1e-11).steps(problem), expected, strict=True):
+        assert step.state.accumulated.pressure == pytest.approx(factor * PRESSURE, rel=1e-9)
+        assert step.state.accumulated.slip == pytest.approx(0.0, abs=1e-6 * DOWN)
+
+
+def test_a_single_run_has_its_own():
+    solution = rubbed().at(1.5).solve(tolerance=1e-10)
+    answer = solution.at_nodes
+    fields = answer.fields()
+    assert fields["accumulated_slip"] == pytest.approx(np.linalg.norm(answer.slip, axis=1), rel=1e-12)
+    assert fields["largest_pressure"] == pytest.approx(fields["pressure"], rel=1e-12)
+    energy = answer.dissipated_energy
+    assert np.sum(fields["friction_work"] * answer.area) == pytest.approx(energy, rel=1e-12)
+    assert answer.numbers()["accumulated"]["dissipated_energy"] == pytest.approx(energy, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "contact",
+    [
+        Contact("bottom", (0.4, 0.1), direction=(1.0, 1.0, 0.0)),
+        Contact("bottom", slip_stress=1e5),
+        Contact("bottom", 0.2, cohesion=1e4),
+    ],
+    ids=["orthotropic", "Tresca", "Mohr-Coulomb"],
+)
+def test_other_laws(contact):
+    """Work over the face is the dissipated energy; where friction acts without pressure, on open nodes as well."""
+    for step in LoadHistory(TIMES[:8], tolerance=1e-10).steps(rubbed(contact=contact)):
+        worn, area = step.state.accumulated, step.solution.at_nodes.area
+        assert np.sum(worn.friction_work * area) == pytest.approx(step.state.energy.dissipated, rel=1e-10, abs=1e-14)
+    assert np.all(worn.slip > 0.044) and np.all(worn.slip < 0.047)  # not the 45 mm in the air
+
+
+def test_open_nodes_accumulate_no_slip():
+    none = Accumulated.none(2).after(
+        np.ones((2, 3)), np.array([0.0, 2.0]), np.array([0.0, 5.0]), np.array([False, True])
+    )
+    assert none.slip.tolist() == [0.0, pytest.approx(np.sqrt(3.0))] and none.pressure.tolist() == [0.0, 5.0]
+
+
+CASE = f"""
+[mesh]
+box = [0.1, 0.1, {HEIGHT}]
+cells = [4, 4, 3]
+cell = "CELL"
+
+[material]
+young = 1e7
+poisson = 0.3
+
+[[prescribed_displacement]]
+face = "top"
+components = "z"
+value = [0, 0, -1e-3]
+amplitude = [[0, 0], [1, 1], [6, 0.5]]
+
+[[clamp]]
+face = "top"
+components = "xy"
+
+[contact]
+face = "bottom"
+friction = 0.4
+foundation = {{ point = [0, 0, 0], normal = [0, 0, 1] }}
+motion = [[1, 0, 0, 0], [2, 2e-3, 0, 0], [4, -2e-3, 1e-3, 0], [6, 2e-3, 0, 0]]
+
+[history]
+times = [0.5, 1, 2, 3, 4, 5, 6]
+
+[output]
+picture = false
+"""
+
+
+def run(folder, cell, ranks=None, *options):
+    (folder / "case.toml").write_text(CASE.replace("CELL", cell))
+    done = run_coulomb("run", folder / "case.toml", "--output", folder / "out", *options, ranks=ranks)
+    assert done.returncode == 0, done.stderr
+    return folder / "out"
+
+
+def accumulated(step):
+    """Fields of a step by the coordinates of the nodes, and the area."""
+    x, _, fields = read_fields(data_of(step / "contact.xdmf"), (*ACCUMULATED, "area"))
+    order = np.lexsort(np.round(x, 9).T)
+    return {name: values[order] for name, values in fields.items()}
+
+
+@pytest.fixture(scope="module", params=["hexahedron", "tetrahedron"])
+def written(request, tmp_path_factory):
+    return request.param, run(tmp_path_factory.mktemp("worn"), request.param)
+
+
+def test_files_and_summary(written):
+    _, folder = written
+    summary = json.loads((folder / "summary.json").read_text())
+    fields = accumulated(folder / "steps" / "0007")
+    totals = summary["history"]["accumulated"]
+    assert totals == summary["last"]["accumulated"]
+    assert totals["largest_slip"] == pytest.approx(fields["accumulated_slip"].max(), rel=1e-12)
+    assert totals["largest_friction_work"] == pytest.approx(fields["friction_work"].max(), rel=1e-12)
+    assert totals["largest_pressure"] == pytest.approx(fields["largest_pressure"].max(), rel=1e-12)
+    energy = summary["history"]["energy"]["dissipated"]
+    assert totals["dissipated_energy"] == pytest.approx(energy, rel=1e-10)
+    assert fields["friction_work"] @ fields["area"] == pytest.approx(energy, rel=1e-10)
+    assert check(folder).passed
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_the_same_on_several_ranks(written, ranks, tmp_path):
+    cell, folder = written
+    other = run(tmp_path, cell, ranks)
+    for number in (3, 7):
+        one, two = (accumulated(where / "steps" / f"{number:04d}") for where in (folder, other))
+        for name in ACCUMULATED:
+            assert two[name] == pytest.approx(one[name], rel=1e-5, abs=1e-6 * one[name].max())
+    assert check(other).passed
+
+
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_a_resumed_history_goes_on_from_the_files(written, ranks, tmp_path):
+    """The last steps are lost and computed again, on another number of ranks."""
+    _, folder = written
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    for number in (5, 6, 7):
+        shutil.rmtree(copy / "steps" / f"{number:04d}")
+    done = run_coulomb("resume", copy, ranks=ranks)
+    assert done.returncode == 0, done.stderr
+    one, two = (accumulated(where / "steps" / "0007") for where in (folder, copy))
+    for name in ACCUMULATED:
+        assert two[name] == pytest.approx(one[name], rel=1e-5, abs=1e-6 * one[name].max())
+    assert check(copy).passed
+
+
+@pytest.mark.parametrize("name", ACCUMULATED)
+def test_changed_fields_are_found(written, name, tmp_path):
+    _, folder = written
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    change(copy / "steps" / "0004" / "contact.h5", name, lambda values: values * (1.0 + 1e-6))
+    found = check(copy)
+    assert [step.number for step in found.steps if not step.passed] == [4, 5]  # and the one that starts from it
+    assert any(fault.startswith(f"contact.xdmf: {name}") for fault in found.steps[3].faults)
+
+
+def scaled(summary, name):
+    summary["accumulated"][name] *= 1.0 + 1e-6
+
+
+def test_changed_totals_are_found(written, tmp_path):
+    _, folder = written
+    for name in ("largest_slip", "largest_friction_work", "largest_pressure", "dissipated_energy"):
+        copy = shutil.copytree(folder, tmp_path / name)
+        edit(copy / "steps/0002/summary.json", partial(scaled, name=name))
+        assert [step.number for step in check(copy).steps if not step.passed] == [2], name
+
+
+def test_a_step_by_itself(written, tmp_path):
+    """Without the step before its increments are part of what is written; with it they are compared."""
+    _, folder = written
+    assert check(folder / "steps" / "0004").passed
+    alone = shutil.copytree(folder / "steps" / "0004", tmp_path / "alone")
+    found = check(alone)
+    assert found.passed and any("accumulated_slip" in line for line in found.trusted)
+
+
+def test_from_python(tmp_path):
+    """`HistoryFiles` reads back what `step.state` had."""
+    contact = Contact("bottom", FRICTION, foundation=Plane((0, 0, 0), (0, 0, 1)))
+    problem, history = rubbed(contact=contact), LoadHistory([1, 2, 3])
+    *_, last = history.steps(problem)
+    history.run(problem, HistoryFiles(tmp_path / "out"))
+    with HistoryFiles(tmp_path / "out", resume=True).recording(problem, history.beginning(problem)) as state:
+        for name, values in last.state.accumulated.fields().items():
+            assert np.array_equal(state.accumulated.fields()[name], values), name
