@@ -13,6 +13,7 @@ from coulomb import SuccessiveTresca
 from coulomb.io import output
 from coulomb.io.field_files import read_grid
 from coulomb.io.summary import summary
+from coulomb.model.accumulated import ACCUMULATED
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 from coulomb.pictures import apart
 from coulomb.pictures.picture_of_run import write_with_picture
@@ -55,7 +56,7 @@ def test_vtk_reads_the_contact_surface(run):
     assert grid.n_cells == 18 * 6 and grid.n_points == 19 * 7
     names = {"pressure", "friction_traction", "slip", "gap", "status", "friction_use"}
     names |= {"contact_force", "normal", "initial_gap", "area", "slip_bound", "slip_origin", "face"}
-    names |= {"coefficient", "friction", "cohesion", "tangent_1", "tangent_2"}
+    names |= {"coefficient", "friction", "cohesion", "tangent_1", "tangent_2", *ACCUMULATED}
     assert set(grid.point_data.keys()) == names
     surface, x = solution.problem.surface, solution.contact_force.reshape(-1, 3)
     held = np.isclose(grid.points[:, 0], 0.0)
