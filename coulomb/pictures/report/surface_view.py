@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...io.field_files import Grid
-from ...model.accumulated import ACCUMULATED
 from ..plotting import ZONES, match, renderer, skin_of
 from .files import Run, Step
 from .scene import limits_of, looking_at, outward
@@ -22,7 +21,8 @@ from .units import in_seconds, scale_of
 IntArray = npt.NDArray[np.int64]
 
 SHOWN = ("pressure", "friction_traction", "friction_use", "status", "slip", "gap")
-"""Fields in the menu; of a load history those of `ACCUMULATED` as well."""
+ACCUMULATED = ("accumulated_slip", "friction_work", "largest_pressure")
+"""Fields in the menu, and those of load histories besides."""
 
 MOST_NODES, MOST_VALUES, MOST_ARROWS = 40_000, 1_500_000, 900
 """Limits of a page: nodes of the surface, numbers over all nodes and steps, arrows."""
