@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from .fem.body import Material
     from .fem.elasticity import Elasticity
     from .fem.load_curve import LoadCurve
-    from .fem.loaded_body import Clamp, PrescribedDisplacement, Spring
     from .fem.loads import Pressure, TotalForce, Traction
     from .fem.meshes import NamedMesh, box, read_gmsh, read_mesh, read_xdmf
     from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
     from .fem.rigid_motion import Rotation
+    from .fem.supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, SymmetryPlane
     from .fem.surface import ContactSurface
     from .io.history_files import HistoryFiles
     from .linalg.stiffness import DirectSolver, IterativeSolver
@@ -76,6 +76,7 @@ __all__ = [
     "NotConverged",
     "Plane",
     "PrescribedDisplacement",
+    "PrescribedRotation",
     "Pressure",
     "Probe",
     "ProbeValue",
@@ -92,6 +93,7 @@ __all__ = [
     "Status",
     "StepFailed",
     "SuccessiveTresca",
+    "SymmetryPlane",
     "TotalForce",
     "Traction",
     "VariableFriction",
@@ -113,7 +115,7 @@ _PUBLIC = {
     "fem.body": ("Material",),
     "fem.elasticity": ("Elasticity",),
     "fem.load_curve": ("LoadCurve",),
-    "fem.loaded_body": ("Clamp", "PrescribedDisplacement", "Spring"),
+    "fem.supports": ("Clamp", "PrescribedDisplacement", "PrescribedRotation", "Spring", "SymmetryPlane"),
     "fem.loads": ("Pressure", "TotalForce", "Traction"),
     "fem.meshes": ("NamedMesh", "box", "read_gmsh", "read_mesh", "read_xdmf"),
     "fem.obstacles": ("Cylinder", "Plane", "SignedDistance", "Sphere"),

@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from ..fem import mesh_formats
-from .values import TABLES, AmplitudeTable, Cells, FileName, GroupNumber, Length, Name, Stiffness, Vector, Young
+from .values import TABLES, AmplitudeTable, Cells, FileName, GroupNumber, Length, Name, Vector, Young
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from ..fem.loaded_body import PrescribedDisplacement, Spring
     from ..fem.loads import Traction
     from ..fem.meshes import NamedMesh
 
@@ -107,33 +106,6 @@ MaterialTables = Annotated[
 ]
 
 
-class PrescribedDisplacementTable(Table):
-    """Prescribed displacement in metres on a face."""
-
-    face: Name
-    value: Vector
-    components: Literal["x", "y", "z", "xy", "xz", "yz", "xyz"] = "xyz"
-    amplitude: AmplitudeTable | None = None
-
-    def support(self) -> PrescribedDisplacement:
-        """What the table describes."""
-        from ..fem.loaded_body import PrescribedDisplacement
-
-        return PrescribedDisplacement(self.face, self.value, self.components, self.amplitude or 1.0)
-
-
-class ClampTable(PrescribedDisplacementTable):
-    """Zero displacement of a face.  With a value (as in older case files) it is a [[prescribed_displacement]]."""
-
-    value: Vector = (0.0, 0.0, 0.0)
-
-    def support(self) -> PrescribedDisplacement:
-        """What the table describes."""
-        from ..fem.loaded_body import Clamp
-
-        return super().support() if any(self.value) or self.amplitude else Clamp(self.face, self.components)
-
-
 class TractionTable(Table):
     """Surface load in pascals on a face."""
 
@@ -146,20 +118,3 @@ class TractionTable(Table):
         from ..fem.loads import Traction
 
         return Traction(self.face, self.value, self.amplitude or 1.0)
-
-
-def _along_axes(stiffness: Any) -> Any:
-    return [stiffness] * 3 if isinstance(stiffness, int | float) and not isinstance(stiffness, bool) else stiffness
-
-
-class SpringTable(Table):
-    """Elastic support of a face, stiffness in N/m^3: one number, or three along x, y, z."""
-
-    face: Name
-    stiffness: Annotated[tuple[Stiffness, Stiffness, Stiffness], BeforeValidator(_along_axes)]
-
-    def spring(self) -> Spring:
-        """What the table describes."""
-        from ..fem.loaded_body import Spring
-
-        return Spring(self.face, self.stiffness)

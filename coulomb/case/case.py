@@ -12,21 +12,20 @@ from pydantic import Field, ValidationError, model_validator
 
 from ..fem.box_faces import BOX_FACES
 from ..ranks import is_rank_0, launched, on_rank_0
-from .body import (
-    ClampTable,
-    MaterialTable,
-    MaterialTables,
-    MeshTable,
-    PrescribedDisplacementTable,
-    SpringTable,
-    Table,
-    TractionTable,
-)
+from .body import MaterialTable, MaterialTables, MeshTable, Table, TractionTable
 from .contact import ContactTable, ContactTables, HistoryTable
 from .faults import fault_of, tables_of_several
 from .probe import ProbeTable
 from .renamed import renamed
 from .solver import OutputTable, SolverTable
+from .supports import (
+    ClampTable,
+    PrescribedDisplacementTable,
+    PrescribedRotationTable,
+    SpringTable,
+    SupportTable,
+    SymmetryTable,
+)
 from .text import apply, parsed, read_text
 from .values import TABLES, AmplitudeTable, Vector
 
@@ -34,7 +33,7 @@ if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validat
     from mpi4py import MPI
 
     from ..fem.body import Material
-    from ..fem.loaded_body import LoadedBody, PrescribedDisplacement, Spring
+    from ..fem.loaded_body import LoadedBody, Spring, Support
     from ..fem.loads import Load
     from ..model.load_history import LoadHistory
     from ..model.problem import ContactProblem
@@ -51,6 +50,8 @@ class Case(Table):
     material: MaterialTables
     clamp: Annotated[tuple[ClampTable, ...], Field(max_length=TABLES)] = ()
     prescribed_displacement: Annotated[tuple[PrescribedDisplacementTable, ...], Field(max_length=TABLES)] = ()
+    prescribed_rotation: Annotated[tuple[PrescribedRotationTable, ...], Field(max_length=TABLES)] = ()
+    symmetry: Annotated[tuple[SymmetryTable, ...], Field(max_length=TABLES)] = ()
     traction: Annotated[tuple[TractionTable, ...], Field(max_length=TABLES)] = ()
     body_force: Vector = (0.0, 0.0, 0.0)
     body_force_amplitude: AmplitudeTable | None = None
@@ -125,8 +126,10 @@ class Case(Table):
         )
 
     @property
-    def _acting(self) -> tuple[list[PrescribedDisplacement], list[Load], list[Spring]]:
-        supports = [t.support() for t in (*self.clamp, *self.prescribed_displacement)]
+    def _acting(self) -> tuple[list[Support], list[Load], list[Spring]]:
+        tables: tuple[SupportTable, ...]
+        tables = (*self.clamp, *self.prescribed_displacement, *self.prescribed_rotation, *self.symmetry)
+        supports: list[Support] = [t.support() for t in tables]
         return supports, [t.traction() for t in self.traction], [t.spring() for t in self.spring]
 
     @property
@@ -154,10 +157,8 @@ class Case(Table):
             if self.mesh.box is not None:
                 raise ValueError("material: a box has no groups of cells; give one [material]")
         if self.mesh.box is not None:
-            tables: dict[str, tuple[PrescribedDisplacementTable | TractionTable | SpringTable, ...]]
-            tables = {"clamp": self.clamp, "prescribed_displacement": self.prescribed_displacement}
-            tables |= {"traction": self.traction, "spring": self.spring}
-            faces = {f"{key}.{i}": entry.face for key, entries in tables.items() for i, entry in enumerate(entries)}
+            kinds = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry", "traction", "spring")
+            faces = {f"{kind}.{i}": entry.face for kind in kinds for i, entry in enumerate(getattr(self, kind))}
             for key, face in (faces | {key: table.face for key, table in self.contacts.items()}).items():
                 if face not in BOX_FACES:
                     *most, last = map(repr, BOX_FACES)
@@ -176,7 +177,7 @@ class Case(Table):
             timed: dict[str, Any] = {f"{key}.motion": table.motion for key, table in self.contacts.items()}
             timed |= {f"{key}.rotation": table.rotation for key, table in self.contacts.items()}
             timed |= {"body_force_amplitude": self.body_force_amplitude}
-            for name in ("clamp", "prescribed_displacement", "traction"):
+            for name in ("clamp", "prescribed_displacement", "prescribed_rotation", "traction"):
                 timed |= {f"{name}.{k}.amplitude": table.amplitude for k, table in enumerate(getattr(self, name))}
             for key, value in timed.items():
                 if value is not None:

@@ -17,7 +17,8 @@ from .loads import AppliedLoad, BodyForce, Load, Weight, vanishes
 from .materials import Materials, material_of_cells
 from .meshes import NamedMesh
 from .nodal_forces import NodalForces
-from .supports import Clamp, PrescribedDisplacement, Spring, Support, SupportedFace
+from .supported_face import SupportedFace
+from .supports import Clamp, PrescribedDisplacement, Spring, Support
 from .user_values import Amplitude, Field, evaluate_amplitude, on_all_ranks
 
 __all__ = ["Clamp", "LoadedBody", "Loading", "PrescribedDisplacement", "Spring", "Support"]
@@ -129,7 +130,11 @@ class LoadedBody(ElasticBody):
     def _supported_face(self, support: Support) -> SupportedFace:
         nodes = self.nodes(support.face, support.kind)
         facets = self.mesh.facets(support.face, support.kind)
-        return SupportedFace(support.face, nodes, self.x[nodes], self.mesh.comm, lambda: self.normal_of(facets)[nodes])
+
+        def integrals() -> tuple[FloatArray, FloatArray]:
+            return self.area_of(facets)[nodes], self.normal_of(facets)[nodes]
+
+        return SupportedFace(nodes, self.x[nodes], self.mesh.comm, integrals)
 
     def _support(self, springs: Sequence[Spring]) -> None:
         self.spring = np.zeros((self._owned, 3))

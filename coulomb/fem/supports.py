@@ -1,46 +1,22 @@
-"""Supports of a body: faces with prescribed displacements, and springs."""
+"""Supports of a body: faces with prescribed displacements or rotations, planes of symmetry, and springs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
-import numpy.typing as npt
-from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .user_values import Amplitude, Field, evaluate_vectors
+from .contact_frames import tangent_frames
+from .obstacles import Point, check_direction, check_point
+from .supported_face import SupportedFace
+from .user_values import Amplitude, Field, evaluate_vectors, first_place, on_all_ranks
 
-
-class SupportedFace:
-    """What a support needs of the face on which it acts; this rank's q nodes.
-
-    Args:
-        name: Name of the face.
-        nodes: Its nodes among this rank's, ascending, shape (q,).
-        x: Their coordinates in metres, shape (q, 3).
-        comm: The ranks.
-        outward: Computes the integrals of the outward normal against the hat functions in m^2, shape (q, 3);
-            collective.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        nodes: npt.NDArray[np.int32],
-        x: FloatArray,
-        comm: MPI.Comm,
-        outward: Callable[[], FloatArray],
-    ):
-        self.name, self.nodes, self.x, self.comm, self._outward = name, nodes, x, comm, outward
-
-    @cached_property
-    def outward(self) -> FloatArray:
-        """Integrals of the outward normal against the hat functions in m^2, shape (q, 3); collective."""
-        return self._outward()
+NORMAL, TANGENTIAL = "normal", "tangential"
+"""Components along and across the normal of the face."""
 
 
 class Support(Protocol):
@@ -90,26 +66,37 @@ class PrescribedDisplacement:
 
     Attributes:
         face: Name of the face.
-        value: Displacement in metres, a vector or a function of x; components that are not prescribed are ignored.
-        components: Which components are prescribed, letters of "xyz".
+        value: Displacement in metres, a vector or a function of x; its parts along directions that are not prescribed
+            are ignored.
+        components: Which components are prescribed: letters of "xyz"; "normal", along the normal of the face at each
+            node; or "tangential", across it.
         amplitude: Factor of the value as a function of time; a table is constant before its first and after its last
             row.
+        direction: In place of components: the one direction along which the displacement is prescribed, a vector or a
+            function of x, of any length.
 
     Raises:
-        ValueError: If components is not made of different letters of "xyz".
+        ValueError: If components is none of these, or is given beside a direction.
     """
 
     face: str
     value: Field
     components: str = "xyz"
     amplitude: Amplitude = 1.0
+    direction: Field | None = None
 
     kind = "prescribed displacement"
 
     def __post_init__(self) -> None:
         letters = set(self.components)
-        if not letters or len(letters) != len(self.components) or letters - set("xyz"):
-            raise ValueError(f"{self.what}: components must be letters of 'xyz', but are {self.components!r}")
+        by_letters = bool(letters) and len(letters) == len(self.components) and not letters - set("xyz")
+        if not by_letters and self.components not in (NORMAL, TANGENTIAL):
+            raise ValueError(
+                f"{self.what}: components must be letters of 'xyz', '{NORMAL}' or '{TANGENTIAL}', "
+                f"but are {self.components!r}"
+            )
+        if self.direction is not None and self.components != "xyz":
+            raise ValueError(f"{self.what}: give components or a direction, not both")
 
     @property
     def what(self) -> str:
@@ -117,9 +104,36 @@ class PrescribedDisplacement:
         return f"{self.kind} on {self.face!r}"
 
     def directions(self, face: SupportedFace) -> FloatArray:
-        """The directions that it holds: orthonormal rows or zeros, shape (q, 3, 3); collective."""
-        axes = np.diag([float(letter in self.components) for letter in "xyz"])
-        return np.broadcast_to(axes, (len(face.nodes), 3, 3)).copy()
+        """The directions that it holds: orthonormal rows or zeros, shape (q, 3, 3); collective.
+
+        Raises:
+            ValueError: On every rank, if the direction is zero or not finite at a node, or if there is an edge within
+                a face whose normals are asked for.
+        """
+        rows = np.zeros((len(face.nodes), 3, 3))
+        if self.direction is not None:
+            rows[:, 0] = self._unit_direction(face)
+        elif self.components == NORMAL:
+            rows[:, 0] = face.normals(self.what)
+        elif self.components == TANGENTIAL:
+            rows[:, :2] = tangent_frames(face.normals(self.what))[:, 1:]
+        else:
+            rows[:] = np.diag([float(letter in self.components) for letter in "xyz"])
+        return rows
+
+    def _unit_direction(self, face: SupportedFace) -> FloatArray:
+        assert self.direction is not None
+        what = f"{self.what}: direction"
+        vectors = evaluate_vectors(self.direction, face.x, what, face.comm)
+        length = np.linalg.norm(vectors, axis=1)
+
+        def unit() -> FloatArray:
+            if np.any(length == 0.0):
+                raise ValueError(f"must not be zero (first seen at x = {first_place(face.x, length == 0.0)})")
+            directions: FloatArray = vectors / length[:, None]
+            return directions
+
+        return on_all_ranks(unit, what, face.comm)
 
     def displacement(self, face: SupportedFace) -> FloatArray:
         """The displacement in metres at amplitude 1, shape (q, 3); collective.
@@ -131,20 +145,125 @@ class PrescribedDisplacement:
 
 
 class Clamp(PrescribedDisplacement):
-    """Zero displacement of a face, in all components or in some.
+    """Zero displacement of a face, in all directions or in some.
+
+    With "normal" it is a frictionless guide, plane or curved: the face slides along itself.
 
     Args:
         face: Name of the face.
-        components: Which components are held, letters of "xyz".
+        components: What is held: letters of "xyz"; "normal", along the normal of the face at each node; or
+            "tangential", across it.
+        direction: In place of components: the one direction that is held, a vector or a function of x.
 
     Raises:
-        ValueError: If components is not made of different letters of "xyz".
+        ValueError: As `PrescribedDisplacement`.
     """
 
     kind = "clamp"
 
-    def __init__(self, face: str, components: str = "xyz"):
-        super().__init__(face, (0.0, 0.0, 0.0), components)
+    def __init__(self, face: str, components: str = "xyz", direction: Field | None = None):
+        super().__init__(face, (0.0, 0.0, 0.0), components, direction=direction)
+
+
+@dataclass(frozen=True)
+class SymmetryPlane:
+    """A plane of symmetry of body, supports and loads, at any angle: the face lies in it, and does not leave it.
+
+    Attributes:
+        face: Name of the face, which must be plane.  Its displacement along its normal is zero; where two planes of
+            symmetry meet, along both normals.
+    """
+
+    face: str
+
+    kind = "symmetry"
+
+    @property
+    def amplitude(self) -> Amplitude:
+        """1 at all times."""
+        return 1.0
+
+    @property
+    def what(self) -> str:
+        """Kind and face, for error messages."""
+        return f"symmetry plane on {self.face!r}"
+
+    def directions(self, face: SupportedFace) -> FloatArray:
+        """The normal of the plane at every node, shape (q, 3, 3); collective.
+
+        Raises:
+            ValueError: On every rank, if the face is not plane.
+        """
+        rows = np.zeros((len(face.nodes), 3, 3))
+        rows[:, 0] = face.plane(self.what)
+        return rows
+
+    def displacement(self, face: SupportedFace) -> FloatArray:
+        """Zero, shape (q, 3)."""
+        return np.zeros_like(face.x)
+
+
+@dataclass(frozen=True)
+class PrescribedRotation:
+    """Prescribed rotation of a face about an axis, as of a rigid plate to which it is glued.
+
+    The displacement of a point x is angle * axis x (x - point): linear in the angle, as all displacements in the theory
+    of small strains, so that a body that rotates as a whole has no strain.  It differs from a circle by the part
+    angle/2 of itself.
+
+    Attributes:
+        face: Name of the face.
+        point: A point of the axis in metres.
+        axis: Direction of the axis; need not have length 1.
+        angle: In radians, right-handed about the axis.
+        amplitude: Factor of the angle as a function of time; a table is constant before its first and after its last
+            row.
+        axial: "held": no displacement along the axis; "free": the displacement along the axis is left to other supports
+            and to the loads.
+
+    Raises:
+        ValueError: If the axis is zero, or an entry is not finite.
+    """
+
+    face: str
+    point: Point
+    axis: Point
+    angle: float
+    amplitude: Amplitude = 1.0
+    axial: Literal["held", "free"] = "held"
+
+    kind = "prescribed rotation"
+
+    def __post_init__(self) -> None:
+        check_point(f"{self.what}: point", self.point)
+        check_direction(f"{self.what}: axis", self.axis)
+        if not math.isfinite(self.angle):
+            raise ValueError(f"{self.what}: angle must be a finite number of radians, but is {self.angle}")
+        if self.axial not in ("held", "free"):
+            raise ValueError(f'{self.what}: axial must be "held" or "free", but is {self.axial!r}')
+
+    @property
+    def what(self) -> str:
+        """Kind and face, for error messages."""
+        return f"{self.kind} on {self.face!r}"
+
+    @property
+    def _unit_axis(self) -> FloatArray:
+        axis = np.array(self.axis, dtype=np.float64)
+        unit: FloatArray = axis / np.linalg.norm(axis)
+        return unit
+
+    def directions(self, face: SupportedFace) -> FloatArray:
+        """The axes, or two directions across the axis of rotation, shape (q, 3, 3)."""
+        rows = np.eye(3)
+        if self.axial == "free":
+            rows = np.vstack([tangent_frames(self._unit_axis[None, :])[0, 1:], np.zeros(3)])
+        return np.broadcast_to(rows, (len(face.nodes), 3, 3)).copy()
+
+    def displacement(self, face: SupportedFace) -> FloatArray:
+        """The displacement in metres at amplitude 1, shape (q, 3)."""
+        displacement: FloatArray = self.angle * np.cross(self._unit_axis, face.x - np.array(self.point))
+        return displacement
 
 
 @dataclass(frozen=True)

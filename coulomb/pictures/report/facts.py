@@ -42,8 +42,16 @@ def _of_case(case: dict[str, Any]) -> Facts:
     for support in (*case.get("clamp", ()), *case.get("prescribed_displacement", ())):
         value = support.get("value", [0.0] * 3)
         kind, moved = ("prescribed displacement", f": {vector(value, 'm')}") if any(value) else ("clamp", " held")
-        prescribed = f"components {support.get('components', 'xyz')}{moved}"
+        along = support.get("direction")
+        directions = f"components {support.get('components', 'xyz')}" if along is None else f"along {_direction(along)}"
+        prescribed = f"{directions}{moved}"
         facts.append((f"{kind} on {support['face']}", prescribed + _in_time(support.get("amplitude"))))
+    for rotation in case.get("prescribed_rotation", ()):
+        axis, point = _direction(rotation["axis"]), vector(rotation["point"], "m")
+        along = "; free along the axis" if rotation.get("axial") == "free" else ""
+        turned = f"{number(rotation['angle'])} rad about {axis} through {point}{along}"
+        facts.append((f"prescribed rotation of {rotation['face']}", turned + _in_time(rotation.get("amplitude"))))
+    facts += [("plane of symmetry", str(symmetry["face"])) for symmetry in case.get("symmetry", ())]
     for spring in case.get("spring", ()):
         given = spring["stiffness"]
         along = [float(given)] * 3 if isinstance(given, int | float) else given
@@ -54,6 +62,10 @@ def _of_case(case: dict[str, Any]) -> Facts:
         force = f"({', '.join(number(f) for f in case['body_force'])}) N/m³"
         facts.append(("body force", force + _in_time(case.get("body_force_amplitude"))))
     return facts
+
+
+def _direction(given: list[float]) -> str:
+    return f"({', '.join(number(value) for value in given)})"
 
 
 def _in_time(amplitude: list[list[float]] | None) -> str:

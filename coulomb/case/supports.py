@@ -1,0 +1,108 @@
+"""The tables of a case file that describe supports: what is held, moved or rotated, planes of symmetry, springs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BeforeValidator, model_validator
+
+from .body import Table
+from .values import AmplitudeTable, Name, Number, Stiffness, Vector
+
+if TYPE_CHECKING:
+    from ..fem.supports import PrescribedDisplacement, PrescribedRotation, Spring, SymmetryPlane
+
+Components = Literal["x", "y", "z", "xy", "xz", "yz", "xyz", "normal", "tangential"]
+
+
+class PrescribedDisplacementTable(Table):
+    """Prescribed displacement in metres on a face."""
+
+    face: Name
+    value: Vector
+    components: Components = "xyz"
+    direction: Vector | None = None
+    amplitude: AmplitudeTable | None = None
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> PrescribedDisplacementTable:
+        if self.direction is not None and "components" in self.model_fields_set:
+            raise ValueError("give components or direction, one of the two")
+        if self.direction is not None and not any(self.direction):
+            raise ValueError("direction must not be zero")
+        return self
+
+    def support(self) -> PrescribedDisplacement:
+        """What the table describes."""
+        from ..fem.supports import PrescribedDisplacement
+
+        return PrescribedDisplacement(self.face, self.value, self.components, self.amplitude or 1.0, self.direction)
+
+
+class ClampTable(PrescribedDisplacementTable):
+    """Zero displacement of a face.  With a value (as in older case files) it is a [[prescribed_displacement]]."""
+
+    value: Vector = (0.0, 0.0, 0.0)
+
+    def support(self) -> PrescribedDisplacement:
+        """What the table describes."""
+        from ..fem.supports import Clamp
+
+        if any(self.value) or self.amplitude:
+            return super().support()
+        return Clamp(self.face, self.components, self.direction)
+
+
+class PrescribedRotationTable(Table):
+    """Prescribed rotation of a face: a point of the axis in metres, its direction, and the angle in radians."""
+
+    face: Name
+    point: Vector
+    axis: Vector
+    angle: Number
+    axial: Literal["held", "free"] = "held"
+    amplitude: AmplitudeTable | None = None
+
+    @model_validator(mode="after")
+    def _direction(self) -> PrescribedRotationTable:
+        if not any(self.axis):
+            raise ValueError("axis must not be zero")
+        return self
+
+    def support(self) -> PrescribedRotation:
+        """What the table describes."""
+        from ..fem.supports import PrescribedRotation
+
+        return PrescribedRotation(self.face, self.point, self.axis, self.angle, self.amplitude or 1.0, self.axial)
+
+
+class SymmetryTable(Table):
+    """A plane of symmetry in which a face lies."""
+
+    face: Name
+
+    def support(self) -> SymmetryPlane:
+        """What the table describes."""
+        from ..fem.supports import SymmetryPlane
+
+        return SymmetryPlane(self.face)
+
+
+SupportTable = PrescribedDisplacementTable | PrescribedRotationTable | SymmetryTable
+
+
+def _along_axes(stiffness: Any) -> Any:
+    return [stiffness] * 3 if isinstance(stiffness, int | float) and not isinstance(stiffness, bool) else stiffness
+
+
+class SpringTable(Table):
+    """Elastic support of a face, stiffness in N/m^3: one number, or three along x, y, z."""
+
+    face: Name
+    stiffness: Annotated[tuple[Stiffness, Stiffness, Stiffness], BeforeValidator(_along_axes)]
+
+    def spring(self) -> Spring:
+        """What the table describes."""
+        from ..fem.supports import Spring
+
+        return Spring(self.face, self.stiffness)
