@@ -142,6 +142,28 @@ def force_displacement(run: Run) -> str:
     return _svg(figure, f"Contact force against {what}")
 
 
+def torque(run: Run) -> str:
+    """For a load history: torque of the contact on each rotating foundation against its angle, and power against time;
+    empty if none rotates."""
+    faces = [name[: -len("_torque")] for name in run.rows[0] if name.endswith("_torque")]
+    if not faces:
+        return ""
+    figure, (left, right) = _figure(2)
+    for panel, name, against, what, si in (
+        (left, "torque", "angle", "torque on the foundation", "N m"),
+        (right, "power", None, "power on the foundation", "W"),
+    ):
+        curves = [np.asarray(_column(run.rows, f"{face}_{name}"), dtype=float) for face in faces]
+        factor, unit = scale_of(float(np.max(np.abs(np.nan_to_num(curves)))), si)
+        for face, curve, colour in zip(faces, curves, (_FIRST, _SECOND, _THIRD, _FOURTH), strict=False):
+            along = _column(run.rows, f"{face}_{against}" if against else "time")
+            panel.plot(along, curve / factor, "o-", color=colour, markersize=3, label=face)
+        panel.set(xlabel="angle, rad" if against else "time, s", ylabel=f"{what}, {unit}")
+        if len(faces) > 1:
+            _legend(panel)
+    return _svg(figure, "Torque of the contact against the angle, and power against time")
+
+
 def _drive(run: Run) -> tuple[Any, str]:
     """The largest motion in a history at every step, (steps, 3), and its source: a prescribed displacement or the
     foundation."""
