@@ -194,6 +194,19 @@ def test_demo_foot():
     assert across == pytest.approx(np.zeros(6), abs=0.01 * weight)
 
 
+def test_demo_drum_brake():
+    """The normal force of a short shoe, P b/(b -+ F c), in both directions; ten turns under the friction F N."""
+    text = said("drum_brake.toml")
+    _, time, normal, *_ = steps_of(text)
+    force, b, c, F, r = 2e6 * 0.03 * 0.2 * np.sin(np.radians(5.0)), 0.1, 0.05, 0.35, 0.1
+    forwards, back = normal[list(time).index(2.0)], normal[list(time).index(4.0)]
+    assert forwards == pytest.approx(force * b / (b - F * c), rel=0.03)  # the short shoe has no elastic lining
+    assert back == pytest.approx(force * b / (b + F * c), rel=0.01)
+    assert normal[-20:] == pytest.approx(np.full(20, forwards), rel=1e-3)
+    (friction,) = line(text, r"since the start: .*, friction #,")
+    assert friction == pytest.approx(F * normal[-1] * r * 20.0 * np.pi, rel=1e-3)
+
+
 def test_readme_example(tmp_path):
     """The code of the README runs unchanged."""
     code = (ROOT / "README.md").read_text().split("```python\n")[1].split("```")[0]

@@ -200,6 +200,29 @@ MATERIALS_AND_LOADS = (
         r"contact\.motion depends on time: it needs a \[history\]",
     ),
     Wrong(
+        "a foundation that rotates without a history",
+        run("contact.rotation={point=[0,0,0], axis=[0,1,0], angle=[[0,0],[1,1]]}"),
+        r"contact\.rotation depends on time: it needs a \[history\]",
+    ),
+    Wrong(
+        "a rotation about no axis",
+        run("history={times=[1]}", "contact.rotation={point=[0,0,0], axis=[0,0,0], angle=[[0,0],[1,1]]}"),
+        r"contact\.rotation: axis must not be zero",
+    ),
+    Wrong(
+        "a rotation whose times do not increase",
+        run("history={times=[1]}", "contact.rotation={point=[0,0,0], axis=[0,1,0], angle=[[0,0],[1,1],[1,2]]}"),
+        r"contact: foundation: rotation: angle: the times of the table must increase, but are \[0\.0, 1\.0, 1\.0\]",
+    ),
+    Wrong(
+        "a foundation that rotates through the body",
+        (
+            *("check-case", "case.toml", "--set", "history={times=[1, 2]}"),
+            *("--set", "contact.rotation={point=[0,0,0], axis=[0,1,0], angle=[[1,0], [2,2]]}"),
+        ),
+        r"contact face 'bottom' is turned away from the foundation",
+    ),
+    Wrong(
         "a thousand million load steps",
         run("history={end=1.0, steps=1000000000}"),
         r"history\.steps = 1000000000: should be less than or equal to 100000",

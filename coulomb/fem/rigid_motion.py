@@ -193,7 +193,7 @@ def rigid_motion(motion: Motion | None, rotation: Rotation | None, time: float, 
     translation = evaluate_motion(motion, time, what)
     if rotation is None:
         return RigidMotion(translation)
-    angle = evaluate_amplitude(rotation.angle, time, f"{what}: rotation")
+    angle = evaluate_amplitude(rotation.angle, time, f"{what}: rotation", "angle")
     axis = np.asarray(rotation.axis, dtype=np.float64)
     return RigidMotion(translation, Turn(np.asarray(rotation.point, float), axis / np.linalg.norm(axis), angle))
 

@@ -31,8 +31,14 @@ Motion = Callable[[float], Sequence[float]] | Sequence[tuple[float, float, float
 `LoadCurve` with three columns."""
 
 
-def evaluate_amplitude(amplitude: Amplitude, time: float, what: str) -> float:
+def evaluate_amplitude(amplitude: Amplitude, time: float, what: str, name: str = "amplitude") -> float:
     """The factor at a time; tables are linear between rows and constant beyond.
+
+    Args:
+        amplitude: Its definition.
+        time: The time.
+        what: What it belongs to, for errors.
+        name: What the factor is called in errors.
 
     Raises:
         ValueError: If a function fails or its value is not a finite number, the table's times do not increase, or a
@@ -44,11 +50,11 @@ def evaluate_amplitude(amplitude: Amplitude, time: float, what: str) -> float:
         try:
             value = float(amplitude(time))
         except Exception as error:  # user functions may raise anything
-            raise ValueError(f"{what}: the amplitude failed at time {time:g}: {error}") from None
+            raise ValueError(f"{what}: the {name} failed at time {time:g}: {error}") from None
         if not np.isfinite(value):
-            raise ValueError(f"{what}: the amplitude at time {time:g} is {value}")
+            raise ValueError(f"{what}: the {name} at time {time:g} is {value}")
         return value
-    return float(_curve(amplitude, time, 1, f"{what}: amplitude")[0])
+    return float(_curve(amplitude, time, 1, f"{what}: {name}")[0])
 
 
 def evaluate_motion(motion: Motion | None, time: float, what: str) -> FloatArray:

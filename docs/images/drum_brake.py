@@ -131,8 +131,8 @@ def loop(axis, history):
     axis.axhline(0.0, color=GREY, linewidth=0.6)
     axis.annotate("towards the mounting", (0.2, 46.5), fontsize=8.5)
     axis.annotate("away from it", (-0.9, -36.5), fontsize=8.5)
-    axis.set(xlabel="angle of the drum, mrad", ylabel="torque that the shoe takes from the drum, N m", ylim=(-42, 52))
-    axis.legend(frameon=False, loc="center right")
+    axis.set(xlabel="angle of the drum, mrad", ylabel="braking torque, N m", ylim=(-42, 52))
+    axis.legend(frameon=False, loc="upper left", bbox_to_anchor=(0.02, 0.75))
     axis.spines[["top", "right"]].set_visible(False)
 
 

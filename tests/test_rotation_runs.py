@@ -1,0 +1,188 @@
+"""Runs with a rotating foundation: on ranks, resumed, killed, and checked from the files."""
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from check_runs import change, copied, edit, made
+from conftest import run_coulomb
+
+from coulomb.io.recheck.directory import check
+
+SHOE = """\
+[mesh]
+box = [0.1, 0.05, 0.04]
+cells = [6, 3, 3]
+cell = "hexahedron"
+[material]
+young = 1e7
+poisson = 0.3
+[[prescribed_displacement]]
+face = "top"
+value = [0, 0, -3e-3]
+components = "z"
+amplitude = [[0, 0], [1, 1]]
+[[clamp]]
+face = "top"
+components = "xy"
+[contact]
+face = "bottom"
+friction = 0.4
+motion = [[0, 0, 0, 0], [4, 0, 0, 1e-3]]
+foundation = {shape = "cylinder", point = [0.06, 0, -0.5], axis = [0, 1, 0], radius = 0.5}
+[contact.rotation]
+point = [0.061, 0.02, -0.5]
+axis = [0, 2, 0]
+angle = [[0, 0], [1, 0], [4, 0.4]]
+[history]
+times = [1, 2, 3, 4]
+[output]
+picture = false
+"""
+"""A block of rubber on a drum that turns, a little off its axis, and rises meanwhile."""
+
+TURNTABLE = (
+    SHOE.replace('"hexahedron"', '"tetrahedron"')
+    .replace(', shape = "cylinder"', "")
+    .replace(
+        '{shape = "cylinder", point = [0.06, 0, -0.5], axis = [0, 1, 0], radius = 0.5}',
+        "{point = [0, 0, 0], normal = [0, 0, 1]}",
+    )
+    .replace("axis = [0, 2, 0]", "axis = [0, 0, -1]")
+    .replace("motion = [[0, 0, 0, 0], [4, 0, 0, 1e-3]]\n", "")
+)
+"""Tetrahedra on a plane that rotates about its normal."""
+
+RUNS = {"drum": SHOE, "turntable": TURNTABLE}
+
+
+def rows(folder):
+    with (folder / "history.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
+def test_the_files_agree(text, tmp_path):
+    found = check(made(text))
+    assert found.passed and found.recorded, found
+    row = rows(made(text))[-1]
+    assert float(row["bottom_angle"]) == 0.4 and abs(float(row["bottom_torque"])) > 1.0
+    assert float(row["bottom_power"]) == pytest.approx(float(row["bottom_torque"]) * 0.4 / 3.0, rel=1e-12)
+    folder = copied(text, tmp_path / "run")
+    (
+        folder / "case.json"
+    ).unlink()  # rotation as written, the rest of the foundation's displacement from the slip origin
+    found = check(folder)
+    assert found.passed, found
+    assert "but for its rotation, whose axis and angle are those of summary.json" in found.ending
+
+
+SPOILT = {
+    "torque": lambda face: face.update(torque=face["torque"] * (1.0 + 1e-6)),
+    "power": lambda face: face.update(power=face["power"] * (1.0 + 1e-6)),
+    "angle": lambda face: face.update(angle=face["angle"] + 1e-6),
+    "angular velocity": lambda face: face.update(angular_velocity=face["angular_velocity"] * (1.0 + 1e-6)),
+    "axis": lambda face: face["axis"]["point"].__setitem__(0, face["axis"]["point"][0] + 1e-6),
+}
+
+
+@pytest.mark.parametrize("spoil", SPOILT.values(), ids=SPOILT)
+def test_spoilt_figures_of_a_step(spoil, tmp_path):
+    folder = copied(SHOE, tmp_path / "run")
+    edit(folder / "steps/0003/summary.json", lambda s: spoil(s["faces"][0]))
+    assert [step.number for step in check(folder).steps if not step.passed] == [3]
+
+
+@pytest.mark.parametrize("spoil", ["torque", "power", "angular velocity", "axis"])
+def test_spoilt_figures_without_a_case(spoil, tmp_path):
+    """Torque and power follow from forces and axis; a wrong rotation does not fit the slip origin."""
+    folder = copied(SHOE, tmp_path / "run")
+    (folder / "case.json").unlink()
+    edit(folder / "steps/0003/summary.json", lambda s: SPOILT[spoil](s["faces"][0]))
+    assert 3 in [step.number for step in check(folder).steps if not step.passed]
+
+
+@pytest.mark.parametrize("column", ["bottom_angle", "bottom_torque", "bottom_power"])
+def test_spoilt_columns(column, tmp_path):
+    folder = copied(SHOE, tmp_path / "run")
+    table = rows(folder)
+    table[2][column] = repr(float(table[2][column]) * (1.0 + 1e-6))
+    with (folder / "history.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(table[0]))
+        writer.writeheader()
+        writer.writerows(table)
+    assert any(f"line 3.{column}:" in fault for fault in check(folder).faults)
+
+
+OTHER_CASES = {
+    "angle": lambda c: c["contact"]["rotation"]["angle"][2].__setitem__(1, 0.4000004),
+    "axis": lambda c: c["contact"]["rotation"].update(point=[0.0610001, 0.02, -0.5]),
+    "no rotation": lambda c: c["contact"].pop("rotation"),
+}
+
+
+@pytest.mark.parametrize("other", OTHER_CASES.values(), ids=OTHER_CASES)
+def test_another_rotation_in_the_case(other, tmp_path):
+    folder = copied(SHOE, tmp_path / "run")
+    edit(folder / "case.json", other)
+    failing = [step.number for step in check(folder).steps if not step.passed]
+    assert {2, 3, 4} <= set(failing)
+
+
+def test_a_slip_origin_that_forgets_the_rotation(tmp_path):
+    folder = copied(SHOE, tmp_path / "run")
+    change(folder / "steps/0003/contact.h5", "slip_origin", lambda origin: origin * (1.0 + 1e-6))
+    assert any("slip_origin" in fault for step in check(folder).steps for fault in step.faults)
+
+
+@pytest.mark.parametrize(("name", "ranks"), [("drum", 2), ("turntable", 3)])
+def test_on_ranks(name, ranks, tmp_path):
+    """Torque, power and energies of one rank; the check agrees."""
+    (tmp_path / "case.toml").write_text(RUNS[name])
+    done = run_coulomb("run", tmp_path / "case.toml", "--output", tmp_path / "out", ranks=ranks)
+    assert done.returncode == 0, done.stderr
+    for ours, expected in zip(rows(tmp_path / "out"), rows(made(RUNS[name])), strict=True):
+        for column in ("bottom_torque", "bottom_power", "energy_foundation", "energy_dissipated", "normal_force"):
+            scale = abs(float(rows(made(RUNS[name]))[-1][column]))
+            assert float(ours[column]) == pytest.approx(float(expected[column]), rel=1e-6, abs=1e-6 * scale), column
+    assert check(tmp_path / "out").passed
+
+
+def test_killed_and_resumed(tmp_path):
+    """In the middle, without a chance to tidy up: the rest gives the same numbers."""
+    (tmp_path / "case.toml").write_text(SHOE)
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "coulomb", "run", str(tmp_path / "case.toml"), "--output", str(out)]
+    running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        while not (out / "steps" / "0002" / "summary.json").exists() and running.poll() is None:
+            time.sleep(0.01)
+    finally:
+        running.send_signal(signal.SIGKILL)
+        running.wait()
+    for _ in range(2):
+        done = run_coulomb("resume", out)
+        assert done.returncode == 0, done.stderr
+    for ours, expected in zip(rows(out), rows(made(SHOE)), strict=True):
+        for column, value in expected.items():
+            if "bottom" in column or "energy" in column:
+                assert float(ours[column]) == pytest.approx(float(value), rel=1e-9, abs=1e-12), column
+    assert check(out).passed
+    case = json.loads((out / "case.json").read_text())
+    case["contact"]["rotation"]["angle"][2][1] = 0.5
+    (out / "case.json").write_text(json.dumps(case))
+    refused = run_coulomb("resume", out)
+    assert refused.returncode == 2 and "contact.rotation" in refused.stderr
+
+
+def test_the_report_shows_torque_and_power(tmp_path):
+    done = run_coulomb("report", copied(SHOE, tmp_path / "run"))
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "rotation of the foundation" in page and "0.4 rad at 4" in page
+    assert "torque of the contact on the foundation" in page and "power of the contact on the foundation" in page
+    assert "Torque of the contact against the angle" in page
