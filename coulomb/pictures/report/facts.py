@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from . import rotation
+from . import rotating_foundations
 from .files import Run
 from .scene import friction_in_words, zone_counts
 from .units import in_seconds, number, quantity, vector
@@ -144,7 +144,7 @@ def _foundation(contact: dict[str, Any], where: str) -> Facts:
         ways = [f"{vector(row[1:], 'm')} at {in_seconds(row[0])}" for row in contact["motion"][:6]]
         more_ways = ", …" if len(contact["motion"]) > 6 else ""
         facts.append((f"motion of the foundation{where}", ", ".join(ways) + more_ways))
-    return facts + rotation.prescribed(contact, where)
+    return facts + rotating_foundations.prescribed(contact, where)
 
 
 def totals(run: Run) -> Facts:
@@ -168,7 +168,7 @@ def totals(run: Run) -> Facts:
             (f"largest slip{in_step}", quantity(totals["greatest_slip"], "m")),
             (f"energy dissipated by friction{in_step}", quantity(totals["dissipated_energy"], "J")),
         ]
-    rows += rotation.figures(summary)
+    rows += rotating_foundations.figures(summary)
     springs = summary.get("spring_force_on_body") or []
     if any(springs):
         rows.append(("force of springs on the body", vector(springs, "N", 5)))
