@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -70,20 +72,22 @@ def free_frames(elasticity: Elasticity, nodes: npt.NDArray[np.int32], frames: Fl
 def rows_of(B: PETSc.Mat, u: FloatArray) -> FloatArray:
     """B u in metres, shape (m, 3), of displacements u of this rank's nodes, shape (k, 3); collective."""
     displacement, image = B.createVecs()
-    displacement.array[:] = u.ravel()
-    B.mult(displacement, image)
-    values: FloatArray = image.array_r.reshape(-1, 3).copy()
-    displacement.destroy()
-    image.destroy()
-    return values
+    return _product(B.mult, u, displacement, image)
 
 
 def at_nodes_of(B: PETSc.Mat, x: FloatArray) -> FloatArray:
     """B^T x in newtons, this rank's nodes, shape (k, 3), of forces x, shape (m, 3) or (3 m,); collective."""
     spread, forces = B.createVecs()
-    forces.array[:] = x.ravel()
-    B.multTranspose(forces, spread)
-    values: FloatArray = spread.array_r.reshape(-1, 3).copy()
-    spread.destroy()
-    forces.destroy()
-    return values
+    return _product(B.multTranspose, x, forces, spread)
+
+
+def _product(
+    multiply: Callable[[PETSc.Vec, PETSc.Vec], None], values: FloatArray, given: PETSc.Vec, result: PETSc.Vec
+) -> FloatArray:
+    """A product of B or B^T with values, shape (rows, 3); the two vectors are destroyed."""
+    given.array[:] = values.ravel()
+    multiply(given, result)
+    product: FloatArray = result.array_r.reshape(-1, 3).copy()
+    given.destroy()
+    result.destroy()
+    return product
