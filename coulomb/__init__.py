@@ -1,4 +1,4 @@
-"""coulomb: 3D contact with Coulomb friction, solved by path following.
+"""coulomb: 3D contact with Coulomb friction, solved by an interior-point method.
 
 u = K^-1 (f - B^T x),   A = B K^-1 B^T,   b = B K^-1 f - c
 min 1/2 x^T A x - b^T x   subject to   x_n >= 0,  |x_t| <= g,   with g = F x_n at the solution

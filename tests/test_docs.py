@@ -43,6 +43,13 @@ def test_commands_exist(page):
     assert set(named) <= set(known)
 
 
+def test_every_page_is_in_the_index_and_in_the_navigation():
+    index, navigation = (ROOT / "docs" / "index.md").read_text(), (ROOT / "mkdocs.yml").read_text()
+    pages = {page.name for page in PAGES}
+    assert set(re.findall(r"\]\(([a-z-]+\.md)", index)) == pages - {"index.md"}
+    assert set(re.findall(r": ([a-z-]+\.md)$", navigation, flags=re.M)) == pages
+
+
 def test_tutorial_shows_the_demo():
     """The settings of the tutorial's case are those of demos/foot.toml."""
 

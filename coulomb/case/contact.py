@@ -118,7 +118,7 @@ FrictionValue = Annotated[
 
 
 class RegionTable(Table):
-    """A part of the contact face, inside a box given by two corners in metres, that rubs differently."""
+    """A part of the contact face, inside a box given by two corners in metres, with friction of its own."""
 
     box: tuple[Vector, Vector]
     friction: FrictionValue | None = None
@@ -139,8 +139,8 @@ class RegionTable(Table):
 
 
 MotionTable = Annotated[tuple[tuple[Number, Number, Number, Number], ...], Field(min_length=1, max_length=ROWS)]
-"""Rows [time, x, y, z]: where the foundation has gone; linear in between, before the first row and after the last as
-there."""
+"""Rows [time, x, y, z]: translation of the foundation; linear in between, constant before the first row and after the
+last."""
 
 
 class RotationTable(Table):
@@ -240,7 +240,7 @@ class ContactTable(Table):
         )
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:
-        """One coefficient, or two where there is a direction; by slip rate where the contact or a region says so."""
+        """One coefficient, or two with a direction; by slip rate if the contact or a region has such a table."""
         from ..model.friction import SlipRateFriction
 
         if self.direction is not None:
@@ -302,7 +302,7 @@ ContactTables = Annotated[
 
 
 class HistoryTable(Table):
-    """Load steps: their ends, or the end of the last and how many; from time 0, with the body free of stress."""
+    """Load steps: their ends, or the end of the last and their number; from time 0, with the body free of stress."""
 
     times: Annotated[tuple[Number, ...], Field(max_length=ROWS)] | None = None
     end: Duration | None = None

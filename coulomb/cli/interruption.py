@@ -43,7 +43,7 @@ class Interruption:
 
     @property
     def requested(self) -> bool:
-        """Whether this rank knows of a request to stop; not collective."""
+        """Whether this rank has received a request to stop; not collective."""
         return self._requested
 
     def asked(self) -> bool:

@@ -1,6 +1,6 @@
 """Meshes of Abaqus and CalculiX input files (.inp): elements, element sets, node sets and surfaces.
 
-Our own reader, not meshio's (tried: 5.3.5), which loses or mistakes what faces are made of: it ignores *SURFACE; an
+Our own reader, not meshio's (tried: 5.3.5), which loses or misreads the data of faces: it ignores *SURFACE; an
 element set given by the names of others, or on an *ELEMENT after one without a set, goes to the wrong elements, without
 a warning; a second *NODE replaces the first; *NODE's NSET, types in lower case and surface elements (SFM3D4, M3D4) are
 not read.  Formats with plain numbers on cells are read by meshio (`meshio_formats`).
@@ -29,7 +29,7 @@ _SIDES = {
 _SOLID = re.compile(r"(?:C3D|DC3D|AC3D|SC)(\d+)")
 _SURFACE = re.compile(r"(?:SFM3D|M3D|R3D|CPS|CPE|CAX|DS|S|STRI)([34])(?!\d)")
 _GENERATES = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM"}
-_INCLUDES = 10  # files inside files
+_INCLUDES = 10  # nested *INCLUDE
 
 
 @dataclass
@@ -168,7 +168,7 @@ class _Reader:
     def _elements(self, block: _Block) -> None:
         kind = self._named(block, "TYPE").upper()
         solid, flat = _SOLID.match(kind), _SURFACE.match(kind)
-        if not solid and not flat:  # beams, springs, masses, second-order shells: none of a body's
+        if not solid and not flat:  # beams, springs, masses, second-order shells: not part of a body
             return
         width = int((solid or flat)[1])  # type: ignore[index]
         numbers = self._whole(block, block.lines)
@@ -300,7 +300,7 @@ def _blocks(path: str, lines: Iterable[tuple[str, str]]) -> Iterator[_Block]:
     block: _Block | None = None
     going_on = False
     for file, line in lines:
-        if line.startswith("*") or going_on:  # a keyword line that ends in a comma goes on
+        if line.startswith("*") or going_on:  # a keyword line that ends in a comma is continued
             words = [word.strip() for word in line.lstrip("*").split(",")]
             if not going_on:
                 if block is not None:

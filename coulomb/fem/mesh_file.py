@@ -28,10 +28,10 @@ _EDGES_AT = {
         *((4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3)),
     ),
 }
-"""A corner and its three neighbours, right-handed, for every corner where the Jacobian is looked at."""
+"""A corner and its three neighbours, right-handed, for every corner where the Jacobian is evaluated."""
 
 FLAT = 1e-12
-"""Least Jacobian of a cell, over the cube of its longest edge from a corner."""
+"""Smallest admissible Jacobian of a cell, over the cube of its longest edge from a corner."""
 
 QUADRATIC = (
     "contact needs first-order cells: the nodal areas that turn contact forces into pressures are zero at the vertices "
@@ -113,7 +113,7 @@ class InspectedMesh:
 
 
 def inspect(file: MeshFile, scale: float) -> InspectedMesh:
-    """Look at everything that would make the finite elements wrong.
+    """Check a mesh for all faults that would make the finite elements wrong.
 
     A group of facets that is not on the boundary is an error only where it is used as a face.
 

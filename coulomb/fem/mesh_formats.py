@@ -1,4 +1,4 @@
-"""The mesh files that can be read, known before there is a mesh."""
+"""The mesh formats that can be read, without loading a library that reads them."""
 
 FORMATS = {
     ".msh": "gmsh",
@@ -10,7 +10,7 @@ FORMATS = {
     **dict.fromkeys((".bdf", ".nas"), "Nastran"),
     ".mesh": "Medit",
 }
-"""What writes them, by the end of the file's name, in lower case."""
+"""The programs that write them, by file name extension in lower case."""
 
 NUMBERED = {".xdmf", ".vtu", ".vtk", ".bdf", ".nas", ".mesh"}
 """Formats whose groups are numbers on facets and cells, to which a user gives names."""

@@ -1,7 +1,7 @@
 """Meshes in formats that meshio reads: VTU and VTK, Nastran, Medit.  Whole numbers on their cells become groups.
 
-These formats have nothing but numbers on cells, which meshio (tried: 5.3.5) hands over as they are.  Where it misreads,
-the file is refused here: Nastran's elements in large fields, which it skips, and points in local coordinates.
+These formats have numbers on cells only, which meshio (tried: 5.3.5) returns unchanged.  Files that it misreads are
+refused here:  Nastran's elements in large fields, which it skips, and points in local coordinates.
 
 Not by meshio, since it loses faces there: `abaqus_format`, `med_format`, `exodus_format`.  Nor gmsh's format and XDMF:
 of MSH 4.1 it accepts some files that are cut short (4 of 205 lengths tried), and it cannot read XDMF files with several
@@ -27,7 +27,9 @@ from .numbered_groups import members_by_name, only_set
 _MODULES = {".vtu": "vtu", ".vtk": "vtk", ".bdf": "nastran", ".nas": "nastran", ".mesh": "medit"}
 """meshio's name of the format, by the end of the file's name."""
 
-_OWN_NUMBERS = re.compile(r"(?i)(vtk|global|pedigree|original).*|.*\bghost.*")  # of programs, not of users
+_OWN_NUMBERS = re.compile(
+    r"(?i)(vtk|global|pedigree|original).*|.*\bghost.*"
+)  # written by programs, not chosen by users
 _LARGE = re.compile(rb"^(?:CTETRA|CHEXA|CPENTA|CPYRAM?|CTRIA3|CQUAD4)\*", re.MULTILINE)
 
 
@@ -35,7 +37,7 @@ def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> 
     """Read a file on this rank.
 
     Args:
-        path: The file; the end of its name says which format.
+        path: The file; its extension determines the format.
         names: Names of groups of facets, with the number of these.
         cell_names: Names of groups of cells.
 
@@ -79,7 +81,7 @@ def _by_meshio(path: str, data: bytes, form: str) -> Any:
                 mesh = getattr(meshio, form).read(path)
     except _Refused:
         raise
-    except Exception as error:  # whatever a damaged file leads to in code that is not ours
+    except Exception as error:  # a damaged file may cause any exception in meshio
         fault = " ".join(str(error).split()) or "it is damaged, or of a kind that meshio does not know"
         raise ValueError(f"{path}: cannot be read as {form} (by meshio {meshio.__version__}): {fault}") from None
     if form == "nastran" and np.any(mesh.point_data.get("nastran:ref", 0)):

@@ -1,4 +1,4 @@
-"""Nodal forces of one load, one support or one spring: what resultants, reactions and their balance are summed from."""
+"""Nodal forces of one load, support or spring, from which resultants, reactions and their balance are summed."""
 
 from __future__ import annotations
 

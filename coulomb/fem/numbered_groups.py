@@ -16,7 +16,7 @@ def members_by_name(where: str, numbers: IntArray, names: Mapping[str, int], key
         where: The file, for messages.
         numbers: The number of every facet or cell.
         names: Names with their numbers.
-        key: What the argument `names` is called for the user.
+        key: Name of the argument `names` in messages.
 
     Raises:
         ValueError: If a name has a number that does not occur.
@@ -34,7 +34,7 @@ def only_set(where: str, sets: list[str]) -> str:
     """The one set of numbers to use.
 
     Raises:
-        ValueError: If there are several, and none is known to be the one.
+        ValueError: If there are several without a known order of preference.
     """
     if len(sets) > 1:  # meshio writes gmsh's own numbers beside the physical ones
         sets = [name for name in sets if name == "gmsh:physical"] or sets

@@ -34,8 +34,8 @@ class RigidFoundation(Protocol):
 
 @runtime_checkable
 class Revolved(Protocol):
-    """A foundation that can say about which axes it is a surface of revolution: rotations about them leave its distance
-    and normals exactly as they are.  Without this method they are computed in rotated coordinates."""
+    """A foundation that reports whether it is a surface of revolution about an axis: rotation about such an axis leaves
+    distance and normals exactly unchanged.  Without this method they are computed in rotated coordinates."""
 
     def revolves(self, point: FloatArray, axis: FloatArray) -> bool:
         """Whether it is a surface of revolution about the axis through a point (3,) in metres with the direction axis

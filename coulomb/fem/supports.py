@@ -29,7 +29,7 @@ class Support(Protocol):
 
     @property
     def kind(self) -> str:
-        """What the support is called in messages."""
+        """Its name in messages."""
         ...
 
     @property

@@ -26,7 +26,7 @@ _HIGHER = ("tet_", "tetrahedron_", "hex_", "hexahedron_", "tri_", "triangle_", "
 
 @dataclass(frozen=True)
 class _Grid:
-    """A Grid of a file: what it is made of, the points it counts by, and the whole numbers on its cells."""
+    """A Grid of a file: its cells or facets, the points to which they refer, and the whole numbers on its cells."""
 
     where: str
     kind: str
@@ -53,7 +53,7 @@ def read(
 
     Raises:
         OSError: If a file cannot be read.
-        ValueError: If a file is no XDMF, incomplete, or has not what is asked for.
+        ValueError: If a file is not XDMF, is incomplete, or lacks the requested numbers.
     """
     mesh, *others = _grids(path, tuple(_FACE_OF), "cells in 3D")
     if any(grid.kind != mesh.kind for grid in others):
@@ -89,7 +89,7 @@ def _groups(
 
 
 def _in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:
-    """The grid's rows by points of the mesh; where the two do not count alike, points are matched by place."""
+    """The grid's rows by points of the mesh; if the two number the points differently, they are matched by place."""
     if grid.points.shape == mesh.points.shape and np.array_equal(grid.points, mesh.points):
         return grid.rows
     used, inverse = np.unique(grid.rows, return_inverse=True)
@@ -114,7 +114,7 @@ def _rows_of_cells(grid: _Grid, mesh: _Grid) -> IntArray:
 def _grids(
     path: str, kinds: tuple[str, ...], what: str, mesh: _Grid | None = None, optional: bool = False
 ) -> list[_Grid]:
-    """The Grids of these kinds in a file; without points of their own, they count by those of the mesh."""
+    """The Grids of these kinds in a file; without points of their own, they refer to those of the mesh."""
     try:
         tree = ElementTree.fromstring(read_bytes(path))
     except ElementTree.ParseError as error:

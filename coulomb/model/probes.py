@@ -43,13 +43,13 @@ class Probe:
 
     @property
     def what(self) -> str:
-        """How messages call it."""
+        """Its name in messages."""
         return f"probe {self.name!r}"
 
 
 @dataclass(frozen=True)
 class ProbeValue:
-    """What is at a probe.
+    """Values at a probe.
 
     Attributes:
         name: Its name.

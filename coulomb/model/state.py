@@ -40,7 +40,7 @@ class ContactState:
 
     @property
     def time(self) -> float:
-        """When."""
+        """The time of loads and foundations in seconds."""
         return self.loading.time
 
 
