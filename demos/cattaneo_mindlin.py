@@ -45,7 +45,7 @@ def block(friction, motion):
 normal = block(0.0, [(1.0, 0.0, 0.0, up)]).solve()
 P = 2 * normal.contact_force[0::3].sum()
 a = (0.75 * P * R * (1 - nu**2) / E) ** (1 / 3)
-d = 3 * F * P / (16 * a) * 2 * (1 + nu) * (2 - nu) / E  # way of the ball at which all would slip
+d = 3 * F * P / (16 * a) * 2 * (1 + nu) * (2 - nu) / E  # displacement of the ball at which all nodes would slip
 
 print(f"pressed: P = {P:.5g} N; all slips from d = {d:.5g} m on")
 
@@ -58,11 +58,12 @@ pressed = replace(
     displacement=normal.displacement,
     force_on_body=normal.force_on_body,
 )
-ways, forces = [], []
+positions, forces = [], []
 for step in history.steps(problem, pressed):
-    ways.append(step.solution.problem.motions[0, 0] / d)
+    positions.append(step.solution.problem.motions[0, 0] / d)
     forces.append(2 * totals(step.solution)["force"][0] / (F * P))
-    print(f"way {ways[-1]:+.3f} d, Q = {forces[-1]:+.4f} F P, {step.row['stick']} nodes stick, {step.row['slip']} slip")
+    nodes = f"{step.row['stick']} nodes stick, {step.row['slip']} slip"
+    print(f"displacement {positions[-1]:+.3f} d, Q = {forces[-1]:+.4f} F P, {nodes}")
 print(step.solution.certificate)
 print(f"dissipated from the first move on: {2 * step.state.energy.dissipated:.4g} J")
 
@@ -74,8 +75,8 @@ unloading = 2 * (1 - (q - back) / 2) ** (2 / 3) - (1 - q) ** (2 / 3) - 1
 axis.plot(1 - (1 - first) ** (2 / 3), first, "k-", label="Mindlin")
 axis.plot(unloading, back, "k-")
 axis.plot(-unloading, -back, "k-")
-axis.plot(ways, forces, "o", label="coulomb")
-axis.set_xlabel("way of the ball over d")
+axis.plot(positions, forces, "o", label="coulomb")
+axis.set_xlabel("displacement of the ball over d")
 axis.set_ylabel("Q / (F P)")
 axis.legend()
 Path("results").mkdir(exist_ok=True)

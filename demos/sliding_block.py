@@ -23,12 +23,12 @@ problem = ContactProblem(
     contact=Contact("bottom", friction=F),
 )
 
-ways, ratios = [], []
+positions, ratios = [], []
 for step in LoadHistory([1 + k / 10 for k in range(41)], tolerance=1e-9).steps(problem):
     row = step.row
-    ways.append(1e3 * np.interp(step.state.time, [1, 3, 5], [0, 2e-3, 0]))
+    positions.append(1e3 * np.interp(step.state.time, [1, 3, 5], [0, 2e-3, 0]))
     ratios.append(row["force_x"] / (F * row["normal_force"]))
-    print(f"{ways[-1]:.1f} mm: T = {ratios[-1]:+.9f} F N, {row['stick']} nodes stick, {row['slip']} slip")
+    print(f"{positions[-1]:.1f} mm: T = {ratios[-1]:+.9f} F N, {row['stick']} nodes stick, {row['slip']} slip")
 print(step.solution.certificate)
 energy = step.state.energy
 print(
@@ -40,8 +40,8 @@ figure = Figure(figsize=(6, 4), layout="constrained")
 axis = figure.subplots()
 axis.axhline(-1, color="k", linewidth=1, label="-F N, F N")
 axis.axhline(1, color="k", linewidth=1)
-axis.plot(ways, ratios, "o-", label="coulomb")
-axis.set_xlabel("way of the top, mm")
+axis.plot(positions, ratios, "o-", label="coulomb")
+axis.set_xlabel("displacement of the top, mm")
 axis.set_ylabel("T / (F N)")
 axis.legend()
 Path("results").mkdir(exist_ok=True)

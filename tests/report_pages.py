@@ -65,7 +65,7 @@ def refined(text, count):
 TOOLS = """
   const canvas = document.querySelector("#view3d canvas");
   const part = (name) => document.querySelector(`[data-part="${name}"]`);
-  const tell = (name, value) => document.body.setAttribute("data-" + name, value);
+  const report = (name, value) => document.body.setAttribute("data-" + name, value);
   /** Pixels of the canvas, [x, y, red, green, blue], which are not empty. */
   const pixels = () => {
     const copy = document.createElement("canvas");
@@ -102,7 +102,7 @@ TOOLS = """
   const choose = (k) => ((part("field").selectedIndex = k), part("field").dispatchEvent(new Event("change")));
   const slide = (name, value) => ((part(name).value = value), part(name).dispatchEvent(new Event("input")));
 """
-"""Available to the script of a test: the canvas, functions for mouse and keys, and `tell` to report a value."""
+"""Available to the script of a test: the canvas, functions for mouse and keys, and `report` to report a value."""
 
 
 def open_page(text, tmp_path, script, phone=False):

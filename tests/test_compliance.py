@@ -63,8 +63,10 @@ def test_estimated_diagonal_needs_few_more_products():
     a, b = exact.solve(solver=paper).result, estimated.solve(solver=paper).result
     assert np.linalg.norm(a.x - b.x) <= 1e-6 * np.linalg.norm(a.x)
     assert sum(s.krylov for s in b.history) <= 1.25 * sum(s.krylov for s in a.history)
-    learnt = estimated.solve().result  # the low-rank approximation still saves products; the estimate costs a few more
-    assert sum(s.krylov for s in learnt.history) < sum(s.krylov for s in b.history)
+    recycled = (
+        estimated.solve().result
+    )  # the low-rank approximation still saves products; the estimate costs a few more
+    assert sum(s.krylov for s in recycled.history) < sum(s.krylov for s in b.history)
 
 
 def test_displacement_of_given_forces():

@@ -98,7 +98,7 @@ def test_demo_cattaneo_mindlin():
     force, reach = line(text, r"pressed: P = # N; all slips from d = # m on")
     radius = (0.75 * force * 0.1 * (1.0 - 0.3**2) / 2.1e11) ** (1.0 / 3.0)
     assert reach == pytest.approx(0.3 * force / (8.0 * radius) * 1.3 * 1.7 / 2.1e11, rel=1e-4)
-    way, pull, stick, slip = table(text, r"way # d, Q = # F P, # nodes stick, # slip").T
+    way, pull, stick, slip = table(text, r"displacement # d, Q = # F P, # nodes stick, # slip").T
     assert len(way) == 20 and np.all(stick + slip == stick[0] + slip[0])
 
     def loading(x):

@@ -78,7 +78,7 @@ def is_fresh(result, A, b, a, bound, accuracy=1e-12):
 
 @pytest.mark.parametrize("name", [name for name in COULOMB if name not in FORMED | DEAR])
 def test_coulomb_by_multigrid(name):
-    """Products that are solves, exact to 1e-11; those on the way to a few hundredths."""
+    """Products that are solves: exact to 1e-11 at the end, to a few hundredths before."""
     problem, A, b = block("coulomb")
     result = COULOMB[name].solve(problem.friction_problem)
     is_fresh(result, A, b, problem.mean_compliance, lambda x_n: 0.3 * np.maximum(x_n, 0.0), 1e-8)

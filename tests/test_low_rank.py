@@ -21,28 +21,28 @@ def A():
 
 
 def approximated_by(A, X, rank, exact=False):
-    learnt = LowRankApproximation(MPI.COMM_SELF, np.diag(A).reshape(-1, 3).copy(), rank, exact)
+    recycled = LowRankApproximation(MPI.COMM_SELF, np.diag(A).reshape(-1, 3).copy(), rank, exact)
     for x in X:
-        learnt.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
-    learnt.update()
-    return learnt
+        recycled.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
+    recycled.update()
+    return recycled
 
 
 def test_rank_zero_is_the_papers_diagonal(A):
-    learnt = approximated_by(A, [], 100)
-    assert learnt.U.shape == (3 * NODES, 0) and np.array_equal(learnt.rest.ravel(), np.diag(A))
+    recycled = approximated_by(A, [], 100)
+    assert recycled.U.shape == (3 * NODES, 0) and np.array_equal(recycled.rest.ravel(), np.diag(A))
     assert approximated_by(A, np.eye(3 * NODES), 0).U.shape[1] == 0
 
 
 def test_approximation_is_below_A_and_exact_on_its_directions(A):
     rng = np.random.default_rng(62)
     X = rng.standard_normal((10, 3 * NODES))
-    learnt = approximated_by(A, [*X, X[0] - 2.0 * X[3], 1e-9 * X[1]], 100)  # repetitions add nothing
-    assert learnt.U.shape[1] == 10
-    nystrom = learnt.U @ learnt.U.T
+    recycled = approximated_by(A, [*X, X[0] - 2.0 * X[3], 1e-9 * X[1]], 100)  # repetitions add nothing
+    assert recycled.U.shape[1] == 10
+    nystrom = recycled.U @ recycled.U.T
     assert np.allclose(nystrom @ X.T, A @ X.T, rtol=1e-8, atol=1e-8)
     assert np.linalg.eigvalsh(A - nystrom).min() >= -1e-10 * np.linalg.norm(A, 2)
-    assert np.allclose(learnt.rest.ravel(), np.maximum(np.diag(A - nystrom), 0.2 * np.diag(A)))
+    assert np.allclose(recycled.rest.ravel(), np.maximum(np.diag(A - nystrom), 0.2 * np.diag(A)))
 
 
 def test_a_rigid_motion_in_the_approximation_leaves_a_small_rest():
@@ -52,22 +52,22 @@ def test_a_rigid_motion_in_the_approximation_leaves_a_small_rest():
     soft = 1e4 * np.outer(whole, whole) + elastic
     X = np.vstack([whole, rng.standard_normal((6, 3 * NODES))])
     for exact, least in ((True, 1e-5), (False, 0.2)):
-        learnt = approximated_by(soft, X[:1], 100, exact)
+        recycled = approximated_by(soft, X[:1], 100, exact)
         for x in X[1:]:  # the error of U is measured on new pairs
-            learnt.record(x.reshape(-1, 3), (soft @ x).reshape(-1, 3))
-        learnt.update()
-        part = learnt.rest.ravel() / np.diag(soft)
+            recycled.record(x.reshape(-1, 3), (soft @ x).reshape(-1, 3))
+        recycled.update()
+        part = recycled.rest.ravel() / np.diag(soft)
         assert np.all(part >= least * 0.99) and np.all(part <= (1e-3 if exact else 0.21)), part
 
 
 def test_truncation_keeps_the_largest_and_its_pairs(A):
     values, V = np.linalg.eigh(A)
-    learnt = approximated_by(A, V.T[::-1][:15], 6)
-    assert np.allclose(np.sort(np.linalg.svd(learnt.U, compute_uv=False) ** 2), values[-6:])
+    recycled = approximated_by(A, V.T[::-1][:15], 6)
+    assert np.allclose(np.sort(np.linalg.svd(recycled.U, compute_uv=False) ** 2), values[-6:])
     for x in V.T[:3]:  # small eigenvectors, which must not push out the large ones
-        learnt.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
-    learnt.update()
-    assert np.allclose(np.sort(np.linalg.svd(learnt.U, compute_uv=False) ** 2), values[-6:])
+        recycled.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
+    recycled.update()
+    assert np.allclose(np.sort(np.linalg.svd(recycled.U, compute_uv=False) ** 2), values[-6:])
 
 
 def test_theorem_1_holds_with_the_approximation(A):
@@ -106,10 +106,12 @@ def test_theorem_1_holds_with_the_approximation(A):
 def test_same_steps_with_fewer_products():
     problem = make_block(6, slip_stress=1e7)
     qp = problem.friction_problem
-    learnt, alone = (InteriorPoint(newton=newton).solve(qp) for newton in (AugmentedSystem(), AugmentedSystem(rank=0)))
-    assert abs(learnt.newton_steps - alone.newton_steps) <= 2
-    assert learnt.products < 0.7 * alone.products
-    assert np.linalg.norm(learnt.x - alone.x) <= 1e-6 * np.linalg.norm(alone.x)
+    recycled, alone = (
+        InteriorPoint(newton=newton).solve(qp) for newton in (AugmentedSystem(), AugmentedSystem(rank=0))
+    )
+    assert abs(recycled.newton_steps - alone.newton_steps) <= 2
+    assert recycled.products < 0.7 * alone.products
+    assert np.linalg.norm(recycled.x - alone.x) <= 1e-6 * np.linalg.norm(alone.x)
 
 
 def test_products_at_most_the_papers():

@@ -64,11 +64,15 @@ def test_friction_of_every_node_is_in_its_ellipse(cell, tmp_path):
     assert np.allclose(fields["slip"], solution.displacement[surface.nodes] * [1, 1, 0], atol=1e-15)
     write(solution, tmp_path)
     assert check(tmp_path).passed
-    told = json.loads((tmp_path / "summary.json").read_text())
-    force = told["force_on_body"]
+    written = json.loads((tmp_path / "summary.json").read_text())
+    force = written["force_on_body"]
     along = np.array(force["vector"]) @ np.column_stack([axis, np.cross([0.0, 0.0, -1.0], axis)])
     assert force["tangential"] == pytest.approx(along, rel=1e-9)
-    assert told["friction"] == F1 and told["friction_along"] == F1 and told["friction_across"] == pytest.approx(F2)
+    assert (
+        written["friction"] == F1
+        and written["friction_along"] == F1
+        and written["friction_across"] == pytest.approx(F2)
+    )
 
 
 def test_components_and_vectors_of_a_surface():
@@ -187,14 +191,14 @@ def test_case_file(tmp_path, cell, ranks, factor):
     T = np.array([float(last["force_x"]), float(last["force_y"])])
     assert np.linalg.norm(T - expected) <= 1e-6 * np.linalg.norm(expected)
     assert check(tmp_path / "out").passed
-    told = (tmp_path / "out" / "case.json").read_text()
+    written = (tmp_path / "out" / "case.json").read_text()
     for changes in (
         {"friction": [0.3, 0.10001]},
         {"direction": [1, 0.50001, 0]},
         {"friction": [0.1, 0.3]},
         {"friction_amplitude": [[2, 1], [7, 0.99 * factor]]},
     ):
-        changed = json.loads(told)
+        changed = json.loads(written)
         changed["contact"].update(changes)
         (tmp_path / "out" / "case.json").write_text(json.dumps(changed))
         assert not check(tmp_path / "out").passed

@@ -271,7 +271,7 @@ def test_report_of_no_run_exits_2(tmp_path):
 
 
 def test_drawing_does_not_start_mpi(block):
-    """Neither DOLFINx nor MPI is imported on the way."""
+    """Neither DOLFINx nor MPI is imported."""
     command = [
         sys.executable,
         "-X",

@@ -88,19 +88,19 @@ def test_the_view_draws(block, tmp_path):
 
 
 SHOWS = """
-  tell("by", canvas.dataset.by);
-  tell("drawn", canvas.dataset.drawn);
-  tell("arrowsInFront", count("#141414"));
+  report("by", canvas.dataset.by);
+  report("drawn", canvas.dataset.drawn);
+  report("arrowsInFront", count("#141414"));
   drag(314, 0);
-  tell("arrowsBehind", count("#141414"));
+  report("arrowsBehind", count("#141414"));
   part("reset").click();
   part("arrows").click();
-  tell("blue0", count(ZONES[1]) + count(ZONES[2]));
+  report("blue0", count(ZONES[1]) + count(ZONES[2]));
   choose(3);
-  ZONES.forEach((colour, k) => tell("zone" + k, count(colour)));
-  tell("legend", part("legend").textContent);
+  ZONES.forEach((colour, k) => report("zone" + k, count(colour)));
+  report("legend", part("legend").textContent);
   drag(0, 157);
-  tell("turned", count(ZONES[2]));
+  report("turned", count(ZONES[2]));
   part("reset").click();
   let tip = "";
   for (let x = 0; x < box.width && !tip; x += 8)
@@ -108,7 +108,7 @@ SHOWS = """
       at("pointermove", x, y);
       tip = part("tip").hidden ? "" : part("tip").textContent;
     }
-  tell("tip", tip);
+  report("tip", tip);
 """
 
 
@@ -126,18 +126,18 @@ def test_the_wheel_scrolls_the_page_unless_the_view_has_focus(history, tmp_path,
 
 
 WHEEL = """
-  tell("by", canvas.dataset.by);
-  tell("home", count());
-  tell("scrolled", wheel(600));
-  tell("left", count());
-  tell("finger", getComputedStyle(canvas).touchAction);
+  report("by", canvas.dataset.by);
+  report("home", count());
+  report("scrolled", wheel(600));
+  report("left", count());
+  report("finger", getComputedStyle(canvas).touchAction);
   canvas.focus();
-  tell("fingerWithFocus", getComputedStyle(canvas).touchAction);
-  tell("scrolledWithFocus", wheel(600));
-  tell("far", count());
+  report("fingerWithFocus", getComputedStyle(canvas).touchAction);
+  report("scrolledWithFocus", wheel(600));
+  report("far", count());
   canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "Escape", bubbles: true, cancelable: true }));
-  tell("scrolledAfterEscape", wheel(600));
-  tell("after", count());
+  report("scrolledAfterEscape", wheel(600));
+  report("after", count());
 """
 
 
@@ -174,19 +174,19 @@ FRAME = """
         drag(turn % 2 ? 40 : 70, turn % 3 ? 60 : 25);
       }
     }
-  tell("states", states);
-  tell("atBorder", atBorder);
-  tell("smallest", smallest);
+  report("states", states);
+  report("atBorder", atBorder);
+  report("smallest", smallest);
   part("reset").click();
   const before = look();
   drag(-3000, 0, { shiftKey: true });
-  tell("movedOut", look() !== before);  // as large as the frame, it cannot be moved out of it
+  report("movedOut", look() !== before);  // as large as the frame, it cannot be moved out of it
   canvas.focus();
   wheel(-900);
   const middle = pixels().length;
   drag(-3000, 0, { shiftKey: true });
   const there = pixels();
-  tell("shifted", there.length ? Math.abs(there.length - middle) : -1);
+  report("shifted", there.length ? Math.abs(there.length - middle) : -1);
 """
 
 
@@ -229,10 +229,10 @@ TIP = """
   at("pointerdown", x, y, { pointerType: "touch" });
   at("pointerup", x, y, { pointerType: "touch" });
   at("pointerleave", x, y, { pointerType: "touch" });
-  tell("tapped", part("tip").hidden);
-  tell("node", numberOf(near()));
-  tell("first", part("tip").textContent);
-  tell("place", near());
+  report("tapped", part("tip").hidden);
+  report("node", numberOf(near()));
+  report("first", part("tip").textContent);
+  report("place", near());
   const offset = () => {  // the ring is where a pointer finds the same node again
     const [a, b] = ring();
     const found = near();
@@ -242,30 +242,30 @@ TIP = """
     at("pointerup", a, b, { pointerType: "touch" });
     return again.join();
   };
-  tell("distance", offset());
+  report("distance", offset());
   const atFirst = ring();
   slide("step", part("step").max);
-  tell("withStep", Math.hypot(ring()[0] - atFirst[0], ring()[1] - atFirst[1]) > 3);
-  tell("last", part("tip").textContent);
-  tell("placeLast", near());
-  tell("distanceAfter", offset());
+  report("withStep", Math.hypot(ring()[0] - atFirst[0], ring()[1] - atFirst[1]) > 3);
+  report("last", part("tip").textContent);
+  report("placeLast", near());
+  report("distanceAfter", offset());
   const before = ring();
   canvas.focus();
   wheel(-300, box.width / 4, box.height / 4);
-  tell("moved", Math.hypot(ring()[0] - before[0], ring()[1] - before[1]) > 5);
+  report("moved", Math.hypot(ring()[0] - before[0], ring()[1] - before[1]) > 5);
   at("pointerdown", 100, 100);
   at("pointermove", 140, 100);
-  tell("whileDragging", part("tip").hidden);
+  report("whileDragging", part("tip").hidden);
   at("pointerup", 140, 100);
   part("reset").click();
   for (let y = 0; y < box.height && part("tip").hidden; y += 6) at("pointermove", x, y);
-  tell("found", !part("tip").hidden);
+  report("found", !part("tip").hidden);
   const mouse = ring();
   wheel(400);  // the node goes from under the mouse: the tip is of another one, or of none
   const off = Math.hypot(ring()[0] - mouse[0], ring()[1] - mouse[1]);
-  tell("underMouse", part("tip").hidden || off < 15);
+  report("underMouse", part("tip").hidden || off < 15);
   at("pointerleave", x, y, { pointerType: "mouse" });
-  tell("gone", part("tip").hidden);
+  report("gone", part("tip").hidden);
 """
 
 
@@ -290,10 +290,10 @@ def test_axes_turn_with_the_body(block, tmp_path):
 AXES = """
   const lines = (when) => {
     const groups = [...part("axes").querySelectorAll("[data-axis]")];
-    tell("names", groups.map((group) => group.dataset.axis).sort().join(""));
+    report("names", groups.map((group) => group.dataset.axis).sort().join(""));
     for (const group of groups) {
       const line = group.querySelector("line");
-      tell(`${when}-${group.dataset.axis}`, [line.getAttribute("x2"), line.getAttribute("y2")].join());
+      report(`${when}-${group.dataset.axis}`, [line.getAttribute("x2"), line.getAttribute("y2")].join());
     }
   };
   lines("before");
@@ -308,7 +308,7 @@ def test_mesh_lines_do_not_hide_the_colours_of_a_fine_mesh(block, tmp_path, flat
     """The highest pressure everywhere is the last colour of viridis: of a surface of 200 x 200 cells as of 8 x 8."""
     shares, whole = [], page_of(block).replace('"flat": false', f'"flat": {json.dumps(flat)}')
     for cells in (8, 200):
-        view, console = open_page(refined(whole, cells), tmp_path, 'tell("share", count("#fde725") / count());')
+        view, console = open_page(refined(whole, cells), tmp_path, 'report("share", count("#fde725") / count());')
         assert not console
         shares.append(float(view["share"]))
     assert shares[0] > 0.8 and shares[1] > shares[0] - 0.05
@@ -329,15 +329,15 @@ def test_wide_charts_scroll_on_phones(history, tmp_path):
 PHONE = """
   const charts = [...document.querySelectorAll(".chart")].filter((chart) => chart.querySelector("svg"));
   const hints = charts.filter((chart) => chart.nextElementSibling.textContent);
-  tell("width", innerWidth);
-  tell("page", document.documentElement.scrollWidth > innerWidth ? document.documentElement.scrollWidth : 390);
-  tell("charts", charts.length);
-  tell("hints", hints.length);
-  tell("hint", charts[0].nextElementSibling.textContent);
-  tell("shadow", getComputedStyle(charts[0]).boxShadow);
+  report("width", innerWidth);
+  report("page", document.documentElement.scrollWidth > innerWidth ? document.documentElement.scrollWidth : 390);
+  report("charts", charts.length);
+  report("hints", hints.length);
+  report("hint", charts[0].nextElementSibling.textContent);
+  report("shadow", getComputedStyle(charts[0]).boxShadow);
   charts[0].scrollLeft = 10000;
   charts[0].dispatchEvent(new Event("scroll"));
-  tell("hintAtEnd", charts[0].nextElementSibling.textContent);
+  report("hintAtEnd", charts[0].nextElementSibling.textContent);
 """
 
 

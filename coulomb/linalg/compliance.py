@@ -25,7 +25,7 @@ class Compliance(Protocol):
         comm: The ranks that share it.
         nodes: Contact nodes m of this rank, possibly 0.
         products: Products made so far.
-        exact: Whether a product is as exact as rounding allows, whatever tolerance is given.
+        exact: Whether a product is as exact as rounding allows, at any tolerance.
         name: Its name in the summary.
         matrix_free: Itself if it has K and B, which condensed Newton systems need; else None.
     """

@@ -147,8 +147,8 @@ def refuse_too_large(problem: ContactProblem) -> None:
     fits = _least_room(comm, share)
     if needed <= fits:
         return
-    way = "K factorised" if problem.body.linear_solver is DirectSolver else "multigrid"
-    way += ", A formed" if problem.body.explicit else ", A matrix-free"
+    methods = "K factorised" if problem.body.linear_solver is DirectSolver else "multigrid"
+    methods += ", A formed" if problem.body.explicit else ", A matrix-free"
     others = (
         (DirectSolver, False, 'solver.linear_solver = "direct" with solver.compliance = "matrix-free"'),
         (IterativeSolver, False, 'solver.linear_solver = "iterative" with solver.compliance = "matrix-free"'),
@@ -161,7 +161,7 @@ def refuse_too_large(problem: ContactProblem) -> None:
     most = int(max(fits - _BASE * comm.size, 0.0) / (_BODY + _MULTIGRID))
     advice = f"take {' or '.join(would)}" if would else f"by multigrid {most} displacement unknowns would fit"
     raise ValueError(
-        f"too little memory: {n} displacement and {m} contact unknowns ({way}) need about {gigabytes(needed)}, and "
+        f"too little memory: {n} displacement and {m} contact unknowns ({methods}) need about {gigabytes(needed)}, and "
         f"{gigabytes(fits)} are free; {advice}, a coarser mesh, or a larger machine; --force tries nevertheless"
     )
 

@@ -65,7 +65,7 @@ def test_hertz_pressure_carries_the_force():
 
 
 def test_traction_of_partial_slip_carries_q():
-    """On the first load and on the way back; the displacement formulas join at the turn; the loop has its area."""
+    """On the first load and on the return; the displacement formulas join at the turn; the loop has its area."""
     theory, largest = PartialSlip(HERTZ), 0.8
     unit = FRICTION * HERTZ.p0 * HERTZ.a**2
 
@@ -76,13 +76,13 @@ def test_traction_of_partial_slip_carries_q():
         carried = unit * integral(lambda r, m=moment(time, q): known(theory, m, r, largest).traction, 1.0)
         assert carried == pytest.approx(q * FRICTION * HERTZ.P, rel=1e-4)
     ends = [
-        known(theory, moment(time, q), np.zeros(1), largest).way for time, q in ((2.0, 0.8), (2.1, 0.8), (4.0, -0.8))
+        known(theory, moment(time, q), np.zeros(1), largest).travel for time, q in ((2.0, 0.8), (2.1, 0.8), (4.0, -0.8))
     ]
     assert ends == pytest.approx([ends[0], ends[0], -ends[0]])
 
     q = np.linspace(-largest, largest, 4001)
-    back = np.array([known(theory, moment(3.0, v), np.zeros(1), largest).way for v in q])
-    forth = np.array([known(theory, moment(5.0, v), np.zeros(1), largest).way for v in q])
+    back = np.array([known(theory, moment(3.0, v), np.zeros(1), largest).travel for v in q])
+    forth = np.array([known(theory, moment(5.0, v), np.zeros(1), largest).travel for v in q])
     width = theory.d * FRICTION * HERTZ.P * (back - forth)
     assert theory.loop_energy(largest) == pytest.approx(abs(area_under(width, q)), rel=1e-4)
 

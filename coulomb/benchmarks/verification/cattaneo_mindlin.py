@@ -94,7 +94,7 @@ class Moment:
     Attributes:
         time: Its time.
         force: Q of the sphere on the block.
-        way: Displacement of the sphere along x.
+        travel: Displacement of the sphere along x.
         stick: Radius of a circle of the area of sticking nodes.
         traction: On the block along x and y, shape (m, 2).
         stick_by_moment: Radius from the mean square distance of F p - |q|, which is a Hertzian pressure of radius c.
@@ -103,7 +103,7 @@ class Moment:
 
     time: float
     force: float
-    way: float
+    travel: float
     stick: float
     traction: FloatArray
     stick_by_moment: float
@@ -176,7 +176,7 @@ def _moment(time: float, solution: Solution, theory: PartialSlip, dissipated: fl
     return Moment(
         time,
         force=2.0 * summary.totals(solution)["force"][0] / (FRICTION * hertz.P),
-        way=float(solution.problem.motions[0, 0]) / theory.d,
+        travel=float(solution.problem.motions[0, 0]) / theory.d,
         stick=math.sqrt(2.0 * surface.area[sticking].sum() / math.pi) / hertz.a,
         traction=friction / surface.area[:, None] / (FRICTION * hertz.p0),
         stick_by_moment=math.sqrt(2.5 * spread) / hertz.a,
@@ -188,7 +188,7 @@ def _moment(time: float, solution: Solution, theory: PartialSlip, dissipated: fl
 class Known:
     """The formulas for a moment with the same force, in the same units."""
 
-    way: float
+    travel: float
     stick: float
     traction: FloatArray
 
@@ -221,9 +221,11 @@ def verify() -> Verified:
     inclined = nu / (4.0 - 2.0 * nu)
     edge = f"h/a = {size:.2g}: the boundary of the zones is located to a cell"
     node = size**2 / 6.0
-    second = f"5/12 (h/a)^2 = {2.5 * node:.2g}: a node's force stands for the traction over its hat function (hertz)"
+    second = f"5/12 (h/a)^2 = {2.5 * node:.2g}: a node's force represents the traction over its hat function (hertz)"
     upright = f"h/a = {size:.2g}: the last cell cannot resolve the vertical tangents at r = c and a"
-    ways = f"the half space continues behind the held face: Cerruti's displacement, {held:.1%}; (h/a)^2/6 = {node:.2g}"
+    reason = (
+        f"the half space continues behind the held face: Cerruti's displacement, {held:.1%}; (h/a)^2/6 = {node:.2g}"
+    )
     work = (
         f"Cerruti's {held:.1%}, and (h/a)^2 = {size**2:.2g}: the slip zone's boundary moves through cells in 16 steps"
     )
@@ -238,8 +240,8 @@ def verify() -> Verified:
     def traction_off(chosen: list[tuple[Moment, Known]]) -> float:
         return max(run.mean_square(ours.traction[:, 0] - formula.traction) for ours, formula in chosen)
 
-    def way_off(chosen: list[tuple[Moment, Known]]) -> float:
-        return max(abs(ours.way - formula.way) for ours, formula in chosen)
+    def travel_error(chosen: list[tuple[Moment, Known]]) -> float:
+        return max(abs(ours.travel - formula.travel) for ours, formula in chosen)
 
     by_moment = max(abs(ours.stick_by_moment - formula.stick) for ours, formula in loading)
     loop = theory.loop_energy(q)
@@ -257,8 +259,8 @@ def verify() -> Verified:
             inclined,
             f"nu/(4 - 2 nu) = {inclined:.2g}: inclination of slip, which the formulas neglect",
         ),
-        absolute("loading: delta/d, worst error", 0.0, way_off(loading), held + node, ways),
-        absolute("loop: delta/d, worst error", 0.0, way_off(later), held + node, ways),
+        absolute("loading: delta/d, worst error", 0.0, travel_error(loading), held + node, reason),
+        absolute("loop: delta/d, worst error", 0.0, travel_error(later), held + node, reason),
         relative("energy dissipated in the loop W, J", loop, spent, held + size**2, work),
         relative("at the other end: Q over the largest Q", -1.0, at[UNLOADED].force / q, odd, even),
         relative("the loop closes: Q over the largest Q", 1.0, at[RELOADED].force / q, odd, even),
@@ -270,7 +272,7 @@ def _panels(run: Experiment, pairs: list[tuple[Moment, Known]], q: float) -> tup
     middle = (run.x[:, 1] < 1e-9) & (np.abs(run.x[:, 0]) < 1.4)
     x, fine = run.x[middle, 0], np.linspace(-1.4, 1.4, 561)
     profiles = []
-    for label, time in (("largest Q", LOADED), ("on the way back", 2.75)):
+    for label, time in (("largest Q", LOADED), ("on the return", 2.75)):
         moment = next(ours for ours, _ in pairs if ours.time == time)
         formula = known(run.theory, moment, np.abs(fine), q)
         profiles.append(Curve(f"formula, {label}", fine, formula.traction, formula=True))
@@ -296,7 +298,7 @@ def _panels(run: Experiment, pairs: list[tuple[Moment, Known]], q: float) -> tup
                 Curve("Mindlin", np.array([run.theory.displacement(g) for g in first]), first, formula=True),
                 Curve("", np.array(back), grid, formula=True),
                 Curve("", -np.array(back), -grid, formula=True),
-                Curve("coulomb", np.array([m.way for m in ours]), np.array([m.force for m in ours])),
+                Curve("coulomb", np.array([m.travel for m in ours]), np.array([m.force for m in ours])),
             ),
         ),
         Panel(

@@ -125,7 +125,7 @@ class Pressed:
         centre: Pressure at the centre.
         by_area: Radius of a circle with the area of the nodes in contact.
         by_moment: Radius from the mean square distance, weighted by the nodal forces.
-        way: Displacement of the sphere.
+        travel: Displacement of the sphere.
         moment: Moment of the forces on the quarter about the sphere's centre, over P a.
     """
 
@@ -136,7 +136,7 @@ class Pressed:
     centre: float
     by_area: float
     by_moment: float
-    way: float
+    travel: float
     moment: float
 
 
@@ -156,7 +156,7 @@ def pressed(solution: Solution) -> Pressed:
         centre=float(pressure[np.argmin(r)]),
         by_area=math.sqrt(4.0 * total["contact_area"] / math.pi),
         by_moment=math.sqrt(2.5 * (force @ r**2) / force.sum()),
-        way=float(solution.problem.motions[0, 2]),
+        travel=float(solution.problem.motions[0, 2]),
         moment=float(np.linalg.norm(moment)) / (theory.P * theory.a),
     )
 
@@ -201,7 +201,9 @@ def verify(meshes: tuple[int, ...] = (4, 6, 8)) -> Verified:
             float(np.finfo(float).eps) * RADIUS / A,
             "forces along the normals of a sphere pass through its centre, on any mesh: rounding, 2e-16 R/a",
         ),
-        absolute("approach: (way of the sphere)/(a^2/R) - 1", 0.0, small, _held_face(WIDTH) + coarse**2 / 6.0, _HELD),
+        absolute(
+            "approach: (displacement of the sphere)/(a^2/R) - 1", 0.0, small, _held_face(WIDTH) + coarse**2 / 6.0, _HELD
+        ),
         absolute("the same in a block twice as large", 0.0, large, _held_face(2.0 * WIDTH) + coarse**2 / 6.0, _HELD),
         absolute(
             "the same extrapolated to an infinite block",
@@ -240,7 +242,7 @@ def _rms(errors: list[list[float]]) -> FloatArray:
 
 
 def _too_near(answers: list[Pressed]) -> float:
-    return float(np.mean([answer.way / answer.theory.approach - 1.0 for answer in answers]))
+    return float(np.mean([answer.travel / answer.theory.approach - 1.0 for answer in answers]))
 
 
 def _at_least(quantity: str, least: float, ours: float, why: str) -> Row:

@@ -1,6 +1,6 @@
 """A block pulled along a plane until it slides, and back: friction is exactly F times the normal force.
 
-A cube of 1 m of steel stands on a rigid plane.  Its top, held flat, is pressed down by 0.2 mm, then moved to the right
+A cube of steel of 1 m on a rigid plane: its top, held flat, is pressed down by 0.2 mm, then moved to the right
 by s(t), and back.  Friction grows while the block shears, until all nodes slip in the same direction; from then on, by
 Coulomb's law summed over the nodes,
 
@@ -118,7 +118,7 @@ def verify() -> Verified:
     right, left, before, turned = at[RIGHT], at[LEFT], at[RIGHT - 1.0], at[RIGHT + 0.1]
     T, N = force(right)
     bonded = bonded_stiffness()
-    slid, retreat = way(RIGHT) - way(RIGHT - 1.0), way(RIGHT) - way(RIGHT + 0.1)
+    slid, retreat = travel(RIGHT) - travel(RIGHT - 1.0), travel(RIGHT) - travel(RIGHT + 0.1)
 
     change = max(_off(left, at[LEFT - 1.0]), _off(right, before))
     steady = (
@@ -179,7 +179,7 @@ def verify() -> Verified:
     return Verified(rows, _panels(times, steps, bonded, parts, shear))
 
 
-def way(time: float) -> float:
+def travel(time: float) -> float:
     """Displacement of the top along x, metres."""
     return float(np.interp(time, *np.transpose(WAY)))
 
@@ -214,30 +214,30 @@ def _imbalance_of_shearing(block: ContactProblem, n: int) -> float:
 def _panels(
     times: Sequence[float], steps: Sequence[LoadStep], bonded: float, parts: FloatArray, shear: FloatArray
 ) -> tuple[Panel, ...]:
-    ways, ratios = np.array([way(t) for t in times]), np.array([_ratio(step) for step in steps])
+    positions, ratios = np.array([travel(t) for t in times]), np.array([_ratio(step) for step in steps])
     reversed_at = times.index(RIGHT)
     _, N = force(steps[reversed_at])
-    full = np.array([0.0, way(RIGHT)])
+    full = np.array([0.0, travel(RIGHT)])
     rise = 2.0 * FRICTION * N / bonded
     loop = (
         Curve("sliding: -F N, F N", full, np.array([-1.0, -1.0]), formula=True),
         Curve("", full, np.array([1.0, 1.0]), formula=True),
     )
-    bond = Curve("bonded base", way(RIGHT) - np.array([0.0, rise]), np.array([-1.0, 1.0]), formula=True)
-    near = ways > way(RIGHT) - 6e-4
+    bond = Curve("bonded base", travel(RIGHT) - np.array([0.0, rise]), np.array([-1.0, 1.0]), formula=True)
+    near = positions > travel(RIGHT) - 6e-4
     near[:reversed_at] = False
     return (
         Panel(
             "to the right, and back",
             "displacement of the top, mm",
             "T / (F N)",
-            _scaled((*loop, Curve("coulomb", ways, ratios))),
+            _scaled((*loop, Curve("coulomb", positions, ratios))),
         ),
         Panel(
             "the reversal",
             "displacement of the top, mm",
             "T / (F N)",
-            _scaled((bond, Curve("coulomb", ways[near], ratios[near]))),
+            _scaled((bond, Curve("coulomb", positions[near], ratios[near]))),
         ),
         Panel(
             "energy imbalance of shearing",

@@ -125,8 +125,8 @@ def force_displacement(run: Run) -> str:
         return ""
     axis = int(np.argmax(np.ptp(drive, axis=0)))
     figure, (tangential, normal) = _figure(2)
-    way = drive[:, axis]
-    length, length_unit = scale_of(float(np.max(np.abs(way))), "m")
+    driven = drive[:, axis]
+    length, length_unit = scale_of(float(np.max(np.abs(driven))), "m")
     along = _column(run.rows, f"force_{'xyz'[axis]}")
     pressing = _column(run.rows, "normal_force")
     for panel, force, label, colour in (
@@ -134,9 +134,9 @@ def force_displacement(run: Run) -> str:
         (normal, pressing, "normal contact force", _FIRST),
     ):
         factor, unit = scale_of(float(np.max(np.abs(force))), "N")
-        panel.plot(way / length, force / factor, "o-", color=colour, markersize=3)
-        for k in thinned(len(way), 8)[:-1]:
-            ends = [(way[j] / length, force[j] / factor) for j in (k, min(k + 1, len(way) - 1))]
+        panel.plot(driven / length, force / factor, "o-", color=colour, markersize=3)
+        for k in thinned(len(driven), 8)[:-1]:
+            ends = [(driven[j] / length, force[j] / factor) for j in (k, min(k + 1, len(driven) - 1))]
             panel.annotate("", ends[1], ends[0], arrowprops={"arrowstyle": "->", "color": colour})
         panel.set(xlabel=f"{what} along {'xyz'[axis]}, {length_unit}", ylabel=f"{label}, {unit}")
     return _svg(figure, f"Contact force against {what}")

@@ -141,9 +141,9 @@ def _foundation(contact: dict[str, Any], where: str) -> Facts:
     else:
         facts.append((f"foundation{where}", "the plane of the face"))
     if contact.get("motion"):
-        ways = [f"{vector(row[1:], 'm')} at {in_seconds(row[0])}" for row in contact["motion"][:6]]
-        more_ways = ", …" if len(contact["motion"]) > 6 else ""
-        facts.append((f"motion of the foundation{where}", ", ".join(ways) + more_ways))
+        rows = [f"{vector(row[1:], 'm')} at {in_seconds(row[0])}" for row in contact["motion"][:6]]
+        more_rows = ", …" if len(contact["motion"]) > 6 else ""
+        facts.append((f"motion of the foundation{where}", ", ".join(rows) + more_rows))
     return facts + rotating_foundations.prescribed(contact, where)
 
 
