@@ -7,24 +7,23 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from ..fem import mesh_formats
-from .values import TABLES, AmplitudeTable, Cells, FileName, GroupNumber, Length, Name, Vector, Young
+from .curves import AmplitudeTable, amplitude_of
+from .place import NumberAt, VectorAt, coefficient, field
+from .values import TABLES, Cells, Density, FileName, GroupNumber, Length, Name, Table, Vector, Young
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from ..fem.loads import Traction
+    from ..fem.body import Material
+    from ..fem.loads import Pressure, TotalForce, Traction
     from ..fem.meshes import NamedMesh
 
 
 SMALL = 200_000
 """Number of cells up to which a waiting drawing process needs little memory in comparison."""
-
-
-class Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class MeshTable(Table):
@@ -37,8 +36,8 @@ class MeshTable(Table):
     scale: Length = 1.0
     facets: FileName | None = None
     cell_groups: FileName | None = None
-    names: dict[Name, GroupNumber] = {}
-    cell_names: dict[Name, GroupNumber] = {}
+    names: dict[Name, GroupNumber] = Field(default_factory=dict)
+    cell_names: dict[Name, GroupNumber] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _one_mesh(self) -> MeshTable:
@@ -86,14 +85,21 @@ class MeshTable(Table):
 
 
 class MaterialTable(Table):
-    """Young's modulus in pascals, Poisson's ratio."""
+    """Young's modulus in pascals, Poisson's ratio, density in kg/m^3."""
 
     young: Young
     poisson: Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
+    density: Density | None = None
+
+    def material(self) -> Material:
+        """What the table describes."""
+        from ..fem.body import Material
+
+        return Material(self.young, self.poisson, self.density)
 
 
 class GroupMaterialTable(MaterialTable):
-    """Young's modulus and Poisson's ratio of a group of cells."""
+    """The material of a group of cells."""
 
     cells: Name
 
@@ -110,11 +116,39 @@ class TractionTable(Table):
     """Surface load in pascals on a face."""
 
     face: Name
-    value: Vector
+    value: VectorAt
     amplitude: AmplitudeTable | None = None
 
     def traction(self) -> Traction:
         """What the table describes."""
         from ..fem.loads import Traction
 
-        return Traction(self.face, self.value, self.amplitude or 1.0)
+        return Traction(self.face, field(self.value), amplitude_of(self.amplitude))
+
+
+class PressureTable(Table):
+    """Pressure in pascals normal to a face, positive where it presses on the body."""
+
+    face: Name
+    value: NumberAt
+    amplitude: AmplitudeTable | None = None
+
+    def pressure(self) -> Pressure:
+        """What the table describes."""
+        from ..fem.loads import Pressure
+
+        return Pressure(self.face, coefficient(self.value), amplitude_of(self.amplitude))
+
+
+class TotalForceTable(Table):
+    """Force in newtons, spread uniformly over the area of a face."""
+
+    face: Name
+    force: Vector
+    amplitude: AmplitudeTable | None = None
+
+    def total_force(self) -> TotalForce:
+        """What the table describes."""
+        from ..fem.loads import TotalForce
+
+        return TotalForce(self.face, self.force, amplitude_of(self.amplitude))

@@ -12,9 +12,11 @@ from pydantic import Field, ValidationError, model_validator
 
 from ..fem.box_faces import BOX_FACES
 from ..ranks import is_rank_0, launched, on_rank_0
-from .body import MaterialTable, MaterialTables, MeshTable, Table, TractionTable
+from .body import MaterialTable, MaterialTables, MeshTable, PressureTable, TotalForceTable, TractionTable
 from .contact import ContactTable, ContactTables, HistoryTable
+from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
 from .faults import fault_of, tables_of_several
+from .place import VectorAt, field
 from .probe import ProbeTable
 from .renamed import renamed
 from .solver import OutputTable, SolverTable
@@ -27,7 +29,7 @@ from .supports import (
     SymmetryTable,
 )
 from .text import apply, parsed, read_text
-from .values import TABLES, AmplitudeTable, Vector
+from .values import TABLES, Table, Vector
 
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
     from mpi4py import MPI
@@ -53,8 +55,12 @@ class Case(Table):
     prescribed_rotation: Annotated[tuple[PrescribedRotationTable, ...], Field(max_length=TABLES)] = ()
     symmetry: Annotated[tuple[SymmetryTable, ...], Field(max_length=TABLES)] = ()
     traction: Annotated[tuple[TractionTable, ...], Field(max_length=TABLES)] = ()
-    body_force: Vector = (0.0, 0.0, 0.0)
+    pressure: Annotated[tuple[PressureTable, ...], Field(max_length=TABLES)] = ()
+    total_force: Annotated[tuple[TotalForceTable, ...], Field(max_length=TABLES)] = ()
+    body_force: VectorAt = (0.0, 0.0, 0.0)
     body_force_amplitude: AmplitudeTable | None = None
+    gravity: Vector = (0.0, 0.0, 0.0)
+    gravity_amplitude: AmplitudeTable | None = None
     small_strain: Literal["enforce", "warn"] = "enforce"
     spring: Annotated[tuple[SpringTable, ...], Field(max_length=TABLES)] = ()
     contact: ContactTables
@@ -84,16 +90,18 @@ class Case(Table):
         if self.solver.newton == "dense" and comm.size > 1:
             raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
         condensed = self.solver.newton == "condensed"
-        clamps, tractions, springs = self._acting
+        clamps, loads, springs = self._acting
         problem = ContactProblem(
             self.mesh.mesh(comm),
             self.materials(),
             clamps,
             [table.contact() for table in self.contacts.values()],
-            tractions,
-            self.body_force,
+            loads,
+            field(self.body_force),
             springs,
-            body_force_amplitude=self.body_force_amplitude or 1.0,
+            body_force_amplitude=amplitude_of(self.body_force_amplitude),
+            gravity=self.gravity,
+            gravity_amplitude=amplitude_of(self.gravity_amplitude),
             linear_solver={
                 "auto": IterativeSolver if condensed else None,
                 "direct": DirectSolver,
@@ -119,10 +127,11 @@ class Case(Table):
         """
         from ..fem.loaded_body import LoadedBody
 
-        clamps, tractions, springs = self._acting
-        amplitude = self.body_force_amplitude or 1.0
+        clamps, loads, springs = self._acting
         return LoadedBody(
-            self.mesh.mesh(comm), self.materials(), clamps, tractions, self.body_force, springs, amplitude
+            *(self.mesh.mesh(comm), self.materials(), clamps, loads),
+            *(field(self.body_force), springs, amplitude_of(self.body_force_amplitude)),
+            *(self.gravity, amplitude_of(self.gravity_amplitude)),
         )
 
     @property
@@ -130,7 +139,10 @@ class Case(Table):
         tables: tuple[SupportTable, ...]
         tables = (*self.clamp, *self.prescribed_displacement, *self.prescribed_rotation, *self.symmetry)
         supports: list[Support] = [t.support() for t in tables]
-        return supports, [t.traction() for t in self.traction], [t.spring() for t in self.spring]
+        loads: list[Load] = [t.traction() for t in self.traction]
+        loads += [t.pressure() for t in self.pressure]
+        loads += [t.total_force() for t in self.total_force]
+        return supports, loads, [t.spring() for t in self.spring]
 
     @property
     def contacts(self) -> dict[str, ContactTable]:
@@ -141,11 +153,9 @@ class Case(Table):
 
     def materials(self) -> Material | dict[str, Material]:
         """The material of the whole body, or per group of cells."""
-        from ..fem.body import Material
-
         if isinstance(self.material, MaterialTable):
-            return Material(self.material.young, self.material.poisson)
-        return {table.cells: Material(table.young, table.poisson) for table in self.material}
+            return self.material.material()
+        return {table.cells: table.material() for table in self.material}
 
     @model_validator(mode="after")
     def _parts_of_a_mesh(self) -> Case:
@@ -157,7 +167,8 @@ class Case(Table):
             if self.mesh.box is not None:
                 raise ValueError("material: a box has no groups of cells; give one [material]")
         if self.mesh.box is not None:
-            kinds = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry", "traction", "spring")
+            loaded = ("traction", "pressure", "total_force", "spring")
+            kinds = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry", *loaded)
             faces = {f"{kind}.{i}": entry.face for kind in kinds for i, entry in enumerate(getattr(self, kind))}
             for key, face in (faces | {key: table.face for key, table in self.contacts.items()}).items():
                 if face not in BOX_FACES:
@@ -173,15 +184,25 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _time_needs_a_history(self) -> Case:
+        timed: dict[str, Any] = {f"{key}.motion": table.motion for key, table in self.contacts.items()}
+        timed |= {f"{key}.rotation": table.rotation for key, table in self.contacts.items()}
+        timed |= {"body_force_amplitude": self.body_force_amplitude, "gravity_amplitude": self.gravity_amplitude}
+        moved = ("clamp", "prescribed_displacement", "prescribed_rotation")
+        for name in (*moved, "traction", "pressure", "total_force"):
+            timed |= {f"{name}.{k}.amplitude": table.amplitude for k, table in enumerate(getattr(self, name))}
         if self.history is None:
-            timed: dict[str, Any] = {f"{key}.motion": table.motion for key, table in self.contacts.items()}
-            timed |= {f"{key}.rotation": table.rotation for key, table in self.contacts.items()}
-            timed |= {"body_force_amplitude": self.body_force_amplitude}
-            for name in ("clamp", "prescribed_displacement", "prescribed_rotation", "traction"):
-                timed |= {f"{name}.{k}.amplitude": table.amplitude for k, table in enumerate(getattr(self, name))}
             for key, value in timed.items():
                 if value is not None:
                     raise ValueError(f"{key} depends on time: it needs a [history]")
+        timed |= {f"{key}.friction_amplitude": table.friction_amplitude for key, table in self.contacts.items()}
+        timed |= {f"{key}.rotation": table.rotation.angle for key, table in self.contacts.items() if table.rotation}
+        end = self.history.ends[-1] if self.history is not None else 0.0
+        for key, value in timed.items():
+            if value is not None:
+                try:
+                    refuse_ended(value, end)
+                except ValueError as error:
+                    raise ValueError(f"{key}: {error}") from None
         return self
 
     def load_history(self) -> LoadHistory:
@@ -226,6 +247,7 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
         for note in renamed(tables):
             _log.warning("%s: %s", path, note)
     _beside(Path(path), tables)
+    read_curves(Path(path), tables)
     try:
         return Case.model_validate(tables)
     except ValidationError as error:

@@ -11,21 +11,19 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from ..arrays import FloatArray
 from ..fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
 from ..model.times import HALVINGS, refuse_times
-from .body import Table
+from .curves import AmplitudeTable, MotionTable, amplitude_of, motion_of, rows_of
+from .place import FrictionAt, SpeedAt, StressAt, VectorAt, coefficient, field
 from .values import (
     ISOTROPIC,
     ORTHOTROPIC,
     ROWS,
     TABLES,
-    AmplitudeTable,
     Duration,
-    Friction,
     Length,
     Name,
     Number,
-    Speed,
     Steps,
-    Stress,
+    Table,
     Vector,
 )
 
@@ -94,9 +92,9 @@ def _two_numbers(given: Any) -> Any:
 class SlipRateTable(Table):
     """Friction by the slip rate v of the load step before, in m/s: kinetic + (static - kinetic) exp(-v/decay_speed)."""
 
-    static: Annotated[Friction, BeforeValidator(_one_number)]
-    kinetic: Annotated[Friction, BeforeValidator(_one_number)]
-    decay_speed: Annotated[Speed, BeforeValidator(_one_number)]
+    static: Annotated[FrictionAt, BeforeValidator(_one_number)]
+    kinetic: Annotated[FrictionAt, BeforeValidator(_one_number)]
+    decay_speed: Annotated[SpeedAt, BeforeValidator(_one_number)]
 
 
 BY_SLIP_RATE = "by slip rate"
@@ -109,8 +107,8 @@ def _kind(given: Any) -> str:
 
 
 FrictionValue = Annotated[
-    Annotated[Friction, Tag(ISOTROPIC)]
-    | Annotated[tuple[Friction, Friction], BeforeValidator(_two_numbers), Tag(ORTHOTROPIC)]
+    Annotated[FrictionAt, Tag(ISOTROPIC)]
+    | Annotated[tuple[FrictionAt, FrictionAt], BeforeValidator(_two_numbers), Tag(ORTHOTROPIC)]
     | Annotated[SlipRateTable, Tag(BY_SLIP_RATE)],
     Discriminator(_kind),
 ]
@@ -122,8 +120,8 @@ class RegionTable(Table):
 
     box: tuple[Vector, Vector]
     friction: FrictionValue | None = None
-    slip_stress: Stress | None = None
-    cohesion: Stress | None = None
+    slip_stress: StressAt | None = None
+    cohesion: StressAt | None = None
 
     @model_validator(mode="after")
     def _corners(self) -> RegionTable:
@@ -136,11 +134,6 @@ class RegionTable(Table):
         low, high = np.array(self.box)[:, :, None]
         margin = 1e-9 * float(np.max(high - low))
         return np.all((x >= low - margin) & (x <= high + margin), axis=0)
-
-
-MotionTable = Annotated[tuple[tuple[Number, Number, Number, Number], ...], Field(min_length=1, max_length=ROWS)]
-"""Rows [time, x, y, z]: translation of the foundation; linear in between, constant before the first row and after the
-last."""
 
 
 class RotationTable(Table):
@@ -160,7 +153,7 @@ class RotationTable(Table):
         """What it describes."""
         from ..fem.rigid_motion import Rotation
 
-        return Rotation(self.point, self.axis, self.angle)
+        return Rotation(self.point, self.axis, amplitude_of(self.angle))
 
 
 class ContactTable(Table):
@@ -168,13 +161,13 @@ class ContactTable(Table):
 
     face: Name
     friction: FrictionValue | None = None
-    slip_stress: Stress | None = None
+    slip_stress: StressAt | None = None
     region: Annotated[tuple[RegionTable, ...], Field(max_length=TABLES)] = ()
     foundation: FoundationTable | None = None
     normals: Literal["foundation", "body"] = "foundation"
     motion: MotionTable | None = None
-    cohesion: Stress | None = None
-    direction: Vector | None = None
+    cohesion: StressAt | None = None
+    direction: VectorAt | None = None
     friction_amplitude: AmplitudeTable | None = None
     rotation: RotationTable | None = None
 
@@ -197,7 +190,7 @@ class ContactTable(Table):
         if self.friction_amplitude is not None:
             if self.friction is None:
                 raise ValueError("friction_amplitude goes with friction")
-            if any(factor < 0.0 for _, factor in self.friction_amplitude):
+            if any(row[1] < 0.0 for row in rows_of(self.friction_amplitude)):
                 raise ValueError("friction_amplitude: factors must be >= 0")
         given = [name for name in LAW_KEYS if getattr(self, name) is not None]
         for number, region in enumerate(self.region):
@@ -219,7 +212,9 @@ class ContactTable(Table):
         """Whether friction grows with pressure anywhere on the face."""
         given = [part.friction for part in self._parts if part.friction is not None]
         return any(
-            max(f.static, f.kinetic) > 0.0 if isinstance(f, SlipRateTable) else max(_pair(f)) > 0.0 for f in given
+            isinstance(number, str) or number > 0.0
+            for f in given
+            for number in (_decaying(f)[:2] if isinstance(f, SlipRateTable) else _pair(f))
         )
 
     def contact(self) -> Contact:
@@ -232,10 +227,10 @@ class ContactTable(Table):
             self._coefficient("slip_stress"),
             self.foundation.foundation() if self.foundation is not None else None,
             self.normals,
-            self.motion,
+            motion_of(self.motion),
             self._coefficient("cohesion"),
-            self.direction,
-            self.friction_amplitude or 1.0,
+            None if self.direction is None else field(self.direction),
+            amplitude_of(self.friction_amplitude),
             self.rotation.rotation() if self.rotation is not None else None,
         )
 
@@ -250,7 +245,7 @@ class ContactTable(Table):
             return SlipRateFriction(*self._by_parts(_decaying))
         return self._coefficient("friction")
 
-    def _by_parts(self, numbers: Callable[[FrictionValue], tuple[float, ...]]) -> list[Coefficient]:
+    def _by_parts(self, numbers: Callable[[FrictionValue], tuple[float | str, ...]]) -> list[Coefficient]:
         """Each of the numbers of which friction is made, by region."""
         assert self.friction is not None
         given = [None if region.friction is None else numbers(region.friction) for region in self.region]
@@ -264,28 +259,35 @@ class ContactTable(Table):
         base = getattr(self, law)
         return None if base is None else self._by_region(base, [getattr(region, law) for region in self.region])
 
-    def _by_region(self, base: float, others: list[float | None]) -> Coefficient:
+    def _by_region(self, base: float | str, others: list[float | str | None]) -> Coefficient:
         """A number, or a function of place with those of the regions, if not None; of two regions the last counts."""
+        everywhere = coefficient(base)
         if not self.region:
-            return base
+            return everywhere
+        inside = [(region, coefficient(o)) for region, o in zip(self.region, others, strict=True) if o is not None]
+
+        def at(value: Coefficient, x: FloatArray) -> FloatArray:
+            return value(x) if callable(value) else np.full(x.shape[1], float(value))
 
         def by_region(x: FloatArray) -> FloatArray:
-            values = np.full(x.shape[1], float(base))
-            for region, other in zip(self.region, others, strict=True):
-                if other is not None:
-                    values[region.holds(x)] = other
+            number = np.full(x.shape[1], -1)  # of the last region that holds a point
+            for k, (region, _) in enumerate(inside):
+                number[region.holds(x)] = k
+            values = np.zeros(x.shape[1])
+            for k, value in enumerate((everywhere, *(value for _, value in inside)), -1):
+                values[number == k] = at(value, x[:, number == k])
             return values
 
         return by_region
 
 
-def _pair(friction: FrictionValue) -> tuple[float, float]:
+def _pair(friction: FrictionValue) -> tuple[float | str, float | str]:
     """Along the direction and across it."""
     assert not isinstance(friction, SlipRateTable)
     return friction if isinstance(friction, tuple) else (friction, friction)
 
 
-def _decaying(friction: FrictionValue) -> tuple[float, float, float]:
+def _decaying(friction: FrictionValue) -> tuple[float | str, float | str, float | str]:
     """Static, kinetic, decay speed; a constant does not decay, at any speed."""
     if isinstance(friction, SlipRateTable):
         return friction.static, friction.kinetic, friction.decay_speed

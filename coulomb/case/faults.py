@@ -11,6 +11,8 @@ from pydantic import BaseModel, ValidationError
 
 from .body import ONE, SEVERAL
 from .contact import BY_SLIP_RATE, FACE, FACES
+from .curves import CURVE, ROWS_ALONE
+from .place import EXPRESSION, NUMBER
 from .values import ISOTROPIC, ORTHOTROPIC
 
 _MOST = 10
@@ -19,7 +21,7 @@ _MOST = 10
 _FIRST_KEY = {"mesh": "file", "output": "directory", "contact": "face", "material": "young", "history": "times"}
 """The probable key if a value is given in place of a table."""
 
-_TAGS = (ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE)
+_TAGS = (ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, CURVE, ROWS_ALONE, NUMBER, EXPRESSION)
 """Alternatives in the place of an error, which the user does not write."""
 
 _Model = type[BaseModel]

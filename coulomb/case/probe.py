@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .body import Table
-from .values import Name, Vector
+from .values import Name, Table, Vector
 
 if TYPE_CHECKING:
     from ..model.probes import Probe

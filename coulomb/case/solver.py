@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from .body import Table
 from .renamed import current_method
-from .values import FileName, Rounds
+from .values import FileName, Rounds, Table
 
 if TYPE_CHECKING:
     from ..solvers.friction_problem import Solver

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, model_validator
 
-from .body import Table
-from .values import AmplitudeTable, Name, Number, Stiffness, Vector
+from .curves import AmplitudeTable, amplitude_of
+from .place import VectorAt, field
+from .values import Name, Number, Stiffness, Table, Vector
 
 if TYPE_CHECKING:
     from ..fem.supports import PrescribedDisplacement, PrescribedRotation, Spring, SymmetryPlane
@@ -19,7 +20,7 @@ class PrescribedDisplacementTable(Table):
     """Prescribed displacement in metres on a face."""
 
     face: Name
-    value: Vector
+    value: VectorAt
     components: Components = "xyz"
     direction: Vector | None = None
     amplitude: AmplitudeTable | None = None
@@ -36,13 +37,15 @@ class PrescribedDisplacementTable(Table):
         """What the table describes."""
         from ..fem.supports import PrescribedDisplacement
 
-        return PrescribedDisplacement(self.face, self.value, self.components, self.amplitude or 1.0, self.direction)
+        return PrescribedDisplacement(
+            self.face, field(self.value), self.components, amplitude_of(self.amplitude), self.direction
+        )
 
 
 class ClampTable(PrescribedDisplacementTable):
     """Zero displacement of a face.  With a value (as in older case files) it is a [[prescribed_displacement]]."""
 
-    value: Vector = (0.0, 0.0, 0.0)
+    value: VectorAt = (0.0, 0.0, 0.0)
 
     def support(self) -> PrescribedDisplacement:
         """What the table describes."""
@@ -73,7 +76,9 @@ class PrescribedRotationTable(Table):
         """What the table describes."""
         from ..fem.supports import PrescribedRotation
 
-        return PrescribedRotation(self.face, self.point, self.axis, self.angle, self.amplitude or 1.0, self.axial)
+        return PrescribedRotation(
+            self.face, self.point, self.axis, self.angle, amplitude_of(self.amplitude), self.axial
+        )
 
 
 class SymmetryTable(Table):

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+
+class Table(BaseModel):
+    """A table of a case: other keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def _between(low: float, high: float, zero: bool = False) -> AfterValidator:
@@ -36,6 +42,7 @@ Length = Annotated[float, _POSITIVE, _between(1e-12, 1e12)]
 
 Duration = Annotated[float, _POSITIVE, _between(1e-30, 1e30)]
 Young = Annotated[float, _POSITIVE, _between(1e-6, 1e24)]
+Density = Annotated[float, _POSITIVE, _between(1e-12, 1e12)]
 Stiffness = Annotated[float, _NOT_NEGATIVE, _between(1e-12, 1e30, zero=True)]
 Stress = Annotated[float, _NOT_NEGATIVE, _between(1e-30, 1e30, zero=True)]
 
@@ -65,6 +72,3 @@ Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_print
 """Name of a face or a group of cells."""
 
 FileName = Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_printable)]
-
-AmplitudeTable = Annotated[tuple[tuple[Number, Number], ...], Field(min_length=1, max_length=ROWS)]
-"""Rows [time, factor] of a load; linear in between, constant before the first and after the last row."""

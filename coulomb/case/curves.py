@@ -1,0 +1,178 @@
+"""Tables in time of a case: rows, or a load curve with rows or a CSV file and what follows its last row."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+
+from ..fem.load_curve import After, LoadCurve
+from ..ranks import launched, on_rank_0
+from .text import read_text
+from .values import ROWS, FileName, Number, Table
+
+if TYPE_CHECKING:
+    from ..fem.user_values import Amplitude, Motion
+
+ROWS_ALONE, CURVE = "rows", "a load curve"
+
+FactorRows = Annotated[tuple[tuple[Number, Number], ...], Field(min_length=1, max_length=ROWS)]
+"""Rows [time, factor]."""
+
+MotionRows = Annotated[tuple[tuple[Number, Number, Number, Number], ...], Field(min_length=1, max_length=ROWS)]
+"""Rows [time, x, y, z]."""
+
+
+class CurveTable(Table):
+    """Rows of time and values, and what follows the last; `file` names the CSV file from which the rows were read."""
+
+    table: FactorRows | MotionRows
+    after: After = "hold"
+    file: FileName | None = None
+
+    @model_validator(mode="after")
+    def _usable(self) -> CurveTable:
+        self.curve()
+        return self
+
+    def curve(self) -> LoadCurve:
+        """What the table describes.
+
+        Raises:
+            ValueError: If the times do not increase, or a repeated curve has a jump.
+        """
+        return LoadCurve([row[0] for row in self.table], [row[1:] for row in self.table], self.after)
+
+
+class FactorCurveTable(CurveTable):
+    """A curve of factors."""
+
+    table: FactorRows
+
+
+class MotionCurveTable(CurveTable):
+    """A curve of translations in metres."""
+
+    table: MotionRows
+
+
+def _kind(given: Any) -> str:
+    return CURVE if isinstance(given, dict | CurveTable) else ROWS_ALONE
+
+
+def _no_text(given: Any) -> Any:
+    if isinstance(given, str):
+        raise ValueError(f'should be a table of rows, or {{ file = "{given[:80]}" }} for a CSV file')
+    return given
+
+
+AmplitudeTable = Annotated[
+    Annotated[FactorRows, Tag(ROWS_ALONE)] | Annotated[FactorCurveTable, Tag(CURVE)],
+    Discriminator(_kind),
+    BeforeValidator(_no_text),
+]
+"""A factor in time: rows, constant after the last, or a load curve."""
+
+MotionTable = Annotated[
+    Annotated[MotionRows, Tag(ROWS_ALONE)] | Annotated[MotionCurveTable, Tag(CURVE)],
+    Discriminator(_kind),
+    BeforeValidator(_no_text),
+]
+"""A translation in time: rows, constant after the last, or a load curve."""
+
+Factors = tuple[tuple[float, float], ...] | FactorCurveTable
+Translations = tuple[tuple[float, float, float, float], ...] | MotionCurveTable
+
+
+def amplitude_of(given: Factors | None) -> Amplitude:
+    """An amplitude; the factor 1 without a table."""
+    if given is None:
+        return 1.0
+    return given.curve() if isinstance(given, CurveTable) else given
+
+
+def motion_of(given: Translations | None) -> Motion | None:
+    """A motion of a foundation."""
+    return given.curve() if isinstance(given, CurveTable) else given
+
+
+def rows_of(given: Factors | Translations) -> tuple[tuple[float, ...], ...]:
+    """Rows of time and values."""
+    return given.table if isinstance(given, CurveTable) else given
+
+
+def refuse_ended(given: Factors | Translations, end: float) -> None:
+    """Check that a table has values up to the end of a history.
+
+    Raises:
+        ValueError: If it ends before, and `after` is "error".
+    """
+    if isinstance(given, CurveTable):
+        given.curve().at(end)
+
+
+# --- CSV files ----------------------------------------------------------------------------------------------------
+
+_NAMES = ("amplitude", "motion", "angle")
+"""Keys of tables in time, alone or after an underscore as in friction_amplitude."""
+
+
+def read_curves(case: Path, tables: Any, key: str = "") -> None:
+    """Put the rows of CSV files, relative to the directory of the case, into the tables of a case.
+
+    Raises:
+        ValueError: On every rank, if a file cannot be read, with key, file and line.
+    """
+    if isinstance(tables, list):
+        for number, table in enumerate(tables):
+            if isinstance(table, dict):  # not the rows of a table in time
+                read_curves(case, table, f"{key}.{number}")
+    if not isinstance(tables, dict):
+        return
+    for name, value in tables.items():
+        here = f"{key}.{name}" if key else str(name)
+        if isinstance(value, dict) and str(name).rpartition("_")[2] in _NAMES and isinstance(value.get("file"), str):
+            if "table" in value:
+                raise ValueError(f"{case}: {here}: give either table or file, one of the two")
+            value["table"] = _rows(case.parent / value["file"], f"{case}: {here}")
+            value["file"] = str(case.parent / value["file"])
+        elif isinstance(value, dict | list):
+            read_curves(case, value, here)
+
+
+def _rows(path: Path, what: str) -> list[list[float]]:
+    try:
+        text = on_rank_0(launched(), lambda: read_text(path))
+    except OSError as error:
+        raise ValueError(f"{what}: {path}: cannot be read: {error.strerror or error}") from None
+    rows: list[list[float]] = []
+    lines = [(n, line.strip()) for n, line in enumerate(text.splitlines(), 1)]
+    lines = [(n, line) for n, line in lines if line and not line.startswith("#")]
+    for number, line in lines:
+        cells = [
+            cell.strip().strip('"') for cell in re.split(r"[,;\t]" if re.search(r"[,;\t]", line) else r"\s+", line)
+        ]
+        try:
+            rows.append([float(cell) for cell in cells])
+        except ValueError:
+            if number == lines[0][0] and not any(map(_is_number, cells)):  # a header
+                continue
+            hint = "; a decimal sign must be a point" if ";" in line and "," in line else ""
+            raise ValueError(f"{what}: {path}, line {number}: {line[:60]!r} is no row of numbers{hint}") from None
+        if len(rows[-1]) != len(rows[0]) or not all(math.isfinite(value) for value in rows[-1]):
+            expected = f"{len(rows[0])} finite numbers, as the first row has"
+            raise ValueError(f"{what}: {path}, line {number}: {line[:60]!r} should be {expected}")
+    if not rows:
+        raise ValueError(f"{what}: {path}: has no rows of numbers")
+    return rows
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
