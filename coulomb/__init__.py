@@ -16,7 +16,6 @@ from .version import __version__
 if TYPE_CHECKING:
     from .fem.body import Material
     from .fem.elasticity import Elasticity
-    from .fem.load_curve import LoadCurve
     from .fem.loads import Pressure, TotalForce, Traction
     from .fem.meshes import NamedMesh, box, read_gmsh, read_mesh, read_xdmf
     from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from .fem.surface import ContactSurface
     from .io.history_files import HistoryFiles
     from .linalg.stiffness import DirectSolver, IterativeSolver
+    from .load_curve import LoadCurve
     from .model.certificate import Certificate, Check
     from .model.certify import certify
     from .model.contact import Contact
@@ -114,7 +114,7 @@ _PUBLIC = {
     "model.friction": ("SlipRateFriction", "VariableFriction"),
     "fem.body": ("Material",),
     "fem.elasticity": ("Elasticity",),
-    "fem.load_curve": ("LoadCurve",),
+    "load_curve": ("LoadCurve",),
     "fem.supports": ("Clamp", "PrescribedDisplacement", "PrescribedRotation", "Spring", "SymmetryPlane"),
     "fem.loads": ("Pressure", "TotalForce", "Traction"),
     "fem.meshes": ("NamedMesh", "box", "read_gmsh", "read_mesh", "read_xdmf"),

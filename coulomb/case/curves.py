@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from ..fem.load_curve import After, LoadCurve
+from ..load_curve import After, LoadCurve
 from ..ranks import launched, on_rank_0
 from .text import read_text
 from .values import ROWS, FileName, Number, Table
@@ -116,8 +116,8 @@ def refuse_ended(given: Factors | Translations, end: float) -> None:
 
 # --- CSV files ----------------------------------------------------------------------------------------------------
 
-_NAMES = ("amplitude", "motion", "angle")
-"""Keys of tables in time, alone or after an underscore as in friction_amplitude."""
+_COLUMNS = {"amplitude": "time, factor", "motion": "time, x, y, z", "angle": "time, angle"}
+"""Keys of tables in time, alone or after an underscore as in friction_amplitude, and their columns."""
 
 
 def read_curves(case: Path, tables: Any, key: str = "") -> None:
@@ -134,16 +134,17 @@ def read_curves(case: Path, tables: Any, key: str = "") -> None:
         return
     for name, value in tables.items():
         here = f"{key}.{name}" if key else str(name)
-        if isinstance(value, dict) and str(name).rpartition("_")[2] in _NAMES and isinstance(value.get("file"), str):
+        if isinstance(value, dict) and str(name).rpartition("_")[2] in _COLUMNS and isinstance(value.get("file"), str):
             if "table" in value:
                 raise ValueError(f"{case}: {here}: give either table or file, one of the two")
-            value["table"] = _rows(case.parent / value["file"], f"{case}: {here}")
+            columns = _COLUMNS[str(name).rpartition("_")[2]]
+            value["table"] = _rows(case.parent / value["file"], columns, f"{case}: {here}")
             value["file"] = str(case.parent / value["file"])
         elif isinstance(value, dict | list):
             read_curves(case, value, here)
 
 
-def _rows(path: Path, what: str) -> list[list[float]]:
+def _rows(path: Path, columns: str, what: str) -> list[list[float]]:
     try:
         text = on_rank_0(launched(), lambda: read_text(path))
     except OSError as error:
@@ -162,8 +163,8 @@ def _rows(path: Path, what: str) -> list[list[float]]:
                 continue
             hint = "; a decimal sign must be a point" if ";" in line and "," in line else ""
             raise ValueError(f"{what}: {path}, line {number}: {line[:60]!r} is no row of numbers{hint}") from None
-        if len(rows[-1]) != len(rows[0]) or not all(math.isfinite(value) for value in rows[-1]):
-            expected = f"{len(rows[0])} finite numbers, as the first row has"
+        if len(rows[-1]) != columns.count(",") + 1 or not all(math.isfinite(value) for value in rows[-1]):
+            expected = f"{columns.count(',') + 1} finite numbers, {columns}"
             raise ValueError(f"{what}: {path}, line {number}: {line[:60]!r} should be {expected}")
     if not rows:
         raise ValueError(f"{what}: {path}: has no rows of numbers")

@@ -75,7 +75,7 @@ class Expression:
         bad = ~np.isfinite(values)
         if np.any(bad):
             place = ", ".join(f"{c:.6g}" for c in x[:, np.argmax(bad)])
-            raise ValueError(f"the expression {self.text!r} is {values[np.argmax(bad)]} at x, y, z = {place}")
+            raise ValueError(f"the expression {self.text!r} is {values[np.argmax(bad)]} at ({place})")
         return values
 
 

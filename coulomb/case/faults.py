@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from .body import ONE, SEVERAL
 from .contact import BY_SLIP_RATE, FACE, FACES
-from .curves import CURVE, ROWS_ALONE
+from .curves import CURVE, ROWS_ALONE, CurveTable
 from .place import EXPRESSION, NUMBER
 from .values import ISOTROPIC, ORTHOTROPIC
 
@@ -88,9 +88,11 @@ def _meant(location: tuple[int | str, ...], case: _Model) -> str:
     """The table to which a key belongs, or a similar key, and the known keys of its table."""
     name = str(location[-1])
     here = ".".join(part for part in location[:-1] if isinstance(part, str))
-    known = {place: list(model.model_fields) for place, model, _ in _tables(case)}
+    tables = list(_tables(case))
+    known = {place: list(model.model_fields) for place, model, _ in tables}
+    curves = {place for place, model, _ in tables if issubclass(model, CurveTable)}
     several = tables_of_several(case)
-    homes = [place for place, keys in known.items() if name in keys and place != here]
+    homes = [place for place, keys in known.items() if name in keys and place != here and place not in curves]
     listed = f" (known here: {', '.join(known.get(here, []))})"
     if homes:
         parents = [home for home in homes if home == "" or here.startswith(f"{home}.")]

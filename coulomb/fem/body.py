@@ -67,7 +67,7 @@ class ElasticBody:
         self.V = compat.functionspace(domain, 1, (3,))
         self._test = ufl.TestFunction(self.V)
         self._owned = self.V.dofmap.index_map.size_local
-        self.x: FloatArray = self.V.tabulate_dof_coordinates()[: self._owned]
+        self.x = self._coordinates()
         self._u = fem.Function(self.V, name="displacement")
         self._internal_form = fem.form(ufl.inner(self._stress(self._u), strain(self._test)) * ufl.dx)
 
@@ -146,6 +146,15 @@ class ElasticBody:
         """
         g = self.function(np.broadcast_to(gravity, (self._owned, 3)))
         return self._assemble(fem.form(self._on_cells(density, "density") * ufl.inner(g, self._test) * ufl.dx))
+
+    def _coordinates(self) -> FloatArray:
+        """Of this rank's nodes, exactly those of the mesh: DOLFINx's tabulated ones have rounding errors, so that
+        functions of place such as sqrt(x) have no value at x = 0."""
+        x = np.empty((self._owned, 3))
+        nodes = compat.cell_dofs(self.V).ravel()
+        mine = nodes < self._owned
+        x[nodes[mine]] = self.domain.geometry.x[compat.cell_geometry(self.domain).ravel()[mine]]
+        return x
 
     def _ds(self, facets: npt.NDArray[np.int32]) -> Any:
         tags = compat.meshtags(self.domain, 2, facets, np.ones(len(facets), dtype=np.int32))

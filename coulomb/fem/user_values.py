@@ -10,7 +10,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .load_curve import LoadCurve
+from ..load_curve import LoadCurve
 
 Value = TypeVar("Value")
 

@@ -140,4 +140,10 @@ def _materials(problem: PosedProblem) -> list[dict[str, Any]]:
     """The material of every group of cells, or of the whole body."""
     given = problem.elasticity.materials
     groups = [(None, given)] if isinstance(given, Material) else list(given.items())
-    return [{"cells": name, "young": material.young, "poisson": material.poisson} for name, material in groups]
+    return [material_entry(name, material) for name, material in groups]
+
+
+def material_entry(cells: str | None, material: Material) -> dict[str, Any]:
+    """A material in summary.json; its density only if it has one."""
+    density = {} if material.density is None else {"density": material.density}
+    return {"cells": cells, "young": material.young, "poisson": material.poisson, **density}

@@ -26,6 +26,7 @@ from ...fem.surface import plane_of_face, way_along
 from ...solvers.laws import FrictionLaw
 from ..run_directory import SOLUTION, SUMMARY, RunDirectory
 from ..run_files import WrittenRun, midpoints, places
+from ..summary import material_entry
 from ..written_case import written_case
 from .comparison import Comparison
 
@@ -159,7 +160,7 @@ class CaseReference:
         groups = [(None, given)] if isinstance(given, Material) else list(given.items())
         expected = {
             "totals": {"faces": [contact.face for contact in self.contacts]},
-            "material": [{"cells": name, "young": m.young, "poisson": m.poisson} for name, m in groups],
+            "material": [material_entry(name, material) for name, material in groups],
         }
         found.tree(SUMMARY, run.summary, expected, source=_SOURCE)
 

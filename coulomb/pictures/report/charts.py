@@ -11,6 +11,7 @@ import numpy as np
 
 from ..plotting import ZONES, match
 from .files import Rows, Run
+from .given import values_in_time
 from .scene import thinned, zone_counts
 from .units import scale_of
 
@@ -180,8 +181,7 @@ def _drive(run: Run) -> tuple[Any, str]:
     for motion in (contact.get("motion") for contact in (given if isinstance(given, list) else [given])):
         if not motion:
             continue
-        rows, times = np.array(motion, dtype=float), np.array([step.time for step in run.steps], dtype=float)
-        moved = np.column_stack([np.interp(times, rows[:, 0], rows[:, k]) for k in (1, 2, 3)])
+        moved = values_in_time(motion, [step.time or 0.0 for step in run.steps])
         found.append((moved, "displacement of the foundation"))
     found = [entry for entry in found if np.any(np.ptp(entry[0], axis=0) > 0.0)]
     return max(found, key=lambda entry: float(np.max(np.ptp(entry[0], axis=0))), default=(None, ""))

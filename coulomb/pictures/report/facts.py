@@ -10,6 +10,7 @@ import numpy as np
 
 from . import rotating_foundations
 from .files import Run
+from .given import in_time, rows_and_after, supports_and_loads
 from .scene import friction_in_words, zone_counts
 from .units import in_seconds, number, quantity, vector
 
@@ -34,47 +35,9 @@ def geometry(run: Run) -> Facts:
     for material in summary["material"]:
         name = f"material of {material['cells']}" if material["cells"] else "material"
         young = quantity(material["young"], "Pa")
-        facts.append((name, f"Young's modulus {young}, Poisson's ratio {number(material['poisson'])}"))
-    return facts + (_of_case(run.case) if run.case is not None else _of_fields(run)) + _contact(run)
-
-
-def _of_case(case: dict[str, Any]) -> Facts:
-    facts: Facts = []
-    for support in (*case.get("clamp", ()), *case.get("prescribed_displacement", ())):
-        value = support.get("value", [0.0] * 3)
-        kind, moved = ("prescribed displacement", f": {vector(value, 'm')}") if any(value) else ("clamp", " held")
-        along = support.get("direction")
-        directions = f"components {support.get('components', 'xyz')}" if along is None else f"along {_direction(along)}"
-        prescribed = f"{directions}{moved}"
-        facts.append((f"{kind} on {support['face']}", prescribed + _in_time(support.get("amplitude"))))
-    for rotation in case.get("prescribed_rotation", ()):
-        axis, point = _direction(rotation["axis"]), vector(rotation["point"], "m")
-        along = "; free along the axis" if rotation.get("axial") == "free" else ""
-        turned = f"{number(rotation['angle'])} rad about {axis} through {point}{along}"
-        facts.append((f"prescribed rotation of {rotation['face']}", turned + _in_time(rotation.get("amplitude"))))
-    facts += [("plane of symmetry", str(symmetry["face"])) for symmetry in case.get("symmetry", ())]
-    for spring in case.get("spring", ()):
-        given = spring["stiffness"]
-        along = [float(given)] * 3 if isinstance(given, int | float) else given
-        facts.append((f"spring on {spring['face']}", f"({', '.join(number(k) for k in along)}) N/m³ along x, y, z"))
-    for load in case.get("traction", ()):
-        facts.append((f"traction on {load['face']}", vector(load["value"], "Pa") + _in_time(load.get("amplitude"))))
-    if any(case.get("body_force", ())):
-        force = f"({', '.join(number(f) for f in case['body_force'])}) N/m³"
-        facts.append(("body force", force + _in_time(case.get("body_force_amplitude"))))
-    return facts
-
-
-def _direction(given: list[float]) -> str:
-    return f"({', '.join(number(value) for value in given)})"
-
-
-def _in_time(amplitude: list[list[float]] | None) -> str:
-    """Rows [time, factor] as text."""
-    if not amplitude:
-        return ""
-    shown = ", ".join(f"{number(factor)} at {in_seconds(time)}" for time, factor in amplitude[:8])
-    return f", factor {shown}{', …' if len(amplitude) > 8 else ''}"
+        density = f", density {number(material['density'])} kg/m³" if "density" in material else ""
+        facts.append((name, f"Young's modulus {young}, Poisson's ratio {number(material['poisson'])}{density}"))
+    return facts + (supports_and_loads(run.case) if run.case is not None else _of_fields(run)) + _contact(run)
 
 
 def _of_fields(run: Run) -> Facts:
@@ -121,7 +84,7 @@ def _changing_friction(contact: dict[str, Any], where: str) -> Facts:
         speed = f"{number(law['decay_speed'])} m/s"
         facts.append((f"friction by slip rate{where}", f"static {static}, kinetic {kinetic}, decay speed {speed}"))
     if contact.get("friction_amplitude"):
-        facts.append((f"friction in time{where}", _in_time(contact["friction_amplitude"]).removeprefix(", ")))
+        facts.append((f"friction in time{where}", in_time(contact["friction_amplitude"]).removeprefix(", ")))
     return facts
 
 
@@ -141,9 +104,10 @@ def _foundation(contact: dict[str, Any], where: str) -> Facts:
     else:
         facts.append((f"foundation{where}", "the plane of the face"))
     if contact.get("motion"):
-        rows = [f"{vector(row[1:], 'm')} at {in_seconds(row[0])}" for row in contact["motion"][:6]]
-        more_rows = ", …" if len(contact["motion"]) > 6 else ""
-        facts.append((f"motion of the foundation{where}", ", ".join(rows) + more_rows))
+        rows, after = rows_and_after(contact["motion"])
+        places = [f"{vector(row[1:], 'm')} at {in_seconds(row[0])}" for row in rows[:6]]
+        more_rows = ", …" if len(rows) > 6 else ""
+        facts.append((f"motion of the foundation{where}", ", ".join(places) + more_rows + after))
     return facts + rotating_foundations.prescribed(contact, where)
 
 

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ..arrays import FloatArray
+from .arrays import FloatArray
 
 After = Literal["hold", "error", "repeat"]
 """After the last row of a load curve: the last value, an error, or the curve again."""
