@@ -69,7 +69,7 @@ def test_solver_and_problem_are_what_the_case_says():
         ("mehs.cells=[1,1,1]", r"mehs = .*: there is no such key; did you mean mesh\?"),
         ("clamp.0.fase='left'", r"clamp.0.fase = 'left': there is no such key; did you mean face\?"),
         ("contact.friction=-0.3", r"contact.friction = -0.3: should be greater than or equal to 0"),
-        ("contact.friction='rough'", r"contact.friction = 'rough': should be a valid number"),
+        ("contact.friction='rough'", r"contact.friction = 'rough': 'rough' is not known in an expression"),
         ("contact.friction=nan", r"contact.friction = nan"),
         ("material.poisson=0.5", r"material.poisson = 0.5: should be less than 0.5"),
         ("material.poisson=-1.0", r"material.poisson = -1.0: should be greater than -1"),
