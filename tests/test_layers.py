@@ -142,7 +142,7 @@ def test_file_names_of_a_run_are_in_one_module(path):
 @pytest.mark.parametrize("path", sorted({*(PACKAGE / "pictures").rglob("*.py")} - LAUNCH), ids=lambda p: p.name)
 def test_pictures_import_only_the_file_format(path):
     """It runs without the package's `__init__` (coulomb.pictures.apart) and imports only the format of the files."""
-    own = ("coulomb.pictures.plotting", "coulomb.pictures.report", *READERS)
+    own = ("coulomb.pictures.plotting", "coulomb.pictures.report", "coulomb.load_curve", *READERS)
     assert not uses(path, "dolfinx", "petsc4py", "mpi4py")
     assert not [name for name in uses(path, "coulomb") if name != "coulomb" and not name.startswith(own)]
 

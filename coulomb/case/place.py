@@ -57,7 +57,7 @@ def field(value: tuple[float | str, float | str, float | str]) -> Field:
     """A vector, or the function of place if a component is an expression."""
     numbers = [component for component in value if not isinstance(component, str)]
     if len(numbers) == 3:
-        return numbers
+        return tuple(numbers)
     components = [coefficient(component) for component in value]
 
     def at(x: FloatArray) -> FloatArray:

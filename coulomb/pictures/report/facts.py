@@ -10,7 +10,7 @@ import numpy as np
 
 from . import rotating_foundations
 from .files import Run
-from .given import in_time, rows_and_after, supports_and_loads
+from .given import in_time, number_at, rows_and_after, supports_and_loads
 from .scene import friction_in_words, zone_counts
 from .units import in_seconds, number, quantity, vector
 
@@ -80,9 +80,8 @@ def _changing_friction(contact: dict[str, Any], where: str) -> Facts:
     facts: Facts = []
     law = contact.get("friction")
     if isinstance(law, dict):
-        static, kinetic = number(law["static"]), number(law["kinetic"])
-        speed = f"{number(law['decay_speed'])} m/s"
-        facts.append((f"friction by slip rate{where}", f"static {static}, kinetic {kinetic}, decay speed {speed}"))
+        static, kinetic, speed = (number_at(law[key]) for key in ("static", "kinetic", "decay_speed"))
+        facts.append((f"friction by slip rate{where}", f"static {static}, kinetic {kinetic}, decay speed {speed} m/s"))
     if contact.get("friction_amplitude"):
         facts.append((f"friction in time{where}", in_time(contact["friction_amplitude"]).removeprefix(", ")))
     return facts

@@ -57,8 +57,13 @@ def vector_at(value: Sequence[float | str], unit: str) -> str:
     return vector(numbers, unit) if len(numbers) == len(value) else f"{_bare(value)} {unit}"
 
 
+def number_at(value: float | str) -> str:
+    """A number, or an expression of place."""
+    return value if isinstance(value, str) else number(value)
+
+
 def _bare(value: Sequence[float | str]) -> str:
-    return f"({', '.join(c if isinstance(c, str) else number(c) for c in value)})"
+    return f"({', '.join(map(number_at, value))})"
 
 
 def in_time(amplitude: Any) -> str:
