@@ -71,7 +71,9 @@ CASE_FILES = (
     ),
     Wrong("a misspelt table", run("clmap=[]"), r"clmap = \[\]: there is no such key; did you mean clamp\?"),
     Wrong(
-        "words for a number", run("contact.friction='rough'"), r"contact\.friction = 'rough': 'rough' is not known in an expression"
+        "words for a number",
+        run("contact.friction='rough'"),
+        r"contact\.friction = 'rough': 'rough' is not known in an expression",
     ),
     Wrong("true for a number", run("material.young=true"), r"material\.young = True: should be a valid number"),
     Wrong(

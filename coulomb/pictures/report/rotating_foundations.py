@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from .given import rows_and_after
 from .units import in_seconds, number, quantity, vector
 
 _SHOWN = 6  # rows of a table
@@ -14,10 +15,9 @@ def prescribed(contact: dict[str, Any], where: str) -> list[tuple[str, str]]:
     rotation = contact.get("rotation")
     if not rotation:
         return []
-    angle = rotation["angle"]
-    rows = angle if isinstance(angle, list) else []
+    rows, after = rows_and_after(rotation["angle"])
     shown = ", ".join(f"{number(turned)} rad at {in_seconds(time)}" for time, turned in rows[:_SHOWN])
-    shown += ", …" if len(rows) > _SHOWN else ""
+    shown += (", …" if len(rows) > _SHOWN else "") + after
     axis = f"about ({', '.join(map(number, rotation['axis']))}) through {vector(rotation['point'], 'm')}"
     return [(f"rotation of the foundation{where}", f"{axis}: {shown}" if shown else axis)]
 
