@@ -95,8 +95,8 @@ class Contact:
             ("slip_stress", self.slip_stress),
             ("cohesion", self.cohesion),
         ):
-            for value in given if isinstance(given, Sequence) else (given,):
-                allowed = value is None or callable(value) or is_number(value)
+            for value in given if isinstance(given, Sequence) else (given,) if given is not None else ():
+                allowed = callable(value) or is_number(value)
                 if not (allowed or (name == "friction" and isinstance(value, FrictionModel))):
                     raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
 
