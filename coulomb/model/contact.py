@@ -152,10 +152,15 @@ class Contact:
             friction = values("friction", self.friction)
 
         bearing = ("cohesion", self.cohesion) if self.slip_stress is None else ("slip_stress", self.slip_stress)
-        return FrictionLaw(values(*bearing) * area, self._factor(time, what, comm) * friction)
+        return FrictionLaw(values(*bearing) * area, self.friction_factor(time, comm) * friction)
 
-    def _factor(self, time: float, what: str, comm: MPI.Comm) -> float:
-        """Of friction at a time."""
+    def friction_factor(self, time: float, comm: MPI.Comm) -> float:
+        """The amplitude of friction at a time; collective.
+
+        Raises:
+            ValueError: On every rank, if it has no value then, or is negative.
+        """
+        what = f"contact face {self.face!r}"
 
         def evaluate() -> float:
             factor = evaluate_amplitude(self.friction_amplitude, time, f"{what}: friction")

@@ -127,6 +127,18 @@ class ContactBody:
 
     # --- state at a time ----------------------------------------------------------------------------------------------
 
+    def refuse_undefined(self, time: float) -> None:
+        """Check that loads, supports, motions and friction have values at a time, such as the end of a history;
+        collective.
+
+        Raises:
+            ValueError: On every rank, if an amplitude or a motion has none.
+        """
+        self.elasticity.at(time)
+        self.rigid_motions(time)
+        for contact in self.contacts:
+            contact.friction_factor(time, self.comm)
+
     def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
         """Of the foundations of all contact faces at a time; collective."""
         return self._faces.rigid_motions(time)

@@ -79,9 +79,12 @@ class LoadHistory:
         """Compute the steps one by one, from a state (by default from the beginning); collective.
 
         Raises:
+            ValueError: On every rank, before the first step, if an amplitude or a motion has no value at the end.
             StepFailed: If a step fails after all halvings, or is interrupted.
         """
         state = state or self.beginning(problem)
+        if state.pending:
+            problem.body.refuse_undefined(state.pending[0])
         halved = 0
         while state.pending:
             time = state.pending[-1]
