@@ -256,7 +256,7 @@ def test_csv_files_of_many_kinds(text, tmp_path):
     [
         ("", "has no rows of numbers"),
         ("time,factor\n", "has no rows of numbers"),
-        ("0,0\n1;1,5\n", r"line 2: '1;1,5' should be 2 finite numbers, time, factor"),
+        ("0,0\n1;1,5\n", r"line 2: '1;1,5' should be 2 finite numbers, time, factor; a decimal sign must"),
         ("t;f\n0;0\n1,0;1,x\n", r"line 3: '1,0;1,x' is no row of numbers; a decimal sign must be a point"),
         ("0, 1O\n1, 2\n", "line 1: '0, 1O' is no row of numbers"),
         ("0, nan\n", "line 1: '0, nan' should be 2 finite numbers"),

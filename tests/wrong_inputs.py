@@ -14,6 +14,7 @@ from pathlib import Path
 from wrong_cases import CASE_FILES, CONTACT, MATERIALS_AND_LOADS
 from wrong_files import COMMANDS, MESHES, RESOURCES
 from wrong_input import BLOCK, case, comm, said
+from wrong_loads import LOADS
 from wrong_supports import SUPPORTS
 
 from coulomb.cli import app as cli
@@ -24,6 +25,7 @@ TABLE = {
     "Case files": CASE_FILES,
     "Materials, loads, history": MATERIALS_AND_LOADS,
     "Supports": SUPPORTS,
+    "Loads, expressions, load curves": LOADS,
     "Meshes": MESHES,
     "Contact": CONTACT,
     "Machine": RESOURCES,

@@ -153,6 +153,7 @@ def _rows(path: Path, columns: str, what: str) -> list[list[float]]:
     lines = [(n, line.strip()) for n, line in enumerate(text.splitlines(), 1)]
     lines = [(n, line) for n, line in lines if line and not line.startswith("#")]
     for number, line in lines:
+        hint = "; a decimal sign must be a point" if ";" in line and "," in line else ""
         cells = [
             cell.strip().strip('"') for cell in re.split(r"[,;\t]" if re.search(r"[,;\t]", line) else r"\s+", line)
         ]
@@ -161,11 +162,10 @@ def _rows(path: Path, columns: str, what: str) -> list[list[float]]:
         except ValueError:
             if number == lines[0][0] and not any(map(_is_number, cells)):  # a header
                 continue
-            hint = "; a decimal sign must be a point" if ";" in line and "," in line else ""
             raise ValueError(f"{what}: {path}, line {number}: {line[:60]!r} is no row of numbers{hint}") from None
         if len(rows[-1]) != columns.count(",") + 1 or not all(math.isfinite(value) for value in rows[-1]):
             expected = f"{columns.count(',') + 1} finite numbers, {columns}"
-            raise ValueError(f"{what}: {path}, line {number}: {line[:60]!r} should be {expected}")
+            raise ValueError(f"{what}: {path}, line {number}: {line[:60]!r} should be {expected}{hint}")
     if not rows:
         raise ValueError(f"{what}: {path}: has no rows of numbers")
     return rows
