@@ -298,7 +298,7 @@ def test_axes_on_any_normal():
     x = rng.uniform(0.0, 1.0, (50, 3))
     d = np.array([0.2, -1.0, 0.7])
     axes = FrictionAxes(lambda x: np.where(x[0] < 0.5, 0.4, 0.2), 0.2, d)
-    frames = axes.frames(n, x, "face", MPI.COMM_SELF)
+    frames = axes.frames(n, np.zeros((50, 3, 3)), x, "face", MPI.COMM_SELF)
     assert np.array_equal(frames[x[:, 0] >= 0.5], tangent_frames(n)[x[:, 0] >= 0.5])
     different = frames[x[:, 0] < 0.5]
     lengths = np.linalg.norm(different, axis=2)

@@ -268,8 +268,6 @@ def test_wrong_bodies_are_errors_on_all_ranks():
     if rows[-1]:
         text = comm.allgather(_error(lambda: ContactProblem(mesh, STEEL, [wrong_here], contact)))
         assert len(set(text)) == 1
-    oblique = Contact("bottom", friction=0.3, foundation=coulomb.Plane((0, 0, 0), (1, 0, 1)))
-    assert "obliquely" in same_error(lambda: ContactProblem(mesh, STEEL, [Clamp("left"), Clamp("right", "x")], oblique))
 
 
 def _error(action):

@@ -249,14 +249,6 @@ CONTACT = (
         r"'left' is fully clamped: none of its nodes",
     ),
     Wrong(
-        "a contact face held obliquely",
-        run(
-            "clamp=[{face='left'},{face='right',components='x'}]",
-            "contact.foundation={point=[0,0,0], normal=[0.3,0,1]}",
-        ),
-        r"is held obliquely to the foundation's normal",
-    ),
-    Wrong(
         "a foundation turned away",
         run("contact.foundation={point=[0,0,0], normal=[0,0,-1]}"),
         r"contact face 'bottom' is turned away from the foundation: reverse the normal",

@@ -38,6 +38,14 @@ SUPPORTS = (
         part(corner),
     ),
     Wrong(
+        "a contact face that is nearly held",
+        run(
+            "clamp=[{face='left'},{face='right',components='x'}]",
+            "contact.foundation={point=[0,0,0], normal=[1,0,0.005]}",
+        ),
+        r"is held at less than 0\.6 degrees to the foundation's normal: hold it along the normal, or not",
+    ),
+    Wrong(
         "a rotation about no axis",
         run("prescribed_rotation=[{face='right', point=[0,0,0], axis=[0,0,0], angle=0.1}]"),
         r"prescribed_rotation\.0 = .*: axis must not be zero",

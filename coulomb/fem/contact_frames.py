@@ -22,6 +22,9 @@ from .user_values import Coefficient, Field, evaluate_numbers, evaluate_vectors,
 _ALONG_NORMAL = 1e-3
 """Sine of the angle between a direction and a normal below which the direction has no place in the tangent plane."""
 
+_CLEAN = 1e-10
+"""A held part of a tangent shorter than this is a rounding error."""
+
 LEAST_RATIO = 1e-3
 """Smallest ratio of the two coefficients of a node: what it scales enters A squared."""
 
@@ -45,6 +48,30 @@ def tangent_frames(n: FloatArray) -> FloatArray:
     second /= np.linalg.norm(second, axis=1)[:, None]
     swap = square[:, None]
     frames: FloatArray = np.stack([n, np.where(swap, second, first), np.where(swap, first, second)], axis=1)
+    return frames
+
+
+def supported_frames(n: FloatArray, H: FloatArray) -> FloatArray:
+    """Frames (n, t1, t2) of unit normals n (k, 3) at nodes that are held along directions with projectors H (k, 3, 3).
+
+    They are `tangent_frames` where those have no tangent that is partly held.  Elsewhere t1 is the held direction, or
+    the free one if there are two, projected into the tangent plane: then t2 is wholly free or wholly held, and t1 is
+    wholly held if a held direction is in the tangent plane.
+    """
+    frames = tangent_frames(n)
+    length = np.linalg.norm(np.einsum("kij,kaj->kai", H, frames[:, 1:]), axis=2)
+    partly = np.any((length > _CLEAN) & (length < 1.0 - _CLEAN), axis=1)
+    if not np.any(partly):
+        return frames
+    sizes, directions = np.linalg.eigh(H[partly])
+    one = sizes[:, 1] < 0.5  # held along one direction, the last; else along two, and free along the first
+    direction = np.where(one[:, None], directions[:, :, 2], directions[:, :, 0])
+    normal = n[partly]
+    t1 = direction - np.einsum("ki,ki->k", direction, normal)[:, None] * normal
+    t1 /= np.linalg.norm(t1, axis=1)[:, None]
+    largest = np.argmax(np.round(np.abs(t1), 9), axis=1)  # the sign must not depend on the eigensolver
+    t1 *= np.sign(t1[np.arange(len(t1)), largest])[:, None]
+    frames[partly, 1], frames[partly, 2] = t1, np.cross(normal, t1)
     return frames
 
 
@@ -99,10 +126,11 @@ class FrictionAxes:
         on_all_ranks(check, what, comm)
         return values
 
-    def frames(self, n: FloatArray, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
-        """Rows n, t1 F1/F, t2 F2/F of points x (k, 3) with unit normals n (k, 3), shape (k, 3, 3); collective.
+    def frames(self, n: FloatArray, H: FloatArray, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
+        """Rows n, t1 F1/F, t2 F2/F of points x (k, 3) with unit normals n (k, 3) and projectors onto their held
+        directions H (k, 3, 3), shape (k, 3, 3); collective.
 
-        t1 is the direction projected into the tangent plane, t2 = n x t1.  Where F1 = F2 they are `tangent_frames`.
+        t1 is the direction projected into the tangent plane, t2 = n x t1.  Where F1 = F2 they are `supported_frames`.
 
         Raises:
             ValueError: On every rank, as `coefficients`, and if the direction is along a normal.
@@ -112,7 +140,7 @@ class FrictionAxes:
         differ = F[:, 0] != F[:, 1]
 
         def scaled() -> FloatArray:
-            frames = tangent_frames(n)
+            frames = supported_frames(n, H)
             size = np.linalg.norm(directions, axis=1)
             if np.any(differ & (size == 0.0)):
                 raise ValueError("the direction of friction must not be zero")

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
-from .contact_frames import FrictionAxes, held_length, inverse_frames, tangent_frames
+from .contact_frames import FrictionAxes, held_length, inverse_frames, supported_frames
 from .contact_matrix import at_nodes_of, contact_matrix, free_frames, rows_of
 from .elasticity import Elasticity
 from .obstacles import Plane, RigidFoundation
@@ -22,6 +22,9 @@ from .user_values import on_all_ranks
 Normals = Literal["foundation", "body"]
 """Source of the normals of the contact frames."""
 
+
+_NEARLY_HELD = 1e-2
+"""Length of the free part of a normal below which a contact node would move a hundred times its gap to close it."""
 
 _RAY_STEPS = 20
 """Maximum Newton steps along a ray, far more than needed for a ray that meets the foundation."""
@@ -136,7 +139,9 @@ def contact_surface(
     foundation; if that ray misses it, to the tangent plane of the foundation's point nearest to the node.
 
     Nodes whose normal displacement is prescribed are no contact nodes.  A node whose displacement along a tangent is
-    prescribed is one: its slip in that direction is known, and friction acts on the support that prescribes it.
+    prescribed is one: its slip in that direction is known, and friction acts on the support that prescribes it.  So is
+    a node that is held obliquely to its normal, as where a plane of symmetry ends on an inclined foundation: contact
+    forces act on its free displacements, and on the support.
 
     Args:
         elasticity: The body with its clamps.
@@ -147,7 +152,7 @@ def contact_surface(
 
     Raises:
         ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from the
-            foundation, held obliquely to it, or has no free node.
+            foundation, or has no free node.
     """
     comm = elasticity.mesh.comm
     candidates = elasticity.nodes(face, "contact")
@@ -167,23 +172,25 @@ def contact_surface(
     refuse.where(away, x, "is turned away from the foundation: reverse the normal, or leave such facets out")
     n = -inwards if normals == "foundation" else outward / np.linalg.norm(outward, axis=1)[:, None]
 
-    touching_held = held_length(n, H)
-    left_out = touching_held > 1.0 - 1e-10
-    oblique = ~left_out & (touching_held > 1e-10)
-    refuse.where(oblique, x, "is held obliquely to the foundation's normal; hold all components or none")
-    keep = ~left_out
+    keep: npt.NDArray[np.bool_] = held_length(n, H) <= 1.0 - 1e-10
+    free_length = np.linalg.norm(n - np.einsum("kij,kj->ki", H, n), axis=1)
+    refuse.where(
+        keep & (free_length < _NEARLY_HELD),
+        x,
+        "is held at less than 0.6 degrees to the foundation's normal: hold it along the normal, or not",
+    )
     if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
         raise ValueError(f"contact face {face!r} is fully clamped: none of its nodes can move against the foundation")
 
     nodes, x, area = candidates[keep], x[keep], area[keep]
-    n = n[keep]
+    n, H = n[keep], H[keep]
     gap = _evaluate(foundation.signed_distance, x, 1, comm, face)
     if normals == "body":
         gap = on_all_ranks(lambda: way_along(n, x, gap, foundation), f"contact face {face!r}: foundation", comm)
     if axes is None:
-        frames = tangent_frames(n)
+        frames = supported_frames(n, H)
     else:
-        frames = axes.frames(n, x, f"contact face {face!r}", comm)
+        frames = axes.frames(n, H, x, f"contact face {face!r}", comm)
     part, matrices = np.zeros(len(nodes), dtype=np.int64), _matrices(elasticity, nodes, frames)
     return ContactSurface((face,), part, nodes, x, frames, gap, area, *matrices, (foundation,))
 

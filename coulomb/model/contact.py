@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.contact_frames import FrictionAxes, tangent_frames
+from ..fem.contact_frames import FrictionAxes, supported_frames
 from ..fem.elasticity import Elasticity
 from ..fem.obstacles import RigidFoundation
 from ..fem.rigid_motion import RigidMotion, Rotation, moved, rigid_motion
@@ -115,11 +115,12 @@ class Contact:
         """
         return rigid_motion(self.motion, self.rotation, time, what)
 
-    def frames(self, n: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArray:
-        """Rows n, t1, t2 at nodes x (k, 3) of the face with normals n (k, 3), shape (k, 3, 3); collective."""
+    def frames(self, n: FloatArray, H: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArray:
+        """Rows n, t1, t2 at nodes x (k, 3) of the face with normals n (k, 3) and projectors H (k, 3, 3) onto their held
+        directions, shape (k, 3, 3); collective."""
         if self.axes is None:
-            return tangent_frames(n)
-        return self.axes.frames(n, x, f"contact face {self.face!r}", comm)
+            return supported_frames(n, H)
+        return self.axes.frames(n, H, x, f"contact face {self.face!r}", comm)
 
     def law(self, x: FloatArray, area: FloatArray, time: float, slip_rate: FloatArray, comm: MPI.Comm) -> FrictionLaw:
         """The law of friction at nodes of the face; collective.

@@ -117,8 +117,9 @@ def _face(
         n = outward / np.linalg.norm(outward, axis=1)[:, None]
     else:
         n = on_all_ranks(lambda: here.turned(-foundation.normal(place)) if len(place) else np.zeros((0, 3)), what, comm)
-    free = held_length(n, elasticity.held.projector_at(nodes)) <= HELD_BEYOND
-    nodes, n, place = nodes[free], n[free], place[free]
+    H = elasticity.held.projector_at(nodes)
+    free = held_length(n, H) <= HELD_BEYOND
+    nodes, n, place, H = nodes[free], n[free], place[free], H[free]
 
     def remaining() -> FloatArray:
         if len(place) == 0:
@@ -128,5 +129,5 @@ def _face(
 
     gap = on_all_ranks(remaining, what, comm)
     law = contact.law(elasticity.x[nodes], elasticity.nodal_area(contact.face)[nodes], time, slip_rate[nodes], comm)
-    frames = contact.frames(n, elasticity.x[nodes], comm)
+    frames = contact.frames(n, H, elasticity.x[nodes], comm)
     return nodes, frames, gap, law.cohesion, law.friction, here.since(then, elasticity.x[nodes])

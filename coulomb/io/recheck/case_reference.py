@@ -83,9 +83,10 @@ class CaseReference:
         (k,) of the load step before in m/s."""
         return self.contacts[part].law(x, area, time, slip_rate, MPI.COMM_SELF)
 
-    def frames(self, part: int, n: FloatArray, x: FloatArray) -> FloatArray:
-        """Rows n, t1, t2 of nodes x (k, 3) in metres of a face with normals n (k, 3), shape (k, 3, 3)."""
-        return self.contacts[part].frames(n, x, MPI.COMM_SELF)
+    def frames(self, part: int, n: FloatArray, H: FloatArray, x: FloatArray) -> FloatArray:
+        """Rows n, t1, t2 of nodes x (k, 3) in metres of a face with normals n (k, 3) and projectors onto their held
+        directions H (k, 3, 3), shape (k, 3, 3)."""
+        return self.contacts[part].frames(n, H, x, MPI.COMM_SELF)
 
     def foundation(self, part: int, x: FloatArray, area: FloatArray, outward: FloatArray) -> RigidFoundation:
         """Foundation of a face before any motion; by default the plane of the face.

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ...fem.contact_frames import held_length, inverse_frames, tangent_frames
+from ...fem.contact_frames import held_length, inverse_frames, supported_frames
 from ...fem.rigid_motion import Spin
 from ...model.accumulated import ACCUMULATED, Accumulated
 from ...model.evidence import HELD_BEYOND
@@ -188,11 +188,11 @@ def _face(
             law = replace(law, friction=data["friction"])
         beyond = np.full(len(x), HELD_BEYOND)
     free: npt.NDArray[np.bool_] = held_length(n, H) <= beyond
-    frames = tangent_frames(n)
+    frames = supported_frames(n, H)
     if case is None:
         frames[written] = np.stack([data[name][written] for name in ("normal", *_TANGENTS)], axis=1)
     else:
-        frames[free] = case.frames(number, n[free], x[free])
+        frames[free] = case.frames(number, n[free], H[free], x[free])
 
     here = written & free
     size, file = float(np.max(np.abs(run.points))), CONTACT
