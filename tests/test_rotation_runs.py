@@ -91,14 +91,14 @@ SPOILT = {
 
 
 @pytest.mark.parametrize("spoil", SPOILT.values(), ids=SPOILT)
-def test_spoilt_figures_of_a_step(spoil, tmp_path):
+def test_changed_figures_of_a_step(spoil, tmp_path):
     folder = copied(SHOE, tmp_path / "run")
     edit(folder / "steps/0003/summary.json", lambda s: spoil(s["faces"][0]))
     assert [step.number for step in check(folder).steps if not step.passed] == [3]
 
 
 @pytest.mark.parametrize("spoil", ["torque", "power", "angular velocity", "axis"])
-def test_spoilt_figures_without_a_case(spoil, tmp_path):
+def test_changed_figures_without_a_case(spoil, tmp_path):
     """Torque and power follow from forces and axis; a wrong rotation does not fit the slip origin."""
     folder = copied(SHOE, tmp_path / "run")
     (folder / "case.json").unlink()
@@ -107,7 +107,7 @@ def test_spoilt_figures_without_a_case(spoil, tmp_path):
 
 
 @pytest.mark.parametrize("column", ["bottom_angle", "bottom_torque", "bottom_power"])
-def test_spoilt_columns(column, tmp_path):
+def test_changed_columns(column, tmp_path):
     folder = copied(SHOE, tmp_path / "run")
     table = rows(folder)
     table[2][column] = repr(float(table[2][column]) * (1.0 + 1e-6))
@@ -133,7 +133,7 @@ def test_another_rotation_in_the_case(other, tmp_path):
     assert {2, 3, 4} <= set(failing)
 
 
-def test_a_slip_origin_that_forgets_the_rotation(tmp_path):
+def test_a_slip_origin_without_the_rotation(tmp_path):
     folder = copied(SHOE, tmp_path / "run")
     change(folder / "steps/0003/contact.h5", "slip_origin", lambda origin: origin * (1.0 + 1e-6))
     assert any("slip_origin" in fault for step in check(folder).steps for fault in step.faults)
@@ -153,7 +153,7 @@ def test_on_ranks(name, ranks, tmp_path):
 
 
 def test_killed_and_resumed(tmp_path):
-    """In the middle, without a chance to tidy up: the rest gives the same numbers."""
+    """Killed during a step: the resumed run gives the same numbers."""
     (tmp_path / "case.toml").write_text(SHOE)
     out = tmp_path / "out"
     command = [sys.executable, "-m", "coulomb", "run", str(tmp_path / "case.toml"), "--output", str(out)]
