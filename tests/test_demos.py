@@ -194,6 +194,16 @@ def test_demo_foot():
     assert across == pytest.approx(np.zeros(6), abs=0.01 * weight)
 
 
+def test_demo_pulled_block():
+    """Once the whole face slips, the grip pulls with F N; the printed digits, and a little slip sideways."""
+    text = said("pulled_block.toml")
+    _, _, normal, along, across, _ = steps_of(text)
+    assert normal == pytest.approx(np.full(9, 1e6 * 0.2 * 0.1), rel=3e-3)  # the pressure, less the spring
+    assert across == pytest.approx(np.zeros(9), abs=1e-6 * normal[0])
+    assert text.count("open 0, stick 0, slip 153") >= 3
+    assert along[-1] == pytest.approx(-0.3 * normal[-1], rel=1e-5)
+
+
 def test_demo_drum_brake():
     """The normal force of a short shoe, P b/(b -+ F c), in both directions; ten turns under the friction F N."""
     text = said("drum_brake.toml")
