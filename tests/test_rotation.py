@@ -5,15 +5,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mpi4py import MPI
+from rotating_foundations import CELLS, RUBBER, TABLE, puck, steps
 
 from coulomb import (
     Clamp,
     Contact,
     ContactProblem,
     Cylinder,
-    LoadHistory,
-    Material,
     Plane,
     PrescribedDisplacement,
     Rotation,
@@ -22,53 +20,8 @@ from coulomb import (
     box,
 )
 from coulomb.fem.rigid_motion import Moved, RigidMotion, Turn, moved
-from coulomb.linalg.reductions import Reductions
 
-RUBBER = Material(young=1e7, poisson=0.3)
-CELLS = ("hexahedron", "tetrahedron")
-TABLE = Plane((0, 0, 0), (0, 0, 1))
-TURNING = [(0, 0.0), (1, 0.0), (2, 4.0)]
 POINTS = np.random.default_rng(7).uniform(-1.0, 1.0, (20, 3))
-
-
-def disc(x):
-    """A square of edge 2 about the z axis, mapped to the disc of radius 0.05."""
-    a, b = 2.0 * x[0] - 1.0, 2.0 * x[1] - 1.0
-    return np.array([0.05 * a * np.sqrt(1.0 - b * b / 2.0), 0.05 * b * np.sqrt(1.0 - a * a / 2.0), 0.02 * x[2]])
-
-
-def puck(friction=0.3, cell="hexahedron", n=6, angle=TURNING, **options):
-    """A disc of rubber on a turntable, its top pressed down and kept from moving sideways."""
-    press = PrescribedDisplacement("top", (0, 0, -2e-4), "z", [(0, 0), (1, 1)])
-    contact = Contact("bottom", friction, foundation=TABLE, rotation=Rotation((0, 0, 0), (0, 0, 2), angle), **options)
-    return ContactProblem(
-        box((1.0, 1.0, 1.0), (n, n, 2), cell, place=disc), Material(1e7, 0.0), [press, Clamp("top", "xy")], contact
-    )
-
-
-def steps(problem, times, tolerance=1e-9):
-    return list(LoadHistory(times, tolerance=tolerance).steps(problem))
-
-
-@pytest.mark.parametrize("cell", CELLS)
-def test_friction_of_a_disc_is_against_the_rotation(cell):
-    """The table takes each node along, with friction along axis x r; the torque is F times the sum of N r, and 2/3 F N
-    R up to the mesh."""
-    *_, last = steps(puck(cell=cell), [1.0, 1.2, 2.0])
-    at = last.solution.at_nodes
-    r = at.x * [1, 1, 0]
-    away = np.linalg.norm(r, axis=1) > 1e-6
-    along = np.cross([0, 0, 1], r[away]) / np.linalg.norm(r[away], axis=1)[:, None]
-    friction = at.on_body[away] * [1, 1, 0]
-    use = 0.3 * at.force[away, 0]
-    assert np.abs(friction - use[:, None] * along).max(initial=0.0) < 1e-3 * use.max()
-    over = Reductions(MPI.COMM_WORLD)
-    normal = over.sum(at.force[:, 0])
-    expected = -0.3 * over.sum(at.force[:, 0] * np.linalg.norm(r, axis=1))
-    assert last.row["bottom_torque"] == pytest.approx(expected, rel=1e-6)
-    assert last.row["bottom_torque"] == pytest.approx(-2 / 3 * 0.3 * normal * 0.05, rel=0.02)
-    assert last.row["bottom_power"] == pytest.approx(last.row["bottom_torque"] * 4.0, rel=1e-12)
-    assert last.row["bottom_angle"] == 4.0
 
 
 def test_the_torque_of_a_disc_converges():
@@ -165,33 +118,6 @@ def test_material_passes_a_point_along_the_arc():
         velocity = 9.0 * np.cross(np.array([1, -2, 2]) / 3.0, POINTS - centre) + now.translation - before.translation
         expected += weight * velocity
     assert now.since(before, POINTS) == pytest.approx(expected, abs=1e-12)
-
-
-def shoe(rotation=None, motion=None, **options):
-    """A block of rubber pressed on a drum that its bottom fits roughly, its top held."""
-    press = PrescribedDisplacement("top", (0, 0, -3e-3), "z", [(0, 0), (1, 1)])
-    drum = Cylinder((0.05, 0.0, -0.5), (0, 1, 0), 0.5)
-    contact = Contact("bottom", 0.3, foundation=drum, rotation=rotation, motion=motion)
-    return ContactProblem(box((0.1, 0.05, 0.05), (6, 3, 3)), RUBBER, [press, Clamp("top", "xy")], contact, **options)
-
-
-def test_a_drum_keeps_frames_and_compliance():
-    rotation = Rotation((0.05, 9.0, -0.5), (0, 1, 0), [(0, 0), (1, 0), (2, 6.0)])
-    problem = shoe(rotation)
-    taken = steps(problem, [0.5, 1.0, 1.5, 2.0])
-    for step in taken:
-        assert step.solution.problem.A is problem.A
-        assert step.solution.problem.surface.frames is problem.surface.frames
-        assert step.solution.valid and step.solution.small_strain.gap_error < 0.01
-    # a short pad on a drum: F N r with the nodes' radii
-    at = taken[-1].solution.at_nodes
-    over = Reductions(MPI.COMM_WORLD)
-    radius = np.linalg.norm((at.x - [0.05, 0.0, -0.5]) * [1, 0, 1], axis=1)
-    row = taken[-1].row
-    assert row["slip"] + row["open"] == 7 * 4
-    assert row["bottom_torque"] == pytest.approx(-0.3 * over.sum(at.force[:, 0] * radius), rel=1e-6)
-    assert row["bottom_torque"] == pytest.approx(-0.3 * row["normal_force"] * 0.5, rel=0.01)
-    assert row["force_x"] > 0.0  # the top of the drum goes towards +x, and takes the block along
 
 
 def test_a_drum_by_a_function_is_the_same():
