@@ -23,6 +23,7 @@ from .contact_body import ContactBody
 from .evidence import Evidence
 from .gathered_evidence import gather_evidence
 from .nodal_answer import closure
+from .refinement import refined
 from .state import Before, ContactState
 from .stopwatch import timed
 
@@ -153,7 +154,8 @@ class PosedProblem:
 
     def displacement(self, x: FloatArray) -> FloatArray:
         """K^-1 (f - B^T x) in metres, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,); collective."""
-        return self._with_prescribed(self.A.displacement(x, self.f, self._free_displacement.ravel()).reshape(-1, 3))
+        u = self.A.displacement(x, self.f, self._free_displacement.ravel()).reshape(-1, 3)
+        return self._refined(self._with_prescribed(u), -self.nodal_contact_force(x))
 
     @cached_property
     def _free_displacement(self) -> FloatArray:
@@ -161,13 +163,19 @@ class PosedProblem:
         u, solver = self.elasticity.K.createVecRight(), self.body.stiffness_solver
         with timed(self.seconds, "displacement"):
             solver.solve(self.f, u)
-        values = self._with_prescribed(u.array.reshape(-1, 3))
+            values = self._with_prescribed(u.array.reshape(-1, 3))
+            if solver.tolerance > 0.0:  # errors of a factorised K cancel with those of A, from the same factors
+                values = self._refined(values, np.zeros_like(values))
         u.destroy()
         return values
 
     def _with_prescribed(self, u: FloatArray) -> FloatArray:
         """u with exactly the prescribed displacements, which a solver holds to its tolerance only; shapes (k, 3)."""
         return self.elasticity.free_part(u) + self.loading.prescribed
+
+    def _refined(self, u: FloatArray, on_body: FloatArray) -> FloatArray:
+        """u, with the prescribed displacements, in balance with contact forces on the body; shapes (k, 3)."""
+        return refined(self.elasticity, self.body.stiffness_solver, self.loading, on_body, u)
 
     def nodal_contact_force(self, x: FloatArray) -> FloatArray:
         """B^T x in newtons, this rank's nodes, shape (k, 3): minus the force on the body; collective."""

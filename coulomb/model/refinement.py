@@ -1,0 +1,88 @@
+"""Iterative refinement of a displacement until all forces balance.
+
+A solve with K leaves a residual relative to its own right-hand side.  That may be far larger than the forces on the
+body: where a body is carried along by a prescribed displacement, it is K times that displacement; where soft springs
+hold it, a residual that is small beside the loads moves it.  The residual is therefore assembled anew from the
+displacement, and solved for again, until its sums are as small as rounding allows (Wilkinson 1963).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from ..fem.elasticity import Elasticity
+from ..fem.loaded_body import Loading
+from ..linalg.reductions import Reductions
+from ..linalg.stiffness import StiffnessSolver
+
+BALANCED = 1e-13
+"""Resultant force and moment of the residual, and 1e-2 of its norm, relative to the forces on the body."""
+
+_ACCURACY = 1e-6
+"""Relative residual of a correction: few more digits are left to gain by each."""
+
+_MOST = 4
+"""Maximum number of corrections."""
+
+
+def refined(
+    elasticity: Elasticity,
+    solver: StiffnessSolver,
+    loading: Loading,
+    on_body: FloatArray,
+    u: FloatArray,
+) -> FloatArray:
+    """The displacement u (k, 3) corrected until loads, springs, reactions and contact forces balance; collective.
+
+    Args:
+        elasticity: The body.
+        solver: K^-1.
+        loading: Loads and prescribed displacements.
+        on_body: Contact forces on the body at this rank's nodes in newtons, shape (k, 3).
+        u: An approximate displacement, with the prescribed ones, metres.
+    """
+    over, x = Reductions(elasticity.mesh.comm), elasticity.x
+    ends = np.array([[over.min(axis), over.max(axis)] for axis in x.T])
+    arms = (x - ends.mean(axis=1)) / (0.5 * np.linalg.norm(np.ptp(ends, axis=1)))
+
+    def left_over(u: FloatArray) -> tuple[FloatArray, float]:
+        """The residual at this rank's nodes, and its size relative to the forces on the body."""
+        spring = elasticity.spring_force(u)
+        imbalance = loading.load + spring + on_body - elasticity.internal_force(u)
+        residual, reaction = elasticity.free_part(imbalance), elasticity.held_part(imbalance)
+        outer = (loading.load, spring, on_body, reaction)
+        sums = over.total(np.concatenate([residual.sum(axis=0), np.cross(arms, residual).sum(axis=0)]))
+        scale = np.max([over.sum(np.linalg.norm(part, axis=1)) for part in outer])
+        length = np.max([over.norm(part) for part in outer])
+        return residual, float(
+            np.max([np.max(np.abs(sums)) / (scale or 1.0), 1e-2 * over.norm(residual) / (length or 1.0)])
+        )
+
+    with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
+        residual, size = left_over(u)
+        for _ in range(_MOST):
+            if not BALANCED < size < math.inf:
+                break
+            changed = u + elasticity.free_part(_solved(elasticity.K, solver, residual))
+            after, smaller = left_over(changed)
+            if not smaller < size:
+                break
+            u, residual, size, before = changed, after, smaller, size
+            if size > 0.5 * before:  # rounding
+                break
+    return u
+
+
+def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray) -> FloatArray:
+    """K^-1 of a residual (k, 3), this rank's part."""
+    rhs, change = K.createVecs()
+    rhs.array[:] = residual.ravel()
+    solver.solve(rhs, change, _ACCURACY)
+    values: FloatArray = change.array_r.reshape(-1, 3).copy()
+    rhs.destroy()
+    change.destroy()
+    return values
