@@ -100,6 +100,10 @@ def derived(
             "contact": 3 * numbers["nodes"]["contact"],
         },
         **(acting.entries() if acting is not None else {}),
+        "forces_on_foundations": [
+            {"face": face["faces"][0], **{name: [-value for value in face[name]] for name in ("force", "moment")}}
+            for face in numbers["faces"]
+        ],
         "spring_force_on_body": [over.sum(spring_force[:, k]) for k in range(3)],
         "maximum": {
             "contact_pressure": numbers["totals"]["greatest_pressure"],

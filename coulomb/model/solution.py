@@ -92,6 +92,18 @@ class Solution:
         """
         return self.acting.reactions
 
+    @property
+    def forces_on_foundations(self) -> tuple[Resultant, ...]:
+        """Force and moment of the body on the foundation of every contact face, in their order; collective."""
+        found = []
+        for part, face in enumerate(self.problem.surface.faces):
+            totals = self.at_nodes.totals(part)
+            force, moment = (-np.array(totals[name]) for name in ("force", "moment"))
+            nodal = np.linalg.norm(self.at_nodes.on_body[self.at_nodes.part == part], axis=1)
+            total = Reductions(self.problem.comm).sum(nodal)
+            found.append(Resultant("foundation", face, f"foundation_{face}", force, moment, total))
+        return tuple(found)
+
     @cached_property
     def probes(self) -> tuple[ProbeValue, ...]:
         """Displacement, slip and pressure at the probes of the problem; collective, the same on every rank."""

@@ -1,0 +1,70 @@
+"""Tables of all that acts on a body at the end of a run: loads, reactions, contact faces and probes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from .files import Run
+from .units import number, quantity, vector
+
+Table = list[tuple[str, ...]]
+
+FORCES = ("", "force", "moment about the origin")
+"""Columns of `forces`."""
+
+FACES = ("face", "normal force", "force on the foundation", "moment", "area", "centre of pressure", "largest pressure")
+"""Columns of `faces`."""
+
+PROBES = ("probe", "point", "contact face", "displacement", "slip", "pressure")
+"""Columns of `probes`."""
+
+
+def forces(run: Run) -> Table:
+    """Loads, reactions and contact forces on the body with their moments, and the balance; empty for older runs."""
+    summary = run.summary
+    if "reactions" not in summary:
+        return []
+    rows = [_row(_named(part), part) for part in (*summary["loads"], *summary["reactions"])]
+    rows += [_row(f"contact at {face['faces'][0]}", face) for face in summary.get("faces", ())]
+    return [*rows, ("left over, relative to the largest", number(summary["balance"], 2), "")]
+
+
+def faces(run: Run) -> Table:
+    """The figures of every contact face."""
+    return [
+        (
+            face["faces"][0],
+            quantity(face["normal_force"], "N"),
+            vector([-value for value in face["force"]], "N"),
+            vector([-value for value in face["moment"]], "N m"),
+            quantity(face["contact_area"], "m²"),
+            vector(face["centre_of_pressure"], "m") if face["centre_of_pressure"] else "–",
+            quantity(face["greatest_pressure"], "Pa"),
+        )
+        for face in run.summary.get("faces", ())
+    ]
+
+
+def probes(run: Run) -> Table:
+    """What is at every probe."""
+    return [
+        (
+            probe["name"],
+            vector(probe["point"], "m"),
+            probe["face"] or "–",
+            vector(probe["displacement"], "m"),
+            vector(probe["slip"], "m") if probe["slip"] else "–",
+            quantity(probe["pressure"], "Pa"),
+        )
+        for probe in run.summary.get("probes", ())
+    ]
+
+
+def _named(part: Mapping[str, Any]) -> str:
+    kind = part["kind"].replace("_", " ")
+    return kind if part["face"] is None else f"{kind} on {part['face']}"
+
+
+def _row(name: str, part: Mapping[str, Any]) -> tuple[str, ...]:
+    return (name, vector(part["force"], "N", 5), vector(part["moment"], "N m", 5))
