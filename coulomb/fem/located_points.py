@@ -227,7 +227,9 @@ class _Facets:
         found = _nearest_on_triangles(point, self._triangles)
         distance = np.linalg.norm(found - point, axis=1)
         k = int(np.argmin(distance))
-        return found[k], float(distance[k]), k % len(self.cell)
+        rounding = 1e-15 * np.max(np.abs(self._triangles))
+        at: FloatArray = np.where(np.abs(found[k]) <= rounding, 0.0, found[k])
+        return at, float(distance[k]), k % len(self.cell)
 
 
 def _nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArray:

@@ -9,6 +9,8 @@ from functools import cached_property
 from itertools import chain
 from pathlib import Path
 
+import numpy as np
+
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult

@@ -19,6 +19,9 @@ _INK = "#010203"  # becomes the page's own colour
 _FIRST, _SECOND, _THIRD, _FOURTH = "#0b84d8", "#e06c00", "#009e73", "#b05ea5"
 """Okabe and Ito's colours for the colour-blind, a little brighter, for white and black backgrounds."""
 
+_CURVES = tuple((colour, style) for style in ("o-", "s--") for colour in (_FIRST, _SECOND, _THIRD, _FOURTH))
+"""Colours and styles of several curves of one kind; more are not shown."""
+
 
 def convergence(run: Run) -> str:
     """Convergence of the (last) solve: residuals, measured rate, theta, CG iterations."""
@@ -88,6 +91,55 @@ def forces(run: Run) -> str:
         _legend(axis)
         axis.margins(x=0.02)
     return _svg(figure, "Force and energy against time")
+
+
+def reactions(run: Run) -> str:
+    """For a load history: magnitude of force and moment of every support against time; empty without supports."""
+    names = [part["name"] for part in run.summary.get("reactions", ())][: len(_CURVES)]
+    curves = {
+        name.replace("_", " "): [_magnitude(run.rows, f"{name}_{what}") for what in ("force", "moment")]
+        for name in names
+    }
+    labels = ("reaction force", "N"), ("reaction moment", "N m")
+    return _against_time(run, curves, labels, "Reactions against time")
+
+
+def probes(run: Run) -> str:
+    """For a load history: displacement of the probes, and pressure of those in contact, against time; empty without
+    probes."""
+    names = [probe["name"] for probe in run.summary.get("probes", ())][: len(_CURVES)]
+    curves = {
+        name: [_magnitude(run.rows, f"probe_{name}_displacement"), _column(run.rows, f"probe_{name}_pressure")]
+        for name in names
+    }
+    return _against_time(run, curves, (("displacement", "m"), ("contact pressure", "Pa")), "Probes against time")
+
+
+def _magnitude(rows: Rows, name: str) -> Any:
+    return np.sqrt(sum(_column(rows, f"{name}_{axis}") ** 2 for axis in "xyz"))
+
+
+def _against_time(
+    run: Run, curves: dict[str, list[Any]], labels: tuple[tuple[str, str], tuple[str, str]], title: str
+) -> str:
+    """Two panels with the curves of each name; labels are quantity and unit.  Empty without curves."""
+    if not curves:
+        return ""
+    figure, axes = _figure(2)
+    time = _column(run.rows, "time")
+    for k, (axis, (what, bare)) in enumerate(zip(axes, labels, strict=True)):
+        largest = [float(np.max(np.abs(pair[k]))) for pair in curves.values() if np.any(np.isfinite(pair[k]))]
+        factor, unit = scale_of(max(largest, default=0.0), bare)
+        for (name, pair), (colour, style) in zip(curves.items(), _CURVES, strict=False):
+            if np.any(np.isfinite(pair[k])):
+                axis.plot(time, pair[k] / factor, style, color=colour, markersize=3, label=name)
+        axis.set(xlabel="time, s", ylabel=f"{what}, {unit}")
+        axis.margins(x=0.02)
+        if largest:
+            _legend(axis)
+        else:
+            _say(axis, "none is on a contact face")
+    return _svg(figure, title)
 
 
 def surface(run: Run) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from ..plotting import ZONES
-from . import charts, facts
+from . import acting, charts, facts
 from .files import Run, read_run
 from .scene import Look, Shot, automatic_scale, cropped, limits_of, shoot, zone_counts
 from .sheet import AXES
@@ -95,6 +95,11 @@ def render(run: Run) -> str:
             "effort": facts.effort(run),
             "seconds": facts.seconds(run),
             "versions": list(run.summary.get("versions", {"coulomb": run.summary.get("coulomb", "–")}).items()),
+        },
+        acting={
+            "forces": (acting.FORCES, acting.forces(run)),
+            "faces": (acting.FACES, acting.faces(run)),
+            "probes": (acting.PROBES, acting.probes(run)),
         },
         checks=facts.checks(run),
         pictures=_pictures(run, scale),
@@ -191,6 +196,7 @@ def _charts(run: Run) -> dict[str, str]:
     if run.is_history:
         found |= {"forces": charts.forces(run), "driven": charts.force_displacement(run), "torque": charts.torque(run)}
         found |= {"surface": charts.surface(run), "effort": charts.effort(run)}
+        found |= {"reactions": charts.reactions(run), "probes": charts.probes(run)}
     return found
 
 
