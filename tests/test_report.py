@@ -96,7 +96,14 @@ def test_page_of_a_history(history):
     text, words = page_of(history), words_of(history)
     assert "6 load steps to time 6 s" in words and "All 6 steps" in words
     assert "components x: (2, 0, 0) mm, factor 0 at 1 s, 1 at 2 s, −1 at 4 s, 1 at 6 s" in words
-    assert text.count('<svg role="img"') == 5  # force, hysteresis, surface, effort, convergence
+    assert text.count('<svg role="img"') == 6  # force, hysteresis, surface, reactions, effort, convergence
+    summary = json.loads((history / "summary.json").read_text())["last"]
+    for part in summary["reactions"]:
+        assert (
+            f"{part['kind'].replace('_', ' ')} on {part['face']} {vector(part['force'], 'N', 5)}".replace("\u202f", " ")
+            in words
+        )
+    assert f"left over, relative to the largest {number(summary['balance'], 2)}" in words
     assert words.count("passed") == 6
     data = data_of(history)
     assert [step["label"] for step in data["steps"]] == [f"time {t}\u202fs" for t in range(1, 7)]
