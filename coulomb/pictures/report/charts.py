@@ -223,7 +223,7 @@ def _drive(run: Run) -> tuple[Any, str]:
     found: list[tuple[Any, str]] = []
     body = run.steps[0].grid("solution")
     if "held" in body.fields and "prescribed" in body.fields:
-        held = body.points[np.any(body.fields["held"] > 0.5, axis=1)]
+        held = body.points[np.any(body.fields["held"] > 0.0, axis=1)]
         bodies = (step.grid("solution") for step in run.steps)
         table = np.stack([body.fields["prescribed"][match(held, body.points)] for body in bodies])
         driven = np.any(np.ptp(table, axis=0) > 0.0, axis=1)

@@ -46,7 +46,7 @@ def _of_fields(run: Run) -> Facts:
     load, held = body.fields.get("load"), body.fields.get("held")
     facts: Facts = []
     if held is not None:
-        facts.append(("prescribed displacements", f"{np.count_nonzero(np.any(held > 0.5, axis=1))} nodes held"))
+        facts.append(("prescribed displacements", f"{np.count_nonzero(np.any(held > 0.0, axis=1))} nodes held"))
     if load is not None:
         facts.append(("loads", f"{vector(load.sum(axis=0).tolist(), 'N')} in all"))
     return facts

@@ -1,0 +1,126 @@
+"""Runs with supports along any direction, from case files: coulomb check recomputes them, resume continues them."""
+
+import json
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from coulomb.case.case import read_case
+from coulomb.io.case_record import case_record
+from coulomb.io.history_files import HistoryFiles
+from coulomb.io.recheck.history import check_history
+from coulomb.io.written_case import write_case
+
+comm = MPI.COMM_WORLD
+
+CASE = """\
+[mesh]
+box = [1.0, 0.6, 0.5]
+cells = [3, 2, 2]
+cell = "tetrahedron"
+[material]
+young = 1e9
+poisson = 0.3
+[[clamp]]
+face = "left"
+direction = [1, 0, 0.4]
+[[clamp]]
+face = "back"
+components = "tangential"
+[[prescribed_displacement]]
+face = "top"
+value = [0, 0, -1e-3]
+components = "z"
+amplitude = [[0, 0], [1, 1]]
+[[prescribed_displacement]]
+face = "top"
+value = [2e-3, -1e-3, 0]
+direction = [2, -1, 0]
+amplitude = [[1, 0], [3, 1]]
+[[prescribed_rotation]]
+face = "right"
+point = [0.5, 0, 0]
+axis = [0, 1, 0]
+angle = 1e-4
+axial = "free"
+amplitude = [[0, 0], [3, 1]]
+[[symmetry]]
+face = "front"
+[contact]
+face = "bottom"
+friction = 0.3
+[contact.foundation]
+shape = "plane"
+point = [0, 0, 0]
+normal = [0.1, 0.2, 1]
+[history]
+times = [1.0, 2.0, 3.0]
+[output]
+picture = false
+"""
+"""A block on an inclined floor, which four supports meet obliquely."""
+
+
+def started(folder):
+    (folder / "case.toml").write_text(CASE)
+    case = read_case(folder / "case.toml")
+    write_case(case, folder / "out", comm)
+    return case, case_record(case, comm)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The directory of an uninterrupted run."""
+    home = tmp_path_factory.mktemp("whole")
+    case, record = started(home)
+    case.load_history().run(case.problem(comm), HistoryFiles(home / "out", case=record))
+    return home / "out"
+
+
+def test_all_figures_can_be_recomputed(whole):
+    findings = check_history(whole)
+    assert findings.passed, str(findings)
+    step = json.loads((whole / "steps" / "0003" / "summary.json").read_text())
+    kinds = [reaction["kind"] for reaction in step["reactions"]]
+    assert kinds == [
+        *("clamp", "clamp", "prescribed_displacement", "prescribed_displacement", "prescribed_rotation", "symmetry")
+    ]
+    total = np.sum([part["force"] for part in step["reactions"]], axis=0) + step["totals"]["force"]
+    assert np.abs(total).max() <= 1e-10 * np.abs(step["totals"]["force"]).max()
+    header = (whole / "history.csv").read_text().splitlines()[0].split(",")
+    assert {"symmetry_front_force_y", "prescribed_rotation_right_moment_y", "clamp_left_force_x"} <= set(header)
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (lambda held, oblique: oblique.__imul__(1.0 + 1e-6), "held_oblique"),
+        (lambda held, oblique: oblique.__imul__(0.0), "held"),
+        (lambda held, oblique: held.__iadd__(1e-6 * (held > 0.0) * (held < 0.9)), "held"),
+    ],
+    ids=["a little", "without", "diagonal"],
+)
+def test_changed_directions_are_detected(whole, tmp_path, change, fault):
+    copy = shutil.copytree(whole, tmp_path / "copy")
+    with h5py.File(copy / "steps" / "0003" / "solution.h5", "r+") as file:
+        fields = [next(iter(file[f"Function/{name}"].values())) for name in ("held", "held_oblique")]
+        values = [field[()] for field in fields]
+        change(*values)
+        for field, value in zip(fields, values, strict=True):
+            field[...] = value
+    findings = check_history(copy)
+    assert not findings.passed and any(fault in text for text in findings.steps[-1].faults)
+
+
+def test_an_interrupted_run_continues_with_the_same_numbers(whole, tmp_path):
+    case, record = started(tmp_path)
+    out = tmp_path / "out"
+    case.load_history().run(case.problem(comm), HistoryFiles(out, case=record), on_step=lambda _: True)
+    assert not (out / "steps" / "0002").exists()
+    case.load_history().run(case.problem(comm), HistoryFiles(out, resume=True, case=record))
+    assert check_history(out).passed
+    for one, other in zip(*((path / "history.csv").read_text().splitlines() for path in (whole, out)), strict=True):
+        assert one == other
