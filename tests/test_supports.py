@@ -10,10 +10,12 @@ import pytest
 import coulomb
 from coulomb import (
     Clamp,
+    Cylinder,
     DirectSolver,
     Elasticity,
     IterativeSolver,
     Material,
+    Plane,
     PrescribedDisplacement,
     PrescribedRotation,
     Pressure,
@@ -218,11 +220,43 @@ def test_the_later_support_holds_where_they_meet():
     assert np.allclose(sum(share.forces.sum(axis=0) for share in shares), [0.0, -0.8e6, -1.6e6])
 
 
+def shaft(cell):
+    """A bar with a mesh that is not symmetric: its nodes are shifted along the circles, by different amounts."""
+    straight = bar(6, cell)
+    x = straight.domain.geometry.x
+    r, phi = np.hypot(x[:, 0], x[:, 1]), np.arctan2(x[:, 1], x[:, 0])
+    phi = phi + 0.07 * np.sin(3.0 * phi + x[:, 2]) * r
+    x[:, 0], x[:, 1] = r * np.cos(phi), r * np.sin(phi)
+    side = [straight.faces[name] for name in ("left", "right", "front", "back")]
+    faces = {**straight.faces, "side": np.unique(np.concatenate(side))}
+    return coulomb.NamedMesh(straight.domain, faces)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_shaft_turns_freely_in_a_bearing_with_its_exact_surface(cell):
+    """The side is guided, one end is turned: no stress. With normals of the mesh the bearing resists."""
+    bearing = Cylinder((0.0, 0.0, 5.0), (0.0, 0.0, 1.0), 0.5, hollow=True)
+    forces = {}
+    for surface in (bearing, None):
+        turned = PrescribedRotation("top", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.01)
+        elasticity = Elasticity(shaft(cell), STEEL, [turned, Clamp("side", "normal", surface=surface)])
+        u, shares = solved(elasticity)
+        forces[surface is not None] = np.abs(shares[1].forces).max()
+        if surface is not None:
+            assert np.abs(u - 0.01 * np.cross([0.0, 0.0, 1.0], elasticity.x)).max() <= 1e-12
+    assert forces[True] <= 1e-9 * forces[False]
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: Clamp("left", "nor"), "components must be letters of 'xyz', 'normal' or 'tangential', but are 'nor'"),
         (lambda: Clamp("left", "x", direction=(1, 0, 0)), "clamp on 'left': give components or a direction, not both"),
+        (lambda: Clamp("left", surface=Plane((0, 0, 0), (1, 0, 0))), "a surface goes with the components 'normal' or"),
+        (
+            lambda: on_box(Clamp("left", "normal", surface=Plane((0, 0, 0), (0, 1, 0)))),
+            "no part of the surface: at x =",
+        ),
         (lambda: on_box(Clamp("left", direction=(0, 0, 0))), "clamp on 'left': direction: must not be zero"),
         (lambda: on_box(Clamp("all", "normal")), "the face has an edge at x = .*, and no normal there"),
         (lambda: on_box(SymmetryPlane("all")), "symmetry plane on 'all': the face must be plane"),

@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, model_validator
 
+from .contact import FoundationTable
 from .curves import AmplitudeTable, amplitude_of
 from .place import VectorAt, field
 from .values import Name, Number, Stiffness, Table, Vector
 
 if TYPE_CHECKING:
+    from ..fem.obstacles import RigidFoundation
     from ..fem.supports import PrescribedDisplacement, PrescribedRotation, Spring, SymmetryPlane
 
 Components = Literal["x", "y", "z", "xy", "xz", "yz", "xyz", "normal", "tangential"]
@@ -23,6 +25,7 @@ class PrescribedDisplacementTable(Table):
     value: VectorAt
     components: Components = "xyz"
     direction: Vector | None = None
+    surface: FoundationTable | None = None
     amplitude: AmplitudeTable | None = None
 
     @model_validator(mode="after")
@@ -31,6 +34,8 @@ class PrescribedDisplacementTable(Table):
             raise ValueError("give components or direction, one of the two")
         if self.direction is not None and not any(self.direction):
             raise ValueError("direction must not be zero")
+        if self.surface is not None and self.components not in ("normal", "tangential"):
+            raise ValueError('surface goes with components = "normal" or "tangential"')
         return self
 
     def support(self) -> PrescribedDisplacement:
@@ -38,8 +43,13 @@ class PrescribedDisplacementTable(Table):
         from ..fem.supports import PrescribedDisplacement
 
         return PrescribedDisplacement(
-            self.face, field(self.value), self.components, amplitude_of(self.amplitude), self.direction
+            *(self.face, field(self.value), self.components, amplitude_of(self.amplitude)),
+            *(self.direction, self._surface),
         )
+
+    @property
+    def _surface(self) -> RigidFoundation | None:
+        return None if self.surface is None else self.surface.foundation()
 
 
 class ClampTable(PrescribedDisplacementTable):
@@ -53,7 +63,7 @@ class ClampTable(PrescribedDisplacementTable):
 
         if any(self.value) or self.amplitude:
             return super().support()
-        return Clamp(self.face, self.components, self.direction)
+        return Clamp(self.face, self.components, self.direction, self._surface)
 
 
 class PrescribedRotationTable(Table):

@@ -10,11 +10,15 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from .obstacles import RigidFoundation
 from .user_values import first_place, on_all_ranks
 
 _FOLDED = 0.8
 """Length of the mean normal of the facets around a node below which they meet at an edge: two facets at more than 74
 degrees, or a corner."""
+
+_SAME_SIDE = 0.5
+"""Cosine of the angle between the normals of a surface and of the facets below which the face is no part of it."""
 
 _CLEAN = 1e-12
 """A component of a normal below this is a rounding error."""
@@ -50,23 +54,35 @@ class SupportedFace:
     def _integrals(self) -> tuple[FloatArray, FloatArray]:
         return self._compute()
 
-    def normals(self, what: str) -> FloatArray:
-        """Outward unit normals of the nodes, the mean of their facets weighted by hat functions, shape (q, 3);
-        collective.
+    def normals(self, what: str, surface: RigidFoundation | None = None) -> FloatArray:
+        """Unit normals of the nodes, shape (q, 3); collective.
+
+        They are outward, the mean of the facets weighted by hat functions; or those of the exact surface, on its side.
 
         Raises:
-            ValueError: On every rank, if the facets around a node of any rank meet at an edge; the message begins
-                with `what`.
+            ValueError: On every rank, if the facets around a node of any rank meet at an edge, or if the surface has
+                no normal or one far from that of the facets; the message begins with `what`.
         """
         area, outward = self._integrals
 
         def unit() -> FloatArray:
+            if surface is not None:
+                return exact() if len(self.x) else np.zeros((0, 3))
             length = np.linalg.norm(outward, axis=1)
             folded = length < _FOLDED * area
             if np.any(folded):
                 at = first_place(self.x, folded)
                 raise ValueError(f"the face has an edge at x = {at}, and no normal there; name its sides separately")
             return _clean(outward)
+
+        def exact() -> FloatArray:
+            n = surface.normal(self.x) if surface is not None else outward
+            along = np.abs(np.einsum("ki,ki->k", n, outward))
+            other = ~(along > _SAME_SIDE * np.linalg.norm(outward, axis=1))  # also where it is not finite
+            if np.any(other):
+                at = first_place(self.x, other)
+                raise ValueError(f"the face is no part of the surface: at x = {at} their normals are far apart")
+            return _clean(n)
 
         return on_all_ranks(unit, what, self.comm)
 

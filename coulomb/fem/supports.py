@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from .contact_frames import tangent_frames
-from .obstacles import Point, check_direction, check_point
+from .obstacles import Point, RigidFoundation, check_direction, check_point
 from .supported_face import SupportedFace
 from .user_values import Amplitude, Field, evaluate_vectors, first_place, on_all_ranks
 
@@ -74,9 +74,13 @@ class PrescribedDisplacement:
             row.
         direction: In place of components: the one direction along which the displacement is prescribed, a vector or a
             function of x, of any length.
+        surface: The exact surface of which the face is a mesh, a `Plane`, `Sphere`, `Cylinder` or `SignedDistance`; the
+            normals are then its own.  A cylinder in a bearing turns freely only with it: normals of a mesh are not
+            quite radial.
 
     Raises:
-        ValueError: If components is none of these, or is given beside a direction.
+        ValueError: If components is none of these, or is given beside a direction, or a surface beside other components
+            than "normal" and "tangential".
     """
 
     face: str
@@ -84,6 +88,7 @@ class PrescribedDisplacement:
     components: str = "xyz"
     amplitude: Amplitude = 1.0
     direction: Field | None = None
+    surface: RigidFoundation | None = None
 
     kind = "prescribed displacement"
 
@@ -97,6 +102,8 @@ class PrescribedDisplacement:
             )
         if self.direction is not None and self.components != "xyz":
             raise ValueError(f"{self.what}: give components or a direction, not both")
+        if self.surface is not None and (by_letters or self.direction is not None):
+            raise ValueError(f"{self.what}: a surface goes with the components '{NORMAL}' or '{TANGENTIAL}'")
 
     @property
     def what(self) -> str:
@@ -114,9 +121,9 @@ class PrescribedDisplacement:
         if self.direction is not None:
             rows[:, 0] = self._unit_direction(face)
         elif self.components == NORMAL:
-            rows[:, 0] = face.normals(self.what)
+            rows[:, 0] = face.normals(self.what, self.surface)
         elif self.components == TANGENTIAL:
-            rows[:, :2] = tangent_frames(face.normals(self.what))[:, 1:]
+            rows[:, :2] = tangent_frames(face.normals(self.what, self.surface))[:, 1:]
         else:
             rows[:] = np.diag([float(letter in self.components) for letter in "xyz"])
         return rows
@@ -154,6 +161,7 @@ class Clamp(PrescribedDisplacement):
         components: What is held: letters of "xyz"; "normal", along the normal of the face at each node; or
             "tangential", across it.
         direction: In place of components: the one direction that is held, a vector or a function of x.
+        surface: The exact surface of which the face is a mesh, for its normals.
 
     Raises:
         ValueError: As `PrescribedDisplacement`.
@@ -161,8 +169,14 @@ class Clamp(PrescribedDisplacement):
 
     kind = "clamp"
 
-    def __init__(self, face: str, components: str = "xyz", direction: Field | None = None):
-        super().__init__(face, (0.0, 0.0, 0.0), components, direction=direction)
+    def __init__(
+        self,
+        face: str,
+        components: str = "xyz",
+        direction: Field | None = None,
+        surface: RigidFoundation | None = None,
+    ):
+        super().__init__(face, (0.0, 0.0, 0.0), components, direction=direction, surface=surface)
 
 
 @dataclass(frozen=True)
