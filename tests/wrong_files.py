@@ -276,9 +276,14 @@ COMMANDS = (
     Wrong(
         "a history where another one is",
         run(*STEPS[1::2]),
-        r"results already holds 2 load steps: continue with `coulomb resume results`, remove it",
+        r"results already holds 2 load steps: continue with `coulomb resume results`, replace them by ",
         ran(*STEPS[1::2]),
     ),
+    Wrong(
+        *("another case where there are results", run("contact.friction=0.4")),
+        *(r"results holds the results of another case \(contact\.friction is 0\.4, was 0\.3\): replace them ", ran()),
+    ),
+    Wrong("a file of the user in place of results", run(), "is not known to be", case("1;2", "results/history.csv")),
     Wrong("check where nothing has run", ("check", "."), r"summary\.json: cannot be read: No such file", alone=True),
     Wrong(
         "check of results cut short",

@@ -77,6 +77,10 @@ def run(
     quiet: Quiet = False,
     log_file: LogFile = None,
     force: Force = False,
+    overwrite: Annotated[
+        bool,
+        typer.Option("--overwrite", help="Replace results of another case or a load history, once there are new ones."),
+    ] = False,
 ) -> None:
     """Solve a case, certify the answer, write the results."""
     from .session import opened
@@ -89,7 +93,7 @@ def run(
             from .running import compute
 
             target = directory or Path(settings.output.directory)
-            compute(session, settings, case, target, force, renderer=renderer)
+            compute(session, settings, case, target, force, overwrite=overwrite, renderer=renderer)
 
 
 @app.command()

@@ -20,7 +20,7 @@ EXIT_CODES = """Exit codes:
 
 1  not certified, outside the theory, not converged, or results not written; what exists is kept and marked
 
-2  wrong input, or not enough memory or disk; nothing was solved
+2  wrong input, not enough memory or disk, or the directory is in use or holds other results; nothing was solved
 
 3  a crash: please report it
 

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from ..case.case import Case
 from ..fem.body import LOCKING_ABOVE, Material
+from ..io.earlier_results import refuse_to_replace
 from ..io.lock import refuse_in_use
 from ..io.output import refuse_full_disk, size_on_disk
 from ..model.estimate import estimate_of, gigabytes, refuse_too_large, refuse_too_many_cells, refuse_uncountable
@@ -19,7 +20,7 @@ from .console import errors
 from .time_left import about
 
 
-def posed(settings: Case, target: Path, force: bool, now: bool = True) -> ContactProblem:
+def posed(settings: Case, target: Path, force: bool, now: bool = True, overwrite: bool | None = None) -> ContactProblem:
     """The problem of a case, after a check of memory and disk; collective.
 
     Args:
@@ -27,6 +28,8 @@ def posed(settings: Case, target: Path, force: bool, now: bool = True) -> Contac
         target: Directory of the results.
         force: Skip the checks of memory and disk, and accept strains outside the theory.
         now: Whether the run follows at once, so that the directory must not be in use.
+        overwrite: Whether the run may replace any results in the directory, or only those of the same case; None if it
+            continues these.
 
     Raises:
         ValueError: On every rank.
@@ -35,6 +38,8 @@ def posed(settings: Case, target: Path, force: bool, now: bool = True) -> Contac
     refuse_unwritable(target, comm)
     if now:
         refuse_in_use(target, comm)
+    if overwrite is not None:
+        refuse_to_replace(settings, target, overwrite, comm)
     if settings.mesh.cells is not None:
         if not force:
             refuse_too_many_cells(settings.mesh.cells, comm)

@@ -17,11 +17,13 @@ from ..case.case import Case
 from ..fem.compilation import announce
 from ..io import output
 from ..io.case_record import case_record, refuse_another_case
-from ..io.history_files import HistoryFiles, refuse_steps, steps_on_disk, whole_history
+from ..io.earlier_results import refuse_to_replace
+from ..io.history_files import HistoryFiles, steps_on_disk, whole_history
 from ..io.lock import locked
-from ..io.run_directory import PICTURE, RunDirectory
+from ..io.replacing import discard
+from ..io.run_directory import CASE, PICTURE, RunDirectory
 from ..io.summary import summary
-from ..io.written_case import write_case
+from ..io.written_case import case_text, write_case
 from ..model.acceptance import left_open
 from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
@@ -35,6 +37,7 @@ from .commands_pictures import write_report
 from .console import FAILED, INTERRUPTED, bad_input, errors
 from .posing import doubts, posed
 from .session import Session
+from .setting_aside import in_place_of
 from .terminal import Display, introduce, report, report_history, warn
 from .time_left import about
 
@@ -50,6 +53,7 @@ def compute(
     target: Path,
     force: bool,
     resume: bool = False,
+    overwrite: bool = False,
     renderer: Apart | None = None,
 ) -> None:
     """Pose the problem of a case and solve it, or continue its load history; ends the command with its exit code.
@@ -61,19 +65,20 @@ def compute(
         target: Directory of the results.
         force: Skip the checks of memory and disk.
         resume: Continue from the load steps in `target`.
+        overwrite: Replace any results in `target`, not only those of the same case.
         renderer: The drawing process, if it has been started already.
     """
     with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None):
         announce()
         with bad_input():
-            problem = posed(settings, target, force)
+            problem = posed(settings, target, force, overwrite=None if resume else overwrite)
         introduce(session.console, source, problem)
         doubts(settings)
         if settings.history is not None:
-            take_steps(session, settings, problem, target, resume)
+            take_steps(session, settings, problem, target, resume, overwrite)
         else:
             with threadpool_limits(limits=_threads(problem, renderer)):
-                solve_once(session, settings, problem, target, renderer)
+                solve_once(session, settings, problem, target, overwrite, renderer)
 
 
 def _threads(problem: ContactProblem, renderer: Apart | None) -> int | None:
@@ -95,24 +100,41 @@ def _holding(target: Path, comm: MPI.Comm) -> Iterator[None]:
         yield
 
 
-def solve_once(session: Session, settings: Case, problem: ContactProblem, target: Path, renderer: Apart | None) -> None:
+def solve_once(
+    session: Session,
+    settings: Case,
+    problem: ContactProblem,
+    target: Path,
+    overwrite: bool,
+    renderer: Apart | None,
+) -> None:
     """Solve, certify, write and report; ends the command with its exit code."""
     problem.started = session.started
     with _holding(target, problem.comm):
-        _solve_once(session, settings, problem, target, renderer)
+        with bad_input():  # again: another run may have written results in the meantime
+            refuse_to_replace(settings, target, overwrite, problem.comm)
+        _solve_once(session, settings, problem, target, overwrite, renderer)
 
 
 def _solve_once(
-    session: Session, settings: Case, problem: ContactProblem, target: Path, renderer: Apart | None
+    session: Session,
+    settings: Case,
+    problem: ContactProblem,
+    target: Path,
+    overwrite: bool,
+    renderer: Apart | None,
 ) -> None:
+    files = case_record(settings, problem.comm)["files"]
     solution, trouble = _solve(session, settings, problem)
     interrupted = solution.result.status is Status.INTERRUPTED
     problem.seconds["total"] = time.perf_counter() - session.began
     written = True
     stopped = session.interruption
     try:
-        contents = output.write(solution, target, {"message": trouble})
-        write_case(settings, target, problem.comm)
+        extra = {"message": trouble, **({"mesh_files": files} if files else {})}
+        contents = output.write(solution, target, extra, {CASE: case_text(settings)}, overwrite)
+        if overwrite:
+            on_rank_0(problem.comm, lambda: discard(target))
         if settings.output.picture and not stopped.asked():
             contents = picture_of_run.add_picture(contents, target, problem.comm, lambda: stopped.requested, renderer)
     except OSError as error:
@@ -145,7 +167,9 @@ def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[S
         return problem.solution(failure.result), str(failure)
 
 
-def take_steps(session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool) -> None:
+def take_steps(
+    session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool, overwrite: bool
+) -> None:
     """Run a load history; ends the command with its exit code."""
     with _holding(target, problem.comm):
         with bad_input():
@@ -153,10 +177,11 @@ def take_steps(session: Session, settings: Case, problem: ContactProblem, target
             done = steps_on_disk(target, problem.comm)
             changed = refuse_another_case(settings, target, done, problem.comm) if resume and done else []
             if not resume:
-                refuse_steps(target, done)
+                refuse_to_replace(settings, target, overwrite, problem.comm)
         for change in changed:
             errors.print(f"warning: from step {done + 1} on {change}", markup=False)
-        _take_steps(session, settings, problem, target, resume, record)
+        with in_place_of(target, overwrite, resume, problem.comm):
+            _take_steps(session, settings, problem, target, resume, record)
 
 
 def _take_steps(

@@ -79,6 +79,26 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
     return free
 
 
+def differences(before: Case, digests: Mapping[str, str], case: Case, now: Mapping[str, str]) -> list[str]:
+    """Descriptions of the differences of two cases, except those that do not change the answer: `_FREE`.
+
+    Args:
+        before: The earlier case.
+        digests: Digests of its mesh files (`case_record`), empty if they are unknown.
+        case: The case.
+        now: Digests of its mesh files.
+    """
+    changed = [f"the contents of mesh.{key}" for key in digests if now.get(key, digests[key]) != digests[key]]
+    listed = _differences(before.model_dump(mode="json"), case.model_dump(mode="json"))
+    same = {f"mesh.{key}" for key in FILES if key in now and (key in digests or _path(before, key) == _path(case, key))}
+    return changed + [text for key, text in listed if key not in same and not key.startswith(_FREE)]
+
+
+def _path(case: Case, key: str) -> Path | None:
+    name = case.model_dump(mode="json")["mesh"].get(key)
+    return None if name is None else Path(name).absolute()
+
+
 def _differences(then: Any, now: Any, key: str = "") -> Iterator[tuple[str, str]]:
     """Keys at which two cases differ, with a description of each difference."""
     if isinstance(then, Mapping) and isinstance(now, Mapping):

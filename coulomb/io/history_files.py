@@ -153,7 +153,7 @@ def refuse_steps(folder: Path, found: int) -> None:
     """
     if found:
         raise ValueError(
-            f"{folder} already holds {found} load steps: continue with `coulomb resume {folder}`, remove it, "
+            f"{folder} already holds {found} load steps: continue with `coulomb resume {folder}`, remove them, "
             "or choose another directory"
         )
 

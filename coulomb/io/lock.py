@@ -25,6 +25,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from ..ranks import on_rank_0
+from .replacing import finish
 from .run_directory import LOCK
 
 _held: dict[Path, int] = {}
@@ -160,6 +161,7 @@ def _take(path: Path) -> int:
             if not ours:  # left by a killed process, possibly with partial files
                 for partial in path.parent.glob(".partial-*"):
                     shutil.rmtree(partial, ignore_errors=True)
+            finish(path.parent)
             os.ftruncate(descriptor, 0)
             os.pwrite(descriptor, (json.dumps(asdict(_me())) + "\n").encode(), 0)
             return descriptor

@@ -36,7 +36,8 @@ from ..ranks import on_rank_0
 from ..solvers.results import OuterStep, QPStep
 from .field_files import data_of
 from .point_values import dof_of_point, overwrite
-from .run_directory import CASE, CONTACT, FIELDS, HISTORY, PICTURE, REPORT, SOLUTION, SUMMARY
+from .replacing import commit, present
+from .run_directory import CONTACT, FIELDS, HISTORY, SOLUTION, SUMMARY
 from .summary import summary
 
 
@@ -44,6 +45,8 @@ def write(
     solution: Solution,
     directory: str | Path,
     extra: Mapping[str, Any] | None = None,
+    texts: Mapping[str, str] | None = None,
+    overwrite: bool = False,
 ) -> dict[str, Any]:
     """Write all results into a directory; existing files are replaced only when all new ones are complete.
 
@@ -51,15 +54,20 @@ def write(
         solution: The answer, converged or not.
         directory: Created if necessary.
         extra: Additional entries for summary.json.
+        texts: Contents of additional files, by name.
+        overwrite: Whether load steps in the directory are removed.
 
     Returns:
         The summary, with the seconds of the output added.
 
     Raises:
         OSError: On every rank, if the directory cannot be written to.
+        ValueError: On every rank, if it has load steps, and `overwrite` is not set.
     """
     comm, problem, began = solution.problem.comm, solution.problem, time.perf_counter()
     target = Path(directory)
+    if not overwrite and (found := comm.bcast(present(target).steps if comm.rank == 0 else 0)):
+        raise ValueError(f"{target} holds a load history of {found} steps: choose another directory, or remove it")
     folder = Path(on_rank_0(comm, lambda: _make_partial(target)))
     try:
         refuse_full_disk(problem, folder)
@@ -76,10 +84,9 @@ def write(
             contents["picture"] = "not asked for"
             contents["run"]["ended"] = moment(now())
             write_json(contents, folder / SUMMARY)
-            for name in (CASE, REPORT, PICTURE):  # belongs to other results; commands with a case write it afterwards
-                (target / name).unlink(missing_ok=True)
-            for file in sorted(folder.iterdir()):
-                os.replace(file, target / file.name)
+            for name, text in (texts or {}).items():
+                (folder / name).write_text(text, encoding="utf-8")
+            commit(folder, target)
             return json.dumps(contents)
 
         contents = dict(json.loads(on_rank_0(comm, finish)))
@@ -153,8 +160,8 @@ def size_on_disk(problem: PosedProblem) -> float:
     points, cells = (float(domain.topology.index_map(dim).size_global) for dim in (0, 3))
     facets: int = comm.allreduce(len(_contact_facets(problem)), op=MPI.SUM)
     width = float(compat.cell_geometry(domain).shape[1])
-    # coordinates and 5 vectors per point, 3 numbers per cell; on the face coordinates, 6 vectors and 8 numbers per node
-    return 8e4 + 24.0 * 6.0 * points + 8.0 * (width + 3.0) * cells + (24.0 * 7.0 + 64.0) * 1.5 * facets
+    # coordinates, 5 vectors per point, 3 numbers per cell; on the face coordinates, 7 vectors and 14 numbers per node
+    return 1.1e5 + 24.0 * 6.0 * points + 8.0 * (width + 3.0) * cells + (24.0 * 8.0 + 8.0 * 14.0) * 1.5 * facets
 
 
 def refuse_full_disk(problem: PosedProblem, target: Path, times: int = 1) -> None:

@@ -32,7 +32,8 @@ FIELDS = (SOLUTION, CONTACT)
 LOCK = "run.lock"
 """Exists while a run uses the directory."""
 
-_STEPS = "steps"
+STEPS, FAILED = "steps", "failed"
+"""Directories of the load steps, and of the last iterate of one that failed."""
 
 OLD = "incomplete, or written by another version of coulomb: run the case again"
 
@@ -82,7 +83,7 @@ class RunDirectory:
     @property
     def failed(self) -> RunDirectory:
         """Directory of the last iterate of a failed load step."""
-        return RunDirectory(self.path / "failed")
+        return RunDirectory(self.path / FAILED)
 
     def step(self, number: int) -> RunDirectory:
         """Directory of a load step, from 1."""
@@ -91,13 +92,13 @@ class RunDirectory:
     @property
     def is_history(self) -> bool:
         """Whether it belongs to a load history."""
-        return (self.path / _STEPS).is_dir()
+        return (self.path / STEPS).is_dir()
 
     @property
     def step_number(self) -> int | None:
         """Number of the load step whose directory this is; None for other directories."""
         place = self.path.absolute()
-        return int(place.name) if place.parent.name == _STEPS and place.name.isdigit() else None
+        return int(place.name) if place.parent.name == STEPS and place.name.isdigit() else None
 
     @property
     def of_history(self) -> RunDirectory:
@@ -109,7 +110,7 @@ class RunDirectory:
         """Numbers of the load steps that have a directory, in order."""
         if not self.is_history:
             return []
-        places = (self.path / _STEPS).iterdir()
+        places = (self.path / STEPS).iterdir()
         return sorted(int(place.name) for place in places if re.fullmatch(r"\d{4,}", place.name))
 
     @property
@@ -126,6 +127,11 @@ class RunDirectory:
         Raises:
             ValueError: If it cannot be read, is not a summary, or lacks a required entry.
         """
+        if not self.summary.exists() and self.path.is_dir() and (moving := sorted(self.path.glob(".complete-*"))):
+            raise ValueError(
+                f"{self.path}: a run was killed while it moved its results here from {moving[0].name}, where they are "
+                "complete: the next coulomb run in this directory finishes that, or move the files yourself, summary.json last"
+            )
         contents = read_json(self.summary)
         for key in needed:
             if key not in contents:
@@ -149,7 +155,7 @@ class RunDirectory:
 
 def step_place(number: int) -> str:
     """Directory of a load step relative to that of its history."""
-    return f"{_STEPS}/{number:04d}"
+    return f"{STEPS}/{number:04d}"
 
 
 def read_json(path: Path) -> dict[str, Any]:

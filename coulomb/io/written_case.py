@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,13 +28,21 @@ def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:
 
     def write() -> str:
         directory.mkdir(parents=True, exist_ok=True)
-        tables = case.model_dump(mode="json", exclude_unset=True)
-        for key in FILES.intersection(tables["mesh"]):
-            tables["mesh"][key] = str(Path(tables["mesh"][key]).absolute())
-        RunDirectory(directory).case.write_text(json.dumps(tables, indent=2) + "\n", encoding="utf-8")
+        file = RunDirectory(directory).case
+        partial = file.with_name(f".{CASE}")
+        partial.write_text(case_text(case), encoding="utf-8")
+        os.replace(partial, file)
         return ""
 
     on_rank_0(comm, write)
+
+
+def case_text(case: Case) -> str:
+    """A case as the contents of case.json."""
+    tables = case.model_dump(mode="json", exclude_unset=True)
+    for key in FILES.intersection(tables["mesh"]):
+        tables["mesh"][key] = str(Path(tables["mesh"][key]).absolute())
+    return json.dumps(tables, indent=2) + "\n"
 
 
 def written_case(directory: Path) -> Case:
@@ -47,6 +56,22 @@ def written_case(directory: Path) -> Case:
         text = on_rank_0(launched(), lambda: read_text(file, 20 * LARGEST))
     except OSError as error:
         raise ValueError(f"{directory}: no case to resume: {CASE} cannot be read: {error.strerror or error}") from None
+    return _validated(text, file)
+
+
+def case_in(file: Path) -> Case:
+    """The case in a file case.json; on one rank.
+
+    Raises:
+        ValueError: If it cannot be read.
+    """
+    try:
+        return _validated(read_text(file, 20 * LARGEST), file)
+    except OSError as error:
+        raise ValueError(f"{file}: cannot be read: {error.strerror or error}") from None
+
+
+def _validated(text: str, file: Path) -> Case:
     try:
         return Case.model_validate_json(text)
     except ValidationError as error:
