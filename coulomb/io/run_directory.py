@@ -130,7 +130,7 @@ class RunDirectory:
         if not self.summary.exists() and self.path.is_dir() and (moving := sorted(self.path.glob(".complete-*"))):
             raise ValueError(
                 f"{self.path}: a run was killed while it moved its results here from {moving[0].name}, where they are "
-                "complete: the next coulomb run in this directory finishes that, or move the files yourself, summary.json last"
+                "complete: the next coulomb run here finishes that, or move the files yourself, summary.json last"
             )
         contents = read_json(self.summary)
         for key in needed:
