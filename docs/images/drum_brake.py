@@ -137,30 +137,39 @@ def loop(axis, history):
 
 
 def wear(figure, axes):
-    """After ten turns: pressure, friction work per area, and its ratio to pressure times sliding distance."""
-    last, before = fields(RESULTS, len(rows(RESULTS))), fields(RESULTS, 19)
+    """After ten turns: pressure and friction work per area, and the work over F beside pressure times distance."""
+    history = rows(RESULTS)
+    begun = next(int(row["step"]) for row in history if row["time"] == 5.0)
+    last, before = fields(RESULTS, len(history)), fields(RESULTS, begun)
     x = last["x"]
     along, across = 1e3 * R * np.arctan2(x[:, 0], x[:, 2]), 1e3 * x[:, 1]
     slid = last["accumulated_slip"] - before["accumulated_slip"]
     work = last["friction_work"] - before["friction_work"]
-    archard = F * last["pressure"] * slid
-    ratio = np.where(archard > 0.0, work / np.where(archard > 0.0, archard, 1.0), np.nan)
-    panels = (
-        (1e-6 * last["pressure"], "pressure p, MPa", "viridis", None),
-        (1e-6 * work, "friction work of ten turns, MJ/m²", "viridis", None),
-        (ratio - 1.0, "work / (F p s) - 1", "coolwarm", 1e-5),
-    )
-    for axis, (values, title, colours, limit) in zip(axes, panels, strict=True):
-        triangles = np.concatenate([last["facets"][:, [0, 1, 2]], last["facets"][:, [0, 2, 3]]])
-        triangles = triangles[~np.any(np.isnan(values[triangles]), axis=1)]
-        limits = {"vmin": 0.0} if limit is None else {"vmin": -limit, "vmax": limit}
-        drawn = axis.tripcolor(along, across, triangles, values, shading="gouraud", cmap=colours, **limits)
-        figure.colorbar(drawn, ax=axis, orientation="horizontal", pad=0.2, label=title)
-        axis.set(aspect="equal", xlabel="along the drum, mm", xlim=(along.min(), along.max()))
-        axis.set_ylim(across.min(), across.max())
-    axes[0].set_ylabel("across, mm")
-    print(f"sliding distance of ten turns {slid.min():.6g} to {slid.max():.6g} m; 20 pi r = {20 * math.pi * R:.6g} m")
-    print(f"work / (F p s) - 1: {np.nanmin(ratio) - 1:.2g} to {np.nanmax(ratio) - 1:.2g}")
+    archard = last["pressure"] * slid
+    triangles = np.concatenate([last["facets"][:, [0, 1, 2]], last["facets"][:, [0, 2, 3]]])
+    for axis, values, title in (
+        (axes[0], 1e-6 * last["pressure"], "pressure p, MPa"),
+        (axes[1], 1e-6 * work, "friction work of ten turns, MJ/m²"),
+    ):
+        drawn = axis.tripcolor(along, across, triangles, values, shading="gouraud", cmap="viridis", vmin=0.0)
+        figure.colorbar(drawn, ax=axis, label=title)
+        axis.set(aspect="equal", xlabel="along the drum, mm", ylabel="across, mm")
+    lines = axes[2]
+    for place, colour in ((0.0, BLUE), (across.max(), ORANGE)):
+        row = np.flatnonzero(np.isclose(across, place))
+        row = row[np.argsort(along[row])]
+        where = "in the middle" if place == 0.0 else "at the edge"
+        lines.plot(along[row], 1e-6 * archard[row], "-", color=colour, label=f"p s {where}")
+        lines.plot(along[row], 1e-6 * work[row] / F, "o", color=colour, markersize=4, label=f"work / F {where}")
+    lines.set(xlabel="along the drum, mm", ylabel="MN/m", ylim=(0.0, None))
+    lines.legend(frameon=False, fontsize=8.5)
+    lines.spines[["top", "right"]].set_visible(False)
+    ratio = work / (F * archard)
+    print(f"sliding distance of ten turns: {slid.min():.8g} to {slid.max():.8g} m; 20 pi r = {20 * math.pi * R:.8g} m")
+    print(f"work / (F p s) - 1: {ratio.min() - 1:.2g} to {ratio.max() - 1:.2g}")
+    print(f"friction work over the face: {np.sum(work * last['area']):.6g} J; torque x 20 pi =", end=" ")
+    print(f"{-history[-1]['lining_torque'] * 20 * math.pi:.6g} J; p s at most {archard.max():.4g} N/m")
+    print(f"torque in the ten turns: {history[begun]['lining_torque']:.8g} to {history[-1]['lining_torque']:.8g} N m")
 
 
 def main():
@@ -170,8 +179,8 @@ def main():
     section(left)
     loop(right, history)
     figure.savefig(Path(__file__).with_name("drum-brake.png"))
-    figure = Figure(figsize=(9.6, 4.6), layout="constrained", dpi=110)
-    wear(figure, figure.subplots(1, 3, sharey=True))
+    figure = Figure(figsize=(10.4, 3.9), layout="constrained", dpi=110)
+    wear(figure, figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.25)))
     figure.savefig(Path(__file__).with_name("drum-brake-wear.png"))
     if "--tables" in sys.argv:
         tables()
