@@ -145,6 +145,14 @@ def test_all_nodes_held_in_their_planes():
         assert np.allclose(x[:, 1:], 0.3 * x[:, :1] * slip / np.linalg.norm(slip, axis=1)[:, None], rtol=1e-13)
 
 
+def test_kprgp_along_a_zero_row():
+    """An open node whose slip along t1 is known: the objective is linear in x_t1, which goes to its bound."""
+    A, b = np.diag([1.0, 0.0, 2.0]), np.array([-1.0, 1.0, 0.0])
+    for sign in (1.0, -1.0):
+        x = coulomb.solve_tresca(A, sign * np.array([sign, 1.0, 1.0]) * b, 0.5, solver=KPRGP()).x
+        assert x == pytest.approx([0.0, sign * 0.5, 0.0], abs=1e-8)
+
+
 def test_only_zero_rows_along_tangents_are_accepted():
     rng = np.random.default_rng(8)
     A = random_spd(6, 10.0, rng)

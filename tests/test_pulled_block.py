@@ -199,14 +199,45 @@ def test_a_clamp_that_stops_has_no_friction():
                 assert np.all(force[:, 1] == 0.0)
 
 
+def test_a_clamp_that_moves_with_its_foundation_has_no_friction():
+    """The slip is 0 but for the rounding of two displacements: its direction must not count."""
+    grip = PrescribedDisplacement("bottom", (0.1, 0.3, 0.0), "xy", amplitude=lambda t: 1e-2 * t / 3.0)
+    problem = block([grip], motion=lambda t: (1e-2 * t / 30.0, 1e-2 * t / 10.0, 0.0), across=0.0)
+    for step in LoadHistory([k / 7.0 for k in range(1, 8)]).steps(problem):
+        force = step.solution.contact_force.reshape(-1, 3)
+        assert step.solution.certificate.passed and force[:, 0].sum() > 0.1 * PRESSURE * AREA
+        assert np.all(force[:, 1:] == 0.0)
+
+
+def test_a_contact_face_that_opens():
+    """With cohesion, friction of nodes that open is c a: exactly, also where the solver leaves a rest of pressure."""
+    grip = PrescribedDisplacement("bottom", (1e-3, 0.0, 0.0), "xy")
+    problem = ContactProblem(
+        coulomb.box(SIZE, (6, 3, 2)),
+        STEEL,
+        [grip],
+        Contact("bottom", foundation=FLOOR, friction=0.2, cohesion=1e6),
+        [Traction("top", lambda x: np.array([0 * x[0], 0 * x[0], 4e7 * (x[0] - 1.0)]))],
+        springs=[Spring("top", (0.0, 0.0, 1e11))],
+    )
+    solution = problem.solve()
+    x = solution.contact_force.reshape(-1, 3)
+    is_open = x[:, 0] == 0.0
+    assert solution.certificate.passed and 0 < is_open.sum() < len(x)
+    assert np.array_equal(x[:, 1], problem.slip_bound(solution.contact_force))
+    assert np.allclose(x[is_open, 1], 1e6 * problem.surface.area[is_open], rtol=1e-15) and np.all(x[:, 2] == 0.0)
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.3])
 def test_held_along_one_direction(angle):
     """The slip along the free direction obeys the law with the prescribed one: friction is along the whole slip."""
     h = np.array([math.cos(angle), math.sin(angle), 0.0])
     support = coulomb.PrescribedDisplacement("bottom", 1e-3 * h, direction=h) if angle else None
     support = support or PrescribedDisplacement("bottom", 1e-3 * h, "x")
-    problem = block([support])
+    problem, condensed = block([support]), InteriorPoint(1e-11, newton=CondensedSystem())
     solutions = [problem.solve(1e-11, solver) for solver in (None, SuccessiveTresca(1e-11))]
+    with np.errstate(divide="raise", invalid="raise"):
+        solutions.append(block([support], linear_solver=IterativeSolver).solve(solver=condensed))
     for solution in solutions:
         slip, force = solution.at_nodes.slip, -solution.force_on_body
         assert np.allclose(slip @ h, 1e-3, rtol=1e-12)
@@ -214,8 +245,7 @@ def test_held_along_one_direction(angle):
         friction, N = force * [1.0, 1.0, 0.0], -force[:, 2]
         along = slip / np.linalg.norm(slip, axis=1)[:, None]
         assert np.allclose(friction, 0.3 * N[:, None] * along, rtol=0.0, atol=1e-9 * N.max())
-    one, other = (s.contact_force for s in solutions)
-    assert np.linalg.norm(one - other) <= 1e-8 * np.linalg.norm(one)
+        assert np.linalg.norm(solution.contact_force - solutions[0].contact_force) <= 1e-8 * np.linalg.norm(force)
 
 
 def test_the_demo_its_totals_and_its_check(tmp_path):
