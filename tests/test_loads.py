@@ -139,6 +139,15 @@ def test_a_function_is_evaluated_on_its_face_only():
 
 
 @pytest.mark.parametrize("cell", CELLS)
+def test_nodes_have_exactly_the_coordinates_of_the_mesh(cell):
+    """So sqrt(x) has a value at x = 0 and sqrt(3 - x) at x = 3, where rounding would give nan."""
+    mesh = coulomb.box((3.0, 1.0, 1.0), (6, 3, 3), cell)
+    body = Elasticity(mesh, SOFT, [Clamp("bottom")])
+    assert set(map(tuple, body.x)) <= set(map(tuple, mesh.domain.geometry.x))
+    resultants(mesh, *(Pressure(face, lambda x: np.sqrt(x[0]) + np.sqrt(3.0 - x[0]) + np.sqrt(x[1])) for face in FACES))
+
+
+@pytest.mark.parametrize("cell", CELLS)
 def test_weight_of_a_hanging_bar(cell):
     """Reaction rho V g exactly; with nu = 0 on hexahedra the mean stress of each layer is rho g (z below it)."""
     height, area, g, layers = 4.0, 0.25, 9.81, 8
