@@ -19,6 +19,7 @@ from coulomb import (
     PrescribedDisplacement,
     PrescribedRotation,
     Pressure,
+    Spring,
     SymmetryPlane,
     Traction,
 )
@@ -83,6 +84,19 @@ def test_only_the_normal_part_of_a_prescribed_displacement_counts(cell):
     E, nu = STEEL.young, STEEL.poisson
     stress = E * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu)) * 1e-3
     assert np.allclose(shares[-1].forces.sum(axis=0), -stress * 0.48 * n, atol=1e-9 * stress)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_springs_along_an_axis_at_nodes_that_are_moved_obliquely(cell):
+    """The spring's force has a part along the free directions of the nodes: `solved` checks the equilibrium there."""
+    aside = TURN[:, 0] + TURN[:, 1]
+    pulled = PrescribedDisplacement("right", tuple(1e-4 * aside), direction=tuple(aside))
+    spring = Spring("right", (1e12, 0.0, 0.0))
+    elasticity = Elasticity(turned_box(cell), STEEL, [Clamp("left"), pulled], springs=[spring])
+    u, _ = solved(elasticity)
+    right = elasticity.nodes("right", "test")
+    assert np.allclose(u[right] @ aside, 2e-4, rtol=1e-12)
+    assert np.abs(elasticity.free_part(elasticity.spring_force(u))).max() > 1e4
 
 
 @pytest.mark.parametrize("cell", CELLS)
