@@ -274,6 +274,10 @@ def test_a_shaft_turns_freely_in_a_bearing_with_its_exact_surface(cell):
         (lambda: on_box(Clamp("left", direction=(0, 0, 0))), "clamp on 'left': direction: must not be zero"),
         (lambda: on_box(Clamp("all", "normal")), "the face has an edge at x = .*, and no normal there"),
         (lambda: on_box(SymmetryPlane("all")), "symmetry plane on 'all': the face must be plane"),
+        (
+            lambda: Elasticity(bent(2e-5), STEEL, [SymmetryPlane("left")]),
+            "its nodes are up to 1e-05 m off its mean plane",
+        ),
         (lambda: on_box(SymmetryPlane("ends")), "symmetry plane on 'ends': the face must be plane"),
         (lambda: on_box(SymmetryPlane("lefd")), "symmetry: there is no face 'lefd'"),
         (lambda: PrescribedRotation("left", (0, 0, 0), (0, 0, 0), 1.0), "rotation on 'left': axis must not be zero"),
@@ -285,6 +289,17 @@ def test_a_shaft_turns_freely_in_a_bearing_with_its_exact_surface(cell):
 def test_wrong_supports_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def bent(sag):
+    """A box whose left face sags in its middle line."""
+    return coulomb.box(
+        (1.0, 1.0, 1.0), (2, 2, 2), place=lambda x: np.array([x[0] - 4.0 * sag * x[1] * (1.0 - x[1]), x[1], x[2]])
+    )
+
+
+def test_a_face_that_is_plane_but_for_single_precision_is_a_plane_of_symmetry():
+    Elasticity(bent(1e-6), STEEL, [Clamp("right"), SymmetryPlane("left")])
 
 
 def on_box(*supports):

@@ -23,9 +23,6 @@ _SAME_SIDE = 0.5
 _CLEAN = 1e-12
 """A component of a normal below this is a rounding error."""
 
-_FLAT = 1e-8
-"""Largest lack of length of the mean normal of a plane face: its facets are tilted by less than 0.01 degrees."""
-
 _OFF_PLANE = 1e-5
 """Largest distance of a node from the plane of a plane face, relative to the extent of the face: single precision."""
 
@@ -98,10 +95,10 @@ class SupportedFace:
         centre = self.comm.allreduce(area @ self.x, op=MPI.SUM) / total
         r = self.x - centre
         extent = self.comm.allreduce(float(np.max(np.abs(r), initial=0.0)), op=MPI.MAX)
-        n: FloatArray = _clean(mean[None, :])[0]
+        n: FloatArray = _clean(mean[None, :] if np.any(mean) else np.ones((1, 3)))[0]
         off = np.abs(r @ n) if len(r) else np.zeros(0)
         furthest = self.comm.allreduce(float(np.max(off, initial=0.0)), op=MPI.MAX)
-        if np.linalg.norm(mean) < 1.0 - _FLAT or furthest > _OFF_PLANE * extent:
+        if np.linalg.norm(mean) < _FOLDED or furthest > _OFF_PLANE * extent:
             raise ValueError(
                 f"{what}: the face must be plane, but its nodes are up to {furthest:.3g} m off its mean plane; "
                 'for a curved face use a clamp with components = "normal"'
