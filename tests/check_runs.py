@@ -37,6 +37,12 @@ friction = 0.3
 [[contact.region]]
 box = [[0.5, 0.0, 0.0], [0.9, 0.6, 0.0]]
 friction = 0.1
+[[probe]]
+name = "heel"
+point = [0.33, 0.21, 0.0]
+[[probe]]
+name = "middle"
+point = [0.5, 0.3, 0.2]
 """
 """Hexahedra, Coulomb friction by region, the plane of the face, a clamp that moves, springs."""
 
@@ -89,6 +95,9 @@ face = "bottom"
 friction = 0.4
 foundation = {shape = "sphere", centre = [0.5, 0.3, -4.0], radius = 4.0}
 motion = [[0, 0, 0, 0], [1, 0, 0, 5e-3], [2, 2e-3, 0, 5e-3], [3, -1e-3, 1e-3, 6e-3]]
+[[probe]]
+name = "heel"
+point = [0.6, 0.3, 0.0]
 [history]
 times = [1, 2, 3]
 """

@@ -15,6 +15,7 @@ from wrong_cases import CASE_FILES, CONTACT, MATERIALS_AND_LOADS
 from wrong_files import COMMANDS, MESHES, RESOURCES
 from wrong_input import BLOCK, case, comm, said
 from wrong_loads import LOADS
+from wrong_probes import PROBES
 from wrong_supports import SUPPORTS
 
 from coulomb.cli import app as cli
@@ -28,6 +29,7 @@ TABLE = {
     "Loads, expressions, load curves": LOADS,
     "Meshes": MESHES,
     "Contact": CONTACT,
+    "Probes": PROBES,
     "Machine": RESOURCES,
     "Commands": COMMANDS,
 }

@@ -82,6 +82,7 @@ class Variant:
         numbers: Entries of summary.json.
         certificate: Certificate with all nodes of the contact face.
         outside: Violations of the theory of small strains, unless they were accepted.
+        sums: Force and moment of all loads together, and of all supports and springs.
     """
 
     at: Forces
@@ -90,6 +91,7 @@ class Variant:
     numbers: dict[str, Any]
     certificate: Certificate
     outside: tuple[str, ...]
+    sums: dict[str, dict[str, list[float]]]
 
 
 def recomputed(
@@ -145,6 +147,7 @@ def recomputed(
             compliance=float(run.summary["mean_compliance"]),
         )
     )
+    body_x = taken(body.x)
     stress = body.von_mises(body.function(u))
     reactions = held.held_part(internal + spring * u - run.on_body["load"] - on_body)
     acting = None if supported is None else supported.acting(u, reactions, on_body, taken)
@@ -170,6 +173,10 @@ def recomputed(
         },
         certificate=certificate,
         outside=() if accepted else outside,
+        sums={
+            name: {"force": forces.sum(axis=0).tolist(), "moment": np.cross(body_x, forces).sum(axis=0).tolist()}
+            for name, forces in (("loads", taken(run.on_body["load"])), ("reactions", reactions - spring * u))
+        },
     )
 
 

@@ -195,6 +195,8 @@ def check_run(
     probes = WrittenProbes(run, case, facet_parts(run, count) if part is None else part, count)
     variants = tuple(recomputed(run, nodes, foundations, spins, rounding, supported, probes) for rounding in roundings)
     _compare(run, nodes.only(nodes.written), variants, found)
+    if supported is None:
+        _compare_sums(run, variants, found)
     certificate = variants[0].certificate
     unchecked = [key for key in run.summary if key not in variants[0].numbers and key not in ("material", "step")]
     trusted.append(f"as recorded by the run, nothing to compare with: {', '.join(unchecked)}")
@@ -302,6 +304,18 @@ def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], f
     numbers = [other.numbers for other in others]
     found.tree(SUMMARY, run.summary, first.numbers, numbers, _SOURCE)
     _compare_materials(run, found)
+
+
+def _compare_sums(run: WrittenRun, variants: tuple[Variant, ...], found: Comparison) -> None:
+    """Compare the sums of loads and of reactions in summary.json, of which without a case the parts are unknown."""
+    written = {
+        name: {
+            what: np.sum([part[what] for part in run.summary[name]] or [np.zeros(3)], axis=0).tolist() for what in sums
+        }
+        for name, sums in variants[0].sums.items()
+    }
+    first, *others = (variant.sums for variant in variants)
+    found.tree(f"{SUMMARY}: sum", written, first, others, _SOURCE)
 
 
 def _compare_materials(run: WrittenRun, found: Comparison) -> None:
