@@ -111,7 +111,8 @@ def test_a_point_beside_the_mesh_is_at_its_boundary(cell):
 @pytest.mark.parametrize(
     ("point", "nearest", "distance"),
     [
-        ((0.4, 0.3, -0.2), "0.4, 0.3, 0", "0.2"),
+        ((0.4, 0.45, -0.2), "0.4, 0.45, 0", "0.2"),
+        ((0.63, 0.35, -0.2), "0.63, 0.35, 0", "0.2"),  # in the other half of a quadrilateral
         ((2.0, 1.5, 2.0), "1, 1, 1", "1.5"),
         ((1.3, 0.5, 1.4), "1, 0.5, 1", "0.5"),
     ],
