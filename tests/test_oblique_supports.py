@@ -14,11 +14,13 @@ from coulomb import (
     Contact,
     ContactProblem,
     DirectSolver,
+    InteriorPoint,
     IterativeSolver,
     LoadHistory,
     Plane,
     PrescribedDisplacement,
     Pressure,
+    SuccessiveTresca,
     SymmetryPlane,
 )
 
@@ -146,6 +148,24 @@ def test_a_block_between_a_rough_floor_and_an_inclined_guide(cell):
     force = solution.contact_force.reshape(-1, 3)
     friction, away = np.hypot(force[:, 1], force[:, 2]), problem.surface.x[:, 0] > 0.3
     assert np.sum(away) == 9 and np.allclose(friction[away], 0.2 * force[away, 0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.6])
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_wedged_node_has_the_same_forces_by_every_solver(friction, turned):
+    """Between guide and floor a sticking node carries no friction towards the guide: the law does not determine it."""
+    turn = TURN if turned else np.eye(3)
+    found = []
+    for solver in (InteriorPoint(), SuccessiveTresca()):
+        problem, _ = wedged("hexahedron", friction, turn)
+        solution = problem.solve(1e-10, solver=solver)
+        assert solution.certificate.passed
+        found.append(solution.force_on_body @ turn)
+    assert np.abs(found[0] - found[1]).max() <= 1e-7 * np.abs(found[0]).max()
+    x = problem.surface.x @ turn
+    sticks = np.linalg.norm(found[0][:, :2], axis=1) < 0.99 * friction * found[0][:, 2]
+    edge = x[:, 0] < 1e-9
+    assert np.any(edge & sticks) and np.abs(found[0][edge & sticks, 0]).max() <= 1e-12 * np.abs(found[0]).max()
 
 
 def test_a_normal_that_is_nearly_held_is_refused():

@@ -11,6 +11,9 @@ change is below the requested residual:
 - Where a support prescribes the displacement in a tangential direction, and there is no slip in it, the law leaves
   friction in that direction undetermined, and it acts on the support alone: it is zero.
 
+- A node that sticks and is held obliquely to its normal is wedged between support and foundation: the law leaves
+  open how much each of them carries.  Friction in that plane is zero, if the friction that remains is within its bound.
+
 Where supports prescribe all of the slip, friction is set by the law from the final normal force.
 
 Larger forces are kept as faults for the certificate.
@@ -51,6 +54,7 @@ def settled(problem: PosedProblem, x: FloatArray, u: FloatArray) -> FloatArray:
     force[frictionless, 1:] = 0.0
     if problem.surface.free_B is not problem.surface.B:
         _settle_friction_on_supports(problem, force, u)
+        _settle_wedged(problem, force)
     return force.ravel()
 
 
@@ -69,3 +73,28 @@ def _settle_friction_on_supports(problem: PosedProblem, force: FloatArray, u: Fl
     force[:, 1:] -= np.where(undetermined, np.einsum("ki,ki->k", v, force[:, 1:]), 0.0)[:, None] * v
     known = np.all(free == 0.0, axis=(1, 2))
     force[known, 1:] = problem.law.at(known).against(slip[known], force[known, 0])
+
+
+def _settle_wedged(problem: PosedProblem, force: FloatArray) -> None:
+    """Change forces (m, 3) of sticking nodes that are held obliquely, by forces v, along n, t1, t2, on supports alone.
+
+    These have P (n, t1, t2)^T v = 0, P the projection on the free directions of the node.
+    """
+    free = free_frames(problem.elasticity, problem.surface.nodes, problem.surface.frames)
+    gram = np.einsum("kia,kja->kij", free, free)
+    np.einsum("kii->ki", gram)[np.all(free == 0.0, axis=2)] = 1.0  # friction along such rows is settled by itself
+    sizes, directions = np.linalg.eigh(gram)
+    v = directions[:, :, 0]
+    across = np.sum(v[:, 1:] ** 2, axis=1)
+    wedged = (sizes[:, 0] <= ROUNDING) & (sizes[:, 1] > ROUNDING) & (across > ROUNDING) & (np.abs(v[:, 0]) > ROUNDING)
+    along = np.einsum("ki,ki->k", v[:, 1:], force[:, 1:]) / np.where(wedged, across, 1.0)
+    moved = force - along[:, None] * v
+    sticks = _friction(force) < (1.0 - SMALL) * problem.slip_bound(force.ravel())
+    within = (moved[:, 0] > 0.0) & (_friction(moved) < (1.0 - SMALL) * problem.slip_bound(moved.ravel()))
+    change = wedged & sticks & within
+    force[change] = moved[change]
+
+
+def _friction(force: FloatArray) -> FloatArray:
+    size: FloatArray = np.hypot(force[:, 1], force[:, 2])
+    return size
