@@ -1,5 +1,6 @@
 """Start and records of a load step: warm start, energy, slip of the step, small strain."""
 
+import csv
 import dataclasses
 from dataclasses import dataclass, field
 
@@ -106,3 +107,20 @@ def test_the_written_slip_bound_is_that_of_the_solver(tmp_path):
     solution = rubbed(cells=2).at(1.0).solve()
     contents = dataclasses.replace(solution, slip_bound=1.25 * solution.slip_bound)
     assert np.array_equal(output.contact_fields(contents)["slip_bound"], 1.25 * solution.slip_bound)
+
+
+def test_columns_without_a_value_are_empty(tmp_path):
+    """The centre of pressure without contact, and the pressure of a probe inside the body, also after a resume."""
+    far = Contact("bottom", 0.3, foundation=Plane((0, 0, -1.0), (0, 0, 1)))
+    probes = [coulomb.Probe("inside", (0.05, 0.05, 0.025))]
+    mesh = coulomb.box((0.1, 0.1, 0.05), (2, 2, 2))
+    problem = ContactProblem(mesh, RUBBER, [Clamp("top")], far, probes=probes)
+    history = LoadHistory([1.0, 2.0])
+    history.run(problem, coulomb.HistoryFiles(tmp_path), on_step=lambda step: step.state.number == 1)
+    history.run(problem, coulomb.HistoryFiles(tmp_path, resume=True))
+    with (tmp_path / "history.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2
+    for row in rows:
+        assert row["centre_of_pressure_x"] == row["probe_inside_pressure"] == row["probe_inside_slip_z"] == ""
+        assert row["probe_inside_displacement_x"] != ""

@@ -129,7 +129,8 @@ class HistoryFiles:
             names = dict.fromkeys(name for row in rows for name in row)  # steps of an older version have fewer
             writer = csv.DictWriter(file, list(names))
             writer.writeheader()
-            writer.writerows(rows)
+            # nan is null in the summary of a step, which a resumed run reads: an empty field in both
+            writer.writerows({name: "" if value != value else value for name, value in row.items()} for row in rows)
         os.replace(partial, folder.history)
         for name in FIELDS:
             output.write_series(folder.path, name, [(step_place(row["step"]), row["time"]) for row in rows])
