@@ -161,7 +161,9 @@ class ContactProblem(PosedProblem):
         """Displacement and certificate of a solver's result, converged or not; from `acceptance` if it has them."""
         judged = (acceptance or Acceptance(self)).answer(result.x)
         x = judged.contact_force
-        g = np.where(self.slip_bound(x) > 0.0, result.slip_bound, 0.0)  # exactly zero at open nodes, as the forces
+        law = self.slip_bound(x)
+        g = np.where(law > 0.0, result.slip_bound, 0.0)  # exactly zero at open nodes, as the forces
+        g = np.where(x[0::3] != result.x[0::3], law, g)  # where `settled` has changed the normal force
         return Solution(self, x, judged.displacement, g, result, judged.certificate)
 
 
