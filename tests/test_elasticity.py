@@ -140,7 +140,7 @@ def test_rollers_on_three_faces_hold_a_body():
         (lambda: Material(float("nan"), 0.3), "young must be a positive"),
         (lambda: Material(1.0, 0.5), r"poisson must be in \(-1, 0.5\)"),
         (lambda: Material(1.0, -1.0), r"poisson must be in \(-1, 0.5\)"),
-        (lambda: Clamp("left", "xx"), "components must be letters of 'xyz', but are 'xx'"),
+        (lambda: Clamp("left", "xx"), "components must be letters of 'xyz', 'normal' or 'tangential', but are 'xx'"),
         (
             lambda: cube([Clamp("lfet")]),
             "clamp: there is no face 'lfet' on this mesh .did you mean 'left'.*; its faces are left",
