@@ -73,6 +73,7 @@ def check_case(
     from ..fem.compilation import announce
     from .posing import doubts, expected, posed
     from .terminal import introduce
+    from .understood import show_understood
 
     announce()
     with bad_input():
@@ -80,6 +81,7 @@ def check_case(
         for end in settings.history.ends if settings.history is not None else ():
             problem.at(end)
     introduce(console, case, problem)
+    show_understood(console, settings, problem)
     doubts(settings)
     for line in expected(settings, problem):
         console.print(line, markup=False, soft_wrap=True)

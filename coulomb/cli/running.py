@@ -40,6 +40,7 @@ from .session import Session
 from .setting_aside import in_place_of
 from .terminal import Display, introduce, report, report_history, warn
 from .time_left import about
+from .understood import show_understood
 
 SOLVED_WHILE_LOADING = 20_000
 """Displacement unknowns up to which a case is solved before the drawing process has loaded its libraries.  On two
@@ -73,6 +74,7 @@ def compute(
         with bad_input():
             problem = posed(settings, target, force, overwrite=None if resume else overwrite)
         introduce(session.console, source, problem)
+        show_understood(session.console, settings, problem)
         doubts(settings)
         if settings.history is not None:
             take_steps(session, settings, problem, target, resume, overwrite)

@@ -64,6 +64,8 @@ def body_in_words(problem: ContactProblem) -> str:
 
 def metres(length: float) -> str:
     """A length in a suitable unit: 3 m, 40 mm, 2.5 km."""
+    if length == 0.0:
+        return "0 m"
     factor, unit = next((pair for pair in _UNITS if abs(length) >= 0.9995 * pair[0]), _UNITS[-1])
     return f"{length / factor:.4g} {unit}"
 

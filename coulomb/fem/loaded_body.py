@@ -53,6 +53,7 @@ class LoadedBody(ElasticBody):
         V: Its space of displacements.
         supports: What prescribes displacements; where supports meet, the later one applies.
         held: The directions along which this rank's nodes are held.
+        springs: Its springs.
         spring: Stiffness of the springs at this rank's nodes along x, y, z in N/m, shape (k, 3).
         loads: Its loads, with their nodal forces.
 
@@ -137,6 +138,7 @@ class LoadedBody(ElasticBody):
         return SupportedFace(nodes, self.x[nodes], self.mesh.comm, integrals)
 
     def _support(self, springs: Sequence[Spring]) -> None:
+        self.springs = tuple(springs)
         self.spring = np.zeros((self._owned, 3))
         self._springs: list[tuple[str, FloatArray]] = []
         for spring in springs:

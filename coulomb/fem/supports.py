@@ -42,6 +42,11 @@ class Support(Protocol):
         """Factor of the displacement as a function of time."""
         ...
 
+    @property
+    def holds(self) -> str:
+        """What it holds or prescribes at amplitude 1, for the list of what was understood."""
+        ...
+
     def directions(self, face: SupportedFace) -> FloatArray:
         """The directions that it holds: orthonormal rows or zeros, shape (q, 3, 3); collective.
 
@@ -109,6 +114,24 @@ class PrescribedDisplacement:
     def what(self) -> str:
         """Kind and face, for error messages."""
         return f"{self.kind} on {self.face!r}"
+
+    @property
+    def holds(self) -> str:
+        """What it holds or prescribes at amplitude 1."""
+        if self.direction is not None:
+            held = "along a function of x" if callable(self.direction) else f"along {_shown(self.direction)}"
+        elif self.components in (NORMAL, TANGENTIAL):
+            held = "along the normal" if self.components == NORMAL else "across the normal"
+        else:
+            held = ", ".join(self.components)
+        if callable(self.value):
+            return f"{held}: a function of x"
+        value = np.asarray(self.value, dtype=np.float64)
+        if not np.any(value):
+            return held
+        if self.direction is None and self.components not in (NORMAL, TANGENTIAL):
+            return ", ".join(f"{letter} = {value['xyz'.index(letter)]:g} m" for letter in self.components)
+        return f"{held}: the part of {_shown(value)} m"
 
     def directions(self, face: SupportedFace) -> FloatArray:
         """The directions that it holds: orthonormal rows or zeros, shape (q, 3, 3); collective.
@@ -202,6 +225,11 @@ class SymmetryPlane:
         """Kind and face, for error messages."""
         return f"symmetry plane on {self.face!r}"
 
+    @property
+    def holds(self) -> str:
+        """The normal of the plane."""
+        return "along the normal"
+
     def directions(self, face: SupportedFace) -> FloatArray:
         """The normal of the plane at every node, shape (q, 3, 3); collective.
 
@@ -262,6 +290,12 @@ class PrescribedRotation:
         return f"{self.kind} on {self.face!r}"
 
     @property
+    def holds(self) -> str:
+        """Rotation, axis, and whether the displacement along it is held."""
+        along = "" if self.axial == "held" else ", free along it"
+        return f"rotation {self.angle:g} rad about {_shown(self.axis)} through {_shown(self.point)} m{along}"
+
+    @property
     def _unit_axis(self) -> FloatArray:
         axis = np.array(self.axis, dtype=np.float64)
         unit: FloatArray = axis / np.linalg.norm(axis)
@@ -308,3 +342,14 @@ class Spring:
     def along_axes(self) -> FloatArray:
         """Shape (3,)."""
         return np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (3,))
+
+    @property
+    def holds(self) -> str:
+        """Its stiffness."""
+        values = self.along_axes
+        same = bool(np.all(values == values[0]))
+        return f"stiffness {f'{values[0]:g}' if same else _shown(values)} N/m^3"
+
+
+def _shown(vector: Sequence[float] | FloatArray) -> str:
+    return f"({', '.join(f'{value:g}' for value in np.asarray(vector, dtype=np.float64))})"

@@ -17,6 +17,7 @@ from ..model.nodal_answer import NodalAnswer
 from ..model.posed_problem import PosedProblem
 from ..model.resultants import Acting
 from ..model.solution import Solution
+from ..model.understood import contacts_of, supports_of
 from ..version import __version__
 from .environment import versions
 from .peak_memory import peak_memory
@@ -45,6 +46,7 @@ def summary(solution: Solution) -> dict[str, Any]:
             solution.at_nodes, solution.certificate, u, elasticity.spring_force(u), elasticity.held, solution.acting
         ),
         "probes": [value.entry() for value in solution.probes],
+        "understood": {"supports": supports_of(problem), "contacts": contacts_of(problem)},
         "material": _materials(problem),
         "mean_compliance": problem.mean_compliance,
         "method": {

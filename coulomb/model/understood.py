@@ -1,0 +1,120 @@
+"""What was understood of a problem, before it is solved: resultants of loads, what supports hold, gaps.
+
+A wrong sign or unit is seen there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..fem.loads import AppliedLoad, named
+from ..fem.nodal_forces import NodalForces
+from ..fem.obstacles import RigidFoundation
+from ..fem.user_values import evaluate_amplitude, on_all_ranks
+from ..linalg.reductions import Reductions
+from .contact import Contact
+from .nodal_answer import law_numbers
+from .posed_problem import PosedProblem
+from .resultants import resultants
+
+_ROUNDING = 1e-12
+"""Part of the sum of all nodal forces up to which a resultant is zero."""
+
+
+@dataclass(frozen=True)
+class UnderstoodLoad:
+    """A load and its resultant at the time of its largest amplitude.
+
+    Attributes:
+        what: Kind and face.
+        time: The time, the first of several.
+        force: In newtons, shape (3,); rounding errors are 0.
+        moment: About the origin in newton metres, shape (3,); rounding errors are 0.
+    """
+
+    what: str
+    time: float
+    force: FloatArray
+    moment: FloatArray
+
+
+def loads_of(problem: PosedProblem, times: Sequence[float]) -> list[UnderstoodLoad]:
+    """Every load with its resultant at that of the times at which its amplitude is largest; collective.
+
+    Raises:
+        ValueError: On every rank, if an amplitude has no finite value at one of them.
+    """
+    body, over = problem.elasticity, Reductions(problem.comm)
+    ends = np.array([[over.min(axis), over.max(axis)] for axis in body.x.T])
+    arm = float(np.max(np.linalg.norm(np.abs(ends).max(axis=1))))
+
+    def understood(applied: AppliedLoad) -> UnderstoodLoad:
+        load = applied.load
+        factors = on_all_ranks(
+            lambda: [evaluate_amplitude(load.amplitude, time, named(load)) for time in times], "", problem.comm
+        )
+        largest = int(np.argmax(np.abs(factors)))
+        forces = NodalForces(load.kind, load.face, factors[largest] * applied.nodal_force)
+        (found,) = resultants([forces], body.x, over)
+        small = _ROUNDING * found.nodal
+        force = np.where(np.abs(found.force) <= small, 0.0, found.force)
+        moment = np.where(np.abs(found.moment) <= small * arm, 0.0, found.moment)
+        return UnderstoodLoad(named(load), times[largest], force, moment)
+
+    return [understood(applied) for applied in body.loads]
+
+
+def supports_of(problem: PosedProblem) -> list[dict[str, Any]]:
+    """Kind, face and what it holds of every support and spring."""
+    body = problem.elasticity
+    supports = [{"kind": support.kind, "face": support.face, "holds": support.holds} for support in body.supports]
+    return supports + [{"kind": "spring", "face": spring.face, "holds": spring.holds} for spring in body.springs]
+
+
+def contacts_of(problem: PosedProblem) -> list[dict[str, Any]]:
+    """Face, nodes, law, foundation, range of the gap and motion of every contact pair; collective."""
+    over, surface, found = Reductions(problem.comm), problem.surface, []
+    for part, (contact, foundation) in enumerate(zip(problem.contacts, problem.foundations, strict=True)):
+        here = surface.part == part
+        found.append(
+            {
+                "face": contact.face,
+                "nodes": int(over.sum(here.astype(float))),
+                **law_numbers(problem.law.at(here), surface.area[here], surface.frames[here], over),
+                "foundation": _foundation(contact, foundation),
+                "gap": {"min": over.min(surface.gap[here]), "max": over.max(surface.gap[here])},
+                "moves": _moves(contact),
+            }
+        )
+    return found
+
+
+def _foundation(contact: Contact, foundation: RigidFoundation) -> str:
+    """Its kind and numbers."""
+    kind = type(foundation).__name__.lower()
+    if contact.foundation is None:
+        return "the plane of the face"
+    if not dataclasses.is_dataclass(foundation):
+        return kind
+    given = {field.name: getattr(foundation, field.name) for field in dataclasses.fields(foundation)}
+    return ", ".join([kind, *(f"{name} {_shown(value)}" for name, value in given.items() if not callable(value))])
+
+
+def _moves(contact: Contact) -> str:
+    """Which motions it has."""
+    motions = {"translation": contact.motion, "rotation": contact.rotation}
+    return " and ".join(name for name, motion in motions.items() if motion is not None)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float | int) and not isinstance(value, bool):
+        return f"{value:g}"
+    if isinstance(value, tuple | list | np.ndarray):
+        return f"({', '.join(_shown(entry) for entry in value)})"
+    return str(value)
