@@ -68,6 +68,8 @@ def test_check_case_solves_and_writes_nothing(tmp_path):
     first, body, *others = done.stdout.splitlines()
     assert first.endswith("1815 displacement and 363 contact unknowns, Coulomb friction 0.5, 1 rank")
     assert body == "body 100 mm x 100 mm x 50 mm; 500 hexahedra, 726 nodes"
+    assert [line[:8].strip() for line in others[:3]] == ["support", "support", "contact"]
+    del others[:3]
     assert others[0] == "K direct (nested dissection, LAPACK Cholesky), A explicit"
     assert others[1].startswith("24 load steps, each halved up to 6 times")
     assert re.match(r"about 0\.1\d GB of memory, 0\.0\d+ GB on disk and \d+ s on one core, its picture in", others[2])
