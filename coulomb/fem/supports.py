@@ -11,6 +11,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from .contact_frames import tangent_frames
+from .held_words import held_in_words, vector_in_words
 from .obstacles import Point, RigidFoundation, check_direction, check_point
 from .supported_face import SupportedFace
 from .user_values import Amplitude, Field, evaluate_vectors, first_place, on_all_ranks
@@ -118,20 +119,7 @@ class PrescribedDisplacement:
     @property
     def holds(self) -> str:
         """What it holds or prescribes at amplitude 1."""
-        if self.direction is not None:
-            held = "along a function of x" if callable(self.direction) else f"along {_shown(self.direction)}"
-        elif self.components in (NORMAL, TANGENTIAL):
-            held = "along the normal" if self.components == NORMAL else "across the normal"
-        else:
-            held = ", ".join(self.components)
-        if callable(self.value):
-            return f"{held}: a function of x"
-        value = np.asarray(self.value, dtype=np.float64)
-        if not np.any(value):
-            return held
-        if self.direction is None and self.components not in (NORMAL, TANGENTIAL):
-            return ", ".join(f"{letter} = {value['xyz'.index(letter)]:g} m" for letter in self.components)
-        return f"{held}: the part of {_shown(value)} m"
+        return held_in_words(self.components, self.direction, self.value)
 
     def directions(self, face: SupportedFace) -> FloatArray:
         """The directions that it holds: orthonormal rows or zeros, shape (q, 3, 3); collective.
@@ -293,7 +281,8 @@ class PrescribedRotation:
     def holds(self) -> str:
         """Rotation, axis, and whether the displacement along it is held."""
         along = "" if self.axial == "held" else ", free along it"
-        return f"rotation {self.angle:g} rad about {_shown(self.axis)} through {_shown(self.point)} m{along}"
+        axis, point = vector_in_words(self.axis), vector_in_words(self.point)
+        return f"rotation {self.angle:g} rad about {axis} through {point} m{along}"
 
     @property
     def _unit_axis(self) -> FloatArray:
@@ -348,8 +337,4 @@ class Spring:
         """Its stiffness."""
         values = self.along_axes
         same = bool(np.all(values == values[0]))
-        return f"stiffness {f'{values[0]:g}' if same else _shown(values)} N/m^3"
-
-
-def _shown(vector: Sequence[float] | FloatArray) -> str:
-    return f"({', '.join(f'{value:g}' for value in np.asarray(vector, dtype=np.float64))})"
+        return f"stiffness {f'{values[0]:g}' if same else vector_in_words(values)} N/m^3"
