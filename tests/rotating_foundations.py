@@ -18,7 +18,7 @@ from coulomb import (
 RUBBER = Material(young=1e7, poisson=0.3)
 CELLS = ("hexahedron", "tetrahedron")
 TABLE = Plane((0, 0, 0), (0, 0, 1))
-TURNING = [(0, 0.0), (1, 0.0), (2, 4.0)]
+TURNING = [(0, 0.5), (1, 0.5), (2, 4.5)]
 
 
 def disc(x):

@@ -5,18 +5,20 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from rotating_foundations import CELLS, RUBBER, TABLE, puck, steps
+from rotating_foundations import CELLS, RUBBER, TABLE, disc, puck, steps
 
 from coulomb import (
     Clamp,
     Contact,
     ContactProblem,
     Cylinder,
+    Material,
     Plane,
     PrescribedDisplacement,
     Rotation,
     SignedDistance,
     Sphere,
+    Spring,
     box,
 )
 from coulomb.fem.rigid_motion import Moved, RigidMotion, Turn, moved
@@ -32,6 +34,21 @@ def test_the_torque_of_a_disc_converges():
         normal = last.row["normal_force"]
         errors.append(abs(last.row["bottom_torque"] / (-2 / 3 * 0.3 * normal * 0.05) - 1.0))
     assert errors[1] < 0.02 and errors[1] < 0.35 * errors[0]
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_dead_weight_on_a_turntable(cell):
+    """2/3 F W R up to the mesh; turned the other way, by an axis that points down, the torque has the same sign."""
+    table = Contact("bottom", 0.3, foundation=TABLE, rotation=Rotation((0, 0, 5), (0, 0, -1), [(0, 0), (1, 7)]))
+    mesh, guide = box((1.0, 1.0, 1.0), (6, 6, 2), cell, place=disc), Spring("top", (0.0, 0.0, 1e3))
+    problem = ContactProblem(
+        mesh, Material(1e7, 0.3), [Clamp("top", "xy")], table, body_force=(0, 0, -1e6), springs=[guide]
+    )
+    *_, last = steps(problem, [0.01, 0.5, 1.0])
+    weight = -float(np.sum(problem.loading.load[:, 2]))
+    assert last.row["normal_force"] == pytest.approx(weight, rel=1e-6)
+    assert last.row["bottom_torque"] == pytest.approx(-2 / 3 * 0.3 * weight * 0.05, rel=0.05)
+    assert last.row["moment_z"] == pytest.approx(-last.row["bottom_torque"] * -1.0, rel=1e-9)  # on the body, about +z
 
 
 def test_steady_sliding_dissipates_torque_times_angle():

@@ -238,7 +238,7 @@ class NodalAnswer:
         if spin is None:
             return {}
         here = self.part == part
-        torque = -Reductions(self.comm).sum(spin.torques(self.x[here], self.on_body[here]))
+        torque = 0.0 - Reductions(self.comm).sum(spin.torques(self.x[here], self.on_body[here]))
         return {
             "axis": {"point": spin.centre.tolist(), "direction": spin.axis.tolist()},
             "angle": spin.angle,
