@@ -157,7 +157,7 @@ class InteriorPoint:
         x = problem.completed(problem.project(np.zeros_like(problem.b)))
         gradient = problem.gradient(x) if problem.reductions.max(np.abs(x)) > 0.0 else -problem.b
         residual = problem.residual(x, gradient)
-        if not goal.reached(residual, x):
+        if residual != 0.0 and not goal.reached(residual, x):  # with 0 there is no other answer, accepted or not
             return None
         status, nothing = goal.verdict(residual, x, Status.MAX_ITERATIONS), np.zeros((problem.A.nodes, 2))
         return SolverResult(
