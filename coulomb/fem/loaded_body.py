@@ -13,6 +13,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from .body import ElasticBody
 from .constraints import prescribed_rows
+from .contradictions import SupportedNodes, contradictions
 from .loads import AppliedLoad, BodyForce, Load, Weight, vanishes
 from .materials import Materials, material_of_cells
 from .meshes import NamedMesh
@@ -54,6 +55,7 @@ class LoadedBody(ElasticBody):
         supports: What prescribes displacements; where supports meet, the later one applies.
         held: The directions along which this rank's nodes are held.
         springs: Its springs.
+        contradictions: Messages about supports that prescribe different displacements where they meet.
         spring: Stiffness of the springs at this rank's nodes along x, y, z in N/m, shape (k, 3).
         loads: Its loads, with their nodal forces.
 
@@ -117,16 +119,19 @@ class LoadedBody(ElasticBody):
         return factor
 
     def _prescribe(self) -> None:
-        faces = [self._supported_face(support) for support in self.supports]
-        given = zip(self.supports, faces, strict=True)
-        directions = [(face.nodes, support.directions(face)) for support, face in given]
-        self._rows = prescribed_rows(self._owned, directions)
+        given = [self._supported_nodes(support) for support in self.supports]
+        self._rows = prescribed_rows(self._owned, [(one.nodes, one.directions) for one in given])
         self.held = self._rows.held
         self._values = np.zeros(len(self._rows.node))
-        for number, (support, face) in enumerate(zip(self.supports, faces, strict=True)):
+        for number, one in enumerate(given):
             here = self._rows.support == number
-            values = support.displacement(face)[np.searchsorted(face.nodes, self._rows.node[here])]
+            values = one.displacement[np.searchsorted(one.nodes, self._rows.node[here])]
             self._values[here] = np.einsum("ri,ri->r", self._rows.direction[here], values)
+        self.contradictions = contradictions(given, self._rows, self._values, self.x, self.mesh.comm)
+
+    def _supported_nodes(self, support: Support) -> SupportedNodes:
+        face = self._supported_face(support)
+        return SupportedNodes(support, face.nodes, support.directions(face), support.displacement(face))
 
     def _supported_face(self, support: Support) -> SupportedFace:
         nodes = self.nodes(support.face, support.kind)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -27,6 +28,8 @@ from .contact import Contact, ContactFaces
 from .probes import LocatedProbes, Probe
 from .state import Before, ContactState
 from .stopwatch import timed
+
+_log = logging.getLogger(__name__)
 
 
 class ContactBody:
@@ -86,6 +89,9 @@ class ContactBody:
                 *(mesh, material, clamps, tractions, body_force, springs, body_force_amplitude),
                 *(gravity, gravity_amplitude),
             )
+            if self.comm.rank == 0:
+                for text in self.elasticity.contradictions:
+                    _log.warning("%s", text)
             faces, still = ContactFaces(self.contacts, self.comm), RigidMotion(np.zeros(3))
             self._reference: ContactSurface = faces.surface(self.elasticity, [still] * len(self.contacts))
             self._faces = faces.against(self._reference.foundations)  # the plane of the face if none was given

@@ -1,0 +1,94 @@
+"""Supports that prescribe different displacements where they meet are reported before the solve."""
+
+import logging
+import re
+
+import numpy as np
+import pytest
+
+import coulomb
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    Elasticity,
+    LoadCurve,
+    Material,
+    PrescribedDisplacement,
+    PrescribedRotation,
+    SymmetryPlane,
+)
+
+RAMP = [(0.0, 0.0), (1.0, 1.0)]
+CURVE = LoadCurve([0.0, 1.0], [0.0, 1.0])
+UP = (0.0, 0.0, 1e-3)
+SOFT = Material(1e9, 0.3)
+
+
+def messages(*supports, cell="hexahedron"):
+    return Elasticity(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2), cell), SOFT, supports).contradictions
+
+
+def moved(face, value, components="xyz", amplitude=1.0, direction=None):
+    return PrescribedDisplacement(face, value, components, amplitude, direction)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_a_face_that_is_pressed_beside_a_clamp(cell):
+    (message,) = messages(Clamp("left"), moved("top", (0, 0, -1e-3), "z"), cell=cell)
+    assert message == (
+        "clamp on 'left' is overridden at 3 nodes by prescribed displacement on 'top', which prescribes a different "
+        "displacement there (first seen at x = 0, 0, 1): of two supports the later one counts"
+    )
+
+
+@pytest.mark.parametrize(
+    ("supports", "nodes"),
+    [
+        ([moved("top", (0, 0, 1e-3)), moved("top", (0, 0, 2e-3), "z")], "9 nodes"),
+        ([Clamp("top", "xy"), moved("top", UP, "z", RAMP), moved("top", UP, "z", [(0, 0), (2, 1)])], "9 nodes"),
+        ([PrescribedRotation("left", (0, 0, 0), (1, 0, 0), 1e-3), SymmetryPlane("bottom")], "2 nodes"),
+    ],
+    ids=["a face twice", "different amplitudes", "a rotation out of a plane of symmetry"],
+)
+def test_what_is_overridden(supports, nodes):
+    (message,) = messages(*supports)
+    assert re.search(rf"is overridden at {nodes} by", message)
+
+
+@pytest.mark.parametrize(
+    "supports",
+    [
+        [Clamp("left"), SymmetryPlane("bottom"), Clamp("front", "normal")],
+        [moved("top", (0, 0, 1e-3), "z", RAMP), moved("top", (1e-3, 0, 0), "x", [(1, 0), (2, 1)]), Clamp("top", "y")],
+        [moved("top", (0, 0, 1e-3), "z", RAMP), moved("right", (5, 5, 1e-3), "z", list(RAMP)), Clamp("left", "xy")],
+        [Clamp("left"), moved("top", lambda x: np.array([0 * x[0], 0 * x[0], 1e-3 * x[0]]), "z", CURVE)],
+        [Clamp("top"), moved("top", (1e-3, 0, 0), "x")],
+        [moved("left", (0, 0, 2e-3)), moved("top", (0, 0, 1e-3), "z", 2.0)],
+        [PrescribedRotation(face, (3, 1, 0), (1, 2, 0.5), 0.1) for face in ("left", "top", "front")],
+        [SymmetryPlane("bottom"), Clamp("left"), moved("left", (0, 0, 0), direction=(0, 0.02, 1))],
+    ],
+    ids=[
+        *("zero", "across", "same amplitude", "same at the edge", "a face in layers", "number as amplitude"),
+        *("one rotation", "nearly along"),
+    ],
+)
+def test_supports_that_agree(supports):
+    assert messages(*supports) == ()
+
+
+def test_different_displacements_along_nearly_the_same_direction():
+    """u_z = 0 and cos(a) u_z + sin(a) u_y = v: the edge moves by v/sin(a)."""
+    a = np.radians(2.0)
+    oblique = moved("right", (0, 0, 1e-3), direction=(0, np.sin(a), np.cos(a)))
+    (message,) = messages(Clamp("left"), Clamp("top", "z"), oblique)
+    ratio = np.cos(a) * 1e-3 / np.sin(a) / (np.cos(a) * 1e-3)
+    assert f"clamp on 'top' and {oblique.what} prescribe different displacements along nearly the same" in message
+    assert f"up to {ratio:.3g} times what each prescribes (first seen at x = 1, 0, 1)" in message
+
+
+def test_they_are_logged_before_the_solve(caplog):
+    supports = [Clamp("left"), moved("top", (0, 0, -1e-3), "z")]
+    with caplog.at_level(logging.WARNING, "coulomb"):
+        ContactProblem(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), SOFT, supports, Contact("bottom", 0.3))
+    assert [record.message for record in caplog.records] == list(messages(*supports))
