@@ -138,11 +138,13 @@ class PosedProblem:
     def closure(self, u: FloatArray) -> FloatArray:
         """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3); collective.
 
-        Slip of the size of rounding errors is exactly 0: where it is prescribed, only its direction decides the
-        direction of friction.
+        Where supports prescribe slips, those of the size of rounding errors are exactly 0: friction would be along
+        them.
         """
         rows = self.surface.rows(u)
         closed = closure(rows, self.slip_origin)
+        if self.surface.free_B is self.surface.B:  # no slip is prescribed
+            return closed
         size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.slip_origin).max(axis=1, initial=0.0)
         closed[:, 1:][np.abs(closed[:, 1:]) <= _ROUNDING * size[:, None]] = 0.0
         return closed

@@ -79,7 +79,7 @@ class ScaledProblem:
         e[:, 0] = 1.0
         self.problem.A.mult(e.ravel(), A_e)
         s = max(over.dot(e.ravel(), b), 0.1 * over.norm(e) * over.norm(b)) / over.dot(e.ravel(), A_e)
-        return max(s, 0.1 * over.max(np.abs(np.asarray(self.problem.lower))))
+        return max(s, 0.1 * over.max(np.abs(np.asarray(self.problem.lower)))) or 1.0  # without loads any force will do
 
     # --- norms ----------------------------------------------------------------------------------------------------
 
