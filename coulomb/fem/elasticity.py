@@ -94,6 +94,8 @@ class Elasticity(LoadedBody):
         diagonal = self.K.getDiagonal()
         free = diagonal.array[~self.fixed.ravel()]
         count = comm.allreduce(3 * self._owned - self.held.number, op=MPI.SUM)
+        if count == 0:
+            raise ValueError("the supports hold every node of the body: there is nothing to compute; use a finer mesh")
         mean = float(comm.allreduce(float(free.sum()), op=MPI.SUM) / count)
         diagonal.destroy()
         first = self.K.getOwnershipRange()[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,13 @@ _MODES = (
     *("translation along x", "translation along y", "translation along z"),
     *("rotation about x", "rotation about y", "rotation about z"),
 )
+
+_KINDS = {
+    "clamps": ("directions", "Clamp, PrescribedDisplacement, PrescribedRotation or SymmetryPlane"),
+    "springs": ("along_axes", "Spring"),
+    "tractions": ("nodal_force", "Traction, Pressure or TotalForce"),
+}
+"""Arguments of a body, what their entries have, and which types these are."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +83,8 @@ class LoadedBody(ElasticBody):
         gravity: Sequence[float] = (0.0, 0.0, 0.0),
         gravity_amplitude: Amplitude = 1.0,
     ):
+        for name, given in (("clamps", clamps), ("springs", springs), ("tractions", tractions)):
+            _refuse_others(name, given)
         super().__init__(mesh.domain, *material_of_cells(mesh, materials))
         self.mesh, self.materials = mesh, materials
         self.supports = tuple(clamps)
@@ -224,3 +233,13 @@ class LoadedBody(ElasticBody):
     def spring_force(self, u: FloatArray) -> FloatArray:
         """Forces of the springs on the body at displacements u, newtons; shapes (k, 3)."""
         return -self.spring * u
+
+
+def _refuse_others(name: str, given: object) -> None:
+    """Raises ValueError unless an argument is a list of what belongs there."""
+    has, types = _KINDS[name]
+    if not isinstance(given, Iterable):
+        raise ValueError(f"{name} must be a list of {types}, but is {given!r}")
+    for entry in given:
+        if not hasattr(entry, has):
+            raise ValueError(f"{name} must be a list of {types}, but an entry is {entry!r}")

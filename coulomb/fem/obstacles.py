@@ -9,12 +9,16 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from ..arrays import FloatArray
+from .user_values import is_number
 
 Point = tuple[float, float, float]
 
 _DIFFERENCE = 1e-5
 """Relative step of the finite differences for a normal: the cube root of the rounding error."""
 
+
+LEAST_LENGTH = 1e-100
+"""Smallest length of a direction, and the inverse of the largest: squares do not underflow or overflow."""
 
 _SAME = 1e-12
 """Distance over the radius, and sine of the angle, below which two axes are the same up to rounding."""
@@ -215,15 +219,19 @@ def _unit(vector: Point) -> FloatArray:
 
 def check_point(what: str, point: Point) -> None:
     """Raises ValueError if a point has not three finite coordinates."""
-    if len(point) != 3 or not np.all(np.isfinite(point)):
+    if np.shape(point) != (3,) or not all(is_number(entry, -np.inf) for entry in point):
         raise ValueError(f"{what} must be three finite numbers, but is {point}")
 
 
 def check_direction(what: str, vector: Point) -> None:
-    """Raises ValueError if a direction has not three finite components, or has no length."""
+    """Raises ValueError if a direction has not three finite components, or its length is zero or overflows."""
     check_point(what, vector)
-    if not np.linalg.norm(vector) > 0.0:
+    if not any(vector):
         raise ValueError(f"{what} must not be zero")
+    if not LEAST_LENGTH <= max(map(abs, vector)) <= 1.0 / LEAST_LENGTH:
+        raise ValueError(
+            f"{what} must have a length between {LEAST_LENGTH:g} and {1.0 / LEAST_LENGTH:g}, but is {vector}"
+        )
 
 
 def _check_radius(what: str, radius: float) -> None:

@@ -12,9 +12,9 @@ import numpy as np
 from ..arrays import FloatArray
 from .contact_frames import tangent_frames
 from .held_words import held_in_words, vector_in_words
-from .obstacles import Point, RigidFoundation, check_direction, check_point
+from .obstacles import LEAST_LENGTH, Point, RigidFoundation, check_direction, check_point
 from .supported_face import SupportedFace
-from .user_values import Amplitude, Field, evaluate_vectors, first_place, on_all_ranks
+from .user_values import Amplitude, Field, evaluate_vectors, first_place, is_number, on_all_ranks
 
 NORMAL, TANGENTIAL = "normal", "tangential"
 """Components along and across the normal of the face."""
@@ -99,7 +99,7 @@ class PrescribedDisplacement:
     kind = "prescribed displacement"
 
     def __post_init__(self) -> None:
-        letters = set(self.components)
+        letters = set(self.components) if isinstance(self.components, str) else set()
         by_letters = bool(letters) and len(letters) == len(self.components) and not letters - set("xyz")
         if not by_letters and self.components not in (NORMAL, TANGENTIAL):
             raise ValueError(
@@ -143,11 +143,16 @@ class PrescribedDisplacement:
         assert self.direction is not None
         what = f"{self.what}: direction"
         vectors = evaluate_vectors(self.direction, face.x, what, face.comm)
-        length = np.linalg.norm(vectors, axis=1)
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(vectors, axis=1)
 
         def unit() -> FloatArray:
             if np.any(length == 0.0):
                 raise ValueError(f"must not be zero (first seen at x = {first_place(face.x, length == 0.0)})")
+            beyond = (length < LEAST_LENGTH) | (length > 1.0 / LEAST_LENGTH)
+            if np.any(beyond):
+                between = f"between {LEAST_LENGTH:g} and {1.0 / LEAST_LENGTH:g}"
+                raise ValueError(f"must have a length {between} (first seen at x = {first_place(face.x, beyond)})")
             directions: FloatArray = vectors / length[:, None]
             return directions
 
@@ -267,7 +272,7 @@ class PrescribedRotation:
     def __post_init__(self) -> None:
         check_point(f"{self.what}: point", self.point)
         check_direction(f"{self.what}: axis", self.axis)
-        if not math.isfinite(self.angle):
+        if not is_number(self.angle, -math.inf):
             raise ValueError(f"{self.what}: angle must be a finite number of radians, but is {self.angle}")
         if self.axial not in ("held", "free"):
             raise ValueError(f'{self.what}: axial must be "held" or "free", but is {self.axial!r}')

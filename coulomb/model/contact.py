@@ -73,6 +73,8 @@ class Contact:
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):
             raise ValueError("contact: give either friction (Coulomb) or slip_stress (Tresca), one of the two")
+        if self.rotation is not None and not isinstance(self.rotation, Rotation):
+            raise ValueError(f"contact: rotation must be a Rotation(point, axis, angle), but is {self.rotation!r}")
         if self.cohesion is not None and self.friction is None:
             raise ValueError("contact: cohesion goes with friction; slip_stress is a cohesion alone")
         if isinstance(self.friction, str):
