@@ -77,6 +77,14 @@ def test_supports_that_agree(supports):
     assert messages(*supports) == ()
 
 
+def test_only_the_support_that_overrides_is_named():
+    """Where three faces meet, the one that holds another direction is not involved."""
+    pulled = moved("right", (1e-3, 0, 0), "x")
+    fixed = Clamp("back", "x"), SymmetryPlane("bottom"), SymmetryPlane("front")
+    (message,) = messages(*fixed, moved("top", (0, 0, -1e-3), "z"), pulled)
+    assert message.startswith(f"clamp on 'back' is overridden at 3 nodes by {pulled.what}, which")
+
+
 def test_different_displacements_along_nearly_the_same_direction():
     """u_z = 0 and cos(a) u_z + sin(a) u_y = v: the edge moves by v/sin(a)."""
     a = np.radians(2.0)

@@ -57,16 +57,20 @@ def contradictions(
     scale = _scales(given)
     u = rows.displacement(scale[rows.support] * values)
     messages = []
+    faces = np.array([one.support.face for one in given])
     for number, one in enumerate(given):
         own = scale[number] * one.displacement
         wanted, there = (np.einsum("qai,qi->qa", one.directions, v) for v in (own, u[one.nodes]))
         size = np.maximum(np.linalg.norm(own, axis=1), np.linalg.norm(u[one.nodes], axis=1))
-        elsewhere = (rows.support > number) & np.array([g.support.face != one.support.face for g in given])[
-            rows.support
-        ]
+        elsewhere = (rows.support > number) & (faces[rows.support] != one.support.face)
         layered = (wanted == 0.0) & ~np.isin(one.nodes, rows.node[elsewhere])[:, None]
-        lost = np.any((np.abs(wanted - there) > _DIFFERENT * size[:, None]) & ~layered, axis=1)
-        others = sorted({int(s) for s in rows.support[np.isin(rows.node, one.nodes[lost])]} - {number})
+        different = (np.abs(wanted - there) > _DIFFERENT * size[:, None]) & ~layered
+        lost = np.any(different, axis=1)
+        missed = np.zeros_like(x)
+        missed[one.nodes] = np.einsum("qa,qai->qi", np.where(different, wanted - there, 0.0), one.directions)
+        along = np.abs(np.einsum("ri,ri->r", rows.direction, missed[rows.node]))
+        takes = along > DEPENDENT * np.linalg.norm(missed[rows.node], axis=1)
+        others = sorted({int(s) for s in rows.support[takes & (rows.support > number)]})
         count, place, takers = _where(lost, x[one.nodes], others, comm)
         if count:
             by = " and ".join(given[taker].support.what for taker in takers)
