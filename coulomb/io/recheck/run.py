@@ -186,7 +186,7 @@ def check_run(
     nodes = face_nodes(run, case, time, slip_rate, part, found)
     spins = written_spins(run) if case is None else case_spins(run, case, time, start.time if start else None)
     nodes, say = _from_origin(run, nodes, spins, case, time, start, found)
-    nodes = _from_accumulated(run, nodes, spins, start)
+    nodes = _from_accumulated(run, nodes, spins, case, start)
     trusted += say
     foundations = None if case is None else case.foundations(time)
     roundings = (None, *(Rounding((seed, abs(step)), run.evaluation) for seed in _SEEDS))
@@ -251,13 +251,17 @@ def _from_origin(
 
 
 def _from_accumulated(
-    run: WrittenRun, nodes: FaceNodes, spins: tuple[Spin | None, ...], start: Start | None
+    run: WrittenRun,
+    nodes: FaceNodes,
+    spins: tuple[Spin | None, ...],
+    case: CaseReference | None,
+    start: Start | None,
 ) -> FaceNodes:
     """The nodes with what has accumulated in the load steps before; without these as follows from what is written."""
     if start is not None:
         return replace(nodes, earlier=start.accumulated(run)[nodes.index])
-    if "step" not in run.summary:
-        return nodes
+    if "step" not in run.summary and not (case is None and np.any(nodes.origin)):
+        return nodes  # a single run; from Python it may be a step of a history
     displacement, on_body = run.on_body["displacement"], run.on_face["contact_force"]
     own = nodes.answer(run, displacement, on_body, run.on_face["x"], spins).accumulated
     earlier = _accumulated(run)[nodes.index]
