@@ -130,6 +130,9 @@ class _Condensed:
         self._y.axpy(alpha, self._w)
         return self._image(x)
 
+    def tighten(self) -> None:
+        """A step has no products by A."""
+
     def exact_product(self, x: FloatArray) -> FloatArray:
         """The most accurate A x, by a correction of y; y is unchanged."""
         self._compliance.guess(self._y)

@@ -30,7 +30,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -47,7 +46,7 @@ from .results import (
     Status,
     check_constants,
 )
-from .scaled_problem import Iterate, ScaledProblem
+from .scaled_problem import Iterate, ScaledProblem, Step
 
 
 @dataclass(frozen=True)
@@ -73,6 +72,8 @@ class InteriorPoint:
         backtrack: The ratio of the step lengths tried.
         gradient_share: With slope, the residual of a Newton system is at most this fraction of the gradient.
         fresh: If products are inexact, accuracy of A x at a new iterate relative to its change.
+        growth: Inexact products become ten times as accurate after a step of length alpha from which the gradient is
+            more than 1 + growth alpha times as large: their errors outweigh it, as where dx is large and A dx small.
         wait: With slope or inexact products, sigma is at least this times the gradient over its bound in N(gamma,
             beta), so that theta does not decrease faster than the gradient; but at most `wait_max` for that reason.
         warm_floor: With slope, a start from given forces has x_n at least this many nominal forces inside,
@@ -102,6 +103,7 @@ class InteriorPoint:
     backtrack: float = 0.9
     gradient_share: float = 0.3
     fresh: float = 0.03
+    growth: float = 0.5
     wait: float = 3.0
     wait_max: float = 0.9
     warm_floor: float = 0.3
@@ -168,24 +170,6 @@ class InteriorPoint:
         """sigma after a step of length alpha, with the gradient at a fraction `used` of its bound in N(gamma, beta)."""
         sigma = min(max((1.0 - alpha) ** 2, self.sigma_min), self.sigma_max)
         return max(sigma, min(self.wait * used, self.wait_max))
-
-
-class Step(NamedTuple):
-    """A step on its curve: v(alpha), and its Krylov iterations."""
-
-    v: Iterate
-    dx_n: FloatArray
-    dy: FloatArray
-    dnu: FloatArray
-    A_dx: FloatArray
-    A_bend: FloatArray | float
-    iterations: int
-
-    def at(self, alpha: float) -> Iterate:
-        """The iterate at a step length; A x to first order where the curve is not straight."""
-        v = self.v
-        A_x = v.A_x + alpha * self.A_dx + alpha**2 * self.A_bend
-        return Iterate(v.x_n + alpha * self.dx_n, v.y + alpha * self.dy, v.nu + alpha * self.dnu, A_x)
 
 
 def newton_step(
@@ -308,7 +292,9 @@ class _Path:
             err = scaled.relative_change(v, new)
             x = scaled.forces(new.x_n, new.y)
             v = new._replace(A_x=newton.advance(x, None if scaled.sloped else new.A_x, alpha, settings.fresh))
-            theta, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), scaled.infeasibility(v)
+            theta, before, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), gradient, scaled.infeasibility(v)
+            if gradient > (1.0 + settings.growth * alpha) * before:
+                newton.tighten()
             # err is proportional to alpha, so a blocked step would look like convergence: the residual decides
             residual = problem.residual(*scaled.unscaled(v)[:2])
             if residual <= goal.residual:  # A x may be inexact: decide with the most accurate product

@@ -68,6 +68,10 @@ class NewtonSystem(Protocol):
         """The most accurate A x, shape (m, 3), for the final residual."""
         ...
 
+    def tighten(self) -> None:
+        """Make inexact products ten times as accurate from now on."""
+        ...
+
     def solve(
         self, at: Linearization, r1: FloatArray, r2: FloatArray, weight: FloatArray, tolerance: float, cap: float
     ) -> NewtonStep:
@@ -114,7 +118,8 @@ class SchurComplementSystem:
 
     Attributes:
         rank: Columns of U, the low-rank approximation of A in the preconditioner; 0 is the paper's P_SC.
-        product: Bounds of the accuracy of a product that is a solve; within them it is the tolerance of the step.
+        product: Bounds of the accuracy of a product that is a solve; within them it is the tolerance of the step, and
+            ten times as accurate after every step from which the gradient grows (`InteriorPoint.growth`).
     """
 
     rank: int = 100
@@ -177,7 +182,7 @@ class _Krylov(ProductImages):
         U = self._A.nodal_U(self._block)
         U[~self._at.frictional, 1:3] = 0.0
         self._preconditioner = LowRankUpdate(self._comm, inverse, U)
-        self._accuracy = min(max(tolerance, self._product[0]), self._product[1])
+        self._accuracy = self._sharper * min(max(tolerance, self._product[0]), self._product[1])
         atol = max(min(tolerance * size, cap), ROUNDING * size)
         unknowns, A_dx, iterations = self._krylov.solve(self._weight * rhs, guess, atol)
         self._A.update()

@@ -47,6 +47,10 @@ class ScaledCompliance:
         return self.W * displacement.reshape(-1, 3) / (self.a * self.s)
 
 
+_SHARPEST = 1e-5
+"""Smallest factor of the accuracy of products: below it the accuracy of the solves with K decides."""
+
+
 class ProductImages:
     """A x of the iterates for Newton systems that use products by A.
 
@@ -57,15 +61,18 @@ class ProductImages:
     """
 
     def __init__(self, A: ScaledCompliance):
-        self._scaled = A
+        self._scaled, self._sharper = A, 1.0
 
     def start(self, x: FloatArray, tolerance: float) -> FloatArray:
         return self._scaled.mult_incremental(x, tolerance)
 
+    def tighten(self) -> None:
+        self._sharper = max(0.1 * self._sharper, _SHARPEST)
+
     def advance(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
         if predicted is not None and self._scaled.A.exact:
             return predicted
-        return self._scaled.mult_incremental(x, tolerance)
+        return self._scaled.mult_incremental(x, self._sharper * tolerance)
 
     def exact_product(self, x: FloatArray) -> FloatArray:
         return self._scaled.mult_incremental(x)

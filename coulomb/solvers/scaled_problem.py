@@ -41,6 +41,24 @@ class Iterate(NamedTuple):
     A_x: FloatArray
 
 
+class Step(NamedTuple):
+    """A step on its curve: v(alpha), and its Krylov iterations."""
+
+    v: Iterate
+    dx_n: FloatArray
+    dy: FloatArray
+    dnu: FloatArray
+    A_dx: FloatArray
+    A_bend: FloatArray | float
+    iterations: int
+
+    def at(self, alpha: float) -> Iterate:
+        """The iterate at a step length; A x to first order where the curve is not straight."""
+        v = self.v
+        A_x = v.A_x + alpha * self.A_dx + alpha**2 * self.A_bend
+        return Iterate(v.x_n + alpha * self.dx_n, v.y + alpha * self.dy, v.nu + alpha * self.dnu, A_x)
+
+
 class ScaledProblem:
     """A problem with friction, scaled, and the norms of path following; all arrays of this rank.
 
