@@ -43,6 +43,7 @@ class Acceptance:
     def __init__(self, problem: PosedProblem):
         self._problem = problem
         self._last: tuple[FloatArray, Judged] | None = None
+        self._displaced: tuple[FloatArray, FloatArray] | None = None
 
     def __call__(self, x: FloatArray) -> bool:
         """Whether the forces x in newtons, shape (3 m,), pass; collective."""
@@ -52,14 +53,28 @@ class Acceptance:
         """Displacement and certificate of the forces x in newtons, shape (3 m,); collective."""
         problem, over = self._problem, Reductions(self._problem.comm)
         if self._last is None or not over.all(np.array_equal(self._last[0], x)):
+            u = self._displacement(x)
             with timed(problem.seconds, "displacement"):
-                u = problem.displacement(x)
                 force = settled(problem, x, u)
                 if not over.all(np.array_equal(force, x)):
                     u = problem.displacement(force)
             with timed(problem.seconds, "certificate"):
                 self._last = (x.copy(), Judged(force, u, judge(problem.evidence(force, u))))
         return self._last[1]
+
+    def gradient(self, x: FloatArray) -> FloatArray:
+        """A x - b in metres of the forces x in newtons, shapes (3 m,): remaining gap and slip; collective."""
+        remaining = -self._problem.closure(self._displacement(x))
+        remaining[:, 0] += self._problem.surface.gap
+        return remaining.ravel()
+
+    def _displacement(self, x: FloatArray) -> FloatArray:
+        """Displacement under the forces x in newtons, shape (3 m,), the last one kept; metres, shape (k, 3)."""
+        over = Reductions(self._problem.comm)
+        if self._displaced is None or not over.all(np.array_equal(self._displaced[0], x)):
+            with timed(self._problem.seconds, "displacement"):
+                self._displaced = x.copy(), self._problem.displacement(x)
+        return self._displaced[1]
 
     def explained(self, failure: NotConverged, tolerance: float) -> NotConverged:
         """The failure; if only the certificate does not pass, with its conditions and possible remedies."""

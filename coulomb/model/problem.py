@@ -147,7 +147,7 @@ class ContactProblem(PosedProblem):
         chosen = solver or Automatic(tolerance)
         acceptance = Acceptance(self)
         if chosen.tolerance <= CERTIFIED_FROM:
-            problem = replace(problem, accept=acceptance)
+            problem = replace(problem, accept=acceptance, balanced=acceptance.gradient)
         with timed(self.seconds, "solve"):
             try:
                 result = chosen.solve(problem, start, progress=progress)

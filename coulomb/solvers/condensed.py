@@ -130,6 +130,10 @@ class _Condensed:
         self._y.axpy(alpha, self._w)
         return self._image(x)
 
+    def corrected(self, A_x: FloatArray, exact: FloatArray) -> FloatArray:
+        """B y: the next step removes its error, R."""
+        return A_x
+
     def tighten(self) -> None:
         """A step has no products by A."""
 

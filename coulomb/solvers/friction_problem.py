@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -36,6 +37,9 @@ class FrictionProblem:
         law: Bound of the friction force of every node.
         lower: Lower bound of the normal forces in newtons, a number or shape (m,); 0 for plain contact.
         accept: The certificate that an answer must pass as well; None if only the residual decides.
+        balanced: A x - b in metres, shape (3 m,), of forces x in newtons, from the displacement under loads and contact
+            forces together; None if there is only A x less b.  Where A x and b nearly cancel, as for a body that soft
+            springs hold, it has many more correct digits.
 
     Raises:
         ValueError: On every rank, if shapes do not fit, a value is not finite, or a cohesion or coefficient of friction
@@ -47,6 +51,7 @@ class FrictionProblem:
     law: FrictionLaw
     lower: float | FloatArray = 0.0
     accept: Accept | None = None
+    balanced: Callable[[FloatArray], FloatArray] | None = None
 
     @classmethod
     def tresca(

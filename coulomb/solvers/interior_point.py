@@ -272,6 +272,13 @@ class _Path:
         x_n, y, nu = scaled.smoothed_projection(q, max(distance**1.5, 0.1 * self._goal.tolerance))
         return Iterate(x_n, y, nu, self._newton.start(scaled.forces(x_n, y), settings.fresh))
 
+    def _exact(self, v: Iterate) -> Iterate:
+        """The iterate with its most accurate A x."""
+        scaled, balanced = self._scaled, self._problem.balanced
+        if balanced is None:
+            return v._replace(A_x=self._newton.exact_product(scaled.forces(v.x_n, v.y)))
+        return scaled.with_gradient(v, balanced(scaled.unscaled(v)[0]))
+
     def _steps(self, v: Iterate, patient: bool) -> SolverResult:
         """Newton steps from v until the residual is small enough; an impatient run ends when blocked."""
         settings, scaled, newton, goal, history = self._settings, self._scaled, self._newton, self._goal, self._history
@@ -297,9 +304,12 @@ class _Path:
                 newton.tighten()
             # err is proportional to alpha, so a blocked step would look like convergence: the residual decides
             residual = problem.residual(*scaled.unscaled(v)[:2])
-            if residual <= goal.residual:  # A x may be inexact: decide with the most accurate product
-                exact = v._replace(A_x=newton.exact_product(x))
+            if residual <= goal.residual or goal.refused:  # A x may be inexact: decide with the most accurate product
+                exact = self._exact(v)
                 forces, force_gradient, multipliers = scaled.unscaled(exact)
+                v = v._replace(A_x=newton.corrected(v.A_x, exact.A_x))
+                gradient = scaled.infeasibility(v)
+                beta = max(beta, settings.widening * gradient / theta)
                 residual = problem.residual(forces, force_gradient)
                 reached = goal.reached(residual, forces)
             history.append(
@@ -318,8 +328,7 @@ class _Path:
                 status = Status.STAGNATED
                 break
         if not reached:
-            exact = v._replace(A_x=newton.exact_product(scaled.forces(v.x_n, v.y)))
-            forces, force_gradient, multipliers = scaled.unscaled(exact)
+            forces, force_gradient, multipliers = scaled.unscaled(self._exact(v))
             residual = problem.residual(forces, force_gradient)
         return SolverResult(
             x=forces,

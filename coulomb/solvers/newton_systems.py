@@ -68,6 +68,10 @@ class NewtonSystem(Protocol):
         """The most accurate A x, shape (m, 3), for the final residual."""
         ...
 
+    def corrected(self, A_x: FloatArray, exact: FloatArray) -> FloatArray:
+        """A x (m, 3) of the present iterate with which to continue, once the exact one is known."""
+        ...
+
     def tighten(self) -> None:
         """Make inexact products ten times as accurate from now on."""
         ...

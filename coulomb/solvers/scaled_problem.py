@@ -207,6 +207,10 @@ class ScaledProblem:
         multipliers[known, 1] = np.linalg.norm(problem.b.reshape(-1, 3)[known, 1:], axis=1)
         return problem.completed(forces.ravel()), (unit * (v.A_x - self._b)).ravel(), multipliers
 
+    def with_gradient(self, v: Iterate, gradient: FloatArray) -> Iterate:
+        """The iterate with A x - b in metres, shape (3 m,), known otherwise than from its A x."""
+        return v._replace(A_x=self.A.image(gradient) + self._b)
+
     # --- warm starts -------------------------------------------------------------------------------------------------
 
     def inside(self, x: FloatArray, least: float, most: float) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,46 @@
+"""Products that are solves with multigrid: accurate enough where small differences of large numbers decide."""
+
+import numpy as np
+import pytest
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, IterativeSolver, LoadHistory, Material, Traction
+
+
+def test_steps_between_which_the_load_returns():
+    """Most nodes then stick, with friction at its bound and no slip: A dx is small beside dx.  With products of
+    a fixed accuracy, the third step needs 16 597 of them and ends in successive Tresca problems."""
+    problem = ContactProblem(
+        coulomb.box((2.0, 1.0, 0.5), (8, 4, 3), "tetrahedron"),
+        Material(2e9, 0.3),
+        [Clamp("left")],
+        Contact("bottom", 0.3),
+        [
+            Traction("top", (0.0, 0.0, -1e5), [(0.0, 0.0), (0.5, 1.0), (1.0, 0.0), (1.5, 1.0)]),
+            Traction("right", (2000.0, 0.0, 0.0)),
+        ],
+        (0.0, 0.0, -77e3),
+        linear_solver=IterativeSolver,
+    )
+    for step in LoadHistory([0.5, 1.0, 1.5]).steps(problem):
+        result = step.solution.result
+        assert step.solution.certificate.passed
+        assert "Tresca" not in result.method and result.products <= 1000
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.1, 0.2, 0.3])
+def test_soft_springs(friction):
+    """A dragged block on springs that a millionth of its own stiffness would move: b and A x nearly cancel."""
+    problem = ContactProblem(
+        coulomb.box((4.0, 1.0, 2.0), (8, 3, 4)),
+        Material(2.1e11, 0.3),
+        [coulomb.PrescribedDisplacement("top", (1e-2, 0.0, 0.0), "x")],
+        Contact("bottom", friction=friction),
+        [Traction("top", (0.0, 0.0, -1e6))],
+        springs=[coulomb.Spring("top", (0.0, 1e6, 1e6))],
+        linear_solver=IterativeSolver,
+    )
+    solution = problem.solve()
+    assert solution.certificate.passed
+    x = solution.contact_force.reshape(-1, 3)
+    assert np.hypot(x[:, 1].sum(), x[:, 2].sum()) / x[:, 0].sum() == pytest.approx(friction, rel=1e-6, abs=1e-12)
