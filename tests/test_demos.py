@@ -232,7 +232,9 @@ def test_script_and_case_give_the_reference_answer(tmp_path):
     totals, _ = reference(10, "coulomb")
     for start in (
         lambda: run_python(ROOT / "demos" / "block.py", cwd=tmp_path),
-        lambda: run_coulomb("run", ROOT / "demos" / "block.toml", "--set", "output.picture=false", cwd=tmp_path),
+        lambda: run_coulomb(
+            *("run", ROOT / "demos" / "block.toml", "--set", "output.picture=false", "--overwrite"), cwd=tmp_path
+        ),
     ):
         assert start().returncode == 0
         contents = json.loads((tmp_path / "results" / "block" / "summary.json").read_text())
