@@ -218,7 +218,7 @@ RESOURCES = (
     Wrong(
         "a disk without room for the results",
         run(),
-        r"output results: no space left: the results take about 0\.0\d+ MB, and 0\.001 MB are free; --force",
+        r"output results: no space left: the results take about 0\.\d+ MB, and 0\.001 MB are free; --force",
         patch=disk(1000),
     ),
     Wrong(

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from ..case.case import FILES, Case
 from ..ranks import on_rank_0
+from ..regular_file import refuse_irregular
 from .restart import read_step
 from .run_directory import RunDirectory
 
@@ -120,6 +121,7 @@ def _shown(value: Any) -> str:
 
 def _digest(path: Path) -> str:
     """SHA-256 of a mesh file, and of the files it names: HDF5 files in XDMF, included ones in Abaqus' format."""
+    refuse_irregular(path)
     found = hashlib.sha256()
     files = [path]
     if path.suffix == ".xdmf":
