@@ -1,9 +1,20 @@
-"""The array type of all packages."""
+"""The array type of all packages, and what a number is among the user's values."""
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.floating[Any]]
 """Double precision; written so that numpy 1 and 2 infer it alike."""
+
+
+def is_number(value: object, least: float = 0.0) -> bool:
+    """Whether a value is one finite number, not smaller than `least`; a text is none."""
+    if isinstance(value, str | bytes) or np.ndim(cast(npt.ArrayLike, value)) != 0:
+        return False
+    try:
+        number = float(cast(float, value))
+    except (TypeError, ValueError):
+        return False
+    return bool(np.isfinite(number)) and number >= least

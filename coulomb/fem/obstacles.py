@@ -8,8 +8,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from ..arrays import FloatArray
-from .user_values import is_number
+from ..arrays import FloatArray, is_number
 
 Point = tuple[float, float, float]
 

@@ -9,12 +9,12 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, is_number
 from .contact_frames import tangent_frames
 from .held_words import held_in_words, vector_in_words
 from .obstacles import LEAST_LENGTH, Point, RigidFoundation, check_direction, check_point
 from .supported_face import SupportedFace
-from .user_values import Amplitude, Field, evaluate_vectors, first_place, is_number, on_all_ranks
+from .user_values import Amplitude, Field, evaluate_vectors, first_place, on_all_ranks
 
 NORMAL, TANGENTIAL = "normal", "tangential"
 """Components along and across the normal of the face."""

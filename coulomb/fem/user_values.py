@@ -163,17 +163,6 @@ def _numbers(coefficient: Coefficient, x: FloatArray) -> FloatArray:
     return np.broadcast_to(values, (len(x),)).copy()
 
 
-def is_number(value: object, least: float = 0.0) -> bool:
-    """Whether a value is one finite number, not smaller than `least`; a text is none."""
-    if isinstance(value, str | bytes) or np.ndim(cast(npt.ArrayLike, value)) != 0:
-        return False
-    try:
-        number = float(cast(float, value))
-    except (TypeError, ValueError):
-        return False
-    return bool(np.isfinite(number)) and number >= least
-
-
 def _finite(values: FloatArray, x: FloatArray) -> FloatArray:
     bad = ~np.all(np.isfinite(values), axis=1)
     if np.any(bad):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, is_number
 from ..fem.contact_frames import FrictionAxes, supported_frames
 from ..fem.elasticity import Elasticity
 from ..fem.obstacles import RigidFoundation
@@ -21,7 +21,6 @@ from ..fem.user_values import (
     Motion,
     evaluate_amplitude,
     evaluate_numbers,
-    is_number,
     on_all_ranks,
 )
 from ..solvers.laws import FrictionLaw

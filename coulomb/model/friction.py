@@ -15,8 +15,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from mpi4py import MPI
 
-from ..arrays import FloatArray
-from ..fem.user_values import Coefficient, evaluate_numbers, is_number
+from ..arrays import FloatArray, is_number
+from ..fem.user_values import Coefficient, evaluate_numbers
 
 
 @runtime_checkable
