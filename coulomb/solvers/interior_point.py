@@ -273,9 +273,9 @@ class _Path:
         return Iterate(x_n, y, nu, self._newton.start(scaled.forces(x_n, y), settings.fresh))
 
     def _exact(self, v: Iterate) -> Iterate:
-        """The iterate with its most accurate A x."""
+        """The iterate with its most accurate A x: once a certificate has failed, that of the balanced displacement."""
         scaled, balanced = self._scaled, self._problem.balanced
-        if balanced is None:
+        if balanced is None or not self._goal.refused:
             return v._replace(A_x=self._newton.exact_product(scaled.forces(v.x_n, v.y)))
         return scaled.with_gradient(v, balanced(scaled.unscaled(v)[0]))
 
@@ -307,9 +307,10 @@ class _Path:
             if residual <= goal.residual or goal.refused:  # A x may be inexact: decide with the most accurate product
                 exact = self._exact(v)
                 forces, force_gradient, multipliers = scaled.unscaled(exact)
-                v = v._replace(A_x=newton.corrected(v.A_x, exact.A_x))
-                gradient = scaled.infeasibility(v)
-                beta = max(beta, settings.widening * gradient / theta)
+                if goal.refused:
+                    v = v._replace(A_x=newton.corrected(v.A_x, exact.A_x))
+                    gradient = scaled.infeasibility(v)
+                    beta = max(beta, settings.widening * gradient / theta)
                 residual = problem.residual(forces, force_gradient)
                 reached = goal.reached(residual, forces)
             history.append(
