@@ -162,7 +162,7 @@ def test_a_contact_face_moved_on_a_circle(cell, law):
     rows = {}
     for by in ("clamp", "foundation", "both"):
         rows[by] = []
-        for step in LoadHistory(times).steps(moved(by, cell, law)):
+        for step in LoadHistory(times, tolerance=1e-10).steps(moved(by, cell, law)):
             answer, t = step.solution.at_nodes, step.state.time
             assert step.solution.certificate.passed
             contact, _ = balanced(step.solution)
@@ -177,7 +177,7 @@ def test_a_contact_face_moved_on_a_circle(cell, law):
             inner = inner[step.solution.problem.surface.nodes].sum(axis=0)
             assert np.allclose(clamp[:2], (inner - contact)[:2], rtol=0.0, atol=1e-9 * PRESSURE * AREA)
             assert np.allclose(clamp[:2], -contact[:2], rtol=0.0, atol=1e-9 * PRESSURE * AREA)  # nothing else holds
-        assert np.allclose(rows[by], rows["clamp"], rtol=1e-12, atol=1e-12 * PRESSURE * AREA)
+        assert np.allclose(rows[by], rows["clamp"], rtol=1e-8, atol=1e-8 * PRESSURE * AREA)
     if law == "coulomb":
         # work of the mean of two forces: a half in the first step, (1 + cos 30)/2 in the others
         each = 1.0 / 12.0
@@ -224,7 +224,7 @@ def test_a_contact_face_that_opens():
     x = solution.contact_force.reshape(-1, 3)
     is_open = x[:, 0] == 0.0
     assert solution.certificate.passed and 0 < is_open.sum() < len(x)
-    assert np.array_equal(x[:, 1], problem.slip_bound(solution.contact_force))
+    assert np.allclose(x[:, 1], problem.slip_bound(solution.contact_force), rtol=1e-14, atol=0.0)
     assert np.allclose(x[is_open, 1], 1e6 * problem.surface.area[is_open], rtol=1e-15) and np.all(x[:, 2] == 0.0)
 
 
