@@ -152,6 +152,9 @@ class IterativeSolver:
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         self._ksp.setTolerances(rtol=max(tolerance, self.tolerance))
+        if rhs.norm() == 0.0:  # a solution 0 among the earlier ones would make the next start undefined
+            u.set(0.0)
+            return
         self._ksp.solve(rhs, u)
         self.iterations += int(self._ksp.getIterationNumber())
 

@@ -81,8 +81,10 @@ def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray) -> Floa
     """K^-1 of a residual (k, 3), this rank's part."""
     rhs, change = K.createVecs()
     rhs.array[:] = residual.ravel()
+    size = float(rhs.norm()) or 1.0  # scaled: solves start from combinations of earlier solutions of like size
+    rhs.scale(1.0 / size)
     solver.solve(rhs, change, _ACCURACY)
-    values: FloatArray = change.array_r.reshape(-1, 3).copy()
+    values: FloatArray = size * change.array_r.reshape(-1, 3)
     rhs.destroy()
     change.destroy()
     return values
