@@ -139,6 +139,7 @@ def run_python(*arguments, ranks=None, cwd=None, timeout=600):
     clean = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
     clean |= {
         "OMPI_MCA_mpi_yield_when_idle": "1",
+        "OMPI_MCA_btl": "^tcp",  # all ranks are on this machine; Open MPI 5 complains of networks without routes
         "OMPI_MCA_rmaps_base_oversubscribe": "1",
         "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
     }

@@ -319,7 +319,7 @@ def test_wide_charts_scroll_on_phones(history, tmp_path):
     view, console = open_page(page_of(history), tmp_path, PHONE, phone=True)
     assert not console
     assert view["width"] == "390" and view["page"] == "390"  # the page itself does not scroll sideways
-    assert int(view["charts"]) == int(view["hints"]) == 5
+    assert int(view["charts"]) == int(view["hints"]) == 6
     assert view["hint"] == "scroll sideways →" and view["shadow"] != "none"
     assert view["hintatend"] == "← scroll sideways"
     view, _ = open_page(page_of(history), tmp_path, PHONE)
