@@ -13,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .body import ElasticBody
+from .displacement_space import DisplacementSpace
 from .materials import Materials, density_of_cells
 from .meshes import NamedMesh
 from .user_values import (
@@ -45,7 +45,7 @@ class Load(Protocol):
         """Factor as a function of time."""
         ...
 
-    def nodal_force(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
+    def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         """Nodal forces in newtons at the factor 1, this rank's nodes, shape (k, 3); collective.
 
         Raises:
@@ -70,7 +70,7 @@ class Traction:
 
     kind = "traction"
 
-    def nodal_force(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
+    def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         """As `Load`; the values at the nodes of the face are interpolated."""
         facets, values = mesh.facets(self.face, self.kind), np.zeros_like(body.x)
         nodes = body.nodes_of(facets)
@@ -96,7 +96,7 @@ class Pressure:
 
     kind = "pressure"
 
-    def nodal_force(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
+    def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         """As `Load`; the values at the nodes of the face are interpolated."""
         facets, values = mesh.facets(self.face, self.kind), np.zeros(len(body.x))
         nodes = body.nodes_of(facets)
@@ -126,7 +126,7 @@ class TotalForce:
     def __post_init__(self) -> None:
         _three(self.force, f"{named(self)}: the force", "newtons")
 
-    def nodal_force(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
+    def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         """As `Load`."""
         area = body.area_of(mesh.facets(self.face, self.kind))
         whole = mesh.comm.allreduce(float(area.sum()), op=MPI.SUM)
@@ -149,7 +149,7 @@ class BodyForce:
     kind = "body_force"
     face = None
 
-    def nodal_force(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
+    def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         """As `Load`; the values at the nodes are interpolated."""
         return body.volume_load(evaluate_vectors(self.value, body.x, named(self), mesh.comm))
 
@@ -177,7 +177,7 @@ class Weight:
     def __post_init__(self) -> None:
         _three(self.gravity, "gravity", "m/s^2, for example (0, 0, -9.81)")
 
-    def nodal_force(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
+    def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         """As `Load`."""
         density = density_of_cells(mesh, self.materials)
         return body.weight(density, np.asarray(self.gravity, dtype=np.float64))

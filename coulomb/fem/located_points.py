@@ -16,8 +16,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .body import ElasticBody
 from .compat import cell_dofs, cell_geometry, mesh
+from .displacement_space import DisplacementSpace
 
 SNAP = 0.05
 """Distance from the boundary that is none, relative to the shortest edge of the cell beside it."""
@@ -67,7 +67,7 @@ class LocatedPoints:
 
 
 def locate(
-    points: FloatArray, names: Sequence[str], body: ElasticBody, faces: Sequence[npt.NDArray[np.int32]]
+    points: FloatArray, names: Sequence[str], body: DisplacementSpace, faces: Sequence[npt.NDArray[np.int32]]
 ) -> LocatedPoints:
     """Find points in the mesh of a body; collective.
 
@@ -129,7 +129,7 @@ def _without_dust(weights: FloatArray) -> FloatArray:
 class _Cells:
     """The cells of this rank with their corners; first-order hexahedra or tetrahedra."""
 
-    def __init__(self, body: ElasticBody):
+    def __init__(self, body: DisplacementSpace):
         domain = body.domain
         self._domain = domain
         self._x: FloatArray = domain.geometry.x

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.body import ElasticBody
+from ..fem.displacement_space import DisplacementSpace
 from ..fem.located_points import LocatedPoints, locate
 from .nodal_answer import NodalAnswer
 
@@ -95,7 +95,7 @@ class LocatedProbes:
         ValueError: On every rank, if two probes have the same name, or a point is outside the body.
     """
 
-    def __init__(self, probes: Sequence[Probe], body: ElasticBody, faces: Sequence[npt.NDArray[np.int32]]):
+    def __init__(self, probes: Sequence[Probe], body: DisplacementSpace, faces: Sequence[npt.NDArray[np.int32]]):
         twice = [name for name, count in Counter(probe.name for probe in probes).items() if count > 1]
         if twice:
             raise ValueError(f"probe: the name {twice[0]!r} is given to several probes; give each its own")
