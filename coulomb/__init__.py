@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from .fem.body import Material
     from .fem.elasticity import Elasticity
     from .fem.loads import Pressure, TotalForce, Traction
-    from .fem.meshes import NamedMesh, box, read_gmsh, read_mesh, read_xdmf
+    from .fem.meshes import box, read_gmsh, read_mesh, read_xdmf
+    from .fem.named_mesh import NamedMesh
     from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
+    from .fem.raised import raised
     from .fem.rigid_motion import Rotation
     from .fem.supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, SymmetryPlane
     from .fem.surface import ContactSurface
@@ -100,6 +102,7 @@ __all__ = [
     "__version__",
     "box",
     "certify",
+    "raised",
     "read_gmsh",
     "read_mesh",
     "read_xdmf",
@@ -117,8 +120,10 @@ _PUBLIC = {
     "load_curve": ("LoadCurve",),
     "fem.supports": ("Clamp", "PrescribedDisplacement", "PrescribedRotation", "Spring", "SymmetryPlane"),
     "fem.loads": ("Pressure", "TotalForce", "Traction"),
-    "fem.meshes": ("NamedMesh", "box", "read_gmsh", "read_mesh", "read_xdmf"),
+    "fem.meshes": ("box", "read_gmsh", "read_mesh", "read_xdmf"),
+    "fem.named_mesh": ("NamedMesh",),
     "fem.obstacles": ("Cylinder", "Plane", "SignedDistance", "Sphere"),
+    "fem.raised": ("raised",),
     "fem.rigid_motion": ("Rotation",),
     "fem.surface": ("ContactSurface",),
     "io.history_files": ("HistoryFiles",),

@@ -15,7 +15,7 @@ from conftest import ROOT, make_block, run_coulomb, run_python
 import coulomb
 from coulomb.benchmarks.estimates import measure
 from coulomb.cli import app as cli
-from coulomb.fem.meshes import volume
+from coulomb.fem.named_mesh import volume
 from coulomb.linalg.methods import DIRECT_UP_TO, chosen
 from coulomb.linalg.stiffness import DirectSolver, IterativeSolver
 from coulomb.model.estimate import estimate, estimate_of, gigabytes, slenderness

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from ..fem.body import Material
     from ..fem.loads import Pressure, TotalForce, Traction
-    from ..fem.meshes import NamedMesh
+    from ..fem.named_mesh import NamedMesh
 
 
 SMALL = 200_000

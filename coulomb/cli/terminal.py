@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from ..fem import compat
+from ..fem.lagrange import corner_geometry
 from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions
 from ..model.nodal_answer import law_numbers
@@ -58,7 +58,7 @@ def body_in_words(problem: ContactProblem) -> str:
     elasticity, domain, over = problem.elasticity, problem.mesh.domain, Reductions(problem.comm)
     lengths = [over.max(elasticity.x[:, k]) - over.min(elasticity.x[:, k]) for k in range(3)]
     cells, nodes = (domain.topology.index_map(dim).size_global for dim in (3, 0))
-    kind = "hexahedra" if compat.cell_geometry(domain).shape[1] == 8 else "tetrahedra"
+    kind = "hexahedra" if corner_geometry(domain).shape[1] == 8 else "tetrahedra"
     return f"body {' x '.join(map(metres, lengths))}; {cells} {kind}, {nodes} nodes"
 
 

@@ -1,6 +1,6 @@
 """The only module that depends on the DOLFINx version: 0.5 (Debian 12) to 0.9 (Debian 13), and 0.11.
 
-Other modules import DOLFINx's `mesh`, `fem`, `io` and `cpp` from here, so that this module is imported first.
+Other modules import DOLFINx's `mesh`, `fem`, `io`, `cpp` and Basix from here, so that this module is imported first.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ import basix
 import ufl
 from dolfinx import cpp, fem, io, mesh
 
-__all__ = ["cpp", "fem", "io", "mesh", "ufl"]
+__all__ = ["basix", "cpp", "fem", "io", "mesh", "ufl"]
 
 VERSION: str = dolfinx.__version__
 if tuple(int(part) for part in VERSION.split(".")[:2]) < (0, 5):
@@ -84,12 +84,24 @@ def cell_dofs(V: Any) -> npt.NDArray[np.int32]:
     return table if isinstance(table, np.ndarray) else table.array.reshape(-1, V.dofmap.dof_layout.num_dofs)
 
 
+def geometry_degree(domain: Any) -> int:
+    """Degree of the map from the reference cell to the cells of a mesh: 1, or 2 with nodes on edges."""
+    return int(_coordinate_element(domain).degree)
+
+
+def _coordinate_element(domain: Any) -> Any:
+    maps = getattr(domain.geometry, "cmaps", None)
+    return maps[0] if isinstance(maps, Sequence) else domain.geometry.cmap  # a list in 0.6, and from 0.11 on
+
+
 def cell_geometry(domain: Any) -> npt.NDArray[np.int32]:
-    """Geometry nodes of every local cell, ghosts included, shape (cells, nodes per cell)."""
+    """Geometry nodes of every local cell, ghosts included, shape (cells, nodes per cell); the corners come first."""
     dofmaps = getattr(domain.geometry, "dofmaps", None)
-    table = dofmaps[0] if isinstance(dofmaps, Sequence) else domain.geometry.dofmap  # a list from 0.11 on
-    corners = cpp.mesh.cell_num_entities(domain.topology.cell_type, 0)
-    return table if isinstance(table, np.ndarray) else table.array.reshape(-1, corners)
+    table = dofmaps[0] if isinstance(dofmaps, Sequence) else domain.geometry.dofmap
+    if isinstance(table, np.ndarray):
+        return table
+    rows: npt.NDArray[np.int32] = table.array.reshape(-1, _coordinate_element(domain).create_dof_layout().num_dofs)
+    return rows
 
 
 def interpolation_points(V: Any) -> Any:
@@ -109,11 +121,11 @@ def meshtags(domain: Any, dim: int, entities: npt.NDArray[np.int32], values: npt
     return mesh.meshtags(domain, dim, unique.astype(np.int32), values[first].astype(np.int32))
 
 
-def create_mesh(comm: Any, cell: str, cells: npt.NDArray[np.int64], x: FloatArray) -> Any:
-    """Distributed first-order mesh of the cells and points given on this rank, in DOLFINx's order of points."""
+def create_mesh(comm: Any, cell: str, cells: npt.NDArray[np.int64], x: FloatArray, degree: int = 1) -> Any:
+    """Distributed mesh of degree 1 or 2 of the cells and points given on this rank, in DOLFINx's order of points."""
     if not hasattr(basix, "ufl"):  # until 0.6
-        return mesh.create_mesh(comm, cells, x, ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1)))
-    return mesh.create_mesh(comm, cells=cells, x=x, e=ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(3,))))
+        return mesh.create_mesh(comm, cells, x, ufl.Mesh(ufl.VectorElement("Lagrange", cell, degree)))
+    return mesh.create_mesh(comm, cells=cells, x=x, e=ufl.Mesh(basix.ufl.element("Lagrange", cell, degree, shape=(3,))))
 
 
 def read_mesh(comm: Any, path: str) -> Any:

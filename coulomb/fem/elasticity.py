@@ -15,7 +15,7 @@ from .compat import fem, ufl
 from .loaded_body import LoadedBody, Loading
 from .loads import Load, Traction
 from .materials import Materials
-from .meshes import NamedMesh
+from .named_mesh import NamedMesh
 from .supports import Clamp, PrescribedDisplacement, Spring, Support
 from .user_values import Amplitude, Field
 

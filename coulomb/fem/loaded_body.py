@@ -16,7 +16,7 @@ from .constraints import prescribed_rows
 from .contradictions import SupportedNodes, contradictions
 from .loads import AppliedLoad, BodyForce, Load, Weight, vanishes
 from .materials import Materials, material_of_cells
-from .meshes import NamedMesh
+from .named_mesh import NamedMesh
 from .nodal_forces import NodalForces
 from .supported_face import SupportedFace
 from .supports import Clamp, PrescribedDisplacement, Spring, Support

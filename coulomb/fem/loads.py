@@ -15,7 +15,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from .displacement_space import DisplacementSpace
 from .materials import Materials, density_of_cells
-from .meshes import NamedMesh
+from .named_mesh import NamedMesh
 from .user_values import (
     Amplitude,
     Coefficient,

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from .body import Material
-from .meshes import NamedMesh
+from .named_mesh import NamedMesh
 
 Materials = Material | Mapping[str, Material]
 """A material for the whole body, or one per group of cells, by name."""

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -27,59 +23,11 @@ from . import (
 from .box_faces import BOX_FACES
 from .compat import mesh
 from .mesh_file import InspectedMesh, IntArray, MeshFile, inspect
+from .named_mesh import NamedMesh, local_facets
+from .raised import raised
 from .user_values import evaluate_vectors
 
 CELLS = {"hexahedron": mesh.CellType.hexahedron, "tetrahedron": mesh.CellType.tetrahedron}
-
-
-@dataclass(frozen=True)
-class NamedMesh:
-    """A first-order mesh of a body whose boundary faces, and perhaps groups of cells, have names.
-
-    Attributes:
-        domain: The DOLFINx mesh, coordinates in metres.
-        faces: This rank's boundary facets of each face, by name; facet numbers of `domain`.
-        cells: This rank's own cells of each group, by name; cell numbers of `domain`.
-        refused: Groups of facets in the file that cannot be faces, by name, with the reason.
-    """
-
-    domain: Any
-    faces: dict[str, npt.NDArray[np.int32]]
-    cells: dict[str, npt.NDArray[np.int32]] = field(default_factory=dict)
-    refused: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def comm(self) -> MPI.Comm:
-        """The ranks that share the mesh."""
-        comm: MPI.Comm = self.domain.comm
-        return comm
-
-    def facets(self, face: str, what: str) -> npt.NDArray[np.int32]:
-        """This rank's facets of a face.
-
-        Raises:
-            ValueError: If there is no such face; the message begins with `what`.
-        """
-        if face in self.refused:
-            raise ValueError(f"{what}: {self.refused[face]}")
-        return _named(self.faces, face, what, "face")
-
-    def group(self, cells: str, what: str) -> npt.NDArray[np.int32]:
-        """This rank's own cells of a group.
-
-        Raises:
-            ValueError: If there is no such group; the message begins with `what`.
-        """
-        return _named(self.cells, cells, what, "cell group")
-
-
-def _named(groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str) -> npt.NDArray[np.int32]:
-    if name not in groups:
-        close = difflib.get_close_matches(name, groups, n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        listed = f"its {kind}s are {', '.join(groups)}" if groups else f"it has no {kind}s"
-        raise ValueError(f"{what}: there is no {kind} {name!r} on this mesh{hint}; {listed}")
-    return groups[name]
 
 
 def box(
@@ -88,6 +36,7 @@ def box(
     cell: str = "hexahedron",
     comm: MPI.Comm = MPI.COMM_WORLD,
     place: Callable[[FloatArray], FloatArray] | None = None,
+    degree: int = 1,
 ) -> NamedMesh:
     """Box (0, lengths) with the faces left, right (x), front, back (y), bottom, top (z).
 
@@ -97,9 +46,11 @@ def box(
         cell: "hexahedron", or "tetrahedron" (each hexahedron cut into six).
         comm: The ranks that share the mesh.
         place: Maps the nodes x (3, k) of the regular box to their positions, shape (3, k): for graded or curved meshes.
+        degree: 1, or 2 for 27-node hexahedra or 10-node tetrahedra, whose edges and faces `place` can curve.
 
     Raises:
-        ValueError: If a length or a number of cells is not positive, the cell unknown, or a position not finite.
+        ValueError: If a length or a number of cells is not positive, the cell or degree unknown, or a position not
+            finite.
     """
     if len(lengths) != 3 or not all(np.isfinite(length) and length > 0.0 for length in lengths):
         raise ValueError(f"box: lengths must be three positive numbers in metres, but are {list(lengths)}")
@@ -107,6 +58,8 @@ def box(
         raise ValueError(f"box: cells must be three whole numbers of at least 1, but are {list(cells)}")
     if cell not in CELLS:
         raise ValueError(f"box: cell must be one of {', '.join(CELLS)}, but is {cell!r}")
+    if degree not in (1, 2):
+        raise ValueError(f"box: degree must be 1 or 2, but is {degree!r}")
     corner = np.array(lengths, dtype=np.float64)
     domain = mesh.create_box(comm, [np.zeros(3), corner], [int(n) for n in cells], cell_type=CELLS[cell])
     near = 1e-6 * corner / np.asarray(cells)
@@ -115,10 +68,11 @@ def box(
         faces[name] = mesh.locate_entities_boundary(
             domain, 2, lambda x, i=axis, e=end: np.abs(x[i] - e * corner[i]) < near[i]
         )
+    made = NamedMesh(domain, faces) if degree == 1 else raised(NamedMesh(domain, faces))
     if place is not None:
-        x = domain.geometry.x
+        x = made.domain.geometry.x
         x[:] = evaluate_vectors(place, x.copy(), "box: place", comm)
-    return NamedMesh(domain, faces)
+    return made
 
 
 def read_gmsh(path: str | Path, scale: float = 1.0, comm: MPI.Comm = MPI.COMM_WORLD) -> NamedMesh:
@@ -253,63 +207,3 @@ def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[
         name: np.flatnonzero(np.isin(original, members)).astype(np.int32) for name, members in cell_groups.items()
     }
     return NamedMesh(domain, local_facets(domain, face_groups), cell_numbers, refused)
-
-
-def local_facets(domain: Any, groups: dict[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
-    """This rank's boundary facets of every group.
-
-    Args:
-        domain: The mesh.
-        groups: Facets by name, each a row of the sorted numbers of its points in the file, shape (k, corners).
-
-    Returns:
-        Numbers of facets; rows that are not boundary facets of this rank are left out.
-    """
-    corners = _width(groups.values())
-    if corners == 0:
-        return {}
-    domain.topology.create_connectivity(2, 3)
-    boundary = np.sort(mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
-    in_file = np.asarray(domain.geometry.input_global_indices)
-    mine = np.sort(in_file[corners_of(domain, boundary)], axis=1)
-    faces = {}
-    for name, rows in groups.items():
-        _, number = np.unique(np.vstack([rows, mine]), axis=0, return_inverse=True)
-        number = number.ravel()
-        faces[name] = boundary[np.isin(number[len(rows) :], number[: len(rows)])]
-    return faces
-
-
-def corners_of(domain: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
-    """The geometry nodes of facets of this rank, numbers of `domain.geometry.x`, shape (k, corners)."""
-    topology = domain.topology
-    for dim in ((2, 0), (3, 0)):
-        topology.create_connectivity(*dim)
-    vertices = topology.connectivity(3, 0).array
-    of_vertex = np.empty(int(vertices.max(initial=-1)) + 1, dtype=np.int64)
-    of_cell = compat.cell_geometry(domain)  # there may be no cell on this rank
-    of_vertex[vertices] = of_cell.ravel()
-    of_facet = topology.connectivity(2, 0).array.reshape(-1, 3 if of_cell.shape[1] == 4 else 4)
-    corners: npt.NDArray[np.int64] = of_vertex[of_facet[facets]]
-    return corners
-
-
-def _width(groups: Iterable[IntArray]) -> int:
-    return next((rows.shape[1] for rows in groups), 0)
-
-
-_SIX = ((0, 1, 3, 7), (0, 1, 7, 5), (0, 5, 7, 4), (0, 3, 2, 7), (0, 6, 4, 7), (0, 2, 6, 7))
-"""A hexahedron with DOLFINx's order of corners as six tetrahedra."""
-
-
-def volume(named: NamedMesh) -> float:
-    """Volume in cubic metres of this rank's own cells; non-planar faces of hexahedra are split into triangles."""
-    domain = named.domain
-    owned = domain.topology.index_map(3).size_local
-    corners = domain.geometry.x[compat.cell_geometry(domain)[:owned]]
-    parts = ((0, 1, 2, 3),) if corners.shape[1] == 4 else _SIX
-    total = 0.0
-    for a, b, c, d in parts:
-        edges = corners[:, [b, c, d]] - corners[:, [a]]
-        total += float(np.sum(np.abs(np.linalg.det(edges)))) / 6.0
-    return total

@@ -17,7 +17,7 @@ from ..arrays import FloatArray
 from ..fem import compat
 from ..fem.body import ElasticBody
 from ..fem.constraints import HELD_OBLIQUE, HeldDirections
-from ..fem.meshes import corners_of, local_facets
+from ..fem.named_mesh import corners_of, local_facets
 from ..model.accumulated import ACCUMULATED
 from ..model.nodal_answer import HELD
 from ..solvers.laws import LAWS

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from ..fem.elasticity import Elasticity, Materials, Spring, Support
 from ..fem.loads import Load
-from ..fem.meshes import NamedMesh
+from ..fem.named_mesh import NamedMesh
 from ..fem.obstacles import RigidFoundation
 from ..fem.rigid_motion import RigidMotion, since_at, spin
 from ..fem.surface import ContactSurface

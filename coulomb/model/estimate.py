@@ -15,7 +15,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..fem.meshes import volume
+from ..fem.named_mesh import volume
 from ..linalg.methods import LinearSolver
 from ..linalg.reductions import Reductions
 from ..linalg.stiffness import DirectSolver, IterativeSolver

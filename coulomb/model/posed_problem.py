@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from ..fem.elasticity import Elasticity
 from ..fem.loaded_body import Loading
-from ..fem.meshes import NamedMesh
+from ..fem.named_mesh import NamedMesh
 from ..fem.obstacles import RigidFoundation
 from ..fem.surface import ContactSurface
 from ..linalg.compliance import BodyCompliance

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..fem.elasticity import Materials, Spring, Support
 from ..fem.loads import Load
-from ..fem.meshes import NamedMesh
+from ..fem.named_mesh import NamedMesh
 from ..fem.user_values import Amplitude, Field
 from ..linalg.methods import LinearSolver
 from ..solvers.automatic import Automatic

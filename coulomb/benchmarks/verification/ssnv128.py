@@ -17,7 +17,8 @@ from ...arrays import FloatArray
 from ...fem import compat
 from ...fem.body import Material
 from ...fem.elasticity import Clamp, Traction
-from ...fem.meshes import NamedMesh, box
+from ...fem.meshes import box
+from ...fem.named_mesh import NamedMesh
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from .table import Curve, Panel, Verified, relative

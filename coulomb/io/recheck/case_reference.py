@@ -19,7 +19,7 @@ from ...case.case import Case
 from ...fem import compat
 from ...fem.body import Material
 from ...fem.loaded_body import LoadedBody
-from ...fem.meshes import corners_of
+from ...fem.named_mesh import corners_of
 from ...fem.obstacles import RigidFoundation
 from ...fem.rigid_motion import RigidMotion, moved
 from ...fem.surface import plane_of_face, way_along

@@ -1,0 +1,127 @@
+"""A mesh whose boundary faces and cell groups have names."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from .compat import mesh
+from .lagrange import corner_geometry
+from .mesh_file import IntArray
+
+
+@dataclass(frozen=True)
+class NamedMesh:
+    """A mesh of a body, of degree 1 or 2, whose boundary faces, and perhaps groups of cells, have names.
+
+    Attributes:
+        domain: The DOLFINx mesh, coordinates in metres.
+        faces: This rank's boundary facets of each face, by name; facet numbers of `domain`.
+        cells: This rank's own cells of each group, by name; cell numbers of `domain`.
+        refused: Groups of facets in the file that cannot be faces, by name, with the reason.
+    """
+
+    domain: Any
+    faces: dict[str, npt.NDArray[np.int32]]
+    cells: dict[str, npt.NDArray[np.int32]] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share the mesh."""
+        comm: MPI.Comm = self.domain.comm
+        return comm
+
+    def facets(self, face: str, what: str) -> npt.NDArray[np.int32]:
+        """This rank's facets of a face.
+
+        Raises:
+            ValueError: If there is no such face; the message begins with `what`.
+        """
+        if face in self.refused:
+            raise ValueError(f"{what}: {self.refused[face]}")
+        return _named(self.faces, face, what, "face")
+
+    def group(self, cells: str, what: str) -> npt.NDArray[np.int32]:
+        """This rank's own cells of a group.
+
+        Raises:
+            ValueError: If there is no such group; the message begins with `what`.
+        """
+        return _named(self.cells, cells, what, "cell group")
+
+
+def _named(groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str) -> npt.NDArray[np.int32]:
+    if name not in groups:
+        close = difflib.get_close_matches(name, groups, n=1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        listed = f"its {kind}s are {', '.join(groups)}" if groups else f"it has no {kind}s"
+        raise ValueError(f"{what}: there is no {kind} {name!r} on this mesh{hint}; {listed}")
+    return groups[name]
+
+
+def local_facets(domain: Any, groups: dict[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
+    """This rank's boundary facets of every group.
+
+    Args:
+        domain: The mesh.
+        groups: Facets by name, each a row of the sorted numbers of its points in the file, shape (k, corners).
+
+    Returns:
+        Numbers of facets; rows that are not boundary facets of this rank are left out.
+    """
+    corners = _width(groups.values())
+    if corners == 0:
+        return {}
+    domain.topology.create_connectivity(2, 3)
+    boundary = np.sort(mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
+    in_file = np.asarray(domain.geometry.input_global_indices)
+    mine = np.sort(in_file[corners_of(domain, boundary)], axis=1)
+    faces = {}
+    for name, rows in groups.items():
+        _, number = np.unique(np.vstack([rows, mine]), axis=0, return_inverse=True)
+        number = number.ravel()
+        faces[name] = boundary[np.isin(number[len(rows) :], number[: len(rows)])]
+    return faces
+
+
+def corners_of(domain: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+    """The geometry nodes at the corners of facets of this rank, numbers of `domain.geometry.x`, shape (k, 3 or 4)."""
+    topology = domain.topology
+    for dim in ((2, 0), (3, 0)):
+        topology.create_connectivity(*dim)
+    vertices = topology.connectivity(3, 0).array
+    of_vertex = np.empty(int(vertices.max(initial=-1)) + 1, dtype=np.int64)
+    of_cell = corner_geometry(domain)  # there may be no cell on this rank
+    of_vertex[vertices] = of_cell.ravel()
+    of_facet = topology.connectivity(2, 0).array.reshape(-1, 3 if of_cell.shape[1] == 4 else 4)
+    corners: npt.NDArray[np.int64] = of_vertex[of_facet[facets]]
+    return corners
+
+
+def _width(groups: Iterable[IntArray]) -> int:
+    return next((rows.shape[1] for rows in groups), 0)
+
+
+_SIX = ((0, 1, 3, 7), (0, 1, 7, 5), (0, 5, 7, 4), (0, 3, 2, 7), (0, 6, 4, 7), (0, 2, 6, 7))
+"""A hexahedron with DOLFINx's order of corners as six tetrahedra."""
+
+
+def volume(named: NamedMesh) -> float:
+    """Volume in cubic metres of this rank's own cells by their corners; non-planar faces of hexahedra are split into
+    triangles."""
+    domain = named.domain
+    owned = domain.topology.index_map(3).size_local
+    corners = domain.geometry.x[corner_geometry(domain)[:owned]]
+    parts = ((0, 1, 2, 3),) if corners.shape[1] == 4 else _SIX
+    total = 0.0
+    for a, b, c, d in parts:
+        edges = corners[:, [b, c, d]] - corners[:, [a]]
+        total += float(np.sum(np.abs(np.linalg.det(edges)))) / 6.0
+    return total
