@@ -156,6 +156,7 @@ def _coarse_forces(p: int, friction: float, tolerance: float, body: ContactProbl
 def _yardstick(body: ContactProblem) -> float:
     """Seconds of one elasticity solve on the same mesh with the bottom held: multigrid set-up and CG to 1e-8."""
     clamps, elasticity = [Clamp("left"), Clamp("bottom")], body.elasticity
+    assert elasticity.materials is not None
     held = Elasticity(body.mesh, elasticity.materials, clamps)
     f, u = held.K.createVecs()
     f.array[:] = held.free_part(body.loading.load).ravel()

@@ -10,13 +10,13 @@ import scipy.sparse
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from .elasticity import Elasticity
+from .deformable import Deformable
 
 _ROUNDING = 1e-13
 """A component of a row along the free directions below this is a rounding error of the projection."""
 
 
-def point_weights(elasticity: Elasticity, nodes: npt.NDArray[np.int32]) -> scipy.sparse.csr_matrix:
+def point_weights(elasticity: Deformable, nodes: npt.NDArray[np.int32]) -> scipy.sparse.csr_matrix:
     """What the displacement at each contact point is made of: one row per contact point of this rank, one column per
     node of all ranks, shape (m, nodes).  Here a contact point is a node, and its displacement that of the node."""
     first, rows = elasticity.K.getOwnershipRange()[0] // 3, np.arange(len(nodes) + 1)
@@ -24,7 +24,7 @@ def point_weights(elasticity: Elasticity, nodes: npt.NDArray[np.int32]) -> scipy
     return scipy.sparse.csr_matrix((np.ones(len(nodes)), first + nodes, rows), shape=shape)
 
 
-def contact_matrix(elasticity: Elasticity, nodes: npt.NDArray[np.int32], frames: FloatArray) -> PETSc.Mat:
+def contact_matrix(elasticity: Deformable, nodes: npt.NDArray[np.int32], frames: FloatArray) -> PETSc.Mat:
     """B: the displacements of contact points, `point_weights` of those of the nodes, in their frames; collective.
 
     Args:
@@ -57,7 +57,7 @@ def contact_matrix(elasticity: Elasticity, nodes: npt.NDArray[np.int32], frames:
     return B
 
 
-def free_frames(elasticity: Elasticity, nodes: npt.NDArray[np.int32], frames: FloatArray) -> FloatArray:
+def free_frames(elasticity: Deformable, nodes: npt.NDArray[np.int32], frames: FloatArray) -> FloatArray:
     """The parts of frames (m, 3, 3) along the free directions of their nodes (m,), those that are not prescribed.
 
     With them in place of the frames the contact matrix is B P, P the projection on the free directions: a contact

@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
 from .body import ElasticBody
 from .constraints import prescribed_rows
 from .contradictions import SupportedNodes, contradictions
+from .deformable import Loading
+from .held_space import HeldSpace
 from .loads import AppliedLoad, BodyForce, Load, Weight, vanishes
 from .materials import Materials, material_of_cells
 from .named_mesh import NamedMesh
 from .nodal_forces import NodalForces
+from .rigid_modes import free_motions, rigid_modes
 from .supported_face import SupportedFace
 from .supports import Clamp, PrescribedDisplacement, Spring, Support
 from .user_values import Amplitude, Field, evaluate_amplitude, on_all_ranks
 
 __all__ = ["Clamp", "LoadedBody", "Loading", "PrescribedDisplacement", "Spring", "Support"]
-
-_MODES = (
-    *("translation along x", "translation along y", "translation along z"),
-    *("rotation about x", "rotation about y", "rotation about z"),
-)
 
 _KINDS = {
     "clamps": ("directions", "Clamp, PrescribedDisplacement, PrescribedRotation or SymmetryPlane"),
@@ -37,22 +33,7 @@ _KINDS = {
 """Arguments of a body, what their entries have, and which types these are."""
 
 
-@dataclass(frozen=True)
-class Loading:
-    """Loads and prescribed displacements of a body at a time; this rank's k nodes.
-
-    Attributes:
-        time: The time.
-        load: Nodal forces of all loads in newtons, shape (k, 3).
-        prescribed: Prescribed displacements in metres, 0 elsewhere, shape (k, 3).
-    """
-
-    time: float
-    load: FloatArray
-    prescribed: FloatArray
-
-
-class LoadedBody(ElasticBody):
+class LoadedBody(ElasticBody, HeldSpace):
     """An elastic body with its supports, springs and loads; `at` gives the loading at a time.
 
     Attributes:
@@ -86,7 +67,8 @@ class LoadedBody(ElasticBody):
         for name, given in (("clamps", clamps), ("springs", springs), ("tractions", tractions)):
             _refuse_others(name, given)
         super().__init__(mesh.domain, *material_of_cells(mesh, materials))
-        self.mesh, self.materials = mesh, materials
+        self.mesh = mesh
+        self.materials: Materials | None = materials
         self.supports = tuple(clamps)
         self._prescribe()
         self._support(springs)
@@ -117,6 +99,10 @@ class LoadedBody(ElasticBody):
         for applied in self.loads:
             load = applied.load
             yield NodalForces(load.kind.replace(" ", "_"), load.face, applied.at(time, self.mesh.comm))
+
+    def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
+        """The forces of every load by itself; collective."""
+        return self.loads_at(loading.time)
 
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
         """The forces of every spring by itself at displacements u (k, 3), in the order given."""
@@ -173,48 +159,11 @@ class LoadedBody(ElasticBody):
     def _rigid_motions(self, weight: FloatArray, limit: float) -> str:
         """Names of the rigid motions, of size 1 at a node, against which weights (k, 3) at the nodes and held
         directions, with the weight 1, have no energy."""
-        comm, x = self.mesh.comm, self.x
-        count = comm.allreduce(len(x), op=MPI.SUM)
-        centre = comm.allreduce(x.sum(axis=0), op=MPI.SUM) / count
-        r = x - centre
-        size = math.sqrt(comm.allreduce(float(np.sum(r**2)), op=MPI.SUM) / count)
-        modes = np.zeros((*x.shape, 6))
-        for k in range(3):
-            i, j = (k + 1) % 3, (k + 2) % 3
-            modes[:, k, k] = 1.0
-            modes[:, i, 3 + k], modes[:, j, 3 + k] = -r[:, j] / size, r[:, i] / size
+        modes = rigid_modes(self.x, self.mesh.comm)
         against = weight[:, :, None] * modes + self.held_part(modes)
-        gram = comm.allreduce(np.einsum("kci,kcj->ij", modes, against), op=MPI.SUM)
-        eigenvalues, vectors = np.linalg.eigh(gram)
-        free = vectors[:, eigenvalues <= limit]
-        return ", ".join(name for name, row in zip(_MODES, free, strict=True) if np.linalg.norm(row) > 0.3)
+        return free_motions(self.mesh.comm.allreduce(np.einsum("kci,kcj->ij", modes, against), op=MPI.SUM), limit)
 
     # --- queries ----------------------------------------------------------------------------------------
-
-    def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
-        """This rank's nodes on a face, sorted; ValueError if there is no such face."""
-        return self.nodes_of(self.mesh.facets(face, what))
-
-    def nodal_area(self, face: str, what: str = "contact") -> FloatArray:
-        """Integral of every hat function over a face in m^2, this rank's nodes, shape (k,)."""
-        return self.area_of(self.mesh.facets(face, what))
-
-    def nodal_normal(self, face: str) -> FloatArray:
-        """Integral of the body's outward normal against every hat function over a face, m^2, shape (k, 3)."""
-        return self.normal_of(self.mesh.facets(face, "contact"))
-
-    @property
-    def fixed(self) -> npt.NDArray[np.bool_]:
-        """Which components are prescribed whatever the others are, shape (k, 3)."""
-        return self.held.components
-
-    def held_part(self, v: FloatArray) -> FloatArray:
-        """The part of nodal vectors along prescribed directions; shapes (k, 3), or (k, 3, j)."""
-        return self.held.held_part(v)
-
-    def free_part(self, v: FloatArray) -> FloatArray:
-        """The part of nodal vectors along free directions; shapes (k, 3), or (k, 3, j)."""
-        return self.held.free_part(v)
 
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
         """The forces of every support by itself, in the order given: each held direction belongs to the support that
@@ -233,6 +182,15 @@ class LoadedBody(ElasticBody):
     def spring_force(self, u: FloatArray) -> FloatArray:
         """Forces of the springs on the body at displacements u, newtons; shapes (k, 3)."""
         return -self.spring * u
+
+    def supports_understood(self) -> list[dict[str, Any]]:
+        """Kind, face and what it holds of every support and spring."""
+        supports = [{"kind": support.kind, "face": support.face, "holds": support.holds} for support in self.supports]
+        return supports + [{"kind": "spring", "face": spring.face, "holds": spring.holds} for spring in self.springs]
+
+    def cell_fields(self, u: Any) -> list[Any]:
+        """Von Mises stress of u, a Function of V, Young's modulus and Poisson's ratio."""
+        return [self.von_mises(u), self.young, self.poisson]
 
 
 def _refuse_others(name: str, given: object) -> None:

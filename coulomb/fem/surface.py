@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from ..arrays import FloatArray
 from .contact_frames import FrictionAxes, held_length, inverse_frames, supported_frames
 from .contact_matrix import at_nodes_of, contact_matrix, free_frames, rows_of
-from .elasticity import Elasticity
+from .deformable import Deformable
 from .obstacles import Plane, RigidFoundation
 from .user_values import on_all_ranks
 
@@ -125,7 +125,7 @@ def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurf
 
 
 def contact_surface(
-    elasticity: Elasticity,
+    elasticity: Deformable,
     face: str,
     foundation: RigidFoundation | None = None,
     normals: Normals = "foundation",
@@ -195,7 +195,7 @@ def contact_surface(
     return ContactSurface((face,), part, nodes, x, frames, gap, area, *matrices, (foundation,))
 
 
-def _matrices(elasticity: Elasticity, nodes: npt.NDArray[np.int32], frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
+def _matrices(elasticity: Deformable, nodes: npt.NDArray[np.int32], frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
     """B and free_B of `ContactSurface`; collective."""
     B, free = contact_matrix(elasticity, nodes, frames), free_frames(elasticity, nodes, frames)
     if elasticity.mesh.comm.allreduce(np.array_equal(free, frames), op=MPI.LAND):
@@ -203,7 +203,7 @@ def _matrices(elasticity: Elasticity, nodes: npt.NDArray[np.int32], frames: Floa
     return B, contact_matrix(elasticity, nodes, free)
 
 
-def joined(elasticity: Elasticity, surfaces: Sequence[ContactSurface]) -> ContactSurface:
+def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> ContactSurface:
     """Several contact faces as one surface; collective.
 
     Raises:

@@ -112,7 +112,7 @@ def _write_body(solution: Solution, path: str) -> None:
         del given[HELD_OBLIQUE]
     nodal = [u, *(elasticity.function(values, name) for name, values in given.items())]
     domain, comm = elasticity.mesh.domain, solution.problem.comm
-    _write_fields(comm, path, domain, [*nodal, elasticity.von_mises(u), elasticity.young, elasticity.poisson])
+    _write_fields(comm, path, domain, [*nodal, *elasticity.cell_fields(u)])
     owned = dof_of_point(domain, elasticity.V)[: domain.geometry.index_map().size_local]
     overwrite(comm, str(data_of(path)), domain, {f.name: f.x.array.reshape(-1, 3)[owned] for f in nodal})
 

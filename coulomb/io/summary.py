@@ -145,6 +145,8 @@ def totals(solution: Solution, part: int | None = None) -> dict[str, Any]:
 def _materials(problem: PosedProblem) -> list[dict[str, Any]]:
     """The material of every group of cells, or of the whole body."""
     given = problem.elasticity.materials
+    if given is None:
+        return []
     groups = [(None, given)] if isinstance(given, Material) else list(given.items())
     return [material_entry(name, material) for name, material in groups]
 

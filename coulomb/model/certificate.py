@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
+from ..fem.rigid_modes import rigid_modes
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
 from .evidence import Evidence
@@ -214,14 +215,7 @@ def _rigid_motions(
     Returns:
         Largest of six sums over the sum of all forces; largest imbalance of a free motion over its spring forces.
     """
-    count = over.sum(float(len(e.x)))
-    r = e.x - np.array([over.sum(axis) for axis in e.x.T]) / count
-    size = over.norm(r) / math.sqrt(count)
-    modes = np.zeros((*e.x.shape, 6))
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        modes[:, k, k] = 1.0
-        modes[:, i, 3 + k], modes[:, j, 3 + k] = -r[:, j] / (size or 1.0), r[:, i] / (size or 1.0)
+    count, modes = over.sum(float(len(e.x))), rigid_modes(e.x, e.comm)
     sums = over.total(np.einsum("kcj,kc->j", modes, outer))
     balance = _ratio(_worst(*np.abs(sums)), scales.turnover)
 

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray, is_number
 from ..fem.contact_frames import FrictionAxes, supported_frames
-from ..fem.elasticity import Elasticity
+from ..fem.deformable import Deformable
 from ..fem.obstacles import RigidFoundation
 from ..fem.rigid_motion import RigidMotion, Rotation, moved, rigid_motion
 from ..fem.surface import ContactSurface, Normals, contact_surface, joined
@@ -209,7 +209,7 @@ class ContactFaces:
             lambda: tuple(c.rigid_motion(time, "contact: foundation") for c in self._contacts), "", self._comm
         )
 
-    def surface(self, elasticity: Elasticity, motions: Sequence[RigidMotion]) -> ContactSurface:
+    def surface(self, elasticity: Deformable, motions: Sequence[RigidMotion]) -> ContactSurface:
         """The contact surface with moved foundations; collective."""
         there = [f and moved(f, motion) for f, motion in zip(self.foundations, motions, strict=True)]
         faces = zip(self._contacts, there, strict=True)

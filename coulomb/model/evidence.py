@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.body import ElasticBody
 from ..fem.constraints import HeldDirections
 from ..linalg.reductions import Reductions
 
@@ -58,7 +58,27 @@ class Evidence:
     compliance: float
 
 
-def rounding_forces(body: ElasticBody, u: FloatArray) -> FloatArray:
+class Strained(Protocol):
+    """A body with internal forces.
+
+    Attributes:
+        domain: Its DOLFINx mesh.
+        x: Coordinates of this rank's nodes in metres, shape (k, 3).
+    """
+
+    domain: Any
+    x: FloatArray
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        """Internal nodal forces of u in newtons, shapes (k, 3); collective."""
+        ...
+
+    def largest_gradient(self, u: FloatArray) -> float:
+        """Largest norm of the displacement gradient of u (k, 3) in a cell, over all ranks; collective."""
+        ...
+
+
+def rounding_forces(body: Strained, u: FloatArray) -> FloatArray:
     """Nodal forces in newtons of a rounding error of the displacement u, shapes (k, 3); collective.
 
     The error is 2^-52 of the largest component of u, with signs that vary from node to node.

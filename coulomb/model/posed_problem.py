@@ -10,8 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.elasticity import Elasticity
-from ..fem.loaded_body import Loading
+from ..fem.deformable import Deformable, Loading
 from ..fem.named_mesh import NamedMesh
 from ..fem.obstacles import RigidFoundation
 from ..fem.surface import ContactSurface
@@ -66,7 +65,7 @@ class PosedProblem:
         return self.body.mesh
 
     @property
-    def elasticity(self) -> Elasticity:
+    def elasticity(self) -> Deformable:
         """K, loads and supports."""
         return self.body.elasticity
 

@@ -14,8 +14,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.elasticity import Elasticity
-from ..fem.loaded_body import Loading
+from ..fem.deformable import Deformable, Loading
 from ..linalg.reductions import Reductions
 from ..linalg.stiffness import StiffnessSolver
 
@@ -30,7 +29,7 @@ _MOST = 4
 
 
 def refined(
-    elasticity: Elasticity,
+    elasticity: Deformable,
     solver: StiffnessSolver,
     loading: Loading,
     on_body: FloatArray,

@@ -17,8 +17,8 @@ from ..fem.user_values import on_all_ranks
 from ..linalg.reductions import Reductions
 
 if TYPE_CHECKING:
-    from ..fem.body import ElasticBody
     from ..fem.obstacles import RigidFoundation
+    from .evidence import Strained
     from .nodal_answer import NodalAnswer
 
 _PRESSING = 1e-6  # a node presses if its force is above this fraction of the largest
@@ -129,7 +129,7 @@ def known_mode(mode: str) -> str:
 
 
 def small_strain(
-    at_nodes: NodalAnswer, foundations: Sequence[RigidFoundation], body: ElasticBody, u: FloatArray
+    at_nodes: NodalAnswer, foundations: Sequence[RigidFoundation], body: Strained, u: FloatArray
 ) -> SmallStrain:
     """Measure an answer; collective.
 

@@ -79,7 +79,7 @@ class Solution:
         inner = body.internal_force(u) - body.spring_force(u)
         held = body.held_part(inner - problem.loading.load - on_body)
         supports = chain(body.shares(held), body.spring_forces(u))
-        return acting(body.loads_at(problem.time), supports, on_body, body.x, Reductions(problem.comm))
+        return acting(body.loads_in(problem.loading), supports, on_body, body.x, Reductions(problem.comm))
 
     @property
     def loads(self) -> tuple[Resultant, ...]:

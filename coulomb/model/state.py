@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ..arrays import FloatArray
-from ..fem.loaded_body import Loading
+from ..fem.deformable import Loading
 from ..fem.rigid_motion import RigidMotion, Spin
 from ..fem.surface import ContactSurface
 from ..solvers.laws import FrictionLaw

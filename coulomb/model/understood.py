@@ -72,9 +72,7 @@ def loads_of(problem: PosedProblem, times: Sequence[float]) -> list[UnderstoodLo
 
 def supports_of(problem: PosedProblem) -> list[dict[str, Any]]:
     """Kind, face and what it holds of every support and spring."""
-    body = problem.elasticity
-    supports = [{"kind": support.kind, "face": support.face, "holds": support.holds} for support in body.supports]
-    return supports + [{"kind": "spring", "face": spring.face, "holds": spring.holds} for spring in body.springs]
+    return problem.elasticity.supports_understood()
 
 
 def contacts_of(problem: PosedProblem) -> list[dict[str, Any]]:

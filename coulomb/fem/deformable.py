@@ -1,0 +1,128 @@
+"""What a contact problem needs of a body: K, loads at a time, prescribed displacements, internal forces without K.
+
+`Elasticity` makes it from materials and loads of this package, `Body` from the user's forms.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from .held_space import HeldSpace
+from .loads import AppliedLoad
+from .materials import Materials
+from .nodal_forces import NodalForces
+
+
+@dataclass(frozen=True)
+class Loading:
+    """Loads and prescribed displacements of a body at a time; this rank's k nodes.
+
+    Attributes:
+        time: The time.
+        load: Nodal forces of all loads in newtons, shape (k, 3).
+        prescribed: Prescribed displacements in metres, 0 elsewhere, shape (k, 3).
+    """
+
+    time: float
+    load: FloatArray
+    prescribed: FloatArray
+
+
+class Deformable(HeldSpace, ABC):
+    """A linear elastic body with its supports and loads; mesh and held directions as in `HeldSpace`.
+
+    Attributes:
+        spring: Stiffness of springs at this rank's nodes along x, y, z in N/m, shape (k, 3); 0 where there is none.
+        contradictions: Messages about supports that prescribe different displacements where they meet.
+        materials: Its materials; None if they are in the user's forms.
+        loads: Its loads with an amplitude.
+    """
+
+    spring: FloatArray
+    contradictions: tuple[str, ...]
+    materials: Materials | None
+    loads: tuple[AppliedLoad, ...]
+
+    @property
+    @abstractmethod
+    def K(self) -> PETSc.Mat:
+        """Stiffness, N/m, with held directions eliminated; block size 3, symmetric positive definite, with the rigid
+        body modes as its near-nullspace."""
+
+    @property
+    @abstractmethod
+    def mean_diagonal(self) -> float:
+        """The entry of K for held components, N/m: the mean diagonal of the free directions."""
+
+    @property
+    def ground(self) -> FloatArray | None:
+        """Nodal forces in newtons of the `rigid_modes`, of one metre, shape (k, 3, 6): those of elastic foundations
+        in the user's forms; None if rigid motions cause no internal forces."""
+        return None
+
+    @abstractmethod
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        """Internal nodal forces of u in newtons, assembled without K; shapes (k, 3); collective."""
+
+    def at_time(self, time: float) -> Deformable:
+        """The body with the coefficients that its stiffness has at a time: itself if they do not change; collective."""
+        return self
+
+    @abstractmethod
+    def at(self, time: float) -> Loading:
+        """Loads and prescribed displacements at a time; collective.
+
+        Raises:
+            ValueError: On every rank, if they have no finite value at that time.
+        """
+
+    @abstractmethod
+    def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
+        """The forces of every load by itself; collective."""
+
+    @abstractmethod
+    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
+        """The forces of every support by itself, in the order given: each held direction belongs to the support that
+        prescribes it.
+
+        Args:
+            reaction: Forces of the supports on the body at this rank's nodes in newtons, along held directions:
+                `held_part` of internal forces minus loads, springs and contact forces; shape (k, 3).
+        """
+
+    def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
+        """The forces of every spring by itself at displacements u (k, 3), in the order given."""
+        yield from ()
+
+    def spring_force(self, u: FloatArray) -> FloatArray:
+        """Forces of the springs on the body at displacements u, newtons; shapes (k, 3)."""
+        return -self.spring * u
+
+    @abstractmethod
+    def supports_understood(self) -> list[dict[str, Any]]:
+        """Kind, face and what it holds of every support and spring."""
+
+    @abstractmethod
+    def cell_fields(self, u: Any) -> list[Any]:
+        """Functions that are constant on every cell, to be written beside u, a Function of V."""
+
+    def forms(self) -> Mapping[str, Any] | None:
+        """What is recorded of the user's forms; None for a body without."""
+        return None
+
+    def f(self, loading: Loading) -> PETSc.Vec:
+        """The load in newtons, with the prescribed displacements included, so that K u = f; collective."""
+        f, load = self.K.createVecRight(), loading.load
+        if self.mesh.comm.allreduce(bool(np.any(loading.prescribed)), op=MPI.LOR):
+            g = loading.prescribed
+            load = load - self.internal_force(g) + self.spring_force(g)
+        f.array[:] = (self.free_part(load) + self.mean_diagonal * loading.prescribed).ravel()
+        return f

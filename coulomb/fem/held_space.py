@@ -1,0 +1,120 @@
+"""A space of displacements some of which are prescribed, on a mesh with named faces."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from .constraints import HeldDirections
+from .displacement_space import DisplacementSpace
+from .named_mesh import NamedMesh
+
+
+class HeldSpace(DisplacementSpace):
+    """Displacements with held directions, and the faces of their mesh; what a body is made of sets both.
+
+    Attributes:
+        mesh: The body.
+        held: The directions along which this rank's nodes are held.
+    """
+
+    mesh: NamedMesh
+    held: HeldDirections
+
+    def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
+        """This rank's nodes on a face, sorted; ValueError if there is no such face."""
+        return self.nodes_of(self.mesh.facets(face, what))
+
+    def nodal_area(self, face: str, what: str = "contact") -> FloatArray:
+        """Integral of every hat function over a face in m^2, this rank's nodes, shape (k,)."""
+        return self.area_of(self.mesh.facets(face, what))
+
+    def nodal_normal(self, face: str) -> FloatArray:
+        """Integral of the body's outward normal against every hat function over a face, m^2, shape (k, 3)."""
+        return self.normal_of(self.mesh.facets(face, "contact"))
+
+    @property
+    def fixed(self) -> npt.NDArray[np.bool_]:
+        """Which components are prescribed whatever the others are, shape (k, 3)."""
+        return self.held.components
+
+    def held_part(self, v: FloatArray) -> FloatArray:
+        """The part of nodal vectors along prescribed directions; shapes (k, 3), or (k, 3, j)."""
+        return self.held.held_part(v)
+
+    def free_part(self, v: FloatArray) -> FloatArray:
+        """The part of nodal vectors along free directions; shapes (k, 3), or (k, 3, j)."""
+        return self.held.free_part(v)
+
+    def eliminated(self, K: PETSc.Mat) -> tuple[PETSc.Mat, float]:
+        """The stiffness with the held directions eliminated, and rigid body modes for multigrid; collective.
+
+        With P, the projector onto the free directions of the nodes, K becomes P K P + m (I - P): where a component is
+        held, its row and column are zero except for the diagonal.  The number m is the mean diagonal of the free
+        directions: a 1 there would disturb multigrid and all scales.
+
+        Args:
+            K: The stiffness of the free body, N/m, block size 3; it is changed, or destroyed.
+
+        Returns:
+            The matrix, and m.
+
+        Raises:
+            ValueError: On every rank, if every direction of every node is held.
+        """
+        comm = self.mesh.comm
+        if comm.allreduce(bool(np.any(self.held.oblique)), op=MPI.LOR):
+            K = self._projected(K)
+        diagonal = K.getDiagonal()
+        free = diagonal.array[~self.fixed.ravel()]
+        count = comm.allreduce(3 * self._owned - self.held.number, op=MPI.SUM)
+        if count == 0:
+            raise ValueError("the supports hold every node of the body: there is nothing to compute; use a finer mesh")
+        mean = float(comm.allreduce(float(free.sum()), op=MPI.SUM) / count)
+        diagonal.destroy()
+        first = K.getOwnershipRange()[0]
+        rows = (first + np.flatnonzero(self.fixed)).astype(PETSc.IntType)
+        K.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        K.zeroRowsColumns(rows, diag=mean)
+        oblique = self.held.oblique
+        for node, block in zip(self.held.nodes[oblique], self.held.projector[oblique], strict=True):
+            along = ~self.fixed[node]
+            at = (first + 3 * node + np.flatnonzero(along)).astype(PETSc.IntType)
+            K.setValues(at, at, mean * block[np.ix_(along, along)], addv=PETSc.InsertMode.ADD)
+        K.assemble()
+        K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        K.setOption(PETSc.Mat.Option.SPD, True)
+        self._attach_rigid_body_modes(K)
+        return K, mean
+
+    def _projected(self, K: PETSc.Mat) -> PETSc.Mat:
+        """P K P in place of K."""
+        first, last = (row // 3 for row in K.getOwnershipRange())
+        number, blocks = np.arange(last - first), np.broadcast_to(np.eye(3), (last - first, 3, 3)).copy()
+        blocks[self.held.nodes] -= self.held.projector
+        shape = (3 * len(number), K.getSize()[1])
+        rows = scipy.sparse.bsr_matrix((blocks, first + number, np.arange(len(number) + 1)), shape=shape).tocsr()
+        P = PETSc.Mat().createAIJ(
+            K.getSizes(),
+            bsize=3,
+            csr=(rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
+            comm=self.mesh.comm,
+        )
+        projected = K.PtAP(P)
+        projected.setAttr("mesh", self.mesh)  # keeps it alive: see compat.assemble_matrix
+        K.destroy()
+        P.destroy()
+        return projected
+
+    def _attach_rigid_body_modes(self, K: PETSc.Mat) -> None:
+        coordinates = K.createVecRight()
+        coordinates.setBlockSize(3)
+        coordinates.array[:] = self.x.ravel()
+        modes = PETSc.NullSpace().createRigidBody(coordinates)
+        K.setNearNullSpace(modes)
+        modes.destroy()
+        coordinates.destroy()
