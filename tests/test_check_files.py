@@ -14,7 +14,18 @@ RUNS = {"hexahedra": BLOCK, "tetrahedra": WEDGE}
 ON_BODY = ("displacement", "load", "held", "prescribed", "spring", "von_mises_stress", "young", "poisson")
 ON_FACE = (
     *("pressure", "friction_traction", "slip", "gap", "friction_use", "contact_force", "normal", "initial_gap"),
-    *("tangent_1", "tangent_2", "area", "coefficient", "friction", "cohesion", "slip_bound", "slip_origin", "face"),
+    *(
+        "given_gap",
+        "tangent_1",
+        "tangent_2",
+        "area",
+        "coefficient",
+        "friction",
+        "cohesion",
+        "slip_bound",
+        "slip_origin",
+        "face",
+    ),
 )
 GIVEN = {
     "load",
@@ -27,6 +38,7 @@ GIVEN = {
     "tangent_1",
     "tangent_2",
     "initial_gap",
+    "given_gap",
     "friction",
     "cohesion",
     "slip_origin",
@@ -275,10 +287,12 @@ def lost_nodes(monkeypatch):
     from coulomb.fem.contact_matrix import contact_matrix
     from coulomb.model import contact
 
-    def without_the_middle(elasticity, face, foundation=None, normals="foundation", axes=None):
-        surface = real_surface(elasticity, face, foundation, normals, axes)
+    def without_the_middle(elasticity, face, *arguments):
+        surface = real_surface(elasticity, face, *arguments)
         keep = ~((surface.x[:, 0] > 0.39) & (surface.x[:, 0] < 0.81))
-        of_nodes = {name: getattr(surface, name)[keep] for name in ("part", "nodes", "x", "frames", "gap", "area")}
+        of_nodes = {
+            name: getattr(surface, name)[keep] for name in ("part", "nodes", "x", "frames", "gap", "gap_field", "area")
+        }
         B = contact_matrix(elasticity, of_nodes["nodes"], of_nodes["frames"])
         return replace(surface, **of_nodes, B=B, free_B=B)
 

@@ -38,7 +38,7 @@ def lose(monkeypatch, lost):
         found = whole(elasticity, face, *arguments)
         keep = ~lost(found.x)
         B = contact_matrix(elasticity, found.nodes[keep], found.frames[keep])
-        fields = ("part", "nodes", "x", "frames", "gap", "area")
+        fields = ("part", "nodes", "x", "frames", "gap", "gap_field", "area")
         return replace(found, B=B, free_B=B, **{name: getattr(found, name)[keep] for name in fields})
 
     monkeypatch.setattr("coulomb.model.contact.contact_surface", part)

@@ -186,6 +186,7 @@ class Case(Table):
     def _time_needs_a_history(self) -> Case:
         timed: dict[str, Any] = {f"{key}.motion": table.motion for key, table in self.contacts.items()}
         timed |= {f"{key}.rotation": table.rotation for key, table in self.contacts.items()}
+        timed |= {f"{key}.gap_amplitude": table.gap_amplitude for key, table in self.contacts.items()}
         timed |= {"body_force_amplitude": self.body_force_amplitude, "gravity_amplitude": self.gravity_amplitude}
         moved = ("clamp", "prescribed_displacement", "prescribed_rotation")
         for name in (*moved, "traction", "pressure", "total_force"):

@@ -12,7 +12,7 @@ from ..arrays import FloatArray
 from ..fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
 from ..model.times import HALVINGS, refuse_times
 from .curves import AmplitudeTable, MotionTable, amplitude_of, motion_of, rows_of
-from .place import FrictionAt, SpeedAt, StressAt, VectorAt, coefficient, field
+from .place import FrictionAt, NumberAt, SpeedAt, StressAt, VectorAt, coefficient, field
 from .values import (
     ISOTROPIC,
     ORTHOTROPIC,
@@ -170,6 +170,8 @@ class ContactTable(Table):
     direction: VectorAt | None = None
     friction_amplitude: AmplitudeTable | None = None
     rotation: RotationTable | None = None
+    gap: NumberAt = 0.0
+    gap_amplitude: AmplitudeTable | None = None
 
     @model_validator(mode="after")
     def _one_law(self) -> ContactTable:
@@ -177,6 +179,8 @@ class ContactTable(Table):
             raise ValueError("give either friction (Coulomb) or slip_stress (Tresca), one of the two")
         if self.cohesion is not None and self.friction is None:
             raise ValueError("cohesion goes with friction; slip_stress is a cohesion alone")
+        if self.gap_amplitude is not None and self.gap == 0.0:
+            raise ValueError("gap_amplitude is a factor of gap, which is not given")
         frictions = [part.friction for part in self._parts]
         orthotropic = any(isinstance(friction, tuple) for friction in frictions)
         if any(isinstance(friction, SlipRateTable) for friction in frictions) and (orthotropic or self.direction):
@@ -232,6 +236,8 @@ class ContactTable(Table):
             None if self.direction is None else field(self.direction),
             amplitude_of(self.friction_amplitude),
             self.rotation.rotation() if self.rotation is not None else None,
+            coefficient(self.gap),
+            amplitude_of(self.gap_amplitude),
         )
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:

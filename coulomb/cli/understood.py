@@ -38,10 +38,18 @@ def show_understood(console: Console, settings: Case, problem: ContactProblem) -
 
 
 def _contact(one: dict[str, Any]) -> str:
-    low, high = one["gap"]["min"], one["gap"]["max"]
-    gap = metres(low) if high - low <= 1e-9 * max(abs(low), abs(high)) else f"{metres(low)} to {metres(high)}"
+    gap, given = _range(one["gap"]), ""
+    if any(one["given_gap"].values()):
+        times = " times its amplitude" if "gap amplitude" in one["moves"] else ""
+        given = f", of which given {_range(one['given_gap'])}{times}"
     moves = f", moves by {one['moves']}" if one["moves"] else ""
-    return f"{one['face']!r}: {one['nodes']} nodes, {law_in_words(one)}, gap {gap}; {one['foundation']}{moves}"
+    return f"{one['face']!r}: {one['nodes']} nodes, {law_in_words(one)}, gap {gap}{given}; {one['foundation']}{moves}"
+
+
+def _range(values: dict[str, float]) -> str:
+    """In metres, one number if all are the same."""
+    low, high = values["min"], values["max"]
+    return metres(low) if high - low <= 1e-9 * max(abs(low), abs(high)) else f"{metres(low)} to {metres(high)}"
 
 
 def _print(console: Console, what: str, lines: Sequence[str]) -> None:

@@ -44,7 +44,8 @@ class ContactSurface:
         x: Coordinates in metres, shape (m, 3).
         frames: Orthogonal rows n, t1, t2 of every point, shape (m, 3, 3), of length 1; t1 and t2 are shorter where
             friction is orthotropic (`FrictionAxes`).  n points into the foundation.
-        gap: Distance to the foundation along n before deformation in metres, shape (m,).
+        gap: Distance to the foundation along n before deformation in metres, with the given gap, shape (m,).
+        gap_field: The given gap, metres, without its amplitude, shape (m,).
         area: Integral of the hat function over the face in m^2, shape (m,).
         B: Rows n, t1, t2 of every contact point; columns the displacements.  Shape (3 m, n), distributed.
         free_B: B without the parts of its rows along prescribed directions: A = free_B K^-1 free_B^T.  B itself if
@@ -58,6 +59,7 @@ class ContactSurface:
     x: FloatArray
     frames: FloatArray
     gap: FloatArray
+    gap_field: FloatArray
     area: FloatArray
     B: PETSc.Mat
     free_B: PETSc.Mat
@@ -130,6 +132,8 @@ def contact_surface(
     foundation: RigidFoundation | None = None,
     normals: Normals = "foundation",
     axes: FrictionAxes | None = None,
+    gap_field: Callable[[FloatArray], FloatArray] | None = None,
+    gap_factor: float = 1.0,
 ) -> ContactSurface:
     """The contact nodes of a face against a rigid foundation.
 
@@ -149,6 +153,8 @@ def contact_surface(
         foundation: The obstacle; by default the plane of the face, which must then be plane.
         normals: Source of the normals, before deformation.
         axes: Orthotropic friction, by which the tangents are rotated and scaled.
+        gap_field: A gap in metres that is added to the distance, of nodes x (k, 3) of this rank; collective.
+        gap_factor: Its amplitude.
 
     Raises:
         ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from the
@@ -187,12 +193,14 @@ def contact_surface(
     gap = _evaluate(foundation.signed_distance, x, 1, comm, face)
     if normals == "body":
         gap = on_all_ranks(lambda: way_along(n, x, gap, foundation), f"contact face {face!r}: foundation", comm)
+    given: FloatArray = np.zeros(len(x)) if gap_field is None else gap_field(x)
+    gap = gap + gap_factor * given
     if axes is None:
         frames = supported_frames(n, H)
     else:
         frames = axes.frames(n, H, x, f"contact face {face!r}", comm)
     part, matrices = np.zeros(len(nodes), dtype=np.int64), _matrices(elasticity, nodes, frames)
-    return ContactSurface((face,), part, nodes, x, frames, gap, area, *matrices, (foundation,))
+    return ContactSurface((face,), part, nodes, x, frames, gap, given, area, *matrices, (foundation,))
 
 
 def _matrices(elasticity: Deformable, nodes: npt.NDArray[np.int32], frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
@@ -227,6 +235,7 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
         x,
         frames,
         np.concatenate([surface.gap for surface in surfaces]),
+        np.concatenate([surface.gap_field for surface in surfaces]),
         np.concatenate([surface.area for surface in surfaces]),
         *_matrices(elasticity, nodes, frames),
         tuple(foundation for surface in surfaces for foundation in surface.foundations),

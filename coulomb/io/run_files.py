@@ -43,7 +43,7 @@ ON_FACE = (
         "contact_force",
         "normal",
     ),
-    *("tangent_1", "tangent_2", "initial_gap", "area", "coefficient", "friction", "cohesion"),
+    *("tangent_1", "tangent_2", "initial_gap", "given_gap", "area", "coefficient", "friction", "cohesion"),
     *("slip_bound", "slip_origin", "face"),
 )
 """Fields of contact.h5, one number or vector per node of the contact face."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
@@ -21,8 +22,10 @@ from ..fem.user_values import (
     Motion,
     evaluate_amplitude,
     evaluate_numbers,
+    evaluate_signed_numbers,
     on_all_ranks,
 )
+from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
 from .friction import FrictionModel
 
@@ -52,6 +55,10 @@ class Contact:
             constant or a function of place.
         direction: Of orthotropic friction, a vector or a function of place; projected into the tangent plane of a node.
         friction_amplitude: Factor of friction as a function of time, >= 0.
+        gap: Initial gap in metres in addition to the distance between face and foundation, along the contact normal;
+            constant or a function of place, evaluated at the undeformed face.  Negative values are an interference
+            (press fit): the face must move back by so much.
+        gap_amplitude: Factor of `gap` as a function of time, with which a press fit is applied in a load history.
 
     Raises:
         ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
@@ -68,6 +75,8 @@ class Contact:
     direction: Field | None = None
     friction_amplitude: Amplitude = 1.0
     rotation: Rotation | None = None
+    gap: Coefficient = 0.0
+    gap_amplitude: Amplitude = 1.0
 
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):
@@ -100,6 +109,14 @@ class Contact:
                 allowed = callable(value) or is_number(value)
                 if not (allowed or (name == "friction" and isinstance(value, FrictionModel))):
                     raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
+        if not (callable(self.gap) or is_number(self.gap, -np.inf)):
+            raise ValueError(
+                "contact: gap must be a number of metres or a function of place, negative for an interference, "
+                f"but is {self.gap!r}"
+            )
+        unscaled = is_number(self.gap_amplitude, -np.inf) and self.gap_amplitude == 1.0
+        if not (unscaled or callable(self.gap) or self.gap):
+            raise ValueError("contact: gap_amplitude is a factor of gap, which is not given")
 
     @property
     def axes(self) -> FrictionAxes | None:
@@ -156,6 +173,23 @@ class Contact:
         bearing = ("cohesion", self.cohesion) if self.slip_stress is None else ("slip_stress", self.slip_stress)
         return FrictionLaw(values(*bearing) * area, self.friction_factor(time, comm) * friction)
 
+    def gap_at(self, x: FloatArray, comm: MPI.Comm) -> FloatArray:
+        """The given gap in metres at nodes x (k, 3) of the face, without its amplitude, shape (k,); collective.
+
+        Raises:
+            ValueError: On every rank, if a function of place fails, or is not finite on any.
+        """
+        return evaluate_signed_numbers(self.gap, x, f"contact face {self.face!r}: gap", comm)
+
+    def gap_factor(self, time: float, comm: MPI.Comm) -> float:
+        """The amplitude of the given gap at a time; collective.
+
+        Raises:
+            ValueError: On every rank, if it has no value then.
+        """
+        what = f"contact face {self.face!r}: gap"
+        return on_all_ranks(lambda: evaluate_amplitude(self.gap_amplitude, time, what), "", comm)
+
     def friction_factor(self, time: float, comm: MPI.Comm) -> float:
         """The amplitude of friction at a time; collective.
 
@@ -209,11 +243,33 @@ class ContactFaces:
             lambda: tuple(c.rigid_motion(time, "contact: foundation") for c in self._contacts), "", self._comm
         )
 
-    def surface(self, elasticity: Deformable, motions: Sequence[RigidMotion]) -> ContactSurface:
-        """The contact surface with moved foundations; collective."""
-        there = [f and moved(f, motion) for f, motion in zip(self.foundations, motions, strict=True)]
-        faces = zip(self._contacts, there, strict=True)
-        return joined(elasticity, [contact_surface(elasticity, c.face, f, c.normals, c.axes) for c, f in faces])
+    def gap_factors(self, time: float) -> FloatArray:
+        """Amplitudes of the given gaps of all faces at a time, shape (faces,); collective."""
+        return np.array([contact.gap_factor(time, self._comm) for contact in self._contacts])
+
+    def surface(self, elasticity: Deformable, motions: Sequence[RigidMotion], time: float) -> ContactSurface:
+        """The contact surface with moved foundations, and gaps at a time; collective.
+
+        Raises:
+            ValueError: On every rank, as `contact_surface`, or if an interference is larger than the body.
+        """
+        surfaces = []
+        over = Reductions(self._comm)
+        size = np.linalg.norm([over.max(axis) + over.max(-axis) for axis in elasticity.x.T])
+        for contact, foundation, motion, factor in zip(
+            self._contacts, self.foundations, motions, self.gap_factors(time), strict=True
+        ):
+            there = foundation and moved(foundation, motion)
+            given = partial(contact.gap_at, comm=self._comm)
+            surface = contact_surface(elasticity, contact.face, there, contact.normals, contact.axes, given, factor)
+            deepest = over.max(-factor * surface.gap_field)
+            if deepest > size:
+                raise ValueError(
+                    f"contact face {contact.face!r}: gap: an interference of {deepest:g} m is larger than the body, "
+                    f"whose extent is {size:g} m: gap is in metres"
+                )
+            surfaces.append(surface)
+        return joined(elasticity, surfaces)
 
     def law(self, surface: ContactSurface, time: float, slip_rate: FloatArray) -> FrictionLaw:
         """The law of friction at this rank's contact points at a time, slip rates (m,) in m/s; collective."""

@@ -93,7 +93,7 @@ class ContactBody:
                 for text in self.elasticity.contradictions:
                     _log.warning("%s", text)
             faces, still = ContactFaces(self.contacts, self.comm), RigidMotion(np.zeros(3))
-            self._reference: ContactSurface = faces.surface(self.elasticity, [still] * len(self.contacts))
+            self._reference: ContactSurface = faces.surface(self.elasticity, [still] * len(self.contacts), time)
             self._faces = faces.against(self._reference.foundations)  # the plane of the face if none was given
             self._reference = self.surface(self.rigid_motions(time), time)
             self.probes = self.located(probes)
@@ -134,7 +134,7 @@ class ContactBody:
     # --- state at a time ----------------------------------------------------------------------------------------------
 
     def refuse_undefined(self, time: float) -> None:
-        """Check that loads, supports, motions and friction have values at a time, such as the end of a history;
+        """Check that loads, supports, motions, gaps and friction have values at a time, such as the end of a history;
         collective.
 
         Raises:
@@ -144,20 +144,38 @@ class ContactBody:
         self.rigid_motions(time)
         for contact in self.contacts:
             contact.friction_factor(time, self.comm)
+            contact.gap_factor(time, self.comm)
 
     def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
         """Of the foundations of all contact faces at a time; collective."""
         return self._faces.rigid_motions(time)
 
+    def given_gap(self, surface: ContactSurface, time: float) -> FloatArray:
+        """The gaps given with the contacts at a time, at the points of a surface of this body, metres, shape (m,);
+        collective."""
+        given: FloatArray = self._faces.gap_factors(time)[surface.part] * surface.gap_field
+        return given
+
+    def foundation_displacement(self, surface: ContactSurface, then: float, now: float) -> FloatArray:
+        """Displacement of the foundations' surfaces between two times at the contact points, metres, shape (m, 3);
+        collective.
+
+        Besides the rigid motion, that of a changing gap along the normals.
+        """
+        moved = since_at(self.rigid_motions(now), self.rigid_motions(then), surface.part, surface.x)
+        closed = self.given_gap(surface, now) - self.given_gap(surface, then)
+        moved += closed[:, None] * surface.frames[:, 0]
+        return moved
+
     def surface(self, motions: Sequence[RigidMotion], time: float) -> ContactSurface:
-        """The contact surface with the foundations of the faces moved; collective.
+        """The contact surface with the foundations of the faces moved, and their gaps at a time; collective.
 
         Frames and B are the same objects for all positions of the foundations with the same normals.
 
         Raises:
-            ValueError: On every rank, if the set of contact nodes changes; `time` is for the message.
+            ValueError: On every rank, if the set of contact nodes changes.
         """
-        after, before = self._faces.surface(self.elasticity, motions), self._reference
+        after, before = self._faces.surface(self.elasticity, motions, time), self._reference
         if not self.comm.allreduce(np.array_equal(before.nodes, after.nodes), op=MPI.LAND):
             raise ValueError(f"contact: at time {time:g} the foundation's normals make other nodes contact nodes")
         turned = not np.allclose(before.frames, after.frames, rtol=0.0, atol=1e-14)

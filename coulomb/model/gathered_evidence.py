@@ -127,7 +127,8 @@ def _face(
         distance = foundation.signed_distance(place)
         return way_along(here.turned_back(n), place, distance, foundation) if contact.normals == "body" else distance
 
-    gap = on_all_ranks(remaining, what, comm)
+    given = contact.gap_factor(time, comm) * contact.gap_at(elasticity.x[nodes], comm)
+    gap = on_all_ranks(remaining, what, comm) + given
     law = contact.law(elasticity.x[nodes], elasticity.nodal_area(contact.face)[nodes], time, slip_rate[nodes], comm)
     frames = contact.frames(n, H, elasticity.x[nodes], comm)
     return nodes, frames, gap, law.cohesion, law.friction, here.since(then, elasticity.x[nodes])

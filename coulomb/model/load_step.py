@@ -10,7 +10,6 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.constraints import HeldDirections
-from ..fem.rigid_motion import since_at
 from ..linalg.reductions import Reductions
 from .accumulated import Accumulated
 from .columns import along_axes, face_columns, probe_columns, reaction_columns, rotation_columns
@@ -151,8 +150,7 @@ class State(Moment):
         on_body = solution.force_on_body
         then = forces(self.displacement, elasticity.at(self.time).load, self.force_on_body)
         now = forces(solution.displacement, problem.loading.load, on_body)
-        then_at = problem.body.rigid_motions(self.time)
-        moved = since_at(problem.state.rigid_motions, then_at, surface.part, surface.x)
+        moved = problem.body.foundation_displacement(surface, self.time, problem.time)
         foundation = 0.5 * over.dot(self.force_on_body + on_body, moved)
         answer = solution.at_nodes
         slip_rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - self.time)

@@ -44,6 +44,7 @@ class NodalAnswer:
         frames: Rows n, t1, t2, shape (m, 3, 3), as `ContactSurface.frames`: t1 and t2 are shorter where friction is
             orthotropic.  Components along them are such that forces on the body are -B^T x and displacements B u.
         gap: Before deformation, shape (m,).
+        given_gap: The part of it that is given beside the distance to the foundation, shape (m,).
         area: In m^2, shape (m,).
         slip_origin: Displacement from which slip is measured, along n, t1, t2, shape (m, 3).
         displacement: Along n, t1, t2, shape (m, 3).
@@ -60,6 +61,7 @@ class NodalAnswer:
     x: FloatArray
     frames: FloatArray
     gap: FloatArray
+    given_gap: FloatArray
     area: FloatArray
     slip_origin: FloatArray
     displacement: FloatArray
@@ -172,6 +174,7 @@ class NodalAnswer:
             "tangent_1": self.frames[:, 1],
             "tangent_2": self.frames[:, 2],
             "initial_gap": self.gap,
+            "given_gap": self.given_gap,
             "area": self.area,
             "coefficient": self.coefficient,
             "friction": self.law.friction,

@@ -60,8 +60,8 @@ class SmallStrain:
     """Measures of the nonlinearity that the linear contact conditions neglect.
 
     Attributes:
-        gap_error: Largest distance of a pressing node, where it has moved to, from the foundation as it is, over the
-            mean displacement of the forces that deform the body (as in the certificate).
+        gap_error: Largest distance of a pressing node, where it has moved to, from the foundation as it is, with the
+            given gap, over the mean displacement of the forces that deform the body (as in the certificate).
         turn: Largest angle in degrees between the foundation's normals at a node in contact before and after its
             displacement.
         slip_over_cell: Largest tangential displacement of a pressing node on a curved foundation, over the size of the
@@ -142,7 +142,7 @@ def small_strain(
     over, normal = Reductions(at_nodes.comm), at_nodes.force[:, 0]
     pressing = normal > _PRESSING * max(over.max(normal), 0.0)
     way, part = at_nodes.moved[pressing], at_nodes.part[pressing]
-    before, moved = at_nodes.x[pressing], at_nodes.x[pressing] + way
+    before, moved, given = at_nodes.x[pressing], at_nodes.x[pressing] + way, at_nodes.given_gap[pressing]
     rounding = _ROUNDING * max(over.max(np.abs(moved)), 0.0)
 
     def measure() -> tuple[FloatArray, FloatArray]:
@@ -152,7 +152,7 @@ def small_strain(
             if np.any(at):
                 cosine = np.einsum("ki,ki->k", foundation.normal(before[at]), foundation.normal(moved[at]))
                 turn[at] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-                distance[at] = np.abs(foundation.signed_distance(moved[at]))
+                distance[at] = np.abs(foundation.signed_distance(moved[at]) + given[at])
         return np.where(distance < rounding, 0.0, distance), np.where(turn < 1e-5, 0.0, turn)
 
     try:

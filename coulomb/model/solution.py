@@ -62,6 +62,7 @@ class Solution:
             x=surface.x,
             frames=surface.frames,
             gap=surface.gap,
+            given_gap=problem.body.given_gap(surface, problem.time),
             area=surface.area,
             slip_origin=problem.slip_origin,
             displacement=surface.rows(self.displacement),

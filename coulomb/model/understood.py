@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, is_number
 from ..fem.loads import AppliedLoad, named
 from ..fem.nodal_forces import NodalForces
 from ..fem.obstacles import RigidFoundation
@@ -76,7 +76,10 @@ def supports_of(problem: PosedProblem) -> list[dict[str, Any]]:
 
 
 def contacts_of(problem: PosedProblem) -> list[dict[str, Any]]:
-    """Face, nodes, law, foundation, range of the gap and motion of every contact pair; collective."""
+    """Face, nodes, law, foundation, ranges of gap and given gap, and motion of every contact pair; collective.
+
+    The gap is that at the time of the problem; the given gap is without its amplitude.
+    """
     over, surface, found = Reductions(problem.comm), problem.surface, []
     for part, (contact, foundation) in enumerate(zip(problem.contacts, problem.foundations, strict=True)):
         here = surface.part == part
@@ -87,6 +90,7 @@ def contacts_of(problem: PosedProblem) -> list[dict[str, Any]]:
                 **law_numbers(problem.law.at(here), surface.area[here], surface.frames[here], over),
                 "foundation": _foundation(contact, foundation),
                 "gap": {"min": over.min(surface.gap[here]), "max": over.max(surface.gap[here])},
+                "given_gap": {"min": over.min(surface.gap_field[here]), "max": over.max(surface.gap_field[here])},
                 "moves": _moves(contact),
             }
         )
@@ -106,7 +110,8 @@ def _foundation(contact: Contact, foundation: RigidFoundation) -> str:
 
 def _moves(contact: Contact) -> str:
     """Which motions it has."""
-    motions = {"translation": contact.motion, "rotation": contact.rotation}
+    changing = None if is_number(contact.gap_amplitude, -np.inf) else contact.gap_amplitude
+    motions = {"translation": contact.motion, "rotation": contact.rotation, "gap amplitude": changing}
     return " and ".join(name for name, motion in motions.items() if motion is not None)
 
 

@@ -111,10 +111,15 @@ class CaseReference:
         motions = self.rigid_motions(time)
         return [moved(f, motions[k]) for k, f in sorted(self._foundations.items())]
 
+    def given_gap(self, part: int, time: float, x: FloatArray) -> FloatArray:
+        """The gap given with a contact at a time, metres, at nodes x (k, 3) of its face, shape (k,)."""
+        contact = self.contacts[part]
+        return contact.gap_factor(time, MPI.COMM_SELF) * contact.gap_at(x, MPI.COMM_SELF)
+
     def geometry(
         self, part: int, time: float, x: FloatArray, area: FloatArray, outward: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Normals into the foundation (k, 3) and gaps (k,) in metres of all nodes of a face, for its `foundation`.
+        """Normals into the foundation (k, 3) and distances (k,) in metres of all nodes of a face, for its `foundation`.
 
         Raises:
             ValueError: If the foundation has no distance or normal at a node.

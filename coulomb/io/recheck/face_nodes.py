@@ -30,6 +30,9 @@ _LAW = ("friction", "cohesion")
 _TANGENTS = ("tangent_1", "tangent_2")
 """Fields of contact.xdmf that are the rows t1 and t2."""
 
+_GAPS = ("initial_gap", "given_gap")
+"""Fields of contact.xdmf with the gap before deformation, and the part of it that the contact gives."""
+
 _NEARLY_HELD = 0.9
 """Without a case, the normal of a held node is that of its facets, which is only near the foundation's."""
 
@@ -44,6 +47,7 @@ class FaceNodes:
         written: Whether they are written as contact nodes of this face, shape (m,).
         frames: Rows n, t1, t2, as `ContactSurface.frames`, shape (m, 3, 3).
         gap: Before deformation in metres, shape (m,).
+        given_gap: The part of it that is given beside the distance to the foundation, metres, shape (m,).
         area: In m^2, shape (m,).
         friction: Coefficient of friction, shape (m,).
         cohesion: In pascals, shape (m,).
@@ -57,6 +61,7 @@ class FaceNodes:
     written: npt.NDArray[np.bool_]
     frames: FloatArray
     gap: FloatArray
+    given_gap: FloatArray
     area: FloatArray
     friction: FloatArray
     cohesion: FloatArray
@@ -94,6 +99,7 @@ class FaceNodes:
             x=x[self.index],
             frames=frames,
             gap=self.gap,
+            given_gap=self.given_gap,
             area=self.area,
             slip_origin=np.einsum("kij,kj->ki", frames, self.origin),
             displacement=np.einsum("kij,kj->ki", frames, displacement[run.node[self.index]]),
@@ -174,15 +180,17 @@ def _face(
     area, outward = area[on], outward[on]
     x, H = run.on_face["x"][on], run.held.projector_at(run.node[on])
     written = run.touching[on] & said[on]
-    data = {name: run.on_face[name][on] for name in ("normal", *_TANGENTS, "initial_gap", *_LAW, "slip_origin")}
+    data = {name: run.on_face[name][on] for name in ("normal", *_TANGENTS, *_GAPS, *_LAW, "slip_origin")}
     unit = outward / np.linalg.norm(outward, axis=1)[:, None]
     if case is None:
         n = np.where(written[:, None], data["normal"], unit)
-        gap = data["initial_gap"]
+        gap, given = (data[name] for name in _GAPS)
         law = FrictionLaw(data["cohesion"] * area, data["friction"])
         beyond = np.where(written, HELD_BEYOND, _NEARLY_HELD)
     else:
-        n, gap = case.geometry(number, time, x, area, outward)
+        n, distance = case.geometry(number, time, x, area, outward)
+        given = case.given_gap(number, time, x)
+        gap = distance + given
         law = case.law(number, x, area, time, np.zeros(len(x)) if slip_rate is None else slip_rate[on])
         if slip_rate is None:
             law = replace(law, friction=data["friction"])
@@ -210,10 +218,8 @@ def _face(
             _report(found, run, _everywhere(run, index[away]), "have a normal that points into the body")
     else:
         found.field(f"{file}: normal", data["normal"][here], n[here], x[here], "the foundation of the case")
-        found.field(
-            *(f"{file}: initial_gap", data["initial_gap"][here], gap[here], x[here], "the foundation of the case"),
-            floor=1e-13 * size,
-        )
+        for name, expected, source in zip(_GAPS, (gap, given), ("the foundation of the case", "the case"), strict=True):
+            found.field(f"{file}: {name}", data[name][here], expected[here], x[here], source, floor=1e-13 * size)
         for k, name in enumerate(_TANGENTS, start=1):
             found.field(f"{file}: {name}", data[name][here], frames[here, k], x[here], "normal and case", floor=1e-13)
         for name, expected in zip(_LAW, (law.friction, law.cohesion / area), strict=True):
@@ -224,7 +230,9 @@ def _face(
     part = np.full(len(index), number)
     cohesion = law.cohesion / area
     origin, still, earlier = data["slip_origin"], np.zeros_like(x), np.zeros((len(index), len(ACCUMULATED)))
-    return FaceNodes(index, part, written, frames, gap, area, law.friction, cohesion, origin, still, earlier).only(free)
+    return FaceNodes(
+        index, part, written, frames, gap, given, area, law.friction, cohesion, origin, still, earlier
+    ).only(free)
 
 
 def facet_parts(run: WrittenRun, count: int) -> npt.NDArray[np.int64]:

@@ -26,7 +26,8 @@ from ..run_directory import FIELDS, SUMMARY, RunDirectory, step_place
 from ..run_files import WrittenRun, numbers, places
 from .case_reference import CaseReference
 from .comparison import Comparison
-from .run import Findings, Start, check_run, step_of, verdict
+from .run import Findings, check_run, step_of, verdict
+from .start import Start
 
 _SERIAL = Reductions(MPI.COMM_SELF)
 
@@ -265,7 +266,7 @@ def _check_gaps(before: Findings, now: Findings, found: Comparison) -> None:
         floor = 1e-13 * float(np.max(np.abs(now.run.points)))
         expected = then.gap + np.einsum("ki,ki->k", n, now.nodes.moved[here])
         x = now.run.on_face["x"][now.nodes.index[here]]
-        source = "the step before, and the foundation's displacement in slip_origin"
+        source = "the step before, the foundation's displacement in slip_origin, and given_gap"
         found.field("contact.xdmf: initial_gap", now.nodes.gap[here], expected, x, source, floor=floor)
 
 

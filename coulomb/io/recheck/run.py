@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...fem.rigid_motion import Spin, since_at
@@ -15,12 +14,13 @@ from ...model.accumulated import ACCUMULATED
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
 from ..run_directory import SUMMARY
-from ..run_files import WrittenRun, midpoints, numbers, read_run
+from ..run_files import WrittenRun, midpoints, read_run
 from .case_reference import CaseReference
 from .comparison import Comparison, Rounding
 from .face_nodes import FaceNodes, face_names, face_nodes, facet_parts
 from .recomputed import Variant, recomputed
 from .rotation import AS_WRITTEN, case_spins, foundation_displacement, written_spins
+from .start import Start, written_accumulated
 from .supported_body import SupportedBody
 from .written_probes import WrittenProbes
 
@@ -38,62 +38,6 @@ _NO_CASE = "taken as written, without a case.json: slip_origin, friction"
 _NO_STEP_BEFORE = "taken as written, without the load step before: slip_origin, friction, " + ", ".join(ACCUMULATED)
 
 _SOURCE = "displacement and contact forces"
-
-
-@dataclass(frozen=True)
-class Start:
-    """Start of a load step.
-
-    Attributes:
-        time: Its time.
-        run: The step before; None before the first: a body without displacement.
-        began: Time at which the step before began.
-    """
-
-    time: float
-    run: WrittenRun | None
-    began: float = 0.0
-
-    def slip_rate(self, run: WrittenRun) -> FloatArray:
-        """Slip of the step before over its duration at the nodes of this step's contact face, m/s, shape (q,).
-
-        Raises:
-            ValueError: If it has another mesh.
-        """
-        if self.run is None:
-            return np.zeros(len(run.node))
-        rate = np.linalg.norm(self.run.on_face["slip"], axis=1) / max(self.time - self.began, 1e-300)
-        here: FloatArray = rate[self._same_nodes(run)]
-        return here
-
-    def accumulated(self, run: WrittenRun) -> FloatArray:
-        """Accumulated slip, friction work and largest pressure before, at the nodes of this step's contact face, shape
-        (q, 3).
-
-        Raises:
-            ValueError: If the step before has another mesh.
-        """
-        if self.run is None:
-            return np.zeros((len(run.node), len(ACCUMULATED)))
-        return _accumulated(self.run)[self._same_nodes(run)]
-
-    def _same_nodes(self, run: WrittenRun) -> npt.NDArray[np.int64]:
-        assert self.run is not None
-        unfit = f"{run.folder}: has another contact face than {self.run.folder}"
-        return numbers(self.run.on_face["x"], run.on_face["x"], unfit)
-
-    def at(self, run: WrittenRun, name: str = "displacement") -> FloatArray:
-        """Vectors of the step before at the nodes of this step's body, shape (k, 3).
-
-        Raises:
-            ValueError: If it has another mesh.
-        """
-        if self.run is None:
-            return np.zeros_like(run.body.x)
-        values = self.run.on_body[name]
-        if run.body.domain is self.run.body.domain:
-            return values
-        return values[numbers(self.run.body.x, run.body.x, f"{run.folder}: has another mesh than {self.run.folder}")]
 
 
 @dataclass(frozen=True)
@@ -247,6 +191,9 @@ def _from_origin(
     origin, source = before + moved, "the step before, and the foundation's displacement"
     floor = run.evaluation * float(np.max(np.abs(before), initial=0.0))
     found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[here], source, floor=floor)
+    if start.run is not None or case is not None:  # the foundation's surface moves with a changing gap
+        closed = nodes.given_gap - start.given_gap(run, nodes, case)
+        moved = moved + closed[:, None] * nodes.frames[:, 0]
     return replace(nodes, origin=origin, moved=moved), say
 
 
@@ -264,15 +211,10 @@ def _from_accumulated(
         return nodes  # a single run; from Python it may be a step of a history
     displacement, on_body = run.on_body["displacement"], run.on_face["contact_force"]
     own = nodes.answer(run, displacement, on_body, run.on_face["x"], spins).accumulated
-    earlier = _accumulated(run)[nodes.index]
+    earlier = written_accumulated(run)[nodes.index]
     earlier[:, 0] -= own.slip
     earlier[:, 1] -= own.friction_work
     return replace(nodes, earlier=earlier)
-
-
-def _accumulated(run: WrittenRun) -> FloatArray:
-    """The written fields `ACCUMULATED`, shape (q, 3)."""
-    return np.column_stack([run.on_face[name] for name in ACCUMULATED])
 
 
 def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], found: Comparison) -> None:

@@ -1,0 +1,91 @@
+"""The start of a load step, as the files of the step before have it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import FloatArray
+from ...model.accumulated import ACCUMULATED
+from ..run_files import WrittenRun, numbers
+from .case_reference import CaseReference
+from .face_nodes import FaceNodes
+
+
+@dataclass(frozen=True)
+class Start:
+    """Start of a load step.
+
+    Attributes:
+        time: Its time.
+        run: The step before; None before the first: a body without displacement.
+        began: Time at which the step before began.
+    """
+
+    time: float
+    run: WrittenRun | None
+    began: float = 0.0
+
+    def slip_rate(self, run: WrittenRun) -> FloatArray:
+        """Slip of the step before over its duration at the nodes of this step's contact face, m/s, shape (q,).
+
+        Raises:
+            ValueError: If it has another mesh.
+        """
+        if self.run is None:
+            return np.zeros(len(run.node))
+        rate = np.linalg.norm(self.run.on_face["slip"], axis=1) / max(self.time - self.began, 1e-300)
+        here: FloatArray = rate[self._same_nodes(run)]
+        return here
+
+    def accumulated(self, run: WrittenRun) -> FloatArray:
+        """Accumulated slip, friction work and largest pressure before, at the nodes of this step's contact face, shape
+        (q, 3).
+
+        Raises:
+            ValueError: If the step before has another mesh.
+        """
+        if self.run is None:
+            return np.zeros((len(run.node), len(ACCUMULATED)))
+        return written_accumulated(self.run)[self._same_nodes(run)]
+
+    def given_gap(self, run: WrittenRun, nodes: FaceNodes, case: CaseReference | None) -> FloatArray:
+        """The gaps given with the contacts at the start of the step, by the case or as the step before wrote them, at
+        nodes of this step, metres, shape (m,).
+
+        Raises:
+            ValueError: If the step before has another mesh.
+        """
+        if case is None:
+            assert self.run is not None
+            written: FloatArray = self.run.on_face["given_gap"][self._same_nodes(run)][nodes.index]
+            return written
+        given, x = np.zeros(len(nodes.index)), run.on_face["x"][nodes.index]
+        for part in range(len(case.contacts)):
+            given[nodes.part == part] = case.given_gap(part, self.time, x[nodes.part == part])
+        return given
+
+    def _same_nodes(self, run: WrittenRun) -> npt.NDArray[np.int64]:
+        assert self.run is not None
+        unfit = f"{run.folder}: has another contact face than {self.run.folder}"
+        return numbers(self.run.on_face["x"], run.on_face["x"], unfit)
+
+    def at(self, run: WrittenRun, name: str = "displacement") -> FloatArray:
+        """Vectors of the step before at the nodes of this step's body, shape (k, 3).
+
+        Raises:
+            ValueError: If it has another mesh.
+        """
+        if self.run is None:
+            return np.zeros_like(run.body.x)
+        values = self.run.on_body[name]
+        if run.body.domain is self.run.body.domain:
+            return values
+        return values[numbers(self.run.body.x, run.body.x, f"{run.folder}: has another mesh than {self.run.folder}")]
+
+
+def written_accumulated(run: WrittenRun) -> FloatArray:
+    """The written fields `ACCUMULATED`, shape (q, 3)."""
+    return np.column_stack([run.on_face[name] for name in ACCUMULATED])
