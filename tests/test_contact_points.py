@@ -1,7 +1,7 @@
 """Contact points whose displacement is a mean over several nodes: slip, gap, forces and work go through B alone.
 
-Mortar elements and second-order faces have such rows.  Here each point takes 0.6 of its node, 0.1 of the node above it
-and the rest of its neighbours on the face; everything is compared with dense algebra of these weights.
+Mortar elements and second-order faces have such rows.  Here each point takes 0.6 of its node and the rest of its
+neighbours on the face; everything is compared with dense algebra of these weights.
 """
 
 from dataclasses import replace
@@ -13,9 +13,10 @@ import scipy.sparse
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, Sphere
-from coulomb.fem import contact_matrix
+from coulomb.fem import contact_points, surface
 from coulomb.io import output
 from coulomb.io.restart import nodal_vectors
+from coulomb.model import gathered_evidence
 
 RUBBER = Material(1e7, 0.3)
 PATH = [(0, 0, 0, 0), (1, 0, 0, 1e-3), (2, 2e-3, 0, 1e-3), (3, -1e-3, 5e-4, 1e-3)]
@@ -27,14 +28,19 @@ def several_nodes(elasticity, nodes):
     x, y = elasticity.x, elasticity.x[nodes]
     distance = np.linalg.norm(y[:, None] - x[None], axis=2)
     beside = (np.abs(distance - H) < 1e-9) & (np.abs(x[None, :, 2] - y[:, None, 2]) < 1e-9)
-    above = (np.abs(distance - H) < 1e-9) & (x[None, :, 2] > y[:, None, 2] + 1e-9)
-    weights = 0.3 * beside / beside.sum(axis=1, keepdims=True) + 0.1 * above + 0.6 * (distance < 1e-9)
+    weights = 0.4 * beside / beside.sum(axis=1, keepdims=True) + 0.6 * (distance < 1e-9)
     return scipy.sparse.csr_matrix(weights)
+
+
+def averages(space, facets):
+    nodal = contact_points.contact_points(space, facets)
+    return replace(nodal, weights=several_nodes(space, nodal.nodes), nodal=False)
 
 
 @pytest.fixture(autouse=True)
 def weights(monkeypatch):
-    monkeypatch.setattr(contact_matrix, "point_weights", several_nodes)
+    for module in (surface, gathered_evidence):
+        monkeypatch.setattr(module, "contact_points", averages)
 
 
 def dragged(friction=0.4, foundation=None, **ways):
@@ -63,7 +69,7 @@ WAYS = {
 def test_A_b_and_displacement_are_those_of_the_weights(ways):
     problem = dragged(**ways).at(2.0)
     surface, elasticity = problem.surface, problem.elasticity
-    assert len(surface.nodes_in_rows) > len(surface.nodes)
+    assert surface.points.weights.nnz > 3 * len(surface.nodes)
     B = np.einsum("kij,kl->kilj", surface.frames, weights_of(problem).toarray()).reshape(3 * len(surface.nodes), -1)
     K, f = dense(elasticity.K), problem.f.array_r
     x = np.random.default_rng(1).normal(size=len(B)) * 10.0
@@ -96,7 +102,7 @@ def test_every_step_is_certified_and_slips_by_the_weights(foundation, tmp_path):
         motion, before = here, solution.displacement
     assert np.abs(slip).max() > 1e-4  # it does slip
     output.write(solution, tmp_path)
-    written = nodal_vectors(tmp_path / "contact.h5", "slip", surface.x, problem.comm)
+    written = nodal_vectors(tmp_path / "contact.h5", "slip", problem.elasticity.x[surface.nodes], problem.comm)
     assert written == pytest.approx(surface.vectors(slip), abs=1e-12)
 
 

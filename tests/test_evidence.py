@@ -37,9 +37,10 @@ def lose(monkeypatch, lost):
     def part(elasticity, face, *arguments):
         found = whole(elasticity, face, *arguments)
         keep = ~lost(found.x)
-        B = contact_matrix(elasticity, found.nodes[keep], found.frames[keep])
-        fields = ("part", "nodes", "x", "frames", "gap", "gap_field", "area")
-        return replace(found, B=B, free_B=B, **{name: getattr(found, name)[keep] for name in fields})
+        points = found.points.only(keep)
+        B = contact_matrix(points, found.frames[keep])
+        fields = ("part", "x", "frames", "gap", "gap_field")
+        return replace(found, points=points, B=B, free_B=B, **{name: getattr(found, name)[keep] for name in fields})
 
     monkeypatch.setattr("coulomb.model.contact.contact_surface", part)
 
@@ -67,7 +68,8 @@ def test_forces_off_the_contact_faces_fail(monkeypatch, clamped):
     other = np.setdiff1d(np.flatnonzero(fixed if clamped else ~fixed), problem.elasticity.nodes("bottom", "test"))[0]
     nodes = problem.surface.nodes.copy()
     nodes[np.argmax(solution.contact_force[0::3])] = other
-    elsewhere = problem.in_state(replace(problem.state, surface=replace(problem.surface, nodes=nodes)))
+    points = replace(problem.surface.points, nodes=nodes)
+    elsewhere = problem.in_state(replace(problem.state, surface=replace(problem.surface, points=points)))
     certificate = coulomb.certify(elsewhere, solution.contact_force, solution.displacement)
     assert "adhesion" in failed(certificate)
 

@@ -42,7 +42,7 @@ class Material:
 
 
 class ElasticBody(DisplacementSpace):
-    """Small strains, Hooke's law, first-order elements.
+    """Small strains, Hooke's law, elements of the order of the mesh.
 
     Args:
         domain: DOLFINx mesh, coordinates in metres.
@@ -55,12 +55,13 @@ class ElasticBody(DisplacementSpace):
     """
 
     def __init__(self, domain: Any, young: FloatArray, poisson: FloatArray):
-        super().__init__(compat.functionspace(domain, 1, (3,)))
+        super().__init__(compat.functionspace(domain, compat.geometry_degree(domain), (3,)))
+        self._dx = cell_measure(domain)
         self.young, self.poisson = self._on_cells(young, "young"), self._on_cells(poisson, "poisson")
         self._mu = self._on_cells(young / (2.0 * (1.0 + poisson)), "mu")
         self._lame = self._on_cells(young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), "lambda")
         self._u = fem.Function(self.V, name="displacement")
-        self._internal_form = fem.form(ufl.inner(self._stress(self._u), strain(self._test)) * ufl.dx)
+        self._internal_form = fem.form(ufl.inner(self._stress(self._u), strain(self._test)) * self._dx)
 
     def internal_force(self, u: FloatArray) -> FloatArray:
         """Internal nodal forces of u in newtons, assembled from the stress without K; shapes (k, 3)."""
@@ -80,6 +81,18 @@ class ElasticBody(DisplacementSpace):
 
     def _stress(self, u: Any) -> Any:
         return 2.0 * self._mu * strain(u) + self._lame * ufl.tr(strain(u)) * ufl.Identity(3)
+
+
+def cell_measure(domain: Any) -> Any:
+    """UFL's measure of the cells for products of stress and strain.
+
+    In first order the points are UFL's choice.  In second order the rule is exact for a constant stress on curved
+    cells (degree 3 on tetrahedra, in each direction 5 on hexahedra): UFL would take up to five times as many points.
+    """
+    if compat.geometry_degree(domain) == 1:
+        return ufl.dx(domain=domain)
+    degree = 3 if domain.topology.cell_type.name == "tetrahedron" else 5
+    return ufl.dx(domain=domain, metadata={"quadrature_degree": degree})
 
 
 def strain(u: Any) -> Any:

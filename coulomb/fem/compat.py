@@ -56,6 +56,8 @@ def functionspace(domain: Any, degree: int, shape: tuple[int, ...] = (), family:
     if hasattr(fem, "functionspace"):  # 0.7 and newer
         return fem.functionspace(domain, (family, degree, shape) if shape else (family, degree))
     _settle(domain.ufl_domain())
+    if family == "DG" and degree > 0 and domain.topology.cell_type == mesh.CellType.hexahedron:
+        family = "DQ"  # as UFL calls it there, with a warning
     if not shape:
         return fem.FunctionSpace(domain, (family, degree))
     return fem.VectorFunctionSpace(domain, (family, degree), dim=shape[0])

@@ -5,68 +5,95 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from .deformable import Deformable
+from .contact_points import ContactPoints
+from .held_space import HeldSpace
 
 _ROUNDING = 1e-13
-"""A component of a row along the free directions below this is a rounding error of the projection."""
+"""An entry of a row along free directions below this part of the row's largest is a rounding error."""
 
 
-def point_weights(elasticity: Deformable, nodes: npt.NDArray[np.int32]) -> scipy.sparse.csr_matrix:
-    """What the displacement at each contact point is made of: one row per contact point of this rank, one column per
-    node of all ranks, shape (m, nodes).  Here a contact point is a node, and its displacement that of the node."""
-    first, rows = elasticity.K.getOwnershipRange()[0] // 3, np.arange(len(nodes) + 1)
-    shape = (len(nodes), elasticity.K.getSize()[0] // 3)
-    return scipy.sparse.csr_matrix((np.ones(len(nodes)), first + nodes, rows), shape=shape)
-
-
-def contact_matrix(elasticity: Deformable, nodes: npt.NDArray[np.int32], frames: FloatArray) -> PETSc.Mat:
-    """B: the displacements of contact points, `point_weights` of those of the nodes, in their frames; collective.
+def contact_matrix(points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
+    """B: the displacements of contact points in their frames; collective.
 
     Args:
-        elasticity: The body.
-        nodes: The node that stands for each contact point, shape (m,).
+        points: The contact points, averages of the displacements of nodes.
         frames: Rows n, t1, t2, shape (m, 3, 3).
 
     Returns:
         Shape (3 m, n), distributed.
     """
-    weights, rows = point_weights(elasticity, nodes), 3 * len(nodes)
+    weights, rows = points.weights, 3 * len(points.nodes)
     axes = np.arange(3)
     columns = (3 * weights.indices[:, None] + axes).astype(PETSc.IntType)
-    of = np.repeat(np.arange(len(nodes)), np.diff(weights.indptr))
+    of = np.repeat(np.arange(len(points.nodes)), np.diff(weights.indptr))
     entries = weights.data[:, None, None] * frames[of]
     row = np.broadcast_to(3 * of[:, None, None] + axes[:, None], entries.shape)
     present = entries != 0.0
     local = scipy.sparse.csr_matrix(
         (entries[present], (row[present], np.broadcast_to(columns[:, None, :], entries.shape)[present])),
-        shape=(rows, elasticity.K.getSize()[1]),
+        shape=(rows, 3 * weights.shape[1]),
     )
-    local.sort_indices()
+    return _distributed(local, points)
+
+
+def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldSpace) -> PETSc.Mat:
+    """B P, P the projection on the free directions of the nodes; B itself if nothing changes; collective.
+
+    A contact force acts on free displacements only: A = B P K^-1 P B^T.  A row along prescribed directions is zero.
+    """
+    comm = points.space.domain.comm
+    P = body.projection()
+    product = B.matMult(P)
+    P.destroy()
+    whole, free = (_local(matrix) for matrix in (B, product))
+    product.destroy()
+    largest = abs(whole).max(axis=1).toarray().ravel()
+    free.data[np.abs(free.data) <= _ROUNDING * np.repeat(largest, np.diff(free.indptr))] = 0.0
+    free.eliminate_zeros()
+    if comm.allreduce((free != whole).nnz == 0, op=MPI.LAND):
+        return B
+    return _distributed(free, points)
+
+
+def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
+    """Products of the three rows of every contact point with each other, shape (m, 3, 3).
+
+    They are divided by the sum of the squares of the point's weights: 1 on the diagonal, if nothing is held.
+    """
+    rows = _local(B)
+    square = np.asarray(points.weights.multiply(points.weights).sum(axis=1)).ravel()
+    products = np.empty((len(points.nodes), 3, 3))
+    for i in range(3):
+        for j in range(3):
+            products[:, i, j] = np.asarray(rows[i::3].multiply(rows[j::3]).sum(axis=1)).ravel() / square
+    return products
+
+
+def _local(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
+    """The rows of this rank, all columns."""
+    indptr, columns, values = matrix.getValuesCSR()
+    rows = scipy.sparse.csr_matrix((values, columns, indptr), shape=(len(indptr) - 1, matrix.getSize()[1]))
+    rows.sort_indices()
+    return rows
+
+
+def _distributed(rows: scipy.sparse.csr_matrix, points: ContactPoints) -> PETSc.Mat:
+    """The matrix of the rows of every rank."""
+    rows.sort_indices()
+    size, domain = points.space.V.dofmap.index_map, points.space.domain
     B = PETSc.Mat().createAIJ(
-        ((rows, PETSc.DETERMINE), elasticity.K.getSizes()[1]),
-        csr=(local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data),
-        comm=elasticity.mesh.comm,
+        ((rows.shape[0], PETSc.DETERMINE), (3 * size.size_local, 3 * size.size_global)),
+        csr=(rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
+        comm=domain.comm,
     )
     B.assemble()
-    B.setAttr("mesh", elasticity.mesh)  # keeps it alive: see compat.assemble_matrix
+    B.setAttr("mesh", domain)  # keeps it alive: see compat.assemble_matrix
     return B
-
-
-def free_frames(elasticity: Deformable, nodes: npt.NDArray[np.int32], frames: FloatArray) -> FloatArray:
-    """The parts of frames (m, 3, 3) along the free directions of their nodes (m,), those that are not prescribed.
-
-    With them in place of the frames the contact matrix is B P, P the projection on the free directions: a contact
-    force acts on free displacements only, so that A = B P K^-1 P B^T.  A row along a prescribed direction is zero.
-    """
-    held = elasticity.held.projector_at(nodes)
-    free: FloatArray = frames - np.einsum("kij,kjl->kil", frames, held)
-    free[np.abs(free) <= _ROUNDING * np.linalg.norm(frames, axis=2)[:, :, None]] = 0.0
-    return free
 
 
 def rows_of(B: PETSc.Mat, u: FloatArray) -> FloatArray:

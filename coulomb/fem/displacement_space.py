@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,20 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from . import compat
 from .compat import fem, ufl
+from .lagrange import lagrange_points, lagrange_values
+
+
+@dataclass(frozen=True)
+class Vertices:
+    """The vertices of a mesh among the nodes of a space.
+
+    Attributes:
+        space: The linear displacements on the same mesh.
+        node: The node of each vertex of this rank, shape (v,).
+    """
+
+    space: DisplacementSpace
+    node: npt.NDArray[np.int64]
 
 
 class DisplacementSpace:
@@ -31,6 +47,11 @@ class DisplacementSpace:
         self._owned = self.V.dofmap.index_map.size_local
         self.x = self._coordinates()
 
+    @property
+    def degree(self) -> int:
+        """Order of the displacements, 1 or 2."""
+        return 1 if self.V.dofmap.dof_layout.num_dofs in (4, 8) else 2
+
     def function(self, u: FloatArray, name: str = "displacement") -> Any:
         """DOLFINx Function of nodal vectors (k, 3) of this rank."""
         function = fem.Function(self.V, name=name)
@@ -47,16 +68,58 @@ class DisplacementSpace:
     def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
         """Integral of every hat function over boundary facets in m^2, this rank's nodes, shape (k,)."""
         one = self.function(np.ones((self._owned, 3)))
-        return self._assemble(fem.form(ufl.inner(one, self._test) * self._ds(facets)))[:, 0]
+        return self._assemble(fem.form(ufl.inner(one, self._test) * self.measure(facets)))[:, 0]
 
     def normal_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
         """Integral of the outward normal against every hat function over boundary facets, m^2, shape (k, 3)."""
         n = ufl.FacetNormal(self.domain)
-        return self._assemble(fem.form(ufl.inner(n, self._test) * self._ds(facets)))
+        return self._assemble(fem.form(ufl.inner(n, self._test) * self.measure(facets)))
+
+    def positive_weights(self, facets: npt.NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
+        """Area and outward normal around this rank's nodes: integrals over boundary facets in m^2, shapes (k,), (k, 3).
+
+        They are weighted by hat functions, on 10-node tetrahedra at vertices by linear ones: so they are positive.
+        """
+        area, normal = self.area_of(facets), self.normal_of(facets)
+        if not self.positive:
+            linear, node = self.vertices.space, self.vertices.node
+            area[node], normal[node] = linear.area_of(facets), linear.normal_of(facets)
+        return area, normal
+
+    @property
+    def positive(self) -> bool:
+        """Whether the integral of every hat function over facets is positive: not on 10-node tetrahedra."""
+        return int(self.V.dofmap.dof_layout.num_dofs) != 10
+
+    @cached_property
+    def vertices(self) -> Vertices:
+        """The vertices, with linear functions on them."""
+        linear = DisplacementSpace(compat.functionspace(self.domain, 1, (3,)))
+        of_linear, corners = compat.cell_dofs(linear.V), compat.cell_dofs(self.V)
+        node = np.zeros(linear.V.dofmap.index_map.size_local + linear.V.dofmap.index_map.num_ghosts, dtype=np.int64)
+        node[of_linear] = corners[:, : of_linear.shape[1]]
+        node = node[: len(linear.x)]
+        assert np.all(node < self._owned)  # a rank owns the values of the vertices that it owns, in every space
+        return Vertices(linear, node)
+
+    def linear_between_vertices(self, values: FloatArray) -> FloatArray:
+        """A nodal field that is linear on all edges and has these values (k,) or (k, d <= 3) at vertices."""
+        if values.ndim == 1:
+            return self.linear_between_vertices(values[:, None])[:, 0]
+        corners, field = np.zeros((len(self.vertices.node), 3)), fem.Function(self.V)
+        corners[:, : values.shape[1]] = values[self.vertices.node]
+        field.interpolate(self.vertices.space.function(corners))
+        linear: FloatArray = field.x.array[: 3 * self._owned].reshape(-1, 3)[:, : values.shape[1]].copy()
+        return linear
+
+    def measure(self, facets: npt.NDArray[np.int32]) -> Any:
+        """UFL's measure of boundary facets."""
+        tags = compat.meshtags(self.domain, 2, facets, np.ones(len(facets), dtype=np.int32))
+        return ufl.Measure("ds", domain=self.domain, subdomain_data=tags, subdomain_id=1)
 
     def surface_load(self, traction: FloatArray, facets: npt.NDArray[np.int32]) -> FloatArray:
         """Nodal forces in newtons of tractions in pascals on boundary facets; shapes (k, 3)."""
-        return self._assemble(fem.form(ufl.inner(self.function(traction), self._test) * self._ds(facets)))
+        return self._assemble(fem.form(ufl.inner(self.function(traction), self._test) * self.measure(facets)))
 
     def pressure_load(self, pressure: FloatArray, facets: npt.NDArray[np.int32]) -> FloatArray:
         """Nodal forces in newtons, shape (k, 3), of a pressure (k,) in pascals on boundary facets.
@@ -66,7 +129,7 @@ class DisplacementSpace:
         """
         p = self.function(np.repeat(pressure[:, None], 3, axis=1))[0]
         n = ufl.FacetNormal(self.domain)
-        return self._assemble(fem.form(-p * ufl.inner(n, self._test) * self._ds(facets)))
+        return self._assemble(fem.form(-p * ufl.inner(n, self._test) * self.measure(facets)))
 
     def volume_load(self, force: FloatArray) -> FloatArray:
         """Nodal forces in newtons of forces per volume in N/m^3; shapes (k, 3)."""
@@ -83,8 +146,11 @@ class DisplacementSpace:
         return self._assemble(fem.form(self._on_cells(density, "density") * ufl.inner(g, self._test) * ufl.dx))
 
     def largest_gradient(self, u: FloatArray) -> float:
-        """Largest Frobenius norm of the displacement gradient at the cells' midpoints, over all ranks; u is (k, 3)."""
-        W = compat.functionspace(self.domain, 0, family="DG")
+        """Largest Frobenius norm of the displacement gradient, over all ranks; u is (k, 3).
+
+        At the cells' midpoints in first order, in second order at their corners, where bending is largest.
+        """
+        W = compat.functionspace(self.domain, self.degree - 1, family="DG")
         size, slope = fem.Function(W), ufl.grad(self.function(u))
         size.interpolate(fem.Expression(ufl.sqrt(ufl.inner(slope, slope)), compat.interpolation_points(W)))
         values = size.x.array
@@ -94,15 +160,16 @@ class DisplacementSpace:
     def _coordinates(self) -> FloatArray:
         """Of this rank's nodes, exactly those of the mesh: DOLFINx's tabulated ones have rounding errors, so that
         functions of place such as sqrt(x) have no value at x = 0."""
+        nodes, points = compat.cell_dofs(self.V), compat.cell_geometry(self.domain)
+        in_cells = self.domain.geometry.x[points]
+        if nodes.shape[1] != points.shape[1]:  # the orders of displacements and mesh differ
+            cell = self.domain.topology.cell_type
+            values = lagrange_values(cell, compat.geometry_degree(self.domain), lagrange_points(cell, self.degree))
+            in_cells = np.einsum("ac,kci->kai", np.round(values, 12), in_cells)
         x = np.empty((self._owned, 3))
-        nodes = compat.cell_dofs(self.V).ravel()
         mine = nodes < self._owned
-        x[nodes[mine]] = self.domain.geometry.x[compat.cell_geometry(self.domain).ravel()[mine]]
+        x[nodes[mine]] = in_cells[mine]
         return x
-
-    def _ds(self, facets: npt.NDArray[np.int32]) -> Any:
-        tags = compat.meshtags(self.domain, 2, facets, np.ones(len(facets), dtype=np.int32))
-        return ufl.Measure("ds", domain=self.domain, subdomain_data=tags, subdomain_id=1)
 
     def _assemble(self, form: Any) -> FloatArray:
         vector = fem.petsc.assemble_vector(form)

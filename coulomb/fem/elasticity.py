@@ -23,7 +23,7 @@ __all__ = ["Clamp", "Elasticity", "Materials", "PrescribedDisplacement", "Spring
 
 
 class Elasticity(LoadedBody, Deformable):
-    """K u = f on trilinear hexahedra or linear tetrahedra, with prescribed displacements and springs.
+    """K u = f on hexahedra or tetrahedra of first or second order, with prescribed displacements and springs.
 
     Held directions are eliminated (`HeldSpace.eliminated`); f, which depends on time, has the prescribed values, so
     that K u = f holds them exactly.  Springs act at the nodes, each with the area of its hat function: diagonal in K,
@@ -51,7 +51,7 @@ class Elasticity(LoadedBody, Deformable):
             *(gravity, gravity_amplitude),
         )
         trial = ufl.TrialFunction(self.V)
-        self._K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * ufl.dx))
+        self._K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * self._dx))
         self._add_springs()
         self._K, self._mean_diagonal = self.eliminated(self._K)
 

@@ -33,10 +33,6 @@ class HeldSpace(DisplacementSpace):
         """Integral of every hat function over a face in m^2, this rank's nodes, shape (k,)."""
         return self.area_of(self.mesh.facets(face, what))
 
-    def nodal_normal(self, face: str) -> FloatArray:
-        """Integral of the body's outward normal against every hat function over a face, m^2, shape (k, 3)."""
-        return self.normal_of(self.mesh.facets(face, "contact"))
-
     @property
     def fixed(self) -> npt.NDArray[np.bool_]:
         """Which components are prescribed whatever the others are, shape (k, 3)."""
@@ -49,6 +45,20 @@ class HeldSpace(DisplacementSpace):
     def free_part(self, v: FloatArray) -> FloatArray:
         """The part of nodal vectors along free directions; shapes (k, 3), or (k, 3, j)."""
         return self.held.free_part(v)
+
+    def projection(self) -> PETSc.Mat:
+        """P, the projection on the free directions of the nodes: block diagonal, shape (n, n), distributed."""
+        nodes, first = self.held.count, self.V.dofmap.index_map.local_range[0]
+        number, blocks = np.arange(nodes), np.broadcast_to(np.eye(3), (nodes, 3, 3)).copy()
+        blocks[self.held.nodes] -= self.held.projector
+        shape = (3 * nodes, 3 * self.V.dofmap.index_map.size_global)
+        rows = scipy.sparse.bsr_matrix((blocks, first + number, np.arange(nodes + 1)), shape=shape).tocsr()
+        return PETSc.Mat().createAIJ(
+            (shape, shape),
+            bsize=3,
+            csr=(rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
+            comm=self.mesh.comm,
+        )
 
     def eliminated(self, K: PETSc.Mat) -> tuple[PETSc.Mat, float]:
         """The stiffness with the held directions eliminated, and rigid body modes for multigrid; collective.
@@ -93,17 +103,7 @@ class HeldSpace(DisplacementSpace):
 
     def _projected(self, K: PETSc.Mat) -> PETSc.Mat:
         """P K P in place of K."""
-        first, last = (row // 3 for row in K.getOwnershipRange())
-        number, blocks = np.arange(last - first), np.broadcast_to(np.eye(3), (last - first, 3, 3)).copy()
-        blocks[self.held.nodes] -= self.held.projector
-        shape = (3 * len(number), K.getSize()[1])
-        rows = scipy.sparse.bsr_matrix((blocks, first + number, np.arange(len(number) + 1)), shape=shape).tocsr()
-        P = PETSc.Mat().createAIJ(
-            K.getSizes(),
-            bsize=3,
-            csr=(rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
-            comm=self.mesh.comm,
-        )
+        P = self.projection()
         projected = K.PtAP(P)
         projected.setAttr("mesh", self.mesh)  # keeps it alive: see compat.assemble_matrix
         K.destroy()

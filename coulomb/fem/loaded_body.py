@@ -133,7 +133,8 @@ class LoadedBody(ElasticBody, HeldSpace):
         facets = self.mesh.facets(support.face, support.kind)
 
         def integrals() -> tuple[FloatArray, FloatArray]:
-            return self.area_of(facets)[nodes], self.normal_of(facets)[nodes]
+            area, normal = self.positive_weights(facets)
+            return area[nodes], normal[nodes]
 
         return SupportedFace(nodes, self.x[nodes], self.mesh.comm, integrals)
 

@@ -14,7 +14,8 @@ from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
 from .contact_frames import FrictionAxes, held_length, inverse_frames, supported_frames
-from .contact_matrix import at_nodes_of, contact_matrix, free_frames, rows_of
+from .contact_matrix import at_nodes_of, contact_matrix, free_contact_matrix, rows_of
+from .contact_points import ContactPoints, contact_points, joined_points
 from .deformable import Deformable
 from .obstacles import Plane, RigidFoundation
 from .user_values import on_all_ranks
@@ -40,13 +41,12 @@ class ContactSurface:
     Attributes:
         faces: Names of the contact faces.
         part: Which of them a node is on, shape (m,); nodes are in the order of the faces.
-        nodes: The nodes that represent them in the files, numbers among this rank's nodes, shape (m,).
-        x: Coordinates in metres, shape (m, 3).
+        points: Which nodes they are averages of.
+        x: Coordinates in metres, shape (m, 3): where a contact force acts.
         frames: Orthogonal rows n, t1, t2 of every point, shape (m, 3, 3), of length 1; t1 and t2 are shorter where
             friction is orthotropic (`FrictionAxes`).  n points into the foundation.
         gap: Distance to the foundation along n before deformation in metres, with the given gap, shape (m,).
         gap_field: The given gap, metres, without its amplitude, shape (m,).
-        area: Integral of the hat function over the face in m^2, shape (m,).
         B: Rows n, t1, t2 of every contact point; columns the displacements.  Shape (3 m, n), distributed.
         free_B: B without the parts of its rows along prescribed directions: A = free_B K^-1 free_B^T.  B itself if
             no contact node has a prescribed direction.
@@ -55,15 +55,24 @@ class ContactSurface:
 
     faces: tuple[str, ...]
     part: npt.NDArray[np.int64]
-    nodes: npt.NDArray[np.int32]
+    points: ContactPoints
     x: FloatArray
     frames: FloatArray
     gap: FloatArray
     gap_field: FloatArray
-    area: FloatArray
     B: PETSc.Mat
     free_B: PETSc.Mat
     foundations: tuple[RigidFoundation, ...]
+
+    @property
+    def nodes(self) -> npt.NDArray[np.int32]:
+        """The nodes that represent the contact points in the files, numbers among this rank's nodes, shape (m,)."""
+        return self.points.nodes
+
+    @property
+    def area(self) -> FloatArray:
+        """Integral of the points' hat functions over the face in m^2, shape (m,)."""
+        return self.points.area
 
     def components(self, vectors: FloatArray) -> FloatArray:
         """The rows of displacements (m, 3), space vectors at the contact points, as in B u: along n, t1, t2."""
@@ -160,24 +169,35 @@ def contact_surface(
         ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from the
             foundation, or has no free node.
     """
-    comm = elasticity.mesh.comm
-    candidates = elasticity.nodes(face, "contact")
-    x, H = elasticity.x[candidates], elasticity.held.projector_at(candidates)
-    area, outward = elasticity.nodal_area(face)[candidates], elasticity.nodal_normal(face)[candidates]
-    if comm.allreduce(len(candidates), op=MPI.SUM) == 0:
+    comm, facets = elasticity.mesh.comm, elasticity.mesh.facets(face, "contact")
+    points = contact_points(elasticity, facets)
+    area, outward = elasticity.positive_weights(facets)
+    if comm.allreduce(len(points.nodes), op=MPI.SUM) == 0:
         raise ValueError(f"contact: face {face!r} has no facets")
+    on_face = elasticity.nodes_of(facets)
+    place = elasticity.x[on_face]
     if foundation is None:
-        foundation = plane_of_face(face, x, area, outward, comm)
+        foundation = plane_of_face(face, place, area[on_face], outward[on_face], comm)
 
     if normals not in ("foundation", "body"):
         raise ValueError(f'contact: normals must be "foundation" or "body", but is {normals!r}')
     refuse = _Refusal(comm, f"contact face {face!r}")
-    refuse.where(area <= 0.0, x, "has a node without area")
-    inwards = _evaluate(foundation.normal, x, 3, comm, face)
-    away = np.einsum("ki,ki->k", inwards, outward) >= 0.0
-    refuse.where(away, x, "is turned away from the foundation: reverse the normal, or leave such facets out")
-    n = -inwards if normals == "foundation" else outward / np.linalg.norm(outward, axis=1)[:, None]
+    refuse.where(area[on_face] <= 0.0, place, "has a node without area")
+    inwards = _evaluate(foundation.normal, place, 3, comm, face)
+    away = np.einsum("ki,ki->k", inwards, outward[on_face]) >= 0.0
+    refuse.where(away, place, "is turned away from the foundation: reverse the normal, or leave such facets out")
+    gap = np.zeros(len(elasticity.x))
+    gap[on_face] = _evaluate(foundation.signed_distance, place, 1, comm, face)
+    x = points.average(elasticity.x)
+    if normals == "foundation":
+        n = -_evaluate(foundation.normal, x, 3, comm, face)
+    else:
+        mean = outward[on_face] / np.linalg.norm(outward[on_face], axis=1)[:, None]
+        what = f"contact face {face!r}: foundation"
+        gap[on_face] = on_all_ranks(lambda: way_along(mean, place, gap[on_face], foundation), what, comm)
+        n = outward[points.nodes] / np.linalg.norm(outward[points.nodes], axis=1)[:, None]
 
+    H = elasticity.held.projector_at(points.nodes)
     keep: npt.NDArray[np.bool_] = held_length(n, H) <= 1.0 - 1e-10
     free_length = np.linalg.norm(n - np.einsum("kij,kj->ki", H, n), axis=1)
     refuse.where(
@@ -188,27 +208,24 @@ def contact_surface(
     if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
         raise ValueError(f"contact face {face!r} is fully clamped: none of its nodes can move against the foundation")
 
-    nodes, x, area = candidates[keep], x[keep], area[keep]
-    n, H = n[keep], H[keep]
-    gap = _evaluate(foundation.signed_distance, x, 1, comm, face)
-    if normals == "body":
-        gap = on_all_ranks(lambda: way_along(n, x, gap, foundation), f"contact face {face!r}: foundation", comm)
-    given: FloatArray = np.zeros(len(x)) if gap_field is None else gap_field(x)
-    gap = gap + gap_factor * given
+    points, x, n, H = points.only(keep), x[keep], n[keep], H[keep]
+    given = np.zeros(len(elasticity.x))
+    if gap_field is not None:
+        given[on_face] = gap_field(place)
+    averaged, field = points.average(gap + gap_factor * given), points.average(given)
     if axes is None:
         frames = supported_frames(n, H)
     else:
         frames = axes.frames(n, H, x, f"contact face {face!r}", comm)
-    part, matrices = np.zeros(len(nodes), dtype=np.int64), _matrices(elasticity, nodes, frames)
-    return ContactSurface((face,), part, nodes, x, frames, gap, given, area, *matrices, (foundation,))
+    part = np.zeros(len(x), dtype=np.int64)
+    matrices = _matrices(elasticity, points, frames)
+    return ContactSurface((face,), part, points, x, frames, averaged, field, *matrices, (foundation,))
 
 
-def _matrices(elasticity: Deformable, nodes: npt.NDArray[np.int32], frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
+def _matrices(elasticity: Deformable, points: ContactPoints, frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
     """B and free_B of `ContactSurface`; collective."""
-    B, free = contact_matrix(elasticity, nodes, frames), free_frames(elasticity, nodes, frames)
-    if elasticity.mesh.comm.allreduce(np.array_equal(free, frames), op=MPI.LAND):
-        return B, B
-    return B, contact_matrix(elasticity, nodes, free)
+    B = contact_matrix(points, frames)
+    return B, free_contact_matrix(B, points, elasticity)
 
 
 def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> ContactSurface:
@@ -219,7 +236,8 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
     """
     if len(surfaces) == 1:
         return surfaces[0]
-    nodes = np.concatenate([surface.nodes for surface in surfaces])
+    points = joined_points([surface.points for surface in surfaces])
+    nodes = points.nodes
     x = np.concatenate([surface.x for surface in surfaces])
     order = np.argsort(nodes, kind="stable")
     twice = np.zeros(len(nodes), dtype=bool)
@@ -231,13 +249,12 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
     return ContactSurface(
         faces,
         np.repeat(np.arange(len(surfaces)), [len(surface.nodes) for surface in surfaces]),
-        nodes,
+        points,
         x,
         frames,
         np.concatenate([surface.gap for surface in surfaces]),
         np.concatenate([surface.gap_field for surface in surfaces]),
-        np.concatenate([surface.area for surface in surfaces]),
-        *_matrices(elasticity, nodes, frames),
+        *_matrices(elasticity, points, frames),
         tuple(foundation for surface in surfaces for foundation in surface.foundations),
     )
 

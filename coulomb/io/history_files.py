@@ -106,7 +106,8 @@ class HistoryFiles:
         """
         step = self.directory.step(number)
         record = read_step(step.path, problem.comm)
-        x, points = problem.elasticity.x, problem.surface.x
+        x = problem.elasticity.x
+        points = x[problem.surface.nodes]
         began = read_step(self.directory.step(number - 1).path, problem.comm)["time"] if number > 1 else self._start
         slip = nodal_vectors(data_of(step.contact), "slip", points, problem.comm)
         worn = [nodal_numbers(data_of(step.contact), name, points, problem.comm) for name in ACCUMULATED]

@@ -8,11 +8,11 @@ a node missing in the surface, a foundation that was not moved or a wrong slip o
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..fem.contact_frames import held_length, inverse_frames
 from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
+from ..fem.contact_points import ContactPoints, contact_points, joined_points
 from ..fem.rigid_motion import RigidMotion
 from ..fem.surface import way_along
 from ..fem.user_values import on_all_ranks
@@ -45,8 +45,11 @@ def gather_evidence(
     slip_rate = np.zeros(len(u))
     slip_rate[surface.nodes] = state.slip_rate if before is None else before.slip_rate
     faces = [_face(body, number, state.time, before, slip_rate) for number in range(len(body.contacts))]
-    nodes, frames, gap, cohesion, friction, carried = (np.concatenate(part) for part in zip(*faces, strict=True))
-    B = contact_matrix(elasticity, nodes, frames)
+    points = joined_points([face[0] for face in faces])
+    frames, gap, cohesion, friction, carried = (
+        np.concatenate(part) for part in zip(*(face[1:] for face in faces), strict=True)
+    )
+    B, nodes = contact_matrix(points, frames), points.nodes
 
     number = np.full(len(u), -1)
     number[nodes] = np.arange(len(nodes))
@@ -95,15 +98,16 @@ def gather_evidence(
 
 def _face(
     body: ContactBody, number: int, time: float, before: Before | None, slip_rate: FloatArray
-) -> tuple[npt.NDArray[np.int32], FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The nodes of a contact face that are not prescribed along their normal; collective.
+) -> tuple[ContactPoints, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The contact points of a face that are not prescribed along their normal; collective.
 
     Returns:
-        Their numbers among this rank's nodes; frames, shape (m, 3, 3); gap in metres; cohesion in newtons and friction,
-        of the contact; and the foundation's displacement in this step in metres, shape (m, 3).
+        The points; frames, shape (m, 3, 3); gap in metres; cohesion in newtons and friction, of the contact; and the
+        foundation's displacement in this step in metres, shape (m, 3).
     """
     contact, elasticity, comm = body.contacts[number], body.elasticity, body.comm
-    nodes = elasticity.nodes(contact.face, "contact")
+    facets = elasticity.mesh.facets(contact.face, "contact")
+    points, nodes = contact_points(elasticity, facets), elasticity.nodes_of(facets)
     what = f"contact face {contact.face!r}"
 
     def way() -> tuple[RigidMotion, RigidMotion]:
@@ -112,23 +116,31 @@ def _face(
 
     here, then = on_all_ranks(way, "", comm)
     foundation, place = body.foundations[number], here.undone(elasticity.x[nodes])  # in the foundation's coordinates
+    x = points.average(elasticity.x)
+    outward = np.zeros_like(elasticity.x)
     if contact.normals == "body":
-        outward = elasticity.nodal_normal(contact.face)[nodes]
-        n = outward / np.linalg.norm(outward, axis=1)[:, None]
+        _, sums = elasticity.positive_weights(facets)
+        outward[nodes] = sums[nodes] / np.linalg.norm(sums[nodes], axis=1)[:, None]
+        n = outward[points.nodes]
     else:
-        n = on_all_ranks(lambda: here.turned(-foundation.normal(place)) if len(place) else np.zeros((0, 3)), what, comm)
-    H = elasticity.held.projector_at(nodes)
+        n = on_all_ranks(
+            lambda: here.turned(-foundation.normal(here.undone(x))) if len(x) else np.zeros((0, 3)), what, comm
+        )
+    H = elasticity.held.projector_at(points.nodes)
     free = held_length(n, H) <= HELD_BEYOND
-    nodes, n, place, H = nodes[free], n[free], place[free], H[free]
+    points, n, x, H = points.only(free), n[free], x[free], H[free]
 
     def remaining() -> FloatArray:
         if len(place) == 0:
             return np.zeros(0)
         distance = foundation.signed_distance(place)
-        return way_along(here.turned_back(n), place, distance, foundation) if contact.normals == "body" else distance
+        if contact.normals == "body":
+            return way_along(here.turned_back(outward[nodes]), place, distance, foundation)
+        return distance
 
-    given = contact.gap_factor(time, comm) * contact.gap_at(elasticity.x[nodes], comm)
-    gap = on_all_ranks(remaining, what, comm) + given
-    law = contact.law(elasticity.x[nodes], elasticity.nodal_area(contact.face)[nodes], time, slip_rate[nodes], comm)
-    frames = contact.frames(n, H, elasticity.x[nodes], comm)
-    return nodes, frames, gap, law.cohesion, law.friction, here.since(then, elasticity.x[nodes])
+    gap = np.zeros(len(elasticity.x))
+    gap[nodes] = on_all_ranks(remaining, what, comm)
+    gap[nodes] += contact.gap_factor(time, comm) * contact.gap_at(elasticity.x[nodes], comm)
+    law = contact.law(x, points.area, time, slip_rate[points.nodes], comm)
+    frames = contact.frames(n, H, x, comm)
+    return points, frames, points.average(gap), law.cohesion, law.friction, here.since(then, x)

@@ -24,7 +24,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.contact_matrix import free_frames
+from ..fem.contact_matrix import row_products
 from ..linalg.reductions import Reductions
 from .nodal_answer import OPEN_BELOW
 from .posed_problem import PosedProblem
@@ -65,8 +65,8 @@ def _settle_friction_on_supports(problem: PosedProblem, force: FloatArray, u: Fl
     directions of the node.
     """
     surface, slip = problem.surface, problem.closure(u)[:, 1:]
-    free = free_frames(problem.elasticity, surface.nodes, surface.frames)[:, 1:]
-    sizes, directions = np.linalg.eigh(np.einsum("kia,kja->kij", free, free))
+    free = row_products(surface.free_B, surface.points)[:, 1:, 1:]
+    sizes, directions = np.linalg.eigh(free)
     v = directions[:, :, 0]
     still = np.abs(np.einsum("ki,ki->k", v, slip)) <= ROUNDING * np.abs(slip).max(axis=1, initial=0.0)
     undetermined = still & (sizes[:, 0] <= ROUNDING * sizes[:, 1])
@@ -80,9 +80,9 @@ def _settle_wedged(problem: PosedProblem, force: FloatArray) -> None:
 
     These have P (n, t1, t2)^T v = 0, P the projection on the free directions of the node.
     """
-    free = free_frames(problem.elasticity, problem.surface.nodes, problem.surface.frames)
-    gram = np.einsum("kia,kja->kij", free, free)
-    np.einsum("kii->ki", gram)[np.all(free == 0.0, axis=2)] = 1.0  # friction along such rows is settled by itself
+    gram = row_products(problem.surface.free_B, problem.surface.points)
+    diagonal = np.einsum("kii->ki", gram)
+    diagonal[diagonal == 0.0] = 1.0  # friction along such rows is settled by itself
     sizes, directions = np.linalg.eigh(gram)
     v = directions[:, :, 0]
     across = np.sum(v[:, 1:] ** 2, axis=1)

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..fem.surface import way_along
 from ..fem.user_values import on_all_ranks
 from ..linalg.reductions import Reductions
 
@@ -142,7 +144,7 @@ def small_strain(
     over, normal = Reductions(at_nodes.comm), at_nodes.force[:, 0]
     pressing = normal > _PRESSING * max(over.max(normal), 0.0)
     way, part = at_nodes.moved[pressing], at_nodes.part[pressing]
-    before, moved, given = at_nodes.x[pressing], at_nodes.x[pressing] + way, at_nodes.given_gap[pressing]
+    before, moved = at_nodes.x[pressing], at_nodes.x[pressing] + way
     rounding = _ROUNDING * max(over.max(np.abs(moved)), 0.0)
 
     def measure() -> tuple[FloatArray, FloatArray]:
@@ -152,7 +154,8 @@ def small_strain(
             if np.any(at):
                 cosine = np.einsum("ki,ki->k", foundation.normal(before[at]), foundation.normal(moved[at]))
                 turn[at] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-                distance[at] = np.abs(foundation.signed_distance(moved[at]) + given[at])
+                beyond = _beyond(at_nodes, pressing, at, foundation)
+                distance[at] = np.abs(foundation.signed_distance(moved[at]) + beyond)
         return np.where(distance < rounding, 0.0, distance), np.where(turn < 1e-5, 0.0, turn)
 
     try:
@@ -170,6 +173,23 @@ def small_strain(
         slip_over_cell=largest(np.where(turn > 0.0, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
         gradient=body.largest_gradient(u),
     )
+
+
+def _beyond(
+    answer: NodalAnswer, pressing: npt.NDArray[np.bool_], at: npt.NDArray[np.bool_], foundation: RigidFoundation
+) -> FloatArray:
+    """What the initial gap of contact points is beyond their distance from the foundation: it is a mean over several
+    nodes, or an additional gap is given.
+
+    Args:
+        answer: The answer at all contact points.
+        pressing: Which of them press.
+        at: Which of these are on the face of the foundation.
+        foundation: The foundation.
+    """
+    x, n, gap = (values[pressing][at] for values in (answer.x, answer.frames[:, 0], answer.gap))
+    beyond: FloatArray = gap - way_along(n, x, foundation.signed_distance(x), foundation)
+    return beyond
 
 
 def largest(values: FloatArray, over: Reductions) -> float:

@@ -1,0 +1,134 @@
+"""Contact points of a face: which nodes the displacement, the gap and the place of each are averages of.
+
+On first-order faces and those of 27-node hexahedra a contact point is a node.  On faces of 10-node tetrahedra the
+integrals of the vertices' hat functions vanish; there a contact point is a vertex j with the linear hat function phi_j,
+
+    u_j = (1/a_j) int phi_j u dS,    a_j = int phi_j dS
+
+and a force x_j at it is the traction phi_j x_j/a_j: tractions are linear on every facet, and nowhere negative where
+the forces are not (Puso, Laursen and Solberg 2008).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from . import compat
+from .compat import fem, ufl
+from .displacement_space import DisplacementSpace
+
+
+@dataclass(frozen=True)
+class ContactPoints:
+    """This rank's m contact points.
+
+    Attributes:
+        space: The space of displacements.
+        nodes: The node that stands for each, among this rank's k nodes, shape (m,).
+        area: a_j in m^2, shape (m,).
+        weights: Weight of every node of all ranks in the average of each point, shape (m, nodes).
+        nodal: Whether each point is its node.
+    """
+
+    space: DisplacementSpace
+    nodes: npt.NDArray[np.int32]
+    area: FloatArray
+    weights: scipy.sparse.csr_matrix
+    nodal: bool
+
+    def average(self, values: FloatArray) -> FloatArray:
+        """Averages of values at this rank's nodes (k,) or (k, d), shape (m,) or (m, d); collective."""
+        if self.nodal:
+            return values[self.nodes]
+        if values.ndim == 1:
+            return self.average(values[:, None])[:, 0]
+        averages = np.empty((len(self.nodes), values.shape[1]))
+        given, result = self._matrix.createVecs()
+        for column, average in zip(values.T, averages.T, strict=True):
+            given.array[:] = column
+            self._matrix.mult(given, result)
+            average[:] = result.array_r
+        given.destroy()
+        result.destroy()
+        return averages
+
+    def spread(self, values: FloatArray) -> FloatArray:
+        """Values at the contact points (m,) or (m, d) as nodal fields, 0 at other points, shape (k,) or (k, d);
+        collective.  Between vertices that are contact points the fields are linear."""
+        field = np.zeros((len(self.space.x), *values.shape[1:]))
+        field[self.nodes] = values
+        return field if self.nodal else self.space.linear_between_vertices(field)
+
+    def only(self, which: npt.NDArray[np.bool_]) -> ContactPoints:
+        """Some of the points, in their order."""
+        return replace(self, nodes=self.nodes[which], area=self.area[which], weights=self.weights[which])
+
+    @cached_property
+    def _matrix(self) -> PETSc.Mat:
+        size = self.space.V.dofmap.index_map
+        matrix = PETSc.Mat().createAIJ(
+            ((len(self.nodes), PETSc.DETERMINE), (size.size_local, size.size_global)),
+            csr=(
+                self.weights.indptr.astype(PETSc.IntType),
+                self.weights.indices.astype(PETSc.IntType),
+                self.weights.data,
+            ),
+            comm=self.space.domain.comm,
+        )
+        matrix.setAttr("mesh", self.space.domain)  # keeps it alive: see compat.assemble_matrix
+        return matrix
+
+
+def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
+    """The contact points of boundary facets, in the order of their nodes; collective."""
+    if space.positive:
+        nodes = space.nodes_of(facets)
+        return ContactPoints(space, nodes, space.area_of(facets)[nodes], nodal_weights(space, nodes), True)
+    return _weighted(space, facets)
+
+
+def nodal_weights(space: DisplacementSpace, nodes: npt.NDArray[np.int32]) -> scipy.sparse.csr_matrix:
+    """The weights of contact points that are nodes."""
+    index_map, rows = space.V.dofmap.index_map, np.arange(len(nodes) + 1)
+    shape = (len(nodes), index_map.size_global)
+    return scipy.sparse.csr_matrix((np.ones(len(nodes)), index_map.local_range[0] + nodes, rows), shape=shape)
+
+
+def joined_points(parts: Sequence[ContactPoints]) -> ContactPoints:
+    """The contact points of several faces, in their order."""
+    return ContactPoints(
+        parts[0].space,
+        np.concatenate([part.nodes for part in parts]),
+        np.concatenate([part.area for part in parts]),
+        scipy.sparse.vstack([part.weights for part in parts], format="csr"),
+        all(part.nodal for part in parts),
+    )
+
+
+def _weighted(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
+    """Vertices, each with the integrals of its hat function against those of the nodes."""
+    trial, test = ufl.TrialFunction(space.V), ufl.TestFunction(space.vertices.space.V)
+    mass = compat.assemble_matrix(fem.form(ufl.inner(trial, test) * space.measure(facets)))
+    indptr, columns, values = mass.getValuesCSR()
+    rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+    x = (rows % 3 == 0) & (columns % 3 == 0)  # the same for the three components
+    shape = (len(space.vertices.node), space.V.dofmap.index_map.size_global)
+    weights = scipy.sparse.csr_matrix((values[x], (rows[x] // 3, columns[x] // 3)), shape=shape)
+    mass.destroy()
+    area: FloatArray = np.asarray(weights.sum(axis=1)).ravel()
+    at = np.flatnonzero(area > 0.0)
+    at = at[np.argsort(space.vertices.node[at], kind="stable")]
+    weights = scipy.sparse.diags(1.0 / area[at]) @ weights[at]
+    weights.eliminate_zeros()
+    weights.sort_indices()
+    nodes: npt.NDArray[Any] = space.vertices.node[at]
+    return ContactPoints(space, nodes.astype(np.int32), area[at], weights.tocsr(), False)
