@@ -9,7 +9,29 @@ FACETS = {
     4: [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)],
     8: [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
 }
-KINDS = {3: 2, 4: 3}, {4: 4, 8: 5}  # gmsh's types of facets and cells, by number of nodes
+KINDS = {3: 2, 4: 3, 6: 9, 9: 10}, {4: 4, 8: 5, 10: 11, 27: 12}  # gmsh's types of facets and cells, by number of nodes
+
+GMSH = {
+    4: [(0, 1), (1, 2), (2, 0), (3, 0), (3, 2), (3, 1)],
+    8: [
+        *((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)),
+        *((0, 3, 2, 1), (0, 1, 5, 4), (0, 4, 7, 3), (1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7)),
+        tuple(range(8)),
+    ],
+}
+VTK = {
+    4: [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
+    8: [
+        *((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+        *((0, 3, 7, 4), (1, 2, 6, 5), (0, 1, 5, 4), (3, 2, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7)),
+        tuple(range(8)),
+    ],
+}
+EXODUS = {4: VTK[4], 8: [VTK[8][k] for k in (*range(4), *range(8, 12), *range(4, 8), 18, 16, 17, 12, 13, 14, 15)]}
+"""Corners around every further node of second-order cells: gmsh's reference manual, 9.2; VTK's file formats; Exodus II,
+figure 4.14."""
+
+AROUND = {3: [(0, 1), (1, 2), (2, 0)], 4: [(0, 1), (1, 2), (2, 3), (3, 0), (0, 1, 2, 3)]}
 
 
 class BoxFile:
@@ -45,6 +67,25 @@ class BoxFile:
             for name, end in zip(names, (0.0, lengths[axis]), strict=True):
                 self.faces[name] = boundary[np.all(np.abs(self.points[boundary][:, :, axis] - end) < 1e-12, axis=1)]
         self.interface = inside[np.all(np.abs(self.points[inside][:, :, 0] - half) < 1e-12, axis=1)]
+
+    def second_order(self, place=lambda x: x, order=GMSH):
+        """The same box with nodes in the middles of edges, faces and cells, all of them moved by `place`: (k, 3)."""
+        points, made = list(self.points), {}
+
+        def middle(corners):
+            key = tuple(sorted(corners))
+            if key not in made:
+                made[key] = len(points)
+                points.append(self.points[list(corners)].mean(axis=0))
+            return made[key]
+
+        def raised(rows, around):
+            return np.array([[*row, *(middle(row[list(of)]) for of in around)] for row in rows])
+
+        self.cells = raised(self.cells, order[self.cells.shape[1]])
+        self.faces = {name: raised(rows, AROUND[rows.shape[1]]) for name, rows in self.faces.items()}
+        self.points = place(np.array(points))
+        return self
 
     def _blocks(self):
         """Dimension, physical group, gmsh's type, rows of nodes (from 1)."""

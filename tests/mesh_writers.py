@@ -21,8 +21,8 @@ SIDES_OF_EXODUS = {
 
 def numbered_mesh(file, key, facets=True):
     """For meshio: cells and facets with a number each, under `key`."""
-    cell = "tetra" if file.cells.shape[1] == 4 else "hexahedron"
-    facet = "triangle" if file.cells.shape[1] == 4 else "quad"
+    cell = {4: "tetra", 8: "hexahedron", 10: "tetra10", 27: "hexahedron27"}[file.cells.shape[1]]
+    facet = {4: "triangle", 8: "quad", 10: "triangle6", 27: "quad9"}[file.cells.shape[1]]
     on_cells = np.zeros(len(file.cells), dtype=int)
     for name, members in file.cell_groups.items():
         on_cells[members] = CELL_NUMBERS[name]
@@ -86,11 +86,11 @@ def without_families_of(path, kind):
 
 def sides(file, rows, table):
     """Of every facet the cell and the number of its side, both from 1, in a manual's table of sides."""
-    found = {}
+    found, (count, corner) = {}, {4: (4, 3), 8: (8, 4), 10: (4, 3), 27: (8, 4)}[file.cells.shape[1]]
     for number, cell in enumerate(file.cells, start=1):
-        for side, corners in enumerate(table[len(cell)], start=1):
+        for side, corners in enumerate(table[count], start=1):
             found[tuple(sorted(cell[np.array(corners) - 1]))] = (number, side)
-    return [found[tuple(sorted(row))] for row in rows]
+    return [found[tuple(sorted(row[:corner]))] for row in rows]
 
 
 def abaqus(file, path, faces="surfaces"):
@@ -140,7 +140,7 @@ def abaqus_by_meshio(file, path):
 
 def exodus(file, path, hdf5=False, nodes=False):
     """Blocks of the cell groups, and side sets (or node sets) of the faces; NetCDF-3 or HDF5."""
-    kind = {4: "TETRA4", 8: "HEX8"}[file.cells.shape[1]]
+    kind = {4: "TETRA4", 8: "HEX8", 10: "TETRA10", 27: "HEX27"}[file.cells.shape[1]]
     order = np.concatenate(list(file.cell_groups.values()))  # elements are numbered block by block
     number = np.empty(len(order), dtype=int)
     number[order] = np.arange(1, len(order) + 1)

@@ -174,9 +174,15 @@ def test_abaqus_files_that_include_others(tmp_path):
         ("solid cube\n", "is not an input file of Abaqus: it does not begin with a keyword"),
         (NODES, "has no tetrahedra or hexahedra: export"),
         (NODES + "*ELEMENT, TYPE=S4\n1, 1, 2, 4, 3\n", "no tetrahedra or hexahedra; it has 1 surface elements"),
-        (NODES + "*ELEMENT, TYPE=C3D20R\n" + ", ".join(["1"] * 21), "has 20-node hexahedra, but contact needs first-"),
-        (NODES + "*ELEMENT, TYPE=C3D6\n1, 1, 2, 3, 4, 5, 6\n", "has prisms; it must have hexahedra alone or"),
-        (TWO + "*ELEMENT, TYPE=C3D4\n7, 1, 2, 3, 5\n", "has tetrahedra and hexahedra; it must have"),
+        (
+            NODES + "*ELEMENT, TYPE=C3D20R\n" + ", ".join(["1"] * 21),
+            "has 20-node hexahedra, but coulomb .*SecondOrderIncomplete = 0",
+        ),
+        (
+            NODES + "*ELEMENT, TYPE=C3D6\n1, 1, 2, 3, 4, 5, 6\n",
+            "has prisms, but coulomb .*: mesh the body with tetrahedra alone",
+        ),
+        (TWO + "*ELEMENT, TYPE=C3D4\n7, 1, 2, 3, 5\n", "has tetrahedra and hexahedra, but coulomb"),
         (TWO[:-3], r"\*ELEMENT: damaged: elements of type C3D8R must have a number and 8 nodes each"),
         (TWO.replace("12, 8", "12, 88"), "a node that the file does not define"),
         (TWO.replace("12, 8", "12, x"), r"\*ELEMENT: damaged: could not convert"),
@@ -326,8 +332,8 @@ def test_second_order_and_mixed_cells_by_meshio(tmp_path):
 
     x = np.random.default_rng(1).random((20, 3))
     for kind, nodes, message in (
-        ("tetra10", 10, "has 10-node tetrahedra, but contact needs first-order"),
-        ("wedge", 6, "has prisms; it must have hexahedra alone"),
+        ("hexahedron20", 20, "has 20-node hexahedra, but coulomb .*SecondOrderIncomplete = 0"),
+        ("wedge", 6, "has prisms, but coulomb .*: mesh the body with tetrahedra alone or hexahedra alone"),
         ("triangle", 3, "has no tetrahedra or hexahedra; it has 1 surface elements"),
     ):
         meshio.vtu.write(tmp_path / "a.vtu", meshio.Mesh(x, [(kind, np.arange(nodes)[None, :])]))

@@ -81,9 +81,9 @@ MESHES = (
     Wrong("cells without volume", run(), r"16 of 16 cells .* no volume; repair the mesh", part(flatten)),
     Wrong("a mesh in 2D", run(), r"part\.msh: has no cells in 3D .*mesh the volume \(gmsh -3\)", part(only_faces)),
     Wrong(
-        "second-order cells",
+        "20-node hexahedra",
         run(),
-        r"has 20-node hexahedra, but contact needs first-order cells",
+        r"has 20-node hexahedra, but coulomb computes with .*SecondOrderIncomplete = 0",
         lambda: (
             case(FROM_FILE)(),
             Path("part.msh").write_text(

@@ -19,15 +19,18 @@ import numpy as np
 from ..arrays import FloatArray
 from ..regular_file import read_bytes
 from .mesh_file import FACETS, IntArray, MeshFile, solid_nodes
+from .second_order import CORNERS
 
 _SIDES = {
     4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
     8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
 }
-"""Nodes of the sides S1, S2, ... of C3D4 and C3D8."""
+"""Corners of the sides S1, S2, ... of C3D4 and C3D10, and of C3D8."""
 
 _SOLID = re.compile(r"(?:C3D|DC3D|AC3D|SC)(\d+)")
-_SURFACE = re.compile(r"(?:SFM3D|M3D|R3D|CPS|CPE|CAX|DS|S|STRI)([34])(?!\d)")
+_SURFACE = re.compile(r"(?:SFM3D|M3D|R3D|CPS|CPE|CAX|DS|S|STRI)([346])(?!\d)")
+"""Those of 4 nodes are on hexahedra, of 3 or 6 on tetrahedra; STRI65 has 6 nodes and 5 degrees of freedom at each."""
+
 _GENERATES = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM"}
 _INCLUDES = 10  # nested *INCLUDE
 
@@ -218,8 +221,15 @@ class _Reader:
         flat = sum(len(rows) for blocks in self.surface_elements.values() for rows in blocks)
         width = solid_nodes(path, {n: sum(map(len, blocks)) for n, blocks in self.solids.items()}, flat)
         solids = np.vstack(self.solids[width])
-        side = 3 if width == 4 else 4
-        shells = np.vstack(self.surface_elements.get(side, [np.empty((0, 1 + side), dtype=np.int64)]))
+        if width == 27:
+            raise ValueError(
+                f"{path}: has 27-node hexahedra, whose nodes programs order differently in this format; export them to "
+                ".msh (gmsh), .med, .e (Exodus II) or .vtu"
+            )
+        side = 3 if CORNERS[width] == 4 else 4
+        fitting = [nodes for nodes in ((3, 6) if side == 3 else (4,)) if nodes in self.surface_elements]
+        flat_rows = [rows[:, : 1 + side] for nodes in fitting for rows in self.surface_elements[nodes]]
+        shells = np.vstack([np.empty((0, 1 + side), dtype=np.int64), *flat_rows])
         elements, shell_numbers = solids[:, 0], shells[:, 0]
         if len(np.unique(elements)) != len(elements):
             raise ValueError(f"{path}: has two elements of the same number")
@@ -263,17 +273,17 @@ class _Reader:
         numbers = np.array([int(what)]) if what.isdigit() else self.element_sets.members(what)
         on_surface = self._shells[np.isin(self._shells[:, 0], numbers), 1:]
         cells = self._solids[np.isin(self._solids[:, 0], numbers), 1:]
-        width = cells.shape[1]
+        nodes, width = cells.shape[1], CORNERS[cells.shape[1]]
         if side in ("", "SPOS", "SNEG"):
             return on_surface if len(on_surface) else self._free(cells)
         if side not in [f"S{k + 1}" for k in range(len(_SIDES[width]))]:
-            raise ValueError(f"{self.path}: *SURFACE {surface}: elements of {width} nodes have no side {side!r}")
+            raise ValueError(f"{self.path}: *SURFACE {surface}: elements of {nodes} nodes have no side {side!r}")
         found: IntArray = cells[:, list(_SIDES[width][int(side[1:]) - 1])]
         return found
 
     def _free(self, cells: IntArray) -> IntArray:
         """Facets of these cells that no other cell of the mesh has."""
-        table = np.array(FACETS[cells.shape[1]])
+        table = np.array(FACETS[CORNERS[cells.shape[1]]])
         mine, everyone = (c[:, table].reshape(-1, table.shape[1]) for c in (cells, self._solids[:, 1:]))
         both = np.vstack([mine, everyone])
         _, number, count = np.unique(np.sort(both, axis=1), axis=0, return_inverse=True, return_counts=True)

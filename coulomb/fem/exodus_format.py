@@ -17,12 +17,13 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..regular_file import refuse_irregular
 from .mesh_file import IntArray, MeshFile, solid_nodes
+from .second_order import CORNERS, in_vtk_order
 
 _SIDES = {
     4: ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),
     8: ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (0, 4, 7, 3), (0, 3, 2, 1), (4, 5, 6, 7)),
 }
-"""Nodes of the sides 1, 2, ... of a tetrahedron and a hexahedron."""
+"""Corners of the sides 1, 2, ... of a tetrahedron and a hexahedron."""
 
 _SOLID, _SURFACE = ("TET", "HEX", "WEDGE", "PYR"), ("SHELL", "TRI", "QUAD")
 
@@ -100,8 +101,9 @@ def _mesh(path: str, variables: _Variables) -> MeshFile:
             shells.append((name, element, rows))
         element += len(rows)
     width = solid_nodes(path, kinds, sum(len(rows) for *_, rows in shells))
-    side = 3 if width == 4 else 4
-    shells = [shell for shell in shells if shell[2].shape[1] == side]
+    side = 3 if CORNERS[width] == 4 else 4
+    fitting = (3, 6) if side == 3 else (4, 8, 9)
+    shells = [(name, first, rows[:, :side]) for name, first, rows in shells if rows.shape[1] in fitting]
 
     cells = np.vstack([rows for *_, rows in blocks])
     row = np.full(element, -1, dtype=np.int64)  # of every element in `cells`
@@ -125,7 +127,7 @@ def _mesh(path: str, variables: _Variables) -> MeshFile:
         for name, number in _titles(variables, "ns")
         if f"node_ns{number}" in variables
     }
-    return MeshFile(path, points, cells, cell_groups, face_groups, node_groups)
+    return MeshFile(path, points, in_vtk_order(cells, "exodus"), cell_groups, face_groups, node_groups)
 
 
 def _points(path: str, variables: _Variables) -> FloatArray:
@@ -162,7 +164,7 @@ def _side_set(path: str, name: str, cells: IntArray, rows: IntArray, sides: IntA
         sides: The side of each, from 0.
         shells: Points of the elements that are shells.
     """
-    table = np.array(_SIDES[cells.shape[1]])
+    table = np.array(_SIDES[CORNERS[cells.shape[1]]])
     solid = rows >= 0
     limit = np.where(solid, len(table), np.where(shells[:, 0] >= 0, 2, 0))  # further sides of shells are edges
     if np.any((sides < 0) | (sides >= limit)):

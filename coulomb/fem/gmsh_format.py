@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..regular_file import read_bytes
-from .mesh_file import QUADRATIC, IntArray, MeshFile
+from .mesh_file import IntArray, MeshFile, refuse_cells
+from .second_order import CORNERS, in_vtk_order
 
 NODES = {
     **{1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 8: 3, 9: 6, 10: 9, 11: 10, 12: 27, 13: 18, 14: 14, 15: 1, 16: 8},
@@ -21,10 +22,11 @@ NODES = {
 }
 """Nodes of an element, by gmsh's number of its type."""
 
-TETRAHEDRON, HEXAHEDRON = 4, 5
-_FACES = {TETRAHEDRON: 2, HEXAHEDRON: 3}  # triangles, quadrilaterals
-_NAMES = {4: "tetrahedra", 5: "hexahedra", 6: "prisms", 7: "pyramids"}
-_HIGHER = {
+_FACES = {4: (2, 9), 5: (3, 10), 11: (9, 2), 12: (10, 3)}
+"""Types of the triangles and quadrilaterals on tetrahedra and hexahedra of first and second order, usual ones first."""
+
+_NAMES = {
+    **{4: "tetrahedra", 5: "hexahedra", 6: "prisms", 7: "pyramids"},
     **{11: "10-node tetrahedra", 12: "27-node hexahedra", 17: "20-node hexahedra", 13: "18-node prisms"},
     **{18: "15-node prisms", 14: "14-node pyramids", 19: "13-node pyramids", 29: "20-node tetrahedra"},
     **{30: "35-node tetrahedra", 31: "56-node tetrahedra", 92: "64-node hexahedra", 93: "125-node hexahedra"},
@@ -59,28 +61,25 @@ def read(path: str) -> MeshFile:
         return found
 
     cells, cell_groups = _join(elements[cell], NODES[cell], names, 3)
-    faces, members = _join(elements.get(_FACES[cell], []), NODES[_FACES[cell]], names, 2)
+    corners = 3 if CORNERS[NODES[cell]] == 4 else 4
+    of_faces = [(groups, rows[:, :corners]) for kind in _FACES[cell] for groups, rows in elements.get(kind, [])]
+    faces, members = _join(of_faces, corners, names, 2)
     face_groups = {name: numbers(faces[rows]) for name, rows in members.items()}
     for (dimension, _), name in names.items():  # groups of nothing, or of elements no cell has a side like
         if dimension == 2:
-            face_groups.setdefault(name, np.empty((0, NODES[_FACES[cell]]), dtype=np.int64))
-    return MeshFile(path, points, numbers(cells), cell_groups, face_groups)
+            face_groups.setdefault(name, np.empty((0, corners), dtype=np.int64))
+    return MeshFile(path, points, in_vtk_order(numbers(cells), "gmsh"), cell_groups, face_groups)
 
 
 def _cell_type(path: str, elements: _Elements) -> int:
-    present = [kind for kind in elements if kind in _NAMES or kind in _HIGHER]
-    higher = [_HIGHER[kind] for kind in present if kind in _HIGHER]
-    if higher:
-        raise ValueError(f"{path}: has {' and '.join(higher)}, but {QUADRATIC}")
+    present = sorted(kind for kind in elements if kind in _NAMES)
     if not present:
         flat = ", ".join(f"{sum(len(n) for _, n in elements[k])} {_FLAT[k]}" for k in elements if k in _FLAT)
         raise ValueError(
             f"{path}: has no cells in 3D{f' (it has {flat})' if flat else ''}; mesh the volume (gmsh -3), and where "
             "there are physical groups, put the volume in one too: gmsh saves nothing else"
         )
-    if len(present) > 1 or present[0] not in _FACES:
-        kinds = " and ".join(_NAMES[kind] for kind in sorted(present))
-        raise ValueError(f"{path}: has {kinds}; it must have hexahedra alone or tetrahedra alone")
+    refuse_cells(path, {_NAMES[kind]: NODES[kind] for kind in present})
     return present[0]
 
 

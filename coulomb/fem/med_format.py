@@ -15,12 +15,15 @@ import numpy as np
 
 from ..regular_file import refuse_irregular
 from .mesh_file import IntArray, MeshFile, solid_nodes
+from .second_order import in_vtk_order
 
 _SOLIDS = {
     **{"TE4": 4, "HE8": 8, "PE6": 6, "PY5": 5, "T10": 10, "H20": 20, "H27": 27, "P13": 13, "P15": 15, "P18": 18},
     "POE": 99,  # polyhedra, of any number
 }
-_FACES = {4: "TR3", 8: "QU4"}
+_FACES = {4: ("TR3", 3), 8: ("QU4", 4), 10: ("TR6", 3), 27: ("QU9", 4)}
+"""The kind of the facets of cells, by the number of these cells' nodes, and how many corners a facet has."""
+
 _SURFACES = ("TR3", "QU4", "TR6", "TR7", "QU8", "QU9", "POG")
 
 
@@ -54,9 +57,10 @@ def _mesh(path: str, file: Any) -> MeshFile:
     counts = {_SOLIDS[kind]: _count(elements[kind]) for kind in elements if kind in _SOLIDS}
     flat = sum(_count(elements[kind]) for kind in elements if kind in _SURFACES)
     width = solid_nodes(path, counts, flat)
-    kind, face = next(kind for kind, nodes in _SOLIDS.items() if nodes == width), _FACES[width]
-    cells = _table(elements[kind]["NOD"]) - 1
-    facets = _table(elements[face]["NOD"]) - 1 if face in elements else np.empty((0, width), dtype=np.int64)
+    kind, (face, corners) = next(kind for kind, nodes in _SOLIDS.items() if nodes == width), _FACES[width]
+    cells = in_vtk_order(_table(elements[kind]["NOD"]) - 1, "med")
+    empty = np.empty((0, corners), dtype=np.int64)
+    facets = _table(elements[face]["NOD"])[:, :corners] - 1 if face in elements else empty
 
     families = file["FAS"][name] if name in file.get("FAS", {}) else {}
     of_elements = _groups(families["ELEME"]) if "ELEME" in families else {}

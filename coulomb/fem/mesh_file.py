@@ -12,6 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..arrays import FloatArray
+from .second_order import CORNERS, is_second_order, jacobians, nodes_of_facets, torn
 
 IntArray = npt.NDArray[np.int64]
 
@@ -19,7 +20,7 @@ FACETS = {
     4: ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
     8: ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
 }
-"""Nodes of every facet, in order round it, of a tetrahedron (4 nodes) and a hexahedron (8), as gmsh and VTK number."""
+"""Corners of every facet, in order round it, of cells with 4 and 8 corners, as gmsh and VTK number."""
 
 _EDGES_AT = {
     4: ((0, 1, 2, 3),),
@@ -33,23 +34,35 @@ _EDGES_AT = {
 FLAT = 1e-12
 """Smallest admissible Jacobian of a cell, over the cube of its longest edge from a corner."""
 
-QUADRATIC = (
-    "contact needs first-order cells: the nodal areas that turn contact forces into pressures are zero at the vertices "
-    "of quadratic triangles and negative at those of eight-node quadrilaterals; export the mesh with first-order "
-    "elements (in gmsh: Mesh.ElementOrder = 1) and refine it instead"
+_TORN = (
+    "nodes between its corners that its neighbours do not share: merge the points where the mesh was made (in gmsh: "
+    "Coherence Mesh), or check the order of nodes in the file"
 )
+_CURVED = (
+    "; where cells are too coarse for a curved surface, refine them there (in gmsh also Mesh.HighOrderOptimize = 2)"
+)
+
+SUPPORTED = (
+    "coulomb computes with first-order tetrahedra or hexahedra, 10-node tetrahedra or 27-node hexahedra, not mixed"
+)
+_COMPLETE = (
+    "nodal areas of eight-node faces are negative at their corners; export complete second-order cells (in gmsh: "
+    "Mesh.SecondOrderIncomplete = 0), or first-order ones, which degree = 2 raises"
+)
+_TOO_HIGH = "export second-order cells (in gmsh: Mesh.ElementOrder = 2)"
+_ONE_KIND = "mesh the body with tetrahedra alone or hexahedra alone"
 
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A first-order mesh of one cell type as a file has it.
+    """A mesh of one cell type as a file has it.
 
     Attributes:
         path: The file, for messages.
         points: Coordinates, shape (p, 3).
-        cells: Points of every cell in gmsh's (and VTK's) order, shape (c, 4) or (c, 8).
+        cells: Points of every cell in VTK's order (`second_order`), shape (c, 4, 8, 10 or 27).
         cell_groups: Cells of every group of cells, by name.
-        face_groups: Points of every facet of every group of facets, by name, shape (k, 3) or (k, 4).
+        face_groups: Corners of every facet of every group of facets, by name, shape (k, 3) or (k, 4).
         node_groups: Points of every named set of nodes.  It is a face if it covers whole facets of the boundary.
     """
 
@@ -61,15 +74,15 @@ class MeshFile:
     node_groups: dict[str, IntArray] = field(default_factory=dict)
 
 
-_NOT_SUPPORTED = {5: "pyramids", 6: "prisms"}
-_SECOND_ORDER = {
-    **{10: "10-node tetrahedra", 20: "20-node hexahedra", 27: "27-node hexahedra", 15: "15-node prisms"},
-    **{13: "13-node pyramids", 14: "14-node pyramids", 18: "18-node prisms"},
+_TITLES = {
+    **{4: "tetrahedra", 5: "pyramids", 6: "prisms", 8: "hexahedra", 10: "10-node tetrahedra", 13: "13-node pyramids"},
+    **{14: "14-node pyramids", 15: "15-node prisms", 18: "18-node prisms", 20: "20-node hexahedra"},
+    **{27: "27-node hexahedra"},
 }
 
 
 def solid_nodes(path: str, solids: Mapping[int, int], surface_elements: int = 0) -> int:
-    """Nodes of the cells of a mesh, 4 or 8.
+    """Nodes of the cells of a mesh, 4, 8, 10 or 27.
 
     Args:
         path: The file, for messages.
@@ -77,20 +90,34 @@ def solid_nodes(path: str, solids: Mapping[int, int], surface_elements: int = 0)
         surface_elements: How many elements in 2D there are.
 
     Raises:
-        ValueError: If there are none, second-order ones, or anything but tetrahedra alone or hexahedra alone.
+        ValueError: If there are none, or anything but cells of one kind that coulomb computes with.
     """
     present = [nodes for nodes, count in solids.items() if count]
-    second = [_SECOND_ORDER.get(nodes, f"{nodes}-node cells") for nodes in present if nodes not in (4, 5, 6, 8)]
-    if second:
-        raise ValueError(f"{path}: has {' and '.join(second)}, but {QUADRATIC}")
     if not present:
         flat = f"; it has {surface_elements} surface elements, but no solid ones" if surface_elements else ""
         raise ValueError(f"{path}: has no tetrahedra or hexahedra{flat}: export the mesh of the volume")
-    if len(present) > 1 or present[0] in _NOT_SUPPORTED:
-        titles = {4: "tetrahedra", 8: "hexahedra", **_NOT_SUPPORTED}
-        kinds = " and ".join(titles[nodes] for nodes in sorted(present))
-        raise ValueError(f"{path}: has {kinds}; it must have hexahedra alone or tetrahedra alone")
+    refuse_cells(path, {_TITLES.get(nodes, f"{nodes}-node cells"): nodes for nodes in sorted(present)})
     return present[0]
+
+
+def refuse_cells(path: str, kinds: Mapping[str, int]) -> None:
+    """Check that a mesh has cells of one kind, with 4, 8, 10 or 27 nodes.
+
+    Args:
+        path: The file, for messages.
+        kinds: Nodes of the cells of each kind, by its name.
+
+    Raises:
+        ValueError: If not, saying how to export it.
+    """
+    if len(kinds) == 1 and not set(kinds.values()) - CORNERS.keys():
+        return
+    hint = _ONE_KIND
+    if any(nodes in (20, 24) and "hexahedr" in name for name, nodes in kinds.items()):
+        hint = _COMPLETE
+    elif any(nodes >= 20 and nodes != 27 for nodes in kinds.values()):
+        hint = _TOO_HIGH
+    raise ValueError(f"{path}: has {' and '.join(kinds)}, but {SUPPORTED}: {hint}")
 
 
 @dataclass(frozen=True)
@@ -101,7 +128,7 @@ class InspectedMesh:
         points: Coordinates in metres, shape (p, 3).
         cells: As in the file.
         cell_groups: As in the file.
-        face_groups: Points of every facet, sorted in each row, by name.
+        face_groups: Corners of every facet, sorted in each row, by name.
         refused: Why the other groups of facets cannot be used, by name.
     """
 
@@ -136,12 +163,17 @@ def inspect(file: MeshFile, scale: float) -> InspectedMesh:
     if not np.all(np.isfinite(points)):
         refuse("has coordinates that are not finite")
 
+    second = is_second_order(cells.shape[1])
+    if second and np.any(bad := torn(cells)):
+        refuse(f"{_seen(bad, points, cells)} {_TORN}")
     flat, tangled = _jacobians(points, cells)
     for bad, fault in ((flat, "no volume"), (tangled, "a Jacobian that changes its sign: it is turned inside out")):
         if np.any(bad):
-            refuse(f"{_seen(bad, points, cells)} {fault}; repair the mesh where it was made")
+            fault = fault.replace("no volume", "no volume, or none beside one of its nodes") if second else fault
+            refuse(f"{_seen(bad, points, cells)} {fault}; repair the mesh where it was made{_CURVED if second else ''}")
     facets, of_cell = _all_facets(cells)
-    rows, number, count = _distinct(np.sort(facets, axis=1))
+    sides = 3 if CORNERS[cells.shape[1]] == 4 else 4
+    rows, number, count = _distinct(np.sort(facets[:, :sides], axis=1))
     if np.any(count > 2):
         bad = np.any((count > 2)[number].reshape(len(cells), -1), axis=1)
         refuse(f"{_seen(bad, points, cells)} a facet with more than one neighbour: cells are doubled or overlap")
@@ -173,11 +205,11 @@ def inspect(file: MeshFile, scale: float) -> InspectedMesh:
             refused[name] = f"face group {name!r} of {file.path} {fault}"
         else:
             faces[name] = found
-    boundary = rows[count == 1]
+    boundary = facets[order[np.concatenate([[0], np.cumsum(count)])[:-1][count == 1]]]
     for name, nodes in file.node_groups.items():
         if name in file.face_groups:  # the file says exactly which facets
             continue
-        found, fault = _covered(position[nodes], boundary, len(used))
+        found, fault = _covered(position[nodes], boundary, sides, len(used))
         if fault:
             refused[name] = f"node set {name!r} of {file.path} {fault}"
         else:
@@ -186,9 +218,9 @@ def inspect(file: MeshFile, scale: float) -> InspectedMesh:
 
 
 def _jacobians(points: FloatArray, cells: IntArray) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Which cells are flat, and which change the sign of their Jacobian from corner to corner."""
-    values = []
-    for corner, i, j, k in _EDGES_AT[cells.shape[1]]:
+    """Which cells are flat, and which change the sign of their Jacobian from node to node."""
+    values = list(jacobians(points, cells)) if is_second_order(cells.shape[1]) else []
+    for corner, i, j, k in () if values else _EDGES_AT[cells.shape[1]]:
         edges = points[cells[:, [i, j, k]]] - points[cells[:, [corner]]]
         longest = np.max(np.linalg.norm(edges, axis=2), axis=1)
         values.append(np.linalg.det(edges) / np.where(longest > 0.0, longest, 1.0) ** 3)
@@ -198,8 +230,9 @@ def _jacobians(points: FloatArray, cells: IntArray) -> tuple[npt.NDArray[np.bool
 
 
 def _all_facets(cells: IntArray) -> tuple[IntArray, IntArray]:
-    """The facets of all cells, cell by cell, and the cell of each."""
-    table = np.array(FACETS[cells.shape[1]])
+    """The nodes of the facets of all cells, cell by cell, corners first, and the cell of each."""
+    width = cells.shape[1]
+    table = np.array(nodes_of_facets(width, FACETS[CORNERS[width]]))
     return cells[:, table].reshape(-1, table.shape[1]), np.repeat(np.arange(len(cells)), len(table))
 
 
@@ -219,7 +252,7 @@ def _folded(
     """Whether two cells lie on the same side of the facet between them."""
     corners = points[facets]
     middle = corners.mean(axis=1)
-    last = corners[:, 3] if facets.shape[1] == 4 else corners[:, 0]
+    last = corners[:, 3] if facets.shape[1] in (4, 9) else corners[:, 0]
     normal = np.cross(corners[:, 2] - corners[:, 0], last - corners[:, 1])
     centre = points[cells].mean(axis=1)
     side = [np.einsum("ki,ki->k", normal, centre[cell] - middle) for cell in (one, other)]
@@ -252,23 +285,32 @@ def _on_boundary(position: IntArray, group: IntArray, rows: IntArray, count: Int
     return mine, ""
 
 
-def _covered(nodes: IntArray, boundary: IntArray, points: int) -> tuple[IntArray, str]:
-    """The boundary facets all of whose corners are in a set of nodes; and why the set is no face, or nothing."""
-    nothing = boundary[:0]
+def _covered(nodes: IntArray, boundary: IntArray, corners: int, points: int) -> tuple[IntArray, str]:
+    """The boundary facets all of whose nodes are in a set of nodes; and why the set is no face, or nothing.
+
+    Args:
+        nodes: The set.
+        boundary: Nodes of the facets, corners first, shape (f, n).
+        corners: How many of the n are corners.  Where the set has corners only, a facet needs only these.
+        points: Points of the body.
+    """
+    rows = np.sort(boundary[:, :corners], axis=1)
+    nothing = rows[:0]
     if len(nodes) == 0:
         return nothing, "is empty"
     if np.any(nodes < 0):
         return nothing, f"has {np.sum(nodes < 0)} of {len(nodes)} nodes that belong to no cell"
     inside = np.zeros(points, dtype=bool)
     inside[nodes] = True
-    found = boundary[np.all(inside[boundary], axis=1)]
-    inside[found] = False
+    whole = boundary if np.any(inside[boundary[:, corners:]]) else rows
+    found = np.all(inside[whole], axis=1)
+    inside[boundary[found]] = False
     if np.any(inside):
         return nothing, (
             f"has {inside.sum()} of {len(np.unique(nodes))} nodes that are no corners of boundary facets within the "
             "set; a face must consist of whole facets"
         )
-    return found, ""
+    return rows[found], ""
 
 
 def _seen(bad: npt.NDArray[np.bool_], points: FloatArray, cells: IntArray) -> str:

@@ -25,6 +25,7 @@ from .compat import mesh
 from .mesh_file import InspectedMesh, IntArray, MeshFile, inspect
 from .named_mesh import NamedMesh, local_facets
 from .raised import raised
+from .second_order import CORNERS, in_dolfinx_order, is_second_order
 from .user_values import evaluate_vectors
 
 CELLS = {"hexahedron": mesh.CellType.hexahedron, "tetrahedron": mesh.CellType.tetrahedron}
@@ -76,7 +77,9 @@ def box(
 
 
 def read_gmsh(path: str | Path, scale: float = 1.0, comm: MPI.Comm = MPI.COMM_WORLD) -> NamedMesh:
-    """Mesh of a gmsh file, MSH 2.2 or 4.1, ASCII or binary, of first-order hexahedra or tetrahedra.
+    """Mesh of a gmsh file, MSH 2.2 or 4.1, ASCII or binary, of hexahedra or tetrahedra of first or second order.
+
+    Second-order cells (10-node tetrahedra, 27-node hexahedra) keep the curved shape that they have in the file.
 
     Physical surfaces become faces, physical volumes cell groups, by their names; one without a name by its number, as
     in "3".  Gmsh itself is not needed.
@@ -101,7 +104,7 @@ def read_xdmf(
     scale: float = 1.0,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> NamedMesh:
-    """Mesh of an XDMF file, of first-order hexahedra or tetrahedra, with numbers on facets and cells.
+    """Mesh of an XDMF file, of hexahedra or tetrahedra of first or second order, with numbers on facets and cells.
 
     Args:
         path: The mesh; rank 0 reads it.
@@ -130,7 +133,10 @@ def read_mesh(
     scale: float = 1.0,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> NamedMesh:
-    """Mesh of a file, of first-order hexahedra or tetrahedra; the format is determined by the file name extension.
+    """Mesh of a file, of hexahedra or tetrahedra; the format is determined by the file name extension.
+
+    Cells are of first order, or 10-node tetrahedra or 27-node hexahedra, which may be curved; 27-node hexahedra not in
+    `.inp`, where programs number their nodes differently.
 
     - `.msh` (gmsh), as `read_gmsh`; `.xdmf`, as `read_xdmf` with the numbers in the same file.
     - `.inp` (Abaqus, CalculiX): surfaces and sets of surface elements become faces, sets of solid elements groups.
@@ -197,10 +203,10 @@ def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[
     width, face_groups, cell_groups, refused = comm.bcast(groups)
     cells: IntArray = np.empty((0, width), dtype=np.int64)
     points: FloatArray = np.empty((0, 3))
-    if sound is not None:  # DOLFINx numbers the corners of a hexahedron as in a grid, gmsh around its faces
-        cells = sound.cells[:, [0, 1, 3, 2, 4, 5, 7, 6]] if width == 8 else sound.cells
-        points = sound.points
-    domain = compat.create_mesh(comm, "hexahedron" if width == 8 else "tetrahedron", cells, points)
+    if sound is not None:
+        cells, points = in_dolfinx_order(sound.cells), sound.points
+    kind, degree = "tetrahedron" if CORNERS[width] == 4 else "hexahedron", 2 if is_second_order(width) else 1
+    domain = compat.create_mesh(comm, kind, cells, points, degree)
     own = domain.topology.index_map(3).size_local
     original = np.asarray(domain.topology.original_cell_index)[:own]
     cell_numbers = {

@@ -23,9 +23,20 @@ import numpy as np
 from ..regular_file import read_bytes
 from .mesh_file import IntArray, MeshFile, solid_nodes
 from .numbered_groups import members_by_name, only_set
+from .second_order import CORNERS
 
 _MODULES = {".vtu": "vtu", ".vtk": "vtk", ".bdf": "nastran", ".nas": "nastran", ".mesh": "medit"}
 """meshio's name of the format, by the end of the file's name."""
+
+_SOLIDS = {
+    4: {"tetra": 4, "tetra10": 10, "VTK_LAGRANGE_TETRAHEDRON": 10},
+    8: {"hexahedron": 8, "hexahedron27": 27, "VTK_LAGRANGE_HEXAHEDRON": 27},
+}
+_FACES = {
+    4: ({"triangle": 3, "triangle6": 6, "VTK_LAGRANGE_TRIANGLE": 6}, 3),
+    8: ({"quad": 4, "quad8": 8, "quad9": 9, "VTK_LAGRANGE_QUADRILATERAL": 9}, 4),
+}
+"""meshio's types of cells and of facets on them, by the number of the cells' corners, with their numbers of nodes."""
 
 _OWN_NUMBERS = re.compile(
     r"(?i)(vtk|global|pedigree|original).*|.*\bghost.*"
@@ -58,8 +69,8 @@ def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> 
     points = np.asarray(mesh.points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"{path}: has points in {points.shape[-1]}D, but a body in 3D is needed")
-    cells, cell_numbers = _blocks(mesh, "tetra" if width == 4 else "hexahedron", width)
-    facets, facet_numbers = _blocks(mesh, "triangle" if width == 4 else "quad", 3 if width == 4 else 4)
+    cells, cell_numbers = _blocks(mesh, _SOLIDS[CORNERS[width]], width)
+    facets, facet_numbers = _blocks(mesh, *_FACES[CORNERS[width]])
     cell_groups = _groups(path, cell_numbers, cell_names, "cell_names")
     face_groups = {name: facets[rows] for name, rows in _groups(path, facet_numbers, names, "names").items()}
     return MeshFile(path, points, cells, cell_groups, face_groups)
@@ -104,10 +115,14 @@ def _nastran(path: str, data: bytes) -> str:
     return data.decode("utf-8-sig", "replace")
 
 
-def _blocks(mesh: Any, kind: str, width: int) -> tuple[IntArray, dict[str, IntArray]]:
-    """All cells of a kind, and the whole numbers on them by the name of the set."""
-    mine = [number for number, block in enumerate(mesh.cells) if block.type == kind]
-    rows = np.vstack([np.empty((0, width), dtype=np.int64), *(mesh.cells[number].data for number in mine)])
+def _blocks(mesh: Any, kinds: Mapping[str, int], width: int) -> tuple[IntArray, dict[str, IntArray]]:
+    """The first `width` nodes of all cells of these kinds, and the whole numbers on them by the name of the set."""
+    mine = [
+        number
+        for number, block in enumerate(mesh.cells)
+        if block.type in kinds and block.data.shape[1] == kinds[block.type]
+    ]
+    rows = np.vstack([np.empty((0, width), dtype=np.int64), *(mesh.cells[number].data[:, :width] for number in mine)])
     sets = {}
     for name, values in mesh.cell_data.items():
         found = [np.asarray(values[number]) for number in mine]

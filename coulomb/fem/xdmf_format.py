@@ -15,13 +15,20 @@ from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
 from ..regular_file import read_bytes, refuse_irregular
-from .mesh_file import QUADRATIC, IntArray, MeshFile
+from .mesh_file import IntArray, MeshFile, refuse_cells
 from .numbered_groups import members_by_name, only_set
 
-_WIDTH = {"tetrahedron": 4, "hexahedron": 8, "triangle": 3, "quadrilateral": 4}
-_FACE_OF = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
-_OTHER_CELLS = ("wedge", "pyramid", "mixed")
-_HIGHER = ("tet_", "tetrahedron_", "hex_", "hexahedron_", "tri_", "triangle_", "quad_", "quadrilateral_")
+_WIDTH = {
+    **{"tetrahedron": 4, "hexahedron": 8, "tetrahedron_10": 10, "hexahedron_27": 27},
+    **{"triangle": 3, "quadrilateral": 4, "triangle_6": 6, "quadrilateral_9": 9},
+}
+_CORNERS = {"tetrahedron": 4, "hexahedron": 8, "triangle": 3, "quadrilateral": 4}
+_FACE_OF = {
+    **{"tetrahedron": ("triangle",), "hexahedron": ("quadrilateral",)},
+    **{"tetrahedron_10": ("triangle_6", "triangle"), "hexahedron_27": ("quadrilateral_9", "quadrilateral")},
+}
+_LONG = {"tet": "tetrahedron", "hex": "hexahedron", "tri": "triangle", "quad": "quadrilateral"}
+_OTHER_CELLS = {"wedge": 6, "pyramid": 5, "mixed": 0}
 
 
 @dataclass(frozen=True)
@@ -56,15 +63,13 @@ def read(
         ValueError: If a file is not XDMF, is incomplete, or lacks the requested numbers.
     """
     mesh, *others = _grids(path, tuple(_FACE_OF), "cells in 3D")
-    if any(grid.kind != mesh.kind for grid in others):
-        raise ValueError(f"{path}: has tetrahedra and hexahedra; it must have hexahedra alone or tetrahedra alone")
+    refuse_cells(path, {grid.kind: _WIDTH[grid.kind] for grid in (mesh, *others)})
     numbered = [grid for grid in (mesh, *others) if grid.kind == mesh.kind and grid.numbers]
     if cells is not None:
         numbered = _grids(cells, (mesh.kind,), "cells of the mesh's kind", mesh)
     cell_groups = _groups(numbered, cells, cell_names, "cell_names", _rows_of_cells, mesh)
-    face = _FACE_OF[mesh.kind]
-    marked = _grids(facets or path, (face,), "facets", mesh, optional=facets is None)
-    face_groups = _groups([grid for grid in marked if grid.numbers], facets, names, "names", _in_mesh, mesh)
+    marked = _grids(facets or path, _FACE_OF[mesh.kind], "facets", mesh, optional=facets is None)
+    face_groups = _groups([grid for grid in marked if grid.numbers], facets, names, "names", _corners_in_mesh, mesh)
     return MeshFile(path, mesh.points, mesh.rows, cell_groups, face_groups)
 
 
@@ -99,6 +104,11 @@ def _in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:
     return np.asarray(number, dtype=np.int64)[inverse].reshape(grid.rows.shape)
 
 
+def _corners_in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:
+    """The corners of facets by points of the mesh."""
+    return _in_mesh(grid, mesh)[:, : _CORNERS[grid.kind.partition("_")[0]]]
+
+
 def _rows_of_cells(grid: _Grid, mesh: _Grid) -> IntArray:
     """Numbers of the mesh's cells for the cells of a grid."""
     if grid is mesh:
@@ -130,12 +140,11 @@ def _grids(
             points = _array(path, geometry).astype(np.float64)
         if topology is None:
             continue
-        kind = (topology.get("TopologyType") or topology.get("Type") or "").lower()
+        kind, _, nodes = (topology.get("TopologyType") or topology.get("Type") or "").lower().partition("_")
+        kind = "_".join(filter(None, (_LONG.get(kind, kind), nodes)))
         seen.append(kind)
-        if kind in _OTHER_CELLS:
-            raise ValueError(f"{path}: has cells of kind {kind}; it must have hexahedra alone or tetrahedra alone")
-        if kind.startswith(_HIGHER):
-            raise ValueError(f"{path}: has cells of kind {kind}, but {QUADRATIC}")
+        if kind.partition("_")[0] in (*_CORNERS, *_OTHER_CELLS) and kind not in _WIDTH:
+            refuse_cells(path, {f"cells of kind {kind}": int(nodes) if nodes.isdigit() else _OTHER_CELLS.get(kind, 0)})
         if kind not in kinds:
             continue
         if points.ndim != 2 or points.shape[1] != 3:
