@@ -2,13 +2,16 @@
 
 import numpy as np
 import pytest
+from mesh_files import BoxFile
 from mpi4py import MPI
 
 import coulomb
+from coulomb.case.body import MeshTable
 from coulomb.fem import compat
 from coulomb.fem.compat import fem, ufl
 from coulomb.fem.lagrange import corner_geometry
 from coulomb.fem.named_mesh import NamedMesh
+from coulomb.model.estimate import _unknowns
 
 CELLS = ("hexahedron", "tetrahedron")
 
@@ -54,6 +57,25 @@ def test_raised_mesh_keeps_shape_faces_and_cells(cell):
     assert integral(second, cells="left half") == pytest.approx(integral(mesh, cells="left half"), rel=1e-12)
     corners = second.domain.geometry.x[corner_geometry(second.domain)].reshape(-1, 3)
     assert {tuple(x) for x in corners} == {tuple(x) for x in mesh.domain.geometry.x}
+
+
+def test_degree_in_case_files(tmp_path):
+    """A box, and a file of first-order cells, with degree = 2; a second-order file says so itself."""
+    first, second = BoxFile(), BoxFile().second_order()
+    first.write(tmp_path / "first.msh")
+    second.write(tmp_path / "second.msh")
+    for given, degree in (
+        ({"box": (2.0, 1.0, 1.0), "cells": (4, 2, 2), "degree": 2}, 2),
+        ({"file": str(tmp_path / "first.msh")}, 1),
+        ({"file": str(tmp_path / "first.msh"), "degree": 2}, 2),
+        ({"file": str(tmp_path / "second.msh")}, 2),
+        ({"file": str(tmp_path / "second.msh"), "degree": 2}, 2),
+    ):
+        made = MeshTable(**given).mesh(MPI.COMM_WORLD)
+        assert made.degree == degree and integral(made) == pytest.approx(2.0, rel=1e-12)
+        assert integral(made, "left") == pytest.approx(1.0, rel=1e-12)
+        nodes = made.domain.geometry.index_map().size_global
+        assert 3 * nodes == _unknowns((4, 2, 2), degree)  # what memory is estimated for
 
 
 def test_second_order_meshes_are_not_raised_again():

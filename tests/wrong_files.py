@@ -95,6 +95,13 @@ MESHES = (
             ),
         ),
     ),
+    Wrong(
+        "first order of a second-order mesh",
+        run("mesh.degree=1"),
+        r"mesh\.degree = 1, but part\.msh has second-order cells: leave degree out, or export first-order cells",
+        part(lambda file: file.second_order()),
+    ),
+    Wrong("a third order", run("mesh.degree=3"), r"mesh\.degree = 3: should be 1 or 2"),
     Wrong("two bodies", run(), r"its cells make 2 bodies that share no facets \(8, 8 cells\)", part(tear)),
     Wrong(
         "a face inside the body",

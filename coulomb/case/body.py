@@ -27,11 +27,15 @@ SMALL = 200_000
 
 
 class MeshTable(Table):
-    """A box, lengths in metres; or a mesh file (`mesh_formats`), and the metres per unit of length of the file."""
+    """A box, lengths in metres; or a mesh file (`mesh_formats`), and the metres per unit of length of the file.
+
+    `degree` 2 gives second-order cells, of a first-order file too; by default they are as in the file, in a box 1.
+    """
 
     box: tuple[Length, Length, Length] | None = None
     cells: tuple[Cells, Cells, Cells] | None = None
     cell: Literal["hexahedron", "tetrahedron"] = "hexahedron"
+    degree: Literal[1, 2] | None = None
     file: FileName | None = None
     scale: Length = 1.0
     facets: FileName | None = None
@@ -46,7 +50,7 @@ class MeshTable(Table):
         kind = "box" if self.file is None else Path(self.file).suffix.lower()
         if kind != "box" and kind not in mesh_formats.FORMATS:
             raise ValueError(f"file must end in one of {mesh_formats.listed()}, but is {self.file!r}")
-        fitting = {"box", "cells", "cell"} if kind == "box" else {"file", "scale"}
+        fitting = {"degree", "box", "cells", "cell"} if kind == "box" else {"degree", "file", "scale"}
         if kind in mesh_formats.NUMBERED:
             fitting |= {"names", "cell_names"}
         if kind == ".xdmf":
@@ -75,13 +79,21 @@ class MeshTable(Table):
             ValueError: On every rank, if the file cannot be read or used.
         """
         from ..fem.meshes import box, read_mesh, read_xdmf
+        from ..fem.raised import raised
 
         if self.file is None:
             assert self.box is not None and self.cells is not None
-            return box(self.box, self.cells, self.cell, comm)
+            return box(self.box, self.cells, self.cell, comm, degree=self.degree or 1)
         if self.facets is not None or self.cell_groups is not None:
-            return read_xdmf(self.file, self.facets, self.cell_groups, self.names, self.cell_names, self.scale, comm)
-        return read_mesh(self.file, self.names, self.cell_names, self.scale, comm)
+            read = read_xdmf(self.file, self.facets, self.cell_groups, self.names, self.cell_names, self.scale, comm)
+        else:
+            read = read_mesh(self.file, self.names, self.cell_names, self.scale, comm)
+        if self.degree == 1 and read.degree == 2:
+            raise ValueError(
+                f"mesh.degree = 1, but {self.file} has second-order cells: leave degree out, or export first-order "
+                "cells (in gmsh: Mesh.ElementOrder = 1)"
+            )
+        return raised(read) if self.degree == 2 and read.degree == 1 else read
 
 
 class MaterialTable(Table):

@@ -41,9 +41,10 @@ def posed(settings: Case, target: Path, force: bool, now: bool = True, overwrite
     if overwrite is not None:
         refuse_to_replace(settings, target, overwrite, comm)
     if settings.mesh.cells is not None:
+        degree = settings.mesh.degree or 1
         if not force:
-            refuse_too_many_cells(settings.mesh.cells, comm)
-        refuse_uncountable(settings.mesh.cells)
+            refuse_too_many_cells(settings.mesh.cells, degree, comm)
+        refuse_uncountable(settings.mesh.cells, degree)
     problem = settings.problem(comm, small_strain="warn" if force else None)
     if not force:
         refuse_too_large(problem)

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from . import compat
 from .compat import mesh
 from .lagrange import corner_geometry
 from .mesh_file import IntArray
@@ -37,6 +38,11 @@ class NamedMesh:
         """The ranks that share the mesh."""
         comm: MPI.Comm = self.domain.comm
         return comm
+
+    @property
+    def degree(self) -> int:
+        """Order of the cells: 1, or 2 for 10-node tetrahedra and 27-node hexahedra."""
+        return compat.geometry_degree(self.domain)
 
     def facets(self, face: str, what: str) -> npt.NDArray[np.int32]:
         """This rank's facets of a face.

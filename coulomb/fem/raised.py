@@ -27,7 +27,7 @@ def raised(mesh: NamedMesh) -> NamedMesh:
         ValueError: If the mesh is of second order already.
     """
     old, comm = mesh.domain, mesh.comm
-    if compat.geometry_degree(old) != 1:
+    if mesh.degree != 1:
         raise ValueError("raised: the mesh has second-order cells already; raised takes a first-order mesh")
     own = old.topology.index_map(3).size_local
     V = compat.functionspace(old, 2)

@@ -92,8 +92,10 @@ def torn(cells: IntArray) -> npt.NDArray[np.bool_]:
     """Cells with a node in the middle of an edge or face where a neighbour has another one, or that is elsewhere in
     another cell.  A wrong order of nodes shows here too."""
     corners = CORNERS[cells.shape[1]]
-    of_cell, keys, nodes = [np.repeat(np.arange(len(cells)), corners)], [], [cells[:, :corners].ravel()]
-    keys.append(np.column_stack([np.full((nodes[0].size, 3), -1), nodes[0]]))  # a corner is its own key
+    at_corners = cells[:, :corners].ravel()
+    of_cell: list[IntArray] = [np.repeat(np.arange(len(cells)), corners)]
+    nodes: list[IntArray] = [at_corners]
+    keys: list[IntArray] = [np.column_stack([np.full((at_corners.size, 3), -1), at_corners])]  # a corner is its own key
     for column, of in nodes_between(cells.shape[1]):
         if len(of) < 8:
             around = np.sort(cells[:, list(of)], axis=1)

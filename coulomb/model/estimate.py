@@ -166,34 +166,43 @@ def refuse_too_large(problem: ContactProblem) -> None:
     )
 
 
-def refuse_too_many_cells(cells: tuple[int, int, int], comm: MPI.Comm) -> None:
+def refuse_too_many_cells(cells: tuple[int, int, int], degree: int, comm: MPI.Comm) -> None:
     """As `refuse_too_large` for a box before its mesh is made, with the minimum for any method; collective.
 
     Raises:
         ValueError: On every rank.
     """
-    nodes = (cells[0] + 1) * (cells[1] + 1) * (cells[2] + 1)
-    needed, fits = _BASE * comm.size + _BODY * 3.0 * nodes, _least_room(comm, _share_of_node(comm))
+    unknowns = _unknowns(cells, degree)
+    needed, fits = _BASE * comm.size + _BODY * unknowns, _least_room(comm, _share_of_node(comm))
     if needed > fits:
         raise ValueError(
-            f"too little memory: a mesh of {cells[0]} x {cells[1]} x {cells[2]} cells has {3 * nodes} displacement "
+            f"too little memory: a mesh of {_counted(cells, degree)} has {unknowns} displacement "
             f"unknowns, which need at least {gigabytes(needed)}, and {gigabytes(fits)} are free; take fewer cells "
             "(mesh.cells) or a larger machine; --force tries nevertheless"
         )
 
 
-def refuse_uncountable(cells: tuple[int, int, int]) -> None:
+def refuse_uncountable(cells: tuple[int, int, int], degree: int) -> None:
     """Refuse a box with more unknowns than PETSc's integers can number.
 
     Raises:
         ValueError: With their number.
     """
-    unknowns, most = 3 * (cells[0] + 1) * (cells[1] + 1) * (cells[2] + 1), int(np.iinfo(PETSc.IntType).max)
+    unknowns, most = _unknowns(cells, degree), int(np.iinfo(PETSc.IntType).max)
     if unknowns > most:
         raise ValueError(
-            f"too many unknowns: a mesh of {cells[0]} x {cells[1]} x {cells[2]} cells has {unknowns} displacement "
+            f"too many unknowns: a mesh of {_counted(cells, degree)} has {unknowns} displacement "
             f"unknowns, and the integers of this PETSc reach {most}; take fewer cells (mesh.cells)"
         )
+
+
+def _unknowns(cells: tuple[int, int, int], degree: int) -> int:
+    """Displacement unknowns of a box; of hexahedra and of tetrahedra they are the same."""
+    return 3 * (degree * cells[0] + 1) * (degree * cells[1] + 1) * (degree * cells[2] + 1)
+
+
+def _counted(cells: tuple[int, int, int], degree: int) -> str:
+    return f"{cells[0]} x {cells[1]} x {cells[2]} {'second-order ' if degree == 2 else ''}cells"
 
 
 def gigabytes(size: float) -> str:
