@@ -1,6 +1,7 @@
 """`coulomb check` refuses fields and numbers that do not follow from the answer, or differ from the case."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -282,8 +283,6 @@ def test_a_missing_mesh_file(tmp_path):
 @pytest.fixture
 def lost_nodes(monkeypatch):
     """A faulty contact surface that omits the middle third of the face."""
-    from dataclasses import replace
-
     from coulomb.fem.contact_matrix import contact_matrix
     from coulomb.model import contact
 

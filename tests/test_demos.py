@@ -124,6 +124,14 @@ def test_demo_patch():
     assert line(text, r"displacement to # of the slip")[0] <= 1e-8
 
 
+def test_demo_press_fit():
+    """Linear elements are of second order: the pressure is too high by about (h/a)^2/6, and the force as much."""
+    text = said("press_fit.py")
+    for pattern in (r"pressure # Pa, Lame # Pa", r"pull-out force # N, F p A = # N"):
+        found, known = line(text, pattern)
+        assert found == pytest.approx(known, rel=(1.0 / 6.0) ** 2 / 6.0)
+
+
 def test_demo_sliding_block():
     """|T| is at most F N, and equal to it after enough slip in either direction; energies balance."""
     text = said("sliding_block.py")

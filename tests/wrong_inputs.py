@@ -13,6 +13,7 @@ from pathlib import Path
 
 from wrong_cases import CASE_FILES, CONTACT, MATERIALS_AND_LOADS
 from wrong_files import COMMANDS, MESHES, RESOURCES
+from wrong_gaps import GAPS
 from wrong_input import BLOCK, case, comm, said
 from wrong_loads import LOADS
 from wrong_probes import PROBES
@@ -28,7 +29,7 @@ TABLE = {
     "Supports": SUPPORTS,
     "Loads, expressions, load curves": LOADS,
     "Meshes": MESHES,
-    "Contact": CONTACT,
+    "Contact": [*CONTACT, *GAPS],
     "Probes": PROBES,
     "Machine": RESOURCES,
     "Commands": COMMANDS,

@@ -24,6 +24,9 @@ _FIRST_KEY = {"mesh": "file", "output": "directory", "contact": "face", "materia
 _TAGS = (ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, CURVE, ROWS_ALONE, NUMBER, EXPRESSION)
 """Alternatives in the place of an error, which the user does not write."""
 
+_MEANT = {"interference": "gap, negative for an interference"}
+"""What is meant by keys that others use."""
+
 _Model = type[BaseModel]
 
 _short = reprlib.Repr()
@@ -103,7 +106,8 @@ def _meant(location: tuple[int | str, ...], case: _Model) -> str:
         shown = [f"[[{home}]]" if home in several and home not in _FIRST_KEY else f"[{home}]" for home in homes[:3]]
         return f"; it belongs to {' or '.join(shown)}{listed}"
     close = difflib.get_close_matches(name, known.get(here, []), n=1)
-    return f"{f'; did you mean {close[0]}?' if close else ''}{listed}"
+    meant = _MEANT.get(name) or (close[0] if close else "")
+    return f"{f'; did you mean {meant}?' if meant else ''}{listed}"
 
 
 def _tables(model: _Model, name: str = "", several: bool = False) -> Iterator[tuple[str, _Model, bool]]:

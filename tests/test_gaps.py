@@ -1,0 +1,172 @@
+"""Gaps given with a contact, and interference; press fits against Lame's formula are in the verification."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from check_runs import change, copied, edit, run_case
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, Cylinder, LoadCurve, LoadHistory, Material, Plane
+from coulomb.cli.understood import _contact
+from coulomb.io.recheck.directory import check
+from coulomb.model import contact as contacts
+from coulomb.model.understood import contacts_of
+
+RUBBER = Material(1e7, 0.3)
+STEPS = """\
+[mesh]
+box = [2.0, 1.0, 0.5]
+cells = [4, 2, 2]
+[material]
+young = 1e7
+poisson = 0.3
+[[clamp]]
+face = "top"
+[contact]
+face = "bottom"
+friction = 0.4
+gap = "1e-3*(x - 1.2)"
+gap_amplitude = [[0, 0], [1, 1], [2, -0.5]]
+motion = [[0, 0, 0, 0], [1, 0, 0, 0], [2, 2e-3, 0, 1e-4]]
+[history]
+times = [0.5, 1.0, 1.5, 2.0]
+"""
+
+
+def block(gap=0.0, amplitude=1.0, foundation=None, normals="foundation", cell="hexahedron", comm=None, **more):
+    contact = Contact("bottom", 0.3, None, foundation, normals, gap=gap, gap_amplitude=amplitude, **more)
+    return ContactProblem(coulomb.box((2.0, 1.0, 0.5), (4, 2, 2), cell), RUBBER, [Clamp("top")], contact)
+
+
+@pytest.mark.parametrize("normals", ["foundation", "body"])
+def test_a_gap_is_that_of_a_moved_foundation(normals):
+    """Against a plane at a distance, and against the plane of the face with that gap."""
+    floor = Plane((0.0, 0.0, 1e-3), (0.0, 0.0, 1.0))
+    far = Plane((0.0, 0.0, -4e-3), (0.0, 0.0, 1.0))
+    expected = block(foundation=floor, normals=normals).solve()
+    for problem in (block(-1e-3, normals=normals), block(-5e-3, foundation=far, normals=normals)):
+        answer = problem.solve()
+        assert answer.valid and answer.certificate.passed
+        scale = np.abs(expected.contact_force).max()
+        assert np.abs(answer.contact_force - expected.contact_force).max() <= 1e-7 * scale
+        assert answer.small_strain.gap_error <= 1e-6  # the distance includes the given gap
+
+
+def test_a_gap_is_added_at_every_node_of_its_own_face_only():
+    contact = [
+        Contact("bottom", 0.3, gap=lambda x: 1e-4 * x[0] - 2e-5, gap_amplitude=3.0),
+        Contact("top", 0.1, foundation=Plane((0.0, 0.0, 0.6), (0.0, 0.0, -1.0))),
+    ]
+    surface = ContactProblem(coulomb.box((2.0, 1.0, 0.5), (4, 2, 2)), RUBBER, [Clamp("left")], contact).surface
+    expected = np.where(surface.part == 0, 3.0 * (1e-4 * surface.x[:, 0] - 2e-5), 0.1)
+    assert np.allclose(surface.gap, expected, rtol=0.0, atol=1e-15)
+
+
+def test_a_gap_that_the_solver_forgets_is_noticed(monkeypatch):
+    real = contacts.contact_surface
+
+    def without(*arguments):
+        surface = real(*arguments)
+        return replace(surface, gap=surface.gap - surface.gap_field)
+
+    problem = block(-1e-3, foundation=Plane((0.0, 0.0, 1e-3), (0.0, 0.0, 1.0)))
+    assert problem.solve().certificate.passed
+    monkeypatch.setattr(contacts, "contact_surface", without)
+    with pytest.raises(coulomb.NotConverged, match="penetration"):
+        block(-1e-3, foundation=Plane((0.0, 0.0, 1e-3), (0.0, 0.0, 1.0))).solve()
+
+
+def test_work_of_a_growing_interference_is_stored():
+    """Without friction the steps are linear: the trapezoidal rule is exact, and all work is elastic energy."""
+    problem = block(-1e-3, [(0.0, 0.0), (1.0, 1.0)], cell="tetrahedron")
+    problem = ContactProblem(problem.mesh, RUBBER, [Clamp("top")], replace(problem.contacts[0], friction=0.0))
+    *_, last = LoadHistory(times=[0.3, 1.0]).steps(problem)
+    energy = last.state.energy
+    assert energy.foundation > 1.0 and energy.elastic == pytest.approx(energy.foundation, rel=1e-7)
+
+
+def test_a_run_with_gaps_agrees_with_its_case_and_changes_are_noticed(tmp_path):
+    folder = copied(STEPS, tmp_path / "run")
+    assert check(folder).passed
+    change(folder / "steps/0003/contact.h5", "given_gap", lambda gap: gap * (1.0 + 1e-8))
+    found = check(folder)
+    assert [step.passed for step in found.steps][:2] == [True, True] and not found.steps[2].passed
+    assert any("given_gap" in fault and "the case" in fault for fault in found.steps[2].faults)
+
+    folder = copied(STEPS, tmp_path / "other")
+    edit(folder / "case.json", lambda case: case["contact"].update(gap="1.0001e-3*(x - 1.2)"))
+    assert not any(step.passed for step in check(folder).steps)
+
+
+def test_without_a_case_the_gap_follows_from_motion_and_given_gap(tmp_path):
+    folder = copied(STEPS, tmp_path / "run")
+    (folder / "case.json").unlink()
+    assert check(folder).passed
+    change(folder / "steps/0003/contact.h5", "given_gap", lambda gap: gap * (1.0 + 1e-4))
+    assert any("initial_gap" in fault for fault in check(folder).steps[2].faults)
+
+
+def test_an_interrupted_press_fit_resumes(tmp_path):
+    from coulomb.case.case import read_case
+    from coulomb.io.history_files import HistoryFiles
+
+    folder = run_case(STEPS, tmp_path / "run")
+    for number in (3, 4):
+        (folder / f"steps/000{number}/summary.json").unlink()
+    settings = read_case(tmp_path / "run.toml")
+    ends = []
+    settings.load_history().run(
+        settings.problem(), HistoryFiles(folder, resume=True), on_step=lambda step: ends.append(step.state.energy)
+    )
+    assert len(ends) == 2 and check(folder).passed
+
+
+def test_what_was_understood_of_a_gap():
+    (pair,) = contacts_of(block(lambda x: 1e-4 * x[0] - 5e-5, [(0.0, 0.5), (1.0, 1.0)]))
+    assert [pair["given_gap"]["min"], pair["given_gap"]["max"]] == pytest.approx([-5e-5, 1.5e-4])
+    assert [pair["gap"]["min"], pair["gap"]["max"]] == pytest.approx([-2.5e-5, 7.5e-5])
+    assert "gap -25 um to 75 um, of which given -50 um to 150 um times its amplitude" in _contact(pair)
+    (pair,) = contacts_of(block())
+    assert "given" not in _contact(pair)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: block("1e-3"), "gap must be a number of metres or a function of place, .* but is '1e-3'"),
+        (lambda: block(float("nan")), "gap must be a number of metres"),
+        (lambda: block(np.zeros(3)), "gap must be a number of metres"),
+        (lambda: block(0.0, [(0, 0), (1, 1)]), "gap_amplitude is a factor of gap, which is not given"),
+        (lambda: block(0.0, LoadCurve([0, 1], [0, 1])), "gap_amplitude is a factor of gap"),
+        (
+            lambda: block(lambda x: np.where(x[0] < 1.0, np.inf, 0.0)),
+            "'bottom': gap: the value has entries that are not finite",
+        ),
+        (lambda: block(lambda x: x), r"'bottom': gap: the function must return 15 numbers, .* shape \(3, 15\)"),
+        (lambda: block(-5.0), "interference of 5 m is larger than the body, whose extent is 2.29129 m"),
+        (lambda: block(-1e-3, lambda time: np.nan), "'bottom': gap: the amplitude at time 0 is nan"),
+    ],
+)
+def test_wrong_gaps(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_a_bore_is_wider_by_its_interference_at_every_node():
+    """A ring on a pin: the bore takes the pin's radius."""
+
+    def place(x):
+        r, angle = 0.1 + 0.1 * x[0], 0.5 * np.pi * x[1]
+        return np.stack([r * np.cos(angle), r * np.sin(angle), 0.1 * x[2]])
+
+    mesh = coulomb.box((1.0, 1.0, 1.0), (2, 4, 1), "tetrahedron", place=place)
+    supports = [coulomb.SymmetryPlane(face) for face in ("front", "back", "bottom", "top")]
+    pin = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.1)
+    fit = Contact("left", 0.1, foundation=pin, gap=lambda x: -1e-4 * (1.0 + x[2]))
+    solution = ContactProblem(mesh, Material(2e11, 0.3), supports, fit).solve()
+    surface = solution.problem.surface
+    u = solution.displacement[surface.nodes]
+    radial = np.einsum("ki,ki->k", u[:, :2], surface.x[:, :2]) / 0.1
+    assert radial == pytest.approx(1e-4 * (1.0 + surface.x[:, 2]), rel=1e-6)
+    assert solution.small_strain.gap_error <= 1e-2 and solution.valid
