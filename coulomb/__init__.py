@@ -20,10 +20,12 @@ if TYPE_CHECKING:
     from .fem.meshes import box, read_gmsh, read_mesh, read_xdmf
     from .fem.named_mesh import NamedMesh
     from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
+    from .fem.orthotropic import OrthotropicMaterial
     from .fem.raised import raised
     from .fem.rigid_motion import Rotation
     from .fem.supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, SymmetryPlane
     from .fem.surface import ContactSurface
+    from .fem.temperature_field import TemperatureField
     from .io.history_files import HistoryFiles
     from .linalg.stiffness import DirectSolver, IterativeSolver
     from .load_curve import LoadCurve
@@ -76,6 +78,7 @@ __all__ = [
     "Material",
     "NamedMesh",
     "NotConverged",
+    "OrthotropicMaterial",
     "Plane",
     "PrescribedDisplacement",
     "PrescribedRotation",
@@ -96,6 +99,7 @@ __all__ = [
     "StepFailed",
     "SuccessiveTresca",
     "SymmetryPlane",
+    "TemperatureField",
     "TotalForce",
     "Traction",
     "VariableFriction",
@@ -116,6 +120,7 @@ _PUBLIC = {
     "model.contact": ("Contact",),
     "model.friction": ("SlipRateFriction", "VariableFriction"),
     "fem.body": ("Material",),
+    "fem.orthotropic": ("OrthotropicMaterial",),
     "fem.elasticity": ("Elasticity",),
     "load_curve": ("LoadCurve",),
     "fem.supports": ("Clamp", "PrescribedDisplacement", "PrescribedRotation", "Spring", "SymmetryPlane"),
@@ -126,6 +131,7 @@ _PUBLIC = {
     "fem.raised": ("raised",),
     "fem.rigid_motion": ("Rotation",),
     "fem.surface": ("ContactSurface",),
+    "fem.temperature_field": ("TemperatureField",),
     "io.history_files": ("HistoryFiles",),
     "solvers.general": ("solve_coulomb", "solve_tresca"),
     "model.load_history": ("LoadHistory", "StepFailed"),

@@ -1,23 +1,22 @@
-"""The tables of a case file that describe the body: mesh, materials, supports, loads, springs."""
+"""The tables of a case file that describe the mesh and the loads of the body."""
 
 from __future__ import annotations
 
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Field, model_validator
 
 from ..fem import mesh_formats
 from .curves import AmplitudeTable, amplitude_of
 from .place import NumberAt, VectorAt, coefficient, field
-from .values import TABLES, Cells, Density, FileName, GroupNumber, Length, Name, Table, Vector, Young
+from .values import Cells, FileName, GroupNumber, Length, Name, Table, Vector
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from ..fem.body import Material
     from ..fem.loads import Pressure, TotalForce, Traction
     from ..fem.named_mesh import NamedMesh
 
@@ -94,34 +93,6 @@ class MeshTable(Table):
                 "cells (in gmsh: Mesh.ElementOrder = 1)"
             )
         return raised(read) if self.degree == 2 and read.degree == 1 else read
-
-
-class MaterialTable(Table):
-    """Young's modulus in pascals, Poisson's ratio, density in kg/m^3."""
-
-    young: Young
-    poisson: Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
-    density: Density | None = None
-
-    def material(self) -> Material:
-        """What the table describes."""
-        from ..fem.body import Material
-
-        return Material(self.young, self.poisson, self.density)
-
-
-class GroupMaterialTable(MaterialTable):
-    """The material of a group of cells."""
-
-    cells: Name
-
-
-ONE, SEVERAL = "one [material]", "several [[material]]"
-MaterialTables = Annotated[
-    Annotated[MaterialTable, Tag(ONE)]
-    | Annotated[tuple[GroupMaterialTable, ...], Field(max_length=TABLES), Tag(SEVERAL)],
-    Discriminator(lambda given: SEVERAL if isinstance(given, list | tuple) else ONE),
-]
 
 
 class TractionTable(Table):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,10 +12,11 @@ from pydantic import Field, ValidationError, model_validator
 
 from ..fem.box_faces import BOX_FACES
 from ..ranks import is_rank_0, launched, on_rank_0
-from .body import MaterialTable, MaterialTables, MeshTable, PressureTable, TotalForceTable, TractionTable
+from .body import MeshTable, PressureTable, TotalForceTable, TractionTable
 from .contact import ContactTable, ContactTables, HistoryTable
 from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
 from .faults import fault_of, tables_of_several
+from .material import MaterialTable, MaterialTables, TemperatureTable
 from .place import VectorAt, field
 from .probe import ProbeTable
 from .renamed import renamed
@@ -34,9 +35,10 @@ from .values import TABLES, Table, Vector
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
     from mpi4py import MPI
 
-    from ..fem.body import Material
     from ..fem.loaded_body import LoadedBody, Spring, Support
     from ..fem.loads import Load
+    from ..fem.materials import AnyMaterial
+    from ..fem.temperature import ThermalLoad
     from ..model.load_history import LoadHistory
     from ..model.problem import ContactProblem
     from ..solvers.friction_problem import Solver
@@ -50,6 +52,7 @@ class Case(Table):
 
     mesh: MeshTable
     material: MaterialTables
+    temperature: TemperatureTable | None = None
     clamp: Annotated[tuple[ClampTable, ...], Field(max_length=TABLES)] = ()
     prescribed_displacement: Annotated[tuple[PrescribedDisplacementTable, ...], Field(max_length=TABLES)] = ()
     prescribed_rotation: Annotated[tuple[PrescribedRotationTable, ...], Field(max_length=TABLES)] = ()
@@ -91,6 +94,7 @@ class Case(Table):
             raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
         condensed = self.solver.newton == "condensed"
         clamps, loads, springs = self._acting
+        thermal = self._thermal
         problem = ContactProblem(
             self.mesh.mesh(comm),
             self.materials(),
@@ -102,6 +106,9 @@ class Case(Table):
             body_force_amplitude=amplitude_of(self.body_force_amplitude),
             gravity=self.gravity,
             gravity_amplitude=amplitude_of(self.gravity_amplitude),
+            temperature=None if thermal is None else thermal.temperature,
+            reference_temperature=0.0 if thermal is None else thermal.reference,
+            temperature_amplitude=1.0 if thermal is None else thermal.amplitude,
             linear_solver={
                 "auto": IterativeSolver if condensed else None,
                 "direct": DirectSolver,
@@ -131,8 +138,12 @@ class Case(Table):
         return LoadedBody(
             *(self.mesh.mesh(comm), self.materials(), clamps, loads),
             *(field(self.body_force), springs, amplitude_of(self.body_force_amplitude)),
-            *(self.gravity, amplitude_of(self.gravity_amplitude)),
+            *(self.gravity, amplitude_of(self.gravity_amplitude), self._thermal),
         )
+
+    @property
+    def _thermal(self) -> ThermalLoad | None:
+        return None if self.temperature is None else self.temperature.thermal()
 
     @property
     def _acting(self) -> tuple[list[Support], list[Load], list[Spring]]:
@@ -151,7 +162,7 @@ class Case(Table):
             return {"contact": self.contact}
         return {f"contact.{k}": table for k, table in enumerate(self.contact)}
 
-    def materials(self) -> Material | dict[str, Material]:
+    def materials(self) -> AnyMaterial | dict[str, AnyMaterial]:
         """The material of the whole body, or per group of cells."""
         if isinstance(self.material, MaterialTable):
             return self.material.material()
@@ -188,6 +199,7 @@ class Case(Table):
         timed |= {f"{key}.rotation": table.rotation for key, table in self.contacts.items()}
         timed |= {f"{key}.gap_amplitude": table.gap_amplitude for key, table in self.contacts.items()}
         timed |= {"body_force_amplitude": self.body_force_amplitude, "gravity_amplitude": self.gravity_amplitude}
+        timed |= {"temperature.amplitude": None if self.temperature is None else self.temperature.amplitude}
         moved = ("clamp", "prescribed_displacement", "prescribed_rotation")
         for name in (*moved, "traction", "pressure", "total_force"):
             timed |= {f"{name}.{k}.amplitude": table.amplitude for k, table in enumerate(getattr(self, name))}
@@ -223,8 +235,22 @@ class Case(Table):
         return self.solver.contact_solver(any(table.sloped for table in self.contacts.values()))
 
 
-FILES = {"file", "facets", "cell_groups"}
-"""Keys of the mesh whose values are file names."""
+FILES = {"mesh": ("file", "facets", "cell_groups"), "temperature": ("file",)}
+"""Keys whose values are names of files, by table."""
+
+
+def named_files(tables: Mapping[str, Any]) -> dict[tuple[str, str], str]:
+    """The names of the files of a case, by table and key.
+
+    Args:
+        tables: The tables of the case.
+    """
+    found: dict[tuple[str, str], str] = {}
+    for name, keys in FILES.items():
+        table = tables.get(name)
+        given = {key: table.get(key) for key in keys} if isinstance(table, Mapping) else {}
+        found |= {(name, key): value for key, value in given.items() if isinstance(value, str)}
+    return found
 
 
 def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
@@ -256,8 +282,6 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
 
 
 def _beside(case: Path, tables: dict[str, Any]) -> None:
-    """Make names of mesh files relative to the case's directory."""
-    mesh = tables.get("mesh")
-    for key in FILES:
-        if isinstance(mesh, dict) and isinstance(mesh.get(key), str):
-            mesh[key] = str(case.parent / mesh[key])
+    """Make names of files relative to the case's directory."""
+    for (table, key), name in named_files(tables).items():
+        tables[table][key] = str(case.parent / name)

@@ -9,19 +9,25 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from .body import ONE, SEVERAL
 from .contact import BY_SLIP_RATE, FACE, FACES
 from .curves import CURVE, ROWS_ALONE, CurveTable
+from .material import ONE, ONE_NUMBER, SEVERAL, THREE_NUMBERS
 from .place import EXPRESSION, NUMBER
 from .values import ISOTROPIC, ORTHOTROPIC
 
 _MOST = 10
 """Maximum number of faults listed."""
 
-_FIRST_KEY = {"mesh": "file", "output": "directory", "contact": "face", "material": "young", "history": "times"}
+_FIRST_KEY = {
+    **{"mesh": "file", "output": "directory", "contact": "face", "material": "young", "history": "times"},
+    "temperature": "file",
+}
 """The probable key if a value is given in place of a table."""
 
-_TAGS = (ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, CURVE, ROWS_ALONE, NUMBER, EXPRESSION)
+_TAGS = (
+    *(ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, CURVE, ROWS_ALONE, NUMBER, EXPRESSION),
+    *(ONE_NUMBER, THREE_NUMBERS),
+)
 """Alternatives in the place of an error, which the user does not write."""
 
 _MEANT = {"interference": "gap, negative for an interference"}

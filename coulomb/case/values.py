@@ -43,6 +43,9 @@ Length = Annotated[float, _POSITIVE, _between(1e-12, 1e12)]
 Duration = Annotated[float, _POSITIVE, _between(1e-30, 1e30)]
 Young = Annotated[float, _POSITIVE, _between(1e-6, 1e24)]
 Density = Annotated[float, _POSITIVE, _between(1e-12, 1e12)]
+Expansion = Annotated[float, _FINITE, _between(1e-12, 1.0, zero=True)]
+"""Thermal expansion in 1/K."""
+
 Stiffness = Annotated[float, _NOT_NEGATIVE, _between(1e-12, 1e30, zero=True)]
 Stress = Annotated[float, _NOT_NEGATIVE, _between(1e-30, 1e30, zero=True)]
 

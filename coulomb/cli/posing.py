@@ -8,7 +8,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from ..case.case import Case
-from ..fem.body import LOCKING_ABOVE, Material
+from ..case.material import MaterialTable
+from ..fem.body import LOCKING_ABOVE
 from ..io.earlier_results import refuse_to_replace
 from ..io.lock import refuse_in_use
 from ..io.output import refuse_full_disk, size_on_disk
@@ -81,9 +82,8 @@ def refuse_unwritable(target: Path, comm: MPI.Comm) -> None:
 
 def doubts(settings: Case) -> None:
     """Warn about settings that are allowed but probably not intended."""
-    materials = settings.materials()
-    given = [materials] if isinstance(materials, Material) else list(materials.values())
-    highest = max(material.poisson for material in given)
+    tables = [settings.material] if isinstance(settings.material, MaterialTable) else settings.material
+    highest = max((table.poisson for table in tables if not isinstance(table.poisson, tuple)), default=0.0)
     if highest > LOCKING_ABOVE:
         errors.print(
             f"warning: material: poisson = {highest} is near 0.5: above {LOCKING_ABOVE:g} first-order elements lock "

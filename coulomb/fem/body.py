@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ..arrays import FloatArray
 from . import compat
+from .cell_materials import CellMaterials
 from .compat import fem, ufl
 from .displacement_space import DisplacementSpace
+from .orthotropic import PAIRS, UPPER
 
 LOCKING_ABOVE = 0.49
 """Poisson's ratio above which first-order elements lock: nearly constant volume prevents their bending."""
@@ -23,6 +28,7 @@ class Material:
         young: Young's modulus in pascals, > 0.
         poisson: Poisson's ratio, in (-1, 0.5).
         density: Density in kg/m^3, > 0; only gravity needs it.
+        expansion: Coefficient of thermal expansion in 1/K; only a temperature needs it.
 
     Raises:
         ValueError: If a constant is outside its bounds.
@@ -31,6 +37,7 @@ class Material:
     young: float
     poisson: float
     density: float | None = None
+    expansion: float | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.young) and self.young > 0.0):
@@ -39,39 +46,67 @@ class Material:
             raise ValueError(f"material: poisson must be in (-1, 0.5), but is {self.poisson}")
         if self.density is not None and not (math.isfinite(self.density) and self.density > 0.0):
             raise ValueError(f"material: density must be a positive number of kg/m^3, but is {self.density}")
+        given = self.expansion
+        if given is not None and not (isinstance(given, float | int) and math.isfinite(given)):
+            raise ValueError(f"material: expansion must be a finite number in 1/K, but is {given!r}")
 
 
 class ElasticBody(DisplacementSpace):
-    """Small strains, Hooke's law, elements of the order of the mesh.
+    """Small strains, Hooke's law: stress = stiffness (strain - thermal strain); elements of the order of the mesh.
+
+    Isotropic bodies have the stress 2 mu strain + lambda tr(strain) I; if a cell is orthotropic, all cells have the 21
+    constants of a stiffness (`orthotropic`).
 
     Args:
         domain: DOLFINx mesh, coordinates in metres.
-        young: Young's modulus of this rank's own cells in pascals, shape (c,).
-        poisson: Their Poisson's ratio, shape (c,).
+        materials: Elastic constants of this rank's own cells.
 
     Attributes:
-        young: Young's modulus, a function that is constant on every cell.
-        poisson: Poisson's ratio, a function that is constant on every cell.
+        constants: The same as functions that are constant on every cell, by their names in solution.xdmf.
     """
 
-    def __init__(self, domain: Any, young: FloatArray, poisson: FloatArray):
+    def __init__(self, domain: Any, materials: CellMaterials):
         super().__init__(compat.functionspace(domain, compat.geometry_degree(domain), (3,)))
         self._dx = cell_measure(domain)
-        self.young, self.poisson = self._on_cells(young, "young"), self._on_cells(poisson, "poisson")
-        self._mu = self._on_cells(young / (2.0 * (1.0 + poisson)), "mu")
-        self._lame = self._on_cells(young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), "lambda")
+        self.constants = {name: self._on_cells(values, name) for name, values in materials.fields.items()}
+        stiffness = materials.stiffness
+        if stiffness is None:
+            young, poisson = materials.young, materials.poisson
+            self._mu = self._on_cells(young / (2.0 * (1.0 + poisson)), "mu")
+            self._lame = self._on_cells(young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), "lambda")
+        self._stiffness = None if stiffness is None else self._on_cells(stiffness, "stiffness")
+        thermal = materials.thermal_stress(stiffness)
+        self._per_kelvin = None if thermal is None else self._on_cells(thermal, "thermal_stress")
         self._u = fem.Function(self.V, name="displacement")
         self._internal_form = fem.form(ufl.inner(self._stress(self._u), strain(self._test)) * self._dx)
 
     def internal_force(self, u: FloatArray) -> FloatArray:
-        """Internal nodal forces of u in newtons, assembled from the stress without K; shapes (k, 3)."""
+        """Internal nodal forces of u in newtons, assembled from the stress without K; shapes (k, 3).
+
+        Without the thermal stress, of which the nodal forces are a load (`thermal_force`).
+        """
         self._u.x.array[: 3 * self._owned] = u.ravel()
         self._u.x.scatter_forward()
         return self._assemble(self._internal_form)
 
-    def von_mises(self, u: Any) -> Any:
-        """Von Mises stress in pascals at the cells' midpoints, a DG0 Function; u is a Function of V."""
+    def thermal_force(self, change: FloatArray) -> FloatArray:
+        """Nodal forces in newtons, shape (k, 3), that cause the thermal strain of a temperature change.
+
+        Args:
+            change: Temperature minus that of the unstrained body, kelvin, at this rank's nodes, shape (k,).
+        """
+        return self._assemble(fem.form(ufl.inner(self._thermal_stress(change), strain(self._test)) * self._dx))
+
+    def von_mises(self, u: Any, change: FloatArray | None = None) -> Any:
+        """Von Mises stress in pascals at the cells' midpoints, a DG0 Function.
+
+        Args:
+            u: Displacement, a Function of V.
+            change: Temperature change at this rank's nodes in kelvin, shape (k,).
+        """
         s = self._stress(u)
+        if change is not None:
+            s = s - self._thermal_stress(change)
         deviator = s - ufl.tr(s) / 3.0 * ufl.Identity(3)
         W = compat.functionspace(self.domain, 0, family="DG")
         stress = fem.Function(W, name="von_mises_stress")
@@ -80,7 +115,21 @@ class ElasticBody(DisplacementSpace):
         return stress
 
     def _stress(self, u: Any) -> Any:
-        return 2.0 * self._mu * strain(u) + self._lame * ufl.tr(strain(u)) * ufl.Identity(3)
+        """Of a displacement without temperature."""
+        e = strain(u)
+        if self._stiffness is None:
+            return 2.0 * self._mu * e + self._lame * ufl.tr(e) * ufl.Identity(3)
+        C = {pair: self._stiffness[k] for k, pair in enumerate(UPPER)}
+        doubled = [(1.0 if i == j else 2.0) * e[i, j] for i, j in PAIRS]
+        return _tensor([sum(C[min(i, j), max(i, j)] * doubled[j] for j in range(6)) for i in range(6)])
+
+    def _thermal_stress(self, change: FloatArray) -> Any:
+        """Stiffness times thermal strain."""
+        assert self._per_kelvin is not None
+        kelvin = self.function(np.repeat(change[:, None], 3, axis=1), "temperature_change")[0]
+        if self._stiffness is None:
+            return self._per_kelvin * kelvin * ufl.Identity(3)
+        return _tensor([self._per_kelvin[k] * kelvin for k in range(6)])
 
 
 def cell_measure(domain: Any) -> Any:
@@ -97,3 +146,8 @@ def cell_measure(domain: Any) -> Any:
 
 def strain(u: Any) -> Any:
     return ufl.sym(ufl.grad(u))
+
+
+def _tensor(s: Sequence[Any]) -> Any:
+    """The symmetric tensor of six components in the order of `PAIRS`."""
+    return ufl.as_matrix([[s[0], s[5], s[4]], [s[5], s[1], s[3]], [s[4], s[3], s[2]]])

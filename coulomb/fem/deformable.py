@@ -19,6 +19,7 @@ from .held_space import HeldSpace
 from .loads import AppliedLoad
 from .materials import Materials
 from .nodal_forces import NodalForces
+from .temperature import Temperature
 
 
 @dataclass(frozen=True)
@@ -29,11 +30,13 @@ class Loading:
         time: The time.
         load: Nodal forces of all loads in newtons, shape (k, 3).
         prescribed: Prescribed displacements in metres, 0 elsewhere, shape (k, 3).
+        temperature: Temperature; None for a body without.
     """
 
     time: float
     load: FloatArray
     prescribed: FloatArray
+    temperature: Temperature | None = None
 
 
 class Deformable(HeldSpace, ABC):
@@ -111,8 +114,13 @@ class Deformable(HeldSpace, ABC):
         """Kind, face and what it holds of every support and spring."""
 
     @abstractmethod
-    def cell_fields(self, u: Any) -> list[Any]:
-        """Functions that are constant on every cell, to be written beside u, a Function of V."""
+    def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
+        """Functions that are constant on every cell, to be written beside u, a Function of V, under a loading."""
+
+    @property
+    def numbers_per_cell(self) -> int:
+        """How many numbers per cell `cell_fields` has."""
+        return 3
 
     def forms(self) -> Mapping[str, Any] | None:
         """What is recorded of the user's forms; None for a body without."""

@@ -59,6 +59,13 @@ class DisplacementSpace:
         function.x.scatter_forward()
         return function
 
+    def scalar_function(self, values: FloatArray, name: str) -> Any:
+        """DOLFINx Function of numbers (k,) at this rank's nodes, in the scalar space of the same degree."""
+        function = fem.Function(compat.functionspace(self.domain, self.degree), name=name)
+        everywhere = self.function(np.repeat(values[:, None], 3, axis=1)).x.array[::3]
+        function.x.array[compat.cell_dofs(function.function_space)] = everywhere[compat.cell_dofs(self.V)]
+        return function
+
     def nodes_of(self, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
         """This rank's nodes on boundary facets of any rank, sorted."""
         dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
@@ -179,7 +186,10 @@ class DisplacementSpace:
         return values
 
     def _on_cells(self, values: FloatArray, name: str) -> Any:
-        function = fem.Function(compat.functionspace(self.domain, 0, family="DG"), name=name)
-        function.x.array[compat.cell_dofs(function.function_space)[: len(values), 0]] = values
+        """Function that is constant on every cell, from this rank's own cells: numbers (c,), or rows (c, n)."""
+        width = values.shape[1:]
+        function = fem.Function(compat.functionspace(self.domain, 0, width, family="DG"), name=name)
+        cells = compat.cell_dofs(function.function_space)[: len(values), 0]
+        function.x.array.reshape(-1, *width)[cells] = values
         function.x.scatter_forward()
         return function

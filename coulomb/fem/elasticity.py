@@ -17,6 +17,7 @@ from .loads import Load, Traction
 from .materials import Materials
 from .named_mesh import NamedMesh
 from .supports import Clamp, PrescribedDisplacement, Spring, Support
+from .temperature import ThermalLoad
 from .user_values import Amplitude, Field
 
 __all__ = ["Clamp", "Elasticity", "Materials", "PrescribedDisplacement", "Spring", "Support", "Traction"]
@@ -45,10 +46,11 @@ class Elasticity(LoadedBody, Deformable):
         body_force_amplitude: Amplitude = 1.0,
         gravity: Sequence[float] = (0.0, 0.0, 0.0),
         gravity_amplitude: Amplitude = 1.0,
+        thermal: ThermalLoad | None = None,
     ):
         super().__init__(
             *(mesh, materials, clamps, tractions, body_force, springs, body_force_amplitude),
-            *(gravity, gravity_amplitude),
+            *(gravity, gravity_amplitude, thermal),
         )
         trial = ufl.TrialFunction(self.V)
         self._K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * self._dx))

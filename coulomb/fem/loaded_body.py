@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from .body import ElasticBody
+from .cell_materials import VECTORS
 from .constraints import prescribed_rows
 from .contradictions import SupportedNodes, contradictions
 from .deformable import Loading
@@ -21,6 +22,7 @@ from .nodal_forces import NodalForces
 from .rigid_modes import free_motions, rigid_modes
 from .supported_face import SupportedFace
 from .supports import Clamp, PrescribedDisplacement, Spring, Support
+from .temperature import Temperature, ThermalLoad, range_of, shown_range
 from .user_values import Amplitude, Field, evaluate_amplitude, on_all_ranks
 
 __all__ = ["Clamp", "LoadedBody", "Loading", "PrescribedDisplacement", "Spring", "Support"]
@@ -38,13 +40,14 @@ class LoadedBody(ElasticBody, HeldSpace):
 
     Attributes:
         mesh: The body.
-        materials: A Material, or a mapping of cell groups to materials.
+        materials: A material, or a mapping of cell groups to materials.
         V: Its space of displacements.
         supports: What prescribes displacements; where supports meet, the later one applies.
         held: The directions along which this rank's nodes are held.
         springs: Its springs.
         contradictions: Messages about supports that prescribe different displacements where they meet.
         spring: Stiffness of the springs at this rank's nodes along x, y, z in N/m, shape (k, 3).
+        thermal: Its temperature; None without one.
         loads: Its loads, with their nodal forces.
 
     Raises:
@@ -63,10 +66,11 @@ class LoadedBody(ElasticBody, HeldSpace):
         body_force_amplitude: Amplitude = 1.0,
         gravity: Sequence[float] = (0.0, 0.0, 0.0),
         gravity_amplitude: Amplitude = 1.0,
+        thermal: ThermalLoad | None = None,
     ):
         for name, given in (("clamps", clamps), ("springs", springs), ("tractions", tractions)):
             _refuse_others(name, given)
-        super().__init__(mesh.domain, *material_of_cells(mesh, materials))
+        super().__init__(mesh.domain, material_of_cells(mesh, materials, thermal is not None))
         self.mesh = mesh
         self.materials: Materials | None = materials
         self.supports = tuple(clamps)
@@ -75,7 +79,15 @@ class LoadedBody(ElasticBody, HeldSpace):
         self._refuse_floating_body()
         volume: list[Load] = [] if vanishes(body_force) else [BodyForce(body_force, body_force_amplitude)]
         volume += [] if vanishes(gravity) else [Weight(gravity, materials, gravity_amplitude)]
-        self.loads = tuple(AppliedLoad(load, load.nodal_force(self, mesh)) for load in (*volume, *tractions))
+        self.thermal, heat = thermal, []
+        if thermal is not None:
+            self._temperature_change = thermal.change(self, mesh)
+            size = shown_range(range_of(self._temperature_change, mesh.comm))
+            heat = [AppliedLoad(thermal, self.thermal_force(self._temperature_change), size)]
+        in_volume, on_faces = (
+            [AppliedLoad(load, load.nodal_force(self, mesh)) for load in loads] for loads in (volume, tractions)
+        )
+        self.loads = (*in_volume, *heat, *on_faces)
 
     def at(self, time: float) -> Loading:
         """Loads and prescribed displacements at a time; collective.
@@ -88,7 +100,7 @@ class LoadedBody(ElasticBody, HeldSpace):
             load += part.forces
         factors = [self._factor(support.amplitude, time, support.what) for support in self.supports]
         prescribed = self._rows.displacement(np.array([0.0, *factors])[1 + self._rows.support] * self._values)
-        return Loading(time, load, prescribed)
+        return Loading(time, load, prescribed, self._temperature_at(time))
 
     def loads_at(self, time: float) -> Iterator[NodalForces]:
         """The forces of every load by itself at a time; collective.
@@ -108,6 +120,12 @@ class LoadedBody(ElasticBody, HeldSpace):
         """The forces of every spring by itself at displacements u (k, 3), in the order given."""
         for face, stiffness in self._springs:
             yield NodalForces("spring", face, -stiffness * u)
+
+    def _temperature_at(self, time: float) -> Temperature | None:
+        if self.thermal is None:
+            return None
+        factor = self._factor(self.thermal.amplitude, time, "temperature")
+        return Temperature(factor * self._temperature_change, self.thermal.reference)
 
     def _factor(self, amplitude: Amplitude, time: float, what: str) -> float:
         factor: float = on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)
@@ -189,9 +207,15 @@ class LoadedBody(ElasticBody, HeldSpace):
         supports = [{"kind": support.kind, "face": support.face, "holds": support.holds} for support in self.supports]
         return supports + [{"kind": "spring", "face": spring.face, "holds": spring.holds} for spring in self.springs]
 
-    def cell_fields(self, u: Any) -> list[Any]:
-        """Von Mises stress of u, a Function of V, Young's modulus and Poisson's ratio."""
-        return [self.von_mises(u), self.young, self.poisson]
+    def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
+        """Von Mises stress of u, a Function of V, under a loading, and the constants of the materials."""
+        change = None if loading.temperature is None else loading.temperature.change
+        return [self.von_mises(u, change), *self.constants.values()]
+
+    @property
+    def numbers_per_cell(self) -> int:
+        """How many numbers per cell `cell_fields` has."""
+        return 1 + sum(3 if name in VECTORS else 1 for name in self.constants)
 
 
 def _refuse_others(name: str, given: object) -> None:

@@ -27,8 +27,8 @@ from .user_values import (
 )
 
 
-class Load(Protocol):
-    """A load: a kind, perhaps a face, an amplitude, and nodal forces."""
+class Timed(Protocol):
+    """What a load is called, and its factor in time."""
 
     @property
     def kind(self) -> str:
@@ -44,6 +44,10 @@ class Load(Protocol):
     def amplitude(self) -> Amplitude:
         """Factor as a function of time."""
         ...
+
+
+class Load(Timed, Protocol):
+    """A load: a kind, perhaps a face, an amplitude, and nodal forces."""
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         """Nodal forces in newtons at the factor 1, this rank's nodes, shape (k, 3); collective.
@@ -190,10 +194,12 @@ class AppliedLoad:
     Attributes:
         load: The load.
         nodal_force: Nodal forces in newtons at the factor 1, shape (k, 3).
+        size: Its size in words, where forces do not show it.
     """
 
-    load: Load
+    load: Timed
     nodal_force: FloatArray
+    size: str = ""
 
     def at(self, time: float, comm: MPI.Comm) -> FloatArray:
         """Nodal forces at a time in newtons, shape (k, 3); collective.
@@ -206,7 +212,7 @@ class AppliedLoad:
         return factor * self.nodal_force
 
 
-def named(load: Load) -> str:
+def named(load: Timed) -> str:
     """A load in error messages."""
     return load.kind if load.face is None else f"{load.kind} on {load.face!r}"
 

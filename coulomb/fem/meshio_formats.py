@@ -57,7 +57,7 @@ def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> 
         ValueError: If it is damaged, or has no cells or not the numbers that are asked for; or if meshio is missing.
     """
     data = read_bytes(path)
-    mesh = _by_meshio(path, data, _MODULES[Path(path).suffix.lower()])
+    mesh = by_meshio(path, data, _MODULES[Path(path).suffix.lower()])
     solids: dict[int, int] = {}
     flat = 0
     for block in mesh.cells:
@@ -76,7 +76,7 @@ def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> 
     return MeshFile(path, points, cells, cell_groups, face_groups)
 
 
-def _by_meshio(path: str, data: bytes, form: str) -> Any:
+def by_meshio(path: str, data: bytes, form: str) -> Any:
     try:
         import meshio  # when a file needs it: it takes 0.1 s to load, and may be missing
     except ImportError:

@@ -137,7 +137,7 @@ def _grids(
     for grid in tree.iter("Grid"):
         geometry, topology = grid.find("Geometry"), grid.find("Topology")
         if geometry is not None:
-            points = _array(path, geometry).astype(np.float64)
+            points = array_of(path, geometry).astype(np.float64)
         if topology is None:
             continue
         kind, _, nodes = (topology.get("TopologyType") or topology.get("Type") or "").lower().partition("_")
@@ -149,12 +149,12 @@ def _grids(
             continue
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"{path}: has points in {points.shape[-1]}D, but a body in 3D is needed")
-        rows = _array(path, topology).astype(np.int64).reshape(-1, _WIDTH[kind])
+        rows = array_of(path, topology).astype(np.int64).reshape(-1, _WIDTH[kind])
         if len(rows) and not (0 <= rows.min() and rows.max() < len(points)):
             raise ValueError(f"{path}: has a cell or facet with a point that the file does not define")
         numbers: dict[str, IntArray] = {}
         for attribute in grid.findall("Attribute"):
-            values = np.ravel(_array(path, attribute))
+            values = np.ravel(array_of(path, attribute))
             if attribute.get("Center") == "Cell" and values.dtype.kind in "iu":
                 numbers[attribute.get("Name") or "unnamed"] = values.astype(np.int64)
         found.append(_Grid(path, kind, rows, points, numbers))
@@ -163,8 +163,12 @@ def _grids(
     return found
 
 
-def _array(path: str, parent: ElementTree.Element) -> npt.NDArray[Any]:
-    """The numbers of an element's DataItem."""
+def array_of(path: str, parent: ElementTree.Element) -> npt.NDArray[Any]:
+    """The numbers of an element's DataItem.
+
+    Raises:
+        ValueError: If they cannot be read.
+    """
     item = parent.find("DataItem")
     if item is None or item.text is None:
         raise ValueError(f"{path}: a {parent.tag} has no DataItem")

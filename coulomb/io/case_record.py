@@ -12,7 +12,7 @@ from typing import Any
 from mpi4py import MPI
 from pydantic import ValidationError
 
-from ..case.case import FILES, Case
+from ..case.case import Case, named_files
 from ..ranks import on_rank_0
 from ..regular_file import refuse_irregular
 from .restart import read_step
@@ -23,7 +23,7 @@ _FREE = ("output", "solver", "history.halvings", "small_strain")
 
 
 def case_record(case: Case, comm: MPI.Comm) -> dict[str, Any]:
-    """The case without its output, and a digest of each of its mesh files; collective, the same on every rank.
+    """The case without its output, and a digest of each of its files; collective, the same on every rank.
 
     Raises:
         ValueError: On every rank, if a file cannot be read.
@@ -31,8 +31,7 @@ def case_record(case: Case, comm: MPI.Comm) -> dict[str, Any]:
     tables = case.model_dump(mode="json", exclude_unset=True, exclude={"output"})
 
     def digests() -> str:
-        named = {key: tables["mesh"][key] for key in sorted(FILES.intersection(tables["mesh"]))}
-        return json.dumps({key: _digest(Path(name)) for key, name in named.items() if name is not None})
+        return json.dumps({key: _digest(Path(name)) for key, name in _files(tables).items()})
 
     try:
         return {"tables": tables, "files": json.loads(on_rank_0(comm, digests))}
@@ -65,9 +64,9 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
     except ValidationError:
         raise ValueError(f"{step}: was computed by another version of coulomb; run the case again") from None
     changed = [
-        f"the contents of mesh.{key}" for key in before["files"] if now["files"].get(key) != before["files"][key]
+        f"the contents of {_key(key)}" for key in before["files"] if now["files"].get(key) != before["files"][key]
     ]
-    same = {f"mesh.{key}" for key in before["files"]}
+    same = {_key(key) for key in before["files"]}
     differences = list(_differences(then, case.model_dump(mode="json")))
     free = [text for key, text in differences if key.startswith(_FREE) and not key.startswith("output")]
     changed += [text for key, text in differences if key not in same and not key.startswith(_FREE)]
@@ -85,19 +84,30 @@ def differences(before: Case, digests: Mapping[str, str], case: Case, now: Mappi
 
     Args:
         before: The earlier case.
-        digests: Digests of its mesh files (`case_record`), empty if they are unknown.
+        digests: Digests of its files (`case_record`), empty if they are unknown.
         case: The case.
-        now: Digests of its mesh files.
+        now: Digests of its files.
     """
-    changed = [f"the contents of mesh.{key}" for key in digests if now.get(key, digests[key]) != digests[key]]
+    changed = [f"the contents of {_key(key)}" for key in digests if now.get(key, digests[key]) != digests[key]]
     listed = _differences(before.model_dump(mode="json"), case.model_dump(mode="json"))
-    same = {f"mesh.{key}" for key in FILES if key in now and (key in digests or _path(before, key) == _path(case, key))}
+    then, here = (_files(one.model_dump(mode="json")) for one in (before, case))
+    same = {_key(key) for key in now if key in digests or _path(then, key) == _path(here, key)}
     return changed + [text for key, text in listed if key not in same and not key.startswith(_FREE)]
 
 
-def _path(case: Case, key: str) -> Path | None:
-    name = case.model_dump(mode="json")["mesh"].get(key)
-    return None if name is None else Path(name).absolute()
+def _files(tables: Mapping[str, Any]) -> dict[str, str]:
+    """Names of the files of a case, by their keys in records: of the mesh without its table."""
+    named = named_files(tables)
+    return {key if table == "mesh" else f"{table}.{key}": named[table, key] for table, key in sorted(named)}
+
+
+def _key(recorded: str) -> str:
+    """The key in a case for that of a record."""
+    return recorded if "." in recorded else f"mesh.{recorded}"
+
+
+def _path(files: Mapping[str, str], key: str) -> Path | None:
+    return Path(files[key]).absolute() if key in files else None
 
 
 def _differences(then: Any, now: Any, key: str = "") -> Iterator[tuple[str, str]]:
@@ -120,7 +130,7 @@ def _shown(value: Any) -> str:
 
 
 def _digest(path: Path) -> str:
-    """SHA-256 of a mesh file, and of the files it names: HDF5 files in XDMF, included ones in Abaqus' format."""
+    """SHA-256 of a file, and of the files it names: HDF5 files in XDMF, included ones in Abaqus' format."""
     refuse_irregular(path)
     found = hashlib.sha256()
     files = [path]

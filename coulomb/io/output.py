@@ -27,6 +27,7 @@ from ..arrays import FloatArray
 from ..fem import compat
 from ..fem.compat import fem
 from ..fem.constraints import HELD_OBLIQUE
+from ..fem.temperature import TEMPERATURE
 from ..model.nodal_answer import HELD
 from ..model.posed_problem import PosedProblem
 from ..model.provenance import moment, now, provenance
@@ -111,10 +112,15 @@ def _write_body(solution: Solution, path: str) -> None:
     if not solution.problem.comm.allreduce(bool(np.any(held.oblique)), op=MPI.LOR):
         del given[HELD_OBLIQUE]
     nodal = [u, *(elasticity.function(values, name) for name, values in given.items())]
+    if loading.temperature is not None:
+        nodal.append(elasticity.scalar_function(loading.temperature.change, TEMPERATURE))
     domain, comm = elasticity.mesh.domain, solution.problem.comm
-    _write_fields(comm, path, domain, [*nodal, *elasticity.cell_fields(u)])
-    owned = dof_of_point(domain, elasticity.V)[: domain.geometry.index_map().size_local]
-    overwrite(comm, str(data_of(path)), domain, {f.name: f.x.array.reshape(-1, 3)[owned] for f in nodal})
+    _write_fields(comm, path, domain, [*nodal, *elasticity.cell_fields(u, loading)])
+    exact = {}
+    for f in nodal:
+        owned = dof_of_point(domain, f.function_space)[: domain.geometry.index_map().size_local]
+        exact[f.name] = f.x.array.reshape(-1, 1 if f.name == TEMPERATURE else 3)[owned]
+    overwrite(comm, str(data_of(path)), domain, exact)
 
 
 def contact_fields(solution: Solution) -> dict[str, FloatArray]:
@@ -160,8 +166,9 @@ def size_on_disk(problem: PosedProblem) -> float:
     points, cells = (float(domain.topology.index_map(dim).size_global) for dim in (0, 3))
     facets: int = comm.allreduce(len(_contact_facets(problem)), op=MPI.SUM)
     width = float(compat.cell_geometry(domain).shape[1])
-    # coordinates, 5 vectors per point, 3 numbers per cell; on the face coordinates, 7 vectors and 14 numbers per node
-    return 1.1e5 + 24.0 * 6.0 * points + 8.0 * (width + 3.0) * cells + (24.0 * 8.0 + 8.0 * 14.0) * 1.5 * facets
+    width += problem.elasticity.numbers_per_cell
+    # coordinates and 5 vectors per point; on the face coordinates, 7 vectors and 14 numbers per node
+    return 1.1e5 + 24.0 * 6.0 * points + 8.0 * width * cells + (24.0 * 8.0 + 8.0 * 14.0) * 1.5 * facets
 
 
 def refuse_full_disk(problem: PosedProblem, target: Path, times: int = 1) -> None:

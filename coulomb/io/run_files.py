@@ -16,8 +16,10 @@ from scipy.spatial import cKDTree
 from ..arrays import FloatArray
 from ..fem import compat
 from ..fem.body import ElasticBody
+from ..fem.cell_materials import FIELDS, VECTORS, CellMaterials
 from ..fem.constraints import HELD_OBLIQUE, HeldDirections
 from ..fem.named_mesh import corners_of, local_facets
+from ..fem.temperature import TEMPERATURE
 from ..model.accumulated import ACCUMULATED
 from ..model.nodal_answer import HELD
 from ..solvers.laws import LAWS
@@ -25,8 +27,8 @@ from .field_files import data_of, read_fields, refuse_misnamed
 from .recheck.comparison import OF_LARGEST
 from .run_directory import OLD, SOLUTION, RunDirectory
 
-ON_CELLS = ("von_mises_stress", "young", "poisson")
-"""Fields of solution.h5, one number per cell."""
+ON_CELLS = ("von_mises_stress",)
+"""Fields of solution.h5, one number per cell; besides those of `cell_materials`."""
 
 ON_BODY = ("displacement", "load", "held", "prescribed", "spring")
 """Fields of solution.h5, one vector per node."""
@@ -64,8 +66,8 @@ class WrittenRun:
         cells: Their numbers per cell, in the order of the file.
         body: The body with the materials of the files; its nodes may be in another order.
         on_cells: Fields of the cells, in the order of `body.domain`, shape (c,).
-        on_body: Vectors at the nodes of `body`, shape (k, 3); HELD_OBLIQUE only if directions are held that are no
-            axes.
+        on_body: Vectors at the nodes of `body`, shape (k, 3), HELD_OBLIQUE only if directions are held that are no
+            axes; and TEMPERATURE, shape (k,), only of a body with a temperature.
         on_face: Fields at the q nodes of the contact face, and their coordinates "x".
         node: Numbers of these nodes in `body`, shape (q,).
         facets: Facets of the contact face, rows of node numbers, in the order of the file.
@@ -133,16 +135,17 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
     for path in (files.solution, files.contact, body_data, face_data):
         if not path.is_file():
             raise ValueError(f"{folder}: is incomplete: there is no {path.name}")
-    refuse_misnamed(files.solution, (*ON_CELLS, *ON_BODY))
     refuse_misnamed(files.contact, ON_FACE)
     try:
-        points, cells, in_file = read_fields(body_data, (*ON_CELLS, *ON_BODY), (HELD_OBLIQUE,))
+        points, cells, in_file = read_fields(body_data, (*ON_CELLS, *ON_BODY), (HELD_OBLIQUE, TEMPERATURE, *FIELDS))
+        refuse_misnamed(files.solution, tuple(in_file))
         corners, facets, on_face = read_fields(face_data, ON_FACE)
-        for name in ON_CELLS:
-            _fits(body_data, name, in_file[name], (len(cells),))
-        on_body = [name for name in (*ON_BODY, HELD_OBLIQUE) if name in in_file]
+        constants = [name for name in FIELDS if name in in_file]
+        for name in (*ON_CELLS, *constants):
+            _fits(body_data, name, in_file[name], (len(cells), 3) if name in VECTORS else (len(cells),))
+        on_body = [name for name in (*ON_BODY, HELD_OBLIQUE, TEMPERATURE) if name in in_file]
         for name in on_body:
-            _fits(body_data, name, in_file[name], (len(points), 3))
+            _fits(body_data, name, in_file[name], (len(points),) if name == TEMPERATURE else (len(points), 3))
         vectors = {"friction_traction", "slip", "contact_force", "normal", "tangent_1", "tangent_2", "slip_origin"}
         for name in ON_FACE:
             shape = (len(corners), 3) if name in vectors else (len(corners),)
@@ -151,8 +154,8 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
         same = like is not None and np.array_equal(like.points, points) and np.array_equal(like.cells, cells)
         domain = like.body.domain if like and same else compat.read_mesh(MPI.COMM_SELF, str(files.solution))
         of_cell = np.asarray(domain.topology.original_cell_index)
-        on_cells = {name: in_file[name][of_cell] for name in ON_CELLS}
-        body = ElasticBody(domain, on_cells["young"], on_cells["poisson"])
+        on_cells = {name: in_file[name][of_cell] for name in (*ON_CELLS, *constants)}
+        body = ElasticBody(domain, _materials(body_data, on_cells))
     except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
         raise ValueError(f"{folder}: is incomplete: {error}") from None
     node = numbers(points, body.x, f"{folder}: {body_data.name} does not match the mesh of {SOLUTION}")
@@ -205,6 +208,15 @@ def midpoints(domain: Any) -> FloatArray:
     """Midpoints of the cells of a mesh on one rank, metres, shape (c, 3)."""
     middle: FloatArray = domain.geometry.x[compat.cell_geometry(domain)].mean(axis=1)
     return middle
+
+
+def _materials(path: Path, on_cells: Fields) -> CellMaterials:
+    try:
+        return CellMaterials.of_fields(on_cells)
+    except KeyError as error:
+        raise ValueError(f"{path}: has no field {error}: {OLD}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 def _sound(summary: dict[str, Any], path: Path) -> None:

@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.body import Material
 from ..fem.constraints import HeldDirections
+from ..fem.materials import AnyMaterial, Materials, by_group
+from ..fem.orthotropic import OrthotropicMaterial
+from ..fem.temperature import TEMPERATURE, Temperature, range_of
 from ..linalg.reductions import Reductions
 from ..model.certificate import Certificate
 from ..model.nodal_answer import NodalAnswer
-from ..model.posed_problem import PosedProblem
 from ..model.resultants import Acting
 from ..model.solution import Solution
 from ..model.understood import contacts_of, supports_of
@@ -47,7 +49,8 @@ def summary(solution: Solution) -> dict[str, Any]:
         ),
         "probes": [value.entry() for value in solution.probes],
         "understood": {"supports": supports_of(problem), "contacts": contacts_of(problem)},
-        "material": _materials(problem),
+        "material": [] if elasticity.materials is None else material_entries(elasticity.materials),
+        **temperature_entries(problem.loading.temperature, problem.comm),
         "mean_compliance": problem.mean_compliance,
         "method": {
             "solver": result.method,
@@ -142,16 +145,31 @@ def totals(solution: Solution, part: int | None = None) -> dict[str, Any]:
     return solution.at_nodes.totals(part)
 
 
-def _materials(problem: PosedProblem) -> list[dict[str, Any]]:
+def material_entries(materials: Materials) -> list[dict[str, Any]]:
     """The material of every group of cells, or of the whole body."""
-    given = problem.elasticity.materials
-    if given is None:
-        return []
-    groups = [(None, given)] if isinstance(given, Material) else list(given.items())
-    return [material_entry(name, material) for name, material in groups]
+    return [_material_entry(name, material) for name, material in by_group(materials)]
 
 
-def material_entry(cells: str | None, material: Material) -> dict[str, Any]:
-    """A material in summary.json; its density only if it has one."""
-    density = {} if material.density is None else {"density": material.density}
-    return {"cells": cells, "young": material.young, "poisson": material.poisson, **density}
+def _material_entry(cells: str | None, material: AnyMaterial) -> dict[str, Any]:
+    """A material in summary.json; what it does not have is left out."""
+    entry: dict[str, Any] = {"cells": cells, "young": material.young, "poisson": material.poisson}
+    if isinstance(material, OrthotropicMaterial):
+        directions = ["function of place" if callable(given) else given for given in material.directions]
+        entry |= {"shear": material.shear, "directions": directions}
+    given = {"density": material.density, "expansion": material.expansion}
+    entry |= {name: value for name, value in given.items() if value is not None}
+    return {name: _plain(value) for name, value in entry.items()}
+
+
+def _plain(value: Any) -> Any:
+    """Vectors as lists of numbers."""
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(one) for one in value]
+    return float(value) if isinstance(value, np.floating) else value
+
+
+def temperature_entries(temperature: Temperature | None, comm: MPI.Comm) -> dict[str, Any]:
+    """Reference temperature, and range of the difference from it; empty without a temperature; collective."""
+    if temperature is None:
+        return {}
+    return {"reference_temperature": temperature.reference, TEMPERATURE: range_of(temperature.change, comm)}

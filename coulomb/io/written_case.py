@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from ..case.case import FILES, Case
+from ..case.case import Case, named_files
 from ..case.faults import fault_of
 from ..case.text import LARGEST, read_text
 from ..ranks import launched, on_rank_0
@@ -40,8 +40,8 @@ def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:
 def case_text(case: Case) -> str:
     """A case as the contents of case.json."""
     tables = case.model_dump(mode="json", exclude_unset=True)
-    for key in FILES.intersection(tables["mesh"]):
-        tables["mesh"][key] = str(Path(tables["mesh"][key]).absolute())
+    for (table, key), name in named_files(tables).items():
+        tables[table][key] = str(Path(name).absolute())
     return json.dumps(tables, indent=2) + "\n"
 
 

@@ -18,6 +18,7 @@ from ..fem.named_mesh import NamedMesh
 from ..fem.obstacles import RigidFoundation
 from ..fem.rigid_motion import RigidMotion, since_at, spin
 from ..fem.surface import ContactSurface
+from ..fem.temperature import ThermalLoad
 from ..fem.user_values import Amplitude, Field
 from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance, SchurCompliance
 from ..linalg.methods import LinearSolver, chosen
@@ -46,6 +47,7 @@ class ContactBody:
         body_force_amplitude: Factor of the body force as a function of time.
         gravity: Acceleration of gravity in m/s^2.
         gravity_amplitude: Factor of gravity as a function of time.
+        thermal: Temperature; None for none.
         time: Time of the reference frames in which A is computed; for other frames it is rotated.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.
@@ -76,6 +78,7 @@ class ContactBody:
         body_force_amplitude: Amplitude,
         gravity: Sequence[float],
         gravity_amplitude: Amplitude,
+        thermal: ThermalLoad | None,
         time: float,
         linear_solver: LinearSolver | None,
         explicit: bool | None,
@@ -87,7 +90,7 @@ class ContactBody:
         with timed(self.seconds, "assembly"):
             self.elasticity = Elasticity(
                 *(mesh, material, clamps, tractions, body_force, springs, body_force_amplitude),
-                *(gravity, gravity_amplitude),
+                *(gravity, gravity_amplitude, thermal),
             )
             if self.comm.rank == 0:
                 for text in self.elasticity.contradictions:

@@ -11,7 +11,8 @@ from ..arrays import FloatArray
 from ..fem.elasticity import Materials, Spring, Support
 from ..fem.loads import Load
 from ..fem.named_mesh import NamedMesh
-from ..fem.user_values import Amplitude, Field
+from ..fem.temperature import ThermalLoad
+from ..fem.user_values import Amplitude, Coefficient, Field
 from ..linalg.methods import LinearSolver
 from ..solvers.automatic import Automatic
 from ..solvers.friction_problem import Solver
@@ -45,6 +46,10 @@ class ContactProblem(PosedProblem):
         body_force_amplitude: Factor of the body force as a function of time.
         gravity: Acceleration of gravity in m/s^2, for example (0, 0, -9.81); every material then needs a density.
         gravity_amplitude: Factor of gravity as a function of time.
+        temperature: Temperature of the body in kelvin or degrees Celsius: a number, a function of x, or a
+            `TemperatureField`; every material then needs a thermal expansion.
+        reference_temperature: Temperature of the unstrained body, in the same unit.
+        temperature_amplitude: Factor of the difference of the two as a function of time.
         time: Time of loads, prescribed displacements and the foundation's position.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.  Needs the direct solver.
@@ -77,6 +82,9 @@ class ContactProblem(PosedProblem):
         body_force_amplitude: Amplitude = 1.0,
         gravity: Sequence[float] = (0.0, 0.0, 0.0),
         gravity_amplitude: Amplitude = 1.0,
+        temperature: Coefficient | None = None,
+        reference_temperature: float = 0.0,
+        temperature_amplitude: Amplitude = 1.0,
         time: float = 0.0,
         linear_solver: LinearSolver | None = None,
         explicit: bool | None = None,
@@ -85,9 +93,12 @@ class ContactProblem(PosedProblem):
     ):
         contacts = (contact,) if isinstance(contact, Contact) else tuple(contact)
         mode, started = known_mode(small_strain), now()
+        thermal = None
+        if temperature is not None:
+            thermal = ThermalLoad(temperature, reference_temperature, temperature_amplitude)
         body = ContactBody(
             *(mesh, material, clamps, contacts, tractions, body_force, springs, body_force_amplitude),
-            *(gravity, gravity_amplitude, time, linear_solver, explicit, probes),
+            *(gravity, gravity_amplitude, thermal, time, linear_solver, explicit, probes),
         )
         with timed(body.seconds, "assembly"):
             state = body.state(time)

@@ -32,7 +32,7 @@ class UnderstoodLoad:
     """A load and its resultant at the time of its largest amplitude.
 
     Attributes:
-        what: Kind and face.
+        what: Kind, face, and size where forces do not show it.
         time: The time, the first of several.
         force: In newtons, shape (3,); rounding errors are 0.
         moment: About the origin in newton metres, shape (3,); rounding errors are 0.
@@ -65,7 +65,8 @@ def loads_of(problem: PosedProblem, times: Sequence[float]) -> list[UnderstoodLo
         small = _ROUNDING * found.nodal
         force = np.where(np.abs(found.force) <= small, 0.0, found.force)
         moment = np.where(np.abs(found.moment) <= small * arm, 0.0, found.moment)
-        return UnderstoodLoad(named(load), times[largest], force, moment)
+        what = f"{named(load)}, {applied.size}" if applied.size else named(load)
+        return UnderstoodLoad(what, times[largest], force, moment)
 
     return [understood(applied) for applied in body.loads]
 

@@ -15,18 +15,18 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ...case.case import Case
+from ...case.case import Case, named_files
 from ...fem import compat
-from ...fem.body import Material
 from ...fem.loaded_body import LoadedBody
 from ...fem.named_mesh import corners_of
 from ...fem.obstacles import RigidFoundation
 from ...fem.rigid_motion import RigidMotion, moved
 from ...fem.surface import plane_of_face, way_along
+from ...fem.temperature import TEMPERATURE
 from ...solvers.laws import FrictionLaw
 from ..run_directory import SOLUTION, SUMMARY, RunDirectory
 from ..run_files import WrittenRun, midpoints, places
-from ..summary import material_entry
+from ..summary import material_entries
 from ..written_case import written_case
 from .comparison import Comparison
 
@@ -45,15 +45,14 @@ class CaseReference:
     Attributes:
         settings: The case.
         contacts: Its contact faces.
-        absent: Mesh files that are no longer there: then the body and what acts on it cannot be compared.
+        absent: Files that are no longer there: then the body and what acts on it cannot be compared.
     """
 
     def __init__(self, settings: Case):
         self.settings = settings
         self.contacts = [table.contact() for table in settings.contacts.values()]
-        mesh = settings.mesh
-        named = [name for name in (mesh.file, mesh.facets, mesh.cell_groups) if name is not None]
-        self.absent = [name for name in named if not Path(name).exists()]
+        named = named_files(settings.model_dump(mode="json"))
+        self.absent = [name for name in named.values() if not Path(name).exists()]
         self._foundations: dict[int, RigidFoundation] = {}
 
     @staticmethod
@@ -155,18 +154,32 @@ class CaseReference:
             written = run.on_body.get(name, np.zeros_like(x))
             floor = _PROJECTOR if name in body.held.fields else 0.0
             found.field(f"{file}: {name}", written, expected[node], x, _SOURCE, floor=floor)
-        for name, function in (("young", body.young), ("poisson", body.poisson)):
-            expected = function.x.array[compat.cell_dofs(function.function_space)[:, 0]][cell]
-            found.field(f"{file}: {name}", run.on_cells[name], expected, midpoints(run.body.domain), _SOURCE)
+        if loading.temperature is not None:
+            written, expected = run.on_body.get(TEMPERATURE, np.zeros(len(x))), loading.temperature.change[node]
+            found.field(f"{file}: {TEMPERATURE}", written, expected, x, _SOURCE)
+        elif TEMPERATURE in run.on_body:
+            found.fault(f"{file}: has a {TEMPERATURE}, but the case has no temperature")
+        self._compare_constants(run, body, cell, found)
         return self._faces_of_facets(run, body, found)
+
+    def _compare_constants(
+        self, run: WrittenRun, body: LoadedBody, cell: npt.NDArray[np.int64], found: Comparison
+    ) -> None:
+        """Compare the elastic constants of the cells."""
+        middle = midpoints(run.body.domain)
+        for name in sorted(run.body.constants.keys() ^ body.constants.keys()):
+            found.fault(f"{SOLUTION}: {'lacks' if name in body.constants else 'has'} {name}, unlike the case")
+        for name in run.body.constants.keys() & body.constants.keys():
+            function = body.constants[name]
+            width = run.on_cells[name].shape[1:]
+            expected = function.x.array.reshape(-1, *width)[compat.cell_dofs(function.function_space)[:, 0]][cell]
+            found.field(f"{SOLUTION}: {name}", run.on_cells[name], expected, middle, _SOURCE)
 
     def compare_numbers(self, run: WrittenRun, found: Comparison) -> None:
         """Compare the input data in summary.json: names of faces, materials."""
-        given = self.settings.materials()
-        groups = [(None, given)] if isinstance(given, Material) else list(given.items())
         expected = {
             "totals": {"faces": [contact.face for contact in self.contacts]},
-            "material": [material_entry(name, material) for name, material in groups],
+            "material": material_entries(self.settings.materials()),
         }
         found.tree(SUMMARY, run.summary, expected, source=_SOURCE)
 

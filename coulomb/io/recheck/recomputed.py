@@ -16,6 +16,7 @@ from ...arrays import FloatArray
 from ...fem import compat
 from ...fem.obstacles import RigidFoundation
 from ...fem.rigid_motion import Spin
+from ...fem.temperature import TEMPERATURE, range_of
 from ...model.accumulated import ACCUMULATED
 from ...model.certificate import Certificate, judge
 from ...model.evidence import Evidence, rounding_forces
@@ -148,7 +149,8 @@ def recomputed(
         )
     )
     body_x = taken(body.x)
-    stress = body.von_mises(body.function(u))
+    heated = {TEMPERATURE: taken(run.on_body[TEMPERATURE])} if TEMPERATURE in run.on_body else {}
+    stress = body.von_mises(body.function(u), heated.get(TEMPERATURE))
     reactions = held.held_part(internal + spring * u - run.on_body["load"] - on_body)
     acting = None if supported is None else supported.acting(u, reactions, on_body, taken)
     probed = probes.values(u, written, run.node[nodes.index[nodes.written]], taken)
@@ -167,6 +169,7 @@ def recomputed(
         stress=stress.x.array[compat.cell_dofs(stress.function_space)[:, 0]],
         numbers={
             **numbers,
+            **{name: range_of(change, MPI.COMM_SELF) for name, change in heated.items()},
             "probes": probed,
             "small_strain": measured,
             "valid": certificate.passed and (accepted or not outside),

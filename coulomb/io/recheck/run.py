@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ...arrays import FloatArray
 from ...fem.rigid_motion import Spin, since_at
 from ...model.accumulated import ACCUMULATED
 from ...model.certificate import Certificate
@@ -22,6 +21,7 @@ from .recomputed import Variant, recomputed
 from .rotation import AS_WRITTEN, case_spins, foundation_displacement, written_spins
 from .start import Start, written_accumulated
 from .supported_body import SupportedBody
+from .written_materials import compare_materials
 from .written_probes import WrittenProbes
 
 SLIP_BOUND_LIMIT = 1e-6
@@ -38,6 +38,9 @@ _NO_CASE = "taken as written, without a case.json: slip_origin, friction"
 _NO_STEP_BEFORE = "taken as written, without the load step before: slip_origin, friction, " + ", ".join(ACCUMULATED)
 
 _SOURCE = "displacement and contact forces"
+
+_COMPARED = ("material", "reference_temperature", "step")
+"""Entries of summary.json that follow from nothing, but are compared with the case or the cells."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +145,7 @@ def check_run(
     if supported is None:
         _compare_sums(run, variants, found)
     certificate = variants[0].certificate
-    unchecked = [key for key in run.summary if key not in variants[0].numbers and key not in ("material", "step")]
+    unchecked = [key for key in run.summary if key not in variants[0].numbers and key not in _COMPARED]
     trusted.append(f"as recorded by the run, nothing to compare with: {', '.join(unchecked)}")
     recorded = bool(run.summary["certificate"]["passed"])
     written = nodes.only(nodes.written)
@@ -249,7 +252,7 @@ def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], f
 
     numbers = [other.numbers for other in others]
     found.tree(SUMMARY, run.summary, first.numbers, numbers, _SOURCE)
-    _compare_materials(run, found)
+    compare_materials(run, found)
 
 
 def _compare_sums(run: WrittenRun, variants: tuple[Variant, ...], found: Comparison) -> None:
@@ -262,21 +265,3 @@ def _compare_sums(run: WrittenRun, variants: tuple[Variant, ...], found: Compari
     }
     first, *others = (variant.sums for variant in variants)
     found.tree(f"{SUMMARY}: sum", written, first, others, _SOURCE)
-
-
-def _compare_materials(run: WrittenRun, found: Comparison) -> None:
-    """Check that the materials in summary.json are those of the cells."""
-    given = run.summary.get("material")
-    try:
-        listed = np.array([[float(entry["young"]), float(entry["poisson"])] for entry in given or []]).reshape(-1, 2)
-    except (KeyError, TypeError, ValueError):
-        listed = np.empty((0, 2))
-    cells = np.column_stack([run.on_cells["young"], run.on_cells["poisson"]])
-    kinds = np.unique(np.round(cells / np.maximum(np.abs(cells).max(axis=0), 1e-300), 12), axis=0, return_index=True)[1]
-
-    def among(one: FloatArray, others: FloatArray) -> bool:
-        return bool(np.any(np.all(np.abs(others - one) <= 1e-9 * np.abs(one), axis=1)))
-
-    known = all(among(cells[k], listed) for k in kinds)
-    if not (len(listed) and known and all(among(entry, cells) for entry in listed)):
-        found.fault("summary.json.material: is not that of the cells in solution.xdmf")

@@ -34,10 +34,38 @@ def geometry(run: Run) -> Facts:
     ]
     for material in summary["material"]:
         name = f"material of {material['cells']}" if material["cells"] else "material"
-        young = quantity(material["young"], "Pa")
-        density = f", density {number(material['density'])} kg/m³" if "density" in material else ""
-        facts.append((name, f"Young's modulus {young}, Poisson's ratio {number(material['poisson'])}{density}"))
+        facts.append((name, _material(material)))
+    facts += _temperature(summary)
     return facts + (supports_and_loads(run.case) if run.case is not None else _of_fields(run)) + _contact(run)
+
+
+def _material(material: dict[str, Any]) -> str:
+    """Its constants; those of an orthotropic one along its directions 1, 2, 3."""
+    if "shear" in material:
+        young, shear = (", ".join(quantity(value, "Pa") for value in material[name]) for name in ("young", "shear"))
+        ratios = ", ".join(map(number, material["poisson"]))
+        shown = [one if isinstance(one, str) else f"({', '.join(map(number, one))})" for one in material["directions"]]
+        text = f"orthotropic: E1, E2, E3 {young}; ν12, ν13, ν23 {ratios}; G12, G13, G23 {shear}; "
+        text += f"direction 1 {shown[0]}, direction 2 {shown[1]}"
+    else:
+        young = quantity(material["young"], "Pa")
+        text = f"Young's modulus {young}, Poisson's ratio {number(material['poisson'])}"
+    if "density" in material:
+        text += f", density {number(material['density'])} kg/m³"
+    if "expansion" in material:
+        given = material["expansion"]
+        values = given if isinstance(given, list) else [given]
+        text += f", thermal expansion {', '.join(map(number, values))} 1/K"
+    return text
+
+
+def _temperature(summary: dict[str, Any]) -> Facts:
+    change = summary.get("temperature_change")
+    if change is None:
+        return []
+    ends = list(dict.fromkeys(number(change[name]) for name in ("min", "max")))
+    reference = number(summary["reference_temperature"])
+    return [("temperature change", f"{' to '.join(ends)} K from the reference {reference}")]
 
 
 def _of_fields(run: Run) -> Facts:

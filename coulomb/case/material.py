@@ -1,0 +1,143 @@
+"""The tables of a case file about materials and temperature."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from .curves import AmplitudeTable, amplitude_of
+from .place import NumberAt, VectorAt, coefficient, field
+from .values import TABLES, Density, Expansion, FileName, Length, Name, Number, Table, Young
+
+if TYPE_CHECKING:
+    from ..fem.materials import AnyMaterial
+    from ..fem.temperature import ThermalLoad
+
+ONE_NUMBER, THREE_NUMBERS = "one number", "three numbers"
+
+
+def _count(given: Any) -> str:
+    return THREE_NUMBERS if isinstance(given, list | tuple) else ONE_NUMBER
+
+
+PoissonRatio = Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
+
+YoungValue = Annotated[
+    Annotated[Young, Tag(ONE_NUMBER)] | Annotated[tuple[Young, Young, Young], Tag(THREE_NUMBERS)],
+    Discriminator(_count),
+]
+PoissonValue = Annotated[
+    Annotated[PoissonRatio, Tag(ONE_NUMBER)] | Annotated[tuple[Number, Number, Number], Tag(THREE_NUMBERS)],
+    Discriminator(_count),
+]
+ExpansionValue = Annotated[
+    Annotated[Expansion, Tag(ONE_NUMBER)] | Annotated[tuple[Expansion, Expansion, Expansion], Tag(THREE_NUMBERS)],
+    Discriminator(_count),
+]
+
+
+class MaterialTable(Table):
+    """Young's modulus in pascals, Poisson's ratio, density in kg/m^3, thermal expansion in 1/K.
+
+    With three of Young's moduli, Poisson's ratios and shear moduli: orthotropic, with the first and second direction.
+    """
+
+    young: YoungValue
+    poisson: PoissonValue
+    shear: tuple[Young, Young, Young] | None = None
+    directions: tuple[VectorAt, VectorAt] | None = None
+    density: Density | None = None
+    expansion: ExpansionValue | None = None
+
+    @model_validator(mode="after")
+    def _of_one_kind(self) -> MaterialTable:
+        given = {"young": isinstance(self.young, tuple), "poisson": isinstance(self.poisson, tuple)}
+        given |= {"shear": self.shear is not None}
+        if any(given.values()) and not all(given.values()):
+            lacks = ", ".join(name for name, there in given.items() if not there)
+            raise ValueError(
+                "an orthotropic material has three numbers each in young (E1, E2, E3), poisson (nu12, nu13, nu23) and "
+                f"shear (G12, G13, G23), but not in {lacks}; an isotropic one has one number in young and poisson"
+            )
+        if self.orthotropic:
+            self.material()
+            return self
+        for name in ("directions", "expansion"):
+            if isinstance(getattr(self, name), tuple):
+                raise ValueError(f"{name} along directions needs an orthotropic material: three numbers in young")
+        return self
+
+    @property
+    def orthotropic(self) -> bool:
+        """Whether it has constants along directions."""
+        return isinstance(self.young, tuple)
+
+    def material(self) -> AnyMaterial:
+        """What the table describes.
+
+        Raises:
+            ValueError: If the strain energy is not positive, or directions are parallel.
+        """
+        if isinstance(self.young, tuple) and isinstance(self.poisson, tuple) and self.shear is not None:
+            from ..fem.orthotropic import COORDINATE_AXES, OrthotropicMaterial
+
+            given = self.directions
+            directions = COORDINATE_AXES if given is None else (field(given[0]), field(given[1]))
+            return OrthotropicMaterial(self.young, self.poisson, self.shear, directions, self.density, self.expansion)
+        from ..fem.body import Material
+
+        assert not isinstance(self.young, tuple) and not isinstance(self.poisson, tuple)
+        assert not isinstance(self.expansion, tuple)
+        return Material(self.young, self.poisson, self.density, self.expansion)
+
+
+class GroupMaterialTable(MaterialTable):
+    """The material of a group of cells."""
+
+    cells: Name
+
+
+ONE, SEVERAL = "one [material]", "several [[material]]"
+MaterialTables = Annotated[
+    Annotated[MaterialTable, Tag(ONE)]
+    | Annotated[tuple[GroupMaterialTable, ...], Field(max_length=TABLES), Tag(SEVERAL)],
+    Discriminator(lambda given: SEVERAL if isinstance(given, list | tuple) else ONE),
+]
+
+
+class TemperatureTable(Table):
+    """Temperature in kelvin or degrees Celsius: a value, or a field of a file; and that of the unstrained body."""
+
+    value: NumberAt | None = None
+    file: FileName | None = None
+    field: Name | None = None
+    scale: Length = 1.0
+    reference: Number = 0.0
+    amplitude: AmplitudeTable | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> TemperatureTable:
+        if (self.value is None) == (self.file is None):
+            raise ValueError("give either value, or file and field, one of the two")
+        if (self.file is None) != (self.field is None):
+            raise ValueError("file and field go together: the file, and the name of the temperatures in it")
+        if self.file is None and "scale" in self.model_fields_set:
+            raise ValueError("scale goes with file: it is the metres per unit of length of the file")
+        return self
+
+    def thermal(self) -> ThermalLoad:
+        """What the table describes.
+
+        Raises:
+            ValueError: If the file cannot be read.
+        """
+        from ..fem.temperature import ThermalLoad
+        from ..fem.temperature_field import TemperatureField
+
+        amplitude = amplitude_of(self.amplitude)
+        if self.file is not None and self.field is not None:
+            found = TemperatureField.from_file(self.file, self.field, self.scale)
+            return ThermalLoad(found, self.reference, amplitude)
+        assert self.value is not None
+        return ThermalLoad(coefficient(self.value), self.reference, amplitude)
