@@ -1,6 +1,7 @@
 """The block with Coulomb friction in increasing sizes, compared with one linear solve on the same mesh (the yardstick).
 
-Every size runs in a separate process (`python -m coulomb.benchmarks.scaling P FRICTION TOLERANCE METHOD NEWTON START`),
+Every size runs in a separate process (`python -m coulomb.benchmarks.scaling P FRICTION TOLERANCE METHOD NEWTON START
+CELL DEGREE`),
 to measure its peak memory; under mpirun for several ranks.
 """
 
@@ -55,6 +56,8 @@ class Row(NamedTuple):
     newton: str = "recycling"
     start: str = "cold"
     coarse_seconds: float = 0.0
+    cell: str = "hexahedron"
+    degree: int = 1
 
 
 def measure(
@@ -65,6 +68,8 @@ def measure(
     method: str = "auto",
     newton: str = "recycling",
     start: str = "cold",
+    cell: str = "hexahedron",
+    degree: int = 1,
 ) -> Iterator[Row]:
     """Rows as they are measured, each in separate processes.
 
@@ -83,6 +88,8 @@ def measure(
                 method,
                 newton,
                 start,
+                cell,
+                str(degree),
             ]
             launcher = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX", "PRTE", *ALONE)
             environment = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
@@ -97,7 +104,7 @@ def measure(
             yield Row(**json.loads(done.stdout.strip().splitlines()[-1]))
 
 
-def run(p: int, friction: float, tolerance: float, method: str, newton: str, start: str) -> Row:
+def run(p: int, friction: float, tolerance: float, method: str, newton: str, start: str, cell: str, degree: int) -> Row:
     """One size in this process; collective.  Condensed systems work matrix-free, with multigrid by default.
 
     The seconds of a coarse start include those of the coarser mesh.
@@ -113,11 +120,11 @@ def run(p: int, friction: float, tolerance: float, method: str, newton: str, sta
         options["auto"] = options["iterative"]
         options["direct"]["explicit"] = False
         solver = InteriorPoint(tolerance, newton=CondensedSystem())
-    body = block(p, friction, **options[method])
+    body = block(p, friction, cell, degree, **options[method])
     yardstick = _yardstick(body)
     comm.barrier()
     began = time.perf_counter()
-    forces = _coarse_forces(p, friction, tolerance, body) if start == "coarse" else None
+    forces = _coarse_forces(block(p // 2, friction, cell, degree), tolerance, body) if start == "coarse" else None
     coarse = time.perf_counter() - began
     try:
         solution = body.solve(tolerance, solver, start=forces)
@@ -143,12 +150,13 @@ def run(p: int, friction: float, tolerance: float, method: str, newton: str, sta
         newton=newton,
         start=start,
         coarse_seconds=coarse,
+        cell=cell,
+        degree=degree,
     )
 
 
-def _coarse_forces(p: int, friction: float, tolerance: float, body: ContactProblem) -> FloatArray:
+def _coarse_forces(coarse: ContactProblem, tolerance: float, body: ContactProblem) -> FloatArray:
     """The answer with half as many cells along each edge and ten times the tolerance, on the nodes of the body."""
-    coarse = block(p // 2, friction)
     solution = coarse.solve(10.0 * tolerance)
     return interpolated_forces(solution.contact_force, coarse.surface, body.surface)
 
@@ -179,6 +187,6 @@ def exponent(rows: Sequence[Row]) -> float:
 
 
 if __name__ == "__main__":
-    row = run(int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]), *sys.argv[4:7])
+    row = run(int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]), *sys.argv[4:8], degree=int(sys.argv[8]))
     if MPI.COMM_WORLD.rank == 0:
         sys.stdout.write(json.dumps(row._asdict()) + "\n")

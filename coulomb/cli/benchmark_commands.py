@@ -106,6 +106,8 @@ def scaling(
     method: Annotated[str, typer.Option("--method", help="auto, direct or iterative.")] = "auto",
     newton: Annotated[str, typer.Option("--newton", help="Newton systems: recycling or condensed.")] = "recycling",
     start: Annotated[str, typer.Option("--start", help="cold, or coarse: from half as many cells.")] = "cold",
+    cell: Annotated[str, typer.Option("--cell", help="hexahedron or tetrahedron.")] = "hexahedron",
+    degree: Annotated[int, typer.Option("--degree", min=1, max=2, help="Order of the elements.")] = 1,
     directory: Annotated[Path | None, typer.Option("--output", help="For scaling.csv and scaling.png.")] = None,
 ) -> None:
     """Coulomb friction up to a million unknowns, compared with one linear solve on the same mesh (the yardstick)."""
@@ -116,12 +118,15 @@ def scaling(
             "error: this benchmark runs on one rank, and starts others itself; --method is auto, direct or iterative"
         )
         raise typer.Exit(BAD_INPUT)
-    if newton not in NEWTON or start not in STARTS:
-        errors.print("error: --newton is recycling or condensed, --start is cold or coarse", markup=False)
+    if newton not in NEWTON or start not in STARTS or cell not in ("hexahedron", "tetrahedron"):
+        errors.print(
+            "error: --newton is recycling or condensed, --start is cold or coarse, --cell is hexahedron or tetrahedron",
+            markup=False,
+        )
         raise typer.Exit(BAD_INPUT)
     rows: list[Row] = []
     failed = False
-    results = measure(sizes or SIZES, ranks or (1,), coefficient, tolerance, method, newton, start)
+    results = measure(sizes or SIZES, ranks or (1,), coefficient, tolerance, method, newton, start, cell, degree)
     while True:
         try:
             row = next(results)
