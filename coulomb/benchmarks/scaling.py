@@ -187,6 +187,7 @@ def exponent(rows: Sequence[Row]) -> float:
 
 
 if __name__ == "__main__":
-    row = run(int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]), *sys.argv[4:8], degree=int(sys.argv[8]))
+    method, newton, start, cell, degree = sys.argv[4:9]
+    row = run(int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]), method, newton, start, cell, int(degree))
     if MPI.COMM_WORLD.rank == 0:
         sys.stdout.write(json.dumps(row._asdict()) + "\n")

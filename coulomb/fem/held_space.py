@@ -9,9 +9,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
+from . import compat
 from .constraints import HeldDirections
 from .displacement_space import DisplacementSpace
+from .lagrange import lagrange_points, lagrange_values
 from .named_mesh import NamedMesh
+
+INTERPOLATION = "interpolation"
+"""Attribute of a stiffness of second order: the matrix that interpolates linear displacements."""
 
 
 class HeldSpace(DisplacementSpace):
@@ -99,6 +104,8 @@ class HeldSpace(DisplacementSpace):
         K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         K.setOption(PETSc.Mat.Option.SPD, True)
         self._attach_rigid_body_modes(K)
+        if self.degree == 2:
+            K.setAttr(INTERPOLATION, self._interpolation())
         return K, mean
 
     def _projected(self, K: PETSc.Mat) -> PETSc.Mat:
@@ -109,6 +116,43 @@ class HeldSpace(DisplacementSpace):
         K.destroy()
         P.destroy()
         return projected
+
+    def _interpolation(self) -> PETSc.Mat:
+        """From linear displacements to free ones of second order, shape (n, 3 v), with the rigid body modes of the
+        linear ones as its near-nullspace; for multigrid."""
+        linear, cell = self.vertices.space, self.domain.topology.cell_type
+        values = np.round(lagrange_values(cell, 1, lagrange_points(cell, 2)), 12)
+        nodes, vertices = compat.cell_dofs(self.V), compat.cell_dofs(linear.V)
+        _, first = np.unique(nodes, return_index=True)  # every node in one cell: its weights are the same in all
+        where, local = np.divmod(first, nodes.shape[1])
+        own = nodes[where, local] < self._owned
+        where, local = where[own], local[own]
+        columns = np.asarray(linear.V.dofmap.index_map.local_to_global(vertices[where].ravel()), dtype=np.int64)
+        rows = np.repeat(np.arange(self._owned), values.shape[1])
+        weights = scipy.sparse.csr_matrix(
+            (values[local].ravel(), (rows, columns)), shape=(self._owned, linear.V.dofmap.index_map.size_global)
+        )
+        weights.eliminate_zeros()
+        local_rows = scipy.sparse.kron(weights, np.eye(3), format="csr")
+        P = PETSc.Mat().createAIJ(
+            ((3 * self._owned, PETSc.DETERMINE), (3 * len(linear.x), PETSc.DETERMINE)),
+            bsize=3,
+            csr=(local_rows.indptr.astype(PETSc.IntType), local_rows.indices.astype(PETSc.IntType), local_rows.data),
+            comm=self.mesh.comm,
+        )
+        projection = self.projection()
+        free = projection.matMult(P)
+        for matrix in (P, projection):
+            matrix.destroy()
+        free.setAttr("mesh", self.mesh)
+        coordinates = free.createVecRight()
+        coordinates.setBlockSize(3)
+        coordinates.array[:] = linear.x.ravel()
+        modes = PETSc.NullSpace().createRigidBody(coordinates)
+        free.setNearNullSpace(modes)
+        modes.destroy()
+        coordinates.destroy()
+        return free
 
     def _attach_rigid_body_modes(self, K: PETSc.Mat) -> None:
         coordinates = K.createVecRight()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -54,6 +54,7 @@ def configured_ksp(
     ksp_type: str,
     values: Mapping[str, object],
     operator: PETSc.Mat | None = None,
+    prepare: Callable[[PETSc.PC], None] | None = None,
 ) -> PETSc.KSP:
     """A KSP set up with the given options only; they are removed from PETSc's database afterwards.
 
@@ -62,6 +63,7 @@ def configured_ksp(
         ksp_type: PETSc's name of the method.
         values: The options, without prefix.
         operator: The matrix of the system, if it is not K.
+        prepare: Called with the preconditioner before the options are set.
     """
     prefix = next(_prefixes)
     ksp = PETSc.KSP().create(K.comm)
@@ -69,10 +71,29 @@ def configured_ksp(
     ksp.setType(ksp_type)
     ksp.setErrorIfNotConverged(True)
     ksp.setOptionsPrefix(prefix)
+    if prepare is not None:
+        prepare(ksp.getPC())
     with _options(prefix, values):
         ksp.setFromOptions()
         ksp.setUp()
     return ksp
+
+
+def _linear(K: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
+    """P^T K P, with the mean diagonal where all displacements of a vertex are held, and P's near-nullspace."""
+    linear = K.PtAP(P)
+    diagonal = linear.getDiagonal()
+    held = diagonal.array == 0.0
+    total, count = PETSc.Vec.sum(diagonal), diagonal.getSize()
+    zeros = diagonal.duplicate()
+    zeros.array[:] = held
+    mean = total / max(count - zeros.sum(), 1.0)
+    diagonal.array[:] += mean * held
+    linear.setDiagonal(diagonal)
+    linear.setNearNullSpace(P.getNearNullSpace())
+    for vector in (diagonal, zeros):
+        vector.destroy()
+    return linear
 
 
 class DirectSolver:
@@ -115,6 +136,10 @@ class DirectSolver:
 class IterativeSolver:
     """CG with PETSc's GAMG on the rigid body modes that K carries as its near-nullspace.
 
+    In second order K also carries the interpolation of linear displacements ("interpolation").  Multigrid then goes
+    from second order to first, and GAMG from there: on the block of 42 000 unknowns its set-up takes a sixth of the
+    time, and a solve 0.4 of it, with 25 iterations in place of 32 (hexahedra: 20 for 26).
+
     Args:
         K: Symmetric positive definite, assembled, block size 3, with a near-nullspace.
         tolerance: |K u - rhs| / |rhs|, well below the tolerances of the CG that uses A = B K^-1 B^T.
@@ -131,24 +156,45 @@ class IterativeSolver:
         # blocks.  Every solve starts from the best combination of the last 20 solutions (Fischer 1998, in the norm of
         # the residual), which saves a quarter of the iterations.
         self._blocks = symmetric_blocks(K)
-        self._ksp = configured_ksp(
-            K,
-            "cg",
-            {
-                "ksp_rtol": tolerance,
-                "ksp_atol": 0.0,
-                "ksp_max_it": 1000,
-                "ksp_norm_type": "unpreconditioned",
-                "ksp_guess_type": "fischer",
-                "ksp_guess_fischer_model": "2,20",
-                "pc_type": "gamg",
-                "pc_gamg_threshold": 0.02,
-                "mg_levels_ksp_type": "chebyshev",
-                "mg_levels_pc_type": "jacobi",
-                "pc_use_amat": True,
-            },
-            self._blocks,
-        )
+        krylov = {
+            "ksp_rtol": tolerance,
+            "ksp_atol": 0.0,
+            "ksp_max_it": 1000,
+            "ksp_norm_type": "unpreconditioned",
+            "ksp_guess_type": "fischer",
+            "ksp_guess_fischer_model": "2,20",
+            "pc_use_amat": True,
+            "mg_levels_ksp_type": "chebyshev",
+            "mg_levels_pc_type": "jacobi",
+        }
+        P = K.getAttr("interpolation")
+        if P is None:
+            krylov |= {"pc_type": "gamg", "pc_gamg_threshold": 0.02}
+            self._ksp = configured_ksp(K, "cg", krylov, self._blocks)
+        else:
+            self._ksp = self._from_second_order(K, P, krylov)
+
+    def _from_second_order(self, K: PETSc.Mat, P: PETSc.Mat, krylov: dict[str, object]) -> PETSc.KSP:
+        linear = _linear(K, P)
+
+        def prepare(pc: PETSc.PC) -> None:
+            pc.setType("mg")
+            pc.setMGLevels(2)
+            pc.setMGInterpolation(1, P)
+            pc.getMGCoarseSolve().setOperators(linear, linear)
+            pc.getMGSmoother(1).setOperators(self._blocks, K)
+
+        krylov |= {
+            "mg_levels_ksp_max_it": 1,  # two take 0.9 of the iterations
+            "mg_coarse_ksp_type": "preonly",
+            "mg_coarse_pc_type": "gamg",
+            "mg_coarse_pc_gamg_threshold": 0.02,
+            "mg_coarse_mg_levels_ksp_type": "chebyshev",
+            "mg_coarse_mg_levels_pc_type": "jacobi",
+        }
+        ksp = configured_ksp(K, "cg", krylov, self._blocks, prepare)
+        linear.destroy()  # the KSP has a reference
+        return ksp
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         self._ksp.setTolerances(rtol=max(tolerance, self.tolerance))
