@@ -116,6 +116,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     balance, drift = _rigid_motions(e, spring, np.sum(outer, axis=0), scales, over)
     remaining = np.column_stack([e.gap - e.closure[:, 0], -e.closure[:, 1:]])  # A x - b
     residual = FrictionLaw.tresca(e.bound).natural_residual(e.force.ravel(), remaining.ravel(), e.compliance, over)
+    mean = "; means around vertices" if e.averaged else ""
     deepest = _worst(over.max(e.closure[:, 0] - e.gap), 0.0)
 
     def relative(name: str, value: float, meaning: str) -> Check:
@@ -131,11 +132,11 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
         relative("clamps", over.max(np.abs(held)), "prescribed displacements held"),
         relative("force balance", balance, "loads, springs, reactions, contact: forces and moments add to zero"),
         relative("rigid motion", drift, "the springs carry what the clamps do not"),
-        relative("penetration", over.max(-gap), f"{deepest:.1e} m, over {scales.length:.1e} m"),
+        relative("penetration", over.max(-gap), f"{deepest:.1e} m, over {scales.length:.1e} m{mean}"),
         relative("adhesion", over.max(-pressing), "no node is pulled, nor has a force off the contact faces"),
         relative("complementarity", over.max(np.abs(pressing * gap)), "no force across a gap"),
         relative("friction cone", over.max(friction - g) / _worst(g_scale, 1e-3), "friction within its bound"),
-        relative("slip inside the cone", _ratio(early_slip, g_scale), "no slip before friction is at its bound"),
+        relative("slip inside the cone", _ratio(early_slip, g_scale), f"no slip before friction is at its bound{mean}"),
         Check("slip angle", _worst(angle, 0.0), ANGLE_LIMIT, "deg", "friction opposes slip"),
         relative("natural residual", residual, "of the whole problem"),
     )

@@ -39,6 +39,7 @@ class Evidence:
         bound: Slip bound of the law at these forces, shape (m,).
         rounding: Nodal forces due to rounding of the displacement (`rounding_forces`), shape (k, 3).
         compliance: Mean diagonal of A, metres per newton.
+        averaged: Whether gaps and slips are averages over the facets around vertices, as on 10-node tetrahedra.
     """
 
     comm: MPI.Comm
@@ -56,6 +57,7 @@ class Evidence:
     bound: FloatArray
     rounding: FloatArray
     compliance: float
+    averaged: bool = False
 
 
 class Strained(Protocol):

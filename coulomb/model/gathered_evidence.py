@@ -93,6 +93,7 @@ def gather_evidence(
         bound=np.concatenate([bound, none]),
         rounding=rounding_forces(elasticity, u),
         compliance=compliance,
+        averaged=not points.nodal,
     )
 
 
