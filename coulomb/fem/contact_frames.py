@@ -161,6 +161,8 @@ class FrictionAxes:
 
 
 def held_length(directions: FloatArray, H: FloatArray) -> FloatArray:
-    """Length of the parts of directions (k, 3) that are held, with the projectors H (k, 3, 3) of the nodes; (k,)."""
-    lengths: FloatArray = np.linalg.norm(np.einsum("kij,kj->ki", H, directions), axis=1)
+    """Length of the parts of directions (k, 3) that are held, with the projectors H (k, 3, 3) of the nodes, or their
+    means at contact points (`ContactPoints.held`); shape (k,)."""
+    squares: FloatArray = np.einsum("ki,kij,kj->k", directions, H, directions)
+    lengths: FloatArray = np.sqrt(np.maximum(squares, 0.0))
     return lengths

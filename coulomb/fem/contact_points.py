@@ -24,6 +24,7 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from . import compat
 from .compat import fem, ufl
+from .constraints import HeldDirections
 from .displacement_space import DisplacementSpace
 
 
@@ -60,6 +61,21 @@ class ContactPoints:
         given.destroy()
         result.destroy()
         return averages
+
+    def held(self, held: HeldDirections) -> FloatArray:
+        """How far each point is held: the mean M of the projectors of its nodes, shape (m, 3, 3); collective.
+
+        Weighted with the squares of the weights, so that of a row of B along a unit vector d the part sqrt(d^T M d) of
+        its length is along held directions.  At a point that is a node, M is its projector.  At a held vertex beside
+        free nodes it is less: the row acts on these, and without the point their part of the traction would be missing.
+
+        Args:
+            held: The held directions of this rank's nodes.
+        """
+        square = self.weights.multiply(self.weights).tocsr()
+        square = scipy.sparse.diags(1.0 / np.asarray(square.sum(axis=1)).ravel()) @ square
+        projectors = held.projector_at(np.arange(held.count)).reshape(-1, 9)
+        return replace(self, weights=square.tocsr()).average(projectors).reshape(-1, 3, 3)
 
     def spread(self, values: FloatArray) -> FloatArray:
         """Values at the contact points (m,) or (m, d) as nodal fields, 0 at other points, shape (k,) or (k, d);

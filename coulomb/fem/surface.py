@@ -151,7 +151,8 @@ def contact_surface(
     the mean normal of the facets around the node, weighted by its hat function, and gap is the distance along n to the
     foundation; if that ray misses it, to the tangent plane of the foundation's point nearest to the node.
 
-    Nodes whose normal displacement is prescribed are no contact nodes.  A node whose displacement along a tangent is
+    Nodes whose normal displacement is prescribed are no contact nodes; vertices of 10-node tetrahedra only if the other
+    nodes of their average are held as well.  A node whose displacement along a tangent is
     prescribed is one: its slip in that direction is known, and friction acts on the support that prescribes it.  So is
     a node that is held obliquely to its normal, as where a plane of symmetry ends on an inclined foundation: contact
     forces act on its free displacements, and on the support.
@@ -197,9 +198,9 @@ def contact_surface(
         gap[on_face] = on_all_ranks(lambda: way_along(mean, place, gap[on_face], foundation), what, comm)
         n = outward[points.nodes] / np.linalg.norm(outward[points.nodes], axis=1)[:, None]
 
-    H = elasticity.held.projector_at(points.nodes)
-    keep: npt.NDArray[np.bool_] = held_length(n, H) <= 1.0 - 1e-10
-    free_length = np.linalg.norm(n - np.einsum("kij,kj->ki", H, n), axis=1)
+    H, along = elasticity.held.projector_at(points.nodes), held_length(n, points.held(elasticity.held))
+    keep: npt.NDArray[np.bool_] = along <= 1.0 - 1e-10
+    free_length = np.sqrt(np.maximum(1.0 - along**2, 0.0))
     refuse.where(
         keep & (free_length < _NEARLY_HELD),
         x,

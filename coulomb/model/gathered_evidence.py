@@ -128,7 +128,7 @@ def _face(
             lambda: here.turned(-foundation.normal(here.undone(x))) if len(x) else np.zeros((0, 3)), what, comm
         )
     H = elasticity.held.projector_at(points.nodes)
-    free = held_length(n, H) <= HELD_BEYOND
+    free = held_length(n, points.held(elasticity.held)) <= HELD_BEYOND
     points, n, x, H = points.only(free), n[free], x[free], H[free]
 
     def remaining() -> FloatArray:
