@@ -1,6 +1,7 @@
 """Permitted imports between the packages ("rooms") of coulomb."""
 
 import ast
+import functools
 
 import pytest
 from conftest import ROOT
@@ -9,11 +10,23 @@ PACKAGE = ROOT / "coulomb"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
+def own(path):
+    """A file's name within the package."""
+    return path.relative_to(PACKAGE).as_posix()
+
+
+@functools.cache
+def nodes(path):
+    """Everything in a file's syntax tree."""
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
+@functools.cache
 def imports(path):
     """Absolute names of everything a file imports, inside functions too."""
     package = ("coulomb", *path.relative_to(PACKAGE).parts[:-1])
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -54,12 +67,11 @@ def test_every_folder_is_listed():
 def test_imports_between_rooms():
     wrong = set()
     for path in FILES:
-        own = path.relative_to(PACKAGE)
-        here = own.parts[0] if len(own.parts) > 1 else ""
-        if str(own) in ("__init__.py", "__main__.py"):  # the public names, loaded lazily; the program
+        if own(path) in ("__init__.py", "__main__.py"):  # the public names, loaded lazily; the program
             continue
+        here = own(path).partition("/")[0] if "/" in own(path) else ""
         allowed = ROOMS.get(here, set()) | {here, ""}
-        wrong |= {(str(own), room(name)) for name in imports(path) if room(name) not in allowed}
+        wrong |= {(own(path), room(name)) for name in imports(path) if room(name) not in allowed}
     assert not wrong
 
 
@@ -87,16 +99,16 @@ def test_no_import_cycle_of_files():
             del arrows[name]
 
 
-@pytest.mark.parametrize("path", [p for p in FILES if p.name != "compat.py"], ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_only_compat_imports_dolfinx(path):
-    assert not uses(path, "dolfinx", "ufl", "basix")
+def test_only_compat_imports_dolfinx():
+    found = {own(path): uses(path, "dolfinx", "ufl", "basix") for path in FILES if path.name != "compat.py"}
+    assert not {name: names for name, names in found.items() if names}
 
 
-@pytest.mark.parametrize("path", [p for p in FILES if p.name != "compat.py"], ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_only_compat_asks_for_the_version(path):
-    text = path.read_text()
-    assert "dolfinx.__version__" not in text
-    assert path.name == "environment.py" or "compat.VERSION" not in text  # it prints the version
+def test_only_compat_asks_for_the_version():
+    texts = {path: path.read_text() for path in FILES if path.name != "compat.py"}
+    assert not [own(path) for path, text in texts.items() if "dolfinx.__version__" in text]
+    asking = {own(path) for path, text in texts.items() if "compat.VERSION" in text}
+    assert {name.rpartition("/")[2] for name in asking} <= {"environment.py"}, asking  # it prints the version
 
 
 def test_package_imports_neither_plotting_nor_command_line():
@@ -132,38 +144,43 @@ NAMES_OF_FILES = (
 )
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_file_names_of_a_run_are_in_one_module(path):
+def test_file_names_of_a_run_are_in_one_module():
     """No other module has such a name in code, except in docstrings and in longer messages."""
-    constants = {n.value for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Constant)}
-    assert path.name == "run_directory.py" or not constants.intersection((*NAMES_OF_FILES, "steps/", "report.html"))
+    named = {}
+    for path in FILES:
+        constants = {node.value for node in nodes(path) if isinstance(node, ast.Constant)}
+        if path.name != "run_directory.py":
+            named[own(path)] = constants.intersection((*NAMES_OF_FILES, "steps/", "report.html"))
+    assert not {name: names for name, names in named.items() if names}
 
 
-@pytest.mark.parametrize("path", sorted({*(PACKAGE / "pictures").rglob("*.py")} - LAUNCH), ids=lambda p: p.name)
-def test_pictures_import_only_the_file_format(path):
-    """It runs without the package's `__init__` (coulomb.pictures.apart) and imports only the format of the files."""
-    own = ("coulomb.pictures.plotting", "coulomb.pictures.report", "coulomb.load_curve", *READERS)
-    assert not uses(path, "dolfinx", "petsc4py", "mpi4py")
-    assert not [name for name in uses(path, "coulomb") if name != "coulomb" and not name.startswith(own)]
+def test_pictures_import_only_the_file_format():
+    """They run without the package's `__init__` (coulomb.pictures.apart) and import only the format of the files."""
+    allowed = ("coulomb.pictures.plotting", "coulomb.pictures.report", "coulomb.load_curve", *READERS)
+    wrong = {}
+    for path in {*(PACKAGE / "pictures").rglob("*.py")} - LAUNCH:
+        others = [name for name in uses(path, "coulomb") if name != "coulomb" and not name.startswith(allowed)]
+        wrong[own(path)] = uses(path, "dolfinx", "petsc4py", "mpi4py") + others
+    assert not {name: names for name, names in wrong.items() if names}
 
 
 def test_nothing_prints_outside_the_command_line():
-    for path in FILES:
-        calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
-        printing = [n for n in calls if isinstance(n.func, ast.Name) and n.func.id == "print"]
-        assert not printing or path.parts[-2:] == ("cli", "app.py"), path
+    printing = {
+        own(path)
+        for path in FILES
+        for node in nodes(path)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
+    }
+    assert printing <= {"cli/app.py"}
 
 
 def test_converged_is_assigned_in_one_place():
     """Only `verdict` may assign CONVERGED; all other code compares with it."""
     places = []
     for path in FILES:
-        tree = ast.parse(path.read_text())
-        compared = [
-            node for compare in ast.walk(tree) if isinstance(compare, ast.Compare) for node in ast.walk(compare)
-        ]
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Attribute) and node.attr == "CONVERGED" and node not in compared:
+        compared = {id(node) for found in nodes(path) if isinstance(found, ast.Compare) for node in ast.walk(found)}
+        for node in nodes(path):
+            if isinstance(node, ast.Attribute) and node.attr == "CONVERGED" and id(node) not in compared:
                 places.append(path.name)
     assert places == ["results.py"]
 
