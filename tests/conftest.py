@@ -6,11 +6,15 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT", "1")
 os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
 
+import contextlib
 import functools
 import json
 import subprocess
 import sys
+import tempfile
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -128,9 +132,56 @@ def projected_gradient(qp, A, tolerance=1e-11, steps=200_000):
     return x
 
 
-def run_coulomb(*arguments, ranks=None, cwd=None, timeout=600):
-    """Run the command line in a process of its own; under mpirun if ranks are given."""
-    return run_python("-m", "coulomb", *arguments, ranks=ranks, cwd=cwd, timeout=timeout)
+def run_coulomb(*arguments, ranks=None, cwd=None, timeout=600, process=False):
+    """Run the command line.
+
+    Args:
+        arguments: Of coulomb.
+        ranks: Under mpirun, on so many ranks.
+        cwd: Where; by default in the current directory.
+        timeout: Of a process of its own, seconds.
+        process: In a process of its own, for what depends on one, and once per command; otherwise without ranks in
+            this one, which saves the second that it takes to start.
+
+    Returns:
+        Its returncode, and what it wrote as stdout and stderr.
+    """
+    if process or ranks is not None:
+        return run_python("-m", "coulomb", *arguments, ranks=ranks, cwd=cwd, timeout=timeout)
+    command = ["coulomb", *map(str, arguments)]
+    with contextlib.ExitStack() as stack:
+        out, errors = (stack.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8")) for _ in range(2))
+        stack.callback(os.chdir, os.getcwd())
+        os.chdir(cwd or ".")
+        stack.enter_context(mock.patch.object(sys, "argv", command))
+        with _written_to(1, out), _written_to(2, errors), redirect_stdout(out), redirect_stderr(errors):
+            code = _exit_code(command[1:])
+        for file in (out, errors):
+            file.seek(0)
+        return subprocess.CompletedProcess(command, code, out.read(), errors.read())
+
+
+def _exit_code(arguments):
+    from coulomb.cli.app import app  # here, since it takes time that most tests do not need
+
+    try:
+        app(arguments)
+    except SystemExit as end:
+        return end.code or 0
+    return 0
+
+
+@contextlib.contextmanager
+def _written_to(number, file):
+    """What libraries write to a standard stream by its number goes to a file as well."""
+    before = os.dup(number)
+    os.dup2(file.fileno(), number)
+    try:
+        yield
+    finally:
+        file.flush()
+        os.dup2(before, number)
+        os.close(before)
 
 
 def run_python(*arguments, ranks=None, cwd=None, timeout=600):
@@ -161,7 +212,9 @@ SMALL_BLOCK = ("--set", "mesh.cells=[12,4,4]", "--set", "output.picture=false")
 def block(tmp_path_factory):
     """Directory of a small block's run, with its report."""
     directory = tmp_path_factory.mktemp("runs") / "block"
-    done = run_coulomb("run", ROOT / "demos" / "block.toml", *SMALL_BLOCK, "--report", "--output", directory)
+    done = run_coulomb(
+        "run", ROOT / "demos" / "block.toml", *SMALL_BLOCK, "--report", "--output", directory, process=True
+    )
     assert done.returncode == 0, done.stderr
     return directory
 
@@ -181,7 +234,7 @@ def history(tmp_path_factory):
     """Directory of a load history of six steps, with its report."""
     directory = tmp_path_factory.mktemp("runs") / "history"
     small = ("--set", "mesh.cells=[4,4,2]", "--set", "history={end=6.0, steps=6}", "--set", "output.picture=false")
-    done = run_coulomb("run", ROOT / "demos" / "history.toml", *small, "--report", "--output", directory)
+    done = run_coulomb("run", ROOT / "demos" / "history.toml", *small, "--report", "--output", directory, process=True)
     assert done.returncode == 0, done.stderr
     return directory
 

@@ -50,7 +50,7 @@ def test_the_new_cases_are_the_demos(kind):
 
 def test_new_replaces_a_file_only_with_force(tmp_path):
     (tmp_path / "mine.toml").write_text("mine")
-    assert run_coulomb("new", "hertz", "mine.toml", cwd=tmp_path).returncode == 2
+    assert run_coulomb("new", "hertz", "mine.toml", cwd=tmp_path, process=True).returncode == 2
     assert (tmp_path / "mine.toml").read_text() == "mine"
     assert run_coulomb("new", "hertz", "mine.toml", "--force", cwd=tmp_path).returncode == 0
     assert "coulomb run mine.toml" in (tmp_path / "mine.toml").read_text()  # the comments name the file
@@ -63,7 +63,7 @@ def test_templates_are_in_the_package():
 
 
 def test_check_case_solves_and_writes_nothing(tmp_path):
-    done = run_coulomb("check-case", ROOT / "demos" / "history.toml", cwd=tmp_path)
+    done = run_coulomb("check-case", ROOT / "demos" / "history.toml", cwd=tmp_path, process=True)
     assert done.returncode == 0, done.stderr
     first, body, *others = done.stdout.splitlines()
     assert first.endswith("1815 displacement and 363 contact unknowns, Coulomb friction 0.5, 1 rank")

@@ -84,7 +84,7 @@ def test_written_on_three_ranks(tmp_path):
     changes = ("--set", "mesh.cells=[9,3,3]", "--set", "output.picture=false")
     done = run_coulomb("run", BLOCK, *changes, "--output", tmp_path, ranks=3)
     assert done.returncode == 0, done.stderr
-    done = run_coulomb("check", tmp_path)
+    done = run_coulomb("check", tmp_path, process=True)
     assert done.returncode == 0 and "certificate passed\nrecorded by the run: certificate had passed" in done.stdout
 
 

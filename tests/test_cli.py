@@ -12,7 +12,7 @@ SMALL = ("--set", "mesh.cells=[12,4,4]", "--set", "output.picture=false")
 
 
 def test_run(tmp_path):
-    done = run_coulomb("run", BLOCK, "--set", "mesh.cells=[18,6,6]", "--output", tmp_path / "out")
+    done = run_coulomb("run", BLOCK, "--set", "mesh.cells=[18,6,6]", "--output", tmp_path / "out", process=True)
     assert done.returncode == 0, done.stderr
     contents = json.loads((tmp_path / "out" / "summary.json").read_text())
     totals, _ = reference(6, "coulomb")
@@ -92,7 +92,7 @@ def test_unwritable_output_after_the_run_is_reported(tmp_path, ranks):
 
 
 def test_info():
-    done = run_coulomb("info")
+    done = run_coulomb("info", process=True)
     assert done.returncode == 0
     for name in ("coulomb", "DOLFINx", "PETSc", "mumps", "numpy", "pyvista", "BLAS"):
         assert name in done.stdout
@@ -130,7 +130,7 @@ def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path):
 
 
 def test_benchmark_of_the_compliance():
-    done = run_coulomb("benchmark", "compliance", "--p", 2)
+    done = run_coulomb("benchmark", "compliance", "--p", 2, process=True)
     assert done.returncode == 0, done.stderr
     *_, row = done.stdout.splitlines()
     assert row.split()[:2] == ["2", "54"] and float(row.split()[-1]) < 1e-10

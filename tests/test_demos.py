@@ -241,7 +241,9 @@ def test_script_and_case_give_the_reference_answer(tmp_path):
     for start in (
         lambda: run_python(ROOT / "demos" / "block.py", cwd=tmp_path),
         lambda: run_coulomb(
-            *("run", ROOT / "demos" / "block.toml", "--set", "output.picture=false", "--overwrite"), cwd=tmp_path
+            *("run", ROOT / "demos" / "block.toml", "--set", "output.picture=false", "--overwrite"),
+            cwd=tmp_path,
+            process=True,
         ),
     ):
         assert start().returncode == 0

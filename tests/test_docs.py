@@ -16,7 +16,7 @@ from coulomb.case.case import Case
 @functools.cache
 def commands():
     """What `coulomb --help` lists."""
-    return re.findall(r"^[│|] ([a-z][a-z-]+)\s", run_coulomb("--help").stdout, flags=re.M)
+    return re.findall(r"^[│|] ([a-z][a-z-]+)\s", run_coulomb("--help", process=True).stdout, flags=re.M)
 
 
 PAGES = sorted((ROOT / "docs").glob("*.md"))

@@ -223,7 +223,7 @@ def test_pipes_and_devices_are_refused_unopened(odd_files):
 def test_a_pipe_on_the_command_line(command):
     Path("case.toml").write_text(BLOCK)
     os.mkfifo("pipe")
-    done = run_coulomb(*(word.replace("'pipe'", "'pipe.msh'") for word in command), timeout=120)
+    done = run_coulomb(*(word.replace("'pipe'", "'pipe.msh'") for word in command), timeout=120, process=True)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
     assert "pipe" in done.stderr and "Traceback" not in done.stderr
 
@@ -238,7 +238,7 @@ def test_long_output_names(option):
 def test_more_unknowns_than_petsc_has_numbers_for():
     """With --force too: it overrides the estimate of memory, not the range of integers."""
     Path("case.toml").write_text(BLOCK)
-    done = run_coulomb("run", "case.toml", "--force", "--set", "mesh.cells=[1000000,1000000,1000000]")
+    done = run_coulomb("run", "case.toml", "--force", "--set", "mesh.cells=[1000000,1000000,1000000]", process=True)
     assert done.returncode == 2 and "too many unknowns: a mesh of 1000000 x 1000000 x 1000000 cells" in done.stderr
     refuse_uncountable((800, 800, 800), 1)
     assert np.prod([801, 801, 801]) * 3 < 2**31 < np.prod([901, 901, 901]) * 3

@@ -251,7 +251,7 @@ def killed(directory, after):
 @pytest.mark.parametrize("ranks", [None, 2])
 def test_a_killed_run_resumes_with_the_same_numbers(whole, tmp_path, ranks):
     left = killed(tmp_path, after=5)
-    done = run_coulomb("resume", tmp_path, ranks=ranks)
+    done = run_coulomb("resume", tmp_path, ranks=ranks, process=True)
     assert done.returncode == 0, done.stderr
     assert f"step {left + 1:3d}" in done.stdout and f"step {left:3d}" not in done.stdout
     (ours, rows), (expected, _) = numbers(tmp_path), numbers(whole)

@@ -230,7 +230,7 @@ def test_an_unfinished_history_is_labelled(history, tmp_path):
     contents = json.loads((tmp_path / "h" / "summary.json").read_text())
     contents["last"]["step"]["pending"] = [8.0, 7.0]
     (tmp_path / "h" / "summary.json").write_text(json.dumps(contents))
-    done = run_coulomb("report", tmp_path / "h", "--save", tmp_path / "h.html")
+    done = run_coulomb("report", tmp_path / "h", "--save", tmp_path / "h.html", process=True)
     assert done.returncode == 0 and "h.html" in done.stdout
     (tmp_path / "h.html").replace(tmp_path / "h" / "report.html")
     assert "NOT CERTIFIED" in words_of(tmp_path / "h")

@@ -77,7 +77,7 @@ def test_exponent():
 
 def test_benchmark_scaling(tmp_path):
     arguments = ("--p", 4, "--p", 5, "--ranks", 1, "--ranks", 2, "--method", "iterative", "--output", tmp_path)
-    done = run_coulomb("benchmark", "scaling", *arguments)
+    done = run_coulomb("benchmark", "scaling", *arguments, process=True)
     assert done.returncode == 0, done.stderr
     with (tmp_path / "scaling.csv").open() as file:
         rows = list(csv.DictReader(file))

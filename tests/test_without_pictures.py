@@ -36,7 +36,7 @@ def test_the_extra_lists_the_packages():
 
 def test_a_run_continues_without_picture_and_report(tmp_path, without):
     without(*PACKAGES)
-    done = run_coulomb(*SMALL, "--report", "--output", tmp_path / "out")
+    done = run_coulomb(*SMALL, "--report", "--output", tmp_path / "out", process=True)
     assert done.returncode == 0, done.stderr
     said = [line for line in done.stderr.splitlines() if line]
     assert len(said) == 2
@@ -53,11 +53,11 @@ def test_a_run_continues_without_picture_and_report(tmp_path, without):
 @pytest.mark.parametrize("command", ["plot", "report"])
 @pytest.mark.parametrize("module", ["pyvista", "PIL"])
 def test_drawing_commands_say_what_to_install(tmp_path, without, command, module):
-    done = run_coulomb(*SMALL, "--set", "output.picture=false", "--output", tmp_path / "out")
+    done = run_coulomb(*SMALL, "--set", "output.picture=false", "--output", tmp_path / "out", process=True)
     assert done.returncode == 0, done.stderr
     without(module)
     save = tmp_path / ("x.png" if command == "plot" else "x.html")
-    done = run_coulomb(command, tmp_path / "out", "--save", save)
+    done = run_coulomb(command, tmp_path / "out", "--save", save, process=True)
     assert done.returncode == 1 and not save.exists()
     assert done.stderr == (
         f"error: {PACKAGES[module]} is not installed, and pictures need it: ./install.sh, or pip install {EVERY}\n"
@@ -66,7 +66,7 @@ def test_drawing_commands_say_what_to_install(tmp_path, without, command, module
 
 def test_a_benchmark_writes_its_table_without_figure(tmp_path, without):
     without("matplotlib")
-    done = run_coulomb("benchmark", "conditioning", "--p", 1, "--output", tmp_path)
+    done = run_coulomb("benchmark", "conditioning", "--p", 1, "--output", tmp_path, process=True)
     assert done.returncode == 0 and "warning: no figure: matplotlib is not installed" in done.stderr
     assert (tmp_path / "conditioning.csv").exists() and not (tmp_path / "conditioning.png").exists()
     assert f"conditioning.csv in {tmp_path}" in done.stdout
