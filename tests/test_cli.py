@@ -98,16 +98,16 @@ def test_info():
         assert name in done.stdout
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_ranks_give_the_same_forces(tmp_path, ranks):
+def test_ranks_give_the_same_forces(tmp_path):
     forces = []
-    for n in (None, ranks):
+    for n in (None, 2, 3):
         directory = tmp_path / str(n)
         done = run_coulomb("run", BLOCK, *SMALL, "--set", "solver.tolerance=1e-10", "--output", directory, ranks=n)
         assert done.returncode == 0, done.stderr
         assert done.stdout.count("certificate passed") == 1  # only rank 0 prints
         forces.append(json.loads((directory / "summary.json").read_text())["force_on_body"]["vector"])
-    assert forces[1] == pytest.approx(forces[0], rel=1e-8)
+    for force in forces[1:]:
+        assert force == pytest.approx(forces[0], rel=1e-8)
 
 
 def test_bad_input_ends_all_ranks():

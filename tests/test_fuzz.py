@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from coulomb import Automatic, DenseSystem, FrictionProblem, InteriorPoint, NotConverged, Status, SuccessiveTresca
 
-EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "150"))
+EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "90"))
 SOLVERS = {
     "auto": Automatic(1e-8),
     "interior point": InteriorPoint(1e-8),

@@ -34,7 +34,7 @@ def test_a_library_user_sees_the_messages(tmp_path):
     assert plain.returncode == 0 and MESSAGE in plain.stderr and "INFO" not in plain.stderr and not plain.stdout
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("ranks", [None, 2])
 def test_the_command_line_shows_a_warning_once(tmp_path, ranks):
     log = tmp_path / "run.log"
     options = (*SMALL, *OLD_NAME, "--output", tmp_path / "out", "--log", log, "--quiet")

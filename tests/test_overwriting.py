@@ -38,8 +38,8 @@ def _here(tmp_path, monkeypatch):
     Path("case.toml").write_text(SMALL_CASE)
 
 
-def run(*options, ranks=None, code=0, to="out"):
-    done = run_coulomb("run", "case.toml", "--output", to, "--quiet", *options, ranks=ranks)
+def run(*options, ranks=None, code=0, to="out", process=False):
+    done = run_coulomb("run", "case.toml", "--output", to, "--quiet", *options, ranks=ranks, process=process)
     assert done.returncode == code, done.stderr
     return done.stderr
 
@@ -184,7 +184,7 @@ def test_a_linked_directory(made):
 def test_a_directory_in_use_is_refused(made):
     before = there(made, "single")
     with locked("out", MPI.COMM_SELF):
-        assert "in use by" in run(*OTHER, "--overwrite", code=2)
+        assert "in use by" in run(*OTHER, "--overwrite", code=2, process=True)
     assert everything() == before
 
 
