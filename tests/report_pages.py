@@ -6,11 +6,13 @@ import json
 import re
 import shutil
 import subprocess
+from unittest import mock
 
 import numpy as np
 import pytest
 
 from coulomb.pictures.plotting import ZONES
+from coulomb.pictures.report import page
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to open the page in")
@@ -18,6 +20,20 @@ needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromi
 
 def page_of(directory):
     return (directory / "report.html").read_text(encoding="utf-8")
+
+
+class NoCharts:
+    """In place of the module of the charts: each is empty."""
+
+    def __getattr__(self, name):
+        return lambda run: ""
+
+
+def page_without_pictures(directory, charts=False):
+    """The page as text, without pictures, which take most of its time, and with its charts if asked for."""
+    with mock.patch.object(page, "_pictures", lambda *_: []):
+        with mock.patch.object(page, "charts", page.charts if charts else NoCharts()):
+            return page.render(page.read_run(directory))
 
 
 def words_of(directory):
