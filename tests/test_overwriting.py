@@ -279,7 +279,7 @@ def test_python_refuses_to_write_into_a_history(made):
     assert everything() == before
 
 
-SLOW = ("--set", "mesh.cells=[12,6,6]", "--set", "history={end=1, steps=60}", *HISTORY[:2])
+SLOW = ("--set", "mesh.cells=[12,6,6]", "--set", "history={end=1, steps=20}", *HISTORY[:2])
 
 
 def test_a_killed_history_keeps_the_old_results(made):
@@ -289,7 +289,7 @@ def test_a_killed_history_keeps_the_old_results(made):
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         while not Path("out/steps/0002/summary.json").exists():
             assert process.poll() is None
-            time.sleep(0.05)
+            time.sleep(0.01)
         process.send_signal(signal.SIGKILL)
     kept = {path: text for path, text in everything("out/replaced-1").items() if path.name != "REPLACED.txt"}
     assert kept == before and check("out/replaced-1").passed
