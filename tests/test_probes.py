@@ -49,19 +49,20 @@ def test_linear_displacements_are_interpolated_exactly(cell, field):
         assert np.array_equal(value.found_at, x)
 
 
-def pressed(cell, amplitude=1.0, probes=()):
+def pressed(cell, amplitude=1.0, probes=(), degree=1):
     """A cube between smooth walls, pressed by 1e-4 of its height: uniaxial strain."""
     walls = [Clamp("left", "x"), Clamp("right", "x"), Clamp("front", "y"), Clamp("back", "y")]
     press = PrescribedDisplacement("top", (0.0, 0.0, -1e-4), "z", amplitude)
-    mesh = coulomb.box((1.0, 1.0, 1.0), (3, 4, 2), cell)
+    mesh = coulomb.box((1.0, 1.0, 1.0), (3, 4, 2), cell, degree=degree)
     return ContactProblem(mesh, STEEL, [*walls, press], Contact("bottom", 0.3), probes=probes)
 
 
+@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", CELLS)
-def test_pressure_of_the_patch_test(cell):
+def test_pressure_of_the_patch_test(cell, degree):
     E, nu = STEEL.young, STEEL.poisson
     pressure = 1e-4 * E * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
-    on, above = probed(pressed(cell), [(0.41, 0.37, 0.0), (0.41, 0.37, 0.6)])
+    on, above = probed(pressed(cell, degree=degree), [(0.41, 0.37, 0.0), (0.41, 0.37, 0.6)])
     assert on.face == "bottom" and above.face is None
     assert on.pressure == pytest.approx(pressure, rel=1e-9)
     assert np.allclose(on.slip, 0.0, atol=1e-12) and above.slip is None and above.pressure is None

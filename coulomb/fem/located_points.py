@@ -16,8 +16,9 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .compat import cell_dofs, cell_geometry, mesh
+from .compat import cell_dofs, cell_geometry, geometry_degree, mesh
 from .displacement_space import DisplacementSpace
+from .lagrange import corner_geometry, lagrange_points, lagrange_slopes, lagrange_values
 
 SNAP = 0.05
 """Distance from the boundary that is none, relative to the shortest edge of the cell beside it."""
@@ -114,7 +115,7 @@ def locate(
                 on_face[k] = number
                 if comm.rank == owner:
                     cell = int(face.cell[facet])
-                    weights = cells.shape(np.clip(cells.reference(cell, at)[0], 0.0, 1.0)) * face.corners[facet]
+                    weights = cells.on_facet(np.clip(cells.reference(cell, at)[0], 0.0, 1.0), face.corners[facet])
                     on_surface.nodes[k], on_surface.weights[k] = cells.dofs[cell], _without_dust(weights)
     return LocatedPoints(x, inside, on_face, on_surface)
 
@@ -127,27 +128,29 @@ def _without_dust(weights: FloatArray) -> FloatArray:
 
 
 class _Cells:
-    """The cells of this rank with their corners; first-order hexahedra or tetrahedra."""
+    """The cells of this rank, hexahedra or tetrahedra; mesh and displacements are of first or second order."""
 
     def __init__(self, body: DisplacementSpace):
         domain = body.domain
-        self._domain = domain
+        self._domain, self._kind = domain, domain.topology.cell_type
+        self._order, self._degree = geometry_degree(domain), body.degree
         self._x: FloatArray = domain.geometry.x
-        self._corners, self.dofs = cell_geometry(domain), cell_dofs(body.V)
+        self._nodes, self._corners, self.dofs = cell_geometry(domain), corner_geometry(domain), cell_dofs(body.V)
         self._own = domain.topology.index_map(3).size_local
-        own = self._corners[: self._own]
+        own = self._nodes[: self._own]
         first = self._x[own[:, 0]] if len(own) else np.empty((0, 3))
         self._low: FloatArray = first.copy()
         self._high: FloatArray = first.copy()
-        for corner in own.T:
-            np.minimum(self._low, self._x[corner], out=self._low)
-            np.maximum(self._high, self._x[corner], out=self._high)
+        for node in own.T:
+            np.minimum(self._low, self._x[node], out=self._low)
+            np.maximum(self._high, self._x[node], out=self._high)
 
     def holding(self, point: FloatArray) -> tuple[int, FloatArray, float]:
         """This rank's own cell that holds a point: its number, the reference coordinates, and how far these are outside
         the reference cell; infinite if there is no such cell."""
         best: tuple[int, FloatArray, float] = (-1, np.zeros(3), np.inf)
-        margin = 1e-6 * np.max(self._high - self._low, axis=1, initial=0.0)[:, None]
+        beyond = 1e-6 if self._order == 1 else 0.2  # a curved cell may reach beyond its nodes
+        margin = beyond * np.max(self._high - self._low, axis=1, initial=0.0)[:, None]
         near = np.all((self._low - margin <= point) & (point <= self._high + margin), axis=1)
         for cell in np.flatnonzero(near):
             X, outside = self.reference(int(cell), point)
@@ -157,36 +160,36 @@ class _Cells:
 
     def reference(self, cell: int, point: FloatArray) -> tuple[FloatArray, float]:
         """Reference coordinates of a point in a cell by Newton's method, and how far they are outside the cell."""
-        corners = self._x[self._corners[cell]]
-        size = float(np.max(np.ptp(corners, axis=0)))
-        X: FloatArray = np.full(3, 0.25 if len(corners) == 4 else 0.5)
+        nodes, corners = self._x[self._nodes[cell]], self._corners.shape[1]
+        size = float(np.max(np.ptp(nodes, axis=0)))
+        X: FloatArray = np.full(3, 0.25 if corners == 4 else 0.5)
         for _ in range(_NEWTON_STEPS):
-            residual = point - self.shape(X) @ corners
+            residual = point - self._values(X, self._order) @ nodes
             if float(np.max(np.abs(residual))) <= 1e-14 * size:
                 break
+            slopes = lagrange_slopes(self._kind, self._order, X[None])[:, 0]
             try:
-                X = np.clip(X + np.linalg.solve((self._slopes(X) @ corners).T, residual), -2.0, 3.0)
+                X = np.clip(X + np.linalg.solve((slopes @ nodes).T, residual), -2.0, 3.0)
             except np.linalg.LinAlgError:  # a point far outside a distorted cell
                 return X, np.inf
-        if float(np.max(np.abs(point - self.shape(X) @ corners))) > _ROUNDING * size:
+        if float(np.max(np.abs(point - self._values(X, self._order) @ nodes))) > _ROUNDING * size:
             return X, np.inf
-        beyond = 1.0 - X.sum() if len(corners) == 4 else np.min(1.0 - X)
+        beyond = 1.0 - X.sum() if corners == 4 else np.min(1.0 - X)
         return X, float(-min(np.min(X), beyond, 0.0))
 
     def shape(self, X: FloatArray) -> FloatArray:
-        """Shape functions of the corners at reference coordinates X (3,)."""
-        if self._corners.shape[1] == 4:
-            return np.array([1.0 - X.sum(), *X])
-        (a, b, c), (x, y, z) = 1.0 - X, X
-        return np.array([a * b * c, x * b * c, a * y * c, x * y * c, a * b * z, x * b * z, a * y * z, x * y * z])
+        """Shape functions of the displacements at reference coordinates X (3,)."""
+        return self._values(X, self._degree)
 
-    def _slopes(self, X: FloatArray) -> FloatArray:
-        """Derivatives of the shape functions, shape (3, corners)."""
-        if self._corners.shape[1] == 4:
-            return np.column_stack([-np.ones(3), np.eye(3)])
-        ends = [self.shape(np.where(np.arange(3) == k, end, X)) for k in range(3) for end in (1.0, 0.0)]
-        slopes: FloatArray = np.array(ends)[0::2] - np.array(ends)[1::2]
-        return slopes
+    def on_facet(self, X: FloatArray, corners: npt.NDArray[np.bool_]) -> FloatArray:
+        """The shape functions at X of the nodes on the facet with these corners of the cell, 0 for other nodes."""
+        linear = lagrange_values(self._kind, 1, lagrange_points(self._kind, self._degree))
+        beside = np.any(np.abs(linear[:, ~corners]) > 1e-9, axis=1)
+        return np.where(beside, 0.0, self.shape(X))
+
+    def _values(self, X: FloatArray, degree: int) -> FloatArray:
+        values: FloatArray = lagrange_values(self._kind, degree, X[None])[0]
+        return values
 
     def facets(self, facets: npt.NDArray[Any]) -> _Facets:
         """Boundary facets with the cells beside them."""

@@ -122,6 +122,8 @@ class LocatedProbes:
         slip, pressure = np.zeros((2, *u.shape))
         slip[nodes] = answer.slip
         pressure[nodes, 0] = answer.force[:, 0] / answer.area
+        if not body.positive:  # contact points are vertices, between which these are linear
+            slip, pressure = body.linear_between_vertices(slip), body.linear_between_vertices(pressure)
         moved, slid, pressed = (
             by.of(body.function(values).x.array.reshape(-1, 3), comm)
             for by, values in ((located.body, u), (located.surface, slip), (located.surface, pressure))
