@@ -16,6 +16,7 @@ from .version import __version__
 if TYPE_CHECKING:
     from .fem.body import Material
     from .fem.elasticity import Elasticity
+    from .fem.form_body import Body
     from .fem.loads import Pressure, TotalForce, Traction
     from .fem.meshes import box, read_gmsh, read_mesh, read_xdmf
     from .fem.named_mesh import NamedMesh
@@ -55,6 +56,7 @@ __all__ = [
     "KPRGP",
     "AugmentedSystem",
     "Automatic",
+    "Body",
     "Certificate",
     "Check",
     "Clamp",
@@ -122,6 +124,7 @@ _PUBLIC = {
     "fem.body": ("Material",),
     "fem.orthotropic": ("OrthotropicMaterial",),
     "fem.elasticity": ("Elasticity",),
+    "fem.form_body": ("Body",),
     "load_curve": ("LoadCurve",),
     "fem.supports": ("Clamp", "PrescribedDisplacement", "PrescribedRotation", "Spring", "SymmetryPlane"),
     "fem.loads": ("Pressure", "TotalForce", "Traction"),

@@ -1,4 +1,4 @@
-"""The only module that depends on the DOLFINx version: 0.5 (Debian 12) to 0.9 (Debian 13), and 0.11.
+"""Depends on the DOLFINx version, as `compat_forms` and nothing else: 0.5 (Debian 12) to 0.9 (Debian 13), and 0.11.
 
 Other modules import DOLFINx's `mesh`, `fem`, `io`, `cpp` and Basix from here, so that this module is imported first.
 """
@@ -72,9 +72,9 @@ def _settle(domain: Any) -> None:
         domain._ufl_coordinate_element = ufl.VectorElement(ufl.FiniteElement(*shape, variant="equispaced"))
 
 
-def assemble_matrix(form: Any) -> PETSc.Mat:
-    """Assembled matrix of a bilinear form without boundary conditions."""
-    A = dolfinx.fem.petsc.assemble_matrix(form)
+def assemble_matrix(form: Any, constants: FloatArray | None = None) -> PETSc.Mat:
+    """Assembled matrix of a bilinear form without boundary conditions, with other values of its constants if given."""
+    A = dolfinx.fem.petsc.assemble_matrix(form, constants=constants)
     A.assemble()
     A.setAttr("form", form)  # keeps the mesh alive, and with it the communicator, without which 0.9's matrices crash
     return A
@@ -88,10 +88,10 @@ def cell_dofs(V: Any) -> npt.NDArray[np.int32]:
 
 def geometry_degree(domain: Any) -> int:
     """Degree of the map from the reference cell to the cells of a mesh: 1, or 2 with nodes on edges."""
-    return int(_coordinate_element(domain).degree)
+    return int(coordinate_element(domain).degree)
 
 
-def _coordinate_element(domain: Any) -> Any:
+def coordinate_element(domain: Any) -> Any:
     maps = getattr(domain.geometry, "cmaps", None)
     return maps[0] if isinstance(maps, Sequence) else domain.geometry.cmap  # a list in 0.6, and from 0.11 on
 
@@ -102,7 +102,7 @@ def cell_geometry(domain: Any) -> npt.NDArray[np.int32]:
     table = dofmaps[0] if isinstance(dofmaps, Sequence) else domain.geometry.dofmap
     if isinstance(table, np.ndarray):
         return table
-    rows: npt.NDArray[np.int32] = table.array.reshape(-1, _coordinate_element(domain).create_dof_layout().num_dofs)
+    rows: npt.NDArray[np.int32] = table.array.reshape(-1, coordinate_element(domain).create_dof_layout().num_dofs)
     return rows
 
 

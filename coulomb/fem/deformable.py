@@ -87,6 +87,11 @@ class Deformable(HeldSpace, ABC):
             ValueError: On every rank, if they have no finite value at that time.
         """
 
+    def outdated(self, loading: Loading) -> bool:
+        """Whether loads, prescribed displacements or coefficients have been changed by hand since a loading was
+        evaluated; collective."""
+        return False
+
     @abstractmethod
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
         """The forces of every load by itself; collective."""

@@ -30,6 +30,11 @@ class HeldSpace(DisplacementSpace):
     mesh: NamedMesh
     held: HeldDirections
 
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share the body."""
+        return self.mesh.comm
+
     def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
         """This rank's nodes on a face, sorted; ValueError if there is no such face."""
         return self.nodes_of(self.mesh.facets(face, what))

@@ -54,7 +54,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         "mean_compliance": problem.mean_compliance,
         "method": {
             "solver": result.method,
-            "stiffness": problem.body.stiffness_solver.name,
+            "stiffness": problem.stiffness.solver.name,
             "compliance": problem.A.name,
             "ranks": problem.comm.size,
         },

@@ -85,7 +85,7 @@ class Acceptance:
         remedies = ["a check of the units of lengths, forces and stiffnesses"]
         if Reductions(problem.comm).max(problem.elasticity.spring) > 0.0:
             remedies.insert(0, "a clamp or stiffer springs, to prevent the rigid motion")
-        if problem.body.stiffness_solver.tolerance > 0.0:
+        if problem.stiffness.solver.tolerance > 0.0:
             remedies.insert(0, 'K factorised (linear_solver = "direct")')
         said = f"{failure}; failing conditions: {what_fails(certificate)}; what may help: {', or '.join(remedies)}"
         return NotConverged(said, result)

@@ -209,19 +209,23 @@ def _rigid_motions(
 ) -> tuple[float, float]:
     """Imbalance of three forces and three moments; for free rigid motions, relative to the springs.
 
-    A rigid motion causes no internal force.  If no prescribed displacement prevents it, only the springs do, and their
-    forces may be a millionth of the internal forces.  So the forces along such a motion are compared with those of the
-    springs, or with those that they would have for a motion by the scale of displacements.
+    A rigid motion causes no internal force, except in an elastic foundation that is part of the internal forces.  If no
+    prescribed displacement prevents it, only the springs do, and such foundations, and their forces may be a millionth
+    of the internal forces.  So the forces along such a motion are compared with those of the springs, or with those
+    that they would have for a motion by the scale of displacements.
 
     Returns:
         Largest of six sums over the sum of all forces; largest imbalance of a free motion over its spring forces.
     """
     count, modes = over.sum(float(len(e.x))), rigid_modes(e.x, e.comm)
-    sums = over.total(np.einsum("kcj,kc->j", modes, outer))
+    ground = np.zeros_like(modes) if e.ground is None else e.ground
+    borne = np.einsum("kcj,kc->kj", ground, e.displacement)  # work of the internal forces on the motions, node by node
+    sums = over.total(np.einsum("kcj,kc->j", modes, outer) - borne.sum(axis=0))
     balance = _ratio(_worst(*np.abs(sums)), scales.turnover)
 
     held = over.total(np.einsum("kci,kcj->ij", modes, e.held.held_part(modes)))
     stiffness = over.total(np.einsum("kci,kc,kcj->ij", modes, e.spring, modes))
+    stiffness += over.total(np.einsum("kci,kcj->ij", modes, ground))
     if not (np.all(np.isfinite(sums)) and np.all(np.isfinite(held)) and np.all(np.isfinite(stiffness))):
         return balance, math.nan
     weight, vectors = np.linalg.eigh(held)
@@ -229,6 +233,7 @@ def _rigid_motions(
     stiff, vectors = np.linalg.eigh(free.T @ stiffness @ free)
     free = free @ vectors  # motions that the springs hold independently of each other
     carried = over.total(np.einsum("kcj,kc->j", np.abs(modes @ free), np.abs(spring)))
+    carried += over.total(np.abs(np.einsum("kcj,kc->kj", ground @ free, e.displacement)).sum(axis=0))
     drifts = [
         _ratio(force, _worst(carries, k * scales.length) or scales.turnover)
         for force, carries, k in zip(np.abs(free.T @ sums), carried, stiff, strict=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import repeat
@@ -12,20 +12,16 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.elasticity import Elasticity, Materials, Spring, Support
-from ..fem.loads import Load
-from ..fem.named_mesh import NamedMesh
+from ..fem.deformable import Deformable
 from ..fem.obstacles import RigidFoundation
 from ..fem.rigid_motion import RigidMotion, since_at, spin
 from ..fem.surface import ContactSurface
-from ..fem.temperature import ThermalLoad
-from ..fem.user_values import Amplitude, Field
-from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance, SchurCompliance
 from ..linalg.methods import LinearSolver, chosen
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.stiffness import StiffnessSolver
 from .accumulated import Accumulated
 from .contact import Contact, ContactFaces
+from .contact_stiffness import ContactStiffness
 from .probes import LocatedProbes, Probe
 from .state import Before, ContactState
 from .stopwatch import timed
@@ -37,17 +33,9 @@ class ContactBody:
     """An elastic body and its contact faces: K, K^-1 and A, each computed when first needed.
 
     Args:
-        mesh: The body; this and the following as for `ContactProblem`.
-        material: Its material.
-        clamps: Prescribed displacements.
+        make: Makes the body: K, loads and supports.
+        comm: The ranks that share it.
         contacts: The contact faces.
-        tractions: Surface loads.
-        body_force: Force per volume in N/m^3.
-        springs: Elastic supports.
-        body_force_amplitude: Factor of the body force as a function of time.
-        gravity: Acceleration of gravity in m/s^2.
-        gravity_amplitude: Factor of gravity as a function of time.
-        thermal: Temperature; None for none.
         time: Time of the reference frames in which A is computed; for other frames it is rotated.
         linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.
@@ -68,30 +56,20 @@ class ContactBody:
 
     def __init__(
         self,
-        mesh: NamedMesh,
-        material: Materials,
-        clamps: Sequence[Support],
+        make: Callable[[], Deformable],
+        comm: MPI.Comm,
         contacts: Sequence[Contact],
-        tractions: Sequence[Load],
-        body_force: Field,
-        springs: Sequence[Spring],
-        body_force_amplitude: Amplitude,
-        gravity: Sequence[float],
-        gravity_amplitude: Amplitude,
-        thermal: ThermalLoad | None,
         time: float,
         linear_solver: LinearSolver | None,
         explicit: bool | None,
         probes: Sequence[Probe] = (),
     ):
-        chosen(0, 0, mesh.comm.size, linear_solver, explicit)  # impossible combinations are refused before the assembly
-        self.mesh, self.contacts = mesh, tuple(contacts)
+        chosen(0, 0, comm.size, linear_solver, explicit)  # impossible combinations are refused before the assembly
+        self.contacts = tuple(contacts)
         self.seconds: dict[str, float] = {}
         with timed(self.seconds, "assembly"):
-            self.elasticity = Elasticity(
-                *(mesh, material, clamps, tractions, body_force, springs, body_force_amplitude),
-                *(gravity, gravity_amplitude, thermal),
-            )
+            self.elasticity = make()
+            self.mesh = self.elasticity.mesh
             if self.comm.rank == 0:
                 for text in self.elasticity.contradictions:
                     _log.warning("%s", text)
@@ -102,6 +80,9 @@ class ContactBody:
             self.probes = self.located(probes)
         self.linear_solver, self.explicit = chosen(
             self.unknowns["displacement"], self.unknowns["contact"], self.comm.size, linear_solver, explicit
+        )
+        self._stiffness = ContactStiffness(
+            self.elasticity, self._reference, self.linear_solver, self.explicit, self.seconds
         )
 
     @property
@@ -143,7 +124,7 @@ class ContactBody:
         Raises:
             ValueError: On every rank, if an amplitude or a motion has none.
         """
-        self.elasticity.at(time)
+        self.elasticity.at_time(time).at(time)
         self.rigid_motions(time)
         for contact in self.contacts:
             contact.friction_factor(time, self.comm)
@@ -211,8 +192,10 @@ class ContactBody:
             origin = surface.rows(before.displacement) + surface.components(carried)
             spins = tuple(map(spin, motions, then, repeat(time - before.time)))
         law = self._faces.law(surface, time, slip_rate)
-        loading = self.elasticity.at(time)
-        return ContactState(loading, motions, spins, surface, law, slip_rate, origin, accumulated)
+        elasticity = self.elasticity.at_time(time)
+        return ContactState(
+            elasticity, elasticity.at(time), motions, spins, surface, law, slip_rate, origin, accumulated
+        )
 
     # --- K^-1 and A ---------------------------------------------------------------------------------------------
 
@@ -223,39 +206,17 @@ class ContactBody:
 
     @property
     def stiffness_solver(self) -> StiffnessSolver:
-        """K^-1."""
-        return self._contact_last if self.explicit else self._any_order
+        """K^-1 of `elasticity`."""
+        return self.stiffness(self.elasticity).solver
 
-    @cached_property
-    def _contact_last(self) -> MultifrontalSolver:
-        """K^-1 with the contact nodes eliminated last, which gives A."""
-        with timed(self.seconds, "stiffness"):
-            return MultifrontalSolver(self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows)
-
-    @cached_property
-    def _any_order(self) -> StiffnessSolver:
-        """K^-1 where A is not formed."""
-        with timed(self.seconds, "stiffness"):
-            return self.linear_solver(self.elasticity.K)
-
-    @cached_property
-    def _compliance(self) -> BodyCompliance:
-        """A in the reference frames."""
-        solver, B = self.stiffness_solver, self._reference.free_B
-        with timed(self.seconds, "compliance"):
-            if self.explicit:
-                return SchurCompliance(B, self._contact_last)
-            return MatrixFreeCompliance(B, self.elasticity.K, solver)
-
-    def compliance(self, surface: ContactSurface, seconds: dict[str, float]) -> BodyCompliance:
-        """A = B K^-1 B^T in the frames of a surface of this body, metres per newton; collective.
+    def stiffness(self, elasticity: Deformable, seconds: dict[str, float] | None = None) -> ContactStiffness:
+        """K^-1 and A of this body with the coefficients of a state; those of the last state asked for are kept.
 
         Args:
-            surface: The surface.
-            seconds: Dictionary to which the wall time of rotating A is added.
+            elasticity: The body in that state.
+            seconds: Dictionary to which wall times are added; by default that of the body.
         """
-        A = self._compliance
-        if surface.free_B is self._reference.free_B:
-            return A
-        with timed(seconds, "compliance"):
-            return A.rotated(surface.free_B)
+        if self._stiffness.elasticity.K is not elasticity.K:
+            spent = self.seconds if seconds is None else seconds
+            self._stiffness = ContactStiffness(elasticity, self._reference, self.linear_solver, self.explicit, spent)
+        return self._stiffness

@@ -30,6 +30,8 @@ class Evidence:
         internal: Nodal forces of its stress, assembled anew, shape (k, 3).
         load: Shape (k, 3).
         spring: Stiffness of the springs along x, y and z in N/m, shape (k, 3).
+        ground: Nodal forces of the `rigid_modes` in newtons, shape (k, 3, 6), where the internal forces contain those
+            of an elastic foundation; None if rigid motions cause no internal forces.
         held: The directions along which displacements are prescribed.
         prescribed: The displacement along them, shape (k, 3).
         on_body: Contact forces on the body, shape (k, 3).
@@ -58,6 +60,7 @@ class Evidence:
     rounding: FloatArray
     compliance: float
     averaged: bool = False
+    ground: FloatArray | None = None
 
 
 class Strained(Protocol):

@@ -41,7 +41,7 @@ def gather_evidence(
         compliance: Mean diagonal of A, metres per newton.
         before: End of the load step before; None if slip is measured from the state's `slip_origin`.
     """
-    elasticity, surface = body.elasticity, state.surface
+    elasticity, surface = state.elasticity, state.surface
     slip_rate = np.zeros(len(u))
     slip_rate[surface.nodes] = state.slip_rate if before is None else before.slip_rate
     faces = [_face(body, number, state.time, before, slip_rate) for number in range(len(body.contacts))]
@@ -84,6 +84,7 @@ def gather_evidence(
         internal=elasticity.internal_force(u),
         load=state.loading.load,
         spring=elasticity.spring,
+        ground=elasticity.ground,
         held=elasticity.held,
         prescribed=state.loading.prescribed,
         on_body=on_body,

@@ -19,6 +19,7 @@ from ..solvers.friction_problem import FrictionProblem
 from ..solvers.laws import FrictionLaw
 from .contact import Contact
 from .contact_body import ContactBody
+from .contact_stiffness import ContactStiffness
 from .evidence import Evidence
 from .gathered_evidence import gather_evidence
 from .nodal_answer import closure
@@ -67,7 +68,7 @@ class PosedProblem:
     @property
     def elasticity(self) -> Deformable:
         """K, loads and supports."""
-        return self.body.elasticity
+        return self.state.elasticity
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
@@ -120,9 +121,14 @@ class PosedProblem:
         return self.elasticity.f(self.loading)
 
     @cached_property
+    def stiffness(self) -> ContactStiffness:
+        """K^-1 and A of the body at this time."""
+        return self.body.stiffness(self.elasticity, self.seconds)
+
+    @cached_property
     def A(self) -> BodyCompliance:
         """Compliance B K^-1 B^T of the contact points, metres per newton."""
-        return self.body.compliance(self.surface, self.seconds)
+        return self.stiffness.compliance(self.surface, self.seconds)
 
     @cached_property
     def b(self) -> FloatArray:
@@ -161,7 +167,7 @@ class PosedProblem:
     @cached_property
     def _free_displacement(self) -> FloatArray:
         """K^-1 f in metres, this rank's nodes, shape (k, 3): the displacement without contact."""
-        u, solver = self.elasticity.K.createVecRight(), self.body.stiffness_solver
+        u, solver = self.elasticity.K.createVecRight(), self.stiffness.solver
         with timed(self.seconds, "displacement"):
             solver.solve(self.f, u)
             values = self._with_prescribed(u.array.reshape(-1, 3))
@@ -176,7 +182,7 @@ class PosedProblem:
 
     def _refined(self, u: FloatArray, on_body: FloatArray) -> FloatArray:
         """u, with the prescribed displacements, in balance with contact forces on the body; shapes (k, 3)."""
-        return refined(self.elasticity, self.body.stiffness_solver, self.loading, on_body, u)
+        return refined(self.elasticity, self.stiffness.solver, self.loading, on_body, u)
 
     def nodal_contact_force(self, x: FloatArray) -> FloatArray:
         """B^T x in newtons, this rank's nodes, shape (k, 3): minus the force on the body; collective."""

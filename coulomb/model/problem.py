@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.elasticity import Materials, Spring, Support
-from ..fem.loads import Load
+from ..fem.deformable import Deformable
+from ..fem.elasticity import Elasticity, Materials, Spring, Support
+from ..fem.loads import Load, vanishes
 from ..fem.named_mesh import NamedMesh
 from ..fem.temperature import ThermalLoad
 from ..fem.user_values import Amplitude, Coefficient, Field
@@ -35,8 +37,9 @@ class ContactProblem(PosedProblem):
     u = K^-1 (f - B^T x) with the contact forces x, which obey |x_t| <= c a + F x_n (`solvers/laws.py`).
 
     Args:
-        mesh: The body.
-        material: Its material, or a mapping of cell groups to theirs.
+        mesh: The body: a mesh, with material, loads and supports as below; or a `Body` of the user's forms, which has
+            its own: `ContactProblem(body, contact)`.
+        material: Its material, or a mapping of cell groups to theirs.  After a `Body`: the contact.
         clamps: Prescribed displacements (`Clamp`, `PrescribedDisplacement`); with the springs they must prevent every
             rigid motion.
         contact: The contact face, its foundation and friction; or several, which share no node; their laws may differ.
@@ -71,10 +74,10 @@ class ContactProblem(PosedProblem):
 
     def __init__(
         self,
-        mesh: NamedMesh,
-        material: Materials,
-        clamps: Sequence[Support],
-        contact: Contact | Sequence[Contact],
+        mesh: NamedMesh | Deformable,
+        material: Materials | Contact | Sequence[Contact] | None = None,
+        clamps: Sequence[Support] = (),
+        contact: Contact | Sequence[Contact] | None = None,
         tractions: Sequence[Load] = (),
         body_force: Field = (0.0, 0.0, 0.0),
         springs: Sequence[Spring] = (),
@@ -91,18 +94,39 @@ class ContactProblem(PosedProblem):
         small_strain: str = "enforce",
         probes: Sequence[Probe] = (),
     ):
-        contacts = (contact,) if isinstance(contact, Contact) else tuple(contact)
         mode, started = known_mode(small_strain), now()
+        given: object = contact
+        if isinstance(mesh, Deformable):
+            own = (clamps, tractions, springs)
+            if (
+                temperature is not None
+                or any(len(one) for one in own)
+                or not (vanishes(body_force) and vanishes(gravity))
+            ):
+                raise ValueError("a body has its own loads and supports: give ContactProblem(body, contact) no others")
+            if (material is None) == (contact is None):
+                raise ValueError("a body has its own material: ContactProblem(body, contact)")
+            given = material if contact is None else contact
+        elif material is None or isinstance(material, Contact) or contact is None:
+            raise ValueError("give ContactProblem(mesh, material, clamps, contact), or ContactProblem(body, contact)")
+
         thermal = None
         if temperature is not None:
             thermal = ThermalLoad(temperature, reference_temperature, temperature_amplitude)
-        body = ContactBody(
-            *(mesh, material, clamps, contacts, tractions, body_force, springs, body_force_amplitude),
-            *(gravity, gravity_amplitude, thermal, time, linear_solver, explicit, probes),
-        )
+
+        def make() -> Deformable:
+            if isinstance(mesh, Deformable):
+                return mesh
+            return Elasticity(
+                *(mesh, cast(Materials, material), clamps, tractions, body_force, springs, body_force_amplitude),
+                *(gravity, gravity_amplitude, thermal),
+            )
+
+        body = ContactBody(make, mesh.comm, _contacts(given), time, linear_solver, explicit, probes)
         with timed(body.seconds, "assembly"):
             state = body.state(time)
         super().__init__(body, state, mode, started, body.seconds)
+        self._before: Before | None = None
 
     def at(self, time: float, before: Before | None = None) -> ContactProblem:
         """The problem at another time with the same body, K^-1 and A; collective.
@@ -119,7 +143,7 @@ class ContactProblem(PosedProblem):
         seconds: dict[str, float] = {}
         with timed(seconds, "assembly"):
             state = self.body.state(time, before)
-        return self.in_state(state, seconds)
+        return _InState(self, state, seconds, before)
 
     def in_state(self, state: ContactState, seconds: dict[str, float] | None = None) -> ContactProblem:
         """The problem of the same body in another state.
@@ -154,6 +178,8 @@ class ContactProblem(PosedProblem):
             NotConverged: If the residual stays above the tolerance, or the certificate fails for any residual
                 reached; `solution(error.result)` is the best answer.
         """
+        if self.elasticity.outdated(self.loading):
+            return self.at(self.time, self._before).solve(tolerance, solver, progress, start)
         problem = self.friction_problem  # K^-1, A and b are timed separately
         chosen = solver or Automatic(tolerance)
         acceptance = Acceptance(self)
@@ -181,5 +207,20 @@ class ContactProblem(PosedProblem):
 class _InState(ContactProblem):
     """A contact problem with the body of another one."""
 
-    def __init__(self, of: ContactProblem, state: ContactState, seconds: dict[str, float]):
+    def __init__(
+        self, of: ContactProblem, state: ContactState, seconds: dict[str, float], before: Before | None = None
+    ):
         PosedProblem.__init__(self, of.body, state, of.small_strain, of.started, seconds)
+        self._before = before
+
+
+def _contacts(given: object) -> tuple[Contact, ...]:
+    """One contact or several, as a tuple.
+
+    Raises:
+        ValueError: If they are something else.
+    """
+    contacts = (given,) if isinstance(given, Contact) else tuple(given) if isinstance(given, Sequence) else ()
+    if not contacts or not all(isinstance(contact, Contact) for contact in contacts):
+        raise ValueError(f"contact must be a Contact, or several, but is {given!r}")
+    return contacts

@@ -75,6 +75,7 @@ def acting(
     on_body: FloatArray,
     x: FloatArray,
     over: Reductions,
+    ground: Sequence[Resultant] = (),
 ) -> Acting:
     """Resultants and balance of nodal forces; collective.
 
@@ -84,9 +85,10 @@ def acting(
         on_body: Contact forces on the body at this rank's nodes in newtons, shape (k, 3).
         x: Coordinates of the nodes, shape (k, 3).
         over: The ranks.
+        ground: Of elastic foundations in the internal forces (`resultant_of_ground`).
     """
     with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
-        pulling, holding = resultants(loads, x, over), resultants(supports, x, over)
+        pulling, holding = resultants(loads, x, over), (*resultants(supports, x, over), *ground)
         contact = resultants([NodalForces("contact", None, on_body)], x, over)
         return Acting(pulling, holding, balance((*pulling, *holding, *contact), x, over))
 
@@ -101,6 +103,27 @@ def resultants(parts: Iterable[NodalForces], x: FloatArray, over: Reductions) ->
         name = name if seen[name] == 1 else f"{name}_{seen[name]}"
         found.append(_resultant(part.kind, part.face, name, part.forces, x, over))
     return tuple(found)
+
+
+def resultant_of_ground(ground: FloatArray, u: FloatArray, x: FloatArray, over: Reductions) -> Resultant:
+    """Force and moment on a body of elastic foundations that are terms of its internal forces; collective.
+
+    By the symmetry of these, the work of the internal forces of u on a rigid motion is that of the forces of the motion
+    on u; the rest of the body does none.
+
+    Args:
+        ground: Nodal forces of the rigid modes, shape (k, 3, 6).
+        u: Displacements in metres, shape (k, 3).
+        x: Coordinates of the nodes, shape (k, 3).
+        over: The ranks.
+    """
+    count = over.sum(float(len(x)))
+    centre = np.array([over.sum(axis) for axis in x.T]) / count
+    size = float(np.sqrt(over.sum(np.sum((x - centre) ** 2, axis=1)) / count))
+    works = -np.einsum("kcj,kc->kj", ground, u)
+    total = over.total(works.sum(axis=0))
+    force, moment = total[:3], size * total[3:] + np.cross(centre, total[:3])
+    return Resultant("form", None, "form", force, moment, over.sum(np.linalg.norm(works[:, :3], axis=1)))
 
 
 def balance(outer: Sequence[Resultant], x: FloatArray, over: Reductions) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from .certificate import Certificate
 from .nodal_answer import NodalAnswer
 from .posed_problem import PosedProblem
 from .probes import LocatedProbes, Probe, ProbeValue
-from .resultants import Acting, Resultant, acting
+from .resultants import Acting, Resultant, acting, resultant_of_ground
 from .small_strain import SmallStrain, small_strain
 from .writing import supplied
 
@@ -44,6 +45,11 @@ class Solution:
     slip_bound: FloatArray
     result: SolverResult
     certificate: Certificate
+
+    @property
+    def function(self) -> Any:
+        """The displacement in metres as a DOLFINx Function; of a `Body` in the user's own space."""
+        return self.problem.elasticity.function(self.displacement)
 
     @property
     def force_on_body(self) -> FloatArray:
@@ -80,7 +86,9 @@ class Solution:
         inner = body.internal_force(u) - body.spring_force(u)
         held = body.held_part(inner - problem.loading.load - on_body)
         supports = chain(body.shares(held), body.spring_forces(u))
-        return acting(body.loads_in(problem.loading), supports, on_body, body.x, Reductions(problem.comm))
+        over, ground = Reductions(problem.comm), body.ground
+        terms = () if ground is None else (resultant_of_ground(ground, u, body.x, over),)
+        return acting(body.loads_in(problem.loading), supports, on_body, body.x, over, terms)
 
     @property
     def loads(self) -> tuple[Resultant, ...]:

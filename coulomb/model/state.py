@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ..arrays import FloatArray
-from ..fem.deformable import Loading
+from ..fem.deformable import Deformable, Loading
 from ..fem.rigid_motion import RigidMotion, Spin
 from ..fem.surface import ContactSurface
 from ..solvers.laws import FrictionLaw
@@ -18,6 +18,7 @@ class ContactState:
     """A contact problem at one time; this rank's m contact points.
 
     Attributes:
+        elasticity: The body with the coefficients of its stiffness at this time.
         loading: Loads and prescribed displacements.
         rigid_motions: Of the foundations of the faces.
         spins: Axis and angular velocity of the foundations of the faces; None where there is no rotation.
@@ -29,6 +30,7 @@ class ContactState:
         accumulated: Slip, friction work and largest pressure of the load steps before.
     """
 
+    elasticity: Deformable
     loading: Loading
     rigid_motions: tuple[RigidMotion, ...]
     spins: tuple[Spin | None, ...]

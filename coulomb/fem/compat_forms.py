@@ -1,0 +1,71 @@
+"""Forms, spaces, boundary conditions and tags of the user's scripts, for every DOLFINx version: see `compat`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from .compat import basix, coordinate_element, cpp, fem, mesh, ufl
+
+
+def is_compiled(form: Any) -> bool:
+    """Whether a form has been compiled by `fem.form`."""
+    return hasattr(form, "integral_types") and hasattr(form, "function_spaces")
+
+
+def functions_in(form: Any) -> list[Any]:
+    """The functions in a compiled form, with their values in `x.array`."""
+    return list(getattr(form, "_cpp_object", form).coefficients)
+
+
+def packed_constants(form: Any) -> FloatArray:
+    """A copy of the values of the constants in a compiled form."""
+    return np.array(cpp.fem.pack_constants(getattr(form, "_cpp_object", form)), dtype=np.float64)
+
+
+def cpp_of(thing: Any) -> Any:
+    """The C++ object of a mesh, or itself."""
+    return getattr(thing, "_cpp_object", getattr(thing, "_mesh", thing))
+
+
+def space_of(space: Any) -> Any:
+    """A Python function space for the C++ space of vectors of a compiled form; its functions have the same dofs."""
+    element = space.element.basix_element
+    cell, degree = space.mesh.topology.cell_type.name, int(element.degree)
+    if not hasattr(basix, "ufl"):  # until 0.6
+        kind = ufl.Mesh(ufl.VectorElement("Lagrange", cell, int(coordinate_element(space.mesh).degree)))
+        return fem.FunctionSpace(mesh.Mesh(space.mesh, kind), ufl.VectorElement("Lagrange", cell, degree, 3), space)
+    kind = ufl.Mesh(basix.ufl.element("Lagrange", cell, int(coordinate_element(space.mesh).degree), shape=(3,)))
+    domain = mesh.Mesh(space.mesh, kind)
+    return fem.FunctionSpace(domain, basix.ufl.element("Lagrange", cell, degree, shape=(3,)), space)
+
+
+def lagrange_vectors(space: Any) -> tuple[bool, int, int]:
+    """Whether a space (Python's or C++'s) is of continuous Lagrange elements, their degree, and the values per node.
+
+    Raises:
+        RuntimeError: If it is mixed.
+    """
+    element = space.element.basix_element
+    continuous = element.family == basix.ElementFamily.P and not element.discontinuous
+    return continuous, int(element.degree), int(space.dofmap.bs)
+
+
+def contains(V: Any, space: Any) -> bool:
+    """Whether a space of C++ is V, or a component of it."""
+    return bool(V._cpp_object.contains(getattr(space, "_cpp_object", space)))
+
+
+def set_values(bc: Any, values: FloatArray) -> None:
+    """Set the entries of an array of all dofs of this rank to the values that a boundary condition prescribes."""
+    if hasattr(bc, "set"):
+        bc.set(values, None, 1.0)
+    else:
+        fem.set_bc(values, [bc])
+
+
+def mesh_of_tags(tags: Any) -> Any:
+    """The C++ topology that MeshTags belong to."""
+    return tags.topology if hasattr(tags, "topology") else tags.mesh.topology

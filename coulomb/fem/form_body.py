@@ -1,0 +1,212 @@
+"""A body from the user's forms: a(u, v) = L(v) with Dirichlet conditions, as in a script of DOLFINx."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from .bilinear_form import BilinearForm, FormValues, compiled
+from .deformable import Deformable, Loading
+from .dirichlet import DirichletConditions
+from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
+from .nodal_forces import NodalForces
+from .rigid_modes import free_motions, rigid_modes
+from .user_values import on_all_ranks
+
+_FREE = 1e-12
+"""Energy of a rigid motion below which it is free, per node of that motion and largest diagonal entry of a."""
+
+
+@dataclass
+class _Stiffness:
+    """The matrix of a with fixed values of its coefficients.
+
+    Attributes:
+        values: The values.
+        K: The matrix with held directions eliminated.
+        mean_diagonal: Its entry for held components.
+        ground: Nodal forces of the rigid modes; None if they are rounding errors.
+    """
+
+    values: FormValues
+    K: PETSc.Mat
+    mean_diagonal: float
+    ground: FloatArray | None
+
+
+@dataclass
+class _Present:
+    """What the copies of a body share: the last time of the callable, and the last stiffness."""
+
+    time: float | None = None
+    stiffness: _Stiffness | None = None
+
+
+class Body(Deformable):
+    """A body from the user's forms, for contact: find u with a(u, v) = L(v) for all v, where `bcs` hold.
+
+    Any symmetric positive definite a on Lagrange vectors of first or second order on tetrahedra or hexahedra:
+    anisotropic, layered, with Robin terms that hold the body.  Lengths are in metres and forces in newtons, or in any
+    consistent units.
+
+    Coefficients of the forms and values of the boundary conditions may change.  Each state of a problem keeps the
+    values that it was posed with: a later change does not reach into an earlier answer.  `ContactProblem.solve` and
+    `.at` take the present values, after `update(time)`; K and A are made anew only if coefficients of a have changed.
+
+    Args:
+        a: The bilinear form, of UFL or compiled by `fem.form`.
+        L: The linear form; None for no load.
+        bcs: `dirichletbc` of DOLFINx on the space of a or its components; where they meet, the later one applies.
+        faces: Facets by name: {"sole": facets}, with numbers of this rank or (MeshTags, value); or MeshTags, whose
+            values become names such as "3"; or a NamedMesh of the same mesh.
+        update: Called with the time before anything is evaluated at that time, also for earlier times again; it sets
+            coefficients, constants and boundary values, which must depend on the time alone.
+        space: The function space of compiled forms, for results in the user's own space.
+
+    Raises:
+        ValueError: On every rank, if a form, a space, a boundary condition or a face is none that can be used, if a is
+            not symmetric, or if the body floats.
+    """
+
+    def __init__(
+        self,
+        a: Any,
+        L: Any = None,
+        bcs: Sequence[Any] = (),
+        faces: Any = None,
+        *,
+        update: Callable[[float], object] | None = None,
+        space: Any = None,
+    ):
+        V = space_of_forms(a, L, space)
+        self.mesh = named_mesh(V.mesh, {} if faces is None else faces)
+        super().__init__(V)
+        self._update, self._present = update, _Present()
+        self._a, self._L = BilinearForm(a, V), None if L is None else compiled(L, "L")
+        dofs = self.V.dofmap.index_map
+        self._conditions = DirichletConditions(
+            refuse_bcs(bcs, V), self.x, 3 * (dofs.size_local + dofs.num_ghosts), self.mesh.comm
+        )
+        self.held = self._conditions.rows.held
+        self.spring, self.contradictions = np.zeros_like(self.x), ()
+        self.materials, self.loads = None, ()
+        self._stiffness = self._stiff(self._a.values)
+
+    def update(self) -> None:
+        """Coefficients have been changed by hand: the callable is called again before the next evaluation."""
+        self._present.time = None
+
+    @property
+    def K(self) -> PETSc.Mat:
+        """Stiffness with held directions eliminated, block size 3."""
+        return self._stiffness.K
+
+    @property
+    def mean_diagonal(self) -> float:
+        """The entry of K for held components."""
+        return self._stiffness.mean_diagonal
+
+    @property
+    def ground(self) -> FloatArray | None:
+        """Nodal forces of the `rigid_modes`, shape (k, 3, 6): those of Robin terms in a; None without them."""
+        return self._stiffness.ground
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        """The residual form a(u, v) assembled anew at u, newtons; shapes (k, 3); collective."""
+        return self._a.residual(self._stiffness.values, u)
+
+    def at_time(self, time: float) -> Body:
+        """The body with the coefficients that a has at a time: itself if they are the same; collective."""
+        self._set(time)
+        values, comm = self._a.values, self.mesh.comm
+        for known in (self._stiffness, self._present.stiffness):
+            if known is not None and comm.allreduce(known.values.same(values), op=MPI.LAND):
+                break
+        else:
+            known = self._stiff(values)
+        if known is self._stiffness:
+            return self
+        self._present.stiffness = known
+        then = copy.copy(self)
+        then._stiffness = known
+        return then
+
+    def at(self, time: float) -> Loading:
+        """L and the boundary values at a time; collective.
+
+        Raises:
+            ValueError: On every rank, if a value is not finite, or the user's callable fails.
+        """
+        self._set(time)
+        load = np.zeros_like(self.x) if self._L is None else self._assemble(self._L)
+
+        def finite() -> FloatArray:
+            if not np.all(np.isfinite(load)):
+                raise ValueError("has values that are not finite: look at its coefficients")
+            return load
+
+        return Loading(time, on_all_ranks(finite, "Body: L", self.mesh.comm), self._conditions.prescribed())
+
+    def outdated(self, loading: Loading) -> bool:
+        """Whether the values have changed since a loading of this body was evaluated; collective."""
+        if self.at_time(loading.time) is not self:
+            return True
+        now = self.at(loading.time)
+        same = np.array_equal(now.load, loading.load) and np.array_equal(now.prescribed, loading.prescribed)
+        return not self.mesh.comm.allreduce(same, op=MPI.LAND)
+
+    def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
+        """L as one load."""
+        if self._L is not None:
+            yield NodalForces("load", None, loading.load)
+
+    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
+        """The forces of every boundary condition by itself, in the order given; see `Deformable`."""
+        rows = self._conditions.rows
+        forces = rows.forces(reaction)
+        for number in range(self._conditions.count):
+            here, share = rows.support == number, np.zeros_like(reaction)
+            np.add.at(share, rows.node[here], forces[here])
+            yield NodalForces("dirichlet", None, share)
+
+    def supports_understood(self) -> list[dict[str, Any]]:
+        """Kind, face and what it holds of every boundary condition; collective."""
+        return self._conditions.words()
+
+    def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
+        """None: which stress belongs to a is not known; see `Solution.write`."""
+        return []
+
+    def _set(self, time: float) -> None:
+        """Call the user's callable for a time, unless it was the last one."""
+        if self._update is not None and self._present.time != time:
+            update = self._update
+            on_all_ranks(lambda: update(time), f"Body: update({time:g})", self.mesh.comm)
+            self._present.time = time
+
+    def _stiff(self, values: FormValues) -> _Stiffness:
+        comm, modes = self.mesh.comm, rigid_modes(self.x, self.mesh.comm)
+        K = self._a.matrix(values)
+        refuse_unsymmetric(K, self.x)
+        diagonal = K.getDiagonal()
+        stiff, noise = float(diagonal.max()[1]), 1e-12 * float(diagonal.norm())
+        diagonal.destroy()
+        ground = np.stack([self._a.residual(values, modes[:, :, j]) for j in range(6)], axis=2)
+        sizes = np.sqrt(comm.allreduce(np.einsum("kcj,kcj->j", ground, ground), op=MPI.SUM))
+        energy = self.held_part(modes) + ground / stiff
+        gram = comm.allreduce(np.einsum("kci,kcj->ij", modes, energy), op=MPI.SUM)
+        free = free_motions(0.5 * (gram + gram.T), _FREE * comm.allreduce(len(self.x), op=MPI.SUM))
+        if free:
+            raise ValueError(
+                f"the body floats: bcs and a leave it {free}; hold these by a dirichletbc or a Robin term in a, "
+                "contact alone does not make the stiffness invertible"
+            )
+        K, mean = self.eliminated(K)
+        return _Stiffness(values, K, mean, ground if np.max(sizes) > noise else None)

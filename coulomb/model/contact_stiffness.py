@@ -1,0 +1,81 @@
+"""K^-1 and A of a body whose coefficients have fixed values."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+from ..fem.deformable import Deformable
+from ..fem.surface import ContactSurface
+from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance, SchurCompliance
+from ..linalg.methods import LinearSolver
+from ..linalg.multifrontal import MultifrontalSolver
+from ..linalg.stiffness import StiffnessSolver
+from .stopwatch import timed
+
+
+class ContactStiffness:
+    """K^-1 and A, each computed when first needed.
+
+    Args:
+        elasticity: The body.
+        reference: The contact surface in whose frames A is computed; for other frames it is rotated.
+        linear_solver: The solver class for K^-1.
+        explicit: Whether A is formed.
+        seconds: Dictionary to which wall times are added.
+
+    Attributes:
+        elasticity: The body.
+
+    Raises:
+        ValueError: On every rank, when K^-1 is first needed, if K is not positive definite.
+    """
+
+    def __init__(
+        self,
+        elasticity: Deformable,
+        reference: ContactSurface,
+        linear_solver: LinearSolver,
+        explicit: bool,
+        seconds: dict[str, float],
+    ):
+        self.elasticity, self._reference = elasticity, reference
+        self._linear_solver, self._explicit, self._seconds = linear_solver, explicit, seconds
+
+    @property
+    def solver(self) -> StiffnessSolver:
+        """K^-1."""
+        return self._contact_last if self._explicit else self._any_order
+
+    @cached_property
+    def _contact_last(self) -> MultifrontalSolver:
+        """K^-1 with the contact nodes eliminated last, which gives A."""
+        with timed(self._seconds, "stiffness"):
+            return MultifrontalSolver(self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows)
+
+    @cached_property
+    def _any_order(self) -> StiffnessSolver:
+        """K^-1 where A is not formed."""
+        with timed(self._seconds, "stiffness"):
+            return self._linear_solver(self.elasticity.K)
+
+    @cached_property
+    def _compliance(self) -> BodyCompliance:
+        """A in the reference frames."""
+        solver, B = self.solver, self._reference.free_B
+        with timed(self._seconds, "compliance"):
+            if self._explicit:
+                return SchurCompliance(B, self._contact_last)
+            return MatrixFreeCompliance(B, self.elasticity.K, solver)
+
+    def compliance(self, surface: ContactSurface, seconds: dict[str, float]) -> BodyCompliance:
+        """A = B K^-1 B^T in the frames of a surface of this body, metres per newton; collective.
+
+        Args:
+            surface: The surface.
+            seconds: Dictionary to which the wall time of rotating A is added.
+        """
+        A = self._compliance
+        if surface.free_B is self._reference.free_B:
+            return A
+        with timed(seconds, "compliance"):
+            return A.rotated(surface.free_B)

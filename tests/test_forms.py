@@ -1,0 +1,87 @@
+"""A body from the user's forms: the same answers as from materials and loads of the package, and formulas."""
+
+import numpy as np
+import pytest
+import ufl
+from mpi4py import MPI
+from user_forms import Script
+
+import coulomb
+from coulomb import Contact, ContactProblem, LoadHistory, Material, PrescribedDisplacement, Traction
+
+YOUNG, POISSON = 2.1e11, 0.3
+FORCE = np.array([2e6, 1e6, -8e6])
+PRESS = [(0, 0), (1, 1), (3, 1)]
+RUB = [(0, 0), (1, 0), (2, 1), (3, -1)]
+
+
+def both(cell, degree, compiled=False, comm=MPI.COMM_WORLD):
+    """A block pressed and rubbed by its top, with traction and weight, from materials and from forms."""
+    mesh = coulomb.box((2.0, 1.0, 1.0), (4, 2, 2), cell, comm=comm)
+    ours = None
+    if degree == 1:
+        press = PrescribedDisplacement("top", (0.0, 0.0, -1e-4), "z", amplitude=PRESS)
+        rub = PrescribedDisplacement("top", (1e-4, 0.0, 0.0), "xy", amplitude=RUB)
+        loads = [Traction("left", tuple(FORCE), amplitude=PRESS)]
+        weight = {"body_force": (0.0, 0.0, -5e6), "body_force_amplitude": RUB}
+        ours = ContactProblem(mesh, Material(YOUNG, POISSON), [press, rub], Contact("bottom", 0.4), loads, **weight)
+    script = Script(mesh, degree)
+    t, g = script.constant(np.zeros(3)), script.constant(np.zeros(3))
+    top, ds = script.function(), script.ds("left")
+    a = script.elasticity(YOUNG, POISSON)
+    L = ufl.inner(t, script.v) * ds + ufl.inner(g, script.v) * ufl.dx
+    if compiled:
+        a, L = script.compile(a), script.compile(L)
+
+    def update(time):
+        press, rub = (np.interp(time, *np.transpose(table)) for table in (PRESS, RUB))
+        t.value[:], g.value[:] = press * FORCE, rub * np.array([0.0, 0.0, -5e6])
+        top.x.array.reshape(-1, 3)[:] = [rub * 1e-4, 0.0, -press * 1e-4]
+
+    body = coulomb.Body(a, L, [script.bc(top, "top")], faces=mesh, update=update)
+    return ours, ContactProblem(body, Contact("bottom", 0.4)), script
+
+
+def close(one, other, limit=1e-10):
+    return np.abs(one - other).max() <= limit * np.abs(other).max()
+
+
+@pytest.mark.parametrize("compiled", [False, True], ids=["ufl", "compiled"])
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_the_same_history_from_forms(cell, compiled):
+    """Displacements, forces, reactions, energies and accumulated friction of three steps are the same to 1e-10."""
+    ours, theirs, script = both(cell, 1, compiled)
+    history = LoadHistory([1.0, 2.0, 3.0], tolerance=1e-12)
+    for one, other in zip(history.steps(ours), history.steps(theirs), strict=True):
+        assert other.solution.certificate.passed and other.solution.acting.balance < 1e-10
+        assert close(other.solution.displacement, one.solution.displacement)
+        assert close(other.solution.contact_force, one.solution.contact_force)
+        clamps = np.sum([part.force for part in one.solution.reactions], axis=0)
+        assert close(other.solution.reactions[0].force, clamps)
+        for name in ("loads", "prescribed", "elastic", "dissipated"):
+            scale = one.state.energy.elastic
+            assert abs(getattr(other.state.energy, name) - getattr(one.state.energy, name)) < 1e-10 * scale
+    assert one.state.energy.dissipated > 0.01 * one.state.energy.elastic
+    function = other.solution.function
+    assert np.array_equal(function.x.array[: other.solution.displacement.size], other.solution.displacement.ravel())
+    assert compiled or function.function_space == script.V
+
+
+def test_a_block_held_by_robin_terms_alone():
+    """A push along x moves it by p/k; along z its top gets what the floor does not carry: forces k A u in balance."""
+    mesh = coulomb.box((1.0, 1.0, 1.0), (2, 2, 2))
+    young, k, push, press, gap = 1e12, (2e8, 3e8, 5e8), 3e4, 1e5, 5e-5
+    script = Script(mesh, 1)
+    springs = sum(stiffness * script.u[i] * script.v[i] for i, stiffness in enumerate(k)) * script.ds("top")
+    L = ufl.inner(script.constant((push, 0.0, -press)), script.v) * script.ds("top")
+    body = coulomb.Body(script.elasticity(young, 0.0) + springs, L, faces=mesh)
+    below = coulomb.Plane((0.0, 0.0, -gap), (0.0, 0.0, 1.0))
+    solution = ContactProblem(body, Contact("bottom", 0.0, foundation=below)).solve(1e-12)
+    (robin,) = solution.reactions
+    assert robin.name == "form" and solution.certificate.passed and solution.acting.balance < 1e-10
+    u = np.array([push / k[0], 0.0, -(press + young * gap) / (k[2] + young)])
+    top = script.nodes("top")
+    assert np.abs(solution.displacement[top] - u).max() <= 1e-8 * np.abs(u).max()
+    assert np.abs(robin.force + k * u).max() <= 1e-9 * press
+    assert solution.forces_on_foundations[0].force[2] == pytest.approx(-press - k[2] * u[2], rel=1e-9)
+    assert solution.function.x.array.size >= 3 * len(top)
