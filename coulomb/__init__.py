@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from .fem.loads import Pressure, TotalForce, Traction
     from .fem.meshes import box, read_gmsh, read_mesh, read_xdmf
     from .fem.named_mesh import NamedMesh
+    from .fem.nodal_field import NodalField
     from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
     from .fem.orthotropic import OrthotropicMaterial
     from .fem.raised import raised
     from .fem.rigid_motion import Rotation
     from .fem.supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, SymmetryPlane
     from .fem.surface import ContactSurface
-    from .fem.temperature_field import TemperatureField
     from .io.history_files import HistoryFiles
     from .linalg.stiffness import DirectSolver, IterativeSolver
     from .load_curve import LoadCurve
@@ -79,6 +79,7 @@ __all__ = [
     "LoadStep",
     "Material",
     "NamedMesh",
+    "NodalField",
     "NotConverged",
     "OrthotropicMaterial",
     "Plane",
@@ -101,7 +102,6 @@ __all__ = [
     "StepFailed",
     "SuccessiveTresca",
     "SymmetryPlane",
-    "TemperatureField",
     "TotalForce",
     "Traction",
     "VariableFriction",
@@ -134,7 +134,7 @@ _PUBLIC = {
     "fem.raised": ("raised",),
     "fem.rigid_motion": ("Rotation",),
     "fem.surface": ("ContactSurface",),
-    "fem.temperature_field": ("TemperatureField",),
+    "fem.nodal_field": ("NodalField",),
     "io.history_files": ("HistoryFiles",),
     "solvers.general": ("solve_coulomb", "solve_tresca"),
     "model.load_history": ("LoadHistory", "StepFailed"),

@@ -132,12 +132,12 @@ class TemperatureTable(Table):
         Raises:
             ValueError: If the file cannot be read.
         """
+        from ..fem.nodal_field import NodalField
         from ..fem.temperature import ThermalLoad
-        from ..fem.temperature_field import TemperatureField
 
         amplitude = amplitude_of(self.amplitude)
         if self.file is not None and self.field is not None:
-            found = TemperatureField.from_file(self.file, self.field, self.scale)
+            found = NodalField.from_file(self.file, self.field, self.scale)
             return ThermalLoad(found, self.reference, amplitude)
         assert self.value is not None
         return ThermalLoad(coefficient(self.value), self.reference, amplitude)

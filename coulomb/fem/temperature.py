@@ -40,7 +40,7 @@ class ThermalLoad:
     """A temperature, from that of the unstrained body.
 
     Attributes:
-        temperature: In kelvin or degrees Celsius: a number, a function of x, or a `TemperatureField`.
+        temperature: In kelvin or degrees Celsius: a number, a function of x, or a `NodalField`.
         reference: Temperature of the unstrained body, in the same unit.
         amplitude: Factor of the difference as a function of time: a number, a function, a table or a `LoadCurve`.
 

@@ -50,7 +50,7 @@ class ContactProblem(PosedProblem):
         gravity: Acceleration of gravity in m/s^2, for example (0, 0, -9.81); every material then needs a density.
         gravity_amplitude: Factor of gravity as a function of time.
         temperature: Temperature of the body in kelvin or degrees Celsius: a number, a function of x, or a
-            `TemperatureField`; every material then needs a thermal expansion.
+            `NodalField`; every material then needs a thermal expansion.
         reference_temperature: Temperature of the unstrained body, in the same unit.
         temperature_amplitude: Factor of the difference of the two as a function of time.
         time: Time of loads, prescribed displacements and the foundation's position.

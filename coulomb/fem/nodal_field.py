@@ -1,4 +1,4 @@
-"""A temperature field from a file, with its own mesh, interpolated at the nodes of the body.
+"""A scalar field from a file, as a temperature or a gap, with its own mesh, interpolated at the nodes of the body.
 
 A point that is a node of the field's mesh has its value exactly; elsewhere the field is linear in tetrahedra, into
 which other cells are split.  No interpolator of SciPy keeps the cells: its Delaunay triangulation fills slots and
@@ -33,13 +33,14 @@ Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class TemperatureField:
-    """Temperatures at the nodes of a mesh; a function of place, as `ContactProblem` takes it.
+class NodalField:
+    """A number at each node of a mesh, as temperatures or gaps; a function of place, as `ContactProblem` and `Contact`
+    take it.
 
     Attributes:
         points: Nodes of the mesh in metres, shape (n, 3).
         tetrahedra: Its cells, split into tetrahedra, rows of node numbers, shape (t, 4).
-        values: Temperatures of the nodes in kelvin or degrees Celsius, shape (n,).
+        values: Numbers at the nodes, shape (n,): temperatures in kelvin or degrees Celsius, gaps in metres.
         name: What messages call it.
 
     Raises:
@@ -49,7 +50,7 @@ class TemperatureField:
     points: FloatArray
     tetrahedra: Ints
     values: FloatArray
-    name: str = "the temperature field"
+    name: str = "the field"
 
     def __post_init__(self) -> None:
         count = len(self.points)
@@ -62,8 +63,8 @@ class TemperatureField:
             raise ValueError(f"{self.name}: its tetrahedra must be rows of four node numbers below {count}")
 
     @classmethod
-    def from_file(cls, path: str | Path, field: str, scale: float = 1.0) -> TemperatureField:
-        """Read nodal temperatures from a file, on every rank by itself.
+    def from_file(cls, path: str | Path, field: str, scale: float = 1.0) -> NodalField:
+        """Read numbers at nodes from a file, on every rank by itself.
 
         Args:
             path: XDMF (of DOLFINx or meshio), or a format that meshio reads: VTU, VTK, gmsh, MED, Exodus.
@@ -77,7 +78,7 @@ class TemperatureField:
         return cls(scale * points, tetrahedra, values, f"{path}: {field}")
 
     def __call__(self, x: FloatArray) -> FloatArray:
-        """Temperatures at points x (3, k) in metres, shape (k,).
+        """Values at points x (3, k) in metres, shape (k,).
 
         Raises:
             ValueError: If a point is outside the mesh of the field, with its place.
