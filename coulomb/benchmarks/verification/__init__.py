@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from . import cattaneo_mindlin, hertz, patch, press_fit, sliding_block, ssnv128
+from . import cattaneo_mindlin, hertz, locking, patch, press_fit, sliding_block, ssnv128
 from .table import Verified
 
 __all__ = ["CASES", "Verified"]
@@ -19,5 +19,6 @@ CASES: dict[str, Callable[[], Verified]] = {
     "cattaneo-mindlin": cattaneo_mindlin.verify,
     "sliding-block": sliding_block.verify,
     "press-fit": press_fit.verify,
+    "locking": locking.verify,
 }
 """The cases by name."""
