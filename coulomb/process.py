@@ -18,13 +18,11 @@ import signal
 import stat
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from .ranks import RANK_VARIABLES, start_alone
 
-_begun = _goes_on = _abruptly = False
+_begun = _goes_on = False
 
 
 class _Stream(io.FileIO):
@@ -83,27 +81,6 @@ def go_on_unheard() -> None:
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
-def end_abruptly() -> None:
-    """End the program without the exit handlers of its libraries, one of which has a file that it cannot close."""
-    global _abruptly
-    _abruptly = True
-
-
-@contextmanager
-def hushed() -> Iterator[None]:
-    """Suppress standard error of C libraries, whose call stacks only repeat an exception."""
-    if sys.stderr is not None:
-        sys.stderr.flush()
-    before, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
-    os.close(nowhere)
-    try:
-        yield
-    finally:
-        os.dup2(before, 2)
-        os.close(before)
-
-
 def ended(code: int, failed: int) -> int:
     """The exit code, after flushing all output.
 
@@ -116,8 +93,6 @@ def ended(code: int, failed: int) -> int:
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
     lost = isinstance(raw, _Stream) and raw.fault is not None and raw.fault.errno != errno.EPIPE
     code = failed if lost and code == 0 and not _goes_on else code
-    if _abruptly:
-        os._exit(code)
     return code
 
 

@@ -1,5 +1,6 @@
 """Wrong mesh files, machines without room, and wrong commands: rows of the table of wrong_inputs.py."""
 
+import errno
 import os
 from pathlib import Path
 from unittest import mock
@@ -8,7 +9,6 @@ import numpy as np
 from wrong_input import (
     FROM_FILE,
     STEPS,
-    FullDisk,
     Wrong,
     another_run,
     case,
@@ -231,8 +231,8 @@ RESOURCES = (
     Wrong(
         "a disk that fills up while results are written",
         run(),
-        r"results: cannot be written: Failed to write HDF5 local dataset into hyperslab; is the disk full\?",
-        patch=lambda: mock.patch("coulomb.fem.compat.xdmf_writer", lambda *_: FullDisk()),
+        r"results: cannot be written: No space left on device",
+        patch=lambda: mock.patch("coulomb.io.grid_file._Target.close", lambda _: os.strerror(errno.ENOSPC)),
         code=1,
     ),
     Wrong(

@@ -146,14 +146,6 @@ def disk(free):
     return lambda: mock.patch("coulomb.io.output.shutil.disk_usage", lambda _: shutil._ntuple_diskusage(0, 0, free))
 
 
-class FullDisk:
-    """A full disk as DOLFINx reports it: here on the last rank alone."""
-
-    def write_mesh(self, _):
-        if comm.rank == comm.size - 1:
-            raise RuntimeError("Failed to write HDF5 local dataset into hyperslab.")
-
-
 @contextlib.contextmanager
 def said():
     """The standard error of this rank."""

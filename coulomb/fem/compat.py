@@ -111,12 +111,6 @@ def interpolation_points(V: Any) -> Any:
     return points() if callable(points) else points
 
 
-def submesh(domain: Any, dim: int, entities: npt.NDArray[np.int32]) -> tuple[Any, npt.NDArray[np.int32]]:
-    """Mesh of these entities, and the geometry node of `domain` for each of its own."""
-    sub = mesh.create_submesh(domain, dim, entities)
-    return sub[0], np.asarray(sub[3], dtype=np.int32)
-
-
 def meshtags(domain: Any, dim: int, entities: npt.NDArray[np.int32], values: npt.NDArray[np.int32]) -> Any:
     """MeshTags of entities in any order; a repeated entity keeps its first value."""
     unique, first = np.unique(entities, return_index=True)
@@ -128,14 +122,3 @@ def create_mesh(comm: Any, cell: str, cells: npt.NDArray[np.int64], x: FloatArra
     if not hasattr(basix, "ufl"):  # until 0.6
         return mesh.create_mesh(comm, cells, x, ufl.Mesh(ufl.VectorElement("Lagrange", cell, degree)))
     return mesh.create_mesh(comm, cells=cells, x=x, e=ufl.Mesh(basix.ufl.element("Lagrange", cell, degree, shape=(3,))))
-
-
-def read_mesh(comm: Any, path: str) -> Any:
-    """The mesh of an XDMF file."""
-    with io.XDMFFile(comm, path, "r") as file:
-        return file.read_mesh(name="mesh")
-
-
-def xdmf_writer(comm: Any, path: str) -> Any:
-    """An XDMF file (with its HDF5) to write a mesh and functions to."""
-    return io.XDMFFile(comm, path, "w")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -204,12 +205,18 @@ def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[
     cells: IntArray = np.empty((0, width), dtype=np.int64)
     points: FloatArray = np.empty((0, 3))
     if sound is not None:
-        cells, points = in_dolfinx_order(sound.cells), sound.points
-    kind, degree = "tetrahedron" if CORNERS[width] == 4 else "hexahedron", 2 if is_second_order(width) else 1
-    domain = compat.create_mesh(comm, kind, cells, points, degree)
+        cells, points = sound.cells, sound.points
+    domain = distributed(comm, points, cells)
     own = domain.topology.index_map(3).size_local
     original = np.asarray(domain.topology.original_cell_index)[:own]
     cell_numbers = {
         name: np.flatnonzero(np.isin(original, members)).astype(np.int32) for name, members in cell_groups.items()
     }
     return NamedMesh(domain, local_facets(domain, face_groups), cell_numbers, refused)
+
+
+def distributed(comm: MPI.Comm, points: FloatArray, cells: IntArray) -> Any:
+    """The DOLFINx mesh of the cells and points given on this rank, as in `MeshFile`; collective."""
+    width = cells.shape[1]
+    kind, degree = "tetrahedron" if CORNERS[width] == 4 else "hexahedron", 2 if is_second_order(width) else 1
+    return compat.create_mesh(comm, kind, in_dolfinx_order(cells), points, degree)

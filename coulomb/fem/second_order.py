@@ -36,9 +36,11 @@ def is_second_order(width: int) -> bool:
     return CORNERS[width] != width
 
 
-def in_vtk_order(cells: IntArray, of: Literal["gmsh", "exodus", "med"]) -> IntArray:
-    """Cells (c, 4, 8, 10 or 27) with the order of nodes of a format, in VTK's order."""
+def in_vtk_order(cells: IntArray, of: Literal["dolfinx", "gmsh", "exodus", "med"]) -> IntArray:
+    """Cells (c, 4, 8, 10 or 27) with the order of nodes of a format, or DOLFINx's, in VTK's order."""
     width = cells.shape[1]
+    if of == "dolfinx":
+        return cells[:, np.argsort(cpp.io.perm_vtk(_kind(width), width))]
     if not is_second_order(width):
         return cells
     if of == "gmsh":

@@ -15,6 +15,9 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from .run_directory import OLD
 
+MESH = "Mesh/mesh"
+"""The group of an HDF5 file with `geometry` and `topology`."""
+
 _AT_ONCE = 200_000  # points read at a time: no rank needs memory for the whole mesh
 
 
@@ -32,8 +35,13 @@ def data_of(path: str | Path) -> Path:
     return Path(path).with_suffix(".h5")
 
 
+def function_at(name: str) -> str:
+    """The data set of an HDF5 file with the values of a field."""
+    return f"Function/{name}/0"
+
+
 def dataset(file: Any, name: str) -> Any:
-    """The values of a field in an open HDF5 file that DOLFINx has written, one row per point or cell."""
+    """The values of a field in an open HDF5 file, one row per point or cell."""
     group = file[f"Function/{name}"]
     return group[next(iter(group))]
 
@@ -72,8 +80,8 @@ def read_fields(
         OSError, KeyError: If the file cannot be read.
     """
     with h5py.File(path, "r") as file:
-        points = np.array(file["Mesh/mesh/geometry"], dtype=np.float64)
-        cells = np.array(file["Mesh/mesh/topology"], dtype=np.int64)
+        points = np.array(file[f"{MESH}/geometry"], dtype=np.float64)
+        cells = np.array(file[f"{MESH}/topology"], dtype=np.int64)
         fields: dict[str, FloatArray] = {}
         for name in (*names, *(name for name in optional if f"Function/{name}" in file)):
             if f"Function/{name}" not in file:
@@ -93,7 +101,7 @@ def parts_of_field(path: Path, name: str) -> Iterator[tuple[FloatArray, FloatArr
         OSError, KeyError: If the file cannot be read.
     """
     with h5py.File(path, "r") as file:
-        points, field = file["Mesh/mesh/geometry"], dataset(file, name)
+        points, field = file[f"{MESH}/geometry"], dataset(file, name)
         if len(field) != len(points):
             raise ValueError(f"{name} does not match the mesh")
         for first in range(0, len(points), _AT_ONCE):

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import csv
-import ctypes
 import errno
-import functools
 import json
 import math
 import os
@@ -13,7 +11,7 @@ import shutil
 import tempfile
 import time
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -22,23 +20,20 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from .. import process
 from ..arrays import FloatArray
 from ..fem import compat
-from ..fem.compat import fem
 from ..fem.constraints import HELD_OBLIQUE
 from ..fem.temperature import TEMPERATURE
 from ..model.nodal_answer import HELD
 from ..model.posed_problem import PosedProblem
 from ..model.provenance import moment, now, provenance
 from ..model.solution import Solution
-from ..process import hushed
 from ..ranks import on_rank_0
 from ..solvers.results import OuterStep, QPStep
-from .field_files import data_of
-from .point_values import dof_of_point, overwrite
+from .grid_file import write_grid
+from .nodal_grids import FaceGrid, body_grid, cell_values, middle
 from .replacing import commit, present
-from .run_directory import CONTACT, FIELDS, HISTORY, SOLUTION, SUMMARY
+from .run_directory import CONTACT, HISTORY, SOLUTION, SUMMARY
 from .summary import summary
 
 
@@ -72,14 +67,12 @@ def write(
     folder = Path(on_rank_0(comm, lambda: _make_partial(target)))
     try:
         refuse_full_disk(problem, folder)
-        _write_body(solution, str(folder / SOLUTION))
-        _write_contact(solution, str(folder / CONTACT))
+        _write_body(solution, folder / SOLUTION)
+        _write_contact(solution, folder / CONTACT)
         contents = {**summary(solution), **(extra or {})}
         contents["run"] = provenance(problem.started, comm)
 
         def finish() -> str:
-            for name in FIELDS:
-                _one_grid(folder / name, problem.time)
             _write_history(solution.result.history, folder / HISTORY)
             contents["seconds"]["output"] = time.perf_counter() - began
             contents["picture"] = "not asked for"
@@ -104,60 +97,23 @@ def _make_partial(target: Path) -> str:
     return tempfile.mkdtemp(prefix=".partial-", dir=target)
 
 
-def _write_body(solution: Solution, path: str) -> None:
+def _write_body(solution: Solution, path: Path) -> None:
     elasticity = solution.problem.elasticity
     u = elasticity.function(solution.displacement)
     loading, held = solution.problem.loading, elasticity.held
     given = {"load": loading.load, **held.fields, "prescribed": loading.prescribed, "spring": elasticity.spring}
     if not solution.problem.comm.allreduce(bool(np.any(held.oblique)), op=MPI.LOR):
         del given[HELD_OBLIQUE]
-    nodal = [u, *(elasticity.function(values, name) for name, values in given.items())]
+    fields = {"displacement": solution.displacement, **given}
     if loading.temperature is not None:
-        nodal.append(elasticity.scalar_function(loading.temperature.change, TEMPERATURE))
-    domain, comm = elasticity.mesh.domain, solution.problem.comm
-    _write_fields(comm, path, domain, [*nodal, *elasticity.cell_fields(u, loading)])
-    exact = {}
-    for f in nodal:
-        owned = dof_of_point(domain, f.function_space)[: domain.geometry.index_map().size_local]
-        exact[f.name] = f.x.array.reshape(-1, 1 if f.name == TEMPERATURE else 3)[owned]
-    overwrite(comm, str(data_of(path)), domain, exact)
+        fields[TEMPERATURE] = loading.temperature.change
+    on_cells = cell_values(elasticity.cell_fields(u, loading))
+    write_grid(solution.problem.comm, path, body_grid(elasticity), fields, on_cells, solution.problem.time)
 
 
 def contact_fields(solution: Solution) -> dict[str, FloatArray]:
     """Fields on this rank's contact nodes: `NodalAnswer.fields`; collective."""
     return solution.at_nodes.fields()
-
-
-def _write_fields(comm: MPI.Comm, path: str, domain: Any, functions: Sequence[Any]) -> None:
-    """Write a mesh and functions on it; an error on one rank is raised on all, to avoid a deadlock.
-
-    Raises:
-        OSError: On every rank.
-    """
-    file: Any = None
-
-    def open_() -> None:
-        nonlocal file
-        file = compat.xdmf_writer(comm, path)
-
-    actions: list[Callable[[], None]] = [open_, lambda: file.write_mesh(domain)]
-    for function in functions:
-        actions.append(functools.partial(lambda f: file.write_function(f), function))
-    actions.append(lambda: file.close())
-    for action in actions:
-        fault = ""
-        try:
-            with hushed():
-                action()
-        except RuntimeError as error:  # from HDF5, which gives no reason
-            fault = str(error)
-        faults = [text for text in comm.allgather(fault) if text]
-        if faults:
-            # Closing it would fail again in its destructor and end the process, so it is never destroyed.  HDF5 would
-            # close it at the end of the process, with the same result.
-            ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))
-            process.end_abruptly()
-            raise OSError(errno.EIO, f"{faults[0].rstrip('.')}; is the disk full?")
 
 
 def size_on_disk(problem: PosedProblem) -> float:
@@ -205,43 +161,16 @@ def _contact_facets(problem: PosedProblem) -> npt.NDArray[np.int32]:
     return facets
 
 
-def _write_contact(solution: Solution, path: str) -> None:
-    """The fields of the contact nodes on a mesh of the contact face."""
-    problem = solution.problem
-    elasticity, domain = problem.elasticity, problem.mesh.domain
-    facets = _contact_facets(problem)
-    owned = facets[facets < domain.topology.index_map(2).size_local]
-    sub, geometry_of = compat.submesh(domain, 2, np.sort(owned))
-    node_of_point = dof_of_point(domain, elasticity.V)[geometry_of]
-    scalar, vector = compat.functionspace(sub, 1), compat.functionspace(sub, 1, (3,))
-    node_of_dof = np.zeros(scalar.dofmap.index_map.size_local + scalar.dofmap.index_map.num_ghosts, dtype=np.int64)
-    node_of_dof[compat.cell_dofs(scalar)] = node_of_point[compat.cell_geometry(sub)]
-    points = node_of_point[: sub.geometry.index_map().size_local]
-    functions, exact = [], {}
+def _write_contact(solution: Solution, path: Path) -> None:
+    """The fields of the contact points on a mesh of the contact face."""
+    problem, space = solution.problem, solution.problem.elasticity
+    face = FaceGrid(space, _contact_facets(problem))
+    fields = {}
     for name, values in contact_fields(solution).items():
-        everywhere = np.full((len(elasticity.x), 3), float(HELD) if name == "status" else 0.0)
-        everywhere[problem.surface.nodes] = values if values.ndim == 2 else values[:, None]
-        spread = elasticity.function(everywhere).x.array.reshape(-1, 3)[:, : 3 if values.ndim == 2 else 1]
-        function = fem.Function(vector if values.ndim == 2 else scalar, name=name)
-        function.x.array[:] = spread[node_of_dof].ravel()
-        functions.append(function)
-        exact[name] = spread[points]
-    _write_fields(problem.comm, path, sub, functions)
-    overwrite(problem.comm, str(data_of(path)), sub, exact)
-
-
-def _one_grid(path: Path, time: float) -> None:
-    """Merge the grids that DOLFINx writes for the mesh and every function into one, as readers expect."""
-    tree = ElementTree.parse(path)
-    domain = tree.getroot().find("Domain")
-    assert domain is not None
-    body, *others = domain.findall("Grid")
-    ElementTree.SubElement(body, "Time", Value=repr(float(time)))
-    for grid in others:
-        body.extend(grid.iter("Attribute"))
-        domain.remove(grid)
-    ElementTree.indent(tree)
-    tree.write(path, encoding="utf-8", xml_declaration=True)
+        everywhere = np.full((len(space.x), *values.shape[1:]), float(HELD) if name == "status" else 0.0)
+        everywhere[problem.surface.nodes] = values
+        fields[name] = face.values(everywhere, np.minimum if name == "status" else middle)
+    write_grid(problem.comm, path, face.grid, fields, {}, problem.time)
 
 
 def write_series(folder: Path, name: str, steps: Sequence[tuple[str, float]]) -> None:

@@ -18,12 +18,16 @@ from ..fem import compat
 from ..fem.body import ElasticBody
 from ..fem.cell_materials import FIELDS, VECTORS, CellMaterials
 from ..fem.constraints import HELD_OBLIQUE, HeldDirections
+from ..fem.lagrange import facet_columns
+from ..fem.meshes import distributed
 from ..fem.named_mesh import corners_of, local_facets
+from ..fem.second_order import CORNERS
 from ..fem.temperature import TEMPERATURE
 from ..model.accumulated import ACCUMULATED
 from ..model.nodal_answer import HELD
 from ..solvers.laws import LAWS
 from .field_files import data_of, read_fields, refuse_misnamed
+from .grid_file import FACETS
 from .recheck.comparison import OF_LARGEST
 from .run_directory import OLD, SOLUTION, RunDirectory
 
@@ -70,8 +74,9 @@ class WrittenRun:
             axes; and TEMPERATURE, shape (k,), only of a body with a temperature.
         on_face: Fields at the q nodes of the contact face, and their coordinates "x".
         node: Numbers of these nodes in `body`, shape (q,).
-        facets: Facets of the contact face, rows of node numbers, in the order of the file.
-        number: Their numbers in `body.domain`, shape (facets,).
+        facets: Corners of the facets of the contact face among these, in the order of the file, shape (f, 3 or 4).
+        number: Their numbers in `body.domain`, shape (f,).
+        face_cells: All nodes of these facets, in VTK's order.
     """
 
     folder: Path
@@ -85,6 +90,7 @@ class WrittenRun:
     node: npt.NDArray[np.int64]
     facets: npt.NDArray[np.int64]
     number: npt.NDArray[np.int32]
+    face_cells: npt.NDArray[np.int64]
 
     @property
     def files(self) -> RunDirectory:
@@ -139,7 +145,9 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
     try:
         points, cells, in_file = read_fields(body_data, (*ON_CELLS, *ON_BODY), (HELD_OBLIQUE, TEMPERATURE, *FIELDS))
         refuse_misnamed(files.solution, tuple(in_file))
-        corners, facets, on_face = read_fields(face_data, ON_FACE)
+        face_points, face_cells, on_face = read_fields(face_data, ON_FACE)
+        if face_cells.shape[1] not in FACETS or cells.shape[1] not in CORNERS:
+            raise ValueError(f"{folder}: its meshes are of cells that coulomb does not write")
         constants = [name for name in FIELDS if name in in_file]
         for name in (*ON_CELLS, *constants):
             _fits(body_data, name, in_file[name], (len(cells), 3) if name in VECTORS else (len(cells),))
@@ -148,11 +156,11 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
             _fits(body_data, name, in_file[name], (len(points),) if name == TEMPERATURE else (len(points), 3))
         vectors = {"friction_traction", "slip", "contact_force", "normal", "tangent_1", "tangent_2", "slip_origin"}
         for name in ON_FACE:
-            shape = (len(corners), 3) if name in vectors else (len(corners),)
+            shape = (len(face_points), 3) if name in vectors else (len(face_points),)
             _fits(face_data, name, on_face[name], shape)
-        on_face["x"] = corners
+        on_face["x"] = face_points
         same = like is not None and np.array_equal(like.points, points) and np.array_equal(like.cells, cells)
-        domain = like.body.domain if like and same else compat.read_mesh(MPI.COMM_SELF, str(files.solution))
+        domain = like.body.domain if like and same else distributed(MPI.COMM_SELF, points, cells)
         of_cell = np.asarray(domain.topology.original_cell_index)
         on_cells = {name: in_file[name][of_cell] for name in (*ON_CELLS, *constants)}
         body = ElasticBody(domain, _materials(body_data, on_cells))
@@ -160,10 +168,11 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
         raise ValueError(f"{folder}: is incomplete: {error}") from None
     node = numbers(points, body.x, f"{folder}: {body_data.name} does not match the mesh of {SOLUTION}")
     unfit = f"{folder}: {face_data.name} does not match the mesh of {SOLUTION}"
-    in_body = numbers(points, corners, unfit)
+    in_body = numbers(points, face_points, unfit)
+    facets = face_cells[:, : len(facet_columns(domain.topology.cell_type, 1)[0])]
     rows = np.sort(in_body[facets], axis=1)
     number = local_facets(domain, {"contact": rows})["contact"]
-    if len(number) != len(facets) or len(np.unique(facets)) != len(corners):
+    if len(number) != len(facets) or len(np.unique(face_cells)) != len(face_points):
         raise ValueError(f"{unfit}: its facets are not on the boundary of the body")
     in_order = np.sort(np.asarray(domain.geometry.input_global_indices)[corners_of(domain, number)], axis=1)
     of_row = np.empty(len(rows), dtype=np.int64)
@@ -177,9 +186,10 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
         on_cells,
         {name: in_file[name][node] for name in on_body},
         on_face,
-        numbers(body.x, corners, unfit),
+        numbers(body.x, face_points, unfit),
         facets,
         number[of_row],
+        face_cells,
     )
 
 

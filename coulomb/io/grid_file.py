@@ -1,0 +1,181 @@
+"""Writing of meshes with fields to XDMF files with HDF5 data, from several ranks through rank 0.
+
+DOLFINx's own writer is not used: before 0.7 it evaluates functions at the points, where basis functions of other nodes
+are zero only up to rounding; it writes one mesh per function; and its meshes of facets have no second order in 0.5.
+"""
+
+from __future__ import annotations
+
+import errno
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from .field_files import MESH, data_of, function_at
+
+SOLIDS = {4: "Tetrahedron", 8: "Hexahedron", 10: "Tetrahedron_10", 27: "Hexahedron_27"}
+"""XDMF's names of cells by the number of their nodes."""
+
+FACETS = {3: "Triangle", 4: "Quadrilateral", 6: "Triangle_6", 9: "Quadrilateral_9"}
+"""XDMF's names of facets by the number of their nodes."""
+
+
+@dataclass(frozen=True)
+class GridPart:
+    """This rank's part of a mesh.
+
+    Attributes:
+        kind: XDMF's name of the cells.
+        cells: Numbers of the points of this rank's cells among the points of all ranks, in VTK's order, shape (c, n).
+        points: This rank's points in metres, shape (p, 3); they are numbered rank after rank.
+    """
+
+    kind: str
+    cells: npt.NDArray[np.int64]
+    points: FloatArray
+
+
+def write_grid(
+    comm: MPI.Comm,
+    path: Path,
+    grid: GridPart,
+    on_points: Mapping[str, FloatArray],
+    on_cells: Mapping[str, FloatArray],
+    time: float,
+) -> None:
+    """Write a mesh and fields on it; collective.
+
+    Args:
+        comm: The ranks.
+        path: The XDMF file; the data are in a .h5 file of the same name beside it.
+        grid: The mesh.
+        on_points: By name, at the points of this rank, shapes (p,) or (p, 3).
+        on_cells: By name, in the cells of this rank, shapes (c,) or (c, 3).
+        time: Of the results; pyvista reads no file without (and meshio none with it).
+
+    Raises:
+        OSError: On every rank, if a file cannot be written.
+    """
+    tables: dict[str, npt.NDArray[Any]] = {f"{MESH}/geometry": grid.points, f"{MESH}/topology": grid.cells}
+    for fields in (on_points, on_cells):
+        for name, values in fields.items():
+            tables[function_at(name)] = values if values.ndim == 2 else values[:, None]
+    sizes = [comm.allreduce(len(values)) for values in tables.values()]
+    if comm.rank > 0:
+        for values in tables.values():
+            comm.send(np.ascontiguousarray(values), dest=0)
+    else:
+        fault = _written(comm, data_of(path), tables, sizes)
+        if not fault:
+            try:
+                shapes = {name: (size, v.shape[1]) for (name, v), size in zip(tables.items(), sizes, strict=True)}
+                _describe(path, grid.kind, shapes, tuple(on_points), tuple(on_cells), time)
+            except OSError as error:
+                fault = error.strerror or str(error)
+    fault = comm.bcast(fault if comm.rank == 0 else "")
+    if fault:
+        raise OSError(errno.EIO, fault)
+
+
+def _written(comm: MPI.Comm, path: Path, tables: Mapping[str, npt.NDArray[Any]], sizes: Sequence[int]) -> str:
+    """Write the tables of all ranks, which rank 0 receives in parts, so that it needs no memory for the whole; returns
+    what went wrong.  What the other ranks send is received in any case."""
+    try:
+        target = _Target(path)
+    except OSError as error:
+        for _ in tables:
+            for rank in range(1, comm.size):
+                comm.recv(source=rank)
+        return f"{path.name}: {error.strerror or error}"
+    with h5py.File(target, "w") as file:
+        for (name, mine), size in zip(tables.items(), sizes, strict=True):
+            data, row = file.create_dataset(name, (size, mine.shape[1]), mine.dtype), 0
+            for rank in range(comm.size):
+                part = mine if rank == 0 else comm.recv(source=rank)
+                data[row : row + len(part)] = part
+                row += len(part)
+    return target.close()
+
+
+class _Target:
+    """A file to which HDF5 writes.  Errors are kept for the end: with one HDF5 could neither close the file nor end the
+    process."""
+
+    def __init__(self, path: Path):
+        self._file, self._fault = path.open("w+b", buffering=0), ""
+
+    def write(self, data: Any) -> int:
+        view = memoryview(data).cast("B")
+        done = 0
+        while done < len(view) and not self._fault:
+            done += self._attempt(lambda: self._file.write(view[done:])) or 0  # noqa: B023
+        return len(view)
+
+    def read(self, size: int) -> bytes:
+        found = self._attempt(lambda: self._file.read(size)) or b""
+        return bytes(found).ljust(size, b"\0")  # what could not be written is missing
+
+    def seek(self, *place: int) -> int:
+        return self._file.seek(*place)
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def truncate(self, size: int) -> int:
+        self._attempt(lambda: self._file.truncate(size))
+        return size
+
+    def flush(self) -> None:
+        """Nothing is buffered."""
+
+    def close(self) -> str:
+        """Close the file; what went wrong since it was opened, or nothing."""
+        self._attempt(self._file.close)
+        return self._fault
+
+    def _attempt(self, action: Callable[[], Any]) -> Any:
+        try:
+            return action()
+        except OSError as error:
+            self._fault = self._fault or error.strerror or str(error)
+            return None
+
+
+def _describe(
+    path: Path,
+    kind: str,
+    shapes: Mapping[str, tuple[int, int]],
+    on_points: Sequence[str],
+    on_cells: Sequence[str],
+    time: float,
+) -> None:
+    """Write the XDMF file."""
+    root = ElementTree.Element("Xdmf", Version="3.0")
+    grid = ElementTree.SubElement(ElementTree.SubElement(root, "Domain"), "Grid", Name="mesh", GridType="Uniform")
+
+    def refer(parent: ElementTree.Element, name: str, **attributes: str) -> None:
+        dimensions = " ".join(map(str, shapes[name]))
+        item = ElementTree.SubElement(parent, "DataItem", {"Dimensions": dimensions, **attributes, "Format": "HDF"})
+        item.text = f"{data_of(path).name}:/{name}"
+
+    count, width = shapes[f"{MESH}/topology"]
+    cells = {"TopologyType": kind, "NumberOfElements": str(count), "NodesPerElement": str(width)}
+    refer(ElementTree.SubElement(grid, "Topology", cells), f"{MESH}/topology", NumberType="Int", Precision="8")
+    double = {"NumberType": "Float", "Precision": "8"}
+    refer(ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ"), f"{MESH}/geometry", **double)
+    ElementTree.SubElement(grid, "Time", Value=repr(float(time)))
+    for names, centre in ((on_points, "Node"), (on_cells, "Cell")):
+        for name in names:
+            vector = shapes[function_at(name)][1] == 3
+            attributes = {"Name": name, "AttributeType": "Vector" if vector else "Scalar", "Center": centre}
+            refer(ElementTree.SubElement(grid, "Attribute", attributes), function_at(name), **double)
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

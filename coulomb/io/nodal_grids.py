@@ -1,0 +1,92 @@
+"""The meshes of the result files: the body and the contact face with the nodes of the displacements as points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray
+from ..fem import compat
+from ..fem.displacement_space import DisplacementSpace
+from ..fem.lagrange import facet_columns
+from ..fem.second_order import in_vtk_order, nodes_between
+from .grid_file import FACETS, SOLIDS, GridPart
+
+
+def body_grid(space: DisplacementSpace) -> GridPart:
+    """The cells of a body, whose order is that of the displacements."""
+    own = space.domain.topology.index_map(3).size_local
+    cells = in_vtk_order(_global(space, compat.cell_dofs(space.V)[:own]), "dolfinx")
+    return GridPart(SOLIDS[cells.shape[1]], cells, space.x)
+
+
+def cell_values(functions: Sequence[Any]) -> dict[str, FloatArray]:
+    """By name, the values (c,) or (c, 3) of functions that are constant on every cell, in this rank's own cells."""
+    found = {}
+    for function in functions:
+        W = function.function_space
+        own = compat.cell_dofs(W)[: W.mesh.topology.index_map(3).size_local, 0]
+        rows = function.x.array.reshape(-1, W.dofmap.bs)[own]
+        found[function.name] = rows if rows.shape[1] > 1 else rows[:, 0]
+    return found
+
+
+def middle(one: FloatArray, other: FloatArray) -> FloatArray:
+    """The mean of two values."""
+    mean: FloatArray = 0.5 * (one + other)
+    return mean
+
+
+class FaceGrid:
+    """The facets of contact faces with the nodes on them.
+
+    Args:
+        space: The displacements of the body.
+        facets: This rank's facets of all faces.
+
+    Attributes:
+        grid: The mesh.
+    """
+
+    def __init__(self, space: DisplacementSpace, facets: npt.NDArray[np.int32]):
+        self._space, self._nodes = space, space.nodes_of(facets)
+        topology = space.domain.topology
+        own = np.sort(facets[facets < topology.index_map(2).size_local])
+        for dims in ((2, 3), (3, 2)):
+            topology.create_connectivity(*dims)
+        beside, of_cell = topology.connectivity(2, 3), topology.connectivity(3, 2)
+        cell = beside.array[beside.offsets[own]]  # a boundary facet has one
+        columns = facet_columns(topology.cell_type, space.degree)
+        number = np.argmax(of_cell.array.reshape(-1, len(columns))[cell] == own[:, None], axis=1)
+        nodes = compat.cell_dofs(space.V)[cell[:, None], columns[number]]
+        comm = space.domain.comm
+        everyone = np.concatenate(comm.allgather(_global(space, self._nodes)))  # ascending, as nodes are rank by rank
+        cells = np.searchsorted(everyone, _global(space, nodes)).astype(np.int64)
+        self.grid = GridPart(FACETS[len(columns[0])], cells, space.x[self._nodes])
+
+    def values(self, field: FloatArray, between: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
+        """A field at this rank's nodes, shape (k,) or (k, 3), at those of the faces; collective.
+
+        Args:
+            field: The values; on 10-node tetrahedra those at vertices are used.
+            between: On 10-node tetrahedra, the value in the middle of an edge by those at its two ends.
+        """
+        if self._space.positive:
+            return field[self._nodes]
+        width = 1 if field.ndim == 1 else 3
+        columns = np.broadcast_to(field.reshape(-1, width), (len(field), 3)) if width == 1 else field
+        everywhere = self._space.function(columns).x.array.reshape(-1, 3)[:, :width].copy()
+        cells = in_vtk_order(compat.cell_dofs(self._space.V).astype(np.int64), "dolfinx")
+        for column, (one, other) in nodes_between(cells.shape[1]):
+            everywhere[cells[:, column]] = between(everywhere[cells[:, one]], everywhere[cells[:, other]])
+        values: FloatArray = everywhere[self._nodes].reshape(-1, *field.shape[1:])
+        return values
+
+
+def _global(space: DisplacementSpace, nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+    numbers = space.V.dofmap.index_map.local_to_global(nodes.ravel().astype(np.int32))
+    found: npt.NDArray[np.int64] = np.asarray(numbers, dtype=np.int64).reshape(nodes.shape)
+    return found

@@ -1,0 +1,79 @@
+"""Result files of second-order meshes: cells, facets and values as other programs read them, and `coulomb check`."""
+
+import numpy as np
+import pytest
+from test_exact_fields import fields, order
+from test_second_order_meshes import CELLS
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, Material, Traction
+from coulomb.io.field_files import read_grid
+from coulomb.model.nodal_answer import OPEN, STICK
+
+STEEL = Material(2.1e11, 0.3)
+TOPOLOGY = {"hexahedron": ("Hexahedron_27", "Quadrilateral_9"), "tetrahedron": ("Tetrahedron_10", "Triangle_6")}
+EDGES = [(0, 1), (1, 2), (2, 0)]
+"""Ends of the edges in whose middle the nodes 3, 4, 5 of a quadratic triangle are: VTK's file formats."""
+
+
+def bent_block(cell):
+    """Clamped at its left end, pressed and pulled along its bottom, whose sides are curved."""
+    return ContactProblem(
+        coulomb.box(
+            (2.0, 1.0, 1.0), (3, 1, 1), cell, degree=2, place=lambda x: x + np.array([0, 0.1, 0])[:, None] * x[0] ** 2
+        ),
+        STEEL,
+        [Clamp("left")],
+        Contact("bottom", friction=0.3),
+        [Traction("top", (0.0, 1e7, -4e7)), Traction("right", (2e7, 0.0, 0.0))],
+    )
+
+
+@pytest.fixture(scope="module", params=CELLS)
+def written(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp(request.param)
+    solution = bent_block(request.param).solve()
+    solution.write(folder)
+    return request.param, solution, folder
+
+
+def test_cells_and_values(written):
+    cell, solution, folder = written
+    assert solution.certificate.passed and solution.contact_force.any()
+    body, face = read_grid(folder / "solution.xdmf"), read_grid(folder / "contact.xdmf")
+    assert (body.cell, face.cell) == TOPOLOGY[cell]
+    space, surface = solution.problem.elasticity, solution.problem.surface
+    assert len(body.points) == len(space.x) and len(face.points) == 7 * 3
+    at = fields(folder / "solution.h5")
+    assert np.array_equal(at["displacement"][order(at["x"], space.x)], solution.displacement)
+    middle = body.points[body.cells]  # nodes 4, 8 are between corners 0 and 1 in both
+    place = 8 if cell == "hexahedron" else 4
+    assert np.allclose(middle[:, place, 0], middle[:, :2, 0].mean(axis=1))
+    at = fields(folder / "contact.h5")
+    node = order(at["x"], space.x[surface.nodes])
+    assert np.array_equal(at["pressure"][node], solution.contact_force[0::3] / surface.area)
+    if cell == "hexahedron":
+        assert len(surface.x) == 6 * 3  # all but those of the clamped edge
+        return
+    for k, (i, j) in enumerate(EDGES, start=3):
+        one, other, between = face.cells[:, i], face.cells[:, j], face.cells[:, k]
+        for name, values in at.items():
+            if name == "status":
+                assert np.array_equal(values[between], np.minimum(values[one], values[other]))
+            elif name != "x":
+                assert np.array_equal(values[between], 0.5 * (values[one] + values[other])), name
+    assert {OPEN, STICK} <= set(at["status"])
+
+
+def test_programs_that_show_them(written):
+    """VTK's reader, which ParaView has too, finds the cells in its own order: volume and area by their corners."""
+    pyvista = pytest.importorskip("pyvista")
+    cell, _, folder = written
+    for name, width, size in (("solution", {"hexahedron": 27, "tetrahedron": 10}, 2.0), ("contact", None, None)):
+        grid = pyvista.read(folder / f"{name}.xdmf")
+        if size is not None:
+            assert {len(grid.get_cell(k).point_ids) for k in range(grid.n_cells)} == {width[cell]}
+            assert grid.compute_cell_sizes()["Volume"].sum() == pytest.approx(size, rel=1e-3)
+        else:
+            assert grid.compute_cell_sizes()["Area"].sum() == pytest.approx(2.0, rel=0.02)
+            assert "pressure" in grid.point_data
