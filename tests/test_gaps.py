@@ -2,13 +2,18 @@
 
 from dataclasses import replace
 
+import meshio
 import numpy as np
 import pytest
-from check_runs import change, copied, edit, run_case
+from check_runs import change, copied, edit, field, run_case
+from mpi4py import MPI
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Cylinder, LoadCurve, LoadHistory, Material, Plane
+from coulomb.case.case import read_case
 from coulomb.cli.understood import _contact
+from coulomb.io.case_record import case_record
+from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck.directory import check
 from coulomb.model import contact as contacts
 from coulomb.model.understood import contacts_of
@@ -108,9 +113,6 @@ def test_without_a_case_the_gap_follows_from_motion_and_given_gap(tmp_path):
 
 
 def test_an_interrupted_press_fit_resumes(tmp_path):
-    from coulomb.case.case import read_case
-    from coulomb.io.history_files import HistoryFiles
-
     folder = run_case(STEPS, tmp_path / "run")
     for number in (3, 4):
         (folder / f"steps/000{number}/summary.json").unlink()
@@ -120,6 +122,29 @@ def test_an_interrupted_press_fit_resumes(tmp_path):
         settings.problem(), HistoryFiles(folder, resume=True), on_step=lambda step: ends.append(step.state.energy)
     )
     assert len(ends) == 2 and check(folder).passed
+
+
+def test_a_gap_from_a_file(tmp_path):
+    """The linear field of a mesh of its own, in millimetres; the check goes on without the file."""
+    corners = np.array([[x, y, z] for z in (-10.0, 600.0) for y in (0.0, 1000.0) for x in (0.0, 2000.0)])
+    cells = [("hexahedron", [[0, 1, 3, 2, 4, 5, 7, 6]])]
+    depth = 1e-6 * (corners[:, 0] - 1200.0)
+    meshio.Mesh(corners, cells, point_data={"depth": depth}).write(tmp_path / "worn.vtu")
+    given = STEPS.replace('"1e-3*(x - 1.2)"', '{ file = "worn.vtu", field = "depth", scale = 1e-3 }')
+    folder, same = run_case(given, tmp_path / "run"), copied(STEPS, tmp_path / "same")
+    gaps = [field(path / "steps/0003/contact.h5", "given_gap") for path in (folder, same)]
+    assert np.abs(gaps[0] - gaps[1]).max() <= 1e-15 and check(folder).passed
+
+    def digests():
+        return case_record(read_case(tmp_path / "run.toml"), MPI.COMM_SELF)["files"]
+
+    before = digests()
+    meshio.Mesh(corners, cells, point_data={"depth": 1.001 * depth}).write(tmp_path / "worn.vtu")
+    assert not check(folder).passed
+    assert list(before) == ["contact.gap.file"] and before != digests()
+    (tmp_path / "worn.vtu").unlink()
+    found = check(folder)
+    assert found.passed and any("worn.vtu is not there: given_gap" in line for line in found.trusted)
 
 
 def test_what_was_understood_of_a_gap():

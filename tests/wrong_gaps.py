@@ -19,6 +19,16 @@ GAPS = [
         r"contact face 'bottom': gap: an interference of 20 m is larger than the body, whose extent is .* in metres",
     ),
     Wrong(
+        "a gap of a file that is not there",
+        run('contact.gap={file="worn.vtu", field="depth"}'),
+        r"worn\.vtu: cannot be read",
+    ),
+    Wrong(
+        "a file of gaps without a field",
+        run('contact.gap={file="worn.vtu"}'),
+        r"contact\.gap\.field: is missing",
+    ),
+    Wrong(
         "a gap that is not finite somewhere",
         run('contact.gap="1e-3/(3 - x)"'),
         r"contact face 'bottom': gap: the expression '1e-3/\(3 - x\)' is inf at \(3, 0, 0\)",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,6 +16,7 @@ from .body import MeshTable, PressureTable, TotalForceTable, TractionTable
 from .contact import ContactTable, ContactTables, HistoryTable
 from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
 from .faults import fault_of, tables_of_several
+from .field_file import named_files, rename_files
 from .material import MaterialTable, MaterialTables, TemperatureTable
 from .place import VectorAt, field
 from .probe import ProbeTable
@@ -235,24 +236,6 @@ class Case(Table):
         return self.solver.contact_solver(any(table.sloped for table in self.contacts.values()))
 
 
-FILES = {"mesh": ("file", "facets", "cell_groups"), "temperature": ("file",)}
-"""Keys whose values are names of files, by table."""
-
-
-def named_files(tables: Mapping[str, Any]) -> dict[tuple[str, str], str]:
-    """The names of the files of a case, by table and key.
-
-    Args:
-        tables: The tables of the case.
-    """
-    found: dict[tuple[str, str], str] = {}
-    for name, keys in FILES.items():
-        table = tables.get(name)
-        given = {key: table.get(key) for key in keys} if isinstance(table, Mapping) else {}
-        found |= {(name, key): value for key, value in given.items() if isinstance(value, str)}
-    return found
-
-
 def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
     """Read a case file; rank 0 reads, all ranks get the same case or the same error.
 
@@ -283,5 +266,4 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
 
 def _beside(case: Path, tables: dict[str, Any]) -> None:
     """Make names of files relative to the case's directory."""
-    for (table, key), name in named_files(tables).items():
-        tables[table][key] = str(case.parent / name)
+    rename_files(tables, {place: str(case.parent / name) for place, name in named_files(tables).items()})

@@ -12,7 +12,8 @@ from ..arrays import FloatArray
 from ..fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
 from ..model.times import HALVINGS, refuse_times
 from .curves import AmplitudeTable, MotionTable, amplitude_of, motion_of, rows_of
-from .place import FrictionAt, NumberAt, SpeedAt, StressAt, VectorAt, coefficient, field
+from .field_file import GapAt, gap_of
+from .place import FrictionAt, SpeedAt, StressAt, VectorAt, coefficient, field
 from .values import (
     ISOTROPIC,
     ORTHOTROPIC,
@@ -170,7 +171,7 @@ class ContactTable(Table):
     direction: VectorAt | None = None
     friction_amplitude: AmplitudeTable | None = None
     rotation: RotationTable | None = None
-    gap: NumberAt = 0.0
+    gap: GapAt = 0.0
     gap_amplitude: AmplitudeTable | None = None
 
     @model_validator(mode="after")
@@ -236,7 +237,7 @@ class ContactTable(Table):
             None if self.direction is None else field(self.direction),
             amplitude_of(self.friction_amplitude),
             self.rotation.rotation() if self.rotation is not None else None,
-            coefficient(self.gap),
+            gap_of(self.gap),
             amplitude_of(self.gap_amplitude),
         )
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from .contact import BY_SLIP_RATE, FACE, FACES
 from .curves import CURVE, ROWS_ALONE, CurveTable
+from .field_file import OF_FILE
 from .material import ONE, ONE_NUMBER, SEVERAL, THREE_NUMBERS
 from .place import EXPRESSION, NUMBER
 from .values import ISOTROPIC, ORTHOTROPIC
@@ -25,7 +26,7 @@ _FIRST_KEY = {
 """The probable key if a value is given in place of a table."""
 
 _TAGS = (
-    *(ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, CURVE, ROWS_ALONE, NUMBER, EXPRESSION),
+    *(ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, CURVE, ROWS_ALONE, NUMBER, EXPRESSION, OF_FILE),
     *(ONE_NUMBER, THREE_NUMBERS),
 )
 """Alternatives in the place of an error, which the user does not write."""

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from ..case.case import Case, named_files
+from ..case.case import Case
 from ..case.faults import fault_of
+from ..case.field_file import named_files, rename_files
 from ..case.text import LARGEST, read_text
 from ..ranks import launched, on_rank_0
 from .run_directory import CASE, RunDirectory
@@ -40,8 +41,7 @@ def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:
 def case_text(case: Case) -> str:
     """A case as the contents of case.json."""
     tables = case.model_dump(mode="json", exclude_unset=True)
-    for (table, key), name in named_files(tables).items():
-        tables[table][key] = str(Path(name).absolute())
+    rename_files(tables, {place: str(Path(name).absolute()) for place, name in named_files(tables).items()})
     return json.dumps(tables, indent=2) + "\n"
 
 

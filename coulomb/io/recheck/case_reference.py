@@ -15,7 +15,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ...case.case import Case, named_files
+from ...case.case import Case
+from ...case.field_file import FieldTable, named_files
 from ...fem import compat
 from ...fem.loaded_body import LoadedBody
 from ...fem.named_mesh import corners_of
@@ -46,13 +47,16 @@ class CaseReference:
         settings: The case.
         contacts: Its contact faces.
         absent: Files that are no longer there: then the body and what acts on it cannot be compared.
+        absent_gaps: Files with given gaps that are no longer there.
     """
 
     def __init__(self, settings: Case):
         self.settings = settings
         self.contacts = [table.contact() for table in settings.contacts.values()]
         named = named_files(settings.model_dump(mode="json"))
-        self.absent = [name for name in named.values() if not Path(name).exists()]
+        lost = {place: name for place, name in named.items() if not Path(name).exists()}
+        self.absent = [name for place, name in lost.items() if place[0] != "contact"]
+        self.absent_gaps = [name for place, name in lost.items() if place[0] == "contact"]
         self._foundations: dict[int, RigidFoundation] = {}
 
     @staticmethod
@@ -111,9 +115,18 @@ class CaseReference:
         return [moved(f, motions[k]) for k, f in sorted(self._foundations.items())]
 
     def given_gap(self, part: int, time: float, x: FloatArray) -> FloatArray:
-        """The gap given with a contact at a time, metres, at nodes x (k, 3) of its face, shape (k,)."""
+        """The gap given with a contact at a time, metres, at nodes x (k, 3) of its face, shape (k,).
+
+        Raises:
+            ValueError: If its file cannot be read: see `lacks_gap`.
+        """
         contact = self.contacts[part]
         return contact.gap_factor(time, MPI.COMM_SELF) * contact.gap_at(x, MPI.COMM_SELF)
+
+    def lacks_gap(self, part: int) -> bool:
+        """Whether the gap of a contact is in a file that is no longer there."""
+        gap = list(self.settings.contacts.values())[part].gap
+        return isinstance(gap, FieldTable) and gap.file in self.absent_gaps
 
     def geometry(
         self, part: int, time: float, x: FloatArray, area: FloatArray, outward: FloatArray

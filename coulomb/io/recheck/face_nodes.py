@@ -189,7 +189,7 @@ def _face(
         beyond = np.where(written, HELD_BEYOND, _NEARLY_HELD)
     else:
         n, distance = case.geometry(number, time, x, area, outward)
-        given = case.given_gap(number, time, x)
+        given = data["given_gap"] if case.lacks_gap(number) else case.given_gap(number, time, x)
         gap = distance + given
         law = case.law(number, x, area, time, np.zeros(len(x)) if slip_rate is None else slip_rate[on])
         if slip_rate is None:

@@ -58,13 +58,13 @@ class Start:
         Raises:
             ValueError: If the step before has another mesh.
         """
-        if case is None:
-            assert self.run is not None
-            written: FloatArray = self.run.on_face["given_gap"][self._same_nodes(run)][nodes.index]
-            return written
-        given, x = np.zeros(len(nodes.index)), run.on_face["x"][nodes.index]
-        for part in range(len(case.contacts)):
-            given[nodes.part == part] = case.given_gap(part, self.time, x[nodes.part == part])
+        given: FloatArray = np.zeros(len(nodes.index))
+        x = run.on_face["x"][nodes.index]
+        if self.run is not None:
+            given = self.run.on_face["given_gap"][self._same_nodes(run)][nodes.index]
+        for part in range(len(case.contacts) if case is not None else 0):
+            if case is not None and not case.lacks_gap(part):
+                given[nodes.part == part] = case.given_gap(part, self.time, x[nodes.part == part])
         return given
 
     def _same_nodes(self, run: WrittenRun) -> npt.NDArray[np.int64]:

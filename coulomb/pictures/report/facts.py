@@ -132,7 +132,8 @@ def _foundation(contact: dict[str, Any], where: str) -> Facts:
         facts.append((f"foundation{where}", "the plane of the face"))
     if contact.get("gap"):
         given, in_steps = contact["gap"], in_time(contact["gap_amplitude"]) if contact.get("gap_amplitude") else ""
-        facts.append((f"given gap{where}", f"{number_at(given)} m{in_steps}"))
+        source = f"{given['field']} of {given['file']}" if isinstance(given, dict) else f"{number_at(given)} m"
+        facts.append((f"given gap{where}", f"{source}{in_steps}"))
     if contact.get("motion"):
         rows, after = rows_and_after(contact["motion"])
         places = [f"{vector(row[1:], 'm')} at {in_seconds(row[0])}" for row in rows[:6]]
