@@ -70,6 +70,9 @@ def test_drag_falls_with_the_speed():
     assert found[0.02] > 1.5 * found[0.3]
 
 
+IN_CASE = TIMES[: 1 + 2 * STEPS]
+"""The first two speeds."""
+
 CASE = f"""
 [mesh]
 box = [0.1, 0.1, 0.05]
@@ -89,7 +92,7 @@ foundation = {{ point = [0, 0, 0], normal = [0, 0, 1] }}
 motion = {[list(row) for row in way()]}
 
 [history]
-times = {TIMES}
+times = {IN_CASE}
 
 [solver]
 tolerance = 1e-11
@@ -110,8 +113,8 @@ def run(tmp_path_factory):
 
 
 def test_drag_from_a_case_file(run):
-    rows = {step["time"]: step for step in (summary(run, k)["step"]["row"] for k in range(1, len(TIMES) + 1))}
-    for time, speed in ENDS.items():
+    rows = {step["time"]: step for step in (summary(run, k)["step"]["row"] for k in range(1, len(IN_CASE) + 1))}
+    for time, speed in list(ENDS.items())[:2]:
         assert rows[time]["force_x"] / rows[time]["force_z"] == pytest.approx(expected(speed), rel=1e-9)
 
 
@@ -132,7 +135,7 @@ def test_check_uses_the_slip_rate_of_the_step_before(run, tmp_path):
     shutil.copytree(run, tmp_path / "run")
     edit(tmp_path / "run" / "case.json", lambda case: case["contact"]["friction"].update(decay_speed=0.11))
     bad = [step.number for step in check(tmp_path / "run").steps if not step.passed]
-    assert bad[0] == 3 and len(bad) == len(TIMES) - 2  # all that follow a step with slip along the floor
+    assert bad[0] == 3 and len(bad) == len(IN_CASE) - 2  # all that follow a step with slip along the floor
 
 
 def test_resume_uses_the_slip_rate_of_the_step_before(run, tmp_path):
@@ -145,7 +148,7 @@ def test_resume_uses_the_slip_rate_of_the_step_before(run, tmp_path):
     )
     done = run_coulomb("resume", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    for number in range(1, len(TIMES) + 1):
+    for number in range(1, len(IN_CASE) + 1):
         ours, theirs = summary(run, number)["step"]["row"], summary(tmp_path / "out", number)["step"]["row"]
         assert theirs["force_x"] == pytest.approx(ours["force_x"], rel=1e-9)
     assert check(tmp_path / "out").passed

@@ -66,13 +66,20 @@ TRESCA = {
 }
 
 
+@cache
+def tresca_friction(seed):
+    """A problem, its slip bounds, and Clarabel's answer."""
+    p = held_problem(seed)
+    g = p.force * np.random.default_rng(seed).uniform(0.05, 1.0, p.m)
+    return p, g, by_clarabel(p.A, p.b, g, np.zeros(p.m))
+
+
 @pytest.mark.parametrize("solver", TRESCA.values(), ids=TRESCA)
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_tresca_friction_agrees_with_clarabel(solver, seed):
-    p = held_problem(seed)
-    g = p.force * np.random.default_rng(seed).uniform(0.05, 1.0, p.m)
+    p, g, theirs = tresca_friction(seed)
     qp = FrictionProblem.tresca(dense_compliance(p.A), p.b, g)
-    result, theirs = solver.solve(qp), by_clarabel(p.A, p.b, g, np.zeros(p.m))
+    result = solver.solve(qp)
     assert result.residual <= solver.tolerance
     assert qp.objective(result.x) == pytest.approx(qp.objective(theirs), rel=1e-7)
     assert np.linalg.norm(result.x - theirs) <= 1e-3 * np.linalg.norm(theirs)
@@ -90,6 +97,14 @@ def by_fixed_point(p, friction, cohesion, steps=200):
     raise AssertionError("the fixed point does not settle")
 
 
+@cache
+def coulomb_friction(seed, cohesive):
+    """A problem, its friction and cohesion, and the answer by Tresca problems."""
+    p, rng = held_problem(seed), np.random.default_rng(seed)
+    friction, cohesion = rng.uniform(0.1, 0.4, p.m), cohesive * 0.1 * p.force * rng.uniform(0.0, 1.0, p.m)
+    return p, friction, cohesion, by_fixed_point(p, friction, cohesion)
+
+
 COULOMB = {
     "FGMRES": InteriorPoint(tolerance=1e-10),
     "dense": InteriorPoint(tolerance=1e-10, newton=DenseSystem()),
@@ -104,12 +119,10 @@ COULOMB = {
 @pytest.mark.parametrize("seed", [4, 5])
 @pytest.mark.parametrize("cohesive", [False, True])
 def test_coulomb_friction_agrees_with_tresca_problems_of_clarabel(solver, seed, cohesive):
-    p, rng = held_problem(seed), np.random.default_rng(seed)
-    friction, cohesion = rng.uniform(0.1, 0.4, p.m), cohesive * 0.1 * p.force * rng.uniform(0.0, 1.0, p.m)
+    p, friction, cohesion, theirs = coulomb_friction(seed, cohesive)
     problem = FrictionProblem(dense_compliance(p.A), p.b, FrictionLaw(cohesion, friction))
     result = solver.solve(problem)
     assert result.residual <= solver.tolerance
-    theirs = by_fixed_point(p, friction, cohesion)
     assert np.linalg.norm(result.x - theirs) <= 1e-4 * np.linalg.norm(theirs)
     x, known = result.x.reshape(-1, 3), p.kind == PLANE
     assert np.array_equal(problem.known_slip, known)

@@ -32,6 +32,7 @@ from coulomb.model.load_history import StepFailed
 from coulomb.solvers.results import Progress
 
 BLOCK = ROOT / "demos" / "block.toml"
+SMALL = ("--set", "mesh.cells=[6,6,3]", "--set", "output.picture=false")
 SLOW = (  # three seconds of path following
     *("--set", "mesh.cells=[30,10,10]", "--set", "output.picture=false"),
     *("--set", "solver={linear_solver='iterative', method='successive-tresca'}"),
@@ -132,7 +133,7 @@ def test_a_signal_stops_a_load_history_which_resumes(tmp_path):
     log, out = tmp_path / "log.txt", tmp_path / "out"
     case = ROOT / "demos" / "history.toml"
     command = [sys.executable, "-m", "coulomb", "run", case, "--output", out, "--log", log]
-    code, said = signalled([*command, "--set", "output.picture=false"], log, signal.SIGINT, "step   2 ")
+    code, said = signalled([*command, *SMALL], log, signal.SIGINT, "step   2 ")
     assert code == 130, said
     done = len(list((out / "steps").glob("*/summary.json")))
     assert 2 <= done < 24
