@@ -54,10 +54,9 @@ def test_plain_text_under_mpirun():
     """Open MPI gives its processes terminals, whose output may go to a file."""
     yielding = {"OMPI_MCA_mpi_yield_when_idle": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1"}
     command = ["mpirun", "-n", "2", *RUN]
-    for name in ("dumb", "xterm"):
-        done = subprocess.run(command, env=environment(TERM=name, **yielding), capture_output=True, timeout=240)
-        assert done.returncode == 0 and b"\x1b" not in done.stdout + done.stderr
-        assert b"path following   2" in done.stdout
+    done = subprocess.run(command, env=environment(TERM="xterm", **yielding), capture_output=True, timeout=240)
+    assert done.returncode == 0 and b"\x1b" not in done.stdout + done.stderr
+    assert b"path following   2" in done.stdout
     done = subprocess.run(
         ["mpirun", "-n", "1", *COULOMB, "--help"], env=environment(TERM="xterm"), capture_output=True, timeout=240
     )
