@@ -256,3 +256,24 @@ def test_gmsh_itself(tmp_path):
             )
     finally:
         gmsh.finalize()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_positions_that_make_cells_flat_are_refused(cell, degree):
+    """A map with slope 0 at an end moves the node in the middle of an edge to its quarter: no finite Jacobian there."""
+
+    def at(x):
+        return np.stack([np.sin(0.5 * np.pi * x[0]), x[1], x[2]])
+
+    def inside_out(x):
+        return np.stack([x[0] - 1.5 * x[0] * (x[0] > 0.9), x[1], x[2]])
+
+    if degree == 1:
+        coulomb.box((1.0, 1.0, 1.0), (10, 1, 1), cell, place=at)
+    else:
+        with pytest.raises(ValueError, match=r"box: place makes the cell at x = 0.9.* flat.*must stay near the middle"):
+            coulomb.box((1.0, 1.0, 1.0), (10, 1, 1), cell, place=at, degree=2)
+    with pytest.raises(ValueError, match="flat, or turns it inside out"):
+        coulomb.box((1.0, 1.0, 1.0), (4, 1, 1), cell, place=inside_out, degree=degree)
+    coulomb.box((1.0, 1.0, 1.0), (2, 1, 1), cell, place=lambda x: x * [[-1.0], [1.0], [1.0]], degree=degree)  # mirrored

@@ -23,7 +23,8 @@ from . import (
 )
 from .box_faces import BOX_FACES
 from .compat import mesh
-from .mesh_file import InspectedMesh, IntArray, MeshFile, inspect
+from .lagrange import lagrange_points, lagrange_slopes
+from .mesh_file import FLAT, InspectedMesh, IntArray, MeshFile, inspect
 from .named_mesh import NamedMesh, local_facets
 from .raised import raised
 from .second_order import CORNERS, in_dolfinx_order, is_second_order
@@ -52,7 +53,7 @@ def box(
 
     Raises:
         ValueError: If a length or a number of cells is not positive, the cell or degree unknown, or a position not
-            finite.
+            finite, or if a cell becomes flat.
     """
     if len(lengths) != 3 or not all(np.isfinite(length) and length > 0.0 for length in lengths):
         raise ValueError(f"box: lengths must be three positive numbers in metres, but are {list(lengths)}")
@@ -74,7 +75,32 @@ def box(
     if place is not None:
         x = made.domain.geometry.x
         x[:] = evaluate_vectors(place, x.copy(), "box: place", comm)
+        _refuse_flat_cells(made.domain, degree)
     return made
+
+
+_UNEVEN = 1e-3
+"""Least part of a curved cell's largest Jacobian that its Jacobian must have at all nodes: with less, the stiffness is
+not positive definite to rounding."""
+
+
+def _refuse_flat_cells(domain: Any, degree: int) -> None:
+    """Raises ValueError on every rank if a cell is flat at one of its nodes, or cells are turned inside out."""
+    comm, kind = domain.comm, domain.topology.cell_type
+    cells = domain.geometry.x[compat.cell_geometry(domain)]
+    derivatives = np.einsum("dpn,cni->cpdi", lagrange_slopes(kind, degree, lagrange_points(kind, degree)), cells)
+    size = np.linalg.norm(derivatives, axis=3).max(axis=2)
+    jacobian = np.linalg.det(derivatives)
+    jacobian *= -1.0 if comm.allreduce(float(np.sum(np.sign(jacobian)))) < 0.0 else 1.0  # mirrored
+    wrong = np.min(jacobian, axis=1, initial=np.inf) <= FLAT * np.max(size, axis=1, initial=0.0) ** 3
+    if degree == 2:  # a node near the quarter of an edge: the slope is almost zero there
+        wrong |= np.min(jacobian, axis=1, initial=np.inf) < _UNEVEN * np.max(jacobian, axis=1, initial=0.0)
+    places = comm.allgather(cells[np.argmax(wrong)].mean(axis=0) if np.any(wrong) else None)
+    found = [place for place in places if place is not None]
+    if found:
+        at = ", ".join(f"{coordinate:.6g}" for coordinate in found[0])
+        middles = "; the nodes between corners must stay near the middle" if degree == 2 else ""
+        raise ValueError(f"box: place makes the cell at x = {at} flat, or turns it inside out{middles}")
 
 
 def read_gmsh(path: str | Path, scale: float = 1.0, comm: MPI.Comm = MPI.COMM_WORLD) -> NamedMesh:
