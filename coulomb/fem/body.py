@@ -76,7 +76,8 @@ class ElasticBody(DisplacementSpace):
             self._lame = self._on_cells(young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), "lambda")
         self._stiffness = None if stiffness is None else self._on_cells(stiffness, "stiffness")
         thermal = materials.thermal_stress(stiffness)
-        self._per_kelvin = None if thermal is None else self._on_cells(thermal, "thermal_stress")
+        self._per_kelvin = None if thermal is None else self._on_cells(thermal[0], "thermal_stress")
+        self._thermal_energy = None if thermal is None else self._on_cells(thermal[1], "thermal_energy")
         self._u = fem.Function(self.V, name="displacement")
         self._internal_form = fem.form(ufl.inner(self._stress(self._u), strain(self._test)) * self._dx)
 
@@ -96,6 +97,19 @@ class ElasticBody(DisplacementSpace):
             change: Temperature minus that of the unstrained body, kelvin, at this rank's nodes, shape (k,).
         """
         return self._assemble(fem.form(ufl.inner(self._thermal_stress(change), strain(self._test)) * self._dx))
+
+    def thermal_displacement(self, change: FloatArray) -> float:
+        """Displacement in metres along which the forces of a temperature change (`thermal_force`) do the energy of the
+        thermal strain: the scale of displacements of a heated body, also where walls hold it; collective.
+
+        Args:
+            change: As for `thermal_force`.
+        """
+        kelvin = self._kelvin(change)
+        forces = np.linalg.norm(self.thermal_force(change), axis=1)
+        energy = fem.assemble_scalar(fem.form(self._thermal_energy * kelvin**2 * self._dx))
+        over = self.domain.comm.allreduce(np.array([energy, forces.sum()]))
+        return float(2.0 * over[0] / (over[1] or 1.0))
 
     def von_mises(self, u: Any, change: FloatArray | None = None) -> Any:
         """Von Mises stress in pascals at the cells' midpoints, a DG0 Function.
@@ -126,10 +140,13 @@ class ElasticBody(DisplacementSpace):
     def _thermal_stress(self, change: FloatArray) -> Any:
         """Stiffness times thermal strain."""
         assert self._per_kelvin is not None
-        kelvin = self.function(np.repeat(change[:, None], 3, axis=1), "temperature_change")[0]
+        kelvin = self._kelvin(change)
         if self._stiffness is None:
             return self._per_kelvin * kelvin * ufl.Identity(3)
         return _tensor([self._per_kelvin[k] * kelvin for k in range(6)])
+
+    def _kelvin(self, change: FloatArray) -> Any:
+        return self.function(np.repeat(change[:, None], 3, axis=1), "temperature_change")[0]
 
 
 def cell_measure(domain: Any) -> Any:

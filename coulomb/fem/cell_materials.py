@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
-from .orthotropic import perpendicular, refuse_indefinite, stiffness, thermal_stress
+from .orthotropic import perpendicular, refuse_indefinite, stiffness, stress_of, thermal_strain
 
 ISOTROPIC = ("young", "poisson")
 """Fields of a body without orthotropic cells: numbers."""
@@ -65,9 +65,9 @@ class CellMaterials:
         given = self.directional
         return None if given is None else stiffness(given.young, given.poisson, given.shear, given.axes)
 
-    def thermal_stress(self, constants: FloatArray | None) -> FloatArray | None:
-        """Stiffness times thermal strain per kelvin in Pa/K: the pressure, shape (c,), or with orthotropic cells the
-        stress, shape (c, 6); None without a temperature.
+    def thermal_stress(self, constants: FloatArray | None) -> tuple[FloatArray, FloatArray] | None:
+        """Stiffness times thermal strain, per kelvin, in Pa/K: the pressure, shape (c,), or with orthotropic cells the
+        stress, shape (c, 6); and this times the thermal strain, J/(m^3 K^2), shape (c,).  None without a temperature.
 
         Args:
             constants: `stiffness`.
@@ -76,8 +76,10 @@ class CellMaterials:
             return None
         if self.directional is None or constants is None:
             pressure: FloatArray = self.young * self.expansion / (1.0 - 2.0 * self.poisson)
-            return pressure
-        return thermal_stress(constants, self.expansion, self.directional.axes)
+            return pressure, 3.0 * pressure * self.expansion
+        strain = thermal_strain(self.expansion, self.directional.axes)
+        stress = stress_of(constants, strain)
+        return stress, np.einsum("ci,ci->c", stress, strain)
 
     @property
     def fields(self) -> dict[str, FloatArray]:

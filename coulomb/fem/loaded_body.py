@@ -82,6 +82,7 @@ class LoadedBody(ElasticBody, HeldSpace):
         self.thermal, heat = thermal, []
         if thermal is not None:
             self._temperature_change = thermal.change(self, mesh)
+            self._thermal_displacement = self.thermal_displacement(self._temperature_change)
             size = shown_range(range_of(self._temperature_change, mesh.comm))
             heat = [AppliedLoad(thermal, self.thermal_force(self._temperature_change), size)]
         in_volume, on_faces = (
@@ -125,7 +126,8 @@ class LoadedBody(ElasticBody, HeldSpace):
         if self.thermal is None:
             return None
         factor = self._factor(self.thermal.amplitude, time, "temperature")
-        return Temperature(factor * self._temperature_change, self.thermal.reference)
+        displacement = abs(factor) * self._thermal_displacement
+        return Temperature(factor * self._temperature_change, self.thermal.reference, displacement)
 
     def _factor(self, amplitude: Amplitude, time: float, what: str) -> float:
         factor: float = on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)

@@ -26,7 +26,7 @@ chords of a curved surface than that of the body."""
 _SAME = 1e-9
 """Distance, relative to the extent of the field, up to which a point is a node of its mesh."""
 
-_AT_ONCE = 20_000
+_AT_ONCE = 5_000
 """Points that are located at a time, so that little memory is needed."""
 
 Ints = npt.NDArray[np.int64]
@@ -132,9 +132,9 @@ class _Cells:
         edge = np.mean([np.linalg.norm(x[:, i] - x[:, j], axis=1) for i, j in pairs], axis=0)
         solid = np.abs(np.linalg.det(edges)) > 1e-12 * edge**3
         self.rows, self._edge = rows[solid], edge[solid]
-        self._first, self._inverse = x[solid, 0], np.linalg.inv(edges[solid].transpose(0, 2, 1))
-        slopes = np.concatenate([-self._inverse.sum(axis=1, keepdims=True), self._inverse], axis=1)
-        self._height = 1.0 / np.linalg.norm(slopes, axis=2)
+        self._corners, self._inverse = x[solid], np.linalg.inv(edges[solid].transpose(0, 2, 1))
+        self._slopes = np.concatenate([-self._inverse.sum(axis=1, keepdims=True), self._inverse], axis=1)
+        self._height = 1.0 / np.linalg.norm(self._slopes, axis=2)
         centroid = x[solid].mean(axis=1)
         radius = np.max(np.linalg.norm(x[solid] - centroid[:, None], axis=2), axis=1) + SNAP * self._edge
         size = np.floor(np.log2(radius))
@@ -153,15 +153,29 @@ class _Cells:
                 continue
             point = np.repeat(np.arange(len(x)), count)
             tetrahedron = own[np.concatenate([np.array(found, dtype=np.int64) for found in near if found])]
-            inner = np.einsum("pij,pj->pi", self._inverse[tetrahedron], x[point] - self._first[tetrahedron])
-            shares = np.column_stack([1.0 - inner.sum(axis=1), inner])
-            beyond = np.max(-shares * self._height[tetrahedron], axis=1)  # distance from the plane of the nearest face
-            beyond = np.where(beyond <= SNAP * self._edge[tetrahedron], np.maximum(beyond, 0.0), np.inf)
+            shares = self._nearest(x[point], tetrahedron)
+            at = np.einsum("pi,pij->pj", shares, self._corners[tetrahedron])
+            beyond = np.linalg.norm(x[point] - at, axis=1)
+            beyond = np.where(beyond <= SNAP * self._edge[tetrahedron], beyond, np.inf)
             order = np.lexsort((beyond, point))
             points, first = np.unique(point[order], return_index=True)
             chosen = order[first]
             better = beyond[chosen] < best[points]
             points, chosen = points[better], chosen[better]
-            best[points], cell[points] = beyond[chosen], tetrahedron[chosen]
-            weights[points] = np.maximum(shares[chosen], 0.0)
-        return cell, weights / np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
+            best[points], cell[points], weights[points] = beyond[chosen], tetrahedron[chosen], shares[chosen]
+        return cell, weights
+
+    def _nearest(self, x: FloatArray, tetrahedron: Ints) -> FloatArray:
+        """Barycentric coordinates of points (k, 3) in tetrahedra (k,), of a point outside those of the nearest point of
+        the face beyond which it is, or of one near that; shape (k, 4)."""
+        height, number = self._height[tetrahedron], np.arange(len(x))
+        worst = np.argmin(self._shares(x, tetrahedron) * height, axis=1)
+        beyond = np.minimum(self._shares(x, tetrahedron)[number, worst], 0.0) * height[number, worst] ** 2
+        shares = np.maximum(self._shares(x - beyond[:, None] * self._slopes[tetrahedron, worst], tetrahedron), 0.0)
+        nearest: FloatArray = shares / shares.sum(axis=1, keepdims=True)
+        return nearest
+
+    def _shares(self, x: FloatArray, tetrahedron: Ints) -> FloatArray:
+        """Barycentric coordinates of points (k, 3) in tetrahedra (k,), shape (k, 4)."""
+        inner = np.einsum("pij,pj->pi", self._inverse[tetrahedron], x - self._corners[tetrahedron, 0])
+        return np.column_stack([1.0 - inner.sum(axis=1), inner])

@@ -205,21 +205,24 @@ def along_directions(young: FloatArray, poisson: FloatArray, shear: FloatArray) 
     return C
 
 
-def thermal_stress(constants: FloatArray, expansion: FloatArray, axes: FloatArray) -> FloatArray:
-    """Stiffness times thermal strain per kelvin, in space, Pa/K, shape (c, 6).
+def thermal_strain(expansion: FloatArray, axes: FloatArray) -> FloatArray:
+    """Strain in space per kelvin, shape (c, 6).
 
     Args:
-        constants: The 21 constants of each cell (`stiffness`), shape (c, 21).
         expansion: Thermal expansion along the directions, 1/K, shape (c, 3).
         axes: Rows d1, d2, d3, shape (c, 3, 3).
     """
     strain = np.einsum("ck,cki,ckj->cij", expansion, axes, axes)
-    doubled = np.stack([(1.0 if i == j else 2.0) * strain[:, i, j] for i, j in PAIRS], axis=1)
+    return np.stack([(1.0 if i == j else 2.0) * strain[:, i, j] for i, j in PAIRS], axis=1)
+
+
+def stress_of(constants: FloatArray, strain: FloatArray) -> FloatArray:
+    """Stiffness, the 21 constants of each cell (c, 21), times strain (c, 6); shape (c, 6)."""
     stress = np.zeros((len(constants), 6))
     for number, (i, j) in enumerate(UPPER):
-        stress[:, i] += constants[:, number] * doubled[:, j]
+        stress[:, i] += constants[:, number] * strain[:, j]
         if i != j:
-            stress[:, j] += constants[:, number] * doubled[:, i]
+            stress[:, j] += constants[:, number] * strain[:, i]
     return stress
 
 

@@ -29,10 +29,12 @@ class Temperature:
     Attributes:
         change: Temperature minus that of the unstrained body in kelvin, shape (k,).
         reference: Temperature of the unstrained body, in kelvin or degrees Celsius.
+        displacement: Scale of the displacements that it causes, metres (`ElasticBody.thermal_displacement`).
     """
 
     change: FloatArray
     reference: float
+    displacement: float
 
 
 @dataclass(frozen=True)

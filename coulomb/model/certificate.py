@@ -6,7 +6,8 @@ Neither the matrix K nor products by A are used; the mean diagonal of A is the s
 Every measure is relative to a natural scale of the problem, so that the result does not depend on
 units and materials.  Forces: the largest component of a nodal contact force.  Displacements: twice the
 elastic energy over half the sum of all nodal forces, the mean displacement along which forces do work.  A rigid motion
-does not change it: a clamp that moves the body by a metre does not loosen any limit.
+does not change it: a clamp that moves the body by a metre does not loosen any limit.  A heated body between walls does
+not move: there it is the mean displacement along which the thermal forces would do the energy of the thermal strain.
 
 Values that are not finite, overflow or vanish fail.  Rounding errors of displacements and their nodal forces bound
 every scale from below: in a body without contact and loads there are no other forces.
@@ -172,7 +173,7 @@ def _scales(e: Evidence, spring: FloatArray, outer: tuple[FloatArray, ...], over
     peak = over.max(np.abs(e.force))
     return _Scales(
         force=_worst(peak, ROUNDING * over.max(np.abs(e.rounding))) if peak != 0.0 else 0.0,
-        length=_worst(way, ROUNDING * EPSILON * at_least),
+        length=_worst(way, e.thermal, ROUNDING * EPSILON * at_least),
         nodal=nodal,
         turnover=turnover,
     )

@@ -94,6 +94,7 @@ def gather_evidence(
         bound=np.concatenate([bound, none]),
         rounding=rounding_forces(elasticity, u),
         compliance=compliance,
+        thermal=0.0 if state.loading.temperature is None else state.loading.temperature.displacement,
         averaged=not points.nodal,
     )
 

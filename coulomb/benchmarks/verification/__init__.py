@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from . import cattaneo_mindlin, hertz, locking, patch, press_fit, sliding_block, ssnv128
+from . import cattaneo_mindlin, hertz, locking, orthotropic, patch, press_fit, sliding_block, ssnv128, thermal
 from .table import Verified
 
 __all__ = ["CASES", "Verified"]
@@ -20,5 +20,7 @@ CASES: dict[str, Callable[[], Verified]] = {
     "sliding-block": sliding_block.verify,
     "press-fit": press_fit.verify,
     "locking": locking.verify,
+    "orthotropic": orthotropic.verify,
+    "thermal": thermal.verify,
 }
 """The cases by name."""

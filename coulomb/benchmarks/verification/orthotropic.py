@@ -1,14 +1,14 @@
 """Orthotropic and layered bodies against formulas, on hexahedra and tetrahedra of first and second order.
 
 A bar of unidirectional composite stands on a rigid plane without friction, and a rigid plate presses it together by d.
-Its fibres, direction 1, are inclined by an angle t to its axis z, in the plane x z.  The stress is uniaxial, -E(t) d/L,
-and the bar shears by g = (a/E(t)) E(t) d/L (Jones, Mechanics of Composite Materials, section 2.6; c = cos t, s = sin t):
+Its fibres, direction 1, are inclined by an angle t to its axis z, in the plane x z.  The stress is uniaxial,
+-E(t) d/L, and the bar shears by a d/L (Jones, Mechanics of Composite Materials, section 2.6; c = cos t, s = sin t):
 
     1/E(t) = c^4/E1 + (1/G13 - 2 nu13/E1) c^2 s^2 + s^4/E3
     a/E(t) = (2/E1 + 2 nu13/E1 - 1/G13) c^3 s - (2/E3 + 2 nu13/E1 - 1/G13) c s^3
 
-A wound tube, with the fibres around it, is pressed on a rigid pin that is too thick by d.  In plane strain the stiffness
-along r and around has constants Crr, Ctt, Crt, and (Lekhnitskii, Theory of Elasticity of an Anisotropic Body)
+A wound tube, with the fibres around it, is pressed on a rigid pin that is too thick by d.  In plane strain the
+stiffness along r and around has constants Crr, Ctt, Crt, and (Lekhnitskii, Theory of Elasticity of an Anisotropic Body)
 
     u = A r^k + B r^-k,   k^2 = Ctt/Crr,   s_rr = (Crr k + Crt) A r^(k - 1) + (Crt - Crr k) B r^(-k - 1)
 

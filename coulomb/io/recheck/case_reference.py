@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -190,10 +191,12 @@ class CaseReference:
 
     def compare_numbers(self, run: WrittenRun, found: Comparison) -> None:
         """Compare the input data in summary.json: names of faces, materials."""
-        expected = {
+        expected: dict[str, Any] = {
             "totals": {"faces": [contact.face for contact in self.contacts]},
             "material": material_entries(self.settings.materials()),
         }
+        if self.settings.temperature is not None:
+            expected["reference_temperature"] = self.settings.temperature.reference
         found.tree(SUMMARY, run.summary, expected, source=_SOURCE)
 
     def _faces_of_facets(self, run: WrittenRun, body: LoadedBody, found: Comparison) -> npt.NDArray[np.int64] | None:

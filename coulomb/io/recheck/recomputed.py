@@ -129,6 +129,7 @@ def recomputed(
     internal = body.internal_force(u)
     judged = nodes.answer(run, u, on_face, x, spins)
     written = nodes.only(nodes.written).answer(run, u, on_face, x, spins)
+    heated = {TEMPERATURE: taken(run.on_body[TEMPERATURE])} if TEMPERATURE in run.on_body else {}
     certificate = judge(
         Evidence(
             comm=MPI.COMM_SELF,
@@ -146,10 +147,10 @@ def recomputed(
             bound=judged.bound,
             rounding=rounding_forces(body, u),
             compliance=float(run.summary["mean_compliance"]),
+            thermal=max([body.thermal_displacement(change) for change in heated.values()], default=0.0),
         )
     )
     body_x = taken(body.x)
-    heated = {TEMPERATURE: taken(run.on_body[TEMPERATURE])} if TEMPERATURE in run.on_body else {}
     stress = body.von_mises(body.function(u), heated.get(TEMPERATURE))
     reactions = held.held_part(internal + spring * u - run.on_body["load"] - on_body)
     acting = None if supported is None else supported.acting(u, reactions, on_body, taken)
