@@ -16,6 +16,7 @@ from wrong_files import COMMANDS, MESHES, RESOURCES
 from wrong_gaps import GAPS
 from wrong_input import BLOCK, case, comm, said
 from wrong_loads import LOADS
+from wrong_materials import MATERIALS
 from wrong_probes import PROBES
 from wrong_supports import SUPPORTS
 
@@ -26,6 +27,7 @@ DOCUMENT = Path(__file__).parents[1] / "docs" / "errors.md"
 TABLE = {
     "Case files": CASE_FILES,
     "Materials, loads, history": MATERIALS_AND_LOADS,
+    "Orthotropic materials, temperature": MATERIALS,
     "Supports": SUPPORTS,
     "Loads, expressions, load curves": LOADS,
     "Meshes": MESHES,

@@ -61,11 +61,15 @@ class MaterialTable(Table):
                 f"shear (G12, G13, G23), but not in {lacks}; an isotropic one has one number in young and poisson"
             )
         if self.orthotropic:
-            self.material()
+            try:
+                self.material()
+            except ValueError as error:
+                raise ValueError(str(error).removeprefix("material: ")) from None
             return self
         for name in ("directions", "expansion"):
             if isinstance(getattr(self, name), tuple):
-                raise ValueError(f"{name} along directions needs an orthotropic material: three numbers in young")
+                given = "directions are" if name == "directions" else "three numbers in expansion are"
+                raise ValueError(f"{given} for an orthotropic material, which has three numbers in young")
         return self
 
     @property
