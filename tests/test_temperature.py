@@ -9,7 +9,7 @@ from check_runs import edit, run_case
 from mpi4py import MPI
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Plane, TemperatureField
+from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, NodalField, Plane
 from coulomb.case.case import read_case
 from coulomb.fem import compat
 from coulomb.fem.temperature import ThermalLoad
@@ -42,7 +42,7 @@ def written(path, kind, cells=(2, 2, 2), lengths=(1.0, 0.5, 0.4), scale=1.0, val
         domain = coulomb.box(lengths, cells, "tetrahedron", MPI.COMM_SELF).domain
         field = compat.fem.Function(compat.functionspace(domain, 1), name="T")
         field.interpolate(values)
-        with compat.xdmf_writer(MPI.COMM_SELF, str(path)) as file:
+        with compat.io.XDMFFile(MPI.COMM_SELF, str(path), "w") as file:
             file.write_mesh(domain)
             file.write_function(field)
         return path
@@ -62,7 +62,7 @@ def written(path, kind, cells=(2, 2, 2), lengths=(1.0, 0.5, 0.4), scale=1.0, val
 )
 def test_field_from_a_file_on_another_mesh(tmp_path, name, kind):
     """A linear field is exact inside cells, at nodes, and beside the surface."""
-    field = TemperatureField.from_file(written(tmp_path / name, kind), "T")
+    field = NodalField.from_file(written(tmp_path / name, kind), "T")
     x = np.random.default_rng(2).uniform(0.0, 1.0, (3, 300)) * [[1.0], [0.5], [0.4]]
     assert field(x) == pytest.approx(linear(x))
     corners = np.array([[0.0, 1.0, 0.5], [0.0, 0.5, 0.25], [0.0, 0.4, 0.4]])
@@ -73,7 +73,7 @@ def test_field_from_a_file_on_another_mesh(tmp_path, name, kind):
 
 def test_values_at_nodes_of_the_field_are_exact(tmp_path):
     """Also those in the middle of edges of second-order cells: no interpolation."""
-    field = TemperatureField.from_file(written(tmp_path / "T.vtu", "tetra10", values=lambda x: 1e3 * x[0] ** 2), "T")
+    field = NodalField.from_file(written(tmp_path / "T.vtu", "tetra10", values=lambda x: 1e3 * x[0] ** 2), "T")
     x = coulomb.box((1.0, 0.5, 0.4), (4, 4, 4)).domain.geometry.x
     assert field(x.T) == pytest.approx(1e3 * x[:, 0] ** 2, abs=1e-9)
 
@@ -87,17 +87,17 @@ def test_small_cells_beside_large_ones():
     domain = coulomb.box((1.0, 1.0, 1.0), (14, 3, 3), "tetrahedron", MPI.COMM_SELF, graded).domain
     x, rows = domain.geometry.x, compat.cell_geometry(domain).astype(np.int64)
     at = np.random.default_rng(3).uniform(size=(3, 500))
-    assert TemperatureField(x, rows, linear(x.T))(at) == pytest.approx(linear(at))
+    assert NodalField(x, rows, linear(x.T))(at) == pytest.approx(linear(at))
 
 
 def test_field_that_does_not_cover_the_body(tmp_path):
     path = written(tmp_path / "T.vtu", "hexahedron", lengths=(0.8, 0.5, 0.4))
     with pytest.raises(ValueError, match=r"temperature: .*T\.vtu: T does not cover the body: .* no cell at x = 1, "):
-        heated(TemperatureField.from_file(path, "T"))
+        heated(NodalField.from_file(path, "T"))
     millimetres = written(tmp_path / "mm.vtu", "hexahedron", scale=1e-3)
     with pytest.raises(ValueError, match=r"\(is scale, the metres per unit of length, right\?\)"):
-        heated(TemperatureField.from_file(millimetres, "T", 1e-4))
-    body = heated(TemperatureField.from_file(millimetres, "T", 1e-3)).elasticity
+        heated(NodalField.from_file(millimetres, "T", 1e-4))
+    body = heated(NodalField.from_file(millimetres, "T", 1e-3)).elasticity
     assert body.at(0.0).temperature.change == pytest.approx(linear(body.x.T))
 
 
@@ -113,7 +113,7 @@ def test_field_that_does_not_cover_the_body(tmp_path):
 def test_wrong_files(tmp_path, name, field, message):
     written(tmp_path / "T.vtu", "hexahedron")
     with pytest.raises(ValueError, match=message):
-        TemperatureField.from_file(tmp_path / name, field)
+        NodalField.from_file(tmp_path / name, field)
 
 
 def test_shell_cells_and_vectors_are_refused(tmp_path):
@@ -121,9 +121,9 @@ def test_shell_cells_and_vectors_are_refused(tmp_path):
     flat = meshio.Mesh(x, [("triangle", [[0, 1, 2]])], point_data={"T": x[:, 0], "v": x})
     meshio.write(tmp_path / "flat.vtu", flat)
     with pytest.raises(ValueError, match=r"has no solid cells, .* \(cells: triangle\)"):
-        TemperatureField.from_file(tmp_path / "flat.vtu", "T")
+        NodalField.from_file(tmp_path / "flat.vtu", "T")
     with pytest.raises(ValueError, match=r"v must be one number per node, but has shape \(3, 3\)"):
-        TemperatureField.from_file(tmp_path / "flat.vtu", "v")
+        NodalField.from_file(tmp_path / "flat.vtu", "v")
 
 
 def test_wrong_temperatures():

@@ -68,8 +68,8 @@ class MaterialTable(Table):
             return self
         for name in ("directions", "expansion"):
             if isinstance(getattr(self, name), tuple):
-                given = "directions are" if name == "directions" else "three numbers in expansion are"
-                raise ValueError(f"{given} for an orthotropic material, which has three numbers in young")
+                what = "directions are" if name == "directions" else "three numbers in expansion are"
+                raise ValueError(f"{what} for an orthotropic material, which has three numbers in young")
         return self
 
     @property
