@@ -85,3 +85,119 @@ def test_a_block_held_by_robin_terms_alone():
     assert np.abs(robin.force + k * u).max() <= 1e-9 * press
     assert solution.forces_on_foundations[0].force[2] == pytest.approx(-press - k[2] * u[2], rel=1e-9)
     assert solution.function.x.array.size >= 3 * len(top)
+
+
+def pressed(mesh, degree, a, load=(0.0, 0.0, -1e6), **options):
+    """A block on the floor with planes of symmetry at left and front, pressed by its top; a(script) is the form."""
+    script = Script(mesh, degree)
+    L = ufl.inner(script.constant(load), script.v) * script.ds("top")
+    sides = [script.bc(0.0, face, axis) for axis, face in ((0, "left"), (1, "front"))]
+    light = 1e-6 * ufl.inner(script.u, script.v) * script.ds("top")  # holds it along z: contact alone does not
+    body = coulomb.Body(1e9 * light + a(script), L, sides, faces=mesh)
+    return script, ContactProblem(body, Contact("bottom", 0.0)).solve(1e-11, **options)
+
+
+ELEMENTS = [("tetrahedron", 1), ("hexahedron", 1), ("tetrahedron", 2), ("hexahedron", 2)]
+
+
+@pytest.mark.parametrize(("cell", "degree"), [ELEMENTS[0], ELEMENTS[3]])
+def test_a_layered_bar(cell, degree):
+    """Two layers, pressed by p: the top sinks by p (h1/E1 + h2/E2); Young's modulus is a function on the cells."""
+    mesh = coulomb.box((1.0, 1.0, 2.0), (1, 1, 4), cell)
+
+    def layers(script):
+        return script.elasticity(script.on_cells(lambda x: np.where(x[2] < 1.0, 1e9, 4e9)), 0.0)
+
+    script, solution = pressed(mesh, degree, layers)
+    sunk = -solution.displacement[script.nodes("top"), 2]
+    assert solution.certificate.passed and solution.acting.balance < 1e-10
+    assert np.abs(sunk / (1e6 * (1 / 1e9 + 1 / 4e9)) - 1.0).max() < 1e-5
+    assert solution.forces_on_foundations[0].force[2] == pytest.approx(-1e6, rel=1e-5)
+
+
+@pytest.mark.parametrize(("cell", "degree"), ELEMENTS[1:3])
+def test_an_orthotropic_block(cell, degree):
+    """Pressed by p along z: strains -p/Ez and p nu_zx/Ez, p nu_zy/Ez across, from the compliance of the form."""
+    E, nu_zx, nu_zy = np.array([2e9, 5e9, 1e9]), 0.1, 0.2
+    S = np.diag([*1.0 / E, *(1.0 / np.array([4e8, 3e8, 7e8]))])
+    S[2, 0] = S[0, 2] = -nu_zx / E[2]
+    S[2, 1] = S[1, 2] = -nu_zy / E[2]
+    S[0, 1] = S[1, 0] = -0.05 / E[0]
+    C = ufl.as_matrix(np.linalg.inv(S).tolist())
+
+    def voigt(u):
+        e = ufl.sym(ufl.grad(u))
+        return ufl.as_vector([e[0, 0], e[1, 1], e[2, 2], 2 * e[1, 2], 2 * e[0, 2], 2 * e[0, 1]])
+
+    def form(script):
+        return ufl.inner(ufl.dot(C, voigt(script.u)), voigt(script.v)) * ufl.dx
+
+    _, solution = pressed(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2), cell), degree, form)
+    at = solution.problem.elasticity.x
+    expected = at * (1e6 / E[2] * np.array([nu_zx, nu_zy, -1.0]))
+    assert np.abs(solution.displacement - expected).max() < 1e-5 * 1e6 / E[2]
+
+
+@pytest.mark.parametrize(("cell", "degree"), ELEMENTS[1:3])
+def test_a_heated_block_between_walls(cell, degree):
+    """All sides are held but the sole: it presses on the floor with E alpha dT / (1 - 2 nu), at all times of a history.
+
+    An answer of an earlier time keeps its load and its coefficients.
+    """
+    mesh, alpha, nu = coulomb.box((1.0, 1.0, 1.0), (2, 2, 2), cell), 1e-5, 0.3
+    script = Script(mesh, degree)
+    young, heat = script.constant(0.0), script.constant(0.0)
+    strain = alpha * heat * ufl.Identity(3)
+    L = ufl.inner(young / (1.0 - 2.0 * nu) * strain, ufl.grad(script.v)) * ufl.dx
+    walls = [(0, "left"), (0, "right"), (1, "front"), (1, "back"), (2, "top")]
+    bcs = [script.bc(0.0, face, axis) for axis, face in walls]
+
+    def update(time):
+        heat.value, young.value = 50.0 * time, 2e11 * (1.0 + time)
+
+    body = coulomb.Body(script.elasticity(young, nu), L, bcs, mesh, update=update)
+    problem = ContactProblem(body, Contact("bottom", 0.3))
+    steps = list(LoadHistory([1.0, 2.0, 3.0]).steps(problem))
+    for step in steps:
+        time = step.state.time
+        expected = 2e11 * (1.0 + time) * alpha * 50.0 * time / (1.0 - 2.0 * nu)
+        assert -step.solution.forces_on_foundations[0].force[2] == pytest.approx(expected, rel=1e-6)
+        assert step.solution.certificate.passed and step.solution.acting.balance < 1e-10
+        again = step.solution.problem.evidence(step.solution.contact_force, step.solution.displacement)
+        assert coulomb.certify(step.solution.problem, step.solution.contact_force, step.solution.displacement).passed
+        assert close(again.internal, step.state.forces.kept)
+    assert heat.value == 150.0  # the user's objects are those of the last step
+
+
+def test_a_modulus_that_changes_by_hand():
+    """N = E A d/h of a bar pressed by d; solve() takes the present value, and an earlier answer keeps its own.
+
+    Then by a history, in which the change of the modulus does work: the energies add up."""
+    mesh, d = coulomb.box((1.0, 1.0, 2.0), (1, 1, 2)), 1e-4
+    script = Script(mesh, 1)
+    young = script.constant(1e9)
+    top = script.function()
+    body = coulomb.Body(script.elasticity(young, 0.0), None, [script.bc(top, "top")], mesh)
+    problem = ContactProblem(body, Contact("bottom", 0.0))
+    top.x.array.reshape(-1, 3)[:, 2] = -d
+    first = problem.solve()
+    young.value = 3e9
+    body.update()
+    second = problem.solve()
+    for answer, modulus in ((first, 1e9), (second, 3e9), (first, 1e9)):
+        assert -answer.forces_on_foundations[0].force[2] == pytest.approx(modulus * d / 2.0, rel=1e-6)
+        assert answer.certificate.passed
+        assert coulomb.certify(answer.problem, answer.contact_force, answer.displacement).passed
+        assert answer.reactions[0].force[2] == pytest.approx(-modulus * d / 2.0, rel=1e-6)
+        assert answer.problem.elasticity.K.norm() == pytest.approx(modulus / 1e9 * first.problem.elasticity.K.norm())
+
+    def update(time):
+        young.value = 1e9 * (1.0 + time)
+        top.x.array.reshape(-1, 3)[:, 2] = -d * min(time, 1.0)
+
+    body = coulomb.Body(script.elasticity(young, 0.0), None, [script.bc(top, "top")], mesh, update=update)
+    *_, last = LoadHistory([1.0, 2.0, 4.0]).steps(ContactProblem(body, Contact("bottom", 0.0)))
+    energy = last.state.energy
+    assert energy.elastic == pytest.approx(0.5 * 5e9 * d**2 / 2.0, rel=1e-6)
+    assert energy.prescribed == pytest.approx(0.5 * 2e9 * d**2 / 2.0, rel=1e-6)
+    assert abs(energy.imbalance) < 1e-6 * energy.elastic

@@ -32,6 +32,14 @@ class Script:
     def function(self):
         return fem.Function(self.V)
 
+    def on_cells(self, value):
+        """A function that is constant on every cell, as value(midpoint)."""
+        W = compat.functionspace(self.domain, 0, family="DG")
+        function = fem.Function(W)
+        middle = W.tabulate_dof_coordinates()
+        function.x.array[:] = value(middle.T)[: len(function.x.array)]
+        return function
+
     def compile(self, form):
         return fem.form(form)
 

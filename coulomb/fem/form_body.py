@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
+from . import compat_forms
 from .bilinear_form import BilinearForm, FormValues, compiled
 from .deformable import Deformable, Loading
 from .dirichlet import DirichletConditions
@@ -89,6 +90,8 @@ class Body(Deformable):
         self.mesh = named_mesh(V.mesh, {} if faces is None else faces)
         super().__init__(V)
         self._update, self._present = update, _Present()
+        self._signatures = {name: _signature(form) for name, form in (("a", a), ("L", L))}
+        self._degree = compat_forms.lagrange_vectors(V)[1]
         self._a, self._L = BilinearForm(a, V), None if L is None else compiled(L, "L")
         dofs = self.V.dofmap.index_map
         self._conditions = DirichletConditions(
@@ -97,11 +100,19 @@ class Body(Deformable):
         self.held = self._conditions.rows.held
         self.spring, self.contradictions = np.zeros_like(self.x), ()
         self.materials, self.loads = None, ()
-        self._stiffness = self._stiff(self._a.values)
+        self._known: _Stiffness | None = None
+        if update is None:  # else when the coefficients have been set for a time
+            self._known = self._stiff(self._a.values)
 
     def update(self) -> None:
         """Coefficients have been changed by hand: the callable is called again before the next evaluation."""
         self._present.time = None
+
+    @property
+    def _stiffness(self) -> _Stiffness:
+        if self._known is None:
+            self._known = self._stiff(self._a.values)
+        return self._known
 
     @property
     def K(self) -> PETSc.Mat:
@@ -125,18 +136,19 @@ class Body(Deformable):
     def at_time(self, time: float) -> Body:
         """The body with the coefficients that a has at a time: itself if they are the same; collective."""
         self._set(time)
-        values, comm = self._a.values, self.mesh.comm
-        for known in (self._stiffness, self._present.stiffness):
-            if known is not None and comm.allreduce(known.values.same(values), op=MPI.LAND):
-                break
-        else:
-            known = self._stiff(values)
-        if known is self._stiffness:
+        values, own = self._a.values, self._stiffness
+        if self._same(own, values):
             return self
-        self._present.stiffness = known
+        last = self._present.stiffness
+        if last is None or not self._same(last, values):
+            last = self._present.stiffness = self._stiff(values)
         then = copy.copy(self)
-        then._stiffness = known
+        then._known = last
         return then
+
+    def _same(self, one: _Stiffness, values: FormValues) -> bool:
+        same: bool = self.mesh.comm.allreduce(one.values.same(values), op=MPI.LAND)
+        return same
 
     def at(self, time: float) -> Loading:
         """L and the boundary values at a time; collective.
@@ -184,6 +196,18 @@ class Body(Deformable):
         """None: which stress belongs to a is not known; see `Solution.write`."""
         return []
 
+    def forms(self) -> Mapping[str, Any]:
+        """What can be recorded of the forms: signatures of those of UFL, degree of the space, constants, conditions."""
+        return {
+            **self._signatures,
+            "degree": self._degree,
+            "bcs": self._conditions.count,
+            "constants": {
+                "a": self._stiffness.values.constants.tolist(),
+                "L": [] if self._L is None else compat_forms.packed_constants(self._L).tolist(),
+            },
+        }
+
     def _set(self, time: float) -> None:
         """Call the user's callable for a time, unless it was the last one."""
         if self._update is not None and self._present.time != time:
@@ -210,3 +234,9 @@ class Body(Deformable):
             )
         K, mean = self.eliminated(K)
         return _Stiffness(values, K, mean, ground if np.max(sizes) > noise else None)
+
+
+def _signature(form: Any) -> str | None:
+    """UFL's signature of a form, which identifies its expression without the values of coefficients; None of a compiled
+    form, or of none."""
+    return str(form.signature()) if hasattr(form, "signature") else None

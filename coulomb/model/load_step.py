@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.constraints import HeldDirections
+from ..fem.deformable import Deformable
 from ..linalg.reductions import Reductions
 from .accumulated import Accumulated
 from .columns import along_axes, face_columns, probe_columns, reaction_columns, rotation_columns
@@ -24,7 +25,7 @@ class Energy:
     """Energies in joules since the start of the history.
 
     Attributes:
-        loads: Work of tractions and body force.
+        loads: Work of tractions and body force, and of changes of the stiffness of a `Body` with time.
         prescribed: Work of the reactions at prescribed displacements.
         foundation: Work that the moving foundation does on the body.
         elastic: Elastic energy of the body and its springs.
@@ -66,6 +67,7 @@ class Energy:
         foundation: float,
         dissipated: float,
         over: Reductions,
+        coefficients: float = 0.0,
     ) -> Energy:
         """The energy at the end of a step; collective.
 
@@ -76,11 +78,12 @@ class Energy:
             foundation: Work of the moving foundation on the body in the step, joules.
             dissipated: Energy dissipated by friction in the step, joules.
             over: The ranks.
+            coefficients: Work of changes of the stiffness in the step, joules.
         """
         change = now.displacement - then.displacement
         reactions = sum(held.held_part(at.kept - at.load - at.on_body) for at in (then, now))
         return Energy(
-            loads=self.loads + 0.5 * over.dot(now.load + then.load, change),
+            loads=self.loads + 0.5 * over.dot(now.load + then.load, change) + coefficients,
             prescribed=self.prescribed + 0.5 * over.dot(np.asarray(reactions), change),
             foundation=self.foundation + foundation,
             elastic=0.5 * over.dot(now.displacement, now.kept),
@@ -130,6 +133,7 @@ class State(Moment):
         slip_rate: Slip of the step over its duration at the contact points, metres per second, shape (m,).
         accumulated: Slip, friction work and largest pressure at the contact points since the start of the history.
         pending: Ends of the remaining steps, the next one last.
+        forces: Displacement and forces at its end; None at the start and where a history was continued from files.
     """
 
     displacement: FloatArray
@@ -137,27 +141,37 @@ class State(Moment):
     slip_rate: FloatArray
     accumulated: Accumulated
     pending: tuple[float, ...]
+    forces: Forces | None = None
 
     def after(self, solution: Solution) -> State:
         """The state at the end of the next step, with updated energies; collective."""
         problem, surface, elasticity = solution.problem, solution.problem.surface, solution.problem.elasticity
         over = Reductions(problem.comm)
 
-        def forces(u: FloatArray, load: FloatArray, on_body: FloatArray) -> Forces:
-            kept = elasticity.internal_force(u) - elasticity.spring_force(u)
+        def forces(body: Deformable, u: FloatArray, load: FloatArray, on_body: FloatArray) -> Forces:
+            kept = body.internal_force(u) - body.spring_force(u)
             return Forces(u, load, kept, surface.at_nodes(surface.force_components(on_body)))
 
         on_body = solution.force_on_body
-        then = forces(self.displacement, elasticity.at(self.time).load, self.force_on_body)
-        now = forces(solution.displacement, problem.loading.load, on_body)
+        if self.forces is not None:
+            then_on_body = surface.at_nodes(surface.force_components(self.force_on_body))
+            then = replace(self.forces, on_body=then_on_body)
+        else:
+            before = elasticity.at_time(self.time)
+            then = forces(before, self.displacement, before.at(self.time).load, self.force_on_body)
+            elasticity.at_time(problem.time)  # the user's coefficients are those of the present again
+        now = forces(elasticity, solution.displacement, problem.loading.load, on_body)
         moved = problem.body.foundation_displacement(surface, self.time, problem.time)
         foundation = 0.5 * over.dot(self.force_on_body + on_body, moved)
         answer = solution.at_nodes
         slip_rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - self.time)
         dissipated = answer.dissipated_energy
-        energy = self.energy.after(then, now, elasticity.held, foundation, dissipated, over)
+        stiffened = 0.0
+        if elasticity.forms() is not None:  # 0 where K stays: then u0 . K u1 = u1 . K u0
+            stiffened = 0.5 * (over.dot(then.displacement, now.kept) - over.dot(now.displacement, then.kept))
+        energy = self.energy.after(then, now, elasticity.held, foundation, dissipated, over, stiffened)
         number, worn, pending = self.number + 1, answer.accumulated, self.pending[:-1]
-        return State(number, problem.time, energy, now.displacement, on_body, slip_rate, worn, pending)
+        return State(number, problem.time, energy, now.displacement, on_body, slip_rate, worn, pending, now)
 
 
 @dataclass(frozen=True)

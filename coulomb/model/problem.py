@@ -116,7 +116,7 @@ class ContactProblem(PosedProblem):
 
         def make() -> Deformable:
             if isinstance(mesh, Deformable):
-                return mesh
+                return mesh.at_time(time)
             return Elasticity(
                 *(mesh, cast(Materials, material), clamps, tractions, body_force, springs, body_force_amplitude),
                 *(gravity, gravity_amplitude, thermal),
