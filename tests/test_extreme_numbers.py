@@ -11,7 +11,8 @@ from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Presc
 from coulomb.model.certificate import SMALLEST, judge
 from coulomb.model.evidence import Evidence
 
-ARRAYS = [field.name for field in fields(Evidence) if field.name not in ("comm", "held", "compliance")]
+OTHERS = ("comm", "held", "compliance", "averaged", "ground")
+ARRAYS = [field.name for field in fields(Evidence) if field.name not in OTHERS]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -25,6 +26,16 @@ def test_values_that_are_not_finite_fail_and_are_named(name, bad):
     contents = {"x": "coordinates", "on_body": "contact forces on the body", "force": "contact forces", "load": "loads"}
     contents |= {"spring": "springs", "internal": "internal forces", "gap": "gaps", "bound": "slip bounds"}
     assert contents.get(name, name) in certificate["finite"].meaning
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_forces_of_rigid_motions_that_are_not_finite_fail(bad):
+    evidence, _ = synthetic_evidence()
+    ground = np.zeros((*evidence.x.shape, 6))
+    assert judge(replace(evidence, ground=ground)).passed
+    ground[3, 1, 4] = bad
+    certificate = judge(replace(evidence, ground=ground))
+    assert "finite" in failed(certificate) and "forces of rigid motions" in certificate["finite"].meaning
 
 
 @pytest.mark.parametrize(
