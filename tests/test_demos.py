@@ -253,3 +253,14 @@ def test_script_and_case_give_the_reference_answer():
         counts = {name: contents["nodes"][name] for name in ("open", "stick", "slip")}
         assert counts == {name: totals[name] for name in counts}
         assert contents["certificate"]["natural_residual"]["value"] <= 1e-6
+
+
+def test_demo_forms(tmp_path):
+    """The floor carries what the body is pressed with, less what the clamp takes, on three ranks as on one."""
+    pattern = r"^force on the floor: #, #, # N, balance #$"
+    *force, balance = line(said("forms.py"), pattern)
+    assert balance < 1e-10 and np.hypot(force[0], force[1]) < 0.3 * -force[2] < 0.3 * 4e6 * 3.0
+    together = run_python(ROOT / "demos" / "forms.py", ranks=3, cwd=tmp_path)
+    assert together.returncode == 0, together.stderr
+    assert line(together.stdout, pattern)[:3] == pytest.approx(force, rel=1e-5)
+    assert len((ROOT / "demos" / "forms.py").read_text().splitlines()) <= 40
