@@ -1,5 +1,9 @@
 """Result files of second-order meshes: cells, facets and values as other programs read them, and `coulomb check`."""
 
+import re
+import shutil
+
+import h5py
 import numpy as np
 import pytest
 from test_exact_fields import fields, order
@@ -8,6 +12,7 @@ from test_second_order_meshes import CELLS
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction
 from coulomb.io.field_files import read_grid
+from coulomb.io.recheck.directory import check
 from coulomb.model.nodal_answer import OPEN, STICK
 
 STEEL = Material(2.1e11, 0.3)
@@ -77,3 +82,45 @@ def test_programs_that_show_them(written):
         else:
             assert grid.compute_cell_sizes()["Area"].sum() == pytest.approx(2.0, rel=0.02)
             assert "pressure" in grid.point_data
+
+
+def change(path, name, number, factor):
+    """A value of a field other than as written; which, is given by its number among the rows or as a mask."""
+    with h5py.File(path, "r+") as file:
+        data = file[f"Function/{name}/0"]
+        values = data[()]
+        values[number] *= factor
+        data[...] = values
+
+
+def test_check_recomputes_them(written):
+    _, _, folder = written
+    found = check(folder)
+    assert found.passed, str(found)
+
+
+@pytest.mark.parametrize(
+    ("file", "name", "where", "factor", "fault"),
+    [
+        ("solution", "displacement", "body", 1.001, "equilibrium"),
+        ("contact", "pressure", "vertex", 1.001, r"contact.xdmf: pressure: .* displacement and contact forces"),
+        ("contact", "gap", "vertex", 1.001, r"contact.xdmf: gap: .* displacement and contact forces"),
+        ("contact", "area", "vertex", 1.001, r"contact.xdmf: area: .* follows from the facets"),
+        ("contact", "contact_force", "vertex", 1.01, "contact.xdmf: pressure"),
+        ("contact", "pressure", "between", 1.001, r"contact.xdmf: pressure.*"),
+        ("contact", "slip", "between", 1.001, r"contact.xdmf: slip.*"),
+        ("contact", "status", "between", 0.0, r"contact.xdmf: status.*"),
+    ],
+)
+def test_changed_numbers_are_noticed(written, file, name, where, factor, fault, tmp_path):
+    """Of a vertex, or of a node in the middle of an edge, of the body or on the contact face."""
+    _, _, folder = written
+    for part in folder.iterdir():
+        shutil.copy(part, tmp_path)
+    grid = read_grid(folder / f"{file}.xdmf")
+    corners = {10: 4, 27: 8, 6: 3, 9: 4}[grid.cells.shape[1]]
+    vertices = np.isin(np.arange(len(grid.points)), grid.cells[:, :corners])
+    size = np.abs(grid.fields[name]) if grid.fields[name].ndim == 1 else np.linalg.norm(grid.fields[name], axis=1)
+    change(tmp_path / f"{file}.h5", name, np.argmax(np.where(vertices == (where == "vertex"), size, -1.0)), factor)
+    found = check(tmp_path)
+    assert not found.passed and re.search(fault, str(found)), str(found)

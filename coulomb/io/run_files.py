@@ -121,7 +121,19 @@ class WrittenRun:
     def touching(self) -> npt.NDArray[np.bool_]:
         """Which nodes of the contact face are written as contact nodes, shape (q,)."""
         touching: npt.NDArray[np.bool_] = np.round(self.on_face["status"]) != HELD
+        touching[self.between[0]] = False
         return touching
+
+    @cached_property
+    def between(self) -> npt.NDArray[np.int64]:
+        """On faces of 10-node tetrahedra, the nodes of the contact face in the middle of edges, which are no contact
+        nodes, and those at the two ends of each, shape (3, e)."""
+        if self.body.positive:
+            return np.empty((3, 0), dtype=np.int64)
+        edges = np.concatenate([self.face_cells[:, list(edge)] for edge in ((3, 0, 1), (4, 1, 2), (5, 2, 0))])
+        _, first = np.unique(edges[:, 0], return_index=True)
+        found: npt.NDArray[np.int64] = edges[first].T
+        return found
 
 
 def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:

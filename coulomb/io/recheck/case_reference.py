@@ -129,21 +129,23 @@ class CaseReference:
         gap = list(self.settings.contacts.values())[part].gap
         return isinstance(gap, FieldTable) and gap.file in self.absent_gaps
 
-    def geometry(
-        self, part: int, time: float, x: FloatArray, area: FloatArray, outward: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Normals into the foundation (k, 3) and distances (k,) in metres of all nodes of a face, for its `foundation`.
+    def distances(self, part: int, time: float, x: FloatArray, area: FloatArray, outward: FloatArray) -> FloatArray:
+        """Distances in metres of all nodes of a face from its `foundation`, along its normals there, shape (k,).
 
         Raises:
             ValueError: If the foundation has no distance or normal at a node.
         """
         self.foundation(part, x, area, outward)
         there = self.foundations(time)[part]
-        distance = there.signed_distance(x)
+        distance: FloatArray = there.signed_distance(x)
         if self.contacts[part].normals == "foundation":
-            return -there.normal(x), distance
-        n = outward / np.linalg.norm(outward, axis=1)[:, None]
-        return n, way_along(n, x, distance, there)
+            return distance
+        return way_along(outward / np.linalg.norm(outward, axis=1)[:, None], x, distance, there)
+
+    def normals(self, part: int, time: float, x: FloatArray) -> FloatArray:
+        """Normals into the foundation of a face at points x (k, 3) in metres, after `distances`, shape (k, 3)."""
+        normals: FloatArray = -self.foundations(time)[part].normal(x)
+        return normals
 
     def compare_body(self, run: WrittenRun, time: float, found: Comparison) -> npt.NDArray[np.int64] | None:
         """Compare mesh, materials, clamps, springs, loads and contact faces.

@@ -1,7 +1,8 @@
 """The nodes of a contact face in the files: those to check, with normal, gap, area and law.
 
 All nodes of the written facets are checked, except those whose displacement along the normal is prescribed according to
-solution.h5; the status in contact.h5 is not used.
+solution.h5; the status in contact.h5 is not used.  On faces of 10-node tetrahedra these are the vertices, with averages
+over the facets around them, whose weights are integrated anew on the written mesh.
 """
 
 from __future__ import annotations
@@ -10,10 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ...fem.contact_frames import held_length, inverse_frames, supported_frames
+from ...fem.contact_points import contact_points
 from ...fem.rigid_motion import Spin
 from ...model.accumulated import ACCUMULATED, Accumulated
 from ...model.evidence import HELD_BEYOND
@@ -42,7 +45,8 @@ class FaceNodes:
     """Nodes of contact faces, m of them; a node on two faces may be here twice.
 
     Attributes:
-        index: Their numbers among the nodes of the written face, shape (m,).
+        index: Their numbers among the q nodes of the written face, shape (m,).
+        weights: By which displacements, gaps and places of the q nodes are averaged, shape (m, q).
         part: Which face they are on, shape (m,).
         written: Whether they are written as contact nodes of this face, shape (m,).
         frames: Rows n, t1, t2, as `ContactSurface.frames`, shape (m, 3, 3).
@@ -57,6 +61,7 @@ class FaceNodes:
     """
 
     index: npt.NDArray[np.int64]
+    weights: scipy.sparse.csr_matrix
     part: npt.NDArray[np.int64]
     written: npt.NDArray[np.bool_]
     frames: FloatArray
@@ -72,6 +77,26 @@ class FaceNodes:
     def only(self, which: npt.NDArray[np.bool_]) -> FaceNodes:
         """A subset of the nodes."""
         return FaceNodes(**{name: values[which] for name, values in vars(self).items()})
+
+    @property
+    def averaged(self) -> bool:
+        """Whether they stand for averages over the facets around them."""
+        return bool(self.weights.nnz != len(self.index))
+
+    def average(self, values: FloatArray) -> FloatArray:
+        """Averages of values at the nodes of the written face (q,) or (q, 3), shape (m,) or (m, 3)."""
+        averages: FloatArray = self.weights @ values
+        return averages
+
+    def nodal_forces(self, forces: FloatArray) -> FloatArray:
+        """Forces at the nodes of the written face in newtons that act there by the weights, shapes (q, 3)."""
+        if not self.averaged:
+            return forces
+        mine = self.only(self.written)
+        others = forces.copy()
+        others[mine.index] = 0.0
+        nodal: FloatArray = others + mine.weights.T @ forces[mine.index]
+        return nodal
 
     def answer(
         self,
@@ -96,13 +121,13 @@ class FaceNodes:
             law=FrictionLaw(self.cohesion * self.area, self.friction),
             faces=tuple(face_names(run)),
             part=self.part,
-            x=x[self.index],
+            x=self.average(x),
             frames=frames,
             gap=self.gap,
             given_gap=self.given_gap,
             area=self.area,
             slip_origin=np.einsum("kij,kj->ki", frames, self.origin),
-            displacement=np.einsum("kij,kj->ki", frames, displacement[run.node[self.index]]),
+            displacement=np.einsum("kij,kj->ki", frames, self.average(displacement[run.node])),
             force=-np.einsum("kij,kj->ki", inverse_frames(frames), on_body[self.index]),
             slip_bound=run.on_face["slip_bound"][self.index],
             spins=spins,
@@ -153,7 +178,9 @@ def face_nodes(
     faces = [
         _face(run, case, time, slip_rate, number, part == number, said == number, found) for number in range(count)
     ]
-    judged = FaceNodes(**{name: np.concatenate([vars(face)[name] for face in faces]) for name in vars(faces[0])})
+    parts = {name: [vars(face)[name] for face in faces] for name in vars(faces[0])}
+    weights = scipy.sparse.vstack(parts.pop("weights"), format="csr")
+    judged = FaceNodes(weights=weights, **{name: np.concatenate(values) for name, values in parts.items()})
     stray = run.touching.copy()
     stray[judged.index[judged.written]] = False
     if np.any(stray):
@@ -174,28 +201,37 @@ def _face(
     found: Comparison,
 ) -> FaceNodes:
     """The nodes of one face."""
-    area, outward = (of(run.number[facets])[run.node] for of in (run.body.area_of, run.body.normal_of))
-    on = area > 0.0
-    index = np.flatnonzero(on)
-    area, outward = area[on], outward[on]
-    x, H = run.on_face["x"][on], run.held.projector_at(run.node[on])
-    written = run.touching[on] & said[on]
-    data = {name: run.on_face[name][on] for name in ("normal", *_TANGENTS, *_GAPS, *_LAW, "slip_origin")}
-    unit = outward / np.linalg.norm(outward, axis=1)[:, None]
+    around, outward = (values[run.node] for values in run.body.positive_weights(run.number[facets]))
+    on = around > 0.0
+    points = contact_points(run.body, run.number[facets])
+    in_file = np.zeros(len(run.body.x), dtype=np.int64)
+    in_file[run.node] = np.arange(len(run.node))
+    index, weights, area = in_file[points.nodes], points.weights[:, run.node], points.area
+    x, H = weights @ run.on_face["x"], run.held.projector_at(points.nodes)
+    written = (run.touching & said)[index]
+    data = {name: run.on_face[name][index] for name in ("normal", *_TANGENTS, *_GAPS, *_LAW, "slip_origin")}
+    unit = outward[index] / np.linalg.norm(outward[index], axis=1)[:, None]
     if case is None:
         n = np.where(written[:, None], data["normal"], unit)
         gap, given = (data[name] for name in _GAPS)
         law = FrictionLaw(data["cohesion"] * area, data["friction"])
         beyond = np.where(written, HELD_BEYOND, _NEARLY_HELD)
     else:
-        n, distance = case.geometry(number, time, x, area, outward)
-        given = data["given_gap"] if case.lacks_gap(number) else case.given_gap(number, time, x)
+        place = run.on_face["x"][on]
+        distance = case.distances(number, time, place, around[on], outward[on])
+        n = unit if case.contacts[number].normals == "body" else case.normals(number, time, x)
+        on_nodes = np.zeros((len(on), 2))
+        on_nodes[on, 0] = distance
+        if not case.lacks_gap(number):
+            on_nodes[on, 1] = case.given_gap(number, time, place)
+        distance, given = (weights @ on_nodes).T
+        given = data["given_gap"] if case.lacks_gap(number) else given
         gap = distance + given
-        law = case.law(number, x, area, time, np.zeros(len(x)) if slip_rate is None else slip_rate[on])
+        law = case.law(number, x, area, time, np.zeros(len(x)) if slip_rate is None else slip_rate[index])
         if slip_rate is None:
             law = replace(law, friction=data["friction"])
         beyond = np.full(len(x), HELD_BEYOND)
-    free: npt.NDArray[np.bool_] = held_length(n, H) <= beyond
+    free: npt.NDArray[np.bool_] = held_length(n, points.held(run.held)) <= beyond
     frames = supported_frames(n, H)
     if case is None:
         frames[written] = np.stack([data[name][written] for name in ("normal", *_TANGENTS)], axis=1)
@@ -204,7 +240,7 @@ def _face(
 
     here = written & free
     size, file = float(np.max(np.abs(run.points))), CONTACT
-    found.field(f"{file}: area", run.on_face["area"][on][here], area[here], x[here], "the facets")
+    found.field(f"{file}: area", run.on_face["area"][index][here], area[here], x[here], "the facets")
     if case is None:
         length, none = np.linalg.norm(frames, axis=2)[here], np.zeros(int(np.sum(here)))
         found.field(f"{file}: length of normal", length[:, 0], none + 1.0, x[here], "its direction")
@@ -231,7 +267,7 @@ def _face(
     cohesion = law.cohesion / area
     origin, still, earlier = data["slip_origin"], np.zeros_like(x), np.zeros((len(index), len(ACCUMULATED)))
     return FaceNodes(
-        index, part, written, frames, gap, given, area, law.friction, cohesion, origin, still, earlier
+        index, weights, part, written, frames, gap, given, area, law.friction, cohesion, origin, still, earlier
     ).only(free)
 
 

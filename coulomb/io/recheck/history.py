@@ -215,12 +215,12 @@ class _Chain:
             self._energies = [_recorded_energy(run)] * len(findings.variants)
             return
         self._energies = self._energies or [Energy()] * len(findings.variants)
-        moved = np.zeros_like(run.body.x)
-        moved[run.node[findings.nodes.index]] = findings.nodes.moved
+        moved = np.zeros((len(run.node), 3))
+        moved[findings.nodes.index] = findings.nodes.moved
         for k, variant in enumerate(findings.variants):
             then = self._then(run, k)
             dissipated = variant.numbers["totals"]["dissipated_energy"]
-            foundation = 0.5 * over.dot(then.on_body + variant.at.on_body, moved)
+            foundation = 0.5 * over.dot(self._forces_then(run, k) + variant.forces, moved)
             self._energies[k] = self._energies[k].after(then, variant.at, run.held, foundation, dissipated, over)
 
     def _then(self, run: WrittenRun, k: int) -> Forces:
@@ -234,6 +234,14 @@ class _Chain:
             return at
         order = numbers(before.body.x, run.body.x, f"{run.folder}: has another mesh than {before.folder}")
         return Forces(at.displacement[order], at.load[order], at.kept[order], at.on_body[order])
+
+    def _forces_then(self, run: WrittenRun, k: int) -> FloatArray:
+        """Contact forces on the body at the beginning of the step, at the nodes of its written face, shape (q, 3)."""
+        if self._last is None:
+            return np.zeros((len(run.node), 3))
+        before = self._last.run
+        unfit = f"{run.folder}: has another contact face than {before.folder}"
+        return self._last.variants[k].forces[numbers(before.on_face["x"], run.on_face["x"], unfit)]
 
     def _load_at_start(self, run: WrittenRun) -> FloatArray | None:
         """The load at time 0 at the nodes of a run, shape (k, 3); None without a case."""

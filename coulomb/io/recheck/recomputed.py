@@ -78,6 +78,7 @@ class Variant:
 
     Attributes:
         at: Displacement and forces at the nodes of the body.
+        forces: Contact forces on the body at the contact points among the nodes of the written face, shape (q, 3).
         fields: Fields of the written contact nodes.
         stress: Von Mises stress of the cells in pascals.
         numbers: Entries of summary.json.
@@ -87,6 +88,7 @@ class Variant:
     """
 
     at: Forces
+    forces: FloatArray
     fields: dict[str, FloatArray]
     stress: FloatArray
     numbers: dict[str, Any]
@@ -125,7 +127,7 @@ def recomputed(
     u, x = taken(run.on_body["displacement"]), taken(run.on_face["x"])
     on_face = taken(np.where(run.touching[:, None], run.on_face["contact_force"], 0.0))
     on_body = np.zeros_like(u)
-    on_body[run.node] = on_face
+    on_body[run.node] = nodes.nodal_forces(on_face)
     internal = body.internal_force(u)
     judged = nodes.answer(run, u, on_face, x, spins)
     written = nodes.only(nodes.written).answer(run, u, on_face, x, spins)
@@ -148,6 +150,7 @@ def recomputed(
             rounding=rounding_forces(body, u),
             compliance=float(run.summary["mean_compliance"]),
             thermal=max([body.thermal_displacement(change) for change in heated.values()], default=0.0),
+            averaged=nodes.averaged,
         )
     )
     body_x = taken(body.x)
@@ -166,6 +169,7 @@ def recomputed(
         del numbers["certificate"][check.name.replace(" ", "_")]["meaning"]
     return Variant(
         at=Forces(u, run.on_body["load"], internal + spring * u, on_body),
+        forces=on_face,
         fields={name: v for name, v in written.fields().items() if name in _FOLLOW} | {"slip_bound": written.bound},
         stress=stress.x.array[compat.cell_dofs(stress.function_space)[:, 0]],
         numbers={

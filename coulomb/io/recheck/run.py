@@ -180,14 +180,14 @@ def _from_origin(
     found: Comparison,
 ) -> tuple[FaceNodes, list[str]]:
     """The nodes with their slip origin and the displacement of the foundation, and what is unknown."""
-    here, x = nodes.written, run.on_face["x"][nodes.index]
+    here, x = nodes.written, nodes.average(run.on_face["x"])
     if start is None:
         if "step" in run.summary or case is None:
             return nodes, [_NO_STEP_BEFORE if "step" in run.summary else _NO_CASE]
         origin, source = np.zeros_like(nodes.origin), "a run without steps before it"
         found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[here], source)
         return replace(nodes, origin=origin), []
-    before = start.at(run)[run.node[nodes.index]]
+    before = nodes.average(start.at(run)[run.node])
     say = []
     if case is not None:
         moved = since_at(case.rigid_motions(time), case.rigid_motions(start.time), nodes.part, x)
@@ -241,16 +241,26 @@ def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], f
         if name == "status":  # exact: rounding errors are not accepted
             rounded = []
         found.field(f"contact.xdmf: {name}", run.on_face[name][at], expected, x[at], _SOURCE, rounded)
+    middle, *ends = run.between
+    for name, values in run.on_face.items():
+        if name != "x" and len(middle):
+            one, other = values[ends[0]], values[ends[1]]
+            expected, source = (
+                (np.minimum(one, other), "the smaller of its two vertices")
+                if name == "status"
+                else (0.5 * (one + other), "the mean of its two vertices")
+            )
+            found.field(f"contact.xdmf: {name} between vertices", values[middle], expected, x[middle], source)
     none = ~run.touching
+    none[middle] = False
     for name, values in run.on_face.items():
         if name not in ("x", "status", "face"):
             floor = run.evaluation * float(np.max(np.abs(values)))
             zero = np.zeros_like(values[none])
             found.field(f"contact.xdmf: {name} of held nodes", values[none], zero, x[none], "their status", floor=floor)
-    middle = midpoints(run.body.domain)
     stresses = [other.stress for other in others]
-    written = run.on_cells["von_mises_stress"]
-    found.field("solution.xdmf: von_mises_stress", written, first.stress, middle, "displacement", stresses)
+    written, places = run.on_cells["von_mises_stress"], midpoints(run.body.domain)
+    found.field("solution.xdmf: von_mises_stress", written, first.stress, places, "displacement", stresses)
 
     numbers = [other.numbers for other in others]
     found.tree(SUMMARY, run.summary, first.numbers, numbers, _SOURCE)

@@ -59,12 +59,15 @@ class Start:
             ValueError: If the step before has another mesh.
         """
         given: FloatArray = np.zeros(len(nodes.index))
-        x = run.on_face["x"][nodes.index]
+        x = run.on_face["x"]
         if self.run is not None:
             given = self.run.on_face["given_gap"][self._same_nodes(run)][nodes.index]
         for part in range(len(case.contacts) if case is not None else 0):
             if case is not None and not case.lacks_gap(part):
-                given[nodes.part == part] = case.given_gap(part, self.time, x[nodes.part == part])
+                here, field = nodes.only(nodes.part == part), np.zeros(len(x))
+                near = np.unique(here.weights.indices)
+                field[near] = case.given_gap(part, self.time, x[near])
+                given[nodes.part == part] = here.average(field)
         return given
 
     def _same_nodes(self, run: WrittenRun) -> npt.NDArray[np.int64]:
