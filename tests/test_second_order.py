@@ -6,7 +6,18 @@ import scipy.sparse
 from conftest import STEEL, run_python
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, IterativeSolver, Plane, Pressure, Sphere, Traction
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    Cylinder,
+    IterativeSolver,
+    Material,
+    Plane,
+    Pressure,
+    Sphere,
+    Traction,
+)
 from coulomb.benchmarks.block import block
 from coulomb.fem.contact_points import contact_points
 
@@ -192,3 +203,21 @@ def test_the_same_on_several_ranks(alone, ranks):
     for line, expected in zip(done.stdout.splitlines(), alone, strict=True):
         found = [float(number) for number in line.split()]
         assert found == pytest.approx(expected, abs=1e-8 * max(map(abs, expected)))
+
+
+@pytest.mark.parametrize(("radius", "touched"), [(0.2, False), (100.0, True)])
+def test_a_roller_between_contact_points_is_not_missed_silently(radius, touched):
+    """A cantilever bends onto a roller.  Beside facets of 0.1 m a radius of 0.2 m is narrow: no mean gap is closed."""
+    gap = 3.5e-4
+    roller = Cylinder((0.95, 0.0, -gap - radius), (0.0, 1.0, 0.0), radius)
+    mesh = coulomb.box((1.0, 0.1, 0.1), (10, 1, 1), "tetrahedron", degree=2)
+    contact = Contact("bottom", 0.0, foundation=roller)
+    solution = ContactProblem(mesh, Material(2e11, 0.0), [Clamp("left")], contact, [Pressure("top", 1e5)]).solve()
+    assert (solution.at_nodes.totals()["normal_force"] > 1900.0) == touched
+    assert solution.certificate.passed and solution.valid == touched
+    assert solution.small_strain.warnings and "facets are too large" in solution.small_strain.warnings[-1]
+    x, u = solution.problem.elasticity.x, solution.displacement
+    depth = -roller.signed_distance(x[x[:, 2] == 0.0] + u[x[:, 2] == 0.0]).min()
+    forces = np.linalg.norm(solution.problem.elasticity.internal_force(u), axis=1).sum()
+    deformation = 2.0 * np.vdot(u, solution.problem.elasticity.internal_force(u)) / forces
+    assert solution.small_strain.between == pytest.approx(depth / deformation, rel=1e-9)

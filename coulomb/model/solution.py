@@ -134,8 +134,10 @@ class Solution:
     @cached_property
     def small_strain(self) -> SmallStrain:
         """Measures of the small-strain theory; collective."""
-        problem = self.problem
-        return small_strain(self.at_nodes, problem.surface.foundations, problem.elasticity, self.displacement)
+        problem, body = self.problem, self.problem.elasticity
+        faces = () if problem.surface.points.nodal else problem.surface.faces
+        between = [body.nodes(face, "contact") for face in faces]
+        return small_strain(self.at_nodes, problem.surface.foundations, body, self.displacement, between)
 
     @property
     def outside(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ strains."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Protocol
 
@@ -105,6 +105,7 @@ def recomputed(
     rounding: Rounding | None,
     supported: Supported | None,
     probes: Probing,
+    between: Sequence[npt.NDArray[np.int32]],
 ) -> Variant:
     """Data recomputed from the written or perturbed numbers.
 
@@ -116,6 +117,7 @@ def recomputed(
         rounding: Perturbs the numbers; None for those as written.
         supported: Loads and supports; None if they are unknown.
         probes: The probes.
+        between: The nodes on each contact face, if contact points are means over several.
     """
 
     def taken(values: FloatArray, scale: float = 0.0) -> FloatArray:
@@ -163,7 +165,7 @@ def recomputed(
     if foundations is None:
         measured = {"gradient": body.largest_gradient(u)}
     else:
-        measured = asdict(small_strain(written, foundations, body, u))
+        measured = asdict(small_strain(written, foundations, body, u, between))
     outside = SmallStrain(**{**recorded, **measured}).violations
     for check in certificate.checks:
         del numbers["certificate"][check.name.replace(" ", "_")]["meaning"]

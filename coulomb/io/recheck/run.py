@@ -141,8 +141,12 @@ def check_run(
     roundings = (None, *(Rounding((seed, abs(step)), run.evaluation) for seed in _SEEDS))
     supported = None if case is None or part is None else SupportedBody(case.body, time, run)
     count = len(face_names(run)) if case is None else len(case.contacts)
-    probes = WrittenProbes(run, case, facet_parts(run, count) if part is None else part, count)
-    variants = tuple(recomputed(run, nodes, foundations, spins, rounding, supported, probes) for rounding in roundings)
+    part_of = facet_parts(run, count) if part is None else part
+    probes = WrittenProbes(run, case, part_of, count)
+    faces = () if run.body.positive else tuple(run.body.nodes_of(run.number[part_of == face]) for face in range(count))
+    variants = tuple(
+        recomputed(run, nodes, foundations, spins, rounding, supported, probes, faces) for rounding in roundings
+    )
     _compare(run, nodes.only(nodes.written), variants, found)
     if supported is None:
         _compare_sums(run, variants, found)
