@@ -152,7 +152,7 @@ def open_page(text, tmp_path, script, phone=False):
     flags += ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"]
     flags += ["--disable-sync", "--enable-logging=stderr", "--virtual-time-budget=10000", "--window-size=1000,900"]
     flags += ["--hide-scrollbars", f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", f"file://{copy}"]
-    done = subprocess.run([CHROMIUM, *flags], capture_output=True, text=True, timeout=180, check=True)
+    done = subprocess.run([CHROMIUM, *flags], capture_output=True, text=True, timeout=600, check=True)
     body = re.search(r"<body([^>]*)>", done.stdout).group(1)
     console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
     return dict(re.findall(r'data-([\w-]+)="([^"]*)"', body)), console

@@ -223,7 +223,7 @@ def test_pipes_and_devices_are_refused_unopened(odd_files):
 def test_a_pipe_on_the_command_line(command):
     Path("case.toml").write_text(BLOCK)
     os.mkfifo("pipe")
-    done = run_coulomb(*(word.replace("'pipe'", "'pipe.msh'") for word in command), timeout=120, process=True)
+    done = run_coulomb(*(word.replace("'pipe'", "'pipe.msh'") for word in command), timeout=300, process=True)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
     assert "pipe" in done.stderr and "Traceback" not in done.stderr
 

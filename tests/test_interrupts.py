@@ -98,7 +98,7 @@ def signalled(command, log, number, at):
     process = subprocess.Popen(
         list(map(str, command)), env=clean, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
-    until = time.monotonic() + 120.0
+    until = time.monotonic() + 300.0
     while process.poll() is None and time.monotonic() < until and not (log.exists() and at in log.read_text()):
         time.sleep(0.01)
     process.send_signal(number)

@@ -97,7 +97,7 @@ def test_the_lock_of_a_killed_run_is_removed(tmp_path):
     folder = tmp_path / "out"
     command = [sys.executable, "-m", "coulomb", "run", HISTORY, "--output", folder, "--set", "mesh.cells=[6,6,3]"]
     process = subprocess.Popen(list(map(str, command)), stdout=subprocess.DEVNULL)
-    until = time.monotonic() + 120.0
+    until = time.monotonic() + 300.0
     while not (folder / "steps" / "0001" / "summary.json").exists() and time.monotonic() < until:
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)

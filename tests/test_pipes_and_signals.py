@@ -151,7 +151,7 @@ class Watched:
             text=True,
             preexec_fn=signals_not_ignored,
         )
-        self.until = time.monotonic() + 120.0
+        self.until = time.monotonic() + 300.0
 
     def when(self, seen):
         while self.process.poll() is None and not seen() and time.monotonic() < self.until:
@@ -169,7 +169,7 @@ class Watched:
         for number in numbers:
             self.process.send_signal(number)
             time.sleep(0.05 if len(numbers) > 1 else 0.0)
-        out, errors = self.process.communicate(timeout=120)
+        out, errors = self.process.communicate(timeout=300)
         code = self.process.returncode
         return 128 - code if code < 0 else code, out, errors
 
@@ -252,7 +252,7 @@ def test_nohup_continues_after_the_terminal_ends():
     script += "with Interruption(MPI.COMM_SELF) as it:\n    it.asked()\n"
     script += "    os.kill(os.getpid(), signal.SIGHUP)\n    assert not it.asked()\n"
     done = subprocess.run(
-        [sys.executable, "-c", script], env=environment(), capture_output=True, text=True, timeout=120
+        [sys.executable, "-c", script], env=environment(), capture_output=True, text=True, timeout=300
     )
     assert done.returncode == 0, done.stderr
 
@@ -263,7 +263,7 @@ def test_the_drawing_process_ends_with_its_caller(tmp_path):
     assert run.returncode == 0
     process = subprocess.Popen([*COULOMB, "report", "out"], env=environment(), stderr=subprocess.DEVNULL)
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    until = time.monotonic() + 60.0
+    until = time.monotonic() + 300.0
     child = ""
     while not child and time.monotonic() < until:
         child = children.read_text().strip()
