@@ -184,16 +184,20 @@ def _written_to(number, file):
         os.close(before)
 
 
+RANKS_ON_FEW_CORES = {
+    "OMPI_MCA_mpi_yield_when_idle": "1",
+    "OMPI_MCA_btl": "^tcp",  # all ranks are on this machine; Open MPI 5 complains of networks without routes
+    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+}
+"""Environment of mpirun."""
+
+
 def run_python(*arguments, ranks=None, cwd=None, timeout=600):
     """Run Python in a process of its own, without the MPI environment of this one."""
     launcher = ("OMPI_COMM", "OMPI_MCA", "OMPI_UNIVERSE", "PMIX", "PRTE")
     clean = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
-    clean |= {
-        "OMPI_MCA_mpi_yield_when_idle": "1",
-        "OMPI_MCA_btl": "^tcp",  # all ranks are on this machine; Open MPI 5 complains of networks without routes
-        "OMPI_MCA_rmaps_base_oversubscribe": "1",
-        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-    }
+    clean |= RANKS_ON_FEW_CORES
     command = [sys.executable, *map(str, arguments)]
     if ranks is not None:
         command = ["mpirun", "-n", str(ranks), *command]

@@ -11,7 +11,7 @@ import sys
 import time
 
 import pytest
-from conftest import ROOT, make_block, run_coulomb, run_python
+from conftest import RANKS_ON_FEW_CORES, ROOT, make_block, run_coulomb, run_python
 from mpi4py import MPI
 from rich.console import Console
 from test_load_history import rubbed
@@ -93,8 +93,7 @@ def signalled(command, log, number, at):
     """Exit code and standard error of a command that gets a signal once its log has a line."""
     launcher = ("OMPI_COMM", "OMPI_MCA", "OMPI_UNIVERSE", "PMIX", "PRTE")
     clean = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
-    clean |= {"OMPI_MCA_mpi_yield_when_idle": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1"}
-    clean |= {"PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
+    clean |= RANKS_ON_FEW_CORES
     process = subprocess.Popen(
         list(map(str, command)), env=clean, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )

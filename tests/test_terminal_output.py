@@ -8,6 +8,7 @@ import threading
 from pathlib import Path
 
 import pytest
+from conftest import RANKS_ON_FEW_CORES
 from test_pipes_and_signals import CASE, COULOMB, environment, shell
 
 
@@ -52,9 +53,10 @@ def test_plain_text_on_request(changes):
 
 def test_plain_text_under_mpirun():
     """Open MPI gives its processes terminals, whose output may go to a file."""
-    yielding = {"OMPI_MCA_mpi_yield_when_idle": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1"}
     command = ["mpirun", "-n", "2", *RUN]
-    done = subprocess.run(command, env=environment(TERM="xterm", **yielding), capture_output=True, timeout=240)
+    done = subprocess.run(
+        command, env=environment(TERM="xterm", **RANKS_ON_FEW_CORES), capture_output=True, timeout=240
+    )
     assert done.returncode == 0 and b"\x1b" not in done.stdout + done.stderr
     assert b"path following   2" in done.stdout
     done = subprocess.run(
