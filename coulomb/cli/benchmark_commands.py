@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import csv
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Column, Table
 
-from ..pictures.apart import missing
 from ..ranks import several
+from .benchmark_output import figures, print_verified, write_csv, write_table, writing
 from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
 
 if TYPE_CHECKING:
-    from ..benchmarks.verification import Verified
+    pass
 
 benchmark = typer.Typer(help="Benchmarks and verification.", no_args_is_help=True)
 
@@ -66,7 +62,7 @@ def table1(
     except ValueError as error:
         errors.print(f"error: {error}", markup=False)
         raise typer.Exit(BAD_INPUT) from None
-    _write_table(directory, "table1", Row._fields, rows)
+    write_table(directory, "table1", Row._fields, rows)
 
 
 @benchmark.command()
@@ -94,7 +90,7 @@ def friction(
             markup=False,
             soft_wrap=True,
         )
-    _write_table(directory, "friction", Row._fields, rows)
+    write_table(directory, "friction", Row._fields, rows)
 
 
 @benchmark.command()
@@ -148,7 +144,7 @@ def scaling(
         )
     if len(rows) > 2:
         console.print(f"seconds grow like unknowns to the power {exponent(rows):.2f}")
-    _write_table(directory, "scaling", Row._fields, rows)
+    write_table(directory, "scaling", Row._fields, rows)
     if failed:
         raise typer.Exit(FAILED)
 
@@ -206,7 +202,36 @@ def peers(
     except (ValueError, RuntimeError) as error:
         errors.print(f"error: {error}", markup=False)
         raise typer.Exit(BAD_INPUT) from None
-    _write_table(directory, "peers", Row._fields, rows)
+    write_table(directory, "peers", Row._fields, rows)
+
+
+@benchmark.command()
+def elements(
+    sizes: Annotated[
+        list[int] | None, typer.Option("--cells", min=1, help="Second-order cells on 1.2 contact radii; repeat.")
+    ] = None,
+    names: Annotated[list[str] | None, typer.Option("--element", help="P1, P2, Q1 or Q2; repeat.")] = None,
+    directory: Annotated[Path | None, typer.Option("--output", help="For elements.csv and elements.png.")] = None,
+) -> None:
+    """Linear and quadratic tetrahedra (P1, P2) and hexahedra (Q1, Q2) on Hertz's problem: errors, unknowns, seconds."""
+    from ..benchmarks.elements import SIZES, Row, measure
+    from ..benchmarks.verification.hertz_elements import ELEMENTS
+
+    refuse_ranks("this benchmark")
+    unknown = [name for name in names or () if name not in ELEMENTS]
+    if unknown:
+        errors.print(f"error: there is no element {unknown[0]!r}; they are {', '.join(ELEMENTS)}", markup=False)
+        raise typer.Exit(BAD_INPUT)
+    console.print("element  cells  unknowns  contact points  force error  centre error  processor s", soft_wrap=True)
+    rows = []
+    for row in measure(sizes or SIZES, names or ELEMENTS):
+        rows.append(row)
+        console.print(
+            f"{row.element:7s}  {row.cells:5d}  {row.unknowns:8d}  {row.contact_points:14d}  "
+            f"{row.force_error:11.2%}  {row.centre_error:12.2%}  {row.seconds:11.2f}",
+            soft_wrap=True,
+        )
+    write_table(directory, "elements", Row._fields, rows)
 
 
 @benchmark.command()
@@ -228,7 +253,7 @@ def conditioning(
     console.print("  ".join(f"{field:>12s}" for field in fields), soft_wrap=True)
     for row in rows:
         console.print("  ".join([f"{row[0]:12d}", *(f"{value:12.3e}" for value in row[1:])]), soft_wrap=True)
-    _write_table(directory, "conditioning", fields, rows)
+    write_table(directory, "conditioning", fields, rows)
 
 
 @benchmark.command()
@@ -247,7 +272,7 @@ def verification(
     found = {}
     for name in names or CASES:
         found[name] = CASES[name]()
-        _print_verified(name, found[name])
+        print_verified(name, found[name])
     lines = [
         (name, row.quantity, row.formula, row.ours, row.error, row.tolerance, row.passed, row.why)
         for name, verified in found.items()
@@ -255,9 +280,9 @@ def verification(
     ]
     if directory is not None:
         fields = ("case", "quantity", "formula", "ours", "error", "tolerance", "passed", "why")
-        _write_csv(directory, "verification", fields, lines)
+        write_csv(directory, "verification", fields, lines)
         drawn = ""
-        with _figures(), _writing(directory):
+        with figures(), writing(directory):
             from ..benchmarks.verification.figures import draw
 
             for name, verified in found.items():
@@ -268,65 +293,3 @@ def verification(
     console.print(f"{len(lines) - failed} of {len(lines)} within their tolerance", soft_wrap=True)
     if failed:
         raise typer.Exit(FAILED)
-
-
-def _print_verified(name: str, verified: Verified) -> None:
-    """The table of a case, and the reasons for its tolerances."""
-    reasons = list(dict.fromkeys(row.why for row in verified.rows))
-    right = [
-        Column(head, justify="right", no_wrap=True) for head in ("formula", "ours", "error", "tolerance", "why", "")
-    ]
-    table = Table("quantity", *right, title=name, title_justify="left", box=None, padding=(0, 1))
-    for row in verified.rows:
-        numbers = (f"{row.formula:.5g}", f"{row.ours:.5g}", f"{row.error:.1e}", f"{row.tolerance:.1e}")
-        verdict = "ok" if row.passed else "FAILED"
-        table.add_row(row.quantity, *numbers, f"({reasons.index(row.why) + 1})", verdict)
-    console.print(table)
-    for number, reason in enumerate(reasons, 1):
-        console.print(f"({number}) {reason}", markup=False)
-    console.print()
-
-
-def _write_table(directory: Path | None, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Write name.csv and its figure name.png, if a directory is given."""
-    if directory is None or console.quiet or not rows:
-        return
-    from ..pictures import plotting
-
-    _write_csv(directory, name, fields, rows)
-    files = [f"{name}.csv"]
-    with _figures(), _writing(directory):
-        files.append(getattr(plotting, name)(directory / f"{name}.csv").name)
-    console.print(f"{' and '.join(files)} in {directory}{os.sep}", soft_wrap=True)
-
-
-@contextmanager
-def _figures() -> Iterator[None]:
-    """Keep the table without a figure if the packages for drawing are missing."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        if not missing(error):
-            raise
-        errors.print(f"warning: no figure: {missing(error)}", markup=False)
-
-
-@contextmanager
-def _writing(directory: Path) -> Iterator[None]:
-    """End the command with a message if its files cannot be written."""
-    try:
-        yield
-    except OSError as error:
-        errors.print(
-            f"error: {error.filename or directory}: cannot be written: {error.strerror or error}", markup=False
-        )
-        raise typer.Exit(FAILED) from None
-
-
-def _write_csv(directory: Path, name: str, fields: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    with _writing(directory):
-        directory.mkdir(parents=True, exist_ok=True)
-    with _writing(directory), (directory / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(fields)
-        writer.writerows(rows)

@@ -150,6 +150,23 @@ def peers(csv_file: str | Path) -> Path:
     return _save(figure, csv_file)
 
 
+def elements(csv_file: str | Path) -> Path:
+    """Errors on Hertz's problem against unknowns and seconds, from elements.csv into the same directory."""
+    rows = _read_csv(csv_file)
+    figure, axes = _axes(4)
+    kinds = {"force_error": "error of the force", "centre_error": "error of the pressure at the centre"}
+    for name in dict.fromkeys(row["element"] for row in rows):
+        mine = [row for row in rows if row["element"] == name]
+        pairs = [(field, against) for field in kinds for against in ("unknowns", "seconds")]
+        for axis, (field, against) in zip(axes, pairs, strict=True):
+            values = sorted((float(row[against]), float(row[field])) for row in mine)
+            axis.loglog(*zip(*values, strict=True), "o-" if name.endswith("1") else "s--", label=name)
+            axis.set_xlabel("unknowns" if against == "unknowns" else "processor seconds")
+            axis.set_ylabel(kinds[field])
+    axes[0].legend()
+    return _save(figure, csv_file)
+
+
 def conditioning(csv_file: str | Path) -> Path:
     """Condition numbers against the path-following step, from conditioning.csv into the same directory (the paper's
     Figure 1)."""

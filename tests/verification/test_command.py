@@ -43,6 +43,20 @@ def test_a_row_beyond_its_tolerance_is_a_failure(ssnv128, monkeypatch):
     assert "FAILED" in done.output and "17 of 18 within their tolerance" in done.output
 
 
+def test_elements(tmp_path):
+    """Quadratic tetrahedra have a smaller error of the force than linear ones with the same unknowns."""
+    chosen = ["elements", "--cells", "2", "--element", "P1", "--element", "P2", "--output", str(tmp_path)]
+    done = CliRunner().invoke(benchmark, chosen)
+    assert done.exit_code == 0, done.output
+    with (tmp_path / "elements.csv").open() as file:
+        linear, quadratic = csv.DictReader(file)
+    assert [linear["element"], quadratic["element"]] == ["P1", "P2"] and linear["unknowns"] == quadratic["unknowns"]
+    assert float(quadratic["force_error"]) < 0.5 * float(linear["force_error"]) < 0.1
+    assert (tmp_path / "elements.png").stat().st_size > 10_000
+    done = CliRunner().invoke(benchmark, ["elements", "--element", "P3"])
+    assert done.exit_code == 2 and "P1, P2, Q1, Q2" in done.output
+
+
 def test_unknown_case():
     assert run("--case", "herz").exit_code == 2
 

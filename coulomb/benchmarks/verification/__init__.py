@@ -7,7 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from . import cattaneo_mindlin, hertz, locking, orthotropic, patch, press_fit, sliding_block, ssnv128, thermal
+from . import (
+    cattaneo_mindlin,
+    hertz,
+    hertz_elements,
+    locking,
+    orthotropic,
+    patch,
+    press_fit,
+    sliding_block,
+    ssnv128,
+    thermal,
+)
 from .table import Verified
 
 __all__ = ["CASES", "Verified"]
@@ -16,6 +27,7 @@ CASES: dict[str, Callable[[], Verified]] = {
     "patch": patch.verify,
     "ssnv128": ssnv128.verify,
     "hertz": hertz.verify,
+    "hertz-elements": hertz_elements.verify,
     "cattaneo-mindlin": cattaneo_mindlin.verify,
     "sliding-block": sliding_block.verify,
     "press-fit": press_fit.verify,

@@ -1,0 +1,42 @@
+"""Elements compared on Hertz's problem: errors against unknowns and seconds for P1, P2, Q1 and Q2."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from .verification.hertz_elements import ELEMENTS, errors, problem
+
+SIZES = (2, 3, 4, 6, 8)
+"""Second-order cells on 1.2 a; first order has twice as many, and the same unknowns."""
+
+
+class Row(NamedTuple):
+    """A row of elements.csv.
+
+    Errors are root mean squares over four loads: of the force, over Hertz's at the same displacement of the sphere, and
+    of the pressure at the centre, over Hertz's largest.  The seconds are processor time of one load, from the mesh to
+    the certified answer.
+    """
+
+    element: str
+    cells: int
+    unknowns: int
+    contact_points: int
+    force_error: float
+    centre_error: float
+    seconds: float
+
+
+def measure(sizes: Iterable[int] = SIZES, elements: Iterable[str] = tuple(ELEMENTS)) -> Iterator[Row]:
+    """Rows as they are measured."""
+    for element in elements:
+        for n in sizes:
+            started = time.process_time()
+            block = problem(element, n)
+            block.solve()
+            seconds = time.process_time() - started
+            found = errors(block)
+            points = block.unknowns["contact"] // 3
+            yield Row(element, n, found.unknowns, points, found.force, found.centre, seconds)
