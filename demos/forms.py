@@ -37,5 +37,4 @@ uh = solution.function  # a dolfinx.fem.Function in V
 solution.write("results/forms")
 force, balance = solution.forces_on_foundations[0].force, solution.acting.balance  # sums over all ranks
 if domain.comm.rank == 0:
-    print(solution.certificate)
-    print(f"force on the floor: {force[0]:.6g}, {force[1]:.6g}, {force[2]:.6g} N, balance {balance:.0e}")
+    print(f"{solution.certificate}\nforce on the floor: {force.round(1).tolist()} N, balance {balance:.0e}")

@@ -257,7 +257,7 @@ def test_script_and_case_give_the_reference_answer():
 
 def test_demo_forms(tmp_path):
     """The floor carries what the body is pressed with, less what the clamp takes, on three ranks as on one."""
-    pattern = r"^force on the floor: #, #, # N, balance #$"
+    pattern = r"^force on the floor: \[#, #, #\] N, balance #$"
     *force, balance = line(said("forms.py"), pattern)
     assert balance < 1e-10 and np.hypot(force[0], force[1]) < 0.3 * -force[2] < 0.3 * 4e6 * 3.0
     together = run_python(ROOT / "demos" / "forms.py", ranks=3, cwd=tmp_path)
