@@ -6,6 +6,7 @@ min 1/2 x^T A x - b^T x   subject to   x_n >= 0,  |x_t| <= g,   with g = F x_n a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -170,9 +171,9 @@ if not TYPE_CHECKING:  # type checkers would accept every name
         return value
 
 
-def _write(solution: Solution, directory: str | Path) -> None:
+def _write(solution: Solution, directory: str | Path, fields: Mapping[str, object]) -> None:
     """The writer of `Solution.write`, loaded when it is first needed."""
-    import_module(".pictures.picture_of_run", __name__).write_with_picture(solution, directory)
+    import_module(".pictures.picture_of_run", __name__).write_with_picture(solution, directory, fields)
 
 
 writing.supply(_write)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
-from .compat import basix, coordinate_element, cpp, fem, mesh, ufl
+from .compat import basix, coordinate_element, cpp, fem, functionspace, mesh, ufl
 
 
 def is_compiled(form: Any) -> bool:
@@ -69,3 +69,10 @@ def set_values(bc: Any, values: FloatArray) -> None:
 def mesh_of_tags(tags: Any) -> Any:
     """The C++ topology that MeshTags belong to."""
     return tags.topology if hasattr(tags, "topology") else tags.mesh.topology
+
+
+def tensor_space(domain: Any, degree: int, shape: tuple[int, ...], family: str) -> Any:
+    """Lagrange or DG space of scalars, vectors or tensors."""
+    if hasattr(fem, "functionspace") or len(shape) < 2:
+        return functionspace(domain, degree, shape, family)
+    return fem.TensorFunctionSpace(domain, (family, degree), shape=shape)

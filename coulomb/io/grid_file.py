@@ -28,6 +28,10 @@ FACETS = {3: "Triangle", 4: "Quadrilateral", 6: "Triangle_6", 9: "Quadrilateral_
 """XDMF's names of facets by the number of their nodes."""
 
 
+KINDS = {1: "Scalar", 3: "Vector", 6: "Tensor6", 9: "Tensor"}
+"""XDMF's names of fields by the number of values per point or cell."""
+
+
 @dataclass(frozen=True)
 class GridPart:
     """This rank's part of a mesh.
@@ -174,8 +178,8 @@ def _describe(
     ElementTree.SubElement(grid, "Time", Value=repr(float(time)))
     for names, centre in ((on_points, "Node"), (on_cells, "Cell")):
         for name in names:
-            vector = shapes[function_at(name)][1] == 3
-            attributes = {"Name": name, "AttributeType": "Vector" if vector else "Scalar", "Center": centre}
+            kind = KINDS.get(shapes[function_at(name)][1], "Matrix")
+            attributes = {"Name": name, "AttributeType": kind, "Center": centre}
             refer(ElementTree.SubElement(grid, "Attribute", attributes), function_at(name), **double)
     ElementTree.indent(root)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

@@ -105,6 +105,7 @@ class HistoryFiles:
             ValueError: On every rank, if the files cannot be read or belong to another mesh.
         """
         step = self.directory.step(number)
+        refuse_other_forms(problem, read_summary(step.path, problem.comm).get("forms"), step.path)
         record = read_step(step.path, problem.comm)
         x = problem.elasticity.x
         points = x[problem.surface.nodes]
@@ -145,6 +146,21 @@ class HistoryFiles:
         }
         output.write_json(contents, folder.summary)
         return ""
+
+
+def refuse_other_forms(problem: ContactProblem, before: Mapping[str, Any] | None, step: Path) -> None:
+    """Refuse to continue with other forms than those of a step, as far as they are recorded; collective.
+
+    Raises:
+        ValueError: On every rank, if their expressions, the degree of their space or the number of conditions differ.
+    """
+    now, then = problem.elasticity.forms() or {}, before or {}
+    changed = [name for name in ("a", "L", "degree", "bcs") if now.get(name) != then.get(name)]
+    if changed:
+        raise ValueError(
+            f"{step}: was computed with other forms or conditions: {', '.join(changed)} of the body differ from those "
+            "recorded in its summary.json under forms; continue with the same body, or in another directory"
+        )
 
 
 def refuse_steps(folder: Path, found: int) -> None:

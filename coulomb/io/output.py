@@ -23,7 +23,9 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from ..fem import compat
 from ..fem.constraints import HELD_OBLIQUE
+from ..fem.deformable import Deformable
 from ..fem.temperature import TEMPERATURE
+from ..model.evidence import rounding_forces
 from ..model.nodal_answer import HELD
 from ..model.posed_problem import PosedProblem
 from ..model.provenance import moment, now, provenance
@@ -34,7 +36,9 @@ from .grid_file import write_grid
 from .nodal_grids import FaceGrid, body_grid, cell_values, middle
 from .replacing import commit, present
 from .run_directory import CONTACT, HISTORY, SOLUTION, SUMMARY
+from .run_files import GROUND, INTERNAL, OURS, ROUNDING
 from .summary import summary
+from .user_fields import interpolated
 
 
 def write(
@@ -43,6 +47,7 @@ def write(
     extra: Mapping[str, Any] | None = None,
     texts: Mapping[str, str] | None = None,
     overwrite: bool = False,
+    fields: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Write all results into a directory; existing files are replaced only when all new ones are complete.
 
@@ -52,6 +57,7 @@ def write(
         extra: Additional entries for summary.json.
         texts: Contents of additional files, by name.
         overwrite: Whether load steps in the directory are removed.
+        fields: The user's functions to be written beside, by name (`user_fields.interpolated`).
 
     Returns:
         The summary, with the seconds of the output added.
@@ -67,9 +73,9 @@ def write(
     folder = Path(on_rank_0(comm, lambda: _make_partial(target)))
     try:
         refuse_full_disk(problem, folder)
-        _write_body(solution, folder / SOLUTION)
+        _write_body(solution, folder / SOLUTION, fields or {})
         _write_contact(solution, folder / CONTACT)
-        contents = {**summary(solution), **(extra or {})}
+        contents = {**summary(solution), **({"fields": list(fields)} if fields else {}), **(extra or {})}
         contents["run"] = provenance(problem.started, comm)
 
         def finish() -> str:
@@ -97,18 +103,29 @@ def _make_partial(target: Path) -> str:
     return tempfile.mkdtemp(prefix=".partial-", dir=target)
 
 
-def _write_body(solution: Solution, path: Path) -> None:
+def _write_body(solution: Solution, path: Path, given: Mapping[str, Any]) -> None:
     elasticity = solution.problem.elasticity
     u = elasticity.function(solution.displacement)
     loading, held = solution.problem.loading, elasticity.held
-    given = {"load": loading.load, **held.fields, "prescribed": loading.prescribed, "spring": elasticity.spring}
+    acting = {"load": loading.load, **held.fields, "prescribed": loading.prescribed, "spring": elasticity.spring}
     if not solution.problem.comm.allreduce(bool(np.any(held.oblique)), op=MPI.LOR):
-        del given[HELD_OBLIQUE]
-    fields = {"displacement": solution.displacement, **given}
+        del acting[HELD_OBLIQUE]
+    fields = {"displacement": solution.displacement, **acting, **forces_of_forms(elasticity, solution.displacement)}
     if loading.temperature is not None:
         fields[TEMPERATURE] = loading.temperature.change
     on_cells = cell_values(elasticity.cell_fields(u, loading))
+    taken = (*fields, *on_cells, *OURS)
+    nodal, in_cells = interpolated(given, elasticity, taken, solution.problem.comm)
+    fields, on_cells = fields | nodal, on_cells | in_cells
     write_grid(solution.problem.comm, path, body_grid(elasticity), fields, on_cells, solution.problem.time)
+
+
+def forces_of_forms(body: Deformable, u: FloatArray) -> dict[str, FloatArray]:
+    """Nodal forces that cannot be computed from the files of a body of the user's forms, shapes (k, 3); collective."""
+    if body.forms() is None:
+        return {}
+    ground = {} if body.ground is None else {name: body.ground[:, :, k] for k, name in enumerate(GROUND)}
+    return {INTERNAL: body.internal_force(u), ROUNDING: rounding_forces(body, u), **ground}
 
 
 def contact_fields(solution: Solution) -> dict[str, FloatArray]:

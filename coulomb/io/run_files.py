@@ -18,6 +18,7 @@ from ..fem import compat
 from ..fem.body import ElasticBody
 from ..fem.cell_materials import FIELDS, VECTORS, CellMaterials
 from ..fem.constraints import HELD_OBLIQUE, HeldDirections
+from ..fem.displacement_space import DisplacementSpace
 from ..fem.lagrange import facet_columns
 from ..fem.meshes import distributed
 from ..fem.named_mesh import corners_of, local_facets
@@ -36,6 +37,16 @@ ON_CELLS = ("von_mises_stress",)
 
 ON_BODY = ("displacement", "load", "held", "prescribed", "spring")
 """Fields of solution.h5, one vector per node."""
+
+INTERNAL, ROUNDING = "internal_force", "rounding_force"
+"""Fields of solution.h5 of a body of the user's forms, which are not in the files: its internal forces, and those of a
+rounding error of the displacement (`rounding_forces`)."""
+
+GROUND = tuple(f"rigid_force_{number}" for number in range(1, 7))
+"""The nodal forces of its rigid motions, if it has Robin terms: `Deformable.ground`."""
+
+OURS = (*ON_CELLS, *ON_BODY, *FIELDS, *GROUND, HELD_OBLIQUE, INTERNAL, ROUNDING, TEMPERATURE)
+"""All names of fields of solution.h5."""
 
 ON_FACE = (
     *(
@@ -59,6 +70,25 @@ _NEEDED = ("law", "mean_compliance", "totals", "certificate")
 Fields = dict[str, FloatArray]
 
 
+class RecordedBody(DisplacementSpace):
+    """A body of the user's forms, of which only the internal forces are known.
+
+    Args:
+        domain: The mesh in the files, with the nodes of the displacements as points.
+
+    Attributes:
+        internal: The internal forces as recorded, at its nodes, newtons, shape (k, 3).
+    """
+
+    def __init__(self, domain: Any):
+        super().__init__(compat.functionspace(domain, compat.geometry_degree(domain), (3,)))
+        self.internal = np.zeros_like(self.x)
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        """The internal forces as recorded, whatever the displacement is."""
+        return self.internal
+
+
 @dataclass(frozen=True)
 class WrittenRun:
     """Contents of the files of a run; metres, newtons and pascals.
@@ -68,7 +98,8 @@ class WrittenRun:
         summary: summary.json.
         points: Nodes of the body in the order of the file, shape (k, 3).
         cells: Their numbers per cell, in the order of the file.
-        body: The body with the materials of the files; its nodes may be in another order.
+        body: The body with the materials of the files, or with the recorded internal forces of the user's forms; its
+            nodes may be in another order.
         on_cells: Fields of the cells, in the order of `body.domain`, shape (c,).
         on_body: Vectors at the nodes of `body`, shape (k, 3), HELD_OBLIQUE only if directions are held that are no
             axes; and TEMPERATURE, shape (k,), only of a body with a temperature.
@@ -83,7 +114,7 @@ class WrittenRun:
     summary: dict[str, Any]
     points: FloatArray
     cells: npt.NDArray[np.int64]
-    body: ElasticBody
+    body: ElasticBody | RecordedBody
     on_cells: Fields
     on_body: Fields
     on_face: Fields
@@ -96,6 +127,18 @@ class WrittenRun:
     def files(self) -> RunDirectory:
         """The directory of its files."""
         return RunDirectory(self.folder)
+
+    @property
+    def elastic(self) -> ElasticBody | None:
+        """The body with its materials; None if it is of the user's forms."""
+        return self.body if isinstance(self.body, ElasticBody) else None
+
+    @property
+    def ground(self) -> FloatArray | None:
+        """Recorded nodal forces of the rigid modes, shape (k, 3, 6); None without Robin terms."""
+        if GROUND[0] not in self.on_body:
+            return None
+        return np.stack([self.on_body[name] for name in GROUND], axis=2)
 
     @property
     def size(self) -> float:
@@ -155,15 +198,19 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
             raise ValueError(f"{folder}: is incomplete: there is no {path.name}")
     refuse_misnamed(files.contact, ON_FACE)
     try:
-        points, cells, in_file = read_fields(body_data, (*ON_CELLS, *ON_BODY), (HELD_OBLIQUE, TEMPERATURE, *FIELDS))
+        forms = summary.get("forms") is not None
+        needed = (*ON_BODY, INTERNAL, ROUNDING) if forms else (*ON_CELLS, *ON_BODY)
+        optional = (HELD_OBLIQUE, TEMPERATURE, *(GROUND if forms else FIELDS))
+        points, cells, in_file = read_fields(body_data, needed, optional)
         refuse_misnamed(files.solution, tuple(in_file))
         face_points, face_cells, on_face = read_fields(face_data, ON_FACE)
         if face_cells.shape[1] not in FACETS or cells.shape[1] not in CORNERS:
             raise ValueError(f"{folder}: its meshes are of cells that coulomb does not write")
-        constants = [name for name in FIELDS if name in in_file]
-        for name in (*ON_CELLS, *constants):
+        constants = [name for name in (*ON_CELLS, *FIELDS) if name in in_file]
+        for name in constants:
             _fits(body_data, name, in_file[name], (len(cells), 3) if name in VECTORS else (len(cells),))
-        on_body = [name for name in (*ON_BODY, HELD_OBLIQUE, TEMPERATURE) if name in in_file]
+        nodal = (*ON_BODY, HELD_OBLIQUE, TEMPERATURE, INTERNAL, ROUNDING, *GROUND)
+        on_body = [name for name in nodal if name in in_file]
         for name in on_body:
             _fits(body_data, name, in_file[name], (len(points),) if name == TEMPERATURE else (len(points), 3))
         vectors = {"friction_traction", "slip", "contact_force", "normal", "tangent_1", "tangent_2", "slip_origin"}
@@ -174,11 +221,13 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
         same = like is not None and np.array_equal(like.points, points) and np.array_equal(like.cells, cells)
         domain = like.body.domain if like and same else distributed(MPI.COMM_SELF, points, cells)
         of_cell = np.asarray(domain.topology.original_cell_index)
-        on_cells = {name: in_file[name][of_cell] for name in (*ON_CELLS, *constants)}
-        body = ElasticBody(domain, _materials(body_data, on_cells))
+        on_cells = {name: in_file[name][of_cell] for name in constants}
+        body = RecordedBody(domain) if forms else ElasticBody(domain, _materials(body_data, on_cells))
     except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
         raise ValueError(f"{folder}: is incomplete: {error}") from None
     node = numbers(points, body.x, f"{folder}: {body_data.name} does not match the mesh of {SOLUTION}")
+    if isinstance(body, RecordedBody):
+        body.internal = in_file[INTERNAL][node]
     unfit = f"{folder}: {face_data.name} does not match the mesh of {SOLUTION}"
     in_body = numbers(points, face_points, unfit)
     facets = face_cells[:, : len(facet_columns(domain.topology.cell_type, 1)[0])]

@@ -51,6 +51,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         "understood": {"supports": supports_of(problem), "contacts": contacts_of(problem)},
         "material": [] if elasticity.materials is None else material_entries(elasticity.materials),
         **temperature_entries(problem.loading.temperature, problem.comm),
+        **({} if elasticity.forms() is None else {"forms": elasticity.forms()}),
         "mean_compliance": problem.mean_compliance,
         "method": {
             "solver": result.method,

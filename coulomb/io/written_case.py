@@ -55,8 +55,23 @@ def written_case(directory: Path) -> Case:
     try:
         text = on_rank_0(launched(), lambda: read_text(file, 20 * LARGEST))
     except OSError as error:
+        if on_rank_0(launched(), lambda: str(int(_of_forms(directory)))) == "1":
+            raise ValueError(
+                f"{directory}: these are results of a body of your own forms, which are not in the files: continue in "
+                f"the script that has them: LoadHistory.run(problem, HistoryFiles({str(directory)!r}, resume=True))"
+            ) from None
         raise ValueError(f"{directory}: no case to resume: {CASE} cannot be read: {error.strerror or error}") from None
     return _validated(text, file)
+
+
+def _of_forms(directory: Path) -> bool:
+    """Whether results, or the last load step, are of a `Body`; on one rank."""
+    try:
+        summary = RunDirectory(directory).read_summary()
+    except ValueError:
+        return False
+    last = summary.get("last")
+    return "forms" in summary or (isinstance(last, dict) and "forms" in last)
 
 
 def case_in(file: Path) -> Case:

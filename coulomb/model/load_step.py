@@ -108,6 +108,14 @@ class Forces:
     on_body: FloatArray
 
 
+def coefficients_work(then: Forces, now: Forces, over: Reductions) -> float:
+    """Work in joules of a change of the stiffness from K0 to K1 in a step: (u0 . K1 u1 - u1 . K0 u0) / 2; collective.
+
+    It is what the elastic energy changes by beside the work of the forces by the trapezoidal rule; 0 if K stays.
+    """
+    return 0.5 * (over.dot(then.displacement, now.kept) - over.dot(now.displacement, then.kept))
+
+
 @dataclass(frozen=True)
 class Moment:
     """The end of a load step.
@@ -168,7 +176,7 @@ class State(Moment):
         dissipated = answer.dissipated_energy
         stiffened = 0.0
         if elasticity.forms() is not None:  # 0 where K stays: then u0 . K u1 = u1 . K u0
-            stiffened = 0.5 * (over.dot(then.displacement, now.kept) - over.dot(now.displacement, then.kept))
+            stiffened = coefficients_work(then, now, over)
         energy = self.energy.after(then, now, elasticity.held, foundation, dissipated, over, stiffened)
         number, worn, pending = self.number + 1, answer.accumulated, self.pending[:-1]
         return State(number, problem.time, energy, now.displacement, on_body, slip_rate, worn, pending, now)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -150,13 +150,19 @@ class Solution:
         """Whether the certificate passed and the small-strain theory holds, or was not enforced; collective."""
         return self.certificate.passed and not self.outside
 
-    def write(self, directory: str | Path) -> None:
+    def write(self, directory: str | Path, fields: Mapping[str, Any] | None = None) -> None:
         """Fields, history, summary and picture into a directory; existing files are replaced once all are written.
+
+        Args:
+            directory: Created if necessary.
+            fields: Functions of DOLFINx on the mesh of the body to be written beside, by name: of continuous spaces at
+                the nodes, of others in the cells.
 
         Raises:
             OSError: On every rank, if the directory cannot be written to.
+            ValueError: On every rank, if a function cannot be written.
         """
-        supplied()(self, directory)
+        supplied()(self, directory, fields or {})
 
 
 def warn(answer: Solution) -> None:

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 Writer = Callable[..., object]
-"""Writes a `Solution`, its first argument, into a directory, its second; collective."""
+"""Writes a `Solution`, its first argument, into a directory, its second, with the user's functions, its third;
+collective."""
 
 _supplied: list[Writer] = []
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +19,25 @@ from . import overview_process
 from .apart import Apart
 
 
-def write_with_picture(solution: Solution, directory: str | Path) -> dict[str, Any]:
+def write_with_picture(
+    solution: Solution, directory: str | Path, fields: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """Write all results into a directory (`io.output.write`), and draw its picture; collective.
+
+    Args:
+        solution: The answer.
+        directory: Created if necessary.
+        fields: The user's functions to be written beside, by name.
 
     Returns:
         The summary.
 
     Raises:
         OSError: On every rank, if the directory cannot be written to.
+        ValueError: On every rank, if a function cannot be written.
     """
     problem = solution.problem
-    contents = add_picture(write(solution, directory), Path(directory), problem.comm)
+    contents = add_picture(write(solution, directory, fields=fields), Path(directory), problem.comm)
     problem.seconds.update(contents["seconds"])
     return contents
 

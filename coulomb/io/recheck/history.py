@@ -19,7 +19,7 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ...linalg.reductions import Reductions
-from ...model.load_step import Energy, Forces, Moment, row
+from ...model.load_step import Energy, Forces, Moment, coefficients_work, row
 from ..field_files import read_series
 from ..history_summary import whole
 from ..run_directory import FIELDS, SUMMARY, RunDirectory, step_place
@@ -221,7 +221,10 @@ class _Chain:
             then = self._then(run, k)
             dissipated = variant.numbers["totals"]["dissipated_energy"]
             foundation = 0.5 * over.dot(self._forces_then(run, k) + variant.forces, moved)
-            self._energies[k] = self._energies[k].after(then, variant.at, run.held, foundation, dissipated, over)
+            stiffened = 0.0 if run.elastic is not None else coefficients_work(then, variant.at, over)
+            self._energies[k] = self._energies[k].after(
+                then, variant.at, run.held, foundation, dissipated, over, stiffened
+            )
 
     def _then(self, run: WrittenRun, k: int) -> Forces:
         """Displacement and forces at the beginning of the step, at its own nodes."""

@@ -14,17 +14,19 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ...fem import compat
+from ...fem.body import ElasticBody
 from ...fem.obstacles import RigidFoundation
 from ...fem.rigid_motion import Spin
 from ...fem.temperature import TEMPERATURE, range_of
+from ...linalg.reductions import Reductions
 from ...model.accumulated import ACCUMULATED
 from ...model.certificate import Certificate, judge
 from ...model.evidence import Evidence, rounding_forces
 from ...model.load_step import Forces
 from ...model.nodal_answer import NodalAnswer
-from ...model.resultants import Acting
+from ...model.resultants import Acting, resultant_of_ground
 from ...model.small_strain import SmallStrain, small_strain
-from ..run_files import WrittenRun
+from ..run_files import ROUNDING, WrittenRun
 from ..summary import derived
 from .comparison import Rounding
 from .face_nodes import FaceNodes
@@ -130,7 +132,7 @@ def recomputed(
     on_face = taken(np.where(run.touching[:, None], run.on_face["contact_force"], 0.0))
     on_body = np.zeros_like(u)
     on_body[run.node] = nodes.nodal_forces(on_face)
-    internal = body.internal_force(u)
+    internal = taken(body.internal_force(u)) if run.elastic is None else body.internal_force(u)
     judged = nodes.answer(run, u, on_face, x, spins)
     written = nodes.only(nodes.written).answer(run, u, on_face, x, spins)
     heated = {TEMPERATURE: taken(run.on_body[TEMPERATURE])} if TEMPERATURE in run.on_body else {}
@@ -149,14 +151,15 @@ def recomputed(
             closure=judged.closure,
             gap=judged.gap,
             bound=judged.bound,
-            rounding=rounding_forces(body, u),
+            rounding=run.on_body[ROUNDING] if run.elastic is None else rounding_forces(body, u),
             compliance=float(run.summary["mean_compliance"]),
-            thermal=max([body.thermal_displacement(change) for change in heated.values()], default=0.0),
+            thermal=_thermal(run.elastic, heated),
+            ground=run.ground,
             averaged=nodes.averaged,
         )
     )
     body_x = taken(body.x)
-    stress = body.von_mises(body.function(u), heated.get(TEMPERATURE))
+    stress = _stress(run.elastic, u, heated)
     reactions = held.held_part(internal + spring * u - run.on_body["load"] - on_body)
     acting = None if supported is None else supported.acting(u, reactions, on_body, taken)
     probed = probes.values(u, written, run.node[nodes.index[nodes.written]], taken)
@@ -173,7 +176,7 @@ def recomputed(
         at=Forces(u, run.on_body["load"], internal + spring * u, on_body),
         forces=on_face,
         fields={name: v for name, v in written.fields().items() if name in _FOLLOW} | {"slip_bound": written.bound},
-        stress=stress.x.array[compat.cell_dofs(stress.function_space)[:, 0]],
+        stress=stress,
         numbers={
             **numbers,
             **{name: range_of(change, MPI.COMM_SELF) for name, change in heated.items()},
@@ -184,10 +187,32 @@ def recomputed(
         certificate=certificate,
         outside=() if accepted else outside,
         sums={
-            name: {"force": forces.sum(axis=0).tolist(), "moment": np.cross(body_x, forces).sum(axis=0).tolist()}
-            for name, forces in (("loads", taken(run.on_body["load"])), ("reactions", reactions - spring * u))
+            "loads": _sums(taken(run.on_body["load"]), body_x, None, u),
+            "reactions": _sums(reactions - spring * u, body_x, run.ground, u),
         },
     )
+
+
+def _sums(forces: FloatArray, x: FloatArray, ground: FloatArray | None, u: FloatArray) -> dict[str, list[float]]:
+    """Force and moment of nodal forces (k, 3) at nodes x, and of elastic foundations."""
+    force, moment = forces.sum(axis=0), np.cross(x, forces).sum(axis=0)
+    if ground is not None:
+        terms = resultant_of_ground(ground, u, x, Reductions(MPI.COMM_SELF))
+        force, moment = force + terms.force, moment + terms.moment
+    return {"force": force.tolist(), "moment": moment.tolist()}
+
+
+def _stress(body: ElasticBody | None, u: FloatArray, heated: dict[str, FloatArray]) -> FloatArray:
+    """Von Mises stress of the cells in pascals; none of a body of the user's forms."""
+    if body is None:
+        return np.zeros(0)
+    stress = body.von_mises(body.function(u), heated.get(TEMPERATURE))
+    values: FloatArray = stress.x.array[compat.cell_dofs(stress.function_space)[:, 0]]
+    return values
+
+
+def _thermal(body: ElasticBody | None, heated: dict[str, FloatArray]) -> float:
+    return 0.0 if body is None else max([body.thermal_displacement(change) for change in heated.values()], default=0.0)
 
 
 def _recorded_strain(run: WrittenRun) -> tuple[bool, dict[str, float]]:
