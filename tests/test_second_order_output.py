@@ -14,6 +14,10 @@ from coulomb import Clamp, Contact, ContactProblem, Material, Traction
 from coulomb.io.field_files import read_grid
 from coulomb.io.recheck.directory import check
 from coulomb.model.nodal_answer import OPEN, STICK
+from coulomb.pictures.report.facts import geometry
+from coulomb.pictures.report.files import read_run
+from coulomb.pictures.report.first_order import first_order
+from coulomb.pictures.report.scene import zone_counts
 
 STEEL = Material(2.1e11, 0.3)
 TOPOLOGY = {"hexahedron": ("Hexahedron_27", "Quadrilateral_9"), "tetrahedron": ("Tetrahedron_10", "Triangle_6")}
@@ -124,3 +128,28 @@ def test_changed_numbers_are_noticed(written, file, name, where, factor, fault, 
     change(tmp_path / f"{file}.h5", name, np.argmax(np.where(vertices == (where == "vertex"), size, -1.0)), factor)
     found = check(tmp_path)
     assert not found.passed and re.search(fault, str(found)), str(found)
+
+
+def test_pictures_have_all_nodes_of_first_order_pieces(written):
+    """Pieces fill the same volume and area, without overlap, and zones count contact points only."""
+    cell, solution, folder = written
+    body, face = (first_order(read_grid(folder / f"{name}.xdmf")) for name in ("solution", "contact"))
+    assert (body.cut, face.cut) == TOPOLOGY[cell] and (body.pieces, face.pieces) == (8, 4)
+    assert len(np.unique(body.cells)) == len(body.points) and len(np.unique(face.cells)) == len(face.points)
+    assert len(body.fields["young"]) == len(body.cells) == 8 * len(read_grid(folder / "solution.xdmf").cells)
+    x = body.points[body.cells]
+    if cell == "tetrahedron":
+        volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6.0
+    else:
+        volume = np.abs(np.linalg.det(x[:, [1, 3, 4]] - x[:, :1]))  # near parallelepipeds
+    assert volume.sum() == pytest.approx(2.0, rel=1e-2) and volume.min() > 0.2 * volume.max()
+    x = face.points[face.cells]
+    area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, -1] - x[:, 0]), axis=1) / (2 if cell == "tetrahedron" else 1)
+    assert area.sum() == pytest.approx(2.0, rel=1e-2)
+    counted = zone_counts(face)
+    nodes = solution.at_nodes.numbers()["nodes"]
+    assert {name: counted[name] for name in ("open", "stick", "slip")} == {
+        name: nodes[name] for name in ("open", "stick", "slip")
+    }
+    mesh = dict(geometry(read_run(folder)))["mesh"]
+    assert mesh in ("3 27-node hexahedra, 63 nodes", "18 10-node tetrahedra, 63 nodes")

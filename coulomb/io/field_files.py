@@ -22,12 +22,17 @@ _AT_ONCE = 200_000  # points read at a time: no rank needs memory for the whole 
 
 
 class Grid(NamedTuple):
-    """Contents of an XDMF file: cells (k, nodes per cell), points (n, 3), fields on points or cells by name."""
+    """Contents of an XDMF file: cells (k, nodes per cell), points (n, 3), fields on points or cells by name.
+
+    Where the cells are pieces of second-order ones, `cut` is the kind of these, and `pieces` how many each has.
+    """
 
     cell: str
     cells: npt.NDArray[np.int64]
     points: FloatArray
     fields: dict[str, FloatArray]
+    cut: str = ""
+    pieces: int = 1
 
 
 def data_of(path: str | Path) -> Path:

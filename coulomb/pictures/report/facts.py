@@ -16,7 +16,10 @@ from .units import in_seconds, number, quantity, vector
 
 Facts = list[tuple[str, str]]
 
-_CELLS = {"Hexahedron": "hexahedra", "Tetrahedron": "tetrahedra"}
+_CELLS = {
+    **{"Hexahedron": "hexahedra", "Tetrahedron": "tetrahedra"},
+    **{"Hexahedron_27": "27-node hexahedra", "Tetrahedron_10": "10-node tetrahedra"},
+}
 
 
 def geometry(run: Run) -> Facts:
@@ -24,12 +27,13 @@ def geometry(run: Run) -> Facts:
     body, summary = run.steps[-1].grid("solution"), run.summary
     extent = " × ".join(quantity(length, "m") for length in np.ptp(body.points, axis=0))
     mesh = (run.case or {}).get("mesh", {})
+    kind = body.cut or body.cell
     source = f" ({' × '.join(map(str, mesh['cells']))})" if "cells" in mesh else ""
     source = f" from {str(mesh['file']).rsplit('/', 1)[-1]}" if "file" in mesh else source
     unknowns = summary["unknowns"]
     facts = [
         ("body", extent),
-        ("mesh", f"{len(body.cells)} {_CELLS.get(body.cell, body.cell)}{source}, {len(body.points)} nodes"),
+        ("mesh", f"{len(body.cells) // body.pieces} {_CELLS.get(kind, kind)}{source}, {len(body.points)} nodes"),
         ("unknowns", f"{unknowns['displacement']} displacements, {unknowns['contact']} contact forces"),
     ]
     for material in summary["material"]:

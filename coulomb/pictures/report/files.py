@@ -13,6 +13,7 @@ import numpy as np
 from ...io.field_files import Grid, read_grid
 from ...io.run_directory import HISTORY, SUMMARY, RunDirectory, read_json, step_place
 from ..plotting import alarm
+from .first_order import first_order
 from .units import in_seconds
 
 Rows = list[dict[str, float]]
@@ -72,7 +73,7 @@ def _no_face(body: Grid) -> Grid:
 @functools.lru_cache(maxsize=4)
 def _read_once(path: Path, written: int) -> Grid:
     """Cached grids: a run has few large files, used by many pictures; a history has many small ones."""
-    return read_grid(path)
+    return first_order(read_grid(path))
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from ...io.field_files import Grid
 from ..plotting import ZONES, match, nice, patches, polygons, renderer, skin_of, without
 from .camera import Camera, framing
 from .files import Run, Step
+from .first_order import contact_points
 from .shown_fields import Field, named
 from .units import in_seconds, number, scale_of
 
@@ -227,10 +228,10 @@ def _zones(plotter: Any, contact: Grid, points: FloatArray, legend: bool) -> Non
     """The part of the face nearest to each node in the colour of its status, and the number of nodes per status."""
     pyvista, status = renderer(), np.rint(contact.fields["status"]).astype(int)
     parts = pyvista.MultiBlock()
-    names = {}
+    names, count = {}, zone_counts(contact)
     for code, (name, _) in ZONES.items():
         chosen = status == code
-        names[float(code)] = f"{name} {np.count_nonzero(chosen)}"
+        names[float(code)] = f"{name} {count[name]}"
         if chosen.any():
             part = patches(pyvista, contact.cells, points, chosen)
             part.cell_data["zone"] = np.full(part.n_cells, float(code))
@@ -296,8 +297,8 @@ def looking_at(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def zone_counts(contact: Grid) -> dict[str, int]:
-    """Number of nodes per zone, by name."""
-    status = np.rint(contact.fields["status"]).astype(int)
+    """Number of contact nodes per zone, by name."""
+    status = np.rint(contact.fields["status"]).astype(int)[contact_points(contact)]
     return {name: int(np.count_nonzero(status == code)) for code, (name, _) in ZONES.items()}
 
 
