@@ -187,6 +187,7 @@ def _written_to(number, file):
 RANKS_ON_FEW_CORES = {
     "OMPI_MCA_mpi_yield_when_idle": "1",
     "OMPI_MCA_btl": "^tcp",  # all ranks are on this machine; Open MPI 5 complains of networks without routes
+    "OMPI_MCA_hwloc_base_binding_policy": "none",  # Open MPI 4 binds two ranks to the first two cores, busy or not
     "OMPI_MCA_rmaps_base_oversubscribe": "1",
     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
 }
