@@ -16,7 +16,7 @@ from .lagrange import lagrange_points, lagrange_values
 from .named_mesh import NamedMesh
 
 INTERPOLATION = "interpolation"
-"""Attribute of a stiffness of second order: the matrix that interpolates linear displacements."""
+"""Attribute of a stiffness of second order: makes the matrix that interpolates linear displacements."""
 
 
 class HeldSpace(DisplacementSpace):
@@ -63,12 +63,7 @@ class HeldSpace(DisplacementSpace):
         blocks[self.held.nodes] -= self.held.projector
         shape = (3 * nodes, 3 * self.V.dofmap.index_map.size_global)
         rows = scipy.sparse.bsr_matrix((blocks, first + number, np.arange(nodes + 1)), shape=shape).tocsr()
-        return PETSc.Mat().createAIJ(
-            (shape, shape),
-            bsize=3,
-            csr=(rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
-            comm=self.mesh.comm,
-        )
+        return self._distributed(rows, shape)
 
     def eliminated(self, K: PETSc.Mat) -> tuple[PETSc.Mat, float]:
         """The stiffness with the held directions eliminated, and rigid body modes for multigrid; collective.
@@ -108,9 +103,9 @@ class HeldSpace(DisplacementSpace):
         K.assemble()
         K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         K.setOption(PETSc.Mat.Option.SPD, True)
-        self._attach_rigid_body_modes(K)
+        _attach_rigid_body_modes(K, self.x)
         if self.degree == 2:
-            K.setAttr(INTERPOLATION, self._interpolation())
+            K.setAttr(INTERPOLATION, self._interpolation)
         return K, mean
 
     def _projected(self, K: PETSc.Mat) -> PETSc.Mat:
@@ -139,31 +134,31 @@ class HeldSpace(DisplacementSpace):
         )
         weights.eliminate_zeros()
         local_rows = scipy.sparse.kron(weights, np.eye(3), format="csr")
-        P = PETSc.Mat().createAIJ(
-            ((3 * self._owned, PETSc.DETERMINE), (3 * len(linear.x), PETSc.DETERMINE)),
-            bsize=3,
-            csr=(local_rows.indptr.astype(PETSc.IntType), local_rows.indices.astype(PETSc.IntType), local_rows.data),
-            comm=self.mesh.comm,
-        )
+        P = self._distributed(local_rows, (3 * len(linear.x), local_rows.shape[1]))
         projection = self.projection()
         free = projection.matMult(P)
         for matrix in (P, projection):
             matrix.destroy()
         free.setAttr("mesh", self.mesh)
-        coordinates = free.createVecRight()
-        coordinates.setBlockSize(3)
-        coordinates.array[:] = linear.x.ravel()
-        modes = PETSc.NullSpace().createRigidBody(coordinates)
-        free.setNearNullSpace(modes)
-        modes.destroy()
-        coordinates.destroy()
+        _attach_rigid_body_modes(free, linear.x)
         return free
 
-    def _attach_rigid_body_modes(self, K: PETSc.Mat) -> None:
-        coordinates = K.createVecRight()
-        coordinates.setBlockSize(3)
-        coordinates.array[:] = self.x.ravel()
-        modes = PETSc.NullSpace().createRigidBody(coordinates)
-        K.setNearNullSpace(modes)
-        modes.destroy()
-        coordinates.destroy()
+    def _distributed(self, rows: scipy.sparse.csr_matrix, columns: tuple[int, int]) -> PETSc.Mat:
+        """The matrix of the rows of every rank, with so many columns on this rank and in all."""
+        return PETSc.Mat().createAIJ(
+            ((rows.shape[0], PETSc.DETERMINE), columns),
+            bsize=3,
+            csr=(rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
+            comm=self.mesh.comm,
+        )
+
+
+def _attach_rigid_body_modes(matrix: PETSc.Mat, x: FloatArray) -> None:
+    """The near-nullspace of a matrix whose columns are displacements of nodes at x (k, 3)."""
+    coordinates = matrix.createVecRight()
+    coordinates.setBlockSize(3)
+    coordinates.array[:] = x.ravel()
+    modes = PETSc.NullSpace().createRigidBody(coordinates)
+    matrix.setNearNullSpace(modes)
+    modes.destroy()
+    coordinates.destroy()
