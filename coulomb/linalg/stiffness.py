@@ -136,9 +136,10 @@ class DirectSolver:
 class IterativeSolver:
     """CG with PETSc's GAMG on the rigid body modes that K carries as its near-nullspace.
 
-    In second order K also carries what makes the interpolation of linear displacements (its attribute "interpolation").  Multigrid then goes
-    from second order to first, and GAMG from there: on the block of 42 000 unknowns its set-up takes a sixth of the
-    time, and a solve 0.4 of it, with 25 iterations in place of 32 (hexahedra: 20 for 26).
+    In second order K also has an attribute "interpolation", which makes the matrix that interpolates linear
+    displacements.  Multigrid then goes from second order to first, and GAMG from there: on the block of 42 000
+    unknowns its set-up takes a sixth of the time, and a solve 0.4 of it, with 25 iterations in place of 32 (hexahedra:
+    20 for 26).
 
     Args:
         K: Symmetric positive definite, assembled, block size 3, with a near-nullspace.
