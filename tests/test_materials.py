@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 from check_runs import change, copied, edit
+from conftest import SMALL_CASE
 
 import coulomb
 from coulomb import Clamp, Elasticity, Material, OrthotropicMaterial
+from coulomb.case.case import read_case
+from coulomb.cli import posing
 from coulomb.fem.orthotropic import PAIRS, UPPER, along_directions, perpendicular, stiffness, stress_of, thermal_strain
 from coulomb.io.recheck.case_reference import CaseReference
 from coulomb.io.recheck.history import check_history
@@ -161,6 +164,15 @@ def run(tmp_path):
 def test_check_of_a_run(run):
     found = check_history(run)
     assert found.passed and all(step.passed for step in found.steps), str(found)
+
+
+@pytest.mark.parametrize(("degree", "warnings"), [(1, 1), (2, 0)])
+def test_locking_is_of_first_order(tmp_path, monkeypatch, degree, warnings):
+    (tmp_path / "rubber.toml").write_text(SMALL_CASE.replace("poisson = 0.3", "poisson = 0.499"))
+    heard = []
+    monkeypatch.setattr(posing.errors, "print", lambda text, **options: heard.append(text))
+    posing.doubts(read_case(tmp_path / "rubber.toml"), degree)
+    assert len(heard) == warnings and all("first-order elements lock" in text for text in heard)
 
 
 FIELDS = [

@@ -80,14 +80,20 @@ def refuse_unwritable(target: Path, comm: MPI.Comm) -> None:
         raise ValueError(f"output {target}: cannot be written: {found}; choose another (--output)")
 
 
-def doubts(settings: Case) -> None:
-    """Warn about settings that are allowed but probably not intended."""
+def doubts(settings: Case, degree: int) -> None:
+    """Warn about settings that are allowed but probably not intended.
+
+    Args:
+        settings: The case.
+        degree: Order of its elements; those of second order do not lock.
+    """
     tables = [settings.material] if isinstance(settings.material, MaterialTable) else settings.material
     highest = max((table.poisson for table in tables if not isinstance(table.poisson, tuple)), default=0.0)
-    if highest > LOCKING_ABOVE:
+    if highest > LOCKING_ABOVE and degree == 1:
         errors.print(
             f"warning: material: poisson = {highest} is near 0.5: above {LOCKING_ABOVE:g} first-order elements lock "
-            "and give an answer that is far too stiff, although the discrete problem is certified",
+            "and give an answer that is far too stiff, although the discrete problem is certified; second-order ones do "
+            "not (degree = 2 in [mesh])",
             markup=False,
         )
 
