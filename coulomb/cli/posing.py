@@ -92,8 +92,8 @@ def doubts(settings: Case, degree: int) -> None:
     if highest > LOCKING_ABOVE and degree == 1:
         errors.print(
             f"warning: material: poisson = {highest} is near 0.5: above {LOCKING_ABOVE:g} first-order elements lock "
-            "and give an answer that is far too stiff, although the discrete problem is certified; second-order ones do "
-            "not (degree = 2 in [mesh])",
+            "and give an answer that is far too stiff, although the discrete problem is certified; second-order ones "
+            "do not (degree = 2 in [mesh])",
             markup=False,
         )
 
