@@ -12,7 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from . import compat_forms
+from . import compat, compat_forms
 from .compat import mesh, ufl
 from .named_mesh import NamedMesh
 from .user_values import on_all_ranks
@@ -56,7 +56,13 @@ def space_of_forms(a: Any, L: Any, space: Any) -> Any:
 
 def _refuse_rank(form: Any, rank: int, what: str, hint: str) -> None:
     if isinstance(form, ufl.Form):
-        found = len(form.arguments())
+        try:
+            found = len(form.arguments())
+        except Exception:
+            raise ValueError(
+                f"Body: {what} has trial or test functions of different spaces: a and L must have one space V, "
+                "the same object everywhere"
+            ) from None
         if len(form.ufl_domains()) > 1:
             raise ValueError(f"Body: {what} is on {len(form.ufl_domains())} meshes; a body has one mesh")
     elif compat_forms.is_compiled(form):
@@ -87,9 +93,8 @@ def _refuse_space(space: Any) -> None:
     wanted = "a body needs continuous Lagrange vectors with three components, of degree 1 or 2"
     topology, geometry = space.mesh.topology, space.mesh.geometry
     if topology.dim != 3 or geometry.dim != 3:
-        raise ValueError(
-            f"Body: the mesh has dimension {topology.dim} in {geometry.dim}D space; contact needs a 3D mesh"
-        )
+        where = f"of dimension {topology.dim} in {geometry.dim}D space"
+        raise ValueError(f"Body: the mesh is {where}; a 3D mesh is needed")
     kind = topology.cell_type
     if kind not in (mesh.CellType.tetrahedron, mesh.CellType.hexahedron):
         raise ValueError(f"Body: the cells are of type {kind.name}; only tetrahedra and hexahedra can be used")
@@ -104,6 +109,11 @@ def _refuse_space(space: Any) -> None:
         raise ValueError(f"Body: the space of a is discontinuous, or not Lagrange; {wanted}")
     if degree not in (1, 2):
         raise ValueError(f"Body: the space of a has degree {degree}; {wanted}")
+    if degree < compat.geometry_degree(space.mesh):
+        raise ValueError(
+            f"Body: the space of a has degree {degree}, but the cells of the mesh are of degree 2: use a space of "
+            "degree 2, or a first-order mesh"
+        )
 
 
 def refuse_bcs(bcs: Any, V: Any) -> list[Any]:

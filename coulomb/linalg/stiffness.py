@@ -126,6 +126,11 @@ class DirectSolver:
         """The factored matrix, for many right-hand sides at once (MatMatSolve)."""
         return self._ksp.getPC().getFactorMatrix()
 
+    @property
+    def negative_pivots(self) -> int:
+        """0 if K is positive definite."""
+        return int(self.factor.getMumpsInfog(12))
+
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         self._ksp.solve(rhs, u)
 

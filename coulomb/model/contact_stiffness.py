@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property
+
+from petsc4py import PETSc
 
 from ..fem.deformable import Deformable
 from ..fem.surface import ContactSurface
 from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance, SchurCompliance
 from ..linalg.methods import LinearSolver
 from ..linalg.multifrontal import MultifrontalSolver
-from ..linalg.stiffness import StiffnessSolver
+from ..linalg.stiffness import DirectSolver, StiffnessSolver
 from .stopwatch import timed
+
+
+@contextmanager
+def explained(elasticity: Deformable) -> Iterator[None]:
+    """Failures of K^-1 as errors in the form a, if K is made of the user's forms.
+
+    Raises:
+        ValueError: On every rank.
+    """
+    try:
+        yield
+    except (ValueError, PETSc.Error):
+        if elasticity.forms() is None:
+            raise
+        raise ValueError(
+            "Body: a is not positive definite where bcs hold nothing, to rounding: look at the signs of its terms and "
+            "coefficients, and whether bcs or Robin terms hold every part of the body"
+        ) from None
 
 
 class ContactStiffness:
@@ -49,14 +71,17 @@ class ContactStiffness:
     @cached_property
     def _contact_last(self) -> MultifrontalSolver:
         """K^-1 with the contact nodes eliminated last, which gives A."""
-        with timed(self._seconds, "stiffness"):
+        with timed(self._seconds, "stiffness"), explained(self.elasticity):
             return MultifrontalSolver(self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows)
 
     @cached_property
     def _any_order(self) -> StiffnessSolver:
         """K^-1 where A is not formed."""
-        with timed(self._seconds, "stiffness"):
-            return self._linear_solver(self.elasticity.K)
+        with timed(self._seconds, "stiffness"), explained(self.elasticity):
+            solver = self._linear_solver(self.elasticity.K)
+            if isinstance(solver, DirectSolver) and self.elasticity.forms() is not None and solver.negative_pivots:
+                raise ValueError(f"{solver.negative_pivots} pivots are negative")
+            return solver
 
     @cached_property
     def _compliance(self) -> BodyCompliance:

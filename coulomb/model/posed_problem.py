@@ -19,7 +19,7 @@ from ..solvers.friction_problem import FrictionProblem
 from ..solvers.laws import FrictionLaw
 from .contact import Contact
 from .contact_body import ContactBody
-from .contact_stiffness import ContactStiffness
+from .contact_stiffness import ContactStiffness, explained
 from .evidence import Evidence
 from .gathered_evidence import gather_evidence
 from .nodal_answer import closure
@@ -169,7 +169,8 @@ class PosedProblem:
         """K^-1 f in metres, this rank's nodes, shape (k, 3): the displacement without contact."""
         u, solver = self.elasticity.K.createVecRight(), self.stiffness.solver
         with timed(self.seconds, "displacement"):
-            solver.solve(self.f, u)
+            with explained(self.elasticity):
+                solver.solve(self.f, u)
             values = self._with_prescribed(u.array.reshape(-1, 3))
             if solver.tolerance > 0.0:  # errors of a factorised K cancel with those of A, from the same factors
                 values = self._refined(values, np.zeros_like(values))
