@@ -210,9 +210,9 @@ def _deepest(
         for nodes, foundation in zip(between, foundations, strict=False):
             if len(nodes) and len(points):
                 nearest = cKDTree(points).query(x[nodes])[1]
-                distance = foundation.signed_distance(x[nodes] + u[nodes])
+                remaining = foundation.signed_distance(x[nodes] + u[nodes]) + given[nearest]
                 rounding = _ROUNDING * np.max(np.abs(x[nodes]))
-                found.append(np.where(np.abs(distance) < rounding, 0.0, -distance - given[nearest]))
+                found.append(np.where(np.abs(remaining) < rounding, 0.0, -remaining))
         return found
 
     try:

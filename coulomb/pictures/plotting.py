@@ -153,7 +153,7 @@ def peers(csv_file: str | Path) -> Path:
 def elements(csv_file: str | Path) -> Path:
     """Errors on Hertz's problem against unknowns and seconds, from elements.csv into the same directory."""
     rows = _read_csv(csv_file)
-    figure, axes = _axes(4)
+    figure, axes = _axes(2, 2)
     kinds = {"force_error": "error of the force", "centre_error": "error of the pressure at the centre"}
     for name in dict.fromkeys(row["element"] for row in rows):
         mine = [row for row in rows if row["element"] == name]
@@ -198,11 +198,12 @@ def _read_csv(path: str | Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def _axes(count: int) -> tuple[Any, Any]:
+def _axes(count: int, rows: int = 1) -> tuple[Any, Any]:
+    """A figure with so many pictures in each of its rows, and these, row by row."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(5.5 * count, 4.2), layout="constrained")
-    axes = figure.subplots(1, count, squeeze=False)[0]
+    figure = Figure(figsize=(5.5 * count, 4.2 * rows), layout="constrained")
+    axes = figure.subplots(rows, count, squeeze=False).ravel()
     for axis in axes:
         axis.grid(alpha=0.3)
     return figure, axes

@@ -9,6 +9,10 @@ A quarter of the ring with planes of symmetry; nodes of the bore are on the circ
 all of the gap.  The chords of linear elements are off the circle by a part h^2 of the radius, h the size of a cell over
 it.
 
+Second-order elements have curved edges, and 27-node hexahedra the order 4 of the strain energy.  With 10-node
+tetrahedra gap and displacement of a contact point are means around a vertex, along one normal: a radial displacement d
+has the mean normal part d (1 - s/2), s the mean square angle to that normal, at most h^2/6 for cells of the angle h.
+
 Pull-out: the pin is pulled along its axis until the bore slips everywhere, with the friction F p.  The ends of the ring
 are held along the axis.  Friction bends the normals of the ring's cross-sections by an antiplane displacement, odd in z
 about the middle: it does not change the normal force to first order in F, and the pull-out force is F p A.
@@ -42,7 +46,7 @@ from .table import Curve, Panel, Row, Verified, absolute, order, relative
 STEEL = Material(young=2.1e11, poisson=0.3)
 INNER, OUTER, LENGTH = 0.1, 0.2, 0.1
 INTERFERENCE, FRICTION, PULL = 5e-5, 0.15, 2e-4
-CELLS = (2, 4, 8)
+CELLS, CELLS_OF_SECOND_ORDER = (2, 4, 8), (1, 2, 4)
 """Cells along the radius; twice as many around the quarter."""
 
 WEDGE, OFFSET, PRESSURE = 1e-3, 3e-4, 4e7
@@ -57,7 +61,7 @@ def lame() -> float:
     return E * INTERFERENCE * (b**2 - a**2) / ((1.0 + nu) * a * ((1.0 - 2.0 * nu) * a**2 + b**2))
 
 
-def ring(cells: int, cell: str, along: int = 1, pulled: bool = False) -> ContactProblem:
+def ring(cells: int, cell: str, along: int = 1, pulled: bool = False, degree: int = 1) -> ContactProblem:
     """A quarter of the ring: cells along the radius, twice as many around it, and some along the axis.
 
     At the time 0 there is no interference, from 1 on the whole; `pulled`, the pin moves along z from then on.
@@ -68,7 +72,7 @@ def ring(cells: int, cell: str, along: int = 1, pulled: bool = False) -> Contact
         return np.stack([r * np.cos(angle), r * np.sin(angle), LENGTH * x[2]])
 
     return ContactProblem(
-        box((1.0, 1.0, 1.0), (cells, 2 * cells, along), cell, place=place),
+        box((1.0, 1.0, 1.0), (cells, 2 * cells, along), cell, place=place, degree=degree),
         STEEL,
         [SymmetryPlane(face) for face in ("front", "back", "bottom", "top")],
         Contact(
@@ -129,6 +133,7 @@ def verify() -> Verified:
                 f"{cell}: mean pressure of the press fit, Pa", lame(), lame() * (1 + errors[-1]), h[-1] ** 2, _CHORDS
             ),
             absolute(f"{cell}: order of its error", 2.0, order(h, np.abs(errors)), 0.25, "second order; three meshes"),
+            *_second_order(cell),
             _pull_out(cell, h[-2]),
             *_wedge_rows(cell),
         ]
@@ -137,6 +142,22 @@ def verify() -> Verified:
         x, pressure = _along(solution)
         profiles.append(Curve(f"coulomb, {cell}", x, pressure / 1e6))
     return Verified(tuple(rows), _panels(profiles))
+
+
+def _second_order(cell: str) -> list[Row]:
+    errors = [
+        abs(_normal_force(ring(n, cell, degree=2).solve()) / _expected_force() - 1.0) for n in CELLS_OF_SECOND_ORDER
+    ]
+    angles = [0.25 * math.pi / n for n in CELLS_OF_SECOND_ORDER]
+    name = f"second order, {cell}"
+    if cell == "tetrahedron":
+        tolerance, why, expected, uncertain = angles[-1] ** 2 / 6.0, "mean normals around vertices: h^2/6", 2.0, 0.25
+    else:
+        tolerance, why, expected, uncertain = angles[-1] ** 4, "h^4, h the angle of a cell: fourth order", 4.0, 0.75
+    return [
+        absolute(f"{name}: mean pressure of the press fit, error", 0.0, errors[-1], tolerance, why),
+        absolute(f"{name}: order of its error", expected, order(angles, errors), uncertain, "three coarse meshes"),
+    ]
 
 
 def _normal_force(solution: Solution) -> float:
