@@ -128,6 +128,21 @@ def test_directions_that_are_zero_somewhere():
         Elasticity(mesh, winding, [Clamp("top")])
 
 
+def test_a_direction_that_is_a_rounding_error():
+    """On the axis of a wound shaft."""
+    mesh = coulomb.box((1.0, 1.0, 1.0), (3, 3, 1))
+    wound = OrthotropicMaterial(
+        PLY.young, PLY.poisson, PLY.shear, (lambda x: np.array([0.5 - x[1], x[0] - 0.5, 0 * x[0]]), (0.0, 0.0, 1.0))
+    )
+    with pytest.raises(ValueError, match=r"must not be zero, but are at x = 0\.5, 0\.5, 0\.5"):
+        Elasticity(mesh, wound, [Clamp("top")])
+
+
+def test_no_material():
+    with pytest.raises(ValueError, match=r"material must be a Material, .* but is 'steel'"):
+        Elasticity(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), {"cells": "steel"}, [Clamp("top")])
+
+
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
 def test_equal_constants_in_all_directions_are_an_isotropic_body(cell, degree):
     """Half of it given as orthotropic: the same matrix, internal forces, thermal forces and stress."""

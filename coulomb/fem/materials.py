@@ -37,12 +37,17 @@ def material_of_cells(mesh: NamedMesh, materials: Materials, heated: bool = Fals
             directions of place have no values; or if a temperature is given, and a material has no expansion.
     """
     count = mesh.domain.topology.index_map(3).size_local
+    for _, given in by_group(materials):
+        if not isinstance(given, AnyMaterial):
+            raise ValueError(
+                "material must be a Material, an OrthotropicMaterial, or a mapping of cell groups to these, but is "
+                f"{given!r}"
+            )
     _refuse_wrong_cells(mesh, materials, count)
     if heated:
         _refuse_without(materials, "expansion", "a temperature needs the thermal expansion", "expansion, 1/K")
     young, poisson = np.zeros((2, count))
-    given = [material for _, material in by_group(materials)]
-    directional = any(isinstance(material, OrthotropicMaterial) for material in given)
+    directional = any(isinstance(material, OrthotropicMaterial) for _, material in by_group(materials))
     young3, poisson3, shear3 = np.zeros((3, count, 3))
     of_cells = Directional(young3, poisson3, shear3, np.zeros((count, 3, 3)))
     expansion = np.zeros((count, 3))

@@ -35,6 +35,9 @@ UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))
 _PARALLEL = 1e-6
 """Sine of the angle between two directions below which they count as parallel."""
 
+_ZERO = 1e-12
+"""Length of a direction over that of the longest at which it is a rounding error, as on the axis of a wound shaft."""
+
 _AT_ONCE = 50_000
 """Cells whose stiffness is rotated at a time, so that little memory is needed besides the result."""
 
@@ -164,7 +167,8 @@ def perpendicular(first: FloatArray, second: FloatArray, x: FloatArray | None = 
             raise ValueError(f"material: directions: {fault}{place}")
 
     long, other = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
-    refuse((long == 0.0) | (other == 0.0), "the two directions must not be zero")
+    zero = (long <= _ZERO * np.max(long, initial=0.0)) | (other <= _ZERO * np.max(other, initial=0.0))
+    refuse(zero, "the two directions must not be zero")
     d1, d2 = first / long[:, None], second / other[:, None]
     d2 = d2 - np.einsum("ci,ci->c", d1, d2)[:, None] * d1
     sine = np.linalg.norm(d2, axis=1)

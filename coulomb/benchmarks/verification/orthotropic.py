@@ -54,7 +54,8 @@ def verify() -> Verified:
             rows += _bar_rows(f"bar, fibres at {angle:g} degrees, {name}", solution, angle)
             computed.setdefault(name, []).append(-_total(solution) / WIDTH**2 / (SHORTENED / LENGTH))
         rows.append(_layers(name, cell, degree))
-    rows += [_tube("hexahedron", 1, 8, 0.02), _tube("tetrahedron", 1, 8, 0.03)]
+    tubes = (("hexahedron", 1, 8, 0.01), ("tetrahedron", 1, 8, 0.03), ("hexahedron", 2, 10, 0.02))
+    rows += [_tube(*tube) for tube in (*tubes, ("tetrahedron", 2, 6, 0.02))]
     return Verified(tuple(rows), (_panel(computed),))
 
 

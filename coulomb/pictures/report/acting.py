@@ -67,4 +67,6 @@ def _named(part: Mapping[str, Any]) -> str:
 
 
 def _row(name: str, part: Mapping[str, Any]) -> tuple[str, ...]:
+    if part.get("kind") == "thermal":  # its forces add up to zero: what is left is rounding
+        return (name, "0, in balance by itself", "0")
     return (name, vector(part["force"], "N", 5), vector(part["moment"], "N m", 5))
