@@ -174,14 +174,9 @@ def test_abaqus_files_that_include_others(tmp_path):
         ("solid cube\n", "is not an input file of Abaqus: it does not begin with a keyword"),
         (NODES, "has no tetrahedra or hexahedra: export"),
         (NODES + "*ELEMENT, TYPE=S4\n1, 1, 2, 4, 3\n", "no tetrahedra or hexahedra; it has 1 surface elements"),
-        (
-            NODES + "*ELEMENT, TYPE=C3D20R\n" + ", ".join(["1"] * 21),
-            "has 20-node hexahedra, but coulomb .*SecondOrderIncomplete = 0",
-        ),
-        (
-            NODES + "*ELEMENT, TYPE=C3D6\n1, 1, 2, 3, 4, 5, 6\n",
-            "has prisms, but coulomb .*: mesh the body with tetrahedra alone",
-        ),
+        (NODES + "*ELEMENT, TYPE=C3D20R\n" + ", ".join(["1"] * 21), "has 20-node hexahedra, but .*Incomplete = 0"),
+        (NODES + "*ELEMENT, TYPE=C3D27\n" + ", ".join(["1"] * 28), "has 27-node hexahedra, whose nodes programs"),
+        (NODES + "*ELEMENT, TYPE=C3D6\n1, 1, 2, 3, 4, 5, 6\n", "has prisms, but coulomb .* tetrahedra alone"),
         (TWO + "*ELEMENT, TYPE=C3D4\n7, 1, 2, 3, 5\n", "has tetrahedra and hexahedra, but coulomb"),
         (TWO[:-3], r"\*ELEMENT: damaged: elements of type C3D8R must have a number and 8 nodes each"),
         (TWO.replace("12, 8", "12, 88"), "a node that the file does not define"),

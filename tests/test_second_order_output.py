@@ -10,9 +10,13 @@ from test_exact_fields import fields, order
 from test_second_order_meshes import CELLS
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Material, Traction
+from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Traction
+from coulomb.fem.surface import contact_surface, interpolated_forces
 from coulomb.io.field_files import read_grid
+from coulomb.io.output import size_on_disk
 from coulomb.io.recheck.directory import check
+from coulomb.linalg.stiffness import IterativeSolver
+from coulomb.model.estimate import estimate, estimate_of
 from coulomb.model.nodal_answer import OPEN, STICK
 from coulomb.pictures.report.facts import geometry
 from coulomb.pictures.report.files import read_run
@@ -153,3 +157,30 @@ def test_pictures_have_all_nodes_of_first_order_pieces(written):
     }
     mesh = dict(geometry(read_run(folder)))["mesh"]
     assert mesh in ("3 27-node hexahedra, 63 nodes", "18 10-node tetrahedra, 63 nodes")
+
+
+def test_forces_of_a_coarser_mesh_of_either_order():
+    """As an initial guess: a uniform pressure is one on the other mesh too."""
+    surfaces = []
+    for cell, degree in (("tetrahedron", 1), ("tetrahedron", 2), ("hexahedron", 2)):
+        body = Elasticity(coulomb.box((2.0, 1.0, 1.0), (2, 2, 1), cell, degree=degree), STEEL, [Clamp("top")])
+        surfaces.append(contact_surface(body, "bottom"))
+    for coarse in surfaces:
+        x = np.column_stack([2e6 * coarse.area, np.zeros((len(coarse.area), 2))]).ravel()
+        for fine in surfaces:
+            found = interpolated_forces(x, coarse, fine).reshape(-1, 3)
+            assert np.allclose(found[:, 0], 2e6 * fine.area, rtol=1e-12) and not found[:, 1:].any()
+
+
+def test_estimates_count_all_nodes(written):
+    """Unknowns of all nodes; and the disk space that the results take."""
+    cell, solution, folder = written
+    problem = solution.problem
+    n = problem.unknowns["displacement"]
+    assert n == 3 * 6 * 3 * 3  # without those of the clamped end
+    wide = estimate(10**6, 10**4, 1, IterativeSolver, False, nodes=27).memory
+    assert wide > 2.0 * estimate(10**6, 10**4, 1, IterativeSolver, False).memory
+    as_first = estimate(n, problem.unknowns["contact"], 1, problem.body.linear_solver, problem.body.explicit)
+    assert (estimate_of(problem).memory > as_first.memory) == (cell == "hexahedron")
+    taken = sum((folder / f"{name}.h5").stat().st_size for name in ("solution", "contact"))
+    assert 0.5 * taken < size_on_disk(problem) < 3.0 * taken + 1.1e5

@@ -24,6 +24,7 @@ from wrong_input import (
     run,
     tear,
     turn_cell,
+    twenty_nodes,
     without_field,
     without_mumps,
 )
@@ -84,16 +85,7 @@ MESHES = (
         "20-node hexahedra",
         run(),
         r"has 20-node hexahedra, but coulomb computes with .*SecondOrderIncomplete = 0",
-        lambda: (
-            case(FROM_FILE)(),
-            Path("part.msh").write_text(
-                "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n20\n"
-                + "".join(f"{i} {i} {i * i} {i**3}\n" for i in range(1, 21))
-                + "$EndNodes\n$Elements\n1\n1 17 2 1 1 "
-                + " ".join(map(str, range(1, 21)))
-                + "\n$EndElements\n"
-            ),
-        ),
+        twenty_nodes,
     ),
     Wrong(
         "first order of a second-order mesh",

@@ -24,6 +24,7 @@ from ..arrays import FloatArray
 from ..fem import compat
 from ..fem.constraints import HELD_OBLIQUE
 from ..fem.deformable import Deformable
+from ..fem.lagrange import facet_columns
 from ..fem.temperature import TEMPERATURE
 from ..model.evidence import rounding_forces
 from ..model.nodal_answer import HELD
@@ -135,13 +136,15 @@ def contact_fields(solution: Solution) -> dict[str, FloatArray]:
 
 def size_on_disk(problem: PosedProblem) -> float:
     """Approximate bytes of the fields of a solution; collective."""
-    domain, comm = problem.mesh.domain, problem.comm
-    points, cells = (float(domain.topology.index_map(dim).size_global) for dim in (0, 3))
-    facets: int = comm.allreduce(len(_contact_facets(problem)), op=MPI.SUM)
-    width = float(compat.cell_geometry(domain).shape[1])
-    width += problem.elasticity.numbers_per_cell
-    # coordinates and 5 vectors per point; on the face coordinates, 7 vectors and 14 numbers per node
-    return 1.1e5 + 24.0 * 6.0 * points + 8.0 * width * cells + (24.0 * 8.0 + 8.0 * 14.0) * 1.5 * facets
+    body, comm = problem.elasticity, problem.comm
+    points, cells = body.V.dofmap.index_map.size_global, body.domain.topology.index_map(3).size_global
+    width = compat.cell_dofs(body.V).shape[1] + body.numbers_per_cell
+    facets = _contact_facets(problem)
+    on_face: int = comm.allreduce(len(body.nodes_of(facets)))
+    of_face: int = comm.allreduce(facet_columns(body.domain.topology.cell_type, body.degree).shape[1] * len(facets))
+    # coordinates and 5 vectors per node; on the face coordinates, 7 vectors and 16 numbers per node
+    nodal = 24.0 * 6.0 * points + (24.0 * 8.0 + 8.0 * 16.0) * on_face
+    return float(1.1e5 + nodal + 8.0 * width * cells + 8.0 * of_face)
 
 
 def refuse_full_disk(problem: PosedProblem, target: Path, times: int = 1) -> None:

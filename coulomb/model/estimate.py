@@ -45,6 +45,9 @@ _SPEED_UP = 0.75  # exponent of the speed-up over ranks: 1.7 on two
 _PICTURE = (1.3, 5e-6)  # picture.png: constant, and over n
 _FRAME = (0.3, 5e-6)  # the same of a frame of a film, after the first
 
+_WIDER = 2.4  # rows of K of 27-node hexahedra over those of 8-node ones; of 10-node tetrahedra they are as long
+_HARDER = 1.6  # multigrid solves in second order over those in first order
+
 _SQUAT = 1.7  # slenderness of the benchmark block, on which the multigrid steps were measured
 
 
@@ -75,6 +78,7 @@ def estimate(
     explicit: bool,
     slenderness: float = _SQUAT,
     slowness: Slowness = SAME,
+    nodes: int = 8,
 ) -> Estimate:
     """Estimate for numbers of unknowns and methods.
 
@@ -86,9 +90,11 @@ def estimate(
         explicit: Whether A is formed.
         slenderness: Width of the contact face over the thickness of the body behind it, see `slenderness`.
         slowness: Slowness of this machine.
+        nodes: Nodes of a cell: 4 and 8, in second order 10 and 27.
     """
     n, m = float(displacement), float(contact)
-    memory = _BASE * ranks + _BODY * n
+    wider, harder = _wider(nodes), _HARDER if nodes in (10, 27) else 1.0
+    memory = _BASE * ranks + _BODY * wider * n
     factorisation, products = 0.0, _FIELDS * n
     if linear_solver is DirectSolver:
         memory += (_FRONTS if explicit else _FACTOR) * n ** (4 / 3)
@@ -100,8 +106,8 @@ def estimate(
             factorisation += _COMPLEMENT * m**3
             products += _DENSE_STEPS * m**2
     else:
-        memory += _MULTIGRID * n
-        products += _MULTIGRID_STEPS * n**1.2 * max(slenderness / _SQUAT, 1.0)
+        memory += _MULTIGRID * wider * n
+        products += _MULTIGRID_STEPS * harder * n**1.2 * max(slenderness / _SQUAT, 1.0)
     speed = ranks**_SPEED_UP
     again = _STEP * slowness.python + products * slowness.memory / speed
     first = _START * slowness.python + factorisation * slowness.dense / speed
@@ -120,6 +126,7 @@ def estimate_of(problem: ContactProblem, slowness: Slowness = SAME) -> Estimate:
         problem.body.explicit,
         slenderness(problem),
         slowness,
+        _nodes_of_cell(problem),
     )
 
 
@@ -140,7 +147,7 @@ def refuse_too_large(problem: ContactProblem) -> None:
     Raises:
         ValueError: On every rank, if a node has too little, with the required and free memory and what would fit.
     """
-    comm, size = problem.comm, problem.unknowns
+    comm, size, nodes = problem.comm, problem.unknowns, _nodes_of_cell(problem)
     n, m = size["displacement"], size["contact"]
     needed = estimate_of(problem).memory
     share = _share_of_node(comm)
@@ -156,9 +163,9 @@ def refuse_too_large(problem: ContactProblem) -> None:
     would = [
         f"{how} ({gigabytes(other)})"
         for solver, explicit, how in others
-        if (other := estimate(n, m, comm.size, solver, explicit).memory) <= fits
+        if (other := estimate(n, m, comm.size, solver, explicit, nodes=nodes).memory) <= fits
     ]
-    most = int(max(fits - _BASE * comm.size, 0.0) / (_BODY + _MULTIGRID))
+    most = int(max(fits - _BASE * comm.size, 0.0) / (_wider(nodes) * (_BODY + _MULTIGRID)))
     advice = f"take {' or '.join(would)}" if would else f"by multigrid {most} displacement unknowns would fit"
     raise ValueError(
         f"too little memory: {n} displacement and {m} contact unknowns ({methods}) need about {gigabytes(needed)}, and "
@@ -194,6 +201,15 @@ def refuse_uncountable(cells: tuple[int, int, int], degree: int) -> None:
             f"too many unknowns: a mesh of {_counted(cells, degree)} has {unknowns} displacement "
             f"unknowns, and the integers of this PETSc reach {most}; take fewer cells (mesh.cells)"
         )
+
+
+def _wider(nodes: int) -> float:
+    """Length of the rows of K with cells of so many nodes, over that of 8-node hexahedra."""
+    return _WIDER if nodes == 27 else 1.0
+
+
+def _nodes_of_cell(problem: ContactProblem) -> int:
+    return int(problem.elasticity.V.dofmap.dof_layout.num_dofs)
 
 
 def _unknowns(cells: tuple[int, int, int], degree: int) -> int:
