@@ -35,7 +35,7 @@ def plot(
         str,
         typer.Option(
             help="pressure, friction_traction, friction_use, status, slip, gap, accumulated_slip, friction_work, "
-            "largest_pressure, displacement, von_mises_stress; with _x, _y or _z a component."
+            "largest_pressure, displacement, von_mises_stress, temperature_change; with _x, _y or _z a component."
         ),
     ] = "pressure",
     scale: Annotated[float | None, typer.Option(help="Factor of the displacement; by default a visible one.")] = None,

@@ -46,7 +46,7 @@ class Field:
 
     @property
     def signed(self) -> bool:
-        return self.component is not None
+        return self.colours == SIGNED
 
     def values(self, grid: Grid) -> FloatArray:
         """Values on a grid, one number per point or cell.
@@ -85,6 +85,7 @@ FIELDS = (
     Field("largest_pressure", "contact", "largest pressure since the start", "Pa"),
     Field("displacement", "solution", "displacement", "m", vector=True),
     Field("von_mises_stress", "solution", "von Mises stress", "Pa"),
+    Field("temperature_change", "solution", "temperature change", "K", SIGNED),
 )
 
 
