@@ -86,6 +86,7 @@ WRONG = {
     "inside": (lambda: {"faces": {"sole": inner_facets()[:3]}}, "face 'sole': [1-9]* of its facets are not on the"),
     "outside": (lambda: {"faces": {"sole": [10**6]}}, "1000000 is no facet of this mesh, which has the facets 0 to"),
     "negative facet": (lambda: {"faces": {"sole": [-1]}}, "-1 is no facet"),
+    "facets and value": (lambda: {"faces": {"sole": (np.arange(3), 3)}}, "give the numbers of its facets"),
     "markers": (lambda: {"faces": {"sole": np.ones(3) > 0}}, "give the numbers of its facets"),
     "no facets": (lambda: {"faces": {"sole": []}}, "face 'sole' has no facets"),
     "no names": (lambda: {"faces": BOX.faces["bottom"]}, "faces must be names with facets"),

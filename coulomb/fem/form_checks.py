@@ -198,7 +198,10 @@ def _facets(domain: Any, given: Any) -> npt.NDArray[np.int32]:
         tags, value = given
         _refuse_tags(domain, tags)
         given = tags.find(int(value))
-    facets = np.asarray(given)
+    try:
+        facets = np.asarray(given)
+    except ValueError:  # lists of different lengths
+        facets = np.empty((0, 0))
     if facets.ndim != 1 or (facets.size and not np.issubdtype(facets.dtype, np.integer)):
         raise ValueError(f"give the numbers of its facets, or (MeshTags, value), but this is {given!r}")
     count = domain.topology.index_map(2)

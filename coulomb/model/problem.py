@@ -100,7 +100,7 @@ class ContactProblem(PosedProblem):
             own = (clamps, tractions, springs)
             if (
                 temperature is not None
-                or any(len(one) for one in own)
+                or any(not isinstance(one, Sequence) or len(one) for one in own)
                 or not (vanishes(body_force) and vanishes(gravity))
             ):
                 raise ValueError("a body has its own loads and supports: give ContactProblem(body, contact) no others")
