@@ -153,6 +153,8 @@ def test_a_body_takes_no_other_loads_and_a_mesh_needs_a_material():
     body = coulomb.Body(A, L, [HELD], BOX)
     with pytest.raises(ValueError, match="has its own loads and supports"):
         ContactProblem(body, Contact("bottom", 0.3), [Clamp("top")])
+    with pytest.raises(ValueError, match="has its own loads and supports"):
+        ContactProblem(body, [Clamp("top")], Contact("bottom", 0.3))
     with pytest.raises(ValueError, match="has its own material"):
         ContactProblem(body, Material(1e9, 0.3), contact=Contact("bottom", 0.3))
     for given in ((BOX, Contact("bottom", 0.3)), (BOX,), (BOX, Material(1e9, 0.3), [Clamp("top")])):
