@@ -97,3 +97,13 @@ def test_the_code_of_the_page_runs(tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("certificate passed") == 2 and "form [" in done.stdout
     assert check(tmp_path / "results" / "forms").passed and check(tmp_path / "results" / "heated").passed
+
+
+@pytest.mark.parametrize("written", [("hexahedron", 1)], indirect=True)
+def test_the_report_shows_no_stress_that_is_not_known(written):
+    pytest.importorskip("jinja2")
+    pytest.importorskip("pyvista")
+    done = run_coulomb("report", written[2])
+    assert done.returncode == 0, done.stderr
+    page = (written[2] / "report.html").read_text()
+    assert "own forms" in page and "von Mises" not in page

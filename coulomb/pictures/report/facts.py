@@ -39,6 +39,10 @@ def geometry(run: Run) -> Facts:
     for material in summary["material"]:
         name = f"material of {material['cells']}" if material["cells"] else "material"
         facts.append((name, _material(material)))
+    forms = summary.get("forms")
+    if forms is not None:
+        text = f"displacements of degree {forms['degree']}, {forms['bcs']} Dirichlet conditions; not in the files"
+        facts.append(("the user's own forms", text))
     facts += _temperature(summary)
     return facts + (supports_and_loads(run.case) if run.case is not None else _of_fields(run)) + _contact(run)
 
