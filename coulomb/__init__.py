@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .fem.rigid_motion import Rotation
     from .fem.supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, SymmetryPlane
     from .fem.surface import ContactSurface
+    from .fem.temperature import ThermalLoad
     from .io.history_files import HistoryFiles
     from .linalg.stiffness import DirectSolver, IterativeSolver
     from .load_curve import LoadCurve
@@ -103,6 +104,7 @@ __all__ = [
     "StepFailed",
     "SuccessiveTresca",
     "SymmetryPlane",
+    "ThermalLoad",
     "TotalForce",
     "Traction",
     "VariableFriction",
@@ -135,6 +137,7 @@ _PUBLIC = {
     "fem.raised": ("raised",),
     "fem.rigid_motion": ("Rotation",),
     "fem.surface": ("ContactSurface",),
+    "fem.temperature": ("ThermalLoad",),
     "fem.nodal_field": ("NodalField",),
     "io.history_files": ("HistoryFiles",),
     "solvers.general": ("solve_coulomb", "solve_tresca"),

@@ -39,7 +39,7 @@ class Temperature:
 
 @dataclass(frozen=True)
 class ThermalLoad:
-    """A temperature, from that of the unstrained body.
+    """A temperature, from that of the unstrained body; `ContactProblem(temperature=...)` makes it.
 
     Attributes:
         temperature: In kelvin or degrees Celsius: a number, a function of x, or a `NodalField`.
