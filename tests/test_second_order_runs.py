@@ -59,6 +59,8 @@ def test_history_resumed_on_other_ranks(cell, raised, ranks, tmp_path):
     (tmp_path / "case.toml").write_text(CASE.replace("[mesh]\n", "[mesh]\ndegree = 2\n") if raised else CASE)
     for out, given in (("one", None), ("several", ranks)):
         done = run_coulomb("run", "case.toml", "--output", out, ranks=given, cwd=tmp_path)
+        kind = "10-node tetrahedra" if cell == "tetrahedron" else "27-node hexahedra"
+        assert kind in next(line for line in done.stdout.splitlines() if line.startswith("body "))
         assert done.returncode == 0, done.stderr
     out, whole = tmp_path / "several", last(tmp_path / "one")
     shutil.rmtree(out / "steps" / "0002")

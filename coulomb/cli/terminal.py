@@ -57,8 +57,10 @@ def body_in_words(problem: ContactProblem) -> str:
     """Size of the body and its mesh, which shows a forgotten scale; collective."""
     elasticity, domain, over = problem.elasticity, problem.mesh.domain, Reductions(problem.comm)
     lengths = [over.max(elasticity.x[:, k]) - over.min(elasticity.x[:, k]) for k in range(3)]
-    cells, nodes = (domain.topology.index_map(dim).size_global for dim in (3, 0))
+    cells, nodes = domain.topology.index_map(3).size_global, elasticity.V.dofmap.index_map.size_global
     kind = "hexahedra" if corner_geometry(domain).shape[1] == 8 else "tetrahedra"
+    if elasticity.degree == 2:
+        kind = f"{elasticity.V.dofmap.dof_layout.num_dofs}-node {kind}"
     return f"body {' x '.join(map(metres, lengths))}; {cells} {kind}, {nodes} nodes"
 
 
