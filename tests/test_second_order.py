@@ -14,6 +14,7 @@ from coulomb import (
     IterativeSolver,
     Material,
     Plane,
+    PrescribedDisplacement,
     Pressure,
     Sphere,
     Traction,
@@ -222,3 +223,15 @@ def test_a_roller_between_contact_points_is_not_missed_silently(radius, touched)
     forces = np.linalg.norm(solution.problem.elasticity.internal_force(u), axis=1).sum()
     deformation = 2.0 * np.vdot(u, solution.problem.elasticity.internal_force(u)) / forces
     assert solution.small_strain.between == pytest.approx(depth / deformation, rel=1e-9)
+
+
+def test_a_ball_that_no_mean_touches_is_found():
+    """The body moves without deformation, past a ball that is between its contact points."""
+    mesh = coulomb.box((1.0, 1.0, 0.5), (4, 4, 2), "tetrahedron", degree=2)
+    ball = Contact("bottom", 0.3, foundation=Sphere((0.5, 0.5, -20.0), 20.0))
+    press = PrescribedDisplacement("top", (0.0, 0.0, -1e-4))
+    solution = ContactProblem(mesh, STEEL, [press], ball).solve()
+    assert solution.at_nodes.totals()["normal_force"] == 0.0 and not solution.valid
+    assert solution.small_strain.between == 100.0
+    lifted = ContactProblem(mesh, STEEL, [PrescribedDisplacement("top", (0.0, 0.0, 1e-4))], ball).solve()
+    assert lifted.valid and lifted.small_strain.between == 0.0

@@ -245,7 +245,7 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
     twice[order[1:]] = nodes[order][1:] == nodes[order][:-1]
     faces = tuple(face for surface in surfaces for face in surface.faces)
     refuse = _Refusal(elasticity.mesh.comm, f"contact faces {', '.join(map(repr, faces))}: a node")
-    refuse.where(twice, x, "is on two of them; end one face before the other")
+    refuse.where(twice, elasticity.x[nodes], "is on two of them; end one face before the other")
     frames = np.concatenate([surface.frames for surface in surfaces])
     return ContactSurface(
         faces,

@@ -54,6 +54,9 @@ GRADIENT = Bound(0.05, 0.24)
 """The theory neglects half the square of the gradient: 12 % of it at 0.24.  Bonded rubber, compressed by 10 % and
 sheared, reaches 0.225 in its corners; a steel block, lifted by 50 mm next to its clamp, 0.25 to 0.41."""
 
+_MISSED = 100.0
+"""Largest value of `SmallStrain.between`."""
+
 BETWEEN = Bound(0.25, 1.0)
 """Measured with a cantilever on rollers: the force is 2 to 6 % wrong below 0.7, 12 % at 2, and a roller that is narrow
 beside the facets, and is not touched by any mean, gives 7 to 9."""
@@ -191,8 +194,13 @@ def small_strain(
         turn=largest(turn, over),
         slip_over_cell=largest(np.where(turn > 0.0, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
         gradient=body.largest_gradient(u),
-        between=_deepest(at_nodes, foundations, body.x, u, between) / (deformation or 1.0),
+        between=_relative(_deepest(at_nodes, foundations, body.x, u, between), deformation),
     )
+
+
+def _relative(depth: float, deformation: float) -> float:
+    """A depth over the deformation, at most `_MISSED`: a body that touches nothing is not deformed."""
+    return 0.0 if depth == 0.0 else min(depth / max(deformation, depth / _MISSED), _MISSED)
 
 
 def _deepest(
