@@ -8,6 +8,7 @@ from user_forms import Script
 
 import coulomb
 from coulomb import Contact, ContactProblem, LoadHistory, Material, PrescribedDisplacement, Traction
+from coulomb.io.recheck.directory import check
 
 YOUNG, POISSON = 2.1e11, 0.3
 FORCE = np.array([2e6, 1e6, -8e6])
@@ -203,3 +204,21 @@ def test_a_modulus_that_changes_by_hand():
     assert energy.elastic == pytest.approx(0.5 * 5e9 * d**2 / 2.0, rel=1e-6)
     assert energy.prescribed == pytest.approx(0.5 * 2e9 * d**2 / 2.0, rel=1e-6)
     assert abs(energy.imbalance) < 1e-6 * energy.elastic
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_a_heated_block_between_walls(cell, degree, tmp_path):
+    """Walls on all sides and a floor: nothing moves, and the floor bears E alpha T/(1 - 2 nu)."""
+    mesh = coulomb.box((1.0, 1.0, 0.5), (3, 3, 2), cell, degree=degree)
+    script = Script(mesh, degree)
+    pressure = YOUNG * 1.2e-5 * 50.0 / (1.0 - 2.0 * POISSON)
+    heat = script.constant(pressure) * ufl.div(script.v) * ufl.dx
+    sides = [("left", 0), ("right", 0), ("front", 1), ("back", 1), ("top", 2)]
+    walls = [script.bc(0.0, face, axis) for face, axis in sides]
+    body = coulomb.Body(script.elasticity(YOUNG, POISSON), heat, walls, faces=mesh)
+    solution = ContactProblem(body, Contact("bottom", 0.3)).solve()
+    assert solution.certificate.passed, solution.certificate
+    assert solution.at_nodes.fields()["pressure"] == pytest.approx(pressure, rel=1e-6)
+    assert np.abs(solution.displacement).max() < 1e-6 * 1.2e-5 * 50.0
+    solution.write(tmp_path)
+    assert check(tmp_path).passed

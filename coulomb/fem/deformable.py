@@ -114,6 +114,11 @@ class Deformable(HeldSpace, ABC):
         """Forces of the springs on the body at displacements u, newtons; shapes (k, 3)."""
         return -self.spring * u
 
+    def blocked_displacement(self, loading: Loading) -> float:
+        """Scale in metres of the displacements that loads would cause where contact and supports let nothing move;
+        0 if there is none beside the displacement itself; collective."""
+        return 0.0
+
     @abstractmethod
     def supports_understood(self) -> list[dict[str, Any]]:
         """Kind, face and what it holds of every support and spring."""

@@ -34,12 +34,14 @@ class _Stiffness:
         K: The matrix with held directions eliminated.
         mean_diagonal: Its entry for held components.
         ground: Nodal forces of the rigid modes; None if they are rounding errors.
+        diagonal: Of the matrix of a alone, N/m, shape (k, 3).
     """
 
     values: FormValues
     K: PETSc.Mat
     mean_diagonal: float
     ground: FloatArray | None
+    diagonal: FloatArray
 
 
 @dataclass
@@ -179,6 +181,15 @@ class Body(Deformable):
         if self._L is not None:
             yield NodalForces("load", None, loading.load)
 
+    def blocked_displacement(self, loading: Loading) -> float:
+        """Mean displacement of the nodes, each alone under its part of L, weighted with these forces; collective."""
+        comm = self.mesh.comm
+        largest = float(np.max(comm.allgather(float(np.max(np.abs(loading.load), initial=0.0)))))
+        load = loading.load / (largest or 1.0)
+        work: float = comm.allreduce(float(np.sum(load**2 / self._stiffness.diagonal)), op=MPI.SUM)
+        size: float = comm.allreduce(float(np.sum(np.abs(load))), op=MPI.SUM)
+        return largest * work / (size or 1.0)
+
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
         """The forces of every boundary condition by itself, in the order given; see `Deformable`."""
         rows = self._conditions.rows
@@ -221,6 +232,7 @@ class Body(Deformable):
         refuse_unsymmetric(K, self.x)
         diagonal = K.getDiagonal()
         stiff, noise = float(diagonal.max()[1]), 1e-12 * float(diagonal.norm())
+        alone = diagonal.array.reshape(-1, 3).copy()
         diagonal.destroy()
         ground = np.stack([self._a.residual(values, modes[:, :, j]) for j in range(6)], axis=2)
         sizes = np.sqrt(comm.allreduce(np.einsum("kcj,kcj->j", ground, ground), op=MPI.SUM))
@@ -233,7 +245,7 @@ class Body(Deformable):
                 "contact alone does not make the stiffness invertible"
             )
         K, mean = self.eliminated(K)
-        return _Stiffness(values, K, mean, ground if np.max(sizes) > noise else None)
+        return _Stiffness(values, K, mean, ground if np.max(sizes) > noise else None, alone)
 
 
 def _signature(form: Any) -> str | None:

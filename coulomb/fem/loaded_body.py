@@ -103,6 +103,10 @@ class LoadedBody(ElasticBody, HeldSpace):
         prescribed = self._rows.displacement(np.array([0.0, *factors])[1 + self._rows.support] * self._values)
         return Loading(time, load, prescribed, self._temperature_at(time))
 
+    def blocked_displacement(self, loading: Loading) -> float:
+        """That of the temperature (`Temperature.displacement`); 0 without one."""
+        return 0.0 if loading.temperature is None else loading.temperature.displacement
+
     def loads_at(self, time: float) -> Iterator[NodalForces]:
         """The forces of every load by itself at a time; collective.
 

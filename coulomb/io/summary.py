@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.constraints import HeldDirections
+from ..fem.deformable import Deformable, Loading
 from ..fem.materials import AnyMaterial, Materials, by_group
 from ..fem.orthotropic import OrthotropicMaterial
 from ..fem.temperature import TEMPERATURE, Temperature, range_of
@@ -51,7 +52,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         "understood": {"supports": supports_of(problem), "contacts": contacts_of(problem)},
         "material": [] if elasticity.materials is None else material_entries(elasticity.materials),
         **temperature_entries(problem.loading.temperature, problem.comm),
-        **({} if elasticity.forms() is None else {"forms": elasticity.forms()}),
+        **forms_entries(elasticity, problem.loading),
         "mean_compliance": problem.mean_compliance,
         "method": {
             "solver": result.method,
@@ -167,6 +168,12 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple | np.ndarray):
         return [_plain(one) for one in value]
     return float(value) if isinstance(value, np.floating) else value
+
+
+def forms_entries(body: Deformable, loading: Loading) -> dict[str, Any]:
+    """What is recorded of the user's forms, and what follows from them alone; empty for other bodies; collective."""
+    forms = body.forms()
+    return {} if forms is None else {"forms": forms, "blocked_displacement": body.blocked_displacement(loading)}
 
 
 def temperature_entries(temperature: Temperature | None, comm: MPI.Comm) -> dict[str, Any]:

@@ -7,7 +7,8 @@ Every measure is relative to a natural scale of the problem, so that the result 
 units and materials.  Forces: the largest component of a nodal contact force.  Displacements: twice the
 elastic energy over half the sum of all nodal forces, the mean displacement along which forces do work.  A rigid motion
 does not change it: a clamp that moves the body by a metre does not loosen any limit.  A heated body between walls does
-not move: there it is the mean displacement along which the thermal forces would do the energy of the thermal strain.
+not move: there it is the mean displacement along which the thermal forces would do the energy of the thermal strain,
+and with forms of the user that of every node alone under its load.
 
 Values that are not finite, overflow or vanish fail.  Rounding errors of displacements and their nodal forces bound
 every scale from below: in a body without contact and loads there are no other forces.
@@ -173,7 +174,7 @@ def _scales(e: Evidence, spring: FloatArray, outer: tuple[FloatArray, ...], over
     peak = over.max(np.abs(e.force))
     return _Scales(
         force=_worst(peak, ROUNDING * over.max(np.abs(e.rounding))) if peak != 0.0 else 0.0,
-        length=_worst(way, e.thermal, ROUNDING * EPSILON * at_least),
+        length=_worst(way, e.blocked, ROUNDING * EPSILON * at_least),
         nodal=nodal,
         turnover=turnover,
     )

@@ -41,7 +41,8 @@ class Evidence:
         bound: Slip bound of the law at these forces, shape (m,).
         rounding: Nodal forces due to rounding of the displacement (`rounding_forces`), shape (k, 3).
         compliance: Mean diagonal of A, metres per newton.
-        thermal: Scale of the displacements that a temperature causes, metres; 0 without one.
+        blocked: Scale of the displacements that loads would cause where nothing can move, metres
+            (`Deformable.blocked_displacement`).
         averaged: Whether gaps and slips are averages over the facets around vertices, as on 10-node tetrahedra.
     """
 
@@ -60,7 +61,7 @@ class Evidence:
     bound: FloatArray
     rounding: FloatArray
     compliance: float
-    thermal: float = 0.0
+    blocked: float = 0.0
     averaged: bool = False
     ground: FloatArray | None = None
 

@@ -94,7 +94,7 @@ def gather_evidence(
         bound=np.concatenate([bound, none]),
         rounding=rounding_forces(elasticity, u),
         compliance=compliance,
-        thermal=0.0 if state.loading.temperature is None else state.loading.temperature.displacement,
+        blocked=elasticity.blocked_displacement(state.loading),
         averaged=not points.nodal,
     )
 

@@ -153,6 +153,7 @@ def small_strain(
     body: Strained,
     u: FloatArray,
     between: Sequence[npt.NDArray[np.integer[Any]]] = (),
+    blocked: float = 0.0,
 ) -> SmallStrain:
     """Measure an answer; collective.
 
@@ -162,6 +163,7 @@ def small_strain(
         body: The body.
         u: Displacement in metres, this rank's nodes, shape (k, 3).
         between: The nodes on each contact face, if contact points are means over several.
+        blocked: The deformation that the loads would cause where nothing can move, metres (`Evidence`).
     """
     over, normal = Reductions(at_nodes.comm), at_nodes.force[:, 0]
     pressing = normal > _PRESSING * max(over.max(normal), 0.0)
@@ -186,7 +188,7 @@ def small_strain(
         distance, turn = np.full((2, len(before)), math.nan)
     internal = body.internal_force(u)
     forces = over.sum(np.linalg.norm(internal, axis=1))
-    deformation = 0.0 if forces == 0.0 else 2.0 * over.dot(u, internal) / forces
+    deformation = max(0.0 if forces == 0.0 else 2.0 * over.dot(u, internal) / forces, blocked)
     # Normals are those at the undeformed node, of the foundation at its current place.
     along = np.linalg.norm((at_nodes.displacement[:, 1:] / at_nodes.scale)[pressing], axis=1)
     return SmallStrain(

@@ -137,7 +137,8 @@ class Solution:
         problem, body = self.problem, self.problem.elasticity
         faces = () if problem.surface.points.nodal else problem.surface.faces
         between = [body.nodes(face, "contact") for face in faces]
-        return small_strain(self.at_nodes, problem.surface.foundations, body, self.displacement, between)
+        blocked = body.blocked_displacement(problem.loading)
+        return small_strain(self.at_nodes, problem.surface.foundations, body, self.displacement, between, blocked)
 
     @property
     def outside(self) -> tuple[str, ...]:

@@ -153,7 +153,7 @@ def recomputed(
             bound=judged.bound,
             rounding=run.on_body[ROUNDING] if run.elastic is None else rounding_forces(body, u),
             compliance=float(run.summary["mean_compliance"]),
-            thermal=_thermal(run.elastic, heated),
+            blocked=_blocked(run, heated),
             ground=run.ground,
             averaged=nodes.averaged,
         )
@@ -168,7 +168,7 @@ def recomputed(
     if foundations is None:
         measured = {"gradient": body.largest_gradient(u)}
     else:
-        measured = asdict(small_strain(written, foundations, body, u, between))
+        measured = asdict(small_strain(written, foundations, body, u, between, _blocked(run, heated)))
     outside = SmallStrain(**{**recorded, **measured}).violations
     for check in certificate.checks:
         del numbers["certificate"][check.name.replace(" ", "_")]["meaning"]
@@ -211,8 +211,11 @@ def _stress(body: ElasticBody | None, u: FloatArray, heated: dict[str, FloatArra
     return values
 
 
-def _thermal(body: ElasticBody | None, heated: dict[str, FloatArray]) -> float:
-    return 0.0 if body is None else max([body.thermal_displacement(change) for change in heated.values()], default=0.0)
+def _blocked(run: WrittenRun, heated: dict[str, FloatArray]) -> float:
+    """`Deformable.blocked_displacement`; of a body of the user's forms as recorded."""
+    if run.elastic is None:
+        return float(run.summary["blocked_displacement"])
+    return max([run.elastic.thermal_displacement(change) for change in heated.values()], default=0.0)
 
 
 def _recorded_strain(run: WrittenRun) -> tuple[bool, dict[str, float]]:
