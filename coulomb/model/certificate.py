@@ -196,6 +196,7 @@ def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
         "slip bounds": e.bound,
         "rounding": e.rounding,
         "forces of rigid motions": np.zeros(0) if e.ground is None else e.ground,
+        "blocked displacement": np.array([e.blocked]),
     }
     faults = [f"{name} not finite" for name, values in given.items() if not over.all(bool(np.all(np.isfinite(values))))]
     needed = {"compliance": e.compliance, "scale of displacements": scales.length}
