@@ -83,7 +83,7 @@ def test_energy_with_one_jaw_moving():
 @pytest.mark.parametrize(
     ("contacts", "message"),
     [
-        ([], "contact: give one face or several"),
+        ([], "contact must be a Contact, or several, but is"),
         ([Contact("bottom", 0.3), Contact("right", 0.3)], "contact faces 'bottom', 'right': a node is on two of them"),
         ([Contact("bottom", 0.3), Contact("bottom", 0.3)], "'bottom', 'bottom': a node is on two of them"),
         ([Contact("bottom", 0.3), Contact("top", 0.3, foundation=Sphere((0, 0, -5), 1))], "'top' is turned away"),
