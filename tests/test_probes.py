@@ -150,7 +150,7 @@ def test_columns_of_a_history(tmp_path):
     probes = [Probe("on", (0.41, 0.37, 0.0)), Probe("in", (0.41, 0.37, 0.5))]
     problem = pressed("hexahedron", [(0, 0), (2, 1)], probes)
     entries = []
-    LoadHistory([1.0, 2.0]).run(
+    LoadHistory([1.0, 2.0], tolerance=1e-11).run(
         problem, HistoryFiles(directory), on_step=lambda step: entries.append(summary(step.solution)["probes"])
     )
     with (directory / "history.csv").open() as file:
