@@ -18,8 +18,10 @@ if TYPE_CHECKING:
     from .fem.body import Material
     from .fem.elasticity import Elasticity
     from .fem.form_body import Body
+    from .fem.joined_mesh import JoinedMesh, join
     from .fem.loads import Pressure, TotalForce, Traction
     from .fem.meshes import box, read_gmsh, read_mesh, read_xdmf
+    from .fem.moved_mesh import moved
     from .fem.named_mesh import NamedMesh
     from .fem.nodal_field import NodalField
     from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
@@ -76,6 +78,7 @@ __all__ = [
     "HistoryFiles",
     "InteriorPoint",
     "IterativeSolver",
+    "JoinedMesh",
     "LoadCurve",
     "LoadHistory",
     "LoadStep",
@@ -111,6 +114,8 @@ __all__ = [
     "__version__",
     "box",
     "certify",
+    "join",
+    "moved",
     "raised",
     "read_gmsh",
     "read_mesh",
@@ -133,6 +138,8 @@ _PUBLIC = {
     "fem.loads": ("Pressure", "TotalForce", "Traction"),
     "fem.meshes": ("box", "read_gmsh", "read_mesh", "read_xdmf"),
     "fem.named_mesh": ("NamedMesh",),
+    "fem.joined_mesh": ("JoinedMesh", "join"),
+    "fem.moved_mesh": ("moved",),
     "fem.obstacles": ("Cylinder", "Plane", "SignedDistance", "Sphere"),
     "fem.raised": ("raised",),
     "fem.rigid_motion": ("Rotation",),

@@ -122,3 +122,21 @@ def create_mesh(comm: Any, cell: str, cells: npt.NDArray[np.int64], x: FloatArra
     if not hasattr(basix, "ufl"):  # until 0.6
         return mesh.create_mesh(comm, cells, x, ufl.Mesh(ufl.VectorElement("Lagrange", cell, degree)))
     return mesh.create_mesh(comm, cells=cells, x=x, e=ufl.Mesh(basix.ufl.element("Lagrange", cell, degree, shape=(3,))))
+
+
+def copied_mesh(domain: Any) -> Any:
+    """A mesh with the same topology, the numbers of its facets included, and its own coordinates."""
+    topology = domain.topology
+    for dim in range(1, topology.dim):
+        topology.create_entities(dim)
+    whole, topology, geometry = (_cpp(part) for part in (domain, topology, domain.geometry))
+    return mesh.Mesh(
+        type(whole)(domain.comm, topology, geometry), ufl.Mesh(domain.ufl_domain().ufl_coordinate_element())
+    )
+
+
+def _cpp(wrapped: Any) -> Any:
+    """The object of DOLFINx's C++ library behind one of Python; itself where there is no wrapper."""
+    for name in ("_cpp_object", "_mesh"):  # 0.6 and newer; 0.5
+        wrapped = getattr(wrapped, name, wrapped)
+    return wrapped
