@@ -7,7 +7,7 @@ from conftest import ROOT, STEEL, make_block, run_coulomb
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Traction
-from coulomb.io.grid_file import write_grid
+from coulomb.io.grid_file import GridFields, write_grids
 from coulomb.io.nodal_grids import body_grid
 from coulomb.model.nodal_answer import HELD, OPEN, OPEN_BELOW
 from coulomb.model.settled import settled
@@ -144,4 +144,5 @@ def test_only_small_forces_are_set_to_zero():
 def test_a_file_that_cannot_be_written_is_a_clear_error(tmp_path):
     problem = make_block(3)
     with pytest.raises(OSError, match=r"a\.h5: No such file or directory"):
-        write_grid(problem.comm, tmp_path / "none" / "a.xdmf", body_grid(problem.elasticity), {}, {}, 0.0)
+        grid = GridFields(body_grid(problem.elasticity), {}, {})
+        write_grids(problem.comm, tmp_path / "none" / "a.xdmf", [grid], 0.0)

@@ -15,8 +15,8 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from .run_directory import OLD
 
-MESH = "Mesh/mesh"
-"""The group of an HDF5 file with `geometry` and `topology`."""
+WHOLE = "mesh"
+"""Name of the only grid of a file, and of its group with `geometry` and `topology` in `Mesh`."""
 
 _AT_ONCE = 200_000  # points read at a time: no rank needs memory for the whole mesh
 
@@ -40,29 +40,79 @@ def data_of(path: str | Path) -> Path:
     return Path(path).with_suffix(".h5")
 
 
-def function_at(name: str) -> str:
-    """The data set of an HDF5 file with the values of a field."""
-    return f"Function/{name}/0"
+def mesh_at(group: str = "") -> str:
+    """The group of an HDF5 file with `geometry` and `topology` of a grid; by default of the only one."""
+    return f"Mesh/{group or WHOLE}"
 
 
-def dataset(file: Any, name: str) -> Any:
+def function_at(name: str, group: str = "") -> str:
+    """The data set of an HDF5 file with the values of a field of a grid; by default of the only one."""
+    return f"{_function(name, group)}/0"
+
+
+def _function(name: str, group: str) -> str:
+    return f"Function/{group}/{name}" if group else f"Function/{name}"
+
+
+def dataset(file: Any, name: str, group: str = "") -> Any:
     """The values of a field in an open HDF5 file, one row per point or cell."""
-    group = file[f"Function/{name}"]
-    return group[next(iter(group))]
+    values = file[_function(name, group)]
+    return values[next(iter(values))]
+
+
+def grids_of(path: Path) -> dict[str, str]:
+    """By the names of the grids of an XDMF file the groups of their data; both are empty for the only grid of a file.
+
+    Raises:
+        ValueError: If the file cannot be read, or a grid refers to no mesh.
+    """
+    try:
+        root = ElementTree.parse(path).getroot()
+    except (OSError, ElementTree.ParseError) as error:
+        raise ValueError(f"{path}: cannot be read: {error}") from None
+    found = {}
+    for grid in _uniform(root.find("Domain/Grid")):
+        place = (grid.findtext("Geometry/DataItem") or "").strip()
+        file, _, name = place.partition(":/Mesh/")
+        group = name.removesuffix("/geometry")
+        if file != data_of(path).name or not group or group == name:
+            raise ValueError(f"{path}: shows {place or 'nothing'} as points")
+        found[str(grid.get("Name"))] = group
+    return {"": ""} if list(found.values()) == [WHOLE] else found
+
+
+def _uniform(grid: ElementTree.Element | None) -> list[ElementTree.Element]:
+    """The grids of a spatial collection, or the grid itself."""
+    if grid is None:
+        return []
+    return grid.findall("Grid") if grid.get("GridType") == "Collection" else [grid]
 
 
 def read_grid(path: str | Path) -> Grid:
-    """Read the contents of an XDMF file from the HDF5 data sets to which it refers.
+    """Read the only grid of an XDMF file, or the first of several (`read_grids`).
+
+    Raises:
+        ValueError: If there is no grid in the file.
+        OSError, KeyError, SyntaxError: If a file cannot be read.
+    """
+    return next(iter(read_grids(path).values()))
+
+
+def read_grids(path: str | Path) -> dict[str, Grid]:
+    """Read the grids of an XDMF file from the HDF5 data sets to which it refers, by their names.
 
     Raises:
         ValueError: If there is no grid in the file.
         OSError, KeyError, SyntaxError: If a file cannot be read.
     """
     path = Path(path)
-    grid = ElementTree.parse(path).getroot().find("Domain/Grid")
-    if grid is None:
+    grids = _uniform(ElementTree.parse(path).getroot().find("Domain/Grid"))
+    if not grids:
         raise ValueError(f"{path}: there is no grid in this file")
+    return {str(grid.get("Name")): _read(path, grid) for grid in grids}
 
+
+def _read(path: Path, grid: ElementTree.Element) -> Grid:
     def data(element: Any) -> Any:
         file, _, place = element.find("DataItem").text.strip().partition(":")
         with h5py.File(path.with_name(file), "r") as h5:
@@ -75,38 +125,38 @@ def read_grid(path: str | Path) -> Grid:
 
 
 def read_fields(
-    path: Path, names: tuple[str, ...], optional: tuple[str, ...] = ()
+    path: Path, names: tuple[str, ...], optional: tuple[str, ...] = (), group: str = ""
 ) -> tuple[FloatArray, npt.NDArray[np.int64], dict[str, FloatArray]]:
-    """Points (k, 3), cells and fields of an HDF5 file, those that are `optional` if they exist; scalars (k,), vectors
-    (k, 3).
+    """Points (k, 3), cells and fields of a grid in an HDF5 file, those that are `optional` if they exist; scalars
+    (k,), vectors (k, 3).
 
     Raises:
         ValueError: If a field is missing, or the mesh is damaged.
         OSError, KeyError: If the file cannot be read.
     """
     with h5py.File(path, "r") as file:
-        points = np.array(file[f"{MESH}/geometry"], dtype=np.float64)
-        cells = np.array(file[f"{MESH}/topology"], dtype=np.int64)
+        points = np.array(file[f"{mesh_at(group)}/geometry"], dtype=np.float64)
+        cells = np.array(file[f"{mesh_at(group)}/topology"], dtype=np.int64)
         fields: dict[str, FloatArray] = {}
-        for name in (*names, *(name for name in optional if f"Function/{name}" in file)):
-            if f"Function/{name}" not in file:
-                raise ValueError(f"{path}: has no field {name!r}: {OLD}")
-            values = np.array(dataset(file, name), dtype=np.float64)
+        for name in (*names, *(name for name in optional if _function(name, group) in file)):
+            if _function(name, group) not in file:
+                raise ValueError(f"{path}: has no field {name!r}{f' in {group}' if group else ''}: {OLD}")
+            values = np.array(dataset(file, name, group), dtype=np.float64)
             fields[name] = values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
     if points.ndim != 2 or points.shape[1] != 3 or not len(cells) or not 0 <= cells.min() <= cells.max() < len(points):
         raise ValueError(f"{path}: its mesh is damaged")
     return points, cells, fields
 
 
-def parts_of_field(path: Path, name: str) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Points (q, 3) and values (q, d) of a field of an HDF5 file, in parts.
+def parts_of_field(path: Path, name: str, group: str = "") -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Points (q, 3) and values (q, d) of a field of a grid in an HDF5 file, in parts.
 
     Raises:
         ValueError: If there are not as many values as points.
         OSError, KeyError: If the file cannot be read.
     """
     with h5py.File(path, "r") as file:
-        points, field = file[f"{MESH}/geometry"], dataset(file, name)
+        points, field = file[f"{mesh_at(group)}/geometry"], dataset(file, name, group)
         if len(field) != len(points):
             raise ValueError(f"{name} does not match the mesh")
         for first in range(0, len(points), _AT_ONCE):
@@ -114,22 +164,29 @@ def parts_of_field(path: Path, name: str) -> Iterator[tuple[FloatArray, FloatArr
             yield np.array(points[part]), np.array(field[part])
 
 
-def refuse_misnamed(path: Path, names: tuple[str, ...]) -> None:
-    """Check that an XDMF file has every field, and that each refers to the HDF5 data set with its name.
+def refuse_misnamed(path: Path, names: tuple[str, ...], grid: str = "", group: str = "") -> None:
+    """Check that a grid of an XDMF file has every field, and that each refers to the HDF5 data set with its name.
+
+    Args:
+        path: The file.
+        names: The fields.
+        grid: Name of the grid; empty for the only one.
+        group: The group of its data.
 
     Raises:
         ValueError: If not.
     """
     try:
-        grid = ElementTree.parse(path).getroot().find("Domain/Grid")
-        attributes = {} if grid is None else {one.get("Name"): one for one in grid.iter("Attribute")}
+        grids = _uniform(ElementTree.parse(path).getroot().find("Domain/Grid"))
+        mine = [one for one in grids if not grid or one.get("Name") == grid]
+        attributes = {attribute.get("Name"): attribute for one in mine for attribute in one.iter("Attribute")}
     except (OSError, ElementTree.ParseError) as error:
         raise ValueError(f"{path}: cannot be read: {error}") from None
     for name in names:
         if name not in attributes:
             raise ValueError(f"{path}: shows no field {name!r}: {OLD}")
         place = (attributes[name].findtext("DataItem") or "").strip()
-        if not place.startswith(f"{data_of(path).name}:/Function/{name}/"):
+        if not place.startswith(f"{data_of(path).name}:/{_function(name, group)}/"):
             raise ValueError(f"{path}: shows {place or 'nothing'} as {name!r}")
 
 
@@ -143,7 +200,7 @@ def read_series(path: Path) -> list[tuple[str, float]]:
         grids = ElementTree.parse(path).getroot().findall("Domain/Grid/Grid")
         series = []
         for grid in grids:
-            time, items = grid.find("Time"), {(item.text or "").strip() for item in grid.iter("DataItem")}
+            time, items = next(grid.iter("Time"), None), {(item.text or "").strip() for item in grid.iter("DataItem")}
             places = {item.partition(":")[0].rpartition("/")[0] for item in items}
             series.append((" ".join(sorted(places)), float(time.get("Value", "nan")) if time is not None else np.nan))
         return series

@@ -1,5 +1,7 @@
 """Writing of meshes with fields to XDMF files with HDF5 data, from several ranks through rank 0.
 
+One mesh is a grid of its own; several, such as those of several bodies, are the grids of a spatial collection.
+
 DOLFINx's own writer is not used: before 0.7 it evaluates functions at the points, where basis functions of other nodes
 are zero only up to rounding; it writes one mesh per function; and its meshes of facets have no second order in 0.5.
 """
@@ -7,6 +9,7 @@ are zero only up to rounding; it writes one mesh per function; and its meshes of
 from __future__ import annotations
 
 import errno
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +22,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .field_files import MESH, data_of, function_at
+from .field_files import WHOLE, data_of, function_at, mesh_at
 
 SOLIDS = {4: "Tetrahedron", 8: "Hexahedron", 10: "Tetrahedron_10", 27: "Hexahedron_27"}
 """XDMF's names of cells by the number of their nodes."""
@@ -47,31 +50,47 @@ class GridPart:
     points: FloatArray
 
 
-def write_grid(
-    comm: MPI.Comm,
-    path: Path,
-    grid: GridPart,
-    on_points: Mapping[str, FloatArray],
-    on_cells: Mapping[str, FloatArray],
-    time: float,
-) -> None:
-    """Write a mesh and fields on it; collective.
+@dataclass(frozen=True)
+class GridFields:
+    """A mesh with fields on it.
+
+    Attributes:
+        grid: This rank's part of the mesh.
+        on_points: By name, at the points of this rank, shapes (p,) or (p, 3).
+        on_cells: By name, in the cells of this rank, shapes (c,) or (c, 3).
+        name: Of a body or a contact face; empty for the only grid of a file.
+    """
+
+    grid: GridPart
+    on_points: Mapping[str, FloatArray]
+    on_cells: Mapping[str, FloatArray]
+    name: str = ""
+
+
+def write_grids(comm: MPI.Comm, path: Path, grids: Sequence[GridFields], time: float, collection: str = "") -> None:
+    """Write meshes and fields on them; collective.
+
+    A grid without a name is the only one of its file, with the groups `Mesh/mesh` and `Function` in the HDF5 file.
+    Others have groups of their own, `Mesh/NAME` and `Function/NAME`, and are in a spatial collection.
 
     Args:
         comm: The ranks.
         path: The XDMF file; the data are in a .h5 file of the same name beside it.
-        grid: The mesh.
-        on_points: By name, at the points of this rank, shapes (p,) or (p, 3).
-        on_cells: By name, in the cells of this rank, shapes (c,) or (c, 3).
+        grids: The meshes, the same on every rank except for their parts.
         time: Of the results; pyvista reads no file without (and meshio none with it).
+        collection: Name of the collection; empty for one grid without a collection.
 
     Raises:
         OSError: On every rank, if a file cannot be written.
     """
-    tables: dict[str, npt.NDArray[Any]] = {f"{MESH}/geometry": grid.points, f"{MESH}/topology": grid.cells}
-    for fields in (on_points, on_cells):
-        for name, values in fields.items():
-            tables[function_at(name)] = values if values.ndim == 2 else values[:, None]
+    groups = groups_of([grid.name for grid in grids])
+    tables: dict[str, npt.NDArray[Any]] = {}
+    for one, group in zip(grids, groups, strict=True):
+        mesh = mesh_at(group)
+        tables |= {f"{mesh}/geometry": one.grid.points, f"{mesh}/topology": one.grid.cells}
+        for fields in (one.on_points, one.on_cells):
+            for name, values in fields.items():
+                tables[function_at(name, group)] = values if values.ndim == 2 else values[:, None]
     sizes = [comm.allreduce(len(values)) for values in tables.values()]
     if comm.rank > 0:
         for values in tables.values():
@@ -81,7 +100,7 @@ def write_grid(
         if not fault:
             try:
                 shapes = {name: (size, v.shape[1]) for (name, v), size in zip(tables.items(), sizes, strict=True)}
-                _describe(path, grid.kind, shapes, tuple(on_points), tuple(on_cells), time)
+                _describe(path, grids, groups, shapes, time, collection)
             except OSError as error:
                 fault = error.strerror or str(error)
     fault = comm.bcast(fault if comm.rank == 0 else "")
@@ -153,33 +172,65 @@ class _Target:
             return None
 
 
+def groups_of(names: Sequence[str]) -> tuple[str, ...]:
+    """The group of an HDF5 file for every grid by their names, each different: letters, digits, - and _."""
+    groups: list[str] = []
+    for name in names:
+        plain = re.sub(r"[^A-Za-z0-9_-]+", "_", name)
+        group, number = plain, 2
+        while group in groups or (group == WHOLE and name):
+            group, number = f"{plain}_{number}", number + 1
+        groups.append(group)
+    return tuple(groups)
+
+
 def _describe(
     path: Path,
-    kind: str,
+    grids: Sequence[GridFields],
+    groups: Sequence[str],
     shapes: Mapping[str, tuple[int, int]],
-    on_points: Sequence[str],
-    on_cells: Sequence[str],
     time: float,
+    collection: str,
 ) -> None:
     """Write the XDMF file."""
     root = ElementTree.Element("Xdmf", Version="3.0")
-    grid = ElementTree.SubElement(ElementTree.SubElement(root, "Domain"), "Grid", Name="mesh", GridType="Uniform")
+    parent = ElementTree.SubElement(root, "Domain")
+    if collection:
+        attributes = {"Name": collection, "GridType": "Collection", "CollectionType": "Spatial"}
+        parent = ElementTree.SubElement(parent, "Grid", attributes)
+        ElementTree.SubElement(parent, "Time", Value=repr(float(time)))
+    for one, group in zip(grids, groups, strict=True):
+        grid = ElementTree.SubElement(parent, "Grid", Name=one.name or "mesh", GridType="Uniform")
+        _describe_grid(grid, data_of(path).name, one, group, shapes, time)
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _describe_grid(
+    grid: ElementTree.Element,
+    file: str,
+    contents: GridFields,
+    group: str,
+    shapes: Mapping[str, tuple[int, int]],
+    time: float,
+) -> None:
+    """Describe a grid whose data are in a group of an HDF5 file."""
 
     def refer(parent: ElementTree.Element, name: str, **attributes: str) -> None:
         dimensions = " ".join(map(str, shapes[name]))
         item = ElementTree.SubElement(parent, "DataItem", {"Dimensions": dimensions, **attributes, "Format": "HDF"})
-        item.text = f"{data_of(path).name}:/{name}"
+        item.text = f"{file}:/{name}"
 
-    count, width = shapes[f"{MESH}/topology"]
-    cells = {"TopologyType": kind, "NumberOfElements": str(count), "NodesPerElement": str(width)}
-    refer(ElementTree.SubElement(grid, "Topology", cells), f"{MESH}/topology", NumberType="Int", Precision="8")
+    mesh = mesh_at(group)
+    count, width = shapes[f"{mesh}/topology"]
+    cells = {"TopologyType": contents.grid.kind, "NumberOfElements": str(count), "NodesPerElement": str(width)}
+    refer(ElementTree.SubElement(grid, "Topology", cells), f"{mesh}/topology", NumberType="Int", Precision="8")
     double = {"NumberType": "Float", "Precision": "8"}
-    refer(ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ"), f"{MESH}/geometry", **double)
+    refer(ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ"), f"{mesh}/geometry", **double)
     ElementTree.SubElement(grid, "Time", Value=repr(float(time)))
-    for names, centre in ((on_points, "Node"), (on_cells, "Cell")):
-        for name in names:
-            kind = KINDS.get(shapes[function_at(name)][1], "Matrix")
+    for fields, centre in ((contents.on_points, "Node"), (contents.on_cells, "Cell")):
+        for name in fields:
+            place = function_at(name, group)
+            kind = KINDS.get(shapes[place][1], "Matrix")
             attributes = {"Name": name, "AttributeType": kind, "Center": centre}
-            refer(ElementTree.SubElement(grid, "Attribute", attributes), function_at(name), **double)
-    ElementTree.indent(root)
-    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+            refer(ElementTree.SubElement(grid, "Attribute", attributes), place, **double)

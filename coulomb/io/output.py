@@ -33,7 +33,7 @@ from ..model.provenance import moment, now, provenance
 from ..model.solution import Solution
 from ..ranks import on_rank_0
 from ..solvers.results import OuterStep, QPStep
-from .grid_file import write_grid
+from .grid_file import GridFields, write_grids
 from .nodal_grids import FaceGrid, body_grid, cell_values, middle
 from .replacing import commit, present
 from .run_directory import CONTACT, HISTORY, SOLUTION, SUMMARY
@@ -118,7 +118,8 @@ def _write_body(solution: Solution, path: Path, given: Mapping[str, Any]) -> Non
     taken = (*fields, *on_cells, *OURS)
     nodal, in_cells = interpolated(given, elasticity, taken, solution.problem.comm)
     fields, on_cells = fields | nodal, on_cells | in_cells
-    write_grid(solution.problem.comm, path, body_grid(elasticity), fields, on_cells, solution.problem.time)
+    grid = GridFields(body_grid(elasticity), fields, on_cells)
+    write_grids(solution.problem.comm, path, [grid], solution.problem.time)
 
 
 def forces_of_forms(body: Deformable, u: FloatArray) -> dict[str, FloatArray]:
@@ -190,7 +191,7 @@ def _write_contact(solution: Solution, path: Path) -> None:
         everywhere = np.full((len(space.x), *values.shape[1:]), float(HELD) if name == "status" else 0.0)
         everywhere[problem.surface.nodes] = values
         fields[name] = face.values(everywhere, np.minimum if name == "status" else middle)
-    write_grid(problem.comm, path, face.grid, fields, {}, problem.time)
+    write_grids(problem.comm, path, [GridFields(face.grid, fields, {})], problem.time)
 
 
 def write_series(folder: Path, name: str, steps: Sequence[tuple[str, float]]) -> None:

@@ -1,0 +1,68 @@
+"""Several named grids in one pair of XDMF and HDF5 files: bodies, and the faces of pairs."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from coulomb.io.field_files import grids_of, read_fields, read_grids, read_series, refuse_misnamed
+from coulomb.io.grid_file import GridFields, GridPart, groups_of, write_grids
+from coulomb.io.output import write_series
+
+CUBE = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
+HEXAHEDRON = GridPart("Hexahedron", np.array([[0, 1, 3, 2, 4, 5, 7, 6]]), CUBE)
+TETRAHEDRON = GridPart("Tetrahedron", np.array([[0, 1, 2, 3]]), CUBE[[4, 5, 6, 7]] + [0.0, 0.0, 1e-3])
+NAMES = ("lower", "upper part")
+
+
+def written(path, time):
+    """A hexahedron under a tetrahedron, whose displacements grow with time."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    grids = [
+        GridFields(mesh, {"displacement": time * mesh.points, "status": mesh.points[:, 0]}, {"young": np.ones(1)}, name)
+        for name, mesh in zip(NAMES, (HEXAHEDRON, TETRAHEDRON), strict=True)
+    ]
+    write_grids(MPI.COMM_SELF, path, grids, time, "bodies")
+    return path
+
+
+def test_grids_are_read_by_their_names(tmp_path):
+    path = written(tmp_path / "solution.xdmf", 2.0)
+    grids = read_grids(path)
+    assert list(grids) == list(NAMES) and [grid.cell for grid in grids.values()] == ["Hexahedron", "Tetrahedron"]
+    groups = grids_of(path)
+    assert groups == {"lower": "lower", "upper part": "upper_part"}
+    for name, mesh in zip(NAMES, (HEXAHEDRON, TETRAHEDRON), strict=True):
+        points, cells, fields = read_fields(path.with_suffix(".h5"), ("displacement", "status"), (), groups[name])
+        assert np.array_equal(points, mesh.points) and np.array_equal(cells, mesh.cells)
+        assert np.array_equal(fields["displacement"], 2.0 * mesh.points)
+        assert np.array_equal(grids[name].fields["status"], mesh.points[:, 0])
+
+
+def test_pyvista_reads_them_and_their_series(tmp_path):
+    pyvista = pytest.importorskip("pyvista")
+    steps = [(f"steps/{number:04d}", float(number)) for number in (1, 2)]
+    for directory, time in steps:
+        written(tmp_path / directory / "solution.xdmf", time)
+    write_series(tmp_path, "solution.xdmf", steps)
+    assert read_series(tmp_path / "solution.xdmf") == steps
+    assert pyvista.read(tmp_path / "steps" / "0001" / "solution.xdmf").keys() == list(NAMES)
+    reader = pyvista.get_reader(tmp_path / "solution.xdmf")
+    assert reader.time_values == [1.0, 2.0]
+    for time in reader.time_values:
+        reader.set_active_time_value(time)
+        blocks = reader.read()
+        assert [block.get_cell(0).type.name for block in blocks] == ["HEXAHEDRON", "TETRA"]
+        for block in blocks:
+            assert np.allclose(block.point_data["displacement"], time * block.points) and "young" in block.cell_data
+
+
+def test_groups_differ_whatever_the_names_are():
+    assert groups_of(["a b", "a_b", "a:b", "mesh", ""]) == ("a_b", "a_b_2", "a_b_3", "mesh_2", "")
+
+
+def test_a_grid_that_shows_the_data_of_another_is_found(tmp_path):
+    path = written(tmp_path / "solution.xdmf", 1.0)
+    path.write_text(path.read_text().replace("Function/upper_part/status", "Function/lower/status"))
+    refuse_misnamed(path, ("status",), "lower", "lower")
+    with pytest.raises(ValueError, match=r"shows solution\.h5:/Function/lower/status/0 as 'status'"):
+        refuse_misnamed(path, ("status",), "upper part", "upper_part")
