@@ -61,9 +61,8 @@ class PartialSlip:
 
     @property
     def d(self) -> float:
-        """Displacement at which all nodes slip."""
-        material = self.hertz.material
-        G_star = material.young / (2.0 * (1.0 + material.poisson) * (2.0 - material.poisson))
+        """Displacement at which all nodes slip, of one body against the other."""
+        G_star = 1.0 / sum(2.0 * (1.0 + m.poisson) * (2.0 - m.poisson) / m.young for m in self.hertz.materials)
         return 3.0 * FRICTION * self.hertz.P / (16.0 * self.hertz.a * G_star)
 
     def radius(self, q: float) -> float:
@@ -161,24 +160,31 @@ def experiment() -> Experiment:
         force_on_body=normal.force_on_body,
     )
     moments = [
-        _moment(step.state.time, step.solution, theory, 2.0 * step.state.energy.dissipated)
+        moment(
+            *(step.state.time, step.solution, theory, 2.0 * step.state.energy.dissipated),
+            travel=float(step.solution.problem.motions[0, 0]) / theory.d,
+        )
         for step in history.steps(block, pressed_on)
     ]
     return Experiment(theory, surface.x / hertz.a, surface.area, moments)
 
 
-def _moment(time: float, solution: Solution, theory: PartialSlip, dissipated: float) -> Moment:
+def moment(time: float, solution: Solution, theory: PartialSlip, dissipated: float, travel: float) -> Moment:
+    """The measures of one step of a half, whose contact points are `x` of the surface, centre (0, 0)."""
     surface, hertz = solution.problem.surface, theory.hertz
+    x_n, friction = solution.contact_force[0::3], -solution.contact_force.reshape(-1, 3)[:, 1:]
+    strength = np.hypot(friction[:, 0], friction[:, 1])
     sticking = summary.node_status(solution) == STICK
-    friction = -solution.contact_force.reshape(-1, 3)[:, 1:]
-    unused = FRICTION * solution.contact_force[0::3] - np.hypot(friction[:, 0], friction[:, 1])
+    unused = FRICTION * x_n - strength
     spread = unused @ np.sum(surface.x[:, :2] ** 2, axis=1) / unused.sum()
+    along = np.einsum("mi,mij->mj", friction, surface.frames[:, 1:])[:, :2]
+    pull = along[:, 0].sum() - x_n @ surface.frames[:, 0, 0]
     return Moment(
         time,
-        force=2.0 * summary.totals(solution)["force"][0] / (FRICTION * hertz.P),
-        travel=float(solution.problem.motions[0, 0]) / theory.d,
+        force=2.0 * float(pull) / (FRICTION * hertz.P),
+        travel=travel,
         stick=math.sqrt(2.0 * surface.area[sticking].sum() / math.pi) / hertz.a,
-        traction=friction / surface.area[:, None] / (FRICTION * hertz.p0),
+        traction=along / surface.area[:, None] / (FRICTION * hertz.p0),
         stick_by_moment=math.sqrt(2.5 * spread) / hertz.a,
         dissipated=dissipated,
     )
@@ -209,15 +215,28 @@ def known(theory: PartialSlip, moment: Moment, r: FloatArray, largest: float) ->
 
 def verify() -> Verified:
     """The whole loop."""
-    run = experiment()
+    nu = STEEL.poisson
+    beta = (1.0 - 2.0 * nu) / (2.0 - 2.0 * nu)
+    odd = (beta * FRICTION) ** 2 / 8.0
+    even = f"(beta F)^2/8 = {odd:.1g}: shear changes the pressure by beta F x/a, odd in x: half its mean square in Q"
+    return compared(experiment(), UNIFORM / A / UNIFORM_CELLS, odd, even)
+
+
+def compared(run: Experiment, size: float, odd: float, even: str) -> Verified:
+    """The loop beside the formulas.
+
+    Args:
+        run: The loop.
+        size: Edge of the cells at the contact over a.
+        odd: Tolerance of the forces at both ends of the loop, relative.
+        even: Its reason.
+    """
     theory, nu = run.theory, STEEL.poisson
     at = {moment.time: moment for moment in run.moments}
     q = at[LOADED].force
     formulas = [known(theory, moment, run.r, q) for moment in run.moments]
     pairs = list(zip(run.moments, formulas, strict=True))
-    size = UNIFORM / A / UNIFORM_CELLS
     held = A / WIDTH * (3.0 - 2.0 * nu) / (math.pi * (2.0 - nu))
-    beta = (1.0 - 2.0 * nu) / (2.0 - 2.0 * nu)
     inclined = nu / (4.0 - 2.0 * nu)
     edge = f"h/a = {size:.2g}: the boundary of the zones is located to a cell"
     node = size**2 / 6.0
@@ -229,8 +248,6 @@ def verify() -> Verified:
     work = (
         f"Cerruti's {held:.1%}, and (h/a)^2 = {size**2:.2g}: the slip zone's boundary moves through cells in 16 steps"
     )
-    odd = (beta * FRICTION) ** 2 / 8.0
-    even = f"(beta F)^2/8 = {odd:.1g}: shear changes the pressure by beta F x/a, odd in x: half its mean square in Q"
     loading = [pair for pair in pairs if pair[0].time <= LOADED]
     later = [pair for pair in pairs if pair[0].time > LOADED]
 

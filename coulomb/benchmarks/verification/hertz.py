@@ -55,15 +55,28 @@ LOADS = tuple((0.84 + 0.03 * k) ** 2 for k in range(12))
 
 @dataclass(frozen=True)
 class Hertz:
-    """The formulas for a force P in newtons."""
+    """The formulas for a force P in newtons.
+
+    Attributes:
+        P: The force.
+        R: Radius of the sphere; of two spheres 1/R is the sum of their curvatures.
+        material: Of the elastic body.
+        other: Of the other body; by default it is rigid.
+    """
 
     P: float
     R: float
     material: Material
+    other: Material | None = None
+
+    @property
+    def materials(self) -> tuple[Material, ...]:
+        """Of the elastic bodies."""
+        return (self.material,) if self.other is None else (self.material, self.other)
 
     @property
     def E_star(self) -> float:
-        return self.material.young / (1.0 - self.material.poisson**2)
+        return 1.0 / sum((1.0 - material.poisson**2) / material.young for material in self.materials)
 
     @property
     def a(self) -> float:
