@@ -16,8 +16,8 @@ from coulomb import (
 )
 from coulomb.case.case import Case
 from coulomb.solvers.friction_problem import FrictionProblem
-from coulomb.solvers.interior_point import newton_step
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
+from coulomb.solvers.steps import newton_step
 
 MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
 

@@ -21,9 +21,9 @@ from coulomb import (
 from coulomb.fem.surface import interpolated_forces
 from coulomb.linalg.low_rank import LowRankUpdate
 from coulomb.solvers.dense_system import augmented_matrix
-from coulomb.solvers.interior_point import newton_step
 from coulomb.solvers.linearization import NodalInverse
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
+from coulomb.solvers.steps import newton_step
 
 NODES = 7
 

@@ -19,8 +19,8 @@ from coulomb import (
     Status,
 )
 from coulomb.solvers import interior_point
-from coulomb.solvers.interior_point import step_length
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
+from coulomb.solvers.steps import step_length
 
 
 @pytest.mark.parametrize(

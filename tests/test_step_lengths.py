@@ -8,8 +8,8 @@ from conftest import dense_compliance, random_spd, random_tresca
 
 from coulomb import FrictionLaw, FrictionProblem, InteriorPoint, NotConverged
 from coulomb.linalg.compliance import MatrixCompliance
-from coulomb.solvers.interior_point import Step, step_length
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
+from coulomb.solvers.steps import Step, step_length
 
 NODES, BETA, SIGMA = 5, 10.0, 0.1
 SOLVER = InteriorPoint(gamma=0.2)

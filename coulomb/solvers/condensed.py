@@ -46,6 +46,7 @@ from ..linalg.reductions import Reductions
 from ..linalg.stiffness import configured_ksp
 from .linearization import Linearization, NodalInverse
 from .newton_systems import NewtonStep, NewtonSystem
+from .rigid_motions import NO_MOTION
 from .scaled_compliance import ScaledCompliance
 
 
@@ -95,6 +96,11 @@ class _Condensed:
             raise ValueError(
                 f"newton: a condensed system is made of the stiffness matrix, which the {A.A.name} compliance "
                 'does not keep: use ContactProblem(..., explicit=False), in a case file compliance = "matrix-free"'
+            )
+        if A.G.shape[2]:
+            raise ValueError(
+                "newton: a condensed system needs bodies that supports hold; for bodies that contact alone holds use "
+                "SchurComplementSystem() or AugmentedSystem()"
             )
         self._settings, self._scaled, self._compliance = settings, A, compliance
         self._method = PETSc.KSP.Type.FGMRES if sloped else PETSc.KSP.Type.CG
@@ -161,7 +167,14 @@ class _Condensed:
     # --- a step -------------------------------------------------------------------------------------------------
 
     def solve(
-        self, at: Linearization, r1: FloatArray, r2: FloatArray, weight: FloatArray, tolerance: float, cap: float
+        self,
+        at: Linearization,
+        r1: FloatArray,
+        r2: FloatArray,
+        weight: FloatArray,
+        tolerance: float,
+        cap: float,
+        r3: FloatArray = NO_MOTION,
     ) -> NewtonStep:
         """The step; its accuracy depends on R (module docstring); weight, tolerance and cap are not used."""
         r = r1 + at.J12(r2 / at.D22)

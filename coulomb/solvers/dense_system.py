@@ -11,6 +11,7 @@ import scipy.linalg
 from ..arrays import FloatArray
 from .linearization import Linearization
 from .newton_systems import NewtonStep, NewtonSystem
+from .rigid_motions import NO_MOTION
 from .scaled_compliance import ProductImages, ScaledCompliance
 
 
@@ -36,18 +37,33 @@ class _Dense(ProductImages):
         self._A: FloatArray = np.array([A.mult(e.reshape(-1, 3)).ravel() for e in np.eye(3 * A.nodes)]).T
 
     def solve(
-        self, at: Linearization, r1: FloatArray, r2: FloatArray, weight: FloatArray, tolerance: float, cap: float
+        self,
+        at: Linearization,
+        r1: FloatArray,
+        r2: FloatArray,
+        weight: FloatArray,
+        tolerance: float,
+        cap: float,
+        r3: FloatArray = NO_MOTION,
     ) -> NewtonStep:
         """The step to rounding accuracy; weight, tolerance and cap are not used."""
-        J = augmented_matrix(self._A, at)
+        J = self._bordered(augmented_matrix(self._A, at))
         rows = 1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=1))
         columns = 1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=0))
-        with warnings.catch_warnings():  # a singular matrix gives a step that is not finite, which ends the start
-            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
-            factors = scipy.linalg.lu_factor(rows[:, None] * J * columns, overwrite_a=True, check_finite=False)
-        solution = columns * scipy.linalg.lu_solve(factors, rows * np.concatenate([r1.ravel(), r2.ravel()]))
-        dx = solution[: r1.size].reshape(r1.shape)
-        return NewtonStep(dx, solution[r1.size :].reshape(r2.shape), self.estimate(dx), 0)
+        solution = _solved(J, np.concatenate([r1.ravel(), r2.ravel(), r3]), rows, columns)
+        dx, dnu = solution[: r1.size].reshape(r1.shape), solution[r1.size : r1.size + r2.size].reshape(r2.shape)
+        return NewtonStep(dx, dnu, self.estimate(dx), 0, solution[r1.size + r2.size :])
+
+    def _bordered(self, M: FloatArray) -> FloatArray:
+        """[M, -G^T; G, 0], G on the first unknowns; M without rigid motions."""
+        G = self._scaled.G.reshape(3 * self._scaled.nodes, -1)
+        n, r = len(M), G.shape[1]
+        if r == 0:
+            return M
+        bordered = np.zeros((n + r, n + r))
+        bordered[:n, :n] = M
+        bordered[: len(G), n:], bordered[n:, : len(G)] = -G, G.T
+        return bordered
 
     def estimate(self, x: FloatArray) -> FloatArray:
         return (self._A @ x.ravel()).reshape(x.shape)
@@ -60,19 +76,33 @@ class _DenseSchur(_Dense):
     """J_SC by LU: with slope J_AM is as accurate, and takes three times as long (block, p = 10, F = 0.3)."""
 
     def solve(
-        self, at: Linearization, r1: FloatArray, r2: FloatArray, weight: FloatArray, tolerance: float, cap: float
+        self,
+        at: Linearization,
+        r1: FloatArray,
+        r2: FloatArray,
+        weight: FloatArray,
+        tolerance: float,
+        cap: float,
+        r3: FloatArray = NO_MOTION,
     ) -> NewtonStep:
         """The step to rounding accuracy; weight, tolerance and cap are not used."""
-        M = schur_matrix(self._A, at)
-        rows = 1.0 / np.abs(M).max(axis=1)
-        columns = 1.0 / np.abs(rows[:, None] * M).max(axis=0)
-        with warnings.catch_warnings():  # as in J_AM
-            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
-            factors = scipy.linalg.lu_factor(rows[:, None] * M * columns, overwrite_a=True, check_finite=False)
         rhs = r1 + at.J12(r2 / at.D22)
         rhs[~at.frictional, 1:] = 0.0
-        dx = (columns * scipy.linalg.lu_solve(factors, rows * rhs.ravel())).reshape(r1.shape)
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, self.estimate(dx), 0)
+        M = self._bordered(schur_matrix(self._A, at))
+        rows = 1.0 / np.abs(M).max(axis=1)
+        columns = 1.0 / np.abs(rows[:, None] * M).max(axis=0)
+        solution = _solved(M, np.concatenate([rhs.ravel(), r3]), rows, columns)
+        dx = solution[: r1.size].reshape(r1.shape)
+        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, self.estimate(dx), 0, solution[r1.size :])
+
+
+def _solved(J: FloatArray, rhs: FloatArray, rows: FloatArray, columns: FloatArray) -> FloatArray:
+    """J^-1 rhs by LU of diag(rows) J diag(columns)."""
+    with warnings.catch_warnings():  # a singular matrix gives a step that is not finite, which ends the start
+        warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
+        factors = scipy.linalg.lu_factor(rows[:, None] * J * columns, overwrite_a=True, check_finite=False)
+    solution: FloatArray = columns * scipy.linalg.lu_solve(factors, rows * rhs)
+    return solution
 
 
 def schur_matrix(A: FloatArray, at: Linearization) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,7 @@ from ..linalg.compliance import Compliance
 from ..linalg.reductions import Reductions
 from .laws import FrictionLaw
 from .results import Accept, ProgressCallback, SolverResult
+from .rigid_motions import MotionBasis, RigidMotions
 
 
 @dataclass(frozen=True)
@@ -22,6 +24,8 @@ class FrictionProblem:
     """Contact forces x with x_n >= lower and |x_t| <= r(x_n), and with w = A x - b at every contact node
 
         w_n >= 0,  (x_n - lower) w_n = 0;    w_t = -s x_t with s >= 0,  s = 0 where |x_t| < r(x_n).
+
+    With rigid motions w = A x - b - G^T alpha, and G x = e (rigid_motions.py).
 
     Where the law has no slope (Tresca's) this is the minimum of 1/2 x^T A x - b^T x under the two constraints, a convex
     quadratic programme.
@@ -36,10 +40,12 @@ class FrictionProblem:
         b: Free gap closure in metres, this rank's part, shape (3 m,), node by node (n, t1, t2).
         law: Bound of the friction force of every node.
         lower: Lower bound of the normal forces in newtons, a number or shape (m,); 0 for plain contact.
-        accept: The certificate that an answer must pass as well; None if only the residual decides.
+        accept: The certificate that an answer must pass as well; None if only the residual decides.  With rigid motions
+            it is called with the forces and alpha.
         balanced: A x - b in metres, shape (3 m,), of forces x in newtons, from the displacement under loads and contact
             forces together; None if there is only A x less b.  Where A x and b nearly cancel, as for a body that soft
             springs hold, it has many more correct digits.
+        rigid: Motions of bodies that contact alone holds, with the loads along them; None if supports hold all.
 
     Raises:
         ValueError: On every rank, if shapes do not fit, a value is not finite, or a cohesion or coefficient of friction
@@ -52,6 +58,7 @@ class FrictionProblem:
     lower: float | FloatArray = 0.0
     accept: Accept | None = None
     balanced: Callable[[FloatArray], FloatArray] | None = None
+    rigid: RigidMotions | None = None
 
     @classmethod
     def tresca(
@@ -101,6 +108,11 @@ class FrictionProblem:
                 raise ValueError(f"{name} has entries that are not finite")
         if not over.all(bool(np.all((self.law.friction == 0.0) | (np.asarray(self.lower) >= 0.0)))):
             raise ValueError("lower must be >= 0 where friction > 0: the bound of friction grows from pressure 0 on")
+        if self.rigid is not None:
+            self.rigid.validate(m, over)
+            moved = np.any(self.rigid.G != 0.0, axis=0)
+            if not over.all(not np.any(moved & (self.A.diagonal() == 0.0))):
+                raise ValueError("rigid: G must be zero where a row of A is zero: the slip there is known")
 
     @cached_property
     def reductions(self) -> Reductions:
@@ -142,17 +154,84 @@ class FrictionProblem:
 
     def with_slip_bound(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,), without certificate."""
-        return FrictionProblem(self.A, self.b, FrictionLaw.tresca(slip_bound), self.lower)
+        return FrictionProblem(self.A, self.b, FrictionLaw.tresca(slip_bound), self.lower, rigid=self.rigid)
 
-    def gradient(self, x: FloatArray) -> FloatArray:
+    def gradient(self, x: FloatArray, alpha: FloatArray | None = None) -> FloatArray:
+        """w = A x - b - G^T alpha in metres, shape (3 m,); one product by A.
+
+        Args:
+            x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
+            alpha: Rigid motions, shape (q,); by default those of `rigid_motion`.
+        """
+        w = self.without_motion(x)
+        if self.rigid is None:
+            return w
+        return w - self.rigid.displacement(self.rigid_motion(x, w) if alpha is None else alpha)
+
+    def without_motion(self, x: FloatArray) -> FloatArray:
         """A x - b in metres, shape (3 m,); one product by A."""
         y = np.empty_like(x)
         self.A.mult(x, y)
         return y - self.b
 
+    def rigid_motion(self, x: FloatArray, without: FloatArray) -> FloatArray:
+        """alpha (q,) that closes the contact under the forces x best, the shortest of them; empty without motions.
+
+        It minimises the sum of x_n w_n^2 + w_t^T r (1 - y y^T) w_t, y = x_t/r: the gaps where there is pressure, and
+        the slips below the bound of friction or across the friction force.  All of these are zero at a solution.
+
+        Args:
+            x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
+            without: A x - b in metres, shape (3 m,).
+        """
+        if self.rigid is None:
+            return np.empty(0)
+        roots = self._closing(self.project(x).reshape(-1, 3))
+        G = np.einsum("iab,ibq->iaq", roots, self.rigid.G.T.reshape(len(roots), 3, -1)).reshape(len(self.b), -1).T
+        basis = MotionBasis(G, self.reductions)
+        w = np.einsum("iab,ib->ia", roots, without.reshape(-1, 3)).ravel()
+        alpha: FloatArray = basis.T.T @ (basis.T @ self.reductions.total(G @ w))
+        return self.motion_basis.shortest(alpha)
+
+    def _closing(self, x: FloatArray) -> FloatArray:
+        """Roots of the weights of `rigid_motion` at feasible forces x (m, 3), shape (m, 3, 3)."""
+        r = np.where(self.frictional, self.slip_bound(x.ravel()), 0.0)
+        y = x[:, 1:] / np.where(r > 0.0, r, 1.0)[:, None] * (r > 0.0)[:, None]
+        left = np.sqrt(np.maximum(1.0 - np.sum(y**2, axis=1), 0.0))  # root of 1 - y y^T: 1 - y y^T / (1 + left)
+        roots = np.zeros((len(x), 3, 3))
+        roots[:, 0, 0] = np.sqrt(x[:, 0] - np.minimum(self.lower, x[:, 0]))
+        disc = np.eye(2) - y[:, :, None] * y[:, None, :] / (1.0 + left)[:, None, None]
+        roots[:, 1:, 1:] = np.sqrt(r)[:, None, None] * disc
+        return roots
+
+    @cached_property
+    def motion_basis(self) -> MotionBasis:
+        """The rigid motions that contact resists, by pressure or by friction, and those that it does not.
+
+        Raises:
+            ValueError: If there are no rigid motions.
+        """
+        if self.rigid is None:
+            raise ValueError("the problem has no rigid motions")
+        resisting = np.column_stack([np.ones(self.A.nodes, dtype=bool), self.frictional, self.frictional])
+        return MotionBasis(self.rigid.G * resisting.ravel(), self.reductions)
+
+    def imbalance(self, x: FloatArray) -> float:
+        """How far forces x (3 m,) are from equilibrium along the rigid motions, relative to |x|; 0 without motions.
+
+        The smallest change of x that restores it, over |x|; inf for x = 0 where loads have to be balanced; collective.
+        """
+        if self.rigid is None:
+            return 0.0
+        distance = self.motion_basis.distance(self.rigid.out_of_balance(x, self.reductions))
+        size = self.reductions.norm(x)
+        if size > 0.0:
+            return distance / size
+        return 0.0 if distance == 0.0 else math.inf
+
     def objective(self, x: FloatArray) -> float:
         """1/2 x^T A x - b^T x in joules, minimal at the solution of a Tresca problem; one product by A."""
-        return 0.5 * (self.reductions.dot(x, self.gradient(x)) - self.reductions.dot(x, self.b))
+        return 0.5 * (self.reductions.dot(x, self.without_motion(x)) - self.reductions.dot(x, self.b))
 
     def project(self, x: FloatArray) -> FloatArray:
         """The point nearest to x (3 m,) with x_n >= lower and the law's bound at x_n; feasible in a Tresca problem."""
@@ -161,13 +240,16 @@ class FrictionProblem:
     def residual(self, x: FloatArray, gradient: FloatArray | None = None) -> float:
         """Natural residual with the mean diagonal of A, relative and scaled: 0 exactly at a solution.
 
+        With rigid motions, the larger of it and the `imbalance`.
+
         Args:
             x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
-            gradient: A x - b if it is known; else it is computed with one product.
+            gradient: w in metres, shape (3 m,), if it is known; else it is computed with one product.
         """
         if gradient is None:
             gradient = self.gradient(x)
-        return self.law.natural_residual(x, gradient, self.mean_diagonal, self.reductions, self.lower)
+        natural = self.law.natural_residual(x, gradient, self.mean_diagonal, self.reductions, self.lower)
+        return natural if self.rigid is None else max(natural, self.imbalance(x))
 
 
 def refuse_slope(problem: FrictionProblem, solver: str) -> None:
@@ -207,7 +289,7 @@ class Solver(Protocol):
         Args:
             problem: The problem.
             start: Forces in newtons, shape (3 m,), of a nearby problem.
-            gradient: A start - b in metres, shape (3 m,), if it is known.
+            gradient: w of the start in metres, shape (3 m,), if it is known.
             tolerance: Replaces the solver's tolerance.
             progress: Called after every step.
         """

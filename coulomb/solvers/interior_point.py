@@ -35,7 +35,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from .friction_problem import FrictionProblem
-from .newton_systems import NewtonChoice, NewtonSystem, SchurComplementSystem
+from .newton_systems import NewtonChoice, SchurComplementSystem
 from .results import (
     Goal,
     InteriorPointStep,
@@ -46,7 +46,8 @@ from .results import (
     Status,
     check_constants,
 )
-from .scaled_problem import Iterate, ScaledProblem, Step
+from .scaled_problem import Iterate, ScaledProblem
+from .steps import newton_step, step_length
 
 
 @dataclass(frozen=True)
@@ -157,63 +158,21 @@ class InteriorPoint:
     def _smallest(self, problem: FrictionProblem, goal: Goal) -> SolverResult | None:
         """The smallest feasible force, if it is the answer: then there is no path to follow."""
         x = problem.completed(problem.project(np.zeros_like(problem.b)))
-        gradient = problem.gradient(x) if problem.reductions.max(np.abs(x)) > 0.0 else -problem.b
+        w = problem.without_motion(x) if problem.reductions.max(np.abs(x)) > 0.0 else -problem.b
+        alpha = problem.rigid_motion(x, w)
+        gradient = w if problem.rigid is None else w - problem.rigid.displacement(alpha)
         residual = problem.residual(x, gradient)
-        if residual != 0.0 and not goal.reached(residual, x):  # with 0 there is no other answer, accepted or not
+        if residual != 0.0 and not goal.reached(residual, x, alpha):  # with 0 there is no other answer, accepted or not
             return None
-        status, nothing = goal.verdict(residual, x, Status.MAX_ITERATIONS), np.zeros((problem.A.nodes, 2))
+        status, nothing = goal.verdict(residual, x, Status.MAX_ITERATIONS, alpha), np.zeros((problem.A.nodes, 2))
         return SolverResult(
-            x, gradient, problem.slip_bound(x), nothing, status, 0, 0, 0, residual, history=(), method=self.name
+            x, gradient, problem.slip_bound(x), nothing, status, 0, 0, 0, residual, (), method=self.name, rigid=alpha
         )
 
     def centring(self, alpha: float, used: float = 0.0) -> float:
         """sigma after a step of length alpha, with the gradient at a fraction `used` of its bound in N(gamma, beta)."""
         sigma = min(max((1.0 - alpha) ** 2, self.sigma_min), self.sigma_max)
         return max(sigma, min(self.wait * used, self.wait_max))
-
-
-def newton_step(
-    settings: InteriorPoint,
-    scaled: ScaledProblem,
-    newton: NewtonSystem,
-    v: Iterate,
-    target: float,
-    tolerance: float,
-    beta: float,
-) -> Step:
-    """The Newton step to nu_i z_i = target: J dv = -F + (0, 0, target e), solved to a relative tolerance."""
-    at, r1 = scaled.linearize(v), -scaled.gradient(v)
-    r2 = scaled.on_constraints(scaled.slack(v.x_n, v.y) - scaled.over_constraints(np.full_like(v.nu, target), v.nu))
-    cap = beta * target
-    if scaled.sloped:
-        cap = min(cap, settings.gradient_share * scaled.infeasibility(v))
-    step = newton.solve(at, r1, r2, scaled.weight(v.x_n), tolerance, scaled.from_rms(cap))
-    dx, dy = step.dx, at.dy(step.dx)
-    A_bend: FloatArray | float = 0.0
-    if scaled.sloped:
-        A_bend = newton.estimate(np.column_stack([np.zeros(scaled.nodes), (at.slope * dx[:, 0])[:, None] * dy]))
-    return Step(v, dx[:, 0], dy, step.dnu, step.A_dx, A_bend, step.iterations)
-
-
-def step_length(
-    settings: InteriorPoint, scaled: ScaledProblem, step: Step, beta: float, sigma: float
-) -> tuple[float, Iterate | None]:
-    """The largest step that stays in N(gamma, beta) and decreases theta; None if it is below 1e-10."""
-    v = step.v
-    theta = scaled.theta(v.nu, scaled.slack(v.x_n, v.y))
-    alpha = min(1.0, settings.to_boundary * scaled.distance_to_boundary(v, step.dx_n, step.dy, step.dnu))
-    while alpha > 1e-10:
-        new = step.at(alpha)
-        z = scaled.slack(new.x_n, new.y)
-        theta_new = scaled.theta(new.nu, z)
-        if (
-            scaled.smallest_product(new.nu, z) >= settings.gamma * theta_new
-            and theta_new <= (1.0 - alpha * settings.omega * (1.0 - sigma)) * theta
-            and scaled.infeasibility(new) <= beta * theta_new
-        ):
-            return alpha, new
-        alpha *= settings.backtrack
-    return alpha, None
 
 
 class _Path:
@@ -253,7 +212,7 @@ class _Path:
         """These forces, and centred multipliers with a multiple of rms(A x - b) as theta."""
         scaled = self._scaled
         A_x = self._newton.start(scaled.forces(x_n, y), self._settings.fresh)
-        v = Iterate(x_n, y, np.zeros((scaled.nodes, 2)), A_x)
+        v = scaled.closing(Iterate(x_n, y, np.zeros((scaled.nodes, 2)), A_x))
         theta = relative_theta * max(scaled.rms(scaled.gradient(v)), 1e-3)
         return v._replace(nu=scaled.over_constraints(np.full_like(v.nu, theta), scaled.slack(x_n, y)))
 
@@ -270,7 +229,7 @@ class _Path:
         if distance > settings.far:
             return None
         x_n, y, nu = scaled.smoothed_projection(q, max(distance**1.5, 0.1 * self._goal.tolerance))
-        return Iterate(x_n, y, nu, self._newton.start(scaled.forces(x_n, y), settings.fresh))
+        return scaled.closing(Iterate(x_n, y, nu, self._newton.start(scaled.forces(x_n, y), settings.fresh)))
 
     def _exact(self, v: Iterate) -> Iterate:
         """The iterate with its most accurate A x: once a certificate has failed, that of the balanced displacement."""
@@ -312,7 +271,7 @@ class _Path:
                     gradient = scaled.infeasibility(v)
                     beta = max(beta, settings.widening * gradient / theta)
                 residual = problem.residual(forces, force_gradient)
-                reached = goal.reached(residual, forces)
+                reached = goal.reached(residual, forces, scaled.rigid_motion(exact))
             history.append(
                 InteriorPointStep(iteration, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
             )
@@ -329,18 +288,20 @@ class _Path:
                 status = Status.STAGNATED
                 break
         if not reached:
-            forces, force_gradient, multipliers = scaled.unscaled(self._exact(v))
+            exact = self._exact(v)
+            forces, force_gradient, multipliers = scaled.unscaled(exact)
             residual = problem.residual(forces, force_gradient)
         return SolverResult(
             x=forces,
             gradient=force_gradient,
             slip_bound=problem.slip_bound(forces),
             multipliers=multipliers,
-            status=goal.verdict(residual, forces, status),
+            status=goal.verdict(residual, forces, status, scaled.rigid_motion(exact)),
             outer_steps=0,
             newton_steps=0,
             products=0,
             residual=residual,
             history=(),
             method=settings.name,
+            rigid=scaled.rigid_motion(exact),
         )

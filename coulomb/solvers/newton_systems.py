@@ -31,6 +31,7 @@ from ..arrays import FloatArray
 from ..linalg.krylov import CarryingKrylov, NodalMap
 from ..linalg.low_rank import LowRankApproximation, LowRankUpdate
 from .linearization import Linearization, NodalInverse, disc_inverse, like
+from .rigid_motions import NO_MOTION
 from .scaled_compliance import ProductImages, ScaledCompliance
 
 ROUNDING = 1e-15
@@ -38,12 +39,13 @@ ROUNDING = 1e-15
 
 
 class NewtonStep(NamedTuple):
-    """Solution of the Newton system: dx (m, 3), dnu (m, 2), A dx (m, 3), and Krylov iterations."""
+    """Solution of the Newton system: dx (m, 3), dnu (m, 2), A dx (m, 3), Krylov iterations, and dalpha (r,)."""
 
     dx: FloatArray
     dnu: FloatArray
     A_dx: FloatArray
     iterations: int
+    dalpha: FloatArray = NO_MOTION
 
 
 class NewtonSystem(Protocol):
@@ -77,7 +79,14 @@ class NewtonSystem(Protocol):
         ...
 
     def solve(
-        self, at: Linearization, r1: FloatArray, r2: FloatArray, weight: FloatArray, tolerance: float, cap: float
+        self,
+        at: Linearization,
+        r1: FloatArray,
+        r2: FloatArray,
+        weight: FloatArray,
+        tolerance: float,
+        cap: float,
+        r3: FloatArray = NO_MOTION,
     ) -> NewtonStep:
         """Solve to |W residual| <= min(tolerance |W right-hand side|, cap), residual and right-hand side those of J_SC.
 
@@ -88,6 +97,7 @@ class NewtonSystem(Protocol):
             weight: W, of the rows, shape (m, 3); 1 if no node has a slope.
             tolerance: Relative tolerance.
             cap: Absolute tolerance.
+            r3: What lacks for equilibrium along the rigid motions, shape (r,).
         """
         ...
 
@@ -161,6 +171,8 @@ class _Krylov(ProductImages):
 
     def __init__(self, A: ScaledCompliance, rank: int, product: tuple[float, float], block: int, sloped: bool) -> None:
         super().__init__(A)
+        if A.G.shape[2]:
+            raise ValueError("newton: rigid motions need DenseSystem()")
         self._comm, self._product, self._accuracy = A.comm, product, 0.0
         self._A = LowRankApproximation(A.comm, A.diagonal, rank, A.A.exact)
         self._block = block
@@ -216,7 +228,14 @@ class _SchurComplement(_Krylov):
     """J_SC with P_SC."""
 
     def solve(
-        self, at: Linearization, r1: FloatArray, r2: FloatArray, weight: FloatArray, tolerance: float, cap: float
+        self,
+        at: Linearization,
+        r1: FloatArray,
+        r2: FloatArray,
+        weight: FloatArray,
+        tolerance: float,
+        cap: float,
+        r3: FloatArray = NO_MOTION,
     ) -> NewtonStep:
         self._at, self._weight = at, weight
         rhs = r1 + at.J12(r2 / at.D22)
@@ -234,7 +253,14 @@ class _Augmented(_Krylov):
     """J_AM with P_AM, without slope."""
 
     def solve(
-        self, at: Linearization, r1: FloatArray, r2: FloatArray, weight: FloatArray, tolerance: float, cap: float
+        self,
+        at: Linearization,
+        r1: FloatArray,
+        r2: FloatArray,
+        weight: FloatArray,
+        tolerance: float,
+        cap: float,
+        r3: FloatArray = NO_MOTION,
     ) -> NewtonStep:
         self._at = at
         self._D11 = self._A.rest + np.column_stack([np.zeros_like(at.h), at.h, at.h])

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal
+
+import numpy as np
 
 from ..arrays import FloatArray
 
@@ -37,8 +39,10 @@ def check_constants(owner: object, bounds: Iterable[tuple[str, bool, str]]) -> N
             raise ValueError(f"{type(owner).__name__}: {name} must be {must}, but is {getattr(owner, name)}")
 
 
-Accept = Callable[[FloatArray], bool]
-"""Whether forces in newtons, shape (3 m,), pass the certificate of the problem they belong to; collective."""
+Accept = Callable[..., bool]
+"""Whether forces in newtons, shape (3 m,), pass the certificate of the problem they belong to; collective.
+
+Where the problem has rigid motions, they are the second argument, shape (q,)."""
 
 
 class Goal:
@@ -70,26 +74,32 @@ class Goal:
         """Path-following steps without a better residual after which the solver gives up."""
         return 5 if self.refused else 20
 
-    def reached(self, residual: float, x: FloatArray) -> bool:
-        """Whether to stop with the forces x, whose residual has been computed afresh; collective."""
+    def reached(self, residual: float, x: FloatArray, rigid: FloatArray | None = None) -> bool:
+        """Whether to stop with the forces x and rigid motions, whose residual has been computed afresh; collective."""
         if not residual <= self.residual:
             return False
-        self._reached = self._accept is None or self._accept(x)
+        self._reached = self._passes(x, rigid)
         if not self._reached:
             self.refused, self.residual = True, 0.5 * residual
         return self._reached
 
-    def verdict(self, residual: float, x: FloatArray, otherwise: Status) -> Status:
+    def _passes(self, x: FloatArray, rigid: FloatArray | None) -> bool:
+        if self._accept is None:
+            return True
+        return self._accept(x) if rigid is None or not len(rigid) else self._accept(x, rigid)
+
+    def verdict(self, residual: float, x: FloatArray, otherwise: Status, rigid: FloatArray | None = None) -> Status:
         """The final status; CONVERGED is assigned only here; collective.
 
         Args:
             residual: The problem's own residual at the answer, computed afresh by the problem.
             x: The answer's forces.
             otherwise: The status if residual or certificate do not pass.
+            rigid: The answer's rigid motions, shape (q,), if the problem has any.
         """
         if not residual <= self.tolerance:
             return otherwise
-        return Status.CONVERGED if self._reached or self._accept is None or self._accept(x) else otherwise
+        return Status.CONVERGED if self._reached or self._passes(x, rigid) else otherwise
 
     def missed(self, residual: float) -> str:
         """Reason why an answer is not CONVERGED."""
@@ -188,7 +198,8 @@ class SolverResult:
 
     Attributes:
         x: Contact forces in newtons, this rank's part, shape (3 m,), node by node (n, t1, t2).
-        gradient: A x - b in metres, shape (3 m,): remaining normal gap, and minus the slip.
+        gradient: w = A x - b in metres, shape (3 m,): remaining normal gap, and minus the slip; with rigid motions A x
+            - b - G^T alpha.
         slip_bound: Bound of friction of every node in newtons, shape (m,): r(x_n), or g of the last Tresca problem.
         multipliers: Lagrange multipliers of the bounds and of the discs in metres, shape (m, 2).
         status: How the solver ended.
@@ -200,6 +211,7 @@ class SolverResult:
         method: The solver's name.
         contraction: For successive Tresca, the measured factor of the map g -> r(x_n(g)); nan if not measured.
         message: What was observed, if it did not converge.
+        rigid: Rigid motions alpha of the problem's bodies, shape (q,), the same on all ranks; empty without any.
     """
 
     x: FloatArray
@@ -215,6 +227,7 @@ class SolverResult:
     method: str
     contraction: float = math.nan
     message: str = ""
+    rigid: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def steps(self, kind: StepKind) -> int:
         """KPRGP's steps of a kind; 0 for other solvers."""

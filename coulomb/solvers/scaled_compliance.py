@@ -16,15 +16,18 @@ class ScaledCompliance:
         W: Weights.
         a: Its scale, metres per newton.
         s: The scale of forces, newtons.
+        G: G~^T, the displacements of the nodes under rigid motions, shape (m, 3, r); None if there are none.
 
     Attributes:
         diagonal: diag(A~).
+        G: G~^T, shape (m, 3, r), r = 0 without rigid motions.
     """
 
-    def __init__(self, A: Compliance, W: FloatArray, a: float, s: float):
+    def __init__(self, A: Compliance, W: FloatArray, a: float, s: float, G: FloatArray | None = None):
         self.A, self.W, self.a, self.s = A, W, a, s
         self.comm, self.nodes = A.comm, A.nodes
         self.diagonal: FloatArray = W**2 * A.diagonal().reshape(-1, 3) / a
+        self.G: FloatArray = np.empty((*W.shape, 0)) if G is None else G
 
     def mult(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
         """A~ x, to a relative accuracy; one product."""
@@ -37,6 +40,11 @@ class ScaledCompliance:
         y = np.empty(self.W.size)
         self.A.mult_incremental(self.forces(x), y, tolerance)
         return self.image(y)
+
+    def resultant(self, x: FloatArray) -> FloatArray:
+        """G~ x of all ranks, shape (r,); collective."""
+        total: FloatArray = self.comm.allreduce(np.einsum("iaq,ia->q", self.G, x))
+        return total
 
     def forces(self, x: FloatArray) -> FloatArray:
         """s W x in newtons, shape (3 m,)."""

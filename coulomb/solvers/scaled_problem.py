@@ -12,6 +12,10 @@ at every node: at theta = 0 Signorini's law and the law of friction.  nu1 is the
 opposes.  All slacks are forces, all multipliers displacements.  Without slope this is the paper's problem with the disc
 (|x_t|^2 - g^2)/(2 g) <= 0.  A node without friction has no second constraint and no y.
 
+Rigid motions add w -= G~^T alpha~ and the equations G~ x~ = e~.  The rows of G~ are orthonormal combinations of those
+of G W on the unknowns: an error of G~ x~ is then the distance of x~ from equilibrium, comparable with the gradient, and
+motions that no contact force resists are left out (alpha is the shortest along them).
+
 s is a nominal nodal force: the multiple of equal pressure on all nodes that minimises the objective.  W is 1 on normal
 forces; on friction it is min(c/s, 1) where the law has no slope, so that small discs become unit discs: the gradient of
 a node is then weighted by the work that its force can do, and slip bounds over many orders of magnitude need no more
@@ -29,16 +33,18 @@ from ..arrays import FloatArray
 from .friction_problem import FrictionProblem
 from .laws import FrictionLaw
 from .linearization import Linearization
+from .rigid_motions import NO_MOTION, MotionBasis
 from .scaled_compliance import ScaledCompliance
 
 
 class Iterate(NamedTuple):
-    """x_n (m,), y (m, 2), nu (m, 2), A x (m, 3), in scaled variables; x_n > lower, |y| < 1, nu > 0."""
+    """x_n (m,), y (m, 2), nu (m, 2), A x (m, 3), alpha (r,), in scaled variables; x_n > lower, |y| < 1, nu > 0."""
 
     x_n: FloatArray
     y: FloatArray
     nu: FloatArray
     A_x: FloatArray
+    alpha: FloatArray = NO_MOTION
 
 
 class Step(NamedTuple):
@@ -51,12 +57,14 @@ class Step(NamedTuple):
     A_dx: FloatArray
     A_bend: FloatArray | float
     iterations: int
+    dalpha: FloatArray = NO_MOTION
 
     def at(self, alpha: float) -> Iterate:
         """The iterate at a step length; A x to first order where the curve is not straight."""
         v = self.v
         A_x = v.A_x + alpha * self.A_dx + alpha**2 * self.A_bend
-        return Iterate(v.x_n + alpha * self.dx_n, v.y + alpha * self.dy, v.nu + alpha * self.dnu, A_x)
+        motion = v.alpha + alpha * self.dalpha
+        return Iterate(v.x_n + alpha * self.dx_n, v.y + alpha * self.dy, v.nu + alpha * self.dnu, A_x, motion)
 
 
 class ScaledProblem:
@@ -71,7 +79,8 @@ class ScaledProblem:
         sloped: Whether friction grows with pressure anywhere, on any rank.
         lower: Lower bound of x_n, shape (m,).
         law: The scaled law; bound 1 where there is no friction.
-        A: The scaled compliance.
+        A: The scaled compliance, with G~.
+        e: e~, shape (r,).
     """
 
     def __init__(self, problem: FrictionProblem):
@@ -86,7 +95,8 @@ class ScaledProblem:
         cohesion, slope = np.where(self.frictional, [law.cohesion / unit, law.friction], [[1.0], [0.0]])
         self.law = FrictionLaw(cohesion, slope)
         self._W = np.column_stack([np.ones(self.nodes), unit, unit])
-        self.A = ScaledCompliance(problem.A, self._W, self._a, self._s)
+        self._T, G, self.e = self._motions()
+        self.A = ScaledCompliance(problem.A, self._W, self._a, self._s, G)
         self.lower = np.broadcast_to(np.asarray(problem.lower) / self._s, (self.nodes,))
         self._b = self._W * problem.b.reshape(-1, 3) / (self._a * self._s)
 
@@ -96,8 +106,29 @@ class ScaledProblem:
         e, A_e = np.zeros((self.nodes, 3)), np.empty(3 * self.nodes)
         e[:, 0] = 1.0
         self.problem.A.mult(e.ravel(), A_e)
+        least = 0.1 * over.max(np.abs(np.asarray(self.problem.lower)))
+        if self.problem.rigid is not None:  # at least the size of the smallest forces that balance the loads
+            least = max(least, self.problem.motion_basis.distance(self.problem.rigid.e) / over.norm(e))
+            b = self._without_motions(b)
         s = max(over.dot(e.ravel(), b), 0.1 * over.norm(e) * over.norm(b)) / over.dot(e.ravel(), A_e)
-        return max(s, 0.1 * over.max(np.abs(np.asarray(self.problem.lower)))) or 1.0  # without loads any force will do
+        return max(s, least) or 1.0  # without loads any force will do
+
+    def _without_motions(self, w: FloatArray) -> FloatArray:
+        """Displacements w (3 m,) less the rigid motion nearest to them."""
+        basis = self.problem.motion_basis
+        G = basis.T @ basis.G
+        without: FloatArray = w - self._over.total(G @ w) @ G
+        return without
+
+    def _motions(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """T (r, q), G~ (m, 3, r), e~ (r,) with G~ = T G W, e~ = T e/s."""
+        rigid = self.problem.rigid
+        if rigid is None:
+            return np.empty((0, 0)), np.empty((self.nodes, 3, 0)), NO_MOTION
+        unknown = np.column_stack([np.ones(self.nodes, dtype=bool), self.frictional, self.frictional])
+        basis = MotionBasis(rigid.G * (self._W * unknown).ravel(), self._over)
+        G: FloatArray = (basis.T @ basis.G).T.reshape(self.nodes, 3, -1)
+        return basis.T, G, basis.T @ rigid.e / self._s
 
     # --- norms ----------------------------------------------------------------------------------------------------
 
@@ -133,8 +164,11 @@ class ScaledProblem:
         return change / math.hypot(*(self._over.norm(n) for n in after))
 
     def infeasibility(self, v: Iterate) -> float:
-        """Root mean square of the weighted gradient."""
-        return self.rms(self.weight(v.x_n) * self.gradient(v))
+        """Root mean square of the weighted gradient; with rigid motions, of it and of what lacks for equilibrium."""
+        gradient = self.rms(self.weight(v.x_n) * self.gradient(v))
+        if not len(self.e):
+            return gradient
+        return math.hypot(gradient, float(np.linalg.norm(self.out_of_balance(v))) / math.sqrt(self._unknowns))
 
     # --- formulas of the path ---------------------------------------------------------------------------------------
 
@@ -150,10 +184,28 @@ class ScaledProblem:
     def gradient(self, v: Iterate) -> FloatArray:
         """(w_n - nu1, w_t + nu2 y) on the unknowns, shape (m, 3)."""
         r: FloatArray = v.A_x - self._b
+        if len(self.e):
+            r -= self.A.G @ v.alpha
         r[:, 0] -= v.nu[:, 0]
         r[:, 1:] += v.nu[:, 1:] * v.y
         r[~self.frictional, 1:] = 0.0
         return r
+
+    def out_of_balance(self, v: Iterate) -> FloatArray:
+        """e~ - G~ x~, shape (r,), what lacks for equilibrium; collective if there are rigid motions."""
+        if not len(self.e):
+            return NO_MOTION
+        return self.e - self.A.resultant(self.forces(v.x_n, v.y))
+
+    def closing(self, v: Iterate) -> Iterate:
+        """The iterate with the alpha that makes its weighted gradient smallest."""
+        if not len(self.e):
+            return v
+        weight = self.weight(v.x_n)
+        G = (weight[:, :, None] * self.A.G).reshape(-1, len(self.e))
+        gradient = (weight * self.gradient(v._replace(alpha=np.zeros(len(self.e))))).ravel()
+        normal, right = self._over.total(G.T @ G), self._over.total(G.T @ gradient)
+        return v._replace(alpha=np.linalg.lstsq(normal, right, rcond=1e-12)[0])
 
     def linearize(self, v: Iterate) -> Linearization:
         """The Newton system at an iterate."""
@@ -200,15 +252,24 @@ class ScaledProblem:
         return scaled
 
     def unscaled(self, v: Iterate) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Forces in N (3 m,), with friction where the slip is known, A x - b in m (3 m,), multipliers in m (m, 2)."""
+        """Forces in N (3 m,), with friction where the slip is known, w in m (3 m,), multipliers in m (m, 2)."""
         unit, problem = self._a * self._s / self._W, self.problem
         forces = self._s * self._W * self.forces(v.x_n, v.y)
         multipliers, known = unit[:, :2] * v.nu, problem.law.frictional & problem.known_slip
         multipliers[known, 1] = np.linalg.norm(problem.b.reshape(-1, 3)[known, 1:], axis=1)
-        return problem.completed(forces.ravel()), (unit * (v.A_x - self._b)).ravel(), multipliers
+        gradient: FloatArray = (unit * (v.A_x - self._b)).ravel()
+        if problem.rigid is not None:
+            gradient = gradient - problem.rigid.displacement(self.rigid_motion(v))
+        return problem.completed(forces.ravel()), gradient, multipliers
+
+    def rigid_motion(self, v: Iterate) -> FloatArray:
+        """alpha (q,) in the user's units, the shortest; empty without rigid motions."""
+        if self.problem.rigid is None:
+            return NO_MOTION
+        return self.problem.motion_basis.shortest(self._a * self._s * (self._T.T @ v.alpha))
 
     def with_gradient(self, v: Iterate, gradient: FloatArray) -> Iterate:
-        """The iterate with A x - b in metres, shape (3 m,), known otherwise than from its A x."""
+        """The iterate with A x - b in metres, shape (3 m,), without rigid motions, not from its A x."""
         return v._replace(A_x=self.A.image(gradient) + self._b)
 
     # --- warm starts -------------------------------------------------------------------------------------------------

@@ -1,0 +1,138 @@
+"""Rigid motions of bodies that contact alone holds: unknowns alpha with their equilibrium equations G x = e.
+
+With R the rigid motions that no support resists, u = K^+ (f - B^T x) + R alpha for a generalised inverse K^+ of the
+stiffness, and with A = B K^+ B^T, G = R^T B^T, e = R^T f
+
+    w = A x - b - G^T alpha,    G x = e
+
+alpha is the Lagrange multiplier of the equilibrium of every body as a whole.  (TFETI treats floating bodies in the same
+way: Z. Dostal, T. Kozubek, M. Sadowska, V. Vondrak: Scalable Algorithms for Contact Problems, Springer 2016.)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray
+from ..linalg.reductions import Reductions
+
+NO_MOTION: FloatArray = np.empty(0)
+"""alpha of a problem whose bodies are all held by supports."""
+
+_FREE = 1e-6  # singular values of G below this part of the largest belong to motions that contact does not resist
+
+
+@dataclass(frozen=True)
+class RigidMotions:
+    """Rigid motions, and the loads that contact forces have to balance along them.
+
+    Attributes:
+        G: Displacements of the contact nodes under unit motions, this rank's columns, shape (q, 3 m), node by node (n,
+            t1, t2); metres per unit of alpha.  Measure rotations by the displacement at the radius of the body, so that
+            all rows are of the same size.
+        e: Resultants of the loads along the motions, shape (q,), the same on all ranks; newtons.
+        names: One name per motion for messages, or none.
+    """
+
+    G: FloatArray
+    e: FloatArray
+    names: tuple[str, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of motions q."""
+        return len(self.e)
+
+    def displacement(self, alpha: FloatArray) -> FloatArray:
+        """G^T alpha in metres, this rank's nodes, shape (3 m,)."""
+        moved: FloatArray = alpha @ self.G
+        return moved
+
+    def out_of_balance(self, x: FloatArray, over: Reductions) -> FloatArray:
+        """e - G x in newtons, shape (q,), of forces x (3 m,) in newtons; collective."""
+        left: FloatArray = self.e - over.total(self.G @ x)
+        return left
+
+    def validate(self, nodes: int, over: Reductions) -> None:
+        """Check shapes and numbers; collective.
+
+        Raises:
+            ValueError: On every rank, if they do not fit a problem with this many contact nodes on this rank.
+        """
+        q = np.shape(self.e)
+        if not over.all(len(q) == 1 and q[0] > 0):
+            raise ValueError(
+                f"rigid: e must have shape (q,) with q > 0 motions, but has {q}; without any use rigid=None"
+            )
+        if not over.all(np.shape(self.G) == (*q, 3 * nodes)):
+            raise ValueError(
+                f"rigid: G must have shape ({q[0]}, {3 * nodes}), one row per motion and three columns per contact "
+                f"node, but has {np.shape(self.G)}"
+            )
+        for name, values in (("G", self.G), ("e", self.e)):
+            if not over.all(bool(np.all(np.isfinite(values)))):
+                raise ValueError(f"rigid: {name} has entries that are not finite")
+        first = over.comm.bcast(self.e, root=0)
+        if not over.all(np.array_equal(first, self.e)):
+            raise ValueError("rigid: e differs between the ranks; it is the resultant of the loads on all of them")
+        if not over.all(len(self.names) in (0, *q)):
+            raise ValueError(f"rigid: names must be one per motion ({q[0]}), or none, but are {len(self.names)}")
+
+
+@dataclass(frozen=True)
+class MotionBasis:
+    """The motions that some of the contact unknowns resist, made orthonormal, and those that none of them does.
+
+    Args:
+        G: The rows on these unknowns, zero on the others, this rank's columns, shape (q, 3 m).
+        over: Reductions over the ranks.
+
+    Attributes:
+        T: Shape (r, q), T G has orthonormal rows.
+        free: Orthonormal motions without resistance, shape (q, q - r).
+        size: The largest singular value of G; 1 if G is zero.
+    """
+
+    G: FloatArray
+    over: Reductions
+
+    @cached_property
+    def _spectrum(self) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+        squares, V = np.linalg.eigh(self.over.total(self.G @ self.G.T))
+        return np.sqrt(np.maximum(squares, 0.0)), V, squares > _FREE**2 * max(squares[-1], 0.0)
+
+    @cached_property
+    def T(self) -> FloatArray:
+        values, V, kept = self._spectrum
+        T: FloatArray = (V[:, kept] / values[kept]).T
+        return T
+
+    @cached_property
+    def free(self) -> FloatArray:
+        _, V, kept = self._spectrum
+        return V[:, ~kept]
+
+    @cached_property
+    def size(self) -> float:
+        return float(self._spectrum[0][-1]) or 1.0
+
+    def distance(self, out_of_balance: FloatArray) -> float:
+        """Length of the smallest change of the forces that restores equilibrium, newtons.
+
+        Along motions without resistance no change does: there the resultant itself is measured, as a nodal force.
+
+        Args:
+            out_of_balance: e - G x in newtons, shape (q,).
+        """
+        resisted, free = self.T @ out_of_balance, self.free.T @ out_of_balance / self.size
+        return math.hypot(float(np.linalg.norm(resisted)), float(np.linalg.norm(free)))
+
+    def shortest(self, alpha: FloatArray) -> FloatArray:
+        """alpha (q,) without its part along motions that nothing resists."""
+        shortest: FloatArray = alpha - self.free @ (self.free.T @ alpha)
+        return shortest
