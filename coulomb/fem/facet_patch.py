@@ -1,0 +1,129 @@
+"""The facets of a face as data: nodes, coordinates, orientation; to be paired with those of another face."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from . import compat
+from .displacement_space import DisplacementSpace
+from .facet_functions import FacetKind
+from .lagrange import facet_columns, lagrange_points, lagrange_values
+
+
+@dataclass(frozen=True)
+class FacetPatch:
+    """Facets of a face with the nodes of the displacements on them.
+
+    Attributes:
+        kind: Triangles or quadrilaterals, of first or second order.
+        nodes: Global numbers of the nodes of every facet, in VTK's order, counterclockwise seen from outside; (f, n).
+        x: Their coordinates in metres, shape (f, n, 3).
+        size: Number of nodes of the space in all.
+    """
+
+    kind: FacetKind
+    nodes: npt.NDArray[np.int64]
+    x: FloatArray
+    size: int
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    @cached_property
+    def whole(self) -> FloatArray:
+        """Integrals of the functions over every facet in m^2, shape (f, n)."""
+        points, weights = self.kind.rule(3 * self.kind.polynomial_degree)
+        values = np.stack(self.kind.values(points[:, 0], points[:, 1]))
+        whole: FloatArray = np.einsum("q,fq,nq->fn", weights, np.linalg.norm(self.area_vectors(points), axis=2), values)
+        return whole
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """Area of every facet in m^2, shape (f,)."""
+        areas: FloatArray = self.whole.sum(axis=1)
+        return areas
+
+    def area_vectors(self, points: FloatArray) -> FloatArray:
+        """Outward normals times the area per area of the reference facet, at its points (q, 2), shape (f, q, 3)."""
+        along_r, along_s = (
+            np.stack([np.broadcast_to(slope, len(points)) for slope in slopes])
+            for slopes in self.kind.slopes(points[:, 0], points[:, 1])
+        )
+        r, s = (np.einsum("nq,fni->fqi", slopes, self.x) for slopes in (along_r, along_s))
+        vectors: FloatArray = np.cross(r, s)
+        return vectors
+
+    @cached_property
+    def distortion(self) -> FloatArray:
+        """How far the nodes of every facet are from those of a triangle or parallelogram with straight edges and the
+        nodes of its edges in their middles, over its diameter; 0 where its map is affine; shape (f,)."""
+        corners = self.kind.points[:3] if self.kind.corners == 3 else self.kind.points[[0, 1, 3]]
+        affine = np.linalg.solve(
+            np.column_stack([np.ones(3), corners]).T, np.column_stack([np.ones(self.kind.width), self.kind.points]).T
+        ).T
+        three = self.x[:, :3] if self.kind.corners == 3 else self.x[:, [0, 1, 3]]
+        off = np.linalg.norm(self.x - np.einsum("nc,fci->fni", affine, three), axis=2).max(axis=1, initial=0.0)
+        share: FloatArray = off / self.diameters
+        return share
+
+    @cached_property
+    def diameters(self) -> FloatArray:
+        """Twice the distance of the farthest node of every facet from the mean of its nodes, metres, shape (f,)."""
+        away = np.linalg.norm(self.x - self.x.mean(axis=1, keepdims=True), axis=2)
+        diameters: FloatArray = 2.0 * away.max(axis=1, initial=0.0)
+        return diameters
+
+    @property
+    def multiplier_columns(self) -> npt.NDArray[np.int64]:
+        """Columns of the nodes that are contact points: all, of 6-node triangles the corners."""
+        return np.arange(3 if self.kind.width == 6 else self.kind.width)
+
+    def only(self, which: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> FacetPatch:
+        """Some of the facets."""
+        return replace(self, nodes=self.nodes[which], x=self.x[which])
+
+
+def facet_patch(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> FacetPatch:
+    """The facets of a face that this rank owns, with global numbers of the space's nodes.
+
+    Args:
+        space: The displacements.
+        facets: This rank's boundary facets of the face.
+    """
+    topology = space.domain.topology
+    kind = FacetKind(3 if topology.cell_type.name == "tetrahedron" else 4, space.degree)
+    own = np.sort(facets[facets < topology.index_map(2).size_local])
+    for dims in ((2, 3), (3, 2)):
+        topology.create_connectivity(*dims)
+    beside, of_cell = topology.connectivity(2, 3), topology.connectivity(3, 2)
+    cell = beside.array[beside.offsets[own]]  # a boundary facet has one
+    columns = facet_columns(topology.cell_type, space.degree)
+    number = np.argmax(of_cell.array.reshape(-1, len(columns))[cell] == own[:, None], axis=1)
+    dofs = compat.cell_dofs(space.V)[cell[:, None], columns[number]]
+    nodes = np.asarray(space.V.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32)), dtype=np.int64)
+    degree = compat.geometry_degree(space.domain)
+    in_cells = space.domain.geometry.x[compat.cell_geometry(space.domain)[cell]]
+    if degree != space.degree:
+        values = lagrange_values(topology.cell_type, degree, lagrange_points(topology.cell_type, space.degree))
+        in_cells = np.einsum("ac,kci->kai", np.round(values, 12), in_cells)
+    x = np.take_along_axis(in_cells, columns[number][:, :, None], axis=1)
+    patch = FacetPatch(kind, nodes.reshape(-1, kind.width), x, int(space.V.dofmap.index_map.size_global))
+    outward = x[:, : kind.corners].mean(axis=1) - in_cells.mean(axis=1)
+    inside = np.einsum("fi,fi->f", patch.area_vectors(kind.points[: kind.corners]).sum(axis=1), outward) < 0.0
+    nodes, x = patch.nodes.copy(), x.copy()
+    nodes[inside], x[inside] = nodes[inside][:, kind.mirrored], x[inside][:, kind.mirrored]
+    return replace(patch, nodes=nodes, x=x)
+
+
+def gathered(patch: FacetPatch, comm: MPI.Comm) -> FacetPatch:
+    """The facets of all ranks, in the order of the ranks; collective."""
+    if comm.size == 1:
+        return patch
+    nodes, x = (np.concatenate(comm.allgather(part)) for part in (patch.nodes, patch.x))
+    return replace(patch, nodes=nodes, x=x)

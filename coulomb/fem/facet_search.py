@@ -1,0 +1,92 @@
+"""Which facets are before which, along normals: a tree of spheres searched by straight lines.
+
+Unlike a search by distance it finds what is far away as well, such as a body that will come down on another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from ..arrays import FloatArray
+
+IntArray = npt.NDArray[np.int64]
+
+_CHILDREN = 4
+"""Of every node of the tree."""
+
+_LINES = 8192
+"""Lines searched at once, so that memory stays small."""
+
+
+@dataclass(frozen=True)
+class SphereTree:
+    """Spheres around facets, around groups of them, and so on up to one.
+
+    Attributes:
+        order: The facets in the order of the lowest level.
+        levels: Centres (k, 3) and radii (k,) in metres of the spheres, from the top to the facets; children of sphere i
+            are those from 4 i on in the next level.
+    """
+
+    order: IntArray
+    levels: tuple[tuple[FloatArray, FloatArray], ...]
+
+    def before(
+        self, centre: FloatArray, radius: FloatArray, normal: FloatArray, depth: float, reach: float
+    ) -> tuple[IntArray, IntArray]:
+        """Pairs (line, facet) whose spheres meet: lines from points (k, 3) along unit normals (k, 3).
+
+        Args:
+            centre: Points in metres.
+            radius: Of the cylinders around the lines, shape (k,).
+            normal: Their directions.
+            depth: How far they begin behind their points.
+            reach: How far they go.
+
+        Returns:
+            Indices of lines, ascending, and of facets.
+        """
+        found = [
+            self._search(at, centre, radius, normal, depth, reach)
+            for at in np.array_split(np.arange(len(centre)), len(centre) // _LINES + 1)
+        ]
+        line, facet = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        order = np.lexsort((facet, line))
+        return line[order], facet[order]
+
+    def _search(
+        self, line: IntArray, centre: FloatArray, radius: FloatArray, normal: FloatArray, depth: float, reach: float
+    ) -> tuple[IntArray, IntArray]:
+        sphere: IntArray = np.zeros(len(line), dtype=np.int64)
+        for level, (middle, size) in enumerate(self.levels):
+            if level:
+                line = np.repeat(line, _CHILDREN)
+                sphere = (_CHILDREN * sphere[:, None] + np.arange(_CHILDREN)).ravel()
+                there = sphere < len(middle)
+                line, sphere = line[there], sphere[there]
+            away = middle[sphere] - centre[line]
+            along = np.einsum("ki,ki->k", away, normal[line])
+            across = np.einsum("ki,ki->k", away, away) - along**2
+            around = size[sphere]
+            meets = across < (1.0 + 1e-9) * (radius[line] + around) ** 2
+            meets &= (along > -depth - around) & (along < reach + around)
+            line, sphere = line[meets], sphere[meets]
+        return line, self.order[sphere]
+
+
+def sphere_tree(centre: FloatArray, radius: FloatArray) -> SphereTree:
+    """The tree of facets with these centres (f, 3) and radii (f,) around them in metres; at least one facet."""
+    order = cKDTree(centre, leafsize=_CHILDREN).indices.astype(np.int64)  # near ones are near in this order
+    levels = [(centre[order], radius[order])]
+    while len(levels[0][0]) > 1:
+        middle, size = levels[0]
+        first = np.arange(0, len(middle), _CHILDREN)
+        count = np.diff(np.append(first, len(middle)))
+        above = np.add.reduceat(middle, first) / count[:, None]
+        outer = np.linalg.norm(middle - np.repeat(above, count, axis=0), axis=1) + size
+        levels.insert(0, (above, np.maximum.reduceat(outer, first)))
+    return SphereTree(order, tuple(levels))

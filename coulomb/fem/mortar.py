@@ -1,0 +1,201 @@
+"""Contact of two faces: averages of their displacements, weighted by functions lambda_j on the first, the slave.
+
+    w_j = (1/a_j) int lambda_j (u_slave - u_master o pi) dS,      a_j = int lambda_j dS
+
+pi projects along the slave's normals.  With the functions N of the nodes, this is a row of D/a over the slave's nodes
+and one of M/a over the master's, each with sum 1; a force x_j at the contact point acts as D_j x_j/a_j on the slave and
+as -M_j x_j/a_j on the master.  The functions lambda_j add up to 1, so a uniform pressure is transmitted exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from scipy.spatial import cKDTree
+
+from ..arrays import FloatArray
+from .facet_patch import FacetPatch
+from .mortar_basis import Basis, multipliers, without
+from .mortar_segments import Segments, segments
+
+IntArray = npt.NDArray[np.int64]
+
+_LEAST_SHARE = 0.05
+"""Covered share of a node's area below which it has no multiplier: its row is nearly that of its neighbours."""
+
+_DEPTH = 0.25
+"""Deepest penetration that is found, over the extent of the smaller face."""
+
+
+@dataclass(frozen=True)
+class MortarRows:
+    """The contact points of a pair of faces on this rank, m of them, in the order of their nodes.
+
+    Attributes:
+        node: Global number of the slave node that stands for each, ascending, shape (m,).
+        area: a_j in m^2, shape (m,).
+        whole: The same over the whole slave face, with the covered share area/whole, shape (m,).
+        normal: Mean outward unit normal of the slave, shape (m, 3).
+        x: Where the force acts on the slave, metres, shape (m, 3).
+        gap: Mean distance of the master along the normal, metres, shape (m,); negative where it penetrates.
+        weights: Averages over the slave's nodes, shape (m, nodes of all ranks); every row has the sum 1.
+        opposite: Averages over the master's nodes, likewise.
+        dropped: Global numbers of this rank's slave nodes before the master that have no contact point, since less
+            than a share of 0.05 of their area is before it.
+        layered: Number of slave facets before which master facets lie in several layers, of which the nearest counts.
+    """
+
+    node: IntArray
+    area: FloatArray
+    whole: FloatArray
+    normal: FloatArray
+    x: FloatArray
+    gap: FloatArray
+    weights: scipy.sparse.csr_matrix
+    opposite: scipy.sparse.csr_matrix
+    dropped: IntArray
+    layered: int
+
+
+def mortar_rows(
+    slave: FacetPatch,
+    master: FacetPatch,
+    owned: tuple[int, int],
+    basis: Basis = "dual",
+    left_out: IntArray | None = None,
+    reach: float | None = None,
+) -> MortarRows:
+    """The contact points whose nodes this rank owns; not collective.
+
+    Args:
+        slave: The facets of the slave, of all ranks.
+        master: Those of the master.
+        owned: First global number of this rank's nodes, and the one after the last.
+        basis: Of the contact forces, dual functions or hats.
+        left_out: Global numbers of slave nodes without a contact point, such as clamped ones; their functions are added
+            to those of the other nodes of their facets.
+        reach: How far before the slave the master is found, in metres; by default the distance between the two faces
+            and the extent of the larger one.
+
+    Raises:
+        ValueError: If the outward normals around a contact point cancel.
+    """
+    near = _around(slave, owned)
+    if not len(near) or not len(master):
+        return _none(slave.size, master.size)
+    extents = [float(np.linalg.norm(np.ptp(patch.x.reshape(-1, 3), axis=0))) for patch in (slave, master)]
+    if reach is None:
+        reach = _distance(slave, master) + max(extents)
+    slave = slave.only(near)
+    parts = segments(slave, master, _DEPTH * min(extents), reach)
+    nodes = slave.nodes[:, slave.multiplier_columns]
+    found = multipliers(slave, parts, basis)
+    mass = parts.mass.sum(axis=2)
+    gone = np.zeros(slave.size, dtype=bool)
+    if left_out is not None:
+        gone[left_out] = True
+    hats = np.einsum("jn,fn->fj", slave.kind.vertex_functions, slave.whole) if slave.kind.width == 6 else slave.whole
+    whole = _summed(nodes, hats, slave.size)
+    sizes = np.einsum("fjn,fn->fj", found, mass)
+    weak = _weak(nodes, sizes, whole, gone)
+    found = without(found, nodes, sizes, gone | weak)
+    return _rows(slave, master, parts, found, nodes, owned, whole, weak)
+
+
+def _around(slave: FacetPatch, owned: tuple[int, int]) -> IntArray:
+    """The facets that share a node with a facet that has a node of this rank: they decide about neighbours."""
+    mine = np.any((slave.nodes >= owned[0]) & (slave.nodes < owned[1]), axis=1)
+    seen = np.zeros(slave.size, dtype=bool)
+    seen[slave.nodes[mine]] = True
+    return np.flatnonzero(np.any(seen[slave.nodes], axis=1))
+
+
+def _distance(slave: FacetPatch, master: FacetPatch) -> float:
+    """Least distance between the middles of facets of the two faces, metres."""
+    tree = cKDTree(master.x.mean(axis=1))
+    return float(np.min(tree.query(slave.x.mean(axis=1))[0]))
+
+
+def _weak(nodes: IntArray, sizes: FloatArray, whole: FloatArray, gone: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Slave nodes with too small a covered part; of a facet that has no others, the one with the largest part stays."""
+    covered = _summed(nodes, sizes, len(whole))
+    weak = (covered > 0.0) & (covered < _LEAST_SHARE * whole) & ~gone
+    alone = np.any(sizes > 0.0, axis=1) & np.all(weak[nodes] | gone[nodes] | (covered[nodes] <= 0.0), axis=1)
+    alone &= np.any(weak[nodes], axis=1)
+    largest = np.argmax(np.where(weak[nodes[alone]], covered[nodes[alone]], -1.0), axis=1)
+    weak[nodes[alone, largest]] = False
+    return weak
+
+
+def _rows(
+    slave: FacetPatch,
+    master: FacetPatch,
+    parts: Segments,
+    found: FloatArray,
+    nodes: IntArray,
+    owned: tuple[int, int],
+    whole: FloatArray,
+    weak: npt.NDArray[np.bool_],
+) -> MortarRows:
+    mass = parts.mass.sum(axis=2)
+    sizes = np.einsum("fjn,fn->fj", found, mass)
+    area = _summed(nodes, sizes, slave.size)
+    node = owned[0] + np.flatnonzero(area[owned[0] : owned[1]] > 0.0)
+    point = np.full(slave.size, -1)
+    point[node] = np.arange(len(node))
+    facet, j = np.nonzero(point[nodes] >= 0)
+    row = point[nodes[facet, j]]
+    width = slave.kind.width
+    columns = facet[:, None] * width + np.arange(width)
+    shape = (len(node), len(slave) * width)
+    spread = scipy.sparse.csr_matrix((found[facet, j].ravel(), (np.repeat(row, width), columns.ravel())), shape=shape)
+    products = np.einsum("kn,knm->km", found[facet, j], parts.mass[facet])
+    entries = (products.ravel(), (np.repeat(row, width), slave.nodes[facet].ravel()))
+    weights = _averages(scipy.sparse.csr_matrix(entries, shape=(len(node), slave.size)))
+    opposite = _averages(spread @ parts.coupling)
+    normal = spread @ parts.normal.reshape(-1, 3) / area[node][:, None]
+    length = np.linalg.norm(normal, axis=1)
+    if np.any(length < 0.1):
+        where = ", ".join(f"{c:.6g}" for c in _places(slave, slave.size)[node[np.argmin(length)]])
+        raise ValueError(f"the outward normals of the facets around x = {where} cancel: no contact normal is defined")
+    normal /= length[:, None]
+    x, there = weights @ _places(slave, slave.size), opposite @ _places(master, master.size)
+    gap = np.einsum("ki,ki->k", there - x, normal)
+    mine = np.flatnonzero(weak[owned[0] : owned[1]]) + owned[0]
+    layered = int(np.count_nonzero(parts.doubled))
+    return MortarRows(node, area[node], whole[node], normal, x, gap, weights, opposite, mine, layered)
+
+
+def _averages(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+    """Rows without entries that are rounding errors, divided by their sums."""
+    rows = rows.tocsr()
+    rows.sum_duplicates()
+    largest = abs(rows).max(axis=1).toarray().ravel()
+    rows.data[np.abs(rows.data) <= 1e-14 * np.repeat(largest, np.diff(rows.indptr))] = 0.0
+    rows.eliminate_zeros()
+    total = np.asarray(rows.sum(axis=1)).ravel()
+    averages = (scipy.sparse.diags(1.0 / total) @ rows).tocsr()
+    averages.sort_indices()
+    return averages
+
+
+def _summed(nodes: IntArray, values: FloatArray, size: int) -> FloatArray:
+    """Sums over the facets of values (f, j) at their nodes (f, j), shape (size,)."""
+    sums: FloatArray = np.bincount(nodes.ravel(), values.ravel(), size).astype(np.float64)
+    return sums
+
+
+def _places(patch: FacetPatch, size: int) -> FloatArray:
+    """Coordinates of the nodes of a patch, 0 of all others, shape (size, 3)."""
+    x = np.zeros((size, 3))
+    x[patch.nodes] = patch.x
+    return x
+
+
+def _none(slave: int, master: int) -> MortarRows:
+    no, none = np.empty(0), np.empty(0, dtype=np.int64)
+    rows, opposite = (scipy.sparse.csr_matrix((0, size)) for size in (slave, master))
+    return MortarRows(none, no, no, np.empty((0, 3)), np.empty((0, 3)), no, rows, opposite, none, 0)
