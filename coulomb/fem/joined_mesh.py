@@ -69,7 +69,7 @@ class JoinedMesh:
         Raises:
             ValueError: If there is no such group; the message begins with `what`.
         """
-        body, name = self._split(cells, what, "cell group", {b: tuple(m.cells) for b, m in self.bodies.items()})
+        body, name = self.split_group(cells, what)
         return self.bodies[body].cells[name]
 
     def split(self, face: str, what: str) -> tuple[str, str]:
@@ -80,6 +80,14 @@ class JoinedMesh:
         """
         names = {body: (*mesh.faces, *mesh.refused) for body, mesh in self.bodies.items()}
         return self._split(face, what, "face", names)
+
+    def split_group(self, cells: str, what: str) -> tuple[str, str]:
+        """The name of the body of a group of cells, and the name of the group there.
+
+        Raises:
+            ValueError: If there is no such group; the message begins with `what`.
+        """
+        return self._split(cells, what, "cell group", {body: tuple(mesh.cells) for body, mesh in self.bodies.items()})
 
     def body(self, name: str, what: str) -> NamedMesh:
         """The mesh of a body.

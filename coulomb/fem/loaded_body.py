@@ -69,7 +69,7 @@ class LoadedBody(ElasticBody, HeldSpace):
         thermal: ThermalLoad | None = None,
     ):
         for name, given in (("clamps", clamps), ("springs", springs), ("tractions", tractions)):
-            _refuse_others(name, given)
+            refuse_others(name, given)
         super().__init__(mesh.domain, material_of_cells(mesh, materials, thermal is not None))
         self.mesh = mesh
         self.materials: Materials | None = materials
@@ -224,7 +224,7 @@ class LoadedBody(ElasticBody, HeldSpace):
         return 1 + sum(3 if name in VECTORS else 1 for name in self.constants)
 
 
-def _refuse_others(name: str, given: object) -> None:
+def refuse_others(name: str, given: object) -> None:
     """Raises ValueError unless an argument is a list of what belongs there."""
     has, types = _KINDS[name]
     if not isinstance(given, Iterable):
