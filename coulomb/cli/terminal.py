@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from ..fem.deformable import Member
 from ..fem.lagrange import corner_geometry
 from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions
@@ -54,14 +55,20 @@ def law_in_words(numbers: dict[str, Any]) -> str:
 
 
 def body_in_words(problem: ContactProblem) -> str:
-    """Size of the body and its mesh, which shows a forgotten scale; collective."""
-    elasticity, domain, over = problem.elasticity, problem.mesh.domain, Reductions(problem.comm)
-    lengths = [over.max(elasticity.x[:, k]) - over.min(elasticity.x[:, k]) for k in range(3)]
-    cells, nodes = domain.topology.index_map(3).size_global, elasticity.V.dofmap.index_map.size_global
-    kind = "hexahedra" if corner_geometry(domain).shape[1] == 8 else "tetrahedra"
-    if elasticity.degree == 2:
-        kind = f"{elasticity.V.dofmap.dof_layout.num_dofs}-node {kind}"
-    return f"body {' x '.join(map(metres, lengths))}; {cells} {kind}, {nodes} nodes"
+    """Size of every body and its mesh, which shows a forgotten scale; collective."""
+    over = Reductions(problem.comm)
+
+    def line(member: Member) -> str:
+        body, domain = member.body, member.body.domain
+        lengths = [over.max(body.x[:, k]) - over.min(body.x[:, k]) for k in range(3)]
+        cells, nodes = domain.topology.index_map(3).size_global, body.numbering.total
+        kind = "hexahedra" if corner_geometry(domain).shape[1] == 8 else "tetrahedra"
+        if body.degree == 2:
+            kind = f"{body.V.dofmap.dof_layout.num_dofs}-node {kind}"
+        name = f" {member.name!r}" if member.name else ""
+        return f"body{name} {' x '.join(map(metres, lengths))}; {cells} {kind}, {nodes} nodes"
+
+    return "\n".join(map(line, problem.elasticity.members))
 
 
 def metres(length: float) -> str:

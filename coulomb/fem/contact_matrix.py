@@ -11,14 +11,14 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .contact_points import ContactPoints
-from .held_space import HeldSpace
+from .held_nodes import HeldNodes, distributed_rows
 
 _ROUNDING = 1e-13
 """An entry of a row along free directions below this part of the row's largest is a rounding error."""
 
 
 def contact_matrix(points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
-    """B: the displacements of contact points in their frames; collective.
+    """B: the displacements of contact points, against what they touch, in their frames; collective.
 
     Args:
         points: The contact points, averages of the displacements of nodes.
@@ -27,7 +27,7 @@ def contact_matrix(points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
     Returns:
         Shape (3 m, n), distributed.
     """
-    weights, rows = points.weights, 3 * len(points.nodes)
+    weights, rows = points.difference, 3 * len(points.nodes)
     axes = np.arange(3)
     columns = (3 * weights.indices[:, None] + axes).astype(PETSc.IntType)
     of = np.repeat(np.arange(len(points.nodes)), np.diff(weights.indptr))
@@ -41,12 +41,12 @@ def contact_matrix(points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
     return _distributed(local, points)
 
 
-def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldSpace) -> PETSc.Mat:
+def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) -> PETSc.Mat:
     """B P, P the projection on the free directions of the nodes; B itself if nothing changes; collective.
 
     A contact force acts on free displacements only: A = B P K^-1 P B^T.  A row along prescribed directions is zero.
     """
-    comm = points.space.domain.comm
+    comm = points.space.comm
     P = body.projection()
     product = B.matMult(P)
     P.destroy()
@@ -66,7 +66,8 @@ def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
     They are divided by the sum of the squares of the point's weights: 1 on the diagonal, if nothing is held.
     """
     rows = _local(B)
-    square = np.asarray(points.weights.multiply(points.weights).sum(axis=1)).ravel()
+    weights = points.difference
+    square = np.asarray(weights.multiply(weights).sum(axis=1)).ravel()
     products = np.empty((len(points.nodes), 3, 3))
     for i in range(3):
         for j in range(3):
@@ -85,14 +86,9 @@ def _local(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
 def _distributed(rows: scipy.sparse.csr_matrix, points: ContactPoints) -> PETSc.Mat:
     """The matrix of the rows of every rank."""
     rows.sort_indices()
-    size, domain = points.space.V.dofmap.index_map, points.space.domain
-    B = PETSc.Mat().createAIJ(
-        ((rows.shape[0], PETSc.DETERMINE), (3 * size.size_local, 3 * size.size_global)),
-        csr=(rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
-        comm=domain.comm,
-    )
+    size = points.space.numbering
+    B = distributed_rows(rows, (3 * size.local, 3 * size.total), points.space, None)
     B.assemble()
-    B.setAttr("mesh", domain)  # keeps it alive: see compat.assemble_matrix
     return B
 
 

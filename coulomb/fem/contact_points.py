@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,10 @@ from . import compat
 from .compat import fem, ufl
 from .constraints import HeldDirections
 from .displacement_space import DisplacementSpace
+from .held_nodes import Nodes, distributed_rows
+
+if TYPE_CHECKING:
+    from .deformable import Deformable, Member
 
 
 @dataclass(frozen=True)
@@ -33,18 +37,31 @@ class ContactPoints:
     """This rank's m contact points.
 
     Attributes:
-        space: The space of displacements.
+        space: The nodes, of one body or of several.
         nodes: The node that stands for each, among this rank's k nodes, shape (m,).
         area: a_j in m^2, shape (m,).
         weights: Weight of every node of all ranks in the average of each point, shape (m, nodes).
         nodal: Whether each point is its node.
+        opposite: On faces against another deformable face, the weights of its nodes in the average over that face,
+            shape (m, nodes); rows against a foundation are empty.  None if there are no such faces.
     """
 
-    space: DisplacementSpace
+    space: Nodes
     nodes: npt.NDArray[np.int32]
     area: FloatArray
     weights: scipy.sparse.csr_matrix
     nodal: bool
+    opposite: scipy.sparse.csr_matrix | None = None
+
+    @property
+    def difference(self) -> scipy.sparse.csr_matrix:
+        """The weights by which the displacement of each point against what it touches is made of those of the nodes,
+        shape (m, nodes): against a deformable face the difference of two averages."""
+        if self.opposite is None:
+            return self.weights
+        difference = (self.weights - self.opposite).tocsr()
+        difference.sort_indices()
+        return difference
 
     def average(self, values: FloatArray) -> FloatArray:
         """Averages of values at this rank's nodes (k,) or (k, d), shape (m,) or (m, d); collective."""
@@ -86,22 +103,35 @@ class ContactPoints:
 
     def only(self, which: npt.NDArray[np.bool_]) -> ContactPoints:
         """Some of the points, in their order."""
-        return replace(self, nodes=self.nodes[which], area=self.area[which], weights=self.weights[which])
+        opposite = None if self.opposite is None else self.opposite[which]
+        return replace(
+            self, nodes=self.nodes[which], area=self.area[which], weights=self.weights[which], opposite=opposite
+        )
+
+    def of(self, member: Member, whole: Deformable) -> ContactPoints:
+        """The points of a body alone among the nodes of all bodies; without `opposite`."""
+        if whole is member.body:
+            return self
+        nodes = (member.nodes.start + self.nodes).astype(np.int32)
+        return replace(self, space=whole, nodes=nodes, weights=among_all(self.weights, member, whole))
+
+    def against(self, opposite: scipy.sparse.csr_matrix) -> ContactPoints:
+        """The points with averages over another face, (m, nodes)."""
+        return replace(self, opposite=opposite)
 
     @cached_property
     def _matrix(self) -> PETSc.Mat:
-        size = self.space.V.dofmap.index_map
-        matrix = PETSc.Mat().createAIJ(
-            ((len(self.nodes), PETSc.DETERMINE), (size.size_local, size.size_global)),
-            csr=(
-                self.weights.indptr.astype(PETSc.IntType),
-                self.weights.indices.astype(PETSc.IntType),
-                self.weights.data,
-            ),
-            comm=self.space.domain.comm,
-        )
-        matrix.setAttr("mesh", self.space.domain)  # keeps it alive: see compat.assemble_matrix
-        return matrix
+        size = self.space.numbering
+        return distributed_rows(self.weights, (size.local, size.total), self.space, None)
+
+
+def among_all(weights: scipy.sparse.csr_matrix, member: Member, whole: Deformable) -> scipy.sparse.csr_matrix:
+    """Weights of the nodes of one body (m, its nodes) as weights of the nodes of all bodies."""
+    columns = whole.numbers_of(member, weights.indices.astype(np.int64))
+    shape = (weights.shape[0], whole.numbering.total)
+    found = scipy.sparse.csr_matrix((weights.data, columns, weights.indptr), shape=shape)
+    found.sort_indices()
+    return found
 
 
 def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
@@ -121,12 +151,18 @@ def nodal_weights(space: DisplacementSpace, nodes: npt.NDArray[np.int32]) -> sci
 
 def joined_points(parts: Sequence[ContactPoints]) -> ContactPoints:
     """The contact points of several faces, in their order."""
+    opposite = None
+    if any(part.opposite is not None for part in parts):
+        none = [scipy.sparse.csr_matrix(part.weights.shape) for part in parts]
+        rows = [empty if part.opposite is None else part.opposite for part, empty in zip(parts, none, strict=True)]
+        opposite = scipy.sparse.vstack(rows, format="csr")
     return ContactPoints(
         parts[0].space,
         np.concatenate([part.nodes for part in parts]),
         np.concatenate([part.area for part in parts]),
         scipy.sparse.vstack([part.weights for part in parts], format="csr"),
         all(part.nodal for part in parts),
+        opposite,
     )
 
 

@@ -1,6 +1,7 @@
-"""What a contact problem needs of a body: K, loads at a time, prescribed displacements, internal forces without K.
+"""What a contact problem needs of bodies: K, loads at a time, prescribed displacements, internal forces without K.
 
-`Elasticity` makes it from materials and loads of this package, `Body` from the user's forms.
+`Elasticity` is a body of materials and loads of this package, `Body` one of the user's forms, each on its own mesh;
+`JoinedBodies` are several of them together.
 """
 
 from __future__ import annotations
@@ -11,15 +12,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
+from .held_nodes import HeldNodes
 from .held_space import HeldSpace
 from .loads import AppliedLoad
 from .materials import Materials
 from .nodal_forces import NodalForces
 from .temperature import Temperature
+
+OF = ":"
+"""Between the names of a body and its face, "lower:top"."""
 
 
 @dataclass(frozen=True)
@@ -31,16 +37,39 @@ class Loading:
         load: Nodal forces of all loads in newtons, shape (k, 3).
         prescribed: Prescribed displacements in metres, 0 elsewhere, shape (k, 3).
         temperature: Temperature; None for a body without.
+        parts: Of several bodies, the loading of each, in their order.
     """
 
     time: float
     load: FloatArray
     prescribed: FloatArray
     temperature: Temperature | None = None
+    parts: tuple[Loading, ...] = ()
 
 
-class Deformable(HeldSpace, ABC):
-    """A linear elastic body with its supports and loads; mesh and held directions as in `HeldSpace`.
+@dataclass(frozen=True)
+class Member:
+    """One of the bodies of a problem.
+
+    Attributes:
+        name: Its name; "" if it is the only one.
+        body: The body on its mesh.
+        nodes: Its nodes among those of this rank.
+    """
+
+    name: str
+    body: SingleBody
+    nodes: slice
+
+    def called(self, face: str | None) -> str | None:
+        """Name of a face of this body in the problem, such as "lower:top"; that of the body for None."""
+        if not self.name:
+            return face
+        return self.name if face is None else f"{self.name}{OF}{face}"
+
+
+class Deformable(HeldNodes, ABC):
+    """Linear elastic bodies with their supports and loads.
 
     Attributes:
         spring: Stiffness of springs at this rank's nodes along x, y, z in N/m, shape (k, 3); 0 where there is none.
@@ -56,14 +85,49 @@ class Deformable(HeldSpace, ABC):
 
     @property
     @abstractmethod
-    def K(self) -> PETSc.Mat:
-        """Stiffness, N/m, with held directions eliminated; block size 3, symmetric positive definite, with the rigid
-        body modes as its near-nullspace."""
+    def members(self) -> tuple[Member, ...]:
+        """The bodies; this rank's nodes are those of one after the other."""
+
+    @property
+    def alone(self) -> SingleBody:
+        """The only body.
+
+        Raises:
+            ValueError: If there are several.
+        """
+        if len(self.members) > 1:
+            raise ValueError(
+                f"there are several bodies, {', '.join(member.name for member in self.members)}: choose one"
+            )
+        return self.members[0].body
+
+    @abstractmethod
+    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
+        """A face: the body that it is on, and this rank's facets of the body's mesh.
+
+        Raises:
+            ValueError: If there is no such face; the message begins with `what`.
+        """
+
+    def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
+        """This rank's nodes on a face, sorted; ValueError if there is no such face."""
+        member, facets = self.face(face, what)
+        nodes: npt.NDArray[np.int32] = (member.nodes.start + member.body.nodes_of(facets)).astype(np.int32)
+        return nodes
+
+    @abstractmethod
+    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Global numbers of nodes, of any rank, from their global numbers in the space of a body alone."""
+
+    @abstractmethod
+    def largest_gradient(self, u: FloatArray) -> float:
+        """Largest norm of the displacement gradient of u (k, 3), over all ranks; collective."""
 
     @property
     @abstractmethod
-    def mean_diagonal(self) -> float:
-        """The entry of K for held components, N/m: the mean diagonal of the free directions."""
+    def K(self) -> PETSc.Mat:
+        """Stiffness, N/m, with held directions eliminated; block size 3, symmetric positive definite, with the rigid
+        body modes as its near-nullspace."""
 
     @property
     def ground(self) -> FloatArray | None:
@@ -123,6 +187,36 @@ class Deformable(HeldSpace, ABC):
     def supports_understood(self) -> list[dict[str, Any]]:
         """Kind, face and what it holds of every support and spring."""
 
+    def forms(self) -> Mapping[str, Any] | None:
+        """What is recorded of the user's forms; None for a body without."""
+        return None
+
+    @abstractmethod
+    def f(self, loading: Loading) -> PETSc.Vec:
+        """The load in newtons, with the prescribed displacements included, so that K u = f; collective."""
+
+
+class SingleBody(HeldSpace, Deformable):
+    """A body on one mesh; held directions as in `HeldSpace`."""
+
+    @property
+    @abstractmethod
+    def mean_diagonal(self) -> float:
+        """The entry of K for held components, N/m: the mean diagonal of the free directions."""
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """Itself."""
+        return (Member("", self, slice(0, self._owned)),)
+
+    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
+        """A face of its mesh: see `Deformable`."""
+        return self.members[0], self.mesh.facets(name, what)
+
+    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """The same numbers."""
+        return numbers
+
     @abstractmethod
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
         """Functions that are constant on every cell, to be written beside u, a Function of V, under a loading."""
@@ -131,10 +225,6 @@ class Deformable(HeldSpace, ABC):
     def numbers_per_cell(self) -> int:
         """How many numbers per cell `cell_fields` has."""
         return 3
-
-    def forms(self) -> Mapping[str, Any] | None:
-        """What is recorded of the user's forms; None for a body without."""
-        return None
 
     def f(self, loading: Loading) -> PETSc.Vec:
         """The load in newtons, with the prescribed displacements included, so that K u = f; collective."""

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from . import compat
 from .compat import fem, ufl
+from .held_nodes import Numbering
 from .lagrange import lagrange_points, lagrange_values
 
 
@@ -46,6 +48,23 @@ class DisplacementSpace:
         self._test = ufl.TestFunction(self.V)
         self._owned = self.V.dofmap.index_map.size_local
         self.x = self._coordinates()
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share the mesh."""
+        comm: MPI.Comm = self.domain.comm
+        return comm
+
+    @property
+    def numbering(self) -> Numbering:
+        """Global numbers of this rank's nodes."""
+        index_map = self.V.dofmap.index_map
+        return Numbering(index_map.local_range[0], index_map.size_local, index_map.size_global)
+
+    @property
+    def lifetime(self) -> object:
+        """The mesh."""
+        return self.domain
 
     @property
     def degree(self) -> int:

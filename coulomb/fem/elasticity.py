@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from . import compat
 from .body import strain
 from .compat import fem, ufl
-from .deformable import Deformable
+from .deformable import SingleBody
 from .loaded_body import LoadedBody
 from .loads import Load, Traction
 from .materials import Materials
@@ -23,7 +23,7 @@ from .user_values import Amplitude, Field
 __all__ = ["Clamp", "Elasticity", "Materials", "PrescribedDisplacement", "Spring", "Support", "Traction"]
 
 
-class Elasticity(LoadedBody, Deformable):
+class Elasticity(LoadedBody, SingleBody):
     """K u = f on hexahedra or tetrahedra of first or second order, with prescribed displacements and springs.
 
     Held directions are eliminated (`HeldSpace.eliminated`); f, which depends on time, has the prescribed values, so

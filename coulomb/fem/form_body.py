@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from . import compat_forms
 from .bilinear_form import BilinearForm, FormValues, compiled
-from .deformable import Deformable, Loading
+from .deformable import Loading, SingleBody
 from .dirichlet import DirichletConditions
 from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
 from .nodal_forces import NodalForces
@@ -52,7 +52,7 @@ class _Present:
     stiffness: _Stiffness | None = None
 
 
-class Body(Deformable):
+class Body(SingleBody):
     """A body from the user's forms, for contact: find u with a(u, v) = L(v) for all v, where `bcs` hold.
 
     Any symmetric positive definite a on Lagrange vectors of first or second order on tetrahedra or hexahedra:

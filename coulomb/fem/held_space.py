@@ -12,6 +12,7 @@ from ..arrays import FloatArray
 from . import compat
 from .constraints import HeldDirections
 from .displacement_space import DisplacementSpace
+from .held_nodes import HeldNodes, distributed_rows
 from .lagrange import lagrange_points, lagrange_values
 from .named_mesh import NamedMesh
 
@@ -19,7 +20,7 @@ INTERPOLATION = "interpolation"
 """Attribute of a stiffness of second order: makes the matrix that interpolates linear displacements."""
 
 
-class HeldSpace(DisplacementSpace):
+class HeldSpace(DisplacementSpace, HeldNodes):
     """Displacements with held directions, and the faces of their mesh; what a body is made of sets both.
 
     Attributes:
@@ -30,11 +31,6 @@ class HeldSpace(DisplacementSpace):
     mesh: NamedMesh
     held: HeldDirections
 
-    @property
-    def comm(self) -> MPI.Comm:
-        """The ranks that share the body."""
-        return self.mesh.comm
-
     def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
         """This rank's nodes on a face, sorted; ValueError if there is no such face."""
         return self.nodes_of(self.mesh.facets(face, what))
@@ -42,28 +38,6 @@ class HeldSpace(DisplacementSpace):
     def nodal_area(self, face: str, what: str = "contact") -> FloatArray:
         """Integral of every hat function over a face in m^2, this rank's nodes, shape (k,)."""
         return self.area_of(self.mesh.facets(face, what))
-
-    @property
-    def fixed(self) -> npt.NDArray[np.bool_]:
-        """Which components are prescribed whatever the others are, shape (k, 3)."""
-        return self.held.components
-
-    def held_part(self, v: FloatArray) -> FloatArray:
-        """The part of nodal vectors along prescribed directions; shapes (k, 3), or (k, 3, j)."""
-        return self.held.held_part(v)
-
-    def free_part(self, v: FloatArray) -> FloatArray:
-        """The part of nodal vectors along free directions; shapes (k, 3), or (k, 3, j)."""
-        return self.held.free_part(v)
-
-    def projection(self) -> PETSc.Mat:
-        """P, the projection on the free directions of the nodes: block diagonal, shape (n, n), distributed."""
-        nodes, first = self.held.count, self.V.dofmap.index_map.local_range[0]
-        number, blocks = np.arange(nodes), np.broadcast_to(np.eye(3), (nodes, 3, 3)).copy()
-        blocks[self.held.nodes] -= self.held.projector
-        shape = (3 * nodes, 3 * self.V.dofmap.index_map.size_global)
-        rows = scipy.sparse.bsr_matrix((blocks, first + number, np.arange(nodes + 1)), shape=shape).tocsr()
-        return self._distributed(rows, shape)
 
     def eliminated(self, K: PETSc.Mat) -> tuple[PETSc.Mat, float]:
         """The stiffness with the held directions eliminated, and rigid body modes for multigrid; collective.
@@ -103,7 +77,7 @@ class HeldSpace(DisplacementSpace):
         K.assemble()
         K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         K.setOption(PETSc.Mat.Option.SPD, True)
-        _attach_rigid_body_modes(K, self.x)
+        attach_rigid_body_modes(K, self.x)
         if self.degree == 2:
             K.setAttr(INTERPOLATION, self._interpolation)
         return K, mean
@@ -134,26 +108,17 @@ class HeldSpace(DisplacementSpace):
         )
         weights.eliminate_zeros()
         local_rows = scipy.sparse.kron(weights, np.eye(3), format="csr")
-        P = self._distributed(local_rows, (3 * len(linear.x), local_rows.shape[1]))
+        P = distributed_rows(local_rows, (3 * len(linear.x), local_rows.shape[1]), self)
         projection = self.projection()
         free = projection.matMult(P)
         for matrix in (P, projection):
             matrix.destroy()
         free.setAttr("mesh", self.mesh)
-        _attach_rigid_body_modes(free, linear.x)
+        attach_rigid_body_modes(free, linear.x)
         return free
 
-    def _distributed(self, rows: scipy.sparse.csr_matrix, columns: tuple[int, int]) -> PETSc.Mat:
-        """The matrix of the rows of every rank, with so many columns on this rank and in all."""
-        return PETSc.Mat().createAIJ(
-            ((rows.shape[0], PETSc.DETERMINE), columns),
-            bsize=3,
-            csr=(rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
-            comm=self.mesh.comm,
-        )
 
-
-def _attach_rigid_body_modes(matrix: PETSc.Mat, x: FloatArray) -> None:
+def attach_rigid_body_modes(matrix: PETSc.Mat, x: FloatArray) -> None:
     """The near-nullspace of a matrix whose columns are displacements of nodes at x (k, 3)."""
     coordinates = matrix.createVecRight()
     coordinates.setBlockSize(3)

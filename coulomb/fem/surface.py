@@ -50,7 +50,7 @@ class ContactSurface:
         B: Rows n, t1, t2 of every contact point; columns the displacements.  Shape (3 m, n), distributed.
         free_B: B without the parts of its rows along prescribed directions: A = free_B K^-1 free_B^T.  B itself if
             no contact node has a prescribed direction.
-        foundations: The foundation of each face, to which gaps are measured.
+        foundations: The foundation of each face, to which gaps are measured; None against a deformable face.
     """
 
     faces: tuple[str, ...]
@@ -62,7 +62,7 @@ class ContactSurface:
     gap_field: FloatArray
     B: PETSc.Mat
     free_B: PETSc.Mat
-    foundations: tuple[RigidFoundation, ...]
+    foundations: tuple[RigidFoundation | None, ...]
 
     @property
     def nodes(self) -> npt.NDArray[np.int32]:
@@ -170,13 +170,14 @@ def contact_surface(
         ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from the
             foundation, or has no free node.
     """
-    comm, facets = elasticity.mesh.comm, elasticity.mesh.facets(face, "contact")
-    points = contact_points(elasticity, facets)
-    area, outward = elasticity.positive_weights(facets)
+    comm, (member, facets) = elasticity.comm, elasticity.face(face, "contact")
+    body = member.body  # until the end, nodes are those of this body
+    points = contact_points(body, facets)
+    area, outward = body.positive_weights(facets)
     if comm.allreduce(len(points.nodes), op=MPI.SUM) == 0:
         raise ValueError(f"contact: face {face!r} has no facets")
-    on_face = elasticity.nodes_of(facets)
-    place = elasticity.x[on_face]
+    on_face = body.nodes_of(facets)
+    place = body.x[on_face]
     if foundation is None:
         foundation = plane_of_face(face, place, area[on_face], outward[on_face], comm)
 
@@ -187,9 +188,9 @@ def contact_surface(
     inwards = _evaluate(foundation.normal, place, 3, comm, face)
     away = np.einsum("ki,ki->k", inwards, outward[on_face]) >= 0.0
     refuse.where(away, place, "is turned away from the foundation: reverse the normal, or leave such facets out")
-    gap = np.zeros(len(elasticity.x))
+    gap = np.zeros(len(body.x))
     gap[on_face] = _evaluate(foundation.signed_distance, place, 1, comm, face)
-    x = points.average(elasticity.x)
+    x = points.average(body.x)
     if normals == "foundation":
         n = -_evaluate(foundation.normal, x, 3, comm, face)
     else:
@@ -198,7 +199,7 @@ def contact_surface(
         gap[on_face] = on_all_ranks(lambda: way_along(mean, place, gap[on_face], foundation), what, comm)
         n = outward[points.nodes] / np.linalg.norm(outward[points.nodes], axis=1)[:, None]
 
-    H, along = elasticity.held.projector_at(points.nodes), held_length(n, points.held(elasticity.held))
+    H, along = body.held.projector_at(points.nodes), held_length(n, points.held(body.held))
     keep: npt.NDArray[np.bool_] = along <= 1.0 - 1e-10
     free_length = np.sqrt(np.maximum(1.0 - along**2, 0.0))
     refuse.where(
@@ -210,7 +211,7 @@ def contact_surface(
         raise ValueError(f"contact face {face!r} is fully clamped: none of its nodes can move against the foundation")
 
     points, x, n, H = points.only(keep), x[keep], n[keep], H[keep]
-    given = np.zeros(len(elasticity.x))
+    given = np.zeros(len(body.x))
     if gap_field is not None:
         given[on_face] = gap_field(place)
     averaged, field = points.average(gap + gap_factor * given), points.average(given)
@@ -219,11 +220,12 @@ def contact_surface(
     else:
         frames = axes.frames(n, H, x, f"contact face {face!r}", comm)
     part = np.zeros(len(x), dtype=np.int64)
-    matrices = _matrices(elasticity, points, frames)
+    points = points.of(member, elasticity)
+    matrices = matrices_of(elasticity, points, frames)
     return ContactSurface((face,), part, points, x, frames, averaged, field, *matrices, (foundation,))
 
 
-def _matrices(elasticity: Deformable, points: ContactPoints, frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
+def matrices_of(elasticity: Deformable, points: ContactPoints, frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
     """B and free_B of `ContactSurface`; collective."""
     B = contact_matrix(points, frames)
     return B, free_contact_matrix(B, points, elasticity)
@@ -244,7 +246,7 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
     twice = np.zeros(len(nodes), dtype=bool)
     twice[order[1:]] = nodes[order][1:] == nodes[order][:-1]
     faces = tuple(face for surface in surfaces for face in surface.faces)
-    refuse = _Refusal(elasticity.mesh.comm, f"contact faces {', '.join(map(repr, faces))}: a node")
+    refuse = _Refusal(elasticity.comm, f"contact faces {', '.join(map(repr, faces))}: a node")
     refuse.where(twice, elasticity.x[nodes], "is on two of them; end one face before the other")
     frames = np.concatenate([surface.frames for surface in surfaces])
     return ContactSurface(
@@ -255,7 +257,7 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
         frames,
         np.concatenate([surface.gap for surface in surfaces]),
         np.concatenate([surface.gap_field for surface in surfaces]),
-        *_matrices(elasticity, points, frames),
+        *matrices_of(elasticity, points, frames),
         tuple(foundation for surface in surfaces for foundation in surface.foundations),
     )
 

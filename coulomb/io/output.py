@@ -105,7 +105,7 @@ def _make_partial(target: Path) -> str:
 
 
 def _write_body(solution: Solution, path: Path, given: Mapping[str, Any]) -> None:
-    elasticity = solution.problem.elasticity
+    elasticity = solution.problem.elasticity.alone
     u = elasticity.function(solution.displacement)
     loading, held = solution.problem.loading, elasticity.held
     acting = {"load": loading.load, **held.fields, "prescribed": loading.prescribed, "spring": elasticity.spring}
@@ -137,7 +137,7 @@ def contact_fields(solution: Solution) -> dict[str, FloatArray]:
 
 def size_on_disk(problem: PosedProblem) -> float:
     """Approximate bytes of the fields of a solution; collective."""
-    body, comm = problem.elasticity, problem.comm
+    body, comm = problem.elasticity.alone, problem.comm
     points, cells = body.V.dofmap.index_map.size_global, body.domain.topology.index_map(3).size_global
     width = compat.cell_dofs(body.V).shape[1] + body.numbers_per_cell
     facets = _contact_facets(problem)
@@ -184,7 +184,7 @@ def _contact_facets(problem: PosedProblem) -> npt.NDArray[np.int32]:
 
 def _write_contact(solution: Solution, path: Path) -> None:
     """The fields of the contact points on a mesh of the contact face."""
-    problem, space = solution.problem, solution.problem.elasticity
+    problem, space = solution.problem, solution.problem.elasticity.alone
     face = FaceGrid(space, _contact_facets(problem))
     fields = {}
     for name, values in contact_fields(solution).items():

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray, is_number
 from ..fem.contact_frames import FrictionAxes, supported_frames
-from ..fem.deformable import Deformable
 from ..fem.obstacles import RigidFoundation
-from ..fem.rigid_motion import RigidMotion, Rotation, moved, rigid_motion
-from ..fem.surface import ContactSurface, Normals, contact_surface, joined
+from ..fem.rigid_motion import RigidMotion, Rotation, rigid_motion
+from ..fem.surface import Normals
 from ..fem.user_values import (
     Amplitude,
     Coefficient,
@@ -25,7 +23,6 @@ from ..fem.user_values import (
     evaluate_signed_numbers,
     on_all_ranks,
 )
-from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
 from .friction import FrictionModel
 
@@ -59,6 +56,7 @@ class Contact:
             constant or a function of place, evaluated at the undeformed face.  Negative values are an interference
             (press fit): the face must move back by so much.
         gap_amplitude: Factor of `gap` as a function of time, with which a press fit is applied in a load history.
+        against: In place of a foundation, another deformable face, of another body ("lower:top") or of the same.
 
     Raises:
         ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
@@ -77,10 +75,13 @@ class Contact:
     rotation: Rotation | None = None
     gap: Coefficient = 0.0
     gap_amplitude: Amplitude = 1.0
+    against: str | None = None
 
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):
             raise ValueError("contact: give either friction (Coulomb) or slip_stress (Tresca), one of the two")
+        if self.against is not None:
+            self._refuse_foundation()
         if self.rotation is not None and not isinstance(self.rotation, Rotation):
             raise ValueError(f"contact: rotation must be a Rotation(point, axis, angle), but is {self.rotation!r}")
         if self.cohesion is not None and self.friction is None:
@@ -117,6 +118,21 @@ class Contact:
         unscaled = is_number(self.gap_amplitude, -np.inf) and self.gap_amplitude == 1.0
         if not (unscaled or callable(self.gap) or self.gap):
             raise ValueError("contact: gap_amplitude is a factor of gap, which is not given")
+
+    def _refuse_foundation(self) -> None:
+        if not isinstance(self.against, str):
+            raise ValueError(f"contact: against must be the name of a face, but is {self.against!r}")
+        if self.against == self.face:
+            raise ValueError(f"contact: face {self.face!r} cannot be in contact with itself: give another as against")
+        unfit = {"foundation": self.foundation, "motion": self.motion, "rotation": self.rotation}
+        given = [name for name, value in unfit.items() if value is not None]
+        if given:
+            raise ValueError(
+                f"contact: {given[0]} is for rigid foundations, but face {self.face!r} is against the deformable face "
+                f"{self.against!r}: move that body by its supports"
+            )
+        if self.normals != "foundation":
+            raise ValueError("contact: normals is for rigid foundations: between two faces they are those of the slave")
 
     @property
     def axes(self) -> FrictionAxes | None:
@@ -205,77 +221,3 @@ class Contact:
             return factor
 
         return on_all_ranks(evaluate, "", comm)
-
-
-class ContactFaces:
-    """The contact faces of a body: their foundations at any time, and their common surface.
-
-    Args:
-        contacts: The faces.
-        comm: The ranks.
-        foundations: By default those of the contacts; None is the plane of the face.
-
-    Attributes:
-        foundations: The foundations before any motion.
-
-    Raises:
-        ValueError: If there is none.
-    """
-
-    def __init__(
-        self,
-        contacts: Sequence[Contact],
-        comm: MPI.Comm,
-        foundations: Sequence[RigidFoundation | None] | None = None,
-    ):
-        if not contacts:
-            raise ValueError("contact: give one face or several")
-        self._contacts, self._comm = contacts, comm
-        self.foundations = [contact.foundation for contact in contacts] if foundations is None else foundations
-
-    def against(self, foundations: Sequence[RigidFoundation]) -> ContactFaces:
-        """The same faces with other foundations."""
-        return ContactFaces(self._contacts, self._comm, foundations)
-
-    def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
-        """Of the foundations of all faces at a time; collective."""
-        return on_all_ranks(
-            lambda: tuple(c.rigid_motion(time, "contact: foundation") for c in self._contacts), "", self._comm
-        )
-
-    def gap_factors(self, time: float) -> FloatArray:
-        """Amplitudes of the given gaps of all faces at a time, shape (faces,); collective."""
-        return np.array([contact.gap_factor(time, self._comm) for contact in self._contacts])
-
-    def surface(self, elasticity: Deformable, motions: Sequence[RigidMotion], time: float) -> ContactSurface:
-        """The contact surface with moved foundations, and gaps at a time; collective.
-
-        Raises:
-            ValueError: On every rank, as `contact_surface`, or if an interference is larger than the body.
-        """
-        surfaces = []
-        over = Reductions(self._comm)
-        size = np.linalg.norm([over.max(axis) + over.max(-axis) for axis in elasticity.x.T])
-        for contact, foundation, motion, factor in zip(
-            self._contacts, self.foundations, motions, self.gap_factors(time), strict=True
-        ):
-            there = foundation and moved(foundation, motion)
-            given = partial(contact.gap_at, comm=self._comm)
-            surface = contact_surface(elasticity, contact.face, there, contact.normals, contact.axes, given, factor)
-            deepest = over.max(-factor * surface.gap_field)
-            if deepest > size:
-                raise ValueError(
-                    f"contact face {contact.face!r}: gap: an interference of {deepest:g} m is larger than the body, "
-                    f"whose extent is {size:g} m: gap is in metres"
-                )
-            surfaces.append(surface)
-        return joined(elasticity, surfaces)
-
-    def law(self, surface: ContactSurface, time: float, slip_rate: FloatArray) -> FrictionLaw:
-        """The law of friction at this rank's contact points at a time, slip rates (m,) in m/s; collective."""
-        cohesion, friction = np.zeros((2, len(surface.nodes)))
-        for part, contact in enumerate(self._contacts):
-            here = surface.part == part
-            law = contact.law(surface.x[here], surface.area[here], time, slip_rate[here], self._comm)
-            cohesion[here], friction[here] = law.cohesion, law.friction
-        return FrictionLaw(cohesion, friction)

@@ -13,14 +13,17 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.deformable import Deformable
+from ..fem.named_mesh import NamedMesh
 from ..fem.obstacles import RigidFoundation
+from ..fem.pair import Pair
 from ..fem.rigid_motion import RigidMotion, since_at, spin
 from ..fem.surface import ContactSurface
 from ..linalg.methods import LinearSolver, chosen
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.stiffness import StiffnessSolver
 from .accumulated import Accumulated
-from .contact import Contact, ContactFaces
+from .contact import Contact
+from .contact_faces import ContactFaces
 from .contact_stiffness import ContactStiffness
 from .probes import LocatedProbes, Probe
 from .state import Before, ContactState
@@ -42,7 +45,6 @@ class ContactBody:
         probes: Points at which displacement, slip and pressure are reported.
 
     Attributes:
-        mesh: The body.
         contacts: The contact faces.
         elasticity: K, loads and supports.
         linear_solver: The solver class for K^-1 (DirectSolver includes MultifrontalSolver: see `stiffness_method`).
@@ -69,7 +71,6 @@ class ContactBody:
         self.seconds: dict[str, float] = {}
         with timed(self.seconds, "assembly"):
             self.elasticity = make()
-            self.mesh = self.elasticity.mesh
             if self.comm.rank == 0:
                 for text in self.elasticity.contradictions:
                     _log.warning("%s", text)
@@ -88,12 +89,18 @@ class ContactBody:
     @property
     def comm(self) -> MPI.Comm:
         """The ranks that share the body."""
-        return self.mesh.comm
+        return self.elasticity.comm
 
     @property
-    def foundations(self) -> tuple[RigidFoundation, ...]:
-        """Foundations of all contact faces before any motion; by default the plane of the face."""
-        return tuple(foundation for foundation in self._faces.foundations if foundation is not None)
+    def mesh(self) -> NamedMesh:
+        """The mesh of the body, if there is one body only."""
+        return self.elasticity.alone.mesh
+
+    @property
+    def foundations(self) -> tuple[RigidFoundation | None, ...]:
+        """Foundations of all contact faces before any motion; by default the plane of the face; None against a
+        deformable face."""
+        return tuple(self._faces.foundations)
 
     def located(self, probes: Sequence[Probe]) -> LocatedProbes:
         """Probes found in the mesh; collective.
@@ -101,9 +108,9 @@ class ContactBody:
         Raises:
             ValueError: On every rank, if two have the same name, or a point is outside the body.
         """
-        return LocatedProbes(
-            probes, self.elasticity, [self.mesh.facets(contact.face, "contact") for contact in self.contacts]
-        )
+        body = self.elasticity.alone if probes else self.elasticity.members[0].body
+        faces = [body.mesh.facets(contact.face, "contact") for contact in self.contacts] if probes else []
+        return LocatedProbes(probes, body, faces)
 
     @cached_property
     def unknowns(self) -> dict[str, int]:
@@ -133,6 +140,10 @@ class ContactBody:
     def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
         """Of the foundations of all contact faces at a time; collective."""
         return self._faces.rigid_motions(time)
+
+    def pair(self, number: int) -> Pair:
+        """The pair of faces of a contact against a deformable face; collective."""
+        return self._faces.pair(number, self.elasticity)
 
     def given_gap(self, surface: ContactSurface, time: float) -> FloatArray:
         """The gaps given with the contacts at a time, at the points of a surface of this body, metres, shape (m,);

@@ -138,7 +138,7 @@ def slenderness(problem: ContactProblem) -> float:
     """
     over = Reductions(problem.comm)
     area = over.sum(problem.surface.area)
-    return float(area**1.5) / over.sum(volume(problem.mesh))
+    return float(area**1.5) / sum(over.sum(volume(member.body.mesh)) for member in problem.elasticity.members)
 
 
 def refuse_too_large(problem: ContactProblem) -> None:
@@ -209,7 +209,7 @@ def _wider(nodes: int) -> float:
 
 
 def _nodes_of_cell(problem: ContactProblem) -> int:
-    return int(problem.elasticity.V.dofmap.dof_layout.num_dofs)
+    return max(int(member.body.V.dofmap.dof_layout.num_dofs) for member in problem.elasticity.members)
 
 
 def _unknowns(cells: tuple[int, int, int], degree: int) -> int:

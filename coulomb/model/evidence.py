@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -70,12 +70,15 @@ class Strained(Protocol):
     """A body with internal forces.
 
     Attributes:
-        domain: Its DOLFINx mesh.
         x: Coordinates of this rank's nodes in metres, shape (k, 3).
     """
 
-    domain: Any
     x: FloatArray
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share it."""
+        ...
 
     def internal_force(self, u: FloatArray) -> FloatArray:
         """Internal nodal forces of u in newtons, shapes (k, 3); collective."""
@@ -91,8 +94,8 @@ def rounding_forces(body: Strained, u: FloatArray) -> FloatArray:
 
     The error is 2^-52 of the largest component of u, with signs that vary from node to node.
     """
-    motion = Reductions(body.domain.comm).max(np.abs(u))
-    size = Reductions(body.domain.comm).max(np.abs(body.x)) or 1.0
+    motion = Reductions(body.comm).max(np.abs(u))
+    size = Reductions(body.comm).max(np.abs(body.x)) or 1.0
     signs = np.where(
         np.sin(body.x / size @ np.array([[1e4, 2e4, 3e4], [5e4, 4e4, 7e4], [9e4, 8e4, 6e4]])) > 0, 1.0, -1.0
     )

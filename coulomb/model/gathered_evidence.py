@@ -13,6 +13,7 @@ from ..arrays import FloatArray
 from ..fem.contact_frames import held_length, inverse_frames
 from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
 from ..fem.contact_points import ContactPoints, contact_points, joined_points
+from ..fem.pair import pair_frames
 from ..fem.rigid_motion import RigidMotion
 from ..fem.surface import way_along
 from ..fem.user_values import on_all_ranks
@@ -108,8 +109,11 @@ def _face(
         The points; frames, shape (m, 3, 3); gap in metres; cohesion in newtons and friction, of the contact; and the
         foundation's displacement in this step in metres, shape (m, 3).
     """
-    contact, elasticity, comm = body.contacts[number], body.elasticity, body.comm
-    facets = elasticity.mesh.facets(contact.face, "contact")
+    contact, comm = body.contacts[number], body.comm
+    if contact.against is not None:
+        return _pair(body, number, time, slip_rate)
+    member, facets = body.elasticity.face(contact.face, "contact")
+    elasticity = member.body
     points, nodes = contact_points(elasticity, facets), elasticity.nodes_of(facets)
     what = f"contact face {contact.face!r}"
 
@@ -118,7 +122,9 @@ def _face(
         return here, contact.rigid_motion(before.time, what) if before else here
 
     here, then = on_all_ranks(way, "", comm)
-    foundation, place = body.foundations[number], here.undone(elasticity.x[nodes])  # in the foundation's coordinates
+    foundation = body.foundations[number]
+    assert foundation is not None
+    place = here.undone(elasticity.x[nodes])  # in the foundation's coordinates
     x = points.average(elasticity.x)
     outward = np.zeros_like(elasticity.x)
     if contact.normals == "body":
@@ -146,4 +152,17 @@ def _face(
     gap[nodes] += contact.gap_factor(time, comm) * contact.gap_at(elasticity.x[nodes], comm)
     law = contact.law(x, points.area, time, slip_rate[points.nodes], comm)
     frames = contact.frames(n, H, x, comm)
-    return points, frames, points.average(gap), law.cohesion, law.friction, here.since(then, x)
+    averaged = points.average(gap)
+    points = points.of(member, body.elasticity)
+    return points, frames, averaged, law.cohesion, law.friction, here.since(then, x)
+
+
+def _pair(
+    body: ContactBody, number: int, time: float, slip_rate: FloatArray
+) -> tuple[ContactPoints, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """As `_face`, of a pair of deformable faces: what moves there is in the displacement."""
+    contact, comm, pair = body.contacts[number], body.comm, body.pair(number)
+    gap = pair.gap + contact.gap_factor(time, comm) * contact.gap_at(pair.x, comm)
+    law = contact.law(pair.x, pair.points.area, time, slip_rate[pair.points.nodes], comm)
+    frames = pair_frames(pair, contact.axes, comm)
+    return pair.points, frames, gap, law.cohesion, law.friction, np.zeros_like(pair.x)

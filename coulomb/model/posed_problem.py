@@ -62,7 +62,7 @@ class PosedProblem:
 
     @property
     def mesh(self) -> NamedMesh:
-        """The mesh of the body."""
+        """The mesh of the body, if there is one body only."""
         return self.body.mesh
 
     @property
@@ -76,8 +76,9 @@ class PosedProblem:
         return self.body.contacts
 
     @property
-    def foundations(self) -> tuple[RigidFoundation, ...]:
-        """Foundations of all contact faces before any motion; by default the plane of the face."""
+    def foundations(self) -> tuple[RigidFoundation | None, ...]:
+        """Foundations of all contact faces before any motion; by default the plane of the face; None against a
+        deformable face."""
         return self.body.foundations
 
     @property

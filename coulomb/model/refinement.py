@@ -44,7 +44,7 @@ def refined(
         on_body: Contact forces on the body at this rank's nodes in newtons, shape (k, 3).
         u: An approximate displacement, with the prescribed ones, metres.
     """
-    over, x = Reductions(elasticity.mesh.comm), elasticity.x
+    over, x = Reductions(elasticity.comm), elasticity.x
     ends = np.array([[over.min(axis), over.max(axis)] for axis in x.T])
     arms = (x - ends.mean(axis=1)) / (0.5 * np.linalg.norm(np.ptp(ends, axis=1)))
 

@@ -149,7 +149,7 @@ def known_mode(mode: str) -> str:
 
 def small_strain(
     at_nodes: NodalAnswer,
-    foundations: Sequence[RigidFoundation],
+    foundations: Sequence[RigidFoundation | None],
     body: Strained,
     u: FloatArray,
     between: Sequence[npt.NDArray[np.integer[Any]]] = (),
@@ -159,7 +159,7 @@ def small_strain(
 
     Args:
         at_nodes: The answer at the contact nodes.
-        foundations: Foundation of each contact face at this time.
+        foundations: Foundation of each contact face at this time; None against a deformable face.
         body: The body.
         u: Displacement in metres, this rank's nodes, shape (k, 3).
         between: The nodes on each contact face, if contact points are means over several.
@@ -175,7 +175,7 @@ def small_strain(
         distance, turn = np.zeros(len(before)), np.zeros(len(before))
         for number, foundation in enumerate(foundations):
             at = part == number
-            if np.any(at):
+            if foundation is not None and np.any(at):
                 cosine = np.einsum("ki,ki->k", foundation.normal(before[at]), foundation.normal(moved[at]))
                 turn[at] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
                 beyond = _beyond(at_nodes, pressing, at, foundation)
@@ -207,7 +207,7 @@ def _relative(depth: float, deformation: float) -> float:
 
 def _deepest(
     answer: NodalAnswer,
-    foundations: Sequence[RigidFoundation],
+    foundations: Sequence[RigidFoundation | None],
     x: FloatArray,
     u: FloatArray,
     between: Sequence[npt.NDArray[np.integer[Any]]],
@@ -218,7 +218,7 @@ def _deepest(
     def depths() -> list[FloatArray]:
         found = []
         for nodes, foundation in zip(between, foundations, strict=False):
-            if len(nodes) and len(points):
+            if foundation is not None and len(nodes) and len(points):
                 nearest = cKDTree(points).query(x[nodes])[1]
                 remaining = foundation.signed_distance(x[nodes] + u[nodes]) + given[nearest]
                 rounding = _ROUNDING * np.max(np.abs(x[nodes]))

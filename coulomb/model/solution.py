@@ -48,8 +48,8 @@ class Solution:
 
     @property
     def function(self) -> Any:
-        """The displacement in metres as a DOLFINx Function; of a `Body` in the user's own space."""
-        return self.problem.elasticity.function(self.displacement)
+        """The displacement in metres as a DOLFINx Function, of the only body; of a `Body` in the user's own space."""
+        return self.problem.elasticity.alone.function(self.displacement)
 
     @property
     def force_on_body(self) -> FloatArray:

@@ -98,8 +98,10 @@ def contacts_of(problem: PosedProblem) -> list[dict[str, Any]]:
     return found
 
 
-def _foundation(contact: Contact, foundation: RigidFoundation) -> str:
-    """Its kind and numbers."""
+def _foundation(contact: Contact, foundation: RigidFoundation | None) -> str:
+    """Its kind and numbers; for a pair the other face."""
+    if foundation is None:
+        return f"the face {contact.against!r}"
     kind = type(foundation).__name__.lower()
     if contact.foundation is None:
         return "the plane of the face"

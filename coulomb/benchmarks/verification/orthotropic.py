@@ -96,7 +96,7 @@ def _total(solution: Solution) -> float:
 
 
 def _bar_rows(name: str, solution: Solution, angle: float) -> list[Row]:
-    body, u = solution.problem.elasticity, solution.displacement
+    body, u = solution.problem.elasticity.alone, solution.displacement
     expected = modulus(angle) * SHORTENED / LENGTH
     pressure = solution.at_nodes.fields()["pressure"]
     worst = pressure[np.argmax(np.abs(pressure - expected))]

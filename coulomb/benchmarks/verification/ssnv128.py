@@ -82,7 +82,7 @@ def _tolerance(known: float, place: float) -> tuple[float, str]:
 def _line(solution: Solution) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Places x of the nodes of the contact line, u_x and contact pressure there."""
     problem, surface = solution.problem, solution.problem.surface
-    nodes = problem.elasticity.nodes_of(problem.mesh.facets("bottom", "contact"))
+    nodes = problem.elasticity.nodes("bottom", "contact")
     place = problem.elasticity.x[nodes]
     nodes = nodes[place[:, 1] < 1e-6 * EDGE]  # one of the lines of nodes: all have the same
     nodes = nodes[np.argsort(problem.elasticity.x[nodes, 0])]

@@ -1,0 +1,112 @@
+"""A pair of deformable faces: contact points on the slave face, and what opposes them on the master face.
+
+    (B u)_j = (1/a_j) int lambda_j  R_j (u_slave - u_master o pi) dS,    a_j = int lambda_j dS,   R_j = (n, t1, t2)
+
+with multipliers lambda_j on the slave face and the projection pi of its points on the master face along the normals
+(`mortar`).  Forces on both faces are equal and opposite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from .contact_frames import FrictionAxes, held_length, supported_frames
+from .contact_points import ContactPoints, among_all
+from .deformable import Deformable
+from .facet_patch import facet_patch, gathered
+from .mortar import mortar_rows
+from .surface import ContactSurface, matrices_of
+
+_HELD = 1.0 - 1e-10
+"""A slave node whose normal has at least this length along held directions is no contact point."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Geometry of a pair of faces before deformation; this rank's m contact points, on the slave face.
+
+    Attributes:
+        face: Name of the slave face.
+        against: Name of the master face.
+        points: Averages over the slave face, and over the master face opposite.
+        x: Their coordinates in metres, shape (m, 3).
+        n: Unit normals, from the slave body into the master body, shape (m, 3).
+        gap: Distance along them before deformation in metres, shape (m,).
+        held: Projectors on the held directions of the slave nodes, shape (m, 3, 3).
+    """
+
+    face: str
+    against: str
+    points: ContactPoints
+    x: FloatArray
+    n: FloatArray
+    gap: FloatArray
+    held: FloatArray
+
+
+def pair_of(elasticity: Deformable, face: str, against: str) -> Pair:
+    """The geometry of a pair; collective.
+
+    Nodes of the slave face whose displacement along the normal is prescribed, and those that nothing opposes, are no
+    contact points.
+
+    Raises:
+        ValueError: On every rank, if a face is unknown, or no part of one is opposite to the other.
+    """
+    comm = elasticity.comm
+    (slave, on_slave), (master, on_master) = elasticity.face(face, "contact"), elasticity.face(against, "contact")
+    patches = [facet_patch(one.body, facets) for one, facets in ((slave, on_slave), (master, on_master))]
+    numbering = slave.body.numbering
+    rows = mortar_rows(*(gathered(patch, comm) for patch in patches), numbering)
+    if comm.allreduce(len(rows.node), op=MPI.SUM) == 0:
+        raise ValueError(
+            f"contact face {face!r}: no part of it is opposite to {against!r}: the two must face each other, with "
+            "normals in opposite directions"
+        )
+    local = (rows.node - numbering.first).astype(np.int32)
+    points = ContactPoints(slave.body, local, rows.area, rows.weights, slave.body.positive)
+    H = slave.body.held.projector_at(local)
+    keep = held_length(rows.n, points.held(slave.body.held)) <= _HELD
+    if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
+        raise ValueError(
+            f"contact face {face!r} is fully clamped: none of its nodes can move; exchange face and against"
+        )
+    opposite = among_all(rows.opposite[keep], master, elasticity)
+    points = points.only(keep).of(slave, elasticity).against(opposite)
+    return Pair(face, against, points, rows.x[keep], rows.n[keep], rows.gap[keep], H[keep])
+
+
+def pair_surface(
+    elasticity: Deformable,
+    pair: Pair,
+    axes: FrictionAxes | None,
+    gap_field: Callable[[FloatArray], FloatArray],
+    gap_factor: float,
+) -> ContactSurface:
+    """The contact points of a pair as a surface; collective.
+
+    Args:
+        elasticity: The bodies with their clamps.
+        pair: The pair.
+        axes: Orthotropic friction, by which the tangents are rotated and scaled.
+        gap_field: A gap in metres that is added to the distance, at points x (m, 3) of this rank; collective.
+        gap_factor: Its amplitude.
+    """
+    given = gap_field(pair.x)
+    frames = pair_frames(pair, axes, elasticity.comm)
+    part = np.zeros(len(pair.x), dtype=np.int64)
+    matrices = matrices_of(elasticity, pair.points, frames)
+    gap = pair.gap + gap_factor * given
+    return ContactSurface((pair.face,), part, pair.points, pair.x, frames, gap, given, *matrices, (None,))
+
+
+def pair_frames(pair: Pair, axes: FrictionAxes | None, comm: MPI.Comm) -> FloatArray:
+    """Rows n, t1, t2 of the contact points, shape (m, 3, 3); collective."""
+    if axes is None:
+        return supported_frames(pair.n, pair.held)
+    return axes.frames(pair.n, pair.held, pair.x, f"contact face {pair.face!r}", comm)

@@ -1,0 +1,108 @@
+"""The contact faces of a body: their foundations or the faces against them at any time, and their common surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from ..fem.deformable import Deformable
+from ..fem.obstacles import RigidFoundation
+from ..fem.pair import Pair, pair_of, pair_surface
+from ..fem.rigid_motion import RigidMotion, moved
+from ..fem.surface import ContactSurface, contact_surface, joined
+from ..fem.user_values import on_all_ranks
+from ..linalg.reductions import Reductions
+from ..solvers.laws import FrictionLaw
+from .contact import Contact
+
+
+class ContactFaces:
+    """The contact faces of a body: their foundations at any time, and their common surface.
+
+    Args:
+        contacts: The faces.
+        comm: The ranks.
+        foundations: By default those of the contacts; None is the plane of the face.
+        pairs: Those found already, by the number of the contact.
+
+    Attributes:
+        foundations: The foundations before any motion.
+
+    Raises:
+        ValueError: If there is none.
+    """
+
+    def __init__(
+        self,
+        contacts: Sequence[Contact],
+        comm: MPI.Comm,
+        foundations: Sequence[RigidFoundation | None] | None = None,
+        pairs: dict[int, Pair] | None = None,
+    ):
+        if not contacts:
+            raise ValueError("contact: give one face or several")
+        self._contacts, self._comm = contacts, comm
+        self.foundations = [contact.foundation for contact in contacts] if foundations is None else foundations
+        self._pairs: dict[int, Pair] = {} if pairs is None else pairs
+
+    def against(self, foundations: Sequence[RigidFoundation | None]) -> ContactFaces:
+        """The same faces with other foundations."""
+        return ContactFaces(self._contacts, self._comm, foundations, self._pairs)
+
+    def pair(self, number: int, elasticity: Deformable) -> Pair:
+        """The pair of faces of a contact against a deformable face, which is found once; collective."""
+        if number not in self._pairs:
+            contact = self._contacts[number]
+            assert contact.against is not None
+            self._pairs[number] = pair_of(elasticity, contact.face, contact.against)
+        return self._pairs[number]
+
+    def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
+        """Of the foundations of all faces at a time; collective."""
+        return on_all_ranks(
+            lambda: tuple(c.rigid_motion(time, "contact: foundation") for c in self._contacts), "", self._comm
+        )
+
+    def gap_factors(self, time: float) -> FloatArray:
+        """Amplitudes of the given gaps of all faces at a time, shape (faces,); collective."""
+        return np.array([contact.gap_factor(time, self._comm) for contact in self._contacts])
+
+    def surface(self, elasticity: Deformable, motions: Sequence[RigidMotion], time: float) -> ContactSurface:
+        """The contact surface with moved foundations, and gaps at a time; collective.
+
+        Raises:
+            ValueError: On every rank, as `contact_surface`, or if an interference is larger than the body.
+        """
+        surfaces = []
+        over = Reductions(self._comm)
+        size = np.linalg.norm([over.max(axis) + over.max(-axis) for axis in elasticity.x.T])
+        for number, (contact, foundation, motion, factor) in enumerate(
+            zip(self._contacts, self.foundations, motions, self.gap_factors(time), strict=True)
+        ):
+            given = partial(contact.gap_at, comm=self._comm)
+            if contact.against is not None:
+                surface = pair_surface(elasticity, self.pair(number, elasticity), contact.axes, given, factor)
+            else:
+                there = foundation and moved(foundation, motion)
+                surface = contact_surface(elasticity, contact.face, there, contact.normals, contact.axes, given, factor)
+            deepest = over.max(-factor * surface.gap_field)
+            if deepest > size:
+                raise ValueError(
+                    f"contact face {contact.face!r}: gap: an interference of {deepest:g} m is larger than the body, "
+                    f"whose extent is {size:g} m: gap is in metres"
+                )
+            surfaces.append(surface)
+        return joined(elasticity, surfaces)
+
+    def law(self, surface: ContactSurface, time: float, slip_rate: FloatArray) -> FrictionLaw:
+        """The law of friction at this rank's contact points at a time, slip rates (m,) in m/s; collective."""
+        cohesion, friction = np.zeros((2, len(surface.nodes)))
+        for part, contact in enumerate(self._contacts):
+            here = surface.part == part
+            law = contact.law(surface.x[here], surface.area[here], time, slip_rate[here], self._comm)
+            cohesion[here], friction[here] = law.cohesion, law.friction
+        return FrictionLaw(cohesion, friction)
