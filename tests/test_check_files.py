@@ -8,7 +8,7 @@ import pytest
 from check_runs import BALL, BLOCK, UNASKED, WEDGE, change, copied, edit, field, get, leaves, made, put, run_case, shown
 
 from coulomb.io.recheck.directory import check
-from coulomb.model.contact import contact_surface as real_surface
+from coulomb.model.contact_faces import contact_surface as real_surface
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 
 RUNS = {"hexahedra": BLOCK, "tetrahedra": WEDGE}
@@ -284,7 +284,7 @@ def test_a_missing_mesh_file(tmp_path):
 def lost_nodes(monkeypatch):
     """A faulty contact surface that omits the middle third of the face."""
     from coulomb.fem.contact_matrix import contact_matrix
-    from coulomb.model import contact
+    from coulomb.model import contact_faces
 
     def without_the_middle(elasticity, face, *arguments):
         surface = real_surface(elasticity, face, *arguments)
@@ -294,7 +294,7 @@ def lost_nodes(monkeypatch):
         B = contact_matrix(points, of_points["frames"])
         return replace(surface, **of_points, points=points, B=B, free_B=B)
 
-    monkeypatch.setattr(contact, "contact_surface", without_the_middle)
+    monkeypatch.setattr(contact_faces, "contact_surface", without_the_middle)
 
 
 @pytest.mark.parametrize("with_case", [True, False])

@@ -42,7 +42,7 @@ def lose(monkeypatch, lost):
         fields = ("part", "x", "frames", "gap", "gap_field")
         return replace(found, points=points, B=B, free_B=B, **{name: getattr(found, name)[keep] for name in fields})
 
-    monkeypatch.setattr("coulomb.model.contact.contact_surface", part)
+    monkeypatch.setattr("coulomb.model.contact_faces.contact_surface", part)
 
 
 @pytest.mark.parametrize("slip_stress", [None, 1e7], ids=["coulomb", "tresca"])

@@ -19,13 +19,11 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from .held_nodes import HeldNodes
 from .held_space import HeldSpace
+from .joined_mesh import SEPARATOR
 from .loads import AppliedLoad
 from .materials import Materials
 from .nodal_forces import NodalForces
 from .temperature import Temperature
-
-OF = ":"
-"""Between the names of a body and its face, "lower:top"."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ class Member:
         """Name of a face of this body in the problem, such as "lower:top"; that of the body for None."""
         if not self.name:
             return face
-        return self.name if face is None else f"{self.name}{OF}{face}"
+        return self.name if face is None else f"{self.name}{SEPARATOR}{face}"
 
 
 class Deformable(HeldNodes, ABC):

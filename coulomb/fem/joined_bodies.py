@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -17,9 +16,10 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .constraints import HeldDirections
-from .deformable import OF, Deformable, Loading, Member, SingleBody
+from .deformable import Deformable, Loading, Member, SingleBody
 from .held_nodes import Numbering, distributed_rows
 from .held_space import INTERPOLATION, attach_rigid_body_modes
+from .joined_mesh import JoinedMesh
 from .loads import AppliedLoad
 from .nodal_forces import NodalForces
 from .rigid_modes import rigid_modes
@@ -51,6 +51,7 @@ class JoinedBodies(Deformable):
             if MPI.Comm.Compare(comm, body.comm) == MPI.UNEQUAL:
                 raise ValueError(f"join: body {name!r} is on other ranks than the first; make all on one communicator")
         self._names, self._bodies = tuple(bodies), parts
+        self._mesh = JoinedMesh({name: body.mesh for name, body in bodies.items()})
         ends = np.cumsum([0, *(len(body.x) for body in parts)])
         self._slices = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
         self._numbers = _Numbers(comm, [(body.numbering.first, body.numbering.local) for body in parts])
@@ -86,15 +87,9 @@ class JoinedBodies(Deformable):
 
     def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
         """The face "body:face": see `Deformable`."""
-        of, separator, face = name.partition(OF)
-        if not separator or of not in self._names:
-            faces = [str(member.called(one)) for member in self.members for one in member.body.mesh.faces]
-            close = difflib.get_close_matches(name, faces, n=1)
-            hint = f" (did you mean {close[0]!r}?)" if close else ""
-            fault = f"there is no body {of!r}" if separator else f"{name!r} names no body: write 'body{OF}face'"
-            raise ValueError(f"{what}: {fault}{hint}; the faces are {', '.join(faces)}")
+        of, own = self._mesh.split(name, what)
         member = self.members[self._names.index(of)]
-        return member, member.body.mesh.facets(face, f"{what}: body {of!r}")
+        return member, member.body.mesh.facets(own, what)
 
     def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Global numbers among the nodes of all bodies, from those in the space of one."""

@@ -12,15 +12,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
 
 from ..arrays import FloatArray
 from .contact_frames import FrictionAxes, held_length, supported_frames
 from .contact_points import ContactPoints, among_all
-from .deformable import Deformable
+from .deformable import Deformable, SingleBody
 from .facet_patch import facet_patch, gathered
 from .mortar import mortar_rows
 from .surface import ContactSurface, matrices_of
+from .user_values import on_all_ranks
 
 _HELD = 1.0 - 1e-10
 """A slave node whose normal has at least this length along held directions is no contact point."""
@@ -60,25 +63,41 @@ def pair_of(elasticity: Deformable, face: str, against: str) -> Pair:
     """
     comm = elasticity.comm
     (slave, on_slave), (master, on_master) = elasticity.face(face, "contact"), elasticity.face(against, "contact")
+    body, numbering = slave.body, slave.body.numbering
     patches = [facet_patch(one.body, facets) for one, facets in ((slave, on_slave), (master, on_master))]
-    numbering = slave.body.numbering
-    rows = mortar_rows(*(gathered(patch, comm) for patch in patches), numbering)
+    clamped = _clamped(body, on_slave)
+    left_out = np.concatenate(comm.allgather(numbering.first + clamped))
+    on_one, on_other = (gathered(patch, comm) for patch in patches)
+    owned = (numbering.first, numbering.first + numbering.local)
+    rows = on_all_ranks(lambda: mortar_rows(on_one, on_other, owned, left_out=left_out), f"contact face {face!r}", comm)
     if comm.allreduce(len(rows.node), op=MPI.SUM) == 0:
+        nodes, what = len(np.unique(on_one.nodes)), f"contact face {face!r}"
+        if nodes and len(left_out) == nodes:
+            raise ValueError(f"{what} is fully clamped: none of its nodes can move; exchange face and against")
         raise ValueError(
-            f"contact face {face!r}: no part of it is opposite to {against!r}: the two must face each other, with "
-            "normals in opposite directions"
+            f"{what}: no part of it is opposite to {against!r}: the two must face each other, with outward normals in "
+            "opposite directions"
         )
     local = (rows.node - numbering.first).astype(np.int32)
-    points = ContactPoints(slave.body, local, rows.area, rows.weights, slave.body.positive)
-    H = slave.body.held.projector_at(local)
-    keep = held_length(rows.n, points.held(slave.body.held)) <= _HELD
-    if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
-        raise ValueError(
-            f"contact face {face!r} is fully clamped: none of its nodes can move; exchange face and against"
-        )
-    opposite = among_all(rows.opposite[keep], master, elasticity)
-    points = points.only(keep).of(slave, elasticity).against(opposite)
-    return Pair(face, against, points, rows.x[keep], rows.n[keep], rows.gap[keep], H[keep])
+    points = ContactPoints(body, local, rows.area, rows.weights, _at_nodes(rows.weights, rows.node, comm))
+    opposite = among_all(rows.opposite, master, elasticity)
+    points = points.of(slave, elasticity).against(opposite)
+    return Pair(face, against, points, rows.x, rows.normal, rows.gap, body.held.projector_at(local))
+
+
+def _clamped(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+    """This rank's nodes on facets whose displacement along the normal is prescribed."""
+    nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
+    n = outward[nodes]
+    n /= np.maximum(np.linalg.norm(n, axis=1), 1e-300)[:, None]
+    clamped: npt.NDArray[np.int64] = nodes[held_length(n, body.held.projector_at(nodes)) > _HELD].astype(np.int64)
+    return clamped
+
+
+def _at_nodes(weights: scipy.sparse.csr_matrix, node: npt.NDArray[np.int64], comm: MPI.Comm) -> bool:
+    """Whether every row is its node alone; collective."""
+    alone = weights.nnz == len(node) and bool(np.all(weights.indices == node))
+    return bool(comm.allreduce(alone, op=MPI.LAND))
 
 
 def pair_surface(

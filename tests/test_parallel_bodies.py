@@ -1,0 +1,89 @@
+"""Several bodies together: numbering over ranks, K, loads, pairs of faces in equilibrium.
+
+Run alone, or as `mpirun -n 3 python -m pytest tests/test_parallel_bodies.py`.
+"""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
+from coulomb.fem.elasticity import Elasticity
+from coulomb.fem.joined_bodies import JoinedBodies
+from coulomb.linalg.stiffness import IterativeSolver
+
+STEEL, ALUMINIUM = Material(2.1e11, 0.3), Material(7e10, 0.33)
+
+
+def two(lower=("hexahedron", 1), upper=("tetrahedron", 2), comm=MPI.COMM_WORLD):
+    """A block on a block; their meshes do not match."""
+    below = box((1.0, 1.0, 0.5), (3, 3, 2), lower[0], comm, degree=lower[1])
+    above = box(
+        (0.8, 0.8, 0.4), (2, 2, 1), upper[0], comm, lambda x: x + np.array([[0.1], [0.1], [0.5]]), degree=upper[1]
+    )
+    return {
+        "lower": Elasticity(below, STEEL, [Clamp("bottom")]),
+        "upper": Elasticity(above, ALUMINIUM, [Clamp("left")], [Traction("top", (0.0, 0.0, -1e7))]),
+    }
+
+
+def test_internal_forces_are_those_of_the_bodies():
+    """K u of the bodies together at free nodes is the internal force of each; so are f and B^T x, numbered over ranks."""
+    bodies = two()
+    joined = JoinedBodies(bodies)
+    u = joined.free_part(np.sin(1.0 + joined.x @ np.array([[3.0, 1.0, 2.0], [2.0, 4.0, 1.0], [5.0, 1.0, 3.0]])))
+    given, image = joined.K.createVecs()
+    given.array[:] = u.ravel()
+    joined.K.mult(given, image)
+    forces = joined.free_part(image.array_r.reshape(-1, 3).copy())
+    start = 0
+    for member, body in zip(joined.members, bodies.values(), strict=True):
+        assert member.nodes == slice(start, start + len(body.x))
+        start = member.nodes.stop
+        own = body.free_part(body.internal_force(u[member.nodes]))
+        assert np.abs(forces[member.nodes] - own).max(initial=0.0) <= 1e-13 * np.abs(own).max(initial=1.0)
+        numbers = body.numbering.first + np.arange(len(body.x))
+        found = joined.numbers_of(member, numbers)
+        assert np.array_equal(found, joined.numbering.first + np.arange(member.nodes.start, member.nodes.stop))
+        everywhere = np.concatenate(joined.comm.allgather(numbers))
+        whole = np.concatenate(joined.comm.allgather(found))
+        assert np.array_equal(joined.numbers_of(member, everywhere), whole)
+    loading = joined.at(0.0)
+    assert joined.comm.allreduce(loading.load[:, 2].sum()) == pytest.approx(-6.4e6)
+
+
+@pytest.mark.parametrize(
+    "lower, upper", [(("hexahedron", 1), ("tetrahedron", 2)), (("tetrahedron", 1), ("hexahedron", 1))]
+)
+@pytest.mark.parametrize("face, against", [("upper:bottom", "lower:top"), ("lower:top", "upper:bottom")])
+def test_a_pair_is_in_equilibrium(lower, upper, face, against):
+    """Forces on both faces are equal and opposite, with moments; multigrid finds what the factorised K does."""
+    bodies = two(lower, upper)
+    answers = []
+    for options in ({}, {"explicit": False, "linear_solver": IterativeSolver}):
+        problem = ContactProblem(JoinedBodies(bodies), Contact(face, against=against, friction=0.3), **options)
+        answers.append(problem.solve())
+        assert answers[-1].certificate.passed
+    solution = answers[0]
+    comm, on_bodies = solution.problem.comm, -solution.problem.nodal_contact_force(solution.contact_force)
+    sizes = comm.allreduce(np.linalg.norm(on_bodies, axis=1).sum())
+    x = solution.problem.elasticity.x
+    assert np.abs(comm.allreduce(on_bodies.sum(axis=0))).max() <= 1e-12 * sizes
+    assert np.abs(comm.allreduce(np.cross(x, on_bodies).sum(axis=0))).max() <= 1e-12 * sizes
+    for member in solution.problem.elasticity.members:
+        total = comm.allreduce(on_bodies[member.nodes].sum(axis=0))
+        ours = total if member.name == face.partition(":")[0] else -total
+        assert ours == pytest.approx(solution.at_nodes.totals()["force"], rel=1e-10)
+    assert solution.acting.balance <= 1e-10
+    one, other = (np.array(answer.at_nodes.totals()["force"]) for answer in answers)
+    assert np.linalg.norm(one - other) <= 1e-6 * np.linalg.norm(one)
+    assert [one.name for one in solution.reactions] == ["clamp_lower:bottom", "clamp_upper:left"]
+
+
+def test_a_face_against_itself_and_foundations_of_pairs_are_refused():
+    with pytest.raises(ValueError, match="cannot be in contact with itself"):
+        Contact("lower:top", friction=0.3, against="lower:top")
+    with pytest.raises(ValueError, match="motion is for rigid foundations"):
+        Contact("lower:top", friction=0.3, against="upper:bottom", motion=(1.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="opposite"):
+        ContactProblem(JoinedBodies(two()), Contact("upper:top", against="lower:bottom", friction=0.3))
