@@ -28,7 +28,7 @@ def two(lower=("hexahedron", 1), upper=("tetrahedron", 2), comm=MPI.COMM_WORLD):
 
 
 def test_internal_forces_are_those_of_the_bodies():
-    """K u of the bodies together at free nodes is the internal force of each; so are f and B^T x, numbered over ranks."""
+    """K u of all bodies at free nodes is the internal force of each; nodes are numbered rank after rank."""
     bodies = two()
     joined = JoinedBodies(bodies)
     u = joined.free_part(np.sin(1.0 + joined.x @ np.array([[3.0, 1.0, 2.0], [2.0, 4.0, 1.0], [5.0, 1.0, 3.0]])))
