@@ -18,13 +18,31 @@ from .run_directory import OLD
 WHOLE = "mesh"
 """Name of the only grid of a file, and of its group with `geometry` and `topology` in `Mesh`."""
 
+OPPOSITE = "opposite_of"
+"""A field of contact.xdmf that only the faces opposite in pairs have: the number of the contact whose values they
+carry."""
+
 _AT_ONCE = 200_000  # points read at a time: no rank needs memory for the whole mesh
+
+
+class Block(NamedTuple):
+    """The grid of a body or a face among several in one `Grid`: its name, its points and its cells.
+
+    `kind` is XDMF's name of its cells in the file, `pieces` how many each has been cut into.
+    """
+
+    name: str
+    points: slice
+    cells: slice
+    kind: str
+    pieces: int
 
 
 class Grid(NamedTuple):
     """Contents of an XDMF file: cells (k, nodes per cell), points (n, 3), fields on points or cells by name.
 
-    Where the cells are pieces of second-order ones, `cut` is the kind of these, and `pieces` how many each has.
+    Where the cells are pieces of second-order ones, `cut` is the kind of these, and `pieces` how many each has.  Where
+    it holds several grids, each is one of `blocks`; cells with fewer nodes than others repeat their last one.
     """
 
     cell: str
@@ -33,6 +51,7 @@ class Grid(NamedTuple):
     fields: dict[str, FloatArray]
     cut: str = ""
     pieces: int = 1
+    blocks: tuple[Block, ...] = ()
 
 
 def data_of(path: str | Path) -> Path:

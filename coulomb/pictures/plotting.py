@@ -33,13 +33,21 @@ def renderer() -> Any:
 
 
 def polygons(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Cells (k, corners) in VTK's format: the number of corners, then the corners."""
-    return np.column_stack([np.full(len(cells), cells.shape[1]), cells]).ravel()
+    """Cells (k, corners) in VTK's format: the number of corners, then the corners; repeated last ones are left out."""
+    count = corners_in(cells)
+    return np.column_stack([count, cells])[np.arange(cells.shape[1] + 1) <= count[:, None]]
+
+
+def corners_in(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Number of corners of every cell (k, corners): cells with fewer than others repeat their last one."""
+    repeated = np.cumprod((cells[:, :0:-1] == cells[:, -2::-1]), axis=1).sum(axis=1)
+    return cells.shape[1] - np.asarray(repeated, dtype=np.int64)
 
 
 def skin_of(pyvista: Any, body: Grid, points: FloatArray) -> Any:
-    """Boundary of the body."""
+    """Boundary of the body, or of several bodies."""
     types = np.full(len(body.cells), _VTK_TYPES[body.cell], dtype=np.uint8)
+    types[corners_in(body.cells) == 4] = _VTK_TYPES["Tetrahedron"]
     solid = pyvista.UnstructuredGrid(polygons(body.cells), types, points)
     solid.point_data["node"] = np.arange(len(points))
     return solid.extract_surface(algorithm=None)
@@ -55,13 +63,27 @@ def match(points: FloatArray, nodes: FloatArray) -> npt.NDArray[np.int64]:
 
 def without(skin: Any, nodes: npt.NDArray[np.int64]) -> Any:
     """The skin without the faces whose corners are all among these nodes."""
-    corners = skin.regular_faces
+    corners = _faces_of(skin)
     inside = np.isin(skin.point_data["node"], nodes)[corners].all(axis=1)
     return type(skin)(skin.points, polygons(corners[~inside]))
 
 
+def _faces_of(skin: Any) -> npt.NDArray[np.int64]:
+    """Corners of the faces of a skin, shape (k, corners); triangles among others repeat their last one."""
+    flat: npt.NDArray[np.int64] = np.asarray(skin.faces, dtype=np.int64)
+    if skin.is_all_triangles or len(flat) == 5 * skin.n_cells:
+        found: npt.NDArray[np.int64] = np.asarray(skin.regular_faces, dtype=np.int64)
+        return found
+    rows = [[*face, face[-1]][:4] for face in skin.irregular_faces]
+    return np.array(rows, dtype=np.int64)
+
+
 def patches(pyvista: Any, cells: npt.NDArray[np.int64], points: FloatArray, chosen: npt.NDArray[np.bool_]) -> Any:
     """The part of the surface nearest to the chosen nodes: every facet is cut into a piece for each corner."""
+    count = corners_in(cells)
+    if np.any(count < cells.shape[1]):
+        parts = [patches(pyvista, cells[count == n, :n], points, chosen) for n in np.unique(count)]
+        return pyvista.MultiBlock(parts).combine().extract_surface(algorithm=None)
     corners = points[cells]
     middle = 0.5 * (corners + np.roll(corners, -1, axis=1))
     centre = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)

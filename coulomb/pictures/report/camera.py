@@ -63,6 +63,16 @@ class Camera:
         plotter.renderer.ResetCameraClippingRange()
 
 
+def beside(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Direction of view of a face with this outward normal and of the body drawn apart from it, from the side, and
+    upward direction."""
+    along = np.eye(3)[np.argmin(np.abs(normal))]
+    one = along - (along @ normal) * normal
+    one /= np.linalg.norm(one)
+    direction: FloatArray = 0.8 * normal + 0.9 * one - 1.5 * np.cross(normal, one)
+    return direction, normal
+
+
 def framing(points: FloatArray, direction: FloatArray, up: FloatArray, most: tuple[int, int], parallel: bool) -> Camera:
     """The camera with the closest view of all points.
 

@@ -9,9 +9,10 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from ..plotting import ZONES, match
+from ..plotting import ZONES
 from .files import Rows, Run
 from .given import values_in_time
+from .merged import same_nodes
 from .scene import thinned, zone_counts
 from .units import scale_of
 
@@ -223,9 +224,11 @@ def _drive(run: Run) -> tuple[Any, str]:
     found: list[tuple[Any, str]] = []
     body = run.steps[0].grid("solution")
     if "held" in body.fields and "prescribed" in body.fields:
-        held = body.points[np.any(body.fields["held"] > 0.0, axis=1)]
-        bodies = (step.grid("solution") for step in run.steps)
-        table = np.stack([body.fields["prescribed"][match(held, body.points)] for body in bodies])
+        held = np.any(body.fields["held"] > 0.0, axis=1)
+        others = (step.grid("solution") for step in run.steps)
+        table = np.stack(
+            [other.fields["prescribed"][same_nodes(body.points, body.blocks, other)[held]] for other in others]
+        )
         driven = np.any(np.ptp(table, axis=0) > 0.0, axis=1)
         if driven.any():
             found.append((table[:, driven].mean(axis=1), "prescribed displacement"))

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ...io.field_files import Grid, read_grid
+from ...io.field_files import Grid, read_grids
 from ...io.run_directory import HISTORY, SUMMARY, RunDirectory, read_json, step_place
 from ..plotting import alarm
 from .first_order import first_order
+from .merged import merged
 from .units import in_seconds
 
 Rows = list[dict[str, float]]
@@ -34,7 +35,7 @@ class Step:
     needs: tuple[str, ...] = ("contact", "solution")
 
     def grid(self, file: str) -> Grid:
-        """The grid of "contact" or "solution".
+        """The grid of "contact" or "solution"; those of several bodies or faces as one (`merged`).
 
         Raises:
             ValueError: If the file is needed, and is missing or incomplete.
@@ -73,7 +74,7 @@ def _no_face(body: Grid) -> Grid:
 @functools.lru_cache(maxsize=4)
 def _read_once(path: Path, written: int) -> Grid:
     """Cached grids: a run has few large files, used by many pictures; a history has many small ones."""
-    return first_order(read_grid(path))
+    return merged({name: first_order(grid) for name, grid in read_grids(path).items()})
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 
-from ...io.field_files import Grid
+from ...io.field_files import OPPOSITE, Block, Grid
 
 _LATTICE = {
     **{(0, 0, 0): 0, (2, 0, 0): 1, (2, 2, 0): 2, (0, 2, 0): 3, (0, 0, 2): 4, (2, 0, 2): 5, (2, 2, 2): 6, (0, 2, 2): 7},
@@ -54,9 +54,15 @@ def first_order(grid: Grid) -> Grid:
 
 
 def contact_points(contact: Grid) -> npt.NDArray[np.bool_]:
-    """Which nodes of a contact face have contact conditions, shape (n,): on cut quadratic triangles the vertices."""
-    if contact.cut != "Triangle_6":
-        return np.ones(len(contact.points), dtype=bool)
-    corners = contact.cells.reshape(-1, 4, 3)[:, [0, 1, 2], [0, 1, 2]]
-    found: npt.NDArray[np.bool_] = np.isin(np.arange(len(contact.points)), corners)
-    return found
+    """Which nodes of the contact faces have contact conditions, shape (n,): on cut quadratic triangles the vertices,
+    and none on faces opposite in pairs."""
+    if OPPOSITE in contact.fields:
+        mine = np.asarray(contact.fields[OPPOSITE] < 0.0)
+    else:
+        mine = np.ones(len(contact.points), dtype=bool)
+    everything = Block("", slice(0, len(contact.points)), slice(0, len(contact.cells)), contact.cut, contact.pieces)
+    for block in contact.blocks or (everything,):
+        if block.kind == "Triangle_6":
+            corners = contact.cells[block.cells].reshape(-1, 4, contact.cells.shape[1])[:, [0, 1, 2], [0, 1, 2]]
+            mine[block.points] &= np.isin(np.arange(len(contact.points))[block.points], corners)
+    return mine

@@ -11,10 +11,11 @@ import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...io.field_files import Grid
-from ..plotting import ZONES, match, nice, patches, polygons, renderer, skin_of, without
-from .camera import Camera, framing
+from ..plotting import ZONES, corners_in, nice, patches, polygons, renderer, skin_of, without
+from .camera import Camera, beside, framing
 from .files import Run, Step
 from .first_order import contact_points
+from .merged import drawn_apart, nodes_in_body, opposite
 from .shown_fields import Field, named
 from .units import in_seconds, number, scale_of
 
@@ -82,10 +83,13 @@ def automatic_scale(run: Run) -> float:
         if not displacement.any():
             continue
         edges = np.zeros(len(body.cells))
-        for here, there in _EDGES[body.cell]:
-            a, b = body.cells[:, here], body.cells[:, there]
-            change = np.linalg.norm(displacement[a] - displacement[b], axis=1)
-            edges = np.maximum(edges, change / np.linalg.norm(body.points[a] - body.points[b], axis=1))
+        corners = corners_in(body.cells)
+        for kind, ends in _EDGES.items():
+            of = corners == (4 if kind == "Tetrahedron" else 8)
+            for here, there in ends if np.any(of) else ():
+                a, b = body.cells[of, here], body.cells[of, there]
+                change = np.linalg.norm(displacement[a] - displacement[b], axis=1)
+                edges[of] = np.maximum(edges[of], change / np.linalg.norm(body.points[a] - body.points[b], axis=1))
         stretch = max(stretch, float(np.quantile(edges, 0.99)))
     if not largest > 0.0:
         return 1.0
@@ -100,11 +104,13 @@ def limits_of(run: Run, field: Field) -> tuple[float, float]:
 
 
 def outward(contact: Grid) -> FloatArray:
-    """Mean outward normal of the body on its contact face, (3,), of length 1."""
-    mean: FloatArray = np.sum(contact.fields["normal"], axis=0)
+    """Mean outward normal of the body on its contact face, (3,), of length 1; with pairs that of the faces opposite,
+    from which the other bodies are drawn apart."""
+    normals, of_pairs = contact.fields["normal"], opposite(contact)
+    mean: FloatArray = np.sum(normals[of_pairs] if np.any(of_pairs) else normals, axis=0)
     length = float(np.linalg.norm(mean))
-    if length == 0.0:
-        return np.array([0.0, 0.0, -1.0])
+    if length <= 1e-6 * len(normals):  # closed around another body
+        return np.array([0.0, 0.0, 1.0 if np.any(of_pairs) else -1.0])
     return np.asarray(mean / length, dtype=np.float64)
 
 
@@ -143,16 +149,21 @@ def camera_of(steps: Sequence[Step], look: Look, size: tuple[int, int]) -> Camer
     """The camera that sees all these states completely."""
     seen: list[FloatArray] = []
     for step in steps:
-        body = step.grid("solution")
+        body, contact = _shown(step, look)
         seen += [body.points + look.scale * body.fields["displacement"]]
         seen += [body.points] if look.field.file == "solution" else []
         if look.field.vector and look.field.file == "contact":
-            tails, along = _arrows_of(step.grid("contact"), body, look)
+            tails, along = _arrows_of(contact, body, look)
             seen += [tails + along + _TIP * np.abs(along).max(initial=0.0) * side for side in (*np.eye(3), *-np.eye(3))]
     contact = steps[-1].grid("contact")
-    given = VIEWS[look.view]
-    direction, up = looking_at(outward(contact)) if given is None else (np.array(given[0]), np.array(given[1]))
+    direction, up = _direction(look.view, contact)
     return framing(np.concatenate(seen), direction, up, size, parallel=look.view not in _OBLIQUE)
+
+
+def _shown(step: Step, look: Look) -> tuple[Grid, Grid]:
+    """Bodies and contact faces; for a field of the faces the bodies of pairs are drawn apart."""
+    body, contact = step.grid("solution"), step.grid("contact")
+    return drawn_apart(body, contact) if look.field.file == "contact" else (body, contact)
 
 
 def cropped(shots: list[Shot]) -> list[Shot]:
@@ -177,9 +188,9 @@ def plotter_for(size: tuple[int, int], window: bool = False) -> Any:
 def paint(plotter: Any, step: Step, look: Look) -> None:
     """Add a state to an empty plotter and set the camera."""
     pyvista, field = renderer(), look.field
-    body, contact = step.grid("solution"), step.grid("contact")
+    body, contact = _shown(step, look)
     displacement = body.fields["displacement"]
-    in_contact = match(contact.points, body.points)
+    in_contact = nodes_in_body(contact, body)
     points = contact.points + look.scale * displacement[in_contact]
     size = float(np.linalg.norm(np.ptp(body.points, axis=0)))
     skin = skin_of(pyvista, body, body.points + look.scale * displacement)
@@ -272,7 +283,7 @@ def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, Float
     order = np.lexsort((off, *cube.T))  # the node nearest to the centre of each cube first
     _, first = np.unique(cube[order], axis=0, return_index=True)
     shown = order[first]
-    deformed = points[shown] + look.scale * body.fields["displacement"][match(points[shown], body.points)]
+    deformed = points[shown] + look.scale * body.fields["displacement"][nodes_in_body(contact, body)[shown]]
     return deformed + 4e-3 * reach * contact.fields["normal"][shown], 0.9 * edge / largest * vectors[shown]
 
 
@@ -282,11 +293,20 @@ def thinned(count: int, most: int) -> npt.NDArray[np.int64]:
 
 
 def _look(plotter: Any, view: str, contact: Grid) -> None:
-    given = VIEWS[view]
-    direction, up = looking_at(outward(contact)) if given is None else (np.array(given[0]), np.array(given[1]))
+    direction, up = _direction(view, contact)
     if view not in _OBLIQUE:
         plotter.enable_parallel_projection()
     plotter.view_vector(direction, viewup=up)
+
+
+def _direction(view: str, contact: Grid) -> tuple[FloatArray, FloatArray]:
+    """Direction of a view, and upward direction."""
+    given = VIEWS[view]
+    if given is not None:
+        return np.array(given[0]), np.array(given[1])
+    if np.any(opposite(contact)):
+        return beside(outward(contact))
+    return looking_at(outward(contact))
 
 
 def looking_at(normal: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...io.field_files import Grid
-from ..plotting import ZONES, match, renderer, skin_of
+from ..plotting import ZONES, renderer, skin_of
 from .files import Run, Step
+from .merged import nodes_in_body, same_nodes
 from .scene import limits_of, looking_at, outward
 from .sheet import AXES
 from .shown_fields import named, ramp
@@ -38,13 +39,14 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
         scale: Initial factor of the displacement.
     """
     first, body = run.steps[-1].grid("contact"), run.steps[-1].grid("solution")
-    nodes, cells = thinned_surface(first, MOST_NODES)
+    nodes, cells, faces = _thinned(first, MOST_NODES)
     most_steps = max(1, MOST_VALUES // (_A_NODE * len(nodes)))
     numbers = np.unique(np.round(np.linspace(0, len(run.steps) - 1, min(most_steps, len(run.steps)))).astype(int))
     if most_steps == 1:
         numbers = np.array([len(run.steps) - 1])
     points, size = first.points[nodes], float(np.linalg.norm(np.ptp(body.points, axis=0)))
     outline_nodes, lines = _outline(body)
+    shown = _Shown(first, body, nodes, outline_nodes)
     direction, up = looking_at(outward(first))
     fields = [_field(run, name) for name in (*SHOWN, *(ACCUMULATED if run.is_history else ()))]
     largest = max(
@@ -55,9 +57,10 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
     length_factor, length_unit = scale_of(size, "m")
     data = {
         "points": _packed(points),
+        "faces": faces,
         "normals": _packed(first.fields["normal"][nodes]),
-        "triangles": _packed(_triangles(cells), np.uint32),
-        "edges": _packed(_edges(cells), np.uint32),
+        "triangles": _packed(_by_face(_triangles, cells, faces), np.uint32),
+        "edges": _packed(_by_face(_edges, cells, faces), np.uint32),
         "outline": {"points": _packed(body.points[outline_nodes]), "lines": _packed(lines, np.uint32)},
         "axes": [{"name": name, "colour": colour} for name, colour in zip("xyz", AXES, strict=True)],
         "size": size,
@@ -67,7 +70,7 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
         "up": up.tolist(),
         "arrow": {"every": every, "largest": largest or 1.0, "length": 1.5 * cell},
         "fields": [{key: value for key, value in entry.items() if key != "field"} for entry in fields],
-        "steps": [_step(run.steps[k], fields, points, body.points[outline_nodes]) for k in numbers],
+        "steps": [_step(run.steps[k], fields, shown) for k in numbers],
         "flat": False,
     }
     notes = []
@@ -90,17 +93,52 @@ def _field(run: Run, name: str) -> dict[str, Any]:
     return entry
 
 
-def _step(step: Step, fields: Sequence[dict[str, Any]], points: FloatArray, outline: FloatArray) -> dict[str, Any]:
-    """Data of a step at these points: a history resumed on other ranks has its nodes in another order."""
+class _Shown(NamedTuple):
+    """The surface and the body of the last state, and the numbers of their nodes that are shown."""
+
+    contact: Grid
+    body: Grid
+    nodes: IntArray
+    outline: IntArray
+
+
+def _step(step: Step, fields: Sequence[dict[str, Any]], shown: _Shown) -> dict[str, Any]:
+    """Data of a step at these nodes: a history resumed on other ranks has its nodes in another order."""
     contact, body = step.grid("contact"), step.grid("solution")
-    displacement, nodes = body.fields["displacement"], match(points, contact.points)
+    displacement = body.fields["displacement"]
+    nodes = same_nodes(shown.contact.points, shown.contact.blocks, contact)[shown.nodes]
+    outline = same_nodes(shown.body.points, shown.body.blocks, body)[shown.outline]
     return {
         "label": "" if step.time is None else f"time {in_seconds(step.time)}",
-        "surface": _packed(displacement[match(points, body.points)]),
-        "outline": _packed(displacement[match(outline, body.points)]),
+        "surface": _packed(displacement[nodes_in_body(contact, body)[nodes]]),
+        "outline": _packed(displacement[outline]),
         "arrows": _packed(contact.fields["friction_traction"][nodes]),
         "values": {entry["name"]: _packed(entry["field"].values(contact)[nodes] / entry["factor"]) for entry in fields},
     }
+
+
+def _thinned(contact: Grid, most: int) -> tuple[IntArray, IntArray, list[dict[str, Any]]]:
+    """`thinned_surface` of every face, with so many nodes in all, and the faces for the menu.
+
+    Returns:
+        Numbers of the nodes kept, the cells between them, and of every face its name, where its nodes, triangles and
+        edges begin and end in the data, and the direction in which it is seen.
+    """
+    if not contact.blocks:
+        return *thinned_surface(contact, most), []
+    nodes, cells, faces, ends = [], [], [], [0, 0, 0]
+    for block in contact.blocks:
+        mine = Grid(contact.cell, contact.cells[block.cells] - block.points.start, contact.points[block.points], {})
+        kept, corners = thinned_surface(mine, max(1, most * len(mine.points) // len(contact.points)))
+        sizes = (len(kept), 3 * len(_triangles(corners)), 2 * len(_edges(corners)))
+        here = {key: [end, end + n] for key, end, n in zip(("nodes", "triangles", "edges"), ends, sizes, strict=True)}
+        normals = contact.fields["normal"][block.points]
+        direction, up = looking_at(outward(mine._replace(fields={"normal": normals})))
+        faces.append({"name": block.name, **here, "direction": direction.tolist(), "up": up.tolist()})
+        nodes.append(kept + block.points.start)
+        cells.append(corners + ends[0])
+        ends = [end + n for end, n in zip(ends, sizes, strict=True)]
+    return np.concatenate(nodes), np.concatenate(cells), faces
 
 
 def thinned_surface(contact: Grid, most: int) -> tuple[IntArray, IntArray]:
@@ -132,6 +170,16 @@ def thinned_surface(contact: Grid, most: int) -> tuple[IntArray, IntArray]:
     smaller = cluster[cells]
     different = np.array([len(set(corners)) >= 3 for corners in smaller.tolist()])
     return kept, np.unique(smaller[different], axis=0)
+
+
+def _by_face(parts: Callable[[IntArray], IntArray], cells: IntArray, faces: Sequence[dict[str, Any]]) -> IntArray:
+    """Triangles or edges of all cells, face by face."""
+    if not faces:
+        return parts(cells)
+    found: IntArray = np.concatenate(
+        [parts(cells[(face["nodes"][0] <= cells[:, 0]) & (cells[:, 0] < face["nodes"][1])]) for face in faces]
+    )
+    return found
 
 
 def _triangles(cells: IntArray) -> IntArray:

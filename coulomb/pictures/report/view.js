@@ -24,7 +24,8 @@ function redraw() {
 }
 
 function home() {
-  Object.assign(state, { turn: start, zoom: 1, shift: [0, 0] });
+  const { direction, up } = state.face;
+  Object.assign(state, { turn: orthonormal(direction, up), zoom: 1, shift: [0, 0] });
   redraw();
 }
 
@@ -80,6 +81,10 @@ function control(name, kind, change) {
 }
 const chooser = control("field", "change", (element) => ((state.field = data.fields[element.selectedIndex]), legend()));
 for (const field of data.fields) chooser.add(new Option(field.title));
+const side = control("face", "change", (element) => ((state.face = faces[element.selectedIndex]), letGo(), home()));
+for (const face of faces) side.add(new Option(face.name));
+side.selectedIndex = faces.indexOf(state.face);
+side.closest("label").hidden = faces.length < 3;
 const scale = control("scale", "input", (element) => {
   state.scale = Number(element.value);
   part("scale-value").textContent = `× ${digits(state.scale)}`;

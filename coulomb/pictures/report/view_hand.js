@@ -100,7 +100,7 @@ function nearestTo([x, y]) {
   const frame = canvas.getBoundingClientRect();
   const scale = reach();
   let [found, nearest, depth] = [-1, 14, -Infinity];
-  for (let node = 0; node < current.points.length / 3; node++) {
+  for (let node = state.face.nodes[0]; node < state.face.nodes[1]; node++) {
     const [right, down, near] = projected(current.points, node, scale);
     const off = Math.hypot(right * frame.width - (x - frame.left), down * frame.height - (y - frame.top));
     if (off < nearest - 2 || (off < nearest + 2 && near > depth)) [found, nearest, depth] = [node, off, near];

@@ -6,7 +6,7 @@
 function arrowCorners(points, margin) {
   const vectors = steps[state.step].arrows;
   const corners = [];
-  for (let node = 0; node < vectors.length / 3; node += data.arrow.every) {
+  for (let node = state.face.nodes[0]; node < state.face.nodes[1]; node += data.arrow.every) {
     const at = (array) => [array[3 * node], array[3 * node + 1], array[3 * node + 2]];
     const length = Math.hypot(...at(vectors)) / data.arrow.largest; // over the largest arrow, as below
     if (length < 0.04) continue;
@@ -108,9 +108,9 @@ function webgl() {
     gl.enableVertexAttribArray(location);
     gl.vertexAttribPointer(location, components, gl.FLOAT, false, 0, 0);
   }
-  function elements(kind, index, count) {
+  function elements(kind, index, [first, end]) {
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, index);
-    gl.drawElements(kind, count, gl.UNSIGNED_INT, 0);
+    gl.drawElements(kind, end - first, gl.UNSIGNED_INT, 4 * first);
   }
   let drawn = null;
 
@@ -146,16 +146,16 @@ function webgl() {
       attribute("colour", arrays.colours, 3);
       attribute("zone", arrays.zones, 1);
       paint([0, 0, 0, 0], 0);
-      elements(gl.TRIANGLES, indices[0], surface.triangles.length);
+      elements(gl.TRIANGLES, indices[0], state.face.triangles);
       attribute("colour", null);
       attribute("zone", null);
       gl.enable(gl.BLEND);
       paint([0.4, 0.4, 0.4, Math.max(lineStrength(), 1e-3)], 0.0006);
-      elements(gl.LINES, indices[1], surface.edges.length);
+      elements(gl.LINES, indices[1], state.face.edges);
       gl.disable(gl.BLEND);
       paint([0.5, 0.5, 0.5, 1], 0.0006);
       attribute("point", arrays.outline, 3);
-      elements(gl.LINES, indices[2], outline.lines.length);
+      elements(gl.LINES, indices[2], [0, outline.lines.length]);
       for (const [name, colour, lift] of [["halos", WHITE, 0.001], ["arrows", BLACK, 0.0014]]) {
         attribute("point", arrays[name], 3);
         paint([...colour, 1], lift);
@@ -190,10 +190,11 @@ function flat() {
         for (let k = 0; k < pairs.length; k += 2) path([places[pairs[k]], places[pairs[k + 1]]]), pen.stroke();
       };
       const places = seen(drawn.points);
-      const depth = (k) => [0, 1, 2].reduce((sum, c) => sum + places[surface.triangles[3 * k + c]][2], 0);
-      const order = Array.from({ length: surface.triangles.length / 3 }, (_, k) => k).sort((a, b) => depth(a) - depth(b));
+      const triangles = surface.triangles.subarray(...state.face.triangles);
+      const depth = (k) => [0, 1, 2].reduce((sum, c) => sum + places[triangles[3 * k + c]][2], 0);
+      const order = Array.from({ length: triangles.length / 3 }, (_, k) => k).sort((a, b) => depth(a) - depth(b));
       for (const k of order) {
-        const nodes = surface.triangles.subarray(3 * k, 3 * k + 3);
+        const nodes = triangles.subarray(3 * k, 3 * k + 3);
         const values = Array.from(nodes, (node) => drawn.values[node]);
         const mean = state.field.zones ? values.sort()[1] : (values[0] + values[1] + values[2]) / 3;
         pen.fillStyle = pen.strokeStyle = colourOf(mean);
@@ -202,7 +203,7 @@ function flat() {
       }
       pen.globalAlpha = lineStrength();
       pen.strokeStyle = "#666666";
-      lines(places, surface.edges);
+      lines(places, surface.edges.subarray(...state.face.edges));
       pen.globalAlpha = 1;
       pen.strokeStyle = "#808080";
       lines(seen(drawn.outline), outline.lines);

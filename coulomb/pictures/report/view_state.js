@@ -12,6 +12,10 @@ const floats = (text) => new Float32Array(bytes(text));
 const integers = (text) => new Uint32Array(bytes(text));
 
 const surface = { points: floats(data.points), triangles: integers(data.triangles), edges: integers(data.edges) };
+const ends = { nodes: [0, surface.points.length / 3], triangles: [0, surface.triangles.length], edges: [0, surface.edges.length] };
+/** The faces to choose from: where each begins and ends among nodes, triangles and edges, and the direction in which it
+ * is seen; the first is all of them. */
+const faces = [{ name: "all", ...ends, direction: data.direction, up: data.up }, ...data.faces];
 const normals = floats(data.normals);
 const outline = { points: floats(data.outline.points), lines: integers(data.outline.lines) };
 const steps = data.steps.map((step) => ({
@@ -34,11 +38,12 @@ const cellSize = (() => {
 
 // --- state -------------------------------------------------------------------------------------------------------
 
-const start = orthonormal(data.direction, data.up);
+const first = faces[faces.length > 1 ? 1 : 0];
 const state = {
-  turn: start, // rows: right, up and towards the viewer
+  turn: orthonormal(first.direction, first.up), // rows: right, up and towards the viewer
   zoom: 1, // 1: the body fills the frame
   shift: [0, 0], // of the frame's centre from the body's centre, right and up, metres
+  face: first,
   field: data.fields[0],
   step: steps.length - 1,
   scale: data.scale,
@@ -84,8 +89,8 @@ let box = boxAround();
 
 function boxAround() {
   const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
-  const grow = (points, displacement, more) => {
-    for (let k = 0; k < points.length; k++) {
+  const grow = (points, displacement, [first, end], more) => {
+    for (let k = 3 * first; k < 3 * end; k++) {
       const at = points[k] + state.scale * displacement[k];
       const end = more ? at + (more[k] / data.arrow.largest) * data.arrow.length : at;
       low[k % 3] = Math.min(low[k % 3], at, end);
@@ -93,8 +98,8 @@ function boxAround() {
     }
   };
   for (const step of steps) {
-    grow(surface.points, step.surface, step.arrows);
-    grow(outline.points, step.outline);
+    grow(surface.points, step.surface, state.face.nodes, step.arrows);
+    grow(outline.points, step.outline, [0, outline.points.length / 3]);
   }
   const middle = low.map((entry, k) => (entry + high[k]) / 2);
   const half = low.map((entry, k) => (high[k] - entry) / 2);

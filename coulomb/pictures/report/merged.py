@@ -1,0 +1,184 @@
+"""The grids of several bodies or faces as one, for pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import FloatArray
+from ...io.field_files import OPPOSITE, WHOLE, Block, Grid
+from ..plotting import match
+
+_APART = 0.55
+"""How far bodies are drawn apart, over the diagonal of the face between them: seen from the side (`camera.beside`) the
+upper body then hides nothing of the lower face."""
+
+_ELSEWHERE = {"status": 3.0, OPPOSITE: -1.0}
+"""Values of fields on grids that do not have them; 0 for all others."""
+
+
+def merged(grids: Mapping[str, Grid]) -> Grid:
+    """All grids of a file as one, with the fields of all; the only grid of a file as it is."""
+    if list(grids) == [WHOLE]:
+        return grids[WHOLE]
+    parts = list(grids.values())
+    width = max(part.cells.shape[1] for part in parts)
+    first_points = np.cumsum([0, *(len(part.points) for part in parts)])
+    first_cells = np.cumsum([0, *(len(part.cells) for part in parts)])
+    blocks = tuple(
+        Block(
+            name,
+            slice(int(first_points[k]), int(first_points[k + 1])),
+            slice(int(first_cells[k]), int(first_cells[k + 1])),
+            part.cut or part.cell,
+            part.pieces,
+        )
+        for k, (name, part) in enumerate(grids.items())
+    )
+    cells = [
+        np.pad(part.cells, ((0, 0), (0, width - part.cells.shape[1])), mode="edge") + first
+        for part, first in zip(parts, first_points, strict=False)
+    ]
+    names = dict.fromkeys(name for part in parts for name in part.fields)
+    widest = max(parts, key=lambda part: part.cells.shape[1])
+    return Grid(
+        widest.cell,
+        np.concatenate(cells),
+        np.concatenate([part.points for part in parts]),
+        {name: _everywhere(name, parts) for name in names},
+        widest.cut,
+        widest.pieces,
+        blocks,
+    )
+
+
+def _everywhere(name: str, parts: list[Grid]) -> FloatArray:
+    """A field on all grids."""
+    here = next(part for part in parts if name in part.fields)
+    on_cells = len(here.fields[name]) == len(here.cells) != len(here.points)
+    rows = [
+        part.fields.get(
+            name,
+            np.full(
+                (len(part.cells if on_cells else part.points), *here.fields[name].shape[1:]), _ELSEWHERE.get(name, 0.0)
+            ),
+        )
+        for part in parts
+    ]
+    return np.concatenate([np.asarray(row, dtype=np.float64) for row in rows])
+
+
+def body_of(name: str) -> str:
+    """Name of the body in the name of one of its faces, "lower:top"; empty for the face of a single body."""
+    body, colon, _ = name.partition(":")
+    return body if colon else ""
+
+
+def opposite(contact: Grid) -> npt.NDArray[np.bool_]:
+    """Which points are on faces opposite in pairs, shape (n,)."""
+    of = np.asarray(contact.fields.get(OPPOSITE, np.full(len(contact.points), -1.0)))
+    return np.asarray(of >= 0.0)
+
+
+def nodes_in_body(contact: Grid, body: Grid) -> npt.NDArray[np.int64]:
+    """The node of its own body at every point of the contact faces, shape (n,): bodies touch at coincident nodes."""
+    if not body.blocks or not contact.blocks:
+        return match(contact.points, body.points)
+    found = np.zeros(len(contact.points), dtype=np.int64)
+    bodies = {block.name: block for block in body.blocks}
+    for block in contact.blocks:
+        of = bodies.get(body_of(block.name))
+        nodes = slice(0, len(body.points)) if of is None else of.points
+        found[block.points] = nodes.start + match(contact.points[block.points], body.points[nodes])
+    return found
+
+
+def same_nodes(points: FloatArray, blocks: Sequence[Block], grid: Grid) -> npt.NDArray[np.int64]:
+    """The points of a grid that are at these points of another state, block by block: nodes may be in another order.
+
+    Args:
+        points: Of the other state, shape (k, 3).
+        blocks: Its blocks; empty for a single grid.
+        grid: The grid.
+    """
+    mine = {block.name: block for block in grid.blocks}
+    if not blocks or not mine:
+        return match(points, grid.points)
+    found = np.zeros(len(points), dtype=np.int64)
+    for block in blocks:
+        nodes = mine[block.name].points
+        found[block.points] = nodes.start + match(points[block.points], grid.points[nodes])
+    return found
+
+
+def drawn_apart(body: Grid, contact: Grid) -> tuple[Grid, Grid]:
+    """Both grids with the bodies of pairs moved apart, so that both faces of a pair are seen.
+
+    The bodies of a pair are moved apart along the mean normal of its face; a face around its partner, as a hole around
+    a pin, along its axis.  A body in several pairs takes the mean of what these ask.
+    """
+    away = _shifts(body, contact)
+    if not away:
+        return body, contact
+    moved, on_faces = body.points.copy(), contact.points.copy()
+    for block in body.blocks:
+        moved[block.points] += away[block.name]
+    for block in contact.blocks:
+        on_faces[block.points] += away.get(body_of(block.name), 0.0)
+    return body._replace(points=moved), contact._replace(points=on_faces)
+
+
+def _shifts(body: Grid, contact: Grid) -> dict[str, FloatArray]:
+    """Displacement of every body by which it is drawn apart, metres; empty without pairs of bodies."""
+    number = {block.name: k for k, block in enumerate(body.blocks)}
+    faces = {block.name: block for block in contact.blocks}
+    rows, wanted = [], []
+    for name, block in faces.items():
+        of = contact.fields.get(OPPOSITE, np.full(len(contact.points), -1.0))[block.points]
+        if not np.any(of >= 0.0):
+            continue
+        slave = next((b for b in contact.blocks if _is_face(contact, b, of[0])), None)
+        if slave is None:
+            continue
+        one, other = (number.get(body_of(n)) for n in (name, slave.name))
+        if one is None or other is None or one == other:
+            continue
+        row = np.zeros(len(number))
+        row[one], row[other] = -1.0, 1.0  # what is opposite stays, the other moves along its normal
+        rows.append(row)
+        moving = body.points[body.blocks[other].points]
+        wanted.append(_way_out(contact, block, contact.points[slave.points], moving))
+    if not rows:
+        return {}
+    steady = 1e-6 * np.eye(len(number))  # bodies in no pair stay
+    shifts = np.linalg.lstsq(np.vstack([*rows, steady]), np.vstack([*wanted, np.zeros((len(number), 3))]), rcond=None)[
+        0
+    ]
+    return {name: shifts[k] for name, k in number.items()}
+
+
+def _is_face(contact: Grid, block: Block, number: float) -> bool:
+    """Whether a block has the contact of this number."""
+    on, of = (contact.fields[name][block.points] for name in ("face", OPPOSITE))
+    return bool(np.all(of < 0.0) and np.any(on == number))
+
+
+def _way_out(contact: Grid, block: Block, face: FloatArray, body: FloatArray) -> FloatArray:
+    """How a body is drawn apart from a face, metres, (3,).
+
+    Args:
+        contact: The faces.
+        block: The face.
+        face: Points of the face of the body that moves, shape (p, 3).
+        body: Its nodes, shape (k, 3).
+    """
+    normals, area = contact.fields["normal"][block.points], contact.fields["area"][block.points]
+    mean = area @ normals / max(float(area.sum()), 1e-300)
+    if np.linalg.norm(mean) >= 0.3:
+        out: FloatArray = _APART * np.linalg.norm(np.ptp(face, axis=0)) * mean / np.linalg.norm(mean)
+        return out
+    along = np.linalg.eigh(normals.T @ (area[:, None] * normals))[1][:, 0]  # the axis of a hole
+    pulled: FloatArray = 1.1 * float(np.ptp(body @ along)) * along
+    return pulled
