@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...io.field_files import Block
 from . import rotating_foundations
+from .bodies import bodies_and_meshes
 from .files import Run
 from .given import in_time, number_at, rows_and_after, supports_and_loads
 from .scene import friction_in_words, zone_counts
@@ -17,17 +17,12 @@ from .units import in_seconds, number, quantity, vector
 
 Facts = list[tuple[str, str]]
 
-_CELLS = {
-    **{"Hexahedron": "hexahedra", "Tetrahedron": "tetrahedra"},
-    **{"Hexahedron_27": "27-node hexahedra", "Tetrahedron_10": "10-node tetrahedra"},
-}
-
 
 def geometry(run: Run) -> Facts:
     """Size, mesh, materials, supports, loads, contact: from the case if there is one, else from the files."""
     unknowns, summary = run.summary["unknowns"], run.summary
     facts = [
-        *_bodies(run),
+        *bodies_and_meshes(run),
         ("unknowns", f"{unknowns['displacement']} displacements, {unknowns['contact']} contact forces"),
     ]
     for material in summary["material"]:
@@ -39,26 +34,6 @@ def geometry(run: Run) -> Facts:
         facts.append(("the user's own forms", text))
     facts += _temperature(summary)
     return facts + (supports_and_loads(run.case) if run.case is not None else _of_fields(run)) + _contact(run)
-
-
-def _bodies(run: Run) -> Facts:
-    """Size and mesh of every body."""
-    grid, case = run.steps[-1].grid("solution"), run.case or {}
-    whole = Block("", slice(0, len(grid.points)), slice(0, len(grid.cells)), grid.cut or grid.cell, grid.pieces)
-    tables = {body.get("name"): body for body in case.get("body") or ()}
-    facts: Facts = []
-    for block in grid.blocks or (whole,):
-        of = f" {block.name}" if block.name else ""
-        mesh = tables.get(block.name, {}) if of else case.get("mesh", {})
-        source = f" ({' × '.join(map(str, mesh['cells']))})" if "cells" in mesh else ""
-        source = f" from {str(mesh['file']).rsplit('/', 1)[-1]}" if "file" in mesh else source
-        points = grid.points[block.points]
-        count = (block.cells.stop - block.cells.start) // block.pieces
-        facts += [
-            (f"body{of}", " × ".join(quantity(length, "m") for length in np.ptp(points, axis=0))),
-            (f"mesh{of and f' of{of}'}", f"{count} {_CELLS.get(block.kind, block.kind)}{source}, {len(points)} nodes"),
-        ]
-    return facts
 
 
 def _material(material: dict[str, Any]) -> str:
