@@ -19,8 +19,9 @@ from .constraints import HeldDirections
 from .deformable import Deformable, Loading, Member, SingleBody
 from .held_nodes import Numbering, distributed_rows
 from .held_space import INTERPOLATION, attach_rigid_body_modes
-from .joined_mesh import JoinedMesh
+from .joined_mesh import SEPARATOR, JoinedMesh
 from .loads import AppliedLoad
+from .materials import AnyMaterial, by_group
 from .nodal_forces import NodalForces
 from .rigid_modes import rigid_modes
 from .temperature import Temperature
@@ -39,8 +40,6 @@ class JoinedBodies(Deformable):
     Raises:
         ValueError: On every rank, if there is none, or two are on different ranks.
     """
-
-    materials = None
 
     def __init__(self, bodies: Mapping[str, SingleBody]):
         if not bodies:
@@ -61,6 +60,7 @@ class JoinedBodies(Deformable):
         self.contradictions = tuple(
             f"body {name!r}: {text}" for name, body in bodies.items() for text in body.contradictions
         )
+        self.materials = _materials(bodies)
         self.loads = tuple(self._load_of(member, given) for member in self.members for given in member.body.loads)
 
     # --- nodes ------------------------------------------------------------------------------------------------------
@@ -321,6 +321,16 @@ def _together(parts: Sequence[HeldDirections], slices: Sequence[slice]) -> HeldD
     """The held directions of the nodes of all bodies."""
     nodes = np.concatenate([part.nodes + where.start for part, where in zip(parts, slices, strict=True)])
     return HeldDirections(slices[-1].stop, nodes, np.concatenate([part.projector for part in parts]))
+
+
+def _materials(bodies: Mapping[str, SingleBody]) -> dict[str, AnyMaterial]:
+    """Those of bodies and groups of cells, as "lower" or "lower:steel"; without those of the user's forms."""
+    found: dict[str, AnyMaterial] = {}
+    for name, body in bodies.items():
+        if body.materials is not None:
+            for group, material in by_group(body.materials):
+                found[name if group is None else f"{name}{SEPARATOR}{group}"] = material
+    return found
 
 
 def _temperature(parts: Sequence[Temperature | None], slices: Sequence[slice]) -> Temperature | None:

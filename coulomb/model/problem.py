@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import cast
 
@@ -10,7 +10,10 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.deformable import Deformable
+from ..fem.distributed_bodies import distributed_bodies, made
 from ..fem.elasticity import Elasticity, Materials, Spring, Support
+from ..fem.joined_bodies import JoinedBodies
+from ..fem.joined_mesh import JoinedMesh
 from ..fem.loads import Load, vanishes
 from ..fem.named_mesh import NamedMesh
 from ..fem.temperature import ThermalLoad
@@ -32,17 +35,19 @@ from .stopwatch import timed
 
 
 class ContactProblem(PosedProblem):
-    """A linear elastic body in frictional contact with a rigid foundation.
+    """Linear elastic bodies in frictional contact with each other and with rigid foundations.
 
     u = K^-1 (f - B^T x) with the contact forces x, which obey |x_t| <= c a + F x_n (`solvers/laws.py`).
 
     Args:
         mesh: The body: a mesh, with material, loads and supports as below; or a `Body` of the user's forms, which has
-            its own: `ContactProblem(body, contact)`.
-        material: Its material, or a mapping of cell groups to theirs.  After a `Body`: the contact.
+            its own: `ContactProblem(body, contact)`.  Several bodies: what `join` makes of their meshes, or of `Body`s.
+        material: Its material, or a mapping of cell groups to theirs; of several bodies one for all, or a mapping of
+            bodies or groups ("lower:steel") to theirs.  After a `Body`: the contact.
         clamps: Prescribed displacements (`Clamp`, `PrescribedDisplacement`); with the springs they must prevent every
             rigid motion.
-        contact: The contact face, its foundation and friction; or several, which share no node; their laws may differ.
+        contact: The contact face, its foundation or the face against it, and friction; or several, which share no node;
+            their laws may differ.
         tractions: Surface loads: `Traction`, `Pressure`, `TotalForce`.
         body_force: Force per volume in N/m^3.
         springs: Elastic supports.
@@ -74,18 +79,18 @@ class ContactProblem(PosedProblem):
 
     def __init__(
         self,
-        mesh: NamedMesh | Deformable,
+        mesh: NamedMesh | JoinedMesh | Deformable,
         material: Materials | Contact | Sequence[Contact] | None = None,
         clamps: Sequence[Support] = (),
         contact: Contact | Sequence[Contact] | None = None,
         tractions: Sequence[Load] = (),
-        body_force: Field = (0.0, 0.0, 0.0),
+        body_force: Field | Mapping[str, Field] = (0.0, 0.0, 0.0),
         springs: Sequence[Spring] = (),
         *,
         body_force_amplitude: Amplitude = 1.0,
-        gravity: Sequence[float] = (0.0, 0.0, 0.0),
+        gravity: Sequence[float] | Mapping[str, Sequence[float]] = (0.0, 0.0, 0.0),
         gravity_amplitude: Amplitude = 1.0,
-        temperature: Coefficient | None = None,
+        temperature: Coefficient | Mapping[str, Coefficient] | None = None,
         reference_temperature: float = 0.0,
         temperature_amplitude: Amplitude = 1.0,
         time: float = 0.0,
@@ -101,7 +106,7 @@ class ContactProblem(PosedProblem):
             if (
                 temperature is not None
                 or any(not isinstance(one, Sequence) or len(one) for one in own)
-                or not (vanishes(body_force) and vanishes(gravity))
+                or any(isinstance(one, Mapping) or not vanishes(one) for one in (body_force, gravity))
             ):
                 raise ValueError("a body has its own loads and supports: give ContactProblem(body, contact) no others")
             if (material is None) == (contact is None):
@@ -110,16 +115,23 @@ class ContactProblem(PosedProblem):
         elif material is None or isinstance(material, Contact) or contact is None:
             raise ValueError("give ContactProblem(mesh, material, clamps, contact), or ContactProblem(body, contact)")
 
-        thermal = None
-        if temperature is not None:
-            thermal = ThermalLoad(temperature, reference_temperature, temperature_amplitude)
-
         def make() -> Deformable:
             if isinstance(mesh, Deformable):
                 return mesh.at_time(time)
+            arguments = (cast(Materials, material), clamps, tractions)
+            if isinstance(mesh, JoinedMesh):
+                bodies = distributed_bodies(
+                    *(mesh, *arguments, body_force, springs, body_force_amplitude, gravity, gravity_amplitude),
+                    *(temperature, reference_temperature, temperature_amplitude),
+                )
+                return JoinedBodies(made(Elasticity, bodies))
+            if isinstance(body_force, Mapping) or isinstance(gravity, Mapping) or isinstance(temperature, Mapping):
+                raise ValueError("body_force, gravity, temperature: by body only for the bodies of coulomb.join")
+            thermal = None
+            if temperature is not None:
+                thermal = ThermalLoad(temperature, reference_temperature, temperature_amplitude)
             return Elasticity(
-                *(mesh, cast(Materials, material), clamps, tractions, body_force, springs, body_force_amplitude),
-                *(gravity, gravity_amplitude, thermal),
+                *(mesh, *arguments, body_force, springs, body_force_amplitude, gravity, gravity_amplitude, thermal)
             )
 
         body = ContactBody(make, mesh.comm, _contacts(given), time, linear_solver, explicit, probes)
