@@ -39,7 +39,7 @@ class Pair:
         points: Averages over the slave face, and over the master face opposite.
         x: Their coordinates in metres, shape (m, 3).
         n: Unit normals, from the slave body into the master body, shape (m, 3).
-        gap: Distance along them before deformation in metres, shape (m,).
+        gap: Distance along them before deformation in metres, adjusted, shape (m,).
         held: Projectors on the held directions of the slave nodes, shape (m, 3, 3).
     """
 
@@ -52,11 +52,17 @@ class Pair:
     held: FloatArray
 
 
-def pair_of(elasticity: Deformable, face: str, against: str) -> Pair:
+def pair_of(elasticity: Deformable, face: str, against: str, adjust: float = 0.0) -> Pair:
     """The geometry of a pair; collective.
 
     Nodes of the slave face whose displacement along the normal is prescribed, and those that nothing opposes, are no
     contact points.
+
+    Args:
+        elasticity: The bodies.
+        face: The slave face.
+        against: The master face.
+        adjust: Gaps and penetrations up to this size in metres are taken to be 0.
 
     Raises:
         ValueError: On every rank, if a face is unknown, or no part of one is opposite to the other.
@@ -82,7 +88,8 @@ def pair_of(elasticity: Deformable, face: str, against: str) -> Pair:
     points = ContactPoints(body, local, rows.area, rows.weights, _at_nodes(rows.weights, rows.node, comm))
     opposite = among_all(rows.opposite, master, elasticity)
     points = points.of(slave, elasticity).against(opposite)
-    return Pair(face, against, points, rows.x, rows.normal, rows.gap, body.held.projector_at(local))
+    gap = np.where(np.abs(rows.gap) <= adjust, 0.0, rows.gap) if adjust else rows.gap
+    return Pair(face, against, points, rows.x, rows.normal, gap, body.held.projector_at(local))
 
 
 def _clamped(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:

@@ -57,6 +57,8 @@ class Contact:
             (press fit): the face must move back by so much.
         gap_amplitude: Factor of `gap` as a function of time, with which a press fit is applied in a load history.
         against: In place of a foundation, another deformable face, of another body ("lower:top") or of the same.
+        adjust: Gaps and penetrations between two deformable faces up to this size in metres, as meshes leave them where
+            surfaces are the same, are closed before deformation, without strain.
 
     Raises:
         ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
@@ -76,12 +78,17 @@ class Contact:
     gap: Coefficient = 0.0
     gap_amplitude: Amplitude = 1.0
     against: str | None = None
+    adjust: float = 0.0
 
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):
             raise ValueError("contact: give either friction (Coulomb) or slip_stress (Tresca), one of the two")
+        if not is_number(self.adjust):
+            raise ValueError(f"contact: adjust must be a number of metres >= 0, but is {self.adjust!r}")
         if self.against is not None:
             self._refuse_foundation()
+        elif self.adjust:
+            raise ValueError("contact: adjust is for faces against a deformable face; for foundations use gap")
         if self.rotation is not None and not isinstance(self.rotation, Rotation):
             raise ValueError(f"contact: rotation must be a Rotation(point, axis, angle), but is {self.rotation!r}")
         if self.cohesion is not None and self.friction is None:

@@ -58,7 +58,7 @@ class ContactFaces:
         if number not in self._pairs:
             contact = self._contacts[number]
             assert contact.against is not None
-            self._pairs[number] = pair_of(elasticity, contact.face, contact.against)
+            self._pairs[number] = pair_of(elasticity, contact.face, contact.against, contact.adjust)
         return self._pairs[number]
 
     def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:

@@ -74,8 +74,8 @@ class SmallStrain:
             given gap, over the mean displacement of the forces that deform the body (as in the certificate).
         turn: Largest angle in degrees between the foundation's normals at a node in contact before and after its
             displacement.
-        slip_over_cell: Largest tangential displacement of a pressing node on a curved foundation, over the size of the
-            cells there (square root of the nodal area).
+        slip_over_cell: Largest tangential displacement of a pressing node on a curved foundation, or against another
+            deformable face, over the size of the cells there (square root of the nodal area).
         gradient: Largest norm of the displacement gradient in a cell: strain and rotation.
         between: Where contact points are means over several nodes, the largest depth of a node inside the foundation,
             over the same mean displacement; else 0.
@@ -120,7 +120,8 @@ class SmallStrain:
             (
                 self.slip_over_cell,
                 SLIP_OVER_CELL,
-                f"nodes move by {self.slip_over_cell:.1f} cells along a curved foundation, but keep their normals",
+                f"nodes move by {self.slip_over_cell:.1f} cells along a curved foundation or another body, but keep "
+                "their normals, and the nodes opposite",
             ),
             (
                 self.gradient,
@@ -189,12 +190,14 @@ def small_strain(
     internal = body.internal_force(u)
     forces = over.sum(np.linalg.norm(internal, axis=1))
     deformation = max(0.0 if forces == 0.0 else 2.0 * over.dot(u, internal) / forces, blocked)
-    # Normals are those at the undeformed node, of the foundation at its current place.
+    pairs = np.isin(part, [number for number, foundation in enumerate(foundations) if foundation is None])
+    # Normals are those at the undeformed node, of the foundation at its current place; and a node keeps what it is
+    # opposite to on a deformable face.
     along = np.linalg.norm((at_nodes.displacement[:, 1:] / at_nodes.scale)[pressing], axis=1)
     return SmallStrain(
         gap_error=0.0 if deformation <= 0.0 else largest(distance, over) / deformation,
         turn=largest(turn, over),
-        slip_over_cell=largest(np.where(turn > 0.0, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
+        slip_over_cell=largest(np.where((turn > 0.0) | pairs, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
         gradient=body.largest_gradient(u),
         between=_relative(_deepest(at_nodes, foundations, body.x, u, between), deformation),
     )
