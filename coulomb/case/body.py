@@ -54,7 +54,7 @@ class MeshTable(Table):
             fitting |= {"names", "cell_names"}
         if kind == ".xdmf":
             fitting |= {"facets", "cell_groups"}
-        misplaced = self.model_fields_set - fitting
+        misplaced = (self.model_fields_set & MeshTable.model_fields.keys()) - fitting
         if misplaced:
             raise ValueError(f"{', '.join(sorted(misplaced))} does not go with a {kind} mesh")
         if self.box is not None and self.cells is None:
@@ -89,7 +89,7 @@ class MeshTable(Table):
             read = read_mesh(self.file, self.names, self.cell_names, self.scale, comm)
         if self.degree == 1 and read.degree == 2:
             raise ValueError(
-                f"mesh.degree = 1, but {self.file} has second-order cells: leave degree out, or export first-order "
+                f"degree = 1, but {self.file} has second-order cells: leave degree out, or export first-order "
                 "cells (in gmsh: Mesh.ElementOrder = 1)"
             )
         return raised(read) if self.degree == 2 and read.degree == 1 else read

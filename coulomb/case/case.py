@@ -8,16 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
-from ..fem.box_faces import BOX_FACES
 from ..ranks import is_rank_0, launched, on_rank_0
+from .bodies import BodyTable, fault_of_face, joined_mesh, refuse_equal_names
 from .body import MeshTable, PressureTable, TotalForceTable, TractionTable
 from .contact import ContactTable, ContactTables, HistoryTable
 from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
 from .faults import fault_of, tables_of_several
 from .field_file import named_files, rename_files
-from .material import MaterialTable, MaterialTables, TemperatureTable
+from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups
 from .place import VectorAt, field
 from .probe import ProbeTable
 from .renamed import renamed
@@ -36,9 +37,11 @@ from .values import TABLES, Table, Vector
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
     from mpi4py import MPI
 
+    from ..fem.joined_mesh import JoinedMesh
     from ..fem.loaded_body import LoadedBody, Spring, Support
     from ..fem.loads import Load
     from ..fem.materials import AnyMaterial
+    from ..fem.named_mesh import NamedMesh
     from ..fem.temperature import ThermalLoad
     from ..model.load_history import LoadHistory
     from ..model.problem import ContactProblem
@@ -51,8 +54,9 @@ _log = logging.getLogger(__name__)
 class Case(Table):
     """A whole case file."""
 
-    mesh: MeshTable
-    material: MaterialTables
+    body: Annotated[tuple[BodyTable, ...], Field(max_length=TABLES), AfterValidator(refuse_equal_names)] = ()
+    mesh: MeshTable | None = Field(default=None, validate_default=True)
+    material: MaterialTables | None = Field(default=None, validate_default=True)
     temperature: TemperatureTable | None = None
     clamp: Annotated[tuple[ClampTable, ...], Field(max_length=TABLES)] = ()
     prescribed_displacement: Annotated[tuple[PrescribedDisplacementTable, ...], Field(max_length=TABLES)] = ()
@@ -97,7 +101,7 @@ class Case(Table):
         clamps, loads, springs = self._acting
         thermal = self._thermal
         problem = ContactProblem(
-            self.mesh.mesh(comm),
+            self._mesh(comm),
             self.materials(),
             clamps,
             [table.contact() for table in self.contacts.values()],
@@ -127,20 +131,35 @@ class Case(Table):
                 raise ValueError(f"{key}: there is no contact node in its box {list(region.box)}")
         return problem
 
-    def body(self, comm: MPI.Comm) -> LoadedBody:
-        """The body of the case with loads and supports at time 0, without the foundation and without K.
+    def loaded_bodies(self, comm: MPI.Comm) -> dict[str, LoadedBody]:
+        """The bodies of the case with loads and supports at time 0, by name, without foundations and without K.
+
+        A body that is alone has the name "".
 
         Raises:
             ValueError: On every rank, if the parts are inconsistent.
         """
+        from ..fem.distributed_bodies import distributed_bodies, made
+        from ..fem.joined_mesh import JoinedMesh
         from ..fem.loaded_body import LoadedBody
 
         clamps, loads, springs = self._acting
-        return LoadedBody(
-            *(self.mesh.mesh(comm), self.materials(), clamps, loads),
-            *(field(self.body_force), springs, amplitude_of(self.body_force_amplitude)),
-            *(self.gravity, amplitude_of(self.gravity_amplitude), self._thermal),
-        )
+        mesh, thermal = self._mesh(comm), self._thermal
+        given = (field(self.body_force), springs, amplitude_of(self.body_force_amplitude))
+        weight = (self.gravity, amplitude_of(self.gravity_amplitude))
+        if isinstance(mesh, JoinedMesh):
+            heat = () if thermal is None else (thermal.temperature, thermal.reference, thermal.amplitude)
+            bodies = distributed_bodies(mesh, self.materials(), clamps, loads, *given, *weight, *heat)
+            return made(LoadedBody, bodies)
+        return {"": LoadedBody(mesh, self.materials(), clamps, loads, *given, *weight, thermal)}
+
+    def _mesh(self, comm: MPI.Comm) -> NamedMesh | JoinedMesh:
+        return joined_mesh(self.body, comm) if self.mesh is None else self.mesh.mesh(comm)
+
+    @property
+    def meshes(self) -> dict[str, MeshTable]:
+        """The table of the mesh of each body, by the body's name; "" for a body that is alone."""
+        return {table.name: table for table in self.body} if self.mesh is None else {"": self.mesh}
 
     @property
     def _thermal(self) -> ThermalLoad | None:
@@ -164,28 +183,55 @@ class Case(Table):
         return {f"contact.{k}": table for k, table in enumerate(self.contact)}
 
     def materials(self) -> AnyMaterial | dict[str, AnyMaterial]:
-        """The material of the whole body, or per group of cells."""
+        """The material of the whole body, or per group of cells; of several bodies by their names."""
+        if self.material is None:
+            return {name: material for table in self.body for name, material in table.materials().items()}
         if isinstance(self.material, MaterialTable):
             return self.material.material()
-        return {table.cells: table.material() for table in self.material}
+        return materials_of(self.material)
+
+    @property
+    def material_tables(self) -> dict[str, Sequence[MaterialTable]]:
+        """The tables of the materials of each body, by the body's name; "" for a body that is alone."""
+        given = {table.name: table.material for table in self.body} if self.material is None else {"": self.material}
+        return {name: [one] if isinstance(one, MaterialTable) else one for name, one in given.items()}
+
+    @property
+    def small(self) -> bool:
+        """Whether its meshes are small (`MeshTable.small`)."""
+        return all(mesh.small for mesh in self.meshes.values())
+
+    @field_validator("mesh", "material", mode="after")
+    @classmethod
+    def _of_one_body_or_of_each(cls, given: Any, info: ValidationInfo) -> Any:
+        bodies = info.data.get("body")  # None if these are wrong themselves
+        if bodies == () and given is None:
+            raise PydanticCustomError("missing", "is missing")
+        if bodies and given is not None:
+            name = info.field_name
+            raise ValueError(f"every [[body]] has its own; leave out [{name}], or describe one body without [[body]]")
+        return given
 
     @model_validator(mode="after")
-    def _parts_of_a_mesh(self) -> Case:
-        """Check faces and materials of a box; those of a file are checked when it is read."""
-        if not isinstance(self.material, MaterialTable):
-            groups = [table.cells for table in self.material]
-            if len(set(groups)) < len(groups) or not groups:
-                raise ValueError(f"material: give one for every group of cells, but they are for {groups}")
-            if self.mesh.box is not None:
-                raise ValueError("material: a box has no groups of cells; give one [material]")
-        if self.mesh.box is not None:
-            loaded = ("traction", "pressure", "total_force", "spring")
-            kinds = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry", *loaded)
-            faces = {f"{kind}.{i}": entry.face for kind in kinds for i, entry in enumerate(getattr(self, kind))}
-            for key, face in (faces | {key: table.face for key, table in self.contacts.items()}).items():
-                if face not in BOX_FACES:
-                    *most, last = map(repr, BOX_FACES)
-                    raise ValueError(f"{key}.face = {face!r}: should be {', '.join(most)} or {last}")
+    def _groups_of_the_mesh(self) -> Case:
+        if self.mesh is not None and self.material is not None:
+            refuse_groups(self.material, self.mesh.box is not None, "[material]")
+        return self
+
+    @model_validator(mode="after")
+    def _faces_of_bodies(self) -> Case:
+        """Check faces of boxes, and that faces of several bodies name them; those of files when these are read."""
+        loaded = ("traction", "pressure", "total_force", "spring")
+        kinds = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry", *loaded)
+        faces = {f"{kind}.{i}.face": entry.face for kind in kinds for i, entry in enumerate(getattr(self, kind))}
+        for key, table in self.contacts.items():
+            faces[f"{key}.face"] = table.face
+            if table.against is not None:
+                faces[f"{key}.against"] = table.against
+        for key, face in faces.items():
+            fault = fault_of_face(face, self.body, self.mesh is not None and self.mesh.box is not None)
+            if fault:
+                raise ValueError(f"{key} = {face!r}: {fault}")
         return self
 
     @model_validator(mode="after")

@@ -173,6 +173,21 @@ class ContactTable(Table):
     rotation: RotationTable | None = None
     gap: GapAt = 0.0
     gap_amplitude: AmplitudeTable | None = None
+    against: Name | None = None
+
+    @model_validator(mode="after")
+    def _one_thing_to_touch(self) -> ContactTable:
+        if self.against is None:
+            return self
+        if self.against == self.face:
+            raise ValueError("against must be another face than face")
+        given = {"foundation", "motion", "rotation", "normals"} & self.model_fields_set
+        if given:
+            raise ValueError(
+                f"{', '.join(sorted(given))} does not go with against: it is for rigid foundations; a body is moved by "
+                "its supports"
+            )
+        return self
 
     @model_validator(mode="after")
     def _one_law(self) -> ContactTable:
@@ -239,6 +254,7 @@ class ContactTable(Table):
             self.rotation.rotation() if self.rotation is not None else None,
             gap_of(self.gap),
             amplitude_of(self.gap_amplitude),
+            self.against,
         )
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:

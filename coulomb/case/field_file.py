@@ -82,6 +82,10 @@ def named_files(tables: Mapping[str, Any]) -> dict[Place, str]:
         table = tables.get(name)
         given = {key: table.get(key) for key in keys} if isinstance(table, Mapping) else {}
         found |= {(name, key): value for key, value in given.items() if isinstance(value, str)}
+    bodies = tables.get("body")
+    for number, table in enumerate(bodies if isinstance(bodies, list | tuple) else ()):
+        of_body = {key: table.get(key) for key in FILES["mesh"]} if isinstance(table, Mapping) else {}
+        found |= {("body", number, key): value for key, value in of_body.items() if isinstance(value, str)}
     contact = tables.get("contact")
     several = isinstance(contact, list | tuple)
     for number, table in enumerate(contact if isinstance(contact, list | tuple) else [contact]):

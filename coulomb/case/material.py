@@ -110,6 +110,31 @@ MaterialTables = Annotated[
 ]
 
 
+def materials_of(groups: tuple[GroupMaterialTable, ...]) -> dict[str, AnyMaterial]:
+    """The material of each group of cells."""
+    return {table.cells: table.material() for table in groups}
+
+
+def refuse_groups(given: MaterialTable | tuple[GroupMaterialTable, ...], box: bool, table: str) -> None:
+    """Check the groups of materials as far as they can be known before files are read.
+
+    Args:
+        given: The material, or those of groups of cells.
+        box: Whether the mesh is a box.
+        table: What the table of one material is called.
+
+    Raises:
+        ValueError: If two materials are for one group, there is none, or a box has groups.
+    """
+    if isinstance(given, MaterialTable):
+        return
+    groups = [table.cells for table in given]
+    if len(set(groups)) < len(groups) or not groups:
+        raise ValueError(f"material: give one for every group of cells, but they are for {groups}")
+    if box:
+        raise ValueError(f"material: a box has no groups of cells; give one {table}")
+
+
 class TemperatureTable(Table):
     """Temperature in kelvin or degrees Celsius: a value, or a field of a file; and that of the unstrained body."""
 

@@ -82,6 +82,6 @@ def check_case(
             problem.at(end)
     introduce(console, case, problem)
     show_understood(console, settings, problem)
-    doubts(settings, problem.mesh.degree)
+    doubts(settings, problem)
     for line in expected(settings, problem):
         console.print(line, markup=False, soft_wrap=True)

@@ -76,7 +76,7 @@ def drawing_soon(settings: Case) -> Iterator[apart.Apart | None]:
 
     None under MPI, whose ranks need all cores, and for large meshes, which need the memory: there it starts afterwards.
     """
-    soon = settings.output.picture and settings.history is None and launched() is None and settings.mesh.small
+    soon = settings.output.picture and settings.history is None and launched() is None and settings.small
     if not soon:
         overview_process.stop_early()
     renderer = overview_process.begin() if soon else None

@@ -8,7 +8,6 @@ from pathlib import Path
 from mpi4py import MPI
 
 from ..case.case import Case
-from ..case.material import MaterialTable
 from ..fem.body import LOCKING_ABOVE
 from ..io.earlier_results import refuse_to_replace
 from ..io.lock import refuse_in_use
@@ -41,11 +40,11 @@ def posed(settings: Case, target: Path, force: bool, now: bool = True, overwrite
         refuse_in_use(target, comm)
     if overwrite is not None:
         refuse_to_replace(settings, target, overwrite, comm)
-    if settings.mesh.cells is not None:
-        degree = settings.mesh.degree or 1
-        if not force:
-            refuse_too_many_cells(settings.mesh.cells, degree, comm)
-        refuse_uncountable(settings.mesh.cells, degree)
+    for mesh in settings.meshes.values():
+        if mesh.cells is not None:
+            if not force:
+                refuse_too_many_cells(mesh.cells, mesh.degree or 1, comm)
+            refuse_uncountable(mesh.cells, mesh.degree or 1)
     problem = settings.problem(comm, small_strain="warn" if force else None)
     if not force:
         refuse_too_large(problem)
@@ -80,22 +79,24 @@ def refuse_unwritable(target: Path, comm: MPI.Comm) -> None:
         raise ValueError(f"output {target}: cannot be written: {found}; choose another (--output)")
 
 
-def doubts(settings: Case, degree: int) -> None:
+def doubts(settings: Case, problem: ContactProblem) -> None:
     """Warn about settings that are allowed but probably not intended.
 
     Args:
         settings: The case.
-        degree: Order of its elements; those of second order do not lock.
+        problem: Its problem.
     """
-    tables = [settings.material] if isinstance(settings.material, MaterialTable) else settings.material
-    highest = max((table.poisson for table in tables if not isinstance(table.poisson, tuple)), default=0.0)
-    if highest > LOCKING_ABOVE and degree == 1:
-        errors.print(
-            f"warning: material: poisson = {highest} is near 0.5: above {LOCKING_ABOVE:g} first-order elements lock "
-            "and give an answer that is far too stiff, although the discrete problem is certified; second-order ones "
-            "do not (degree = 2 in [mesh])",
-            markup=False,
-        )
+    given = settings.material_tables
+    for member in problem.elasticity.members:
+        highest = max((one.poisson for one in given[member.name] if not isinstance(one.poisson, tuple)), default=0.0)
+        if highest > LOCKING_ABOVE and member.body.mesh.degree == 1:  # elements of second order do not lock
+            of, table = (f" of body {member.name!r}", "[[body]]") if member.name else ("", "[mesh]")
+            errors.print(
+                f"warning: material{of}: poisson = {highest} is near 0.5: above {LOCKING_ABOVE:g} first-order elements "
+                "lock and give an answer that is far too stiff, although the discrete problem is certified; "
+                f"second-order ones do not (degree = 2 in {table})",
+                markup=False,
+            )
 
 
 def expected(settings: Case, problem: ContactProblem) -> list[str]:

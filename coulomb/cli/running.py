@@ -75,7 +75,7 @@ def compute(
             problem = posed(settings, target, force, overwrite=None if resume else overwrite)
         introduce(session.console, source, problem)
         show_understood(session.console, settings, problem)
-        doubts(settings, problem.mesh.degree)
+        doubts(settings, problem)
         if settings.history is not None:
             take_steps(session, settings, problem, target, resume, overwrite)
         else:

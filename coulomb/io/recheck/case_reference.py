@@ -71,12 +71,15 @@ class CaseReference:
 
     @cached_property
     def body(self) -> LoadedBody:
-        """The body of the case.
+        """The only body of the case.
 
         Raises:
-            ValueError: If the parts of the case are inconsistent.
+            ValueError: If the parts of the case are inconsistent, or it has several bodies.
         """
-        return self.settings.body(MPI.COMM_SELF)
+        bodies = self.settings.loaded_bodies(MPI.COMM_SELF)
+        if len(bodies) > 1:
+            raise ValueError(f"there are several bodies, {', '.join(bodies)}")
+        return next(iter(bodies.values()))
 
     def rigid_motions(self, time: float) -> list[RigidMotion]:
         """Of the foundations of the faces at a time."""
