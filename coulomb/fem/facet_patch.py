@@ -15,6 +15,9 @@ from .displacement_space import DisplacementSpace
 from .facet_functions import FacetKind
 from .lagrange import facet_columns, lagrange_points, lagrange_values
 
+STRAIGHT = 1e-10
+"""Distortion below which the map of a facet is taken as affine."""
+
 
 @dataclass(frozen=True)
 class FacetPatch:
@@ -71,6 +74,11 @@ class FacetPatch:
         off = np.linalg.norm(self.x - np.einsum("nc,fci->fni", affine, three), axis=2).max(axis=1, initial=0.0)
         share: FloatArray = off / self.diameters
         return share
+
+    @cached_property
+    def straight(self) -> bool:
+        """Whether the maps of all facets are affine."""
+        return bool(np.all(self.distortion < STRAIGHT))
 
     @cached_property
     def diameters(self) -> FloatArray:
