@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from .fem.body import Material
     from .fem.elasticity import Elasticity
     from .fem.form_body import Body
-    from .fem.joined_mesh import JoinedMesh, join
+    from .fem.join import join
+    from .fem.joined_mesh import JoinedMesh
     from .fem.loads import Pressure, TotalForce, Traction
     from .fem.meshes import box, read_gmsh, read_mesh, read_xdmf
     from .fem.moved_mesh import moved
@@ -138,7 +139,8 @@ _PUBLIC = {
     "fem.loads": ("Pressure", "TotalForce", "Traction"),
     "fem.meshes": ("box", "read_gmsh", "read_mesh", "read_xdmf"),
     "fem.named_mesh": ("NamedMesh",),
-    "fem.joined_mesh": ("JoinedMesh", "join"),
+    "fem.join": ("join",),
+    "fem.joined_mesh": ("JoinedMesh",),
     "fem.moved_mesh": ("moved",),
     "fem.obstacles": ("Cylinder", "Plane", "SignedDistance", "Sphere"),
     "fem.raised": ("raised",),

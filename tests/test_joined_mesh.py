@@ -123,3 +123,19 @@ def test_moved_twice_and_joined(blocks):
 def test_wrong_places(blocks, translate, rotate, said):
     with pytest.raises(ValueError, match=said):
         coulomb.moved(blocks.bodies["lower"], translate, rotate)
+
+
+def test_bodies_of_forms_are_joined_likewise(blocks):
+    lower, upper = (
+        coulomb.Elasticity(mesh, coulomb.Material(1e9, 0.3), [coulomb.Clamp(face)])
+        for mesh, face in zip(blocks.bodies.values(), ("bottom", "top"), strict=True)
+    )
+    both = coulomb.join(lower=lower, upper=upper)
+    assert [member.name for member in both.members] == ["lower", "upper"] and both.members[1].body is upper
+    for given, said in (
+        ({"all": both}, r"has several bodies \(lower, upper\) itself"),
+        ({"a": lower, "b": blocks.bodies["upper"]}, "'b' is a mesh, 'a' a body with its own loads"),
+        ({"a b": lower}, "must be an identifier"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            coulomb.join(given)

@@ -94,9 +94,9 @@ def joined_mesh(bodies: Sequence[BodyTable], comm: MPI.Comm) -> JoinedMesh:
     Raises:
         ValueError: On every rank, if one cannot be read or used.
     """
-    from ..fem.joined_mesh import join
+    from ..fem.joined_mesh import JoinedMesh
 
-    return join({body.name: body.mesh(comm) for body in bodies})
+    return JoinedMesh({body.name: body.mesh(comm) for body in bodies})
 
 
 def refuse_equal_names(bodies: tuple[BodyTable, ...]) -> tuple[BodyTable, ...]:

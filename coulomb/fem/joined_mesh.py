@@ -132,42 +132,12 @@ class JoinedMesh:
         return body, name
 
 
-def join(bodies: Mapping[str, NamedMesh] | None = None, /, **named: NamedMesh) -> JoinedMesh:
-    """Meshes of several bodies as one, for a problem of contact between them.
-
-    The meshes need not match where the bodies touch; they may have cells of different kinds and orders, and each may
-    have several components.  Each is where it was made, or where `coulomb.moved` has put it.
-
-    Args:
-        bodies: The mesh of each body by its name.
-        **named: The same, as in `join(lower=..., upper=...)`.
-
-    Raises:
-        ValueError: If there is no body, one is no mesh, or has a name that is no identifier or occurs twice, the same
-            mesh is given twice, or meshes are on different communicators.
-    """
-    if bodies is not None and not isinstance(bodies, Mapping):
-        raise ValueError(f"join: must be join(lower=..., upper=...), or a mapping of names to meshes, not {bodies!r}")
-    first = dict(bodies or {})
-    twice = first.keys() & named.keys()
-    if twice:
-        raise ValueError(f"join: two bodies have the name {min(twice)!r}")
-    return JoinedMesh({**first, **named})
-
-
 def _check(bodies: Mapping[str, NamedMesh]) -> None:
     """Raises ValueError as `join`."""
     if not bodies:
         raise ValueError("join: give at least one body, as in join(lower=..., upper=...)")
-    for name, mesh in bodies.items():
+    for name in bodies:
         check_name(name, "join: the name of a body")
-        if isinstance(mesh, JoinedMesh):
-            inner = ", ".join(mesh.bodies)
-            raise ValueError(f"join: {name!r} has several bodies ({inner}) itself; join all of them at once")
-        if not isinstance(mesh, NamedMesh):
-            raise ValueError(
-                f"join: {name!r} must be a mesh (coulomb.box, coulomb.read_mesh, NamedMesh), but is {mesh!r}"
-            )
     (first, one), *others = bodies.items()
     for name, other in others:
         if MPI.Comm.Compare(one.comm, other.comm) not in (MPI.IDENT, MPI.CONGRUENT):
