@@ -83,7 +83,7 @@ def test_unwritable_output_after_the_run_is_reported(tmp_path, ranks):
     script.write_text(
         "import sys\nfrom coulomb.cli import app as cli\nfrom coulomb.io import output\n"
         "def refuse(*_):\n    raise OSError(28, 'No space left on device')\n"
-        "output._write_contact = refuse\nsys.argv = ['coulomb', *sys.argv[1:]]\ncli.main()\n"
+        "output._write_fields = refuse\nsys.argv = ['coulomb', *sys.argv[1:]]\ncli.main()\n"
     )
     done = run_python(script, "run", BLOCK, *SMALL, "--output", tmp_path / "out", ranks=ranks, timeout=300)
     assert done.returncode == 1 and "out: cannot be written: No space left on device" in done.stderr

@@ -264,7 +264,7 @@ def test_a_full_disk_keeps_the_old_results(made, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    for function in ("_write_contact", "write_grids", "write_json"):
+    for function in ("_write_fields", "write_grids", "write_json"):
         with monkeypatch.context() as patch:
             patch.setattr(output, function, full)
             with pytest.raises(OSError, match="No space"):

@@ -63,6 +63,12 @@ class HeldDirections:
             H[held] = self.projector[place[held]]
         return H
 
+    def of(self, nodes: slice) -> HeldDirections:
+        """Those of some of the nodes, consecutive ones."""
+        start, stop, _ = nodes.indices(self.count)
+        mine = (start <= self.nodes) & (self.nodes < stop)
+        return HeldDirections(stop - start, self.nodes[mine] - start, self.projector[mine])
+
     @cached_property
     def number(self) -> int:
         """Number of held directions, over all nodes of this rank."""

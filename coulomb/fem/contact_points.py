@@ -79,6 +79,11 @@ class ContactPoints:
         result.destroy()
         return averages
 
+    def opposite_average(self, values: FloatArray) -> FloatArray | None:
+        """Averages over the faces opposite of values (k, d) at this rank's nodes, shape (m, d), 0 against foundations;
+        None without such faces; collective."""
+        return None if self.opposite is None else replace(self, weights=self.opposite, nodal=False).average(values)
+
     def held(self, held: HeldDirections) -> FloatArray:
         """How far each point is held: the mean M of the projectors of its nodes, shape (m, 3, 3); collective.
 

@@ -67,6 +67,11 @@ class FaceGrid:
         cells = np.searchsorted(everyone, _global(space, nodes)).astype(np.int64)
         self.grid = GridPart(FACETS[len(columns[0])], cells, space.x[self._nodes])
 
+    def at(self, field: FloatArray) -> FloatArray:
+        """A field at this rank's nodes, shape (k,) or (k, 3), at those of the faces."""
+        values: FloatArray = field[self._nodes]
+        return values
+
     def values(self, field: FloatArray, between: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
         """A field at this rank's nodes, shape (k,) or (k, 3), at those of the faces; collective.
 

@@ -16,30 +16,20 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-from mpi4py import MPI
-
 from ..arrays import FloatArray
 from ..fem import compat
-from ..fem.constraints import HELD_OBLIQUE
-from ..fem.deformable import Deformable
+from ..fem.deformable import SingleBody
 from ..fem.lagrange import facet_columns
-from ..fem.temperature import TEMPERATURE
-from ..model.evidence import rounding_forces
-from ..model.nodal_answer import HELD
 from ..model.posed_problem import PosedProblem
 from ..model.provenance import moment, now, provenance
 from ..model.solution import Solution
 from ..ranks import on_rank_0
 from ..solvers.results import OuterStep, QPStep
-from .grid_file import GridFields, write_grids
-from .nodal_grids import FaceGrid, body_grid, cell_values, middle
+from .body_grids import body_grids, collections, contact_facets, contact_grids
+from .grid_file import write_grids
 from .replacing import commit, present
 from .run_directory import CONTACT, HISTORY, SOLUTION, SUMMARY
-from .run_files import GROUND, INTERNAL, OURS, ROUNDING
 from .summary import summary
-from .user_fields import interpolated
 
 
 def write(
@@ -74,8 +64,7 @@ def write(
     folder = Path(on_rank_0(comm, lambda: _make_partial(target)))
     try:
         refuse_full_disk(problem, folder)
-        _write_body(solution, folder / SOLUTION, fields or {})
-        _write_contact(solution, folder / CONTACT)
+        _write_fields(solution, folder, fields or {})
         contents = {**summary(solution), **({"fields": list(fields)} if fields else {}), **(extra or {})}
         contents["run"] = provenance(problem.started, comm)
 
@@ -104,30 +93,11 @@ def _make_partial(target: Path) -> str:
     return tempfile.mkdtemp(prefix=".partial-", dir=target)
 
 
-def _write_body(solution: Solution, path: Path, given: Mapping[str, Any]) -> None:
-    elasticity = solution.problem.elasticity.alone
-    u = elasticity.function(solution.displacement)
-    loading, held = solution.problem.loading, elasticity.held
-    acting = {"load": loading.load, **held.fields, "prescribed": loading.prescribed, "spring": elasticity.spring}
-    if not solution.problem.comm.allreduce(bool(np.any(held.oblique)), op=MPI.LOR):
-        del acting[HELD_OBLIQUE]
-    fields = {"displacement": solution.displacement, **acting, **forces_of_forms(elasticity, solution.displacement)}
-    if loading.temperature is not None:
-        fields[TEMPERATURE] = loading.temperature.change
-    on_cells = cell_values(elasticity.cell_fields(u, loading))
-    taken = (*fields, *on_cells, *OURS)
-    nodal, in_cells = interpolated(given, elasticity, taken, solution.problem.comm)
-    fields, on_cells = fields | nodal, on_cells | in_cells
-    grid = GridFields(body_grid(elasticity), fields, on_cells)
-    write_grids(solution.problem.comm, path, [grid], solution.problem.time)
-
-
-def forces_of_forms(body: Deformable, u: FloatArray) -> dict[str, FloatArray]:
-    """Nodal forces that cannot be computed from the files of a body of the user's forms, shapes (k, 3); collective."""
-    if body.forms() is None:
-        return {}
-    ground = {} if body.ground is None else {name: body.ground[:, :, k] for k, name in enumerate(GROUND)}
-    return {INTERNAL: body.internal_force(u), ROUNDING: rounding_forces(body, u), **ground}
+def _write_fields(solution: Solution, folder: Path, given: Mapping[str, Any]) -> None:
+    """solution.xdmf and contact.xdmf with their HDF5 files."""
+    problem, (bodies, faces) = solution.problem, collections(solution.problem)
+    write_grids(problem.comm, folder / SOLUTION, body_grids(solution, given), problem.time, bodies)
+    write_grids(problem.comm, folder / CONTACT, contact_grids(solution), problem.time, faces)
 
 
 def contact_fields(solution: Solution) -> dict[str, FloatArray]:
@@ -137,15 +107,19 @@ def contact_fields(solution: Solution) -> dict[str, FloatArray]:
 
 def size_on_disk(problem: PosedProblem) -> float:
     """Approximate bytes of the fields of a solution; collective."""
-    body, comm = problem.elasticity.alone, problem.comm
-    points, cells = body.V.dofmap.index_map.size_global, body.domain.topology.index_map(3).size_global
+    return 1.1e5 + sum(_size_of(problem, member.body) for member in problem.elasticity.members)
+
+
+def _size_of(problem: PosedProblem, body: SingleBody) -> float:
+    comm = problem.comm
+    points, cells = body.numbering.total, body.domain.topology.index_map(3).size_global
     width = compat.cell_dofs(body.V).shape[1] + body.numbers_per_cell
-    facets = _contact_facets(problem)
+    facets = contact_facets(problem, body)
     on_face: int = comm.allreduce(len(body.nodes_of(facets)))
     of_face: int = comm.allreduce(facet_columns(body.domain.topology.cell_type, body.degree).shape[1] * len(facets))
     # coordinates and 5 vectors per node; on the face coordinates, 7 vectors and 16 numbers per node
-    nodal = 24.0 * 6.0 * points + (24.0 * 8.0 + 8.0 * 16.0) * on_face
-    return float(1.1e5 + nodal + 8.0 * width * cells + 8.0 * of_face)
+    size: float = 24.0 * 6.0 * points + (24.0 * 8.0 + 8.0 * 16.0) * on_face + 8.0 * width * cells + 8.0 * of_face
+    return size
 
 
 def refuse_full_disk(problem: PosedProblem, target: Path, times: int = 1) -> None:
@@ -172,26 +146,6 @@ def refuse_full_disk(problem: PosedProblem, target: Path, times: int = 1) -> Non
         return ""
 
     on_rank_0(problem.comm, look)
-
-
-def _contact_facets(problem: PosedProblem) -> npt.NDArray[np.int32]:
-    """This rank's facets of all contact faces."""
-    facets: npt.NDArray[np.int32] = np.unique(
-        np.concatenate([problem.mesh.facets(face, "contact") for face in problem.surface.faces])
-    )
-    return facets
-
-
-def _write_contact(solution: Solution, path: Path) -> None:
-    """The fields of the contact points on a mesh of the contact face."""
-    problem, space = solution.problem, solution.problem.elasticity.alone
-    face = FaceGrid(space, _contact_facets(problem))
-    fields = {}
-    for name, values in contact_fields(solution).items():
-        everywhere = np.full((len(space.x), *values.shape[1:]), float(HELD) if name == "status" else 0.0)
-        everywhere[problem.surface.nodes] = values
-        fields[name] = face.values(everywhere, np.minimum if name == "status" else middle)
-    write_grids(problem.comm, path, [GridFields(face.grid, fields, {})], problem.time)
 
 
 def write_series(folder: Path, name: str, steps: Sequence[tuple[str, float]]) -> None:

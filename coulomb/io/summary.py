@@ -50,7 +50,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         ),
         "probes": [value.entry() for value in solution.probes],
         "understood": {"supports": supports_of(problem), "contacts": contacts_of(problem)},
-        "material": [] if elasticity.materials is None else material_entries(elasticity.materials),
+        "material": materials_of(elasticity),
         **temperature_entries(problem.loading.temperature, problem.comm),
         **forms_entries(elasticity, problem.loading),
         "mean_compliance": problem.mean_compliance,
@@ -110,6 +110,7 @@ def derived(
         "forces_on_foundations": [
             {"face": face["faces"][0], **{name: [-value for value in face[name]] for name in ("force", "moment")}}
             for face in numbers["faces"]
+            if "against" not in face
         ],
         "spring_force_on_body": [over.sum(spring_force[:, k]) for k in range(3)],
         "maximum": {
@@ -150,6 +151,15 @@ def totals(solution: Solution, part: int | None = None) -> dict[str, Any]:
 def material_entries(materials: Materials) -> list[dict[str, Any]]:
     """The material of every group of cells, or of the whole body."""
     return [_material_entry(name, material) for name, material in by_group(materials)]
+
+
+def materials_of(body: Deformable) -> list[dict[str, Any]]:
+    """The materials of all bodies; of several, cells are called "body" or "body:cells"."""
+    found = []
+    for member in body.members:
+        given = [] if member.body.materials is None else material_entries(member.body.materials)
+        found += [{**entry, "cells": member.called(entry["cells"])} for entry in given]
+    return found
 
 
 def _material_entry(cells: str | None, material: AnyMaterial) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,6 +53,30 @@ def interpolated(
 
         (nodal if continuous else on_cells)[name] = on_all_ranks(evaluate, what, comm)
     return nodal, on_cells
+
+
+def of_bodies(given: Mapping[str, Any], bodies: Sequence[DisplacementSpace], comm: MPI.Comm) -> list[dict[str, Any]]:
+    """The given functions on the mesh of each body; with one body all of them.
+
+    Raises:
+        ValueError: On every rank, if one is no function, or on the mesh of no body.
+    """
+    if len(bodies) == 1:
+        return [dict(given)]
+    found: list[dict[str, Any]] = [{} for _ in bodies]
+
+    def add(name: str, function: Any) -> None:
+        if not isinstance(function, fem.Function):
+            raise ValueError(f"must be a Function of DOLFINx, but is {function!r}; interpolate an expression first")
+        mesh = compat_forms.cpp_of(function.function_space.mesh)
+        mine = [number for number, body in enumerate(bodies) if compat_forms.cpp_of(body.domain) is mesh]
+        if not mine:
+            raise ValueError("is on the mesh of none of the bodies")
+        found[mine[0]][name] = function
+
+    for name, function in given.items():
+        on_all_ranks(lambda name=name, function=function: add(name, function), f"fields: {name!r}", comm)  # type: ignore[misc]
+    return found
 
 
 def _refuse(name: Any, function: Any, space: DisplacementSpace, taken: tuple[str, ...]) -> None:

@@ -116,9 +116,10 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     angle = over.max(np.degrees(np.arctan2(across, along)))
     held = e.held.held_part(e.displacement - e.prescribed) / scales.length
     balance, drift = _rigid_motions(e, spring, np.sum(outer, axis=0), scales, over)
+    sums = f"loads, springs, reactions, contact: forces and moments add to zero{', of every body' if e.bodies else ''}"
     remaining = np.column_stack([e.gap - e.closure[:, 0], -e.closure[:, 1:]])  # A x - b
     residual = FrictionLaw.tresca(e.bound).natural_residual(e.force.ravel(), remaining.ravel(), e.compliance, over)
-    mean = "; means around vertices" if e.averaged else ""
+    mean = f"; means around {'contact points' if e.actions is not None else 'vertices'}" if e.averaged else ""
     deepest = _worst(over.max(e.closure[:, 0] - e.gap), 0.0)
 
     def relative(name: str, value: float, meaning: str) -> Check:
@@ -132,8 +133,9 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
             "forces in balance at free nodes",
         ),
         relative("clamps", over.max(np.abs(held)), "prescribed displacements held"),
-        relative("force balance", balance, "loads, springs, reactions, contact: forces and moments add to zero"),
+        relative("force balance", balance, sums),
         relative("rigid motion", drift, "the springs carry what the clamps do not"),
+        *_actions(e, over),
         relative("penetration", over.max(-gap), f"{deepest:.1e} m, over {scales.length:.1e} m{mean}"),
         relative("adhesion", over.max(-pressing), "no node is pulled, nor has a force off the contact faces"),
         relative("complementarity", over.max(np.abs(pressing * gap)), "no force across a gap"),
@@ -219,30 +221,65 @@ def _rigid_motions(
     that they would have for a motion by the scale of displacements.
 
     Returns:
-        Largest of six sums over the sum of all forces; largest imbalance of a free motion over its spring forces.
+        Of all bodies the largest of six sums over the sum of all forces, and the largest imbalance of a free motion
+        over its spring forces.
     """
-    count, modes = over.sum(float(len(e.x))), rigid_modes(e.x, e.comm)
-    ground = np.zeros_like(modes) if e.ground is None else e.ground
-    borne = np.einsum("kcj,kc->kj", ground, e.displacement)  # work of the internal forces on the motions, node by node
-    sums = over.total(np.einsum("kcj,kc->j", modes, outer) - borne.sum(axis=0))
+    found = [_motions_of(e, nodes, spring, outer, scales, over) for nodes in e.bodies or (slice(None),)]
+    return _worst(*(balance for balance, _ in found)), _worst(*(drift for _, drift in found))
+
+
+def _motions_of(
+    e: Evidence, nodes: slice, spring: FloatArray, outer: FloatArray, scales: _Scales, over: Reductions
+) -> tuple[float, float]:
+    """The same of one body."""
+    count, modes, held = over.sum(float(len(e.x[nodes]))), rigid_modes(e.x[nodes], e.comm), e.held.of(nodes)
+    ground = np.zeros_like(modes) if e.ground is None else _of_its_motions(e, nodes, modes, over)
+    borne = np.einsum("kcj,kc->kj", ground, e.displacement[nodes])  # work of internal forces on the motions, by node
+    sums = over.total(np.einsum("kcj,kc->j", modes, outer[nodes]) - borne.sum(axis=0))
     balance = _ratio(_worst(*np.abs(sums)), scales.turnover)
 
-    held = over.total(np.einsum("kci,kcj->ij", modes, e.held.held_part(modes)))
-    stiffness = over.total(np.einsum("kci,kc,kcj->ij", modes, e.spring, modes))
+    weights = over.total(np.einsum("kci,kcj->ij", modes, held.held_part(modes)))
+    stiffness = over.total(np.einsum("kci,kc,kcj->ij", modes, e.spring[nodes], modes))
     stiffness += over.total(np.einsum("kci,kcj->ij", modes, ground))
-    if not (np.all(np.isfinite(sums)) and np.all(np.isfinite(held)) and np.all(np.isfinite(stiffness))):
+    if not (np.all(np.isfinite(sums)) and np.all(np.isfinite(weights)) and np.all(np.isfinite(stiffness))):
         return balance, math.nan
-    weight, vectors = np.linalg.eigh(held)
+    weight, vectors = np.linalg.eigh(weights)
     free = vectors[:, weight <= 1e-13 * count]
     stiff, vectors = np.linalg.eigh(free.T @ stiffness @ free)
     free = free @ vectors  # motions that the springs hold independently of each other
-    carried = over.total(np.einsum("kcj,kc->j", np.abs(modes @ free), np.abs(spring)))
-    carried += over.total(np.abs(np.einsum("kcj,kc->kj", ground @ free, e.displacement)).sum(axis=0))
+    carried = over.total(np.einsum("kcj,kc->j", np.abs(modes @ free), np.abs(spring[nodes])))
+    carried += over.total(np.abs(np.einsum("kcj,kc->kj", ground @ free, e.displacement[nodes])).sum(axis=0))
     drifts = [
         _ratio(force, _worst(carries, k * scales.length) or scales.turnover)
         for force, carries, k in zip(np.abs(free.T @ sums), carried, stiff, strict=True)
     ]
     return balance, _worst(0.0, *drifts)
+
+
+def _of_its_motions(e: Evidence, nodes: slice, modes: FloatArray, over: Reductions) -> FloatArray:
+    """`Evidence.ground` of one body for its own rigid modes: those of all bodies are motions of it, too."""
+    assert e.ground is not None
+    if not e.bodies:
+        return e.ground
+    whole = rigid_modes(e.x, e.comm)[nodes]
+    gram, right = over.total(np.einsum("kci,kcj->ij", whole, whole)), over.total(np.einsum("kci,kcj->ij", whole, modes))
+    own: FloatArray = e.ground[nodes] @ np.linalg.lstsq(gram, right, rcond=None)[0]
+    return own
+
+
+def _actions(e: Evidence, over: Reductions) -> tuple[Check, ...]:
+    """Whether the forces on both faces of every pair, and their moments, are opposite; no check without pairs.
+
+    The moments may differ by the couples of forces that act across the gaps of the undeformed bodies.
+    """
+    if e.actions is None:
+        return ()
+    size = max(over.max(axis) + over.max(-axis) for axis in e.x.T) or 1.0
+    slave, master, couples = np.moveaxis(over.total(e.actions.ravel()).reshape(e.actions.shape), 1, 0)
+    left = (slave + master - couples)[:, :6] / np.array([1.0] * 3 + [size] * 3)
+    worst = _worst(*(_ratio(_worst(*np.abs(one)), scale) for one, scale in zip(left, slave[:, 6], strict=True)))
+    meaning = "forces and moments on the two faces of every pair are opposite"
+    return (Check("action and reaction", worst, LIMIT, "", meaning),)
 
 
 def _lengths(vectors: FloatArray) -> FloatArray:

@@ -13,11 +13,13 @@ def along_axes(name: str, vector: Sequence[float] | None) -> dict[str, float]:
 
 
 def face_columns(face: Mapping[str, Any]) -> dict[str, Any]:
-    """The columns of one of several contact faces, from its totals (`NodalAnswer.totals`)."""
+    """The columns of one of several contact faces, or of a pair, from its entry in summary.json."""
     name = face["faces"][0]
+    opposite = ("opposite_force", "opposite_moment") if "against" in face else ()
     return {
         **along_axes(f"{name}_force", face["force"]),
         **along_axes(f"{name}_moment", face["moment"]),
+        **{column: value for what in opposite for column, value in along_axes(f"{name}_{what}", face[what]).items()},
         f"{name}_contact_area": face["contact_area"],
         **along_axes(f"{name}_centre_of_pressure", face["centre_of_pressure"]),
     }
@@ -43,6 +45,16 @@ def probe_columns(probe: Mapping[str, Any]) -> dict[str, float | None]:
 def axes(name: str) -> list[str]:
     """The names of the columns of a vector."""
     return [f"{name}_{axis}" for axis in "xyz"]
+
+
+def body_columns(body: Mapping[str, Any]) -> dict[str, float]:
+    """The columns of one of several bodies, from its entry in summary.json (`BodyBalance.entry`)."""
+    name = f"body_{body['name']}"
+    return {
+        **along_axes(f"{name}_contact_force", body["contact_force"]),
+        **along_axes(f"{name}_contact_moment", body["contact_moment"]),
+        f"{name}_balance": body["balance"],
+    }
 
 
 def reaction_columns(reaction: Mapping[str, Any]) -> dict[str, float]:

@@ -43,7 +43,10 @@ class Evidence:
         compliance: Mean diagonal of A, metres per newton.
         blocked: Scale of the displacements that loads would cause where nothing can move, metres
             (`Deformable.blocked_displacement`).
-        averaged: Whether gaps and slips are averages over the facets around vertices, as on 10-node tetrahedra.
+        averaged: Whether gaps and slips are averages over the facets around vertices, as on 10-node tetrahedra, or
+            over parts of the two faces of a pair.
+        bodies: The nodes of each body; empty for one.
+        actions: Of every pair of faces, what acts on both: `pair_actions`, this rank's part, shape (pairs, 3, 7).
     """
 
     comm: MPI.Comm
@@ -64,6 +67,33 @@ class Evidence:
     blocked: float = 0.0
     averaged: bool = False
     ground: FloatArray | None = None
+    bodies: tuple[slice, ...] = ()
+    actions: FloatArray | None = None
+
+
+def pair_actions(
+    x: FloatArray, slave: FloatArray, master: FloatArray, at: FloatArray, opposite: FloatArray, force: FloatArray
+) -> FloatArray:
+    """What acts on both faces of a pair: sums over this rank, shape (3, 7).
+
+    The rows are the slave, the master, and the couples of the forces across the gaps of the undeformed bodies, which
+    act at places some distance apart on the two.  The columns are three forces, three moments about the origin of x,
+    and the sum of the magnitudes of the forces.
+
+    Args:
+        x: Coordinates of the nodes in metres, shape (k, 3).
+        slave: Forces at them on the slave in newtons, shape (k, 3).
+        master: Forces on the master, shape (k, 3).
+        at: Where the forces act on the slave, shape (m, 3).
+        opposite: Where they act on the master, shape (m, 3).
+        force: The forces on the slave, shape (m, 3).
+    """
+    couples = np.cross(at - opposite, force)
+    none = np.zeros_like(couples)
+    rows = ((slave, np.cross(x, slave)), (master, np.cross(x, master)), (none, couples))
+    return np.array(
+        [[*one.sum(axis=0), *moment.sum(axis=0), np.sum(np.linalg.norm(one, axis=1))] for one, moment in rows]
+    )
 
 
 class Strained(Protocol):

@@ -7,7 +7,10 @@ a node missing in the surface, a foundation that was not moved or a wrong slip o
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.contact_frames import held_length, inverse_frames
@@ -19,7 +22,7 @@ from ..fem.surface import way_along
 from ..fem.user_values import on_all_ranks
 from ..solvers.laws import FrictionLaw
 from .contact_body import ContactBody
-from .evidence import HELD_BEYOND, Evidence, rounding_forces
+from .evidence import HELD_BEYOND, Evidence, pair_actions, rounding_forces
 from .nodal_answer import closure
 from .state import Before, ContactState
 
@@ -97,7 +100,43 @@ def gather_evidence(
         compliance=compliance,
         blocked=elasticity.blocked_displacement(state.loading),
         averaged=not points.nodal,
+        bodies=tuple(member.nodes for member in elasticity.members) if len(elasticity.members) > 1 else (),
+        actions=_actions(elasticity.x, points, frames, force, [len(face[0].nodes) for face in faces]),
     )
+
+
+def _actions(
+    x: FloatArray, points: ContactPoints, frames: FloatArray, force: FloatArray, counts: list[int]
+) -> FloatArray | None:
+    """What acts on both faces of every pair: `Evidence.actions`; None without pairs; collective.
+
+    Args:
+        x: Coordinates of the nodes in metres, shape (k, 3).
+        points: The contact points of all faces.
+        frames: Their frames, shape (m, 3, 3).
+        force: The contact forces at them along n, t1, t2 in newtons, shape (m, 3).
+        counts: How many of them are on each face.
+    """
+    opposite = points.opposite_average(x)
+    if opposite is None:
+        return None
+    on_slave, on_both = contact_matrix(replace(points, opposite=None), frames), contact_matrix(points, frames)
+    at, vectors = points.average(x), -np.einsum("kij,ki->kj", frames, force)
+    part, found = np.repeat(np.arange(len(counts)), counts), []
+    comm = points.space.comm
+    centre = comm.allreduce(x.sum(axis=0), op=MPI.SUM) / comm.allreduce(len(x), op=MPI.SUM)
+    paired = np.asarray(np.diff(points.opposite.indptr) > 0) if points.opposite is not None else part < 0
+    for number in range(len(counts)):
+        here = part == number
+        if not comm.allreduce(bool(np.any(paired[here])), op=MPI.LOR):
+            continue
+        own = np.where(here[:, None], force, 0.0)
+        slave = -at_nodes_of(on_slave, own)
+        master = -at_nodes_of(on_both, own) - slave
+        found.append(pair_actions(x - centre, slave, master, at[here], opposite[here], vectors[here]))
+    for matrix in (on_slave, on_both):
+        matrix.destroy()
+    return np.array(found)
 
 
 def _face(

@@ -13,7 +13,7 @@ from ..fem.constraints import HeldDirections
 from ..fem.deformable import Deformable
 from ..linalg.reductions import Reductions
 from .accumulated import Accumulated
-from .columns import along_axes, face_columns, probe_columns, reaction_columns, rotation_columns
+from .columns import along_axes, body_columns, face_columns, probe_columns, reaction_columns, rotation_columns
 from .solution import Solution
 
 _IMBALANCE = 0.25  # of the energy dissipated by friction
@@ -200,10 +200,9 @@ class LoadStep:
     def row(self) -> dict[str, Any]:
         """Its figures, in the order of the columns of history.csv; collective."""
         result, certificate = self.solution.result, self.solution.certificate
-        reactions = [reaction.entry() for reaction in self.solution.reactions]
         probes = [value.entry() for value in self.solution.probes]
         return row(
-            {**self.solution.at_nodes.numbers(), "reactions": reactions, "probes": probes},
+            {**self.solution.at_nodes.numbers(), **self.solution.acting.entries(), "probes": probes},
             self.state,
             steps=result.newton_steps,
             residual=result.residual,
@@ -218,7 +217,8 @@ def row(
     """The figures of a step, by name.
 
     Args:
-        numbers: Figures of its contact nodes (`NodalAnswer.numbers`), its `reactions` and its `probes`.
+        numbers: Figures of its contact nodes (`NodalAnswer.numbers`), its `reactions`, of several bodies its `bodies`,
+            and its `probes`.
         at: Its number, time, and energies.
         steps: Path-following steps.
         residual: Residual of its problem.
@@ -226,7 +226,7 @@ def row(
         valid: Whether its answer counts.
     """
     face = numbers["totals"]
-    several = numbers["faces"] if len(numbers["faces"]) > 1 else []
+    several = numbers["faces"] if len(numbers["faces"]) > 1 or "against" in numbers["faces"][0] else []
     return {
         "step": at.number,
         "time": at.time,
@@ -240,6 +240,7 @@ def row(
         **{name: numbers["nodes"][name] for name in ("open", "stick", "slip")},
         **{name: value for part in several for name, value in face_columns(part).items()},
         **{name: value for part in numbers["faces"] for name, value in rotation_columns(part).items()},
+        **{name: value for body in numbers.get("bodies", ()) for name, value in body_columns(body).items()},
         **{name: value for part in numbers["reactions"] for name, value in reaction_columns(part).items()},
         **{name: value for probe in numbers["probes"] for name, value in probe_columns(probe).items()},
         **{f"energy_{name}": value for name, value in asdict(at.energy).items()},

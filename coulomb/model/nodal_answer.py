@@ -52,6 +52,9 @@ class NodalAnswer:
         slip_bound: Slip bound used by the solver, shape (m,).
         spins: Rotations of the foundations of the faces; None where there is none.
         earlier: What has accumulated in the load steps before.
+        against: Of each contact face the face opposite, if it is one of a pair; else None.  Empty without pairs.
+        opposite_x: Where the forces act on the faces opposite, shape (m, 3); 0 on faces against a foundation.  None
+            without pairs.
     """
 
     comm: MPI.Comm
@@ -69,6 +72,8 @@ class NodalAnswer:
     slip_bound: FloatArray
     spins: tuple[Spin | None, ...]
     earlier: Accumulated
+    against: tuple[str | None, ...] = ()
+    opposite_x: FloatArray | None = None
 
     @cached_property
     def scale(self) -> FloatArray:
@@ -224,11 +229,23 @@ class NodalAnswer:
             },
             "totals": self.totals(),
             "faces": [
-                {**self.totals(part), **self._rotation(part), **self._law_numbers(part)}
+                {**self.totals(part), **self._opposite(part), **self._rotation(part), **self._law_numbers(part)}
                 for part in range(len(self.faces))
             ],
             "accumulated": self._accumulated_numbers(),
             "nodes": {name: int(over.sum(which.astype(float))) for name, which in counts.items()},
+        }
+
+    def _opposite(self, part: int) -> dict[str, Any]:
+        """Of a pair: the face opposite, and force and moment about the origin on it; collective."""
+        if self.opposite_x is None or self.against[part] is None:
+            return {}
+        here, over = self.part == part, Reductions(self.comm)
+        force, x = -self.on_body[here], self.opposite_x[here]
+        return {
+            "against": self.against[part],
+            "opposite_force": over.total(force.sum(axis=0)).tolist(),
+            "opposite_moment": over.total(np.cross(x, force).sum(axis=0)).tolist(),
         }
 
     def _rotation(self, part: int) -> dict[str, Any]:

@@ -8,13 +8,14 @@ along the held directions, so that what is left over is the residual at the free
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..arrays import FloatArray
+from ..fem.joined_mesh import SEPARATOR
 from ..fem.nodal_forces import NodalForces
 from ..linalg.reductions import Reductions
 
@@ -47,18 +48,40 @@ class Resultant:
 
 
 @dataclass(frozen=True)
+class BodyBalance:
+    """The balance of one of several bodies.
+
+    Attributes:
+        name: Its name.
+        contact: Force and moment of all contact on it.
+        balance: What its loads, its supports and contact leave over, relative to the largest of them (`balance`).
+    """
+
+    name: str
+    contact: Resultant
+    balance: float
+
+    def entry(self) -> dict[str, Any]:
+        """As in summary.json."""
+        force, moment = self.contact.force.tolist(), self.contact.moment.tolist()
+        return {"name": self.name, "contact_force": force, "contact_moment": moment, "balance": self.balance}
+
+
+@dataclass(frozen=True)
 class Acting:
-    """All that acts on a body at one time.
+    """All that acts on the bodies at one time.
 
     Attributes:
         loads: Every load.
         reactions: Every clamp, prescribed displacement and spring.
         balance: What they and the contact forces leave over, relative to the largest of them (`balance`).
+        bodies: Of several bodies the balance of each; empty for one.
     """
 
     loads: tuple[Resultant, ...]
     reactions: tuple[Resultant, ...]
     balance: float
+    bodies: tuple[BodyBalance, ...] = ()
 
     def entries(self) -> dict[str, Any]:
         """As in summary.json."""
@@ -66,6 +89,7 @@ class Acting:
             "loads": [load.entry() for load in self.loads],
             "reactions": [reaction.entry() for reaction in self.reactions],
             "balance": self.balance,
+            **({"bodies": [body.entry() for body in self.bodies]} if self.bodies else {}),
         }
 
 
@@ -76,6 +100,7 @@ def acting(
     x: FloatArray,
     over: Reductions,
     ground: Sequence[Resultant] = (),
+    bodies: Mapping[str, slice] | None = None,
 ) -> Acting:
     """Resultants and balance of nodal forces; collective.
 
@@ -86,11 +111,23 @@ def acting(
         x: Coordinates of the nodes, shape (k, 3).
         over: The ranks.
         ground: Of elastic foundations in the internal forces (`resultant_of_ground`).
+        bodies: Of several bodies the nodes of each by name: loads and supports are on the body that their face names.
     """
     with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
         pulling, holding = resultants(loads, x, over), (*resultants(supports, x, over), *ground)
         contact = resultants([NodalForces("contact", None, on_body)], x, over)
-        return Acting(pulling, holding, balance((*pulling, *holding, *contact), x, over))
+        outer = (*pulling, *holding)
+        each = tuple(_balance_of(name, nodes, outer, on_body, x, over) for name, nodes in (bodies or {}).items())
+        return Acting(pulling, holding, balance((*outer, *contact), x, over), each)
+
+
+def _balance_of(
+    name: str, nodes: slice, outer: Sequence[Resultant], on_body: FloatArray, x: FloatArray, over: Reductions
+) -> BodyBalance:
+    """The balance of one of several bodies; collective."""
+    mine = [part for part in outer if part.face is not None and part.face.partition(SEPARATOR)[0] == name]
+    (contact,) = resultants([NodalForces("contact", name, on_body[nodes])], x[nodes], over)
+    return BodyBalance(name, contact, balance((*mine, contact), x[nodes], over))
 
 
 def resultants(parts: Iterable[NodalForces], x: FloatArray, over: Reductions) -> tuple[Resultant, ...]:
@@ -105,7 +142,9 @@ def resultants(parts: Iterable[NodalForces], x: FloatArray, over: Reductions) ->
     return tuple(found)
 
 
-def resultant_of_ground(ground: FloatArray, u: FloatArray, x: FloatArray, over: Reductions) -> Resultant:
+def resultant_of_ground(
+    ground: FloatArray, u: FloatArray, x: FloatArray, over: Reductions, body: str = ""
+) -> Resultant:
     """Force and moment on a body of elastic foundations that are terms of its internal forces; collective.
 
     By the symmetry of these, the work of the internal forces of u on a rigid motion is that of the forces of the motion
@@ -116,6 +155,7 @@ def resultant_of_ground(ground: FloatArray, u: FloatArray, x: FloatArray, over: 
         u: Displacements in metres, shape (k, 3).
         x: Coordinates of the nodes, shape (k, 3).
         over: The ranks.
+        body: Name of the body, if there are several.
     """
     count = over.sum(float(len(x)))
     centre = np.array([over.sum(axis) for axis in x.T]) / count
@@ -123,7 +163,8 @@ def resultant_of_ground(ground: FloatArray, u: FloatArray, x: FloatArray, over: 
     works = -np.einsum("kcj,kc->kj", ground, u)
     total = over.total(works.sum(axis=0))
     force, moment = total[:3], size * total[3:] + np.cross(centre, total[:3])
-    return Resultant("form", None, "form", force, moment, over.sum(np.linalg.norm(works[:, :3], axis=1)))
+    name = f"form_{body}" if body else "form"
+    return Resultant("form", body or None, name, force, moment, over.sum(np.linalg.norm(works[:, :3], axis=1)))
 
 
 def balance(outer: Sequence[Resultant], x: FloatArray, over: Reductions) -> float:

@@ -76,6 +76,8 @@ class Solution:
             slip_bound=self.slip_bound,
             spins=problem.state.spins,
             earlier=problem.state.accumulated,
+            against=tuple(contact.against for contact in problem.contacts),
+            opposite_x=surface.points.opposite_average(problem.elasticity.x),
         )
 
     @cached_property
@@ -86,9 +88,15 @@ class Solution:
         inner = body.internal_force(u) - body.spring_force(u)
         held = body.held_part(inner - problem.loading.load - on_body)
         supports = chain(body.shares(held), body.spring_forces(u))
-        over, ground = Reductions(problem.comm), body.ground
-        terms = () if ground is None else (resultant_of_ground(ground, u, body.x, over),)
-        return acting(body.loads_in(problem.loading), supports, on_body, body.x, over, terms)
+        over, members = Reductions(problem.comm), body.members
+        grounds = [(member, member.body.ground) for member in members]
+        terms = [
+            resultant_of_ground(ground, u[member.nodes], member.body.x, over, member.name)
+            for member, ground in grounds
+            if ground is not None
+        ]
+        each = {member.name: member.nodes for member in members} if len(members) > 1 else {}
+        return acting(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each)
 
     @property
     def loads(self) -> tuple[Resultant, ...]:
@@ -105,9 +113,11 @@ class Solution:
 
     @property
     def forces_on_foundations(self) -> tuple[Resultant, ...]:
-        """Force and moment of the body on the foundation of every contact face, in their order; collective."""
+        """Force and moment on the foundation of every contact face, in their order; collective.  Pairs have none."""
         found = []
         for part, face in enumerate(self.problem.surface.faces):
+            if self.problem.contacts[part].against is not None:
+                continue
             totals = self.at_nodes.totals(part)
             force, moment = (-np.array(totals[name]) for name in ("force", "moment"))
             nodal = np.linalg.norm(self.at_nodes.on_body[self.at_nodes.part == part], axis=1)

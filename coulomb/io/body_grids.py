@@ -1,0 +1,149 @@
+"""The grids of the result files: of solution.xdmf one per body, of contact.xdmf one for all faces of a single body, or
+one per contact face and, of pairs, also one per face opposite."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from ..fem.constraints import HELD_OBLIQUE
+from ..fem.deformable import Loading, Member, SingleBody
+from ..fem.temperature import TEMPERATURE
+from ..model.evidence import rounding_forces
+from ..model.nodal_answer import HELD
+from ..model.opposite import carried, carrying, spreading
+from ..model.posed_problem import PosedProblem
+from ..model.solution import Solution
+from .field_files import OPPOSITE
+from .grid_file import GridFields
+from .nodal_grids import FaceGrid, body_grid, cell_values, middle
+from .run_files import GROUND, INTERNAL, OURS, ROUNDING
+from .user_fields import interpolated, of_bodies
+
+BODIES, FACES = "bodies", "faces"
+"""Names of the collections of several grids."""
+
+_NO_CONTACT = {"status": float(HELD)}
+"""Values of fields where there is no contact point; 0 for others."""
+
+
+def collections(problem: PosedProblem) -> tuple[str, str]:
+    """Names of the collections in solution.xdmf and contact.xdmf; empty for a file with one grid."""
+    several = len(problem.elasticity.members) > 1
+    pairs = any(contact.against is not None for contact in problem.contacts)
+    return BODIES if several else "", FACES if several or pairs else ""
+
+
+def body_grids(solution: Solution, given: Mapping[str, Any]) -> list[GridFields]:
+    """The bodies with their fields; collective.
+
+    Args:
+        solution: The answer.
+        given: The user's functions to be written beside, by name, each on the mesh of one of the bodies.
+
+    Raises:
+        ValueError: On every rank, if a function cannot be written.
+    """
+    problem, u = solution.problem, solution.displacement
+    elasticity, loading, comm = problem.elasticity, problem.loading, problem.comm
+    acting = {"load": loading.load, **elasticity.held.fields}
+    acting |= {"prescribed": loading.prescribed, "spring": elasticity.spring}
+    if not comm.allreduce(bool(np.any(elasticity.held.oblique)), op=MPI.LOR):
+        del acting[HELD_OBLIQUE]
+    of_forms: dict[str, FloatArray] = {}
+    if elasticity.forms() is not None:
+        ground = elasticity.ground
+        of_forms = {INTERNAL: elasticity.internal_force(u), ROUNDING: rounding_forces(elasticity, u)}
+        of_forms |= {} if ground is None else {name: ground[:, :, k] for k, name in enumerate(GROUND)}
+    parts = loading.parts or (loading,)
+    grids = []
+    own = of_bodies(given, [member.body for member in elasticity.members], comm)
+    for member, part, functions in zip(elasticity.members, parts, own, strict=True):
+        fields = {"displacement": u, **acting, **({} if member.body.forms() is None else of_forms)}
+        on_points = {name: values[member.nodes] for name, values in fields.items()}
+        grids.append(_body_grid(member, on_points, part, functions, comm))
+    return grids
+
+
+def _body_grid(
+    member: Member, fields: dict[str, FloatArray], loading: Loading, given: Mapping[str, Any], comm: MPI.Comm
+) -> GridFields:
+    """A body with its fields; collective."""
+    body = member.body
+    if loading.temperature is not None:
+        fields[TEMPERATURE] = loading.temperature.change
+    on_cells = cell_values(body.cell_fields(body.function(fields["displacement"]), loading))
+    nodal, in_cells = interpolated(given, body, (*fields, *on_cells, *OURS), comm)
+    return GridFields(body_grid(body), fields | nodal, on_cells | in_cells, member.name)
+
+
+def contact_grids(solution: Solution) -> list[GridFields]:
+    """The contact faces with the fields of the contact points; collective."""
+    problem, fields = solution.problem, solution.at_nodes.fields()
+    if not collections(problem)[1]:
+        (member,) = problem.elasticity.members
+        everywhere = np.ones(len(problem.surface.nodes), dtype=bool)
+        return [_face_grid("", member, contact_facets(problem, member.body), problem, fields, everywhere)]
+    grids = []
+    for number, contact in enumerate(problem.contacts):
+        member, facets = problem.elasticity.face(contact.face, "contact")
+        here = problem.surface.part == number
+        grids.append(_face_grid(contact.face, member, facets, problem, fields, here))
+    for number, contact in enumerate(problem.contacts):
+        if contact.against is not None:
+            grids.append(_opposite_grid(solution, number, contact.against, fields, [grid.name for grid in grids]))
+    return grids
+
+
+def contact_facets(problem: PosedProblem, body: SingleBody) -> npt.NDArray[np.int32]:
+    """This rank's facets of all contact faces on a body, faces opposite in pairs included."""
+    names = [name for contact in problem.contacts for name in (contact.face, contact.against) if name is not None]
+    faces = [problem.elasticity.face(name, "contact") for name in names]
+    mine = [facets for member, facets in faces if member.body is body]
+    facets: npt.NDArray[np.int32] = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *mine]))
+    return facets
+
+
+def _face_grid(
+    name: str,
+    member: Member,
+    facets: npt.NDArray[np.int32],
+    problem: PosedProblem,
+    fields: Mapping[str, FloatArray],
+    here: npt.NDArray[np.bool_],
+) -> GridFields:
+    """A face with the fields of those contact points that are here; collective."""
+    face, nodes = FaceGrid(member.body, facets), problem.surface.nodes[here] - member.nodes.start
+    found = {}
+    for field, values in fields.items():
+        everywhere = np.full((len(member.body.x), *values.shape[1:]), _NO_CONTACT.get(field, 0.0))
+        everywhere[nodes] = values[here]
+        found[field] = face.values(everywhere, np.minimum if field == "status" else middle)
+    return GridFields(face.grid, found, {}, name)
+
+
+def _opposite_grid(
+    solution: Solution, number: int, against: str, fields: Mapping[str, FloatArray], taken: list[str]
+) -> GridFields:
+    """The face opposite in a pair, with the fields carried over to it and the forces on its nodes; collective."""
+    problem = solution.problem
+    points, here = problem.surface.points, problem.surface.part == number
+    assert points.opposite is not None
+    member, facets = problem.elasticity.face(against, "contact")
+    face, body, mine = FaceGrid(member.body, facets), member.body, points.only(here)
+    rows = points.opposite[here]
+    at_points = {name: values[here] for name, values in fields.items()}
+    found = carried(at_points, spreading(mine, carrying(rows, mine.area)))
+    found["contact_force"] = -spreading(mine, rows)(at_points["contact_force"])
+    area, outward = body.positive_weights(facets)
+    length = np.linalg.norm(outward, axis=1)[:, None]
+    on_face = {name: values[member.nodes] for name, values in found.items()}
+    on_face |= {"normal": outward / np.where(length > 0.0, length, 1.0), "area": area}
+    on_face[OPPOSITE] = np.full(len(area), float(number))
+    name = against if against not in taken else f"{against} opposite {problem.contacts[number].face}"
+    return GridFields(face.grid, {field: face.at(values) for field, values in on_face.items()}, {}, name)
