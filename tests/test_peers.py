@@ -26,12 +26,12 @@ def test_coulomb_is_the_first_row_and_the_reference():
 @pytest.fixture(scope="module")
 def measured():
     """The same problem by all that are installed."""
-    return {row.peer: row for row in measure([3], [name for name in PEERS if not missing(name)])}
+    return {row.peer: row for row in measure([3], [name for name in PEERS if not missing(PEERS[name])])}
 
 
 @pytest.mark.parametrize("name", [name for name in PEERS if name != OURS])
 def test_agrees(name, measured):
-    if reason := missing(name):
+    if reason := missing(PEERS[name]):
         pytest.skip(reason)
     row = measured[name]
     assert isinstance(row, Row), row
@@ -54,7 +54,7 @@ def test_missing_peers_are_reported(monkeypatch):
 
 
 def test_failing_peers_are_reported():
-    said = peers._run("no such peer", 2, peers.Path("unused.npz"))
+    said = peers._run("block", "no such peer", 2, peers.Path("unused.npz"))
     assert isinstance(said, str) and "Traceback" not in said and "\n" not in said
 
 

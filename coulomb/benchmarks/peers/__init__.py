@@ -1,4 +1,4 @@
-"""The block with Coulomb friction solved by coulomb and by other packages, each in a separate process.
+"""The block, or two blocks, with Coulomb friction solved by coulomb and by other packages, each in a separate process.
 
 Times run from the description of the problem to the contact forces: they include meshing, assembly, factorisation and
 whatever else a package needs to form its problem, but not imports and compilation.
@@ -21,22 +21,25 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...arrays import FloatArray
+from .answer import Figures
 
 
 class Peer(NamedTuple):
     """A peer: its module here, and what must be installed for it.
 
     Attributes:
-        module: In this package, with a function `solve(p)`.
+        module: In this package.
         needs: A Python module, or an executable.
         package: Where to get it.
         up_to: Largest number of cells per metre that is measured; 0 for any.
+        function: Of the module, from p to an `Answer`.
     """
 
     module: str
     needs: str
     package: str
     up_to: int = 0
+    function: str = "solve"
 
 
 OURS = "coulomb"
@@ -49,6 +52,19 @@ PEERS = {
     "CalculiX": Peer("calculix", "ccx", "Debian's calculix-ccx"),
     "Clarabel": Peer("conic", "clarabel", "pip's clarabel", up_to=10),
 }
+"""On the block of `coulomb.benchmarks.block`."""
+
+_CALCULIX = ("pair_calculix", "ccx", "Debian's calculix-ccx")
+PAIR_PEERS = {
+    OURS: Peer("pair_ours", "coulomb", ""),
+    "GetFEM": Peer("pair_getfem", "getfem", "Debian's python3-getfem++"),
+    "CalculiX mortar": Peer(*_CALCULIX, function="solve_mortar"),
+    "CalculiX faces": Peer(*_CALCULIX, function="solve_faces"),
+    "CalculiX nodes": Peer(*_CALCULIX, function="solve_nodes"),
+}
+"""On `coulomb.benchmarks.two_blocks`; CalculiX also with penalties, between faces and between nodes and faces."""
+
+PROBLEMS = {"block": PEERS, "two-blocks": PAIR_PEERS}
 
 
 class Row(NamedTuple):
@@ -61,6 +77,7 @@ class Row(NamedTuple):
         peak_memory_bytes: Of the process that did the work, its imports included.
         iterations: The peer's own.
         force_error: |forces - coulomb's| / |coulomb's| over the contact nodes, coulomb's at tolerance 1e-8.
+        figures: Of the two blocks.
     """
 
     peer: str
@@ -69,6 +86,7 @@ class Row(NamedTuple):
     peak_memory_bytes: int
     iterations: int
     force_error: float
+    figures: Figures | None = None
 
 
 class Skipped(NamedTuple):
@@ -79,31 +97,39 @@ class Skipped(NamedTuple):
     reason: str
 
 
-def measure(sizes: Iterable[int], names: Sequence[str] | None = None, repeats: int = 1) -> Iterator[Row | Skipped]:
+def measure(
+    sizes: Iterable[int], names: Sequence[str] | None = None, repeats: int = 1, problem: str = "block"
+) -> Iterator[Row | Skipped]:
     """Rows as they are measured; coulomb's row, with which the others are compared, is the first.
 
     Args:
         sizes: Cells per metre.
-        names: Names in PEERS, by default all; coulomb is always included.
+        names: Names of the problem's peers, by default all; coulomb is always included.
         repeats: How often each is run; the minimum time counts.
+        problem: In PROBLEMS.
 
     Raises:
-        ValueError: If a name is not of PEERS.
+        ValueError: If there is no such problem, or it has no such peer.
         RuntimeError: If coulomb itself fails.
     """
-    chosen = list(PEERS) if names is None else list(names)
+    if problem not in PROBLEMS:
+        raise ValueError(f"there is no problem {problem!r}; the problems are {', '.join(PROBLEMS)}")
+    peers = PROBLEMS[problem]
+    chosen = list(peers) if names is None else list(names)
     for name in chosen:
-        if name not in PEERS:
-            raise ValueError(f"there is no peer {name!r}; the peers are {', '.join(PEERS)}")
-    return _measure(list(sizes), [OURS] + [name for name in chosen if name != OURS], repeats)
+        if name not in peers:
+            raise ValueError(f"there is no peer {name!r}; the peers are {', '.join(peers)}")
+    return _measure(problem, list(sizes), [OURS] + [name for name in chosen if name != OURS], repeats)
 
 
-def _measure(sizes: Sequence[int], names: Sequence[str], repeats: int) -> Iterator[Row | Skipped]:
+def _measure(problem: str, sizes: Sequence[int], names: Sequence[str], repeats: int) -> Iterator[Row | Skipped]:
+    peers = PROBLEMS[problem]
     with tempfile.TemporaryDirectory() as directory:
         for p in sizes:
             ours: _Run | None = None
             for name in names:
-                run = missing(name) or _beyond(name, p) or _least(name, p, Path(directory) / "answer.npz", repeats)
+                output = Path(directory) / "answer.npz"
+                run = missing(peers[name]) or _beyond(peers[name], p) or _least(problem, name, p, output, repeats)
                 if isinstance(run, str):
                     if name == OURS:
                         raise RuntimeError(f"p = {p}: {run}")
@@ -111,20 +137,18 @@ def _measure(sizes: Sequence[int], names: Sequence[str], repeats: int) -> Iterat
                     continue
                 ours = ours or run
                 error = force_error(run.points, run.forces, ours.points, ours.forces)
-                yield Row(name, p, run.seconds, run.peak_memory_bytes, run.iterations, error)
+                yield Row(name, p, run.seconds, run.peak_memory_bytes, run.iterations, error, run.figures)
 
 
-def missing(name: str) -> str:
-    """Reason why this peer cannot run here; empty if it can."""
-    peer = PEERS[name]
+def missing(peer: Peer) -> str:
+    """Reason why a peer cannot run here; empty if it can."""
     if importlib.util.find_spec(peer.needs) is not None or shutil.which(peer.needs) is not None:
         return ""
     return f"not installed: {peer.needs} comes with {peer.package}"
 
 
-def _beyond(name: str, p: int) -> str:
-    limit = PEERS[name].up_to
-    return f"takes too long beyond p = {limit}" if limit and p > limit else ""
+def _beyond(peer: Peer, p: int) -> str:
+    return f"takes too long beyond p = {peer.up_to}" if peer.up_to and p > peer.up_to else ""
 
 
 class _Run(NamedTuple):
@@ -133,26 +157,27 @@ class _Run(NamedTuple):
     peak_memory_bytes: int
     points: FloatArray
     forces: FloatArray
+    figures: Figures | None = None
 
 
-def _least(name: str, p: int, output: Path, repeats: int) -> _Run | str:
+def _least(problem: str, name: str, p: int, output: Path, repeats: int) -> _Run | str:
     """The fastest of several runs, or the reason why one of them failed."""
-    best = _run(name, p, output)
+    best = _run(problem, name, p, output)
     for _ in range(repeats - 1):
         if isinstance(best, str):
             break
-        again = _run(name, p, output)
+        again = _run(problem, name, p, output)
         best = again if isinstance(again, str) else min(best, again, key=lambda run: run.seconds)
     return best
 
 
-def _run(name: str, p: int, output: Path) -> _Run | str:
+def _run(problem: str, name: str, p: int, output: Path) -> _Run | str:
     """The answer of one peer in a separate process, or the reason why there is none."""
     output.unlink(missing_ok=True)
     launcher = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX", "PRTE")
     environment = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
     environment |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"), "1")
-    command = [sys.executable, "-m", "coulomb.benchmarks.peers", name, str(p), str(output)]
+    command = [sys.executable, "-m", "coulomb.benchmarks.peers", problem, name, str(p), str(output)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, errors="replace", check=False)
     said = done.stdout.strip().splitlines()[-1:]
     if done.returncode < 0:
@@ -164,8 +189,10 @@ def _run(name: str, p: int, output: Path) -> _Run | str:
         return f"ended with code {done.returncode}: {complaint[0][:300]}"
     if "failed" in report:
         return str(report["failed"])
+    values = report.pop("figures")
+    figures = None if values is None else Figures(*values)
     with np.load(output) as answer:
-        return _Run(**report, points=answer["points"], forces=answer["forces"])
+        return _Run(**report, points=answer["points"], forces=answer["forces"], figures=figures)
 
 
 def force_error(points: FloatArray, forces: FloatArray, our_points: FloatArray, our_forces: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""`python -m coulomb.benchmarks.peers NAME P OUTPUT.npz`: one peer in this process; a JSON line has the outcome."""
+"""`python -m coulomb.benchmarks.peers PROBLEM NAME P OUTPUT.npz`: one peer here; the outcome is a line of JSON."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ import sys
 import numpy as np
 
 from ...io.peak_memory import peak_memory
-from . import PEERS
+from . import PROBLEMS
 from .answer import Answer
 
 
-def main(name: str, p: int, output: str) -> dict[str, float | str]:
+def main(problem: str, name: str, p: int, output: str) -> dict[str, object]:
     """Write points and forces to the file; the returned value goes to standard output.
 
     Any exception of the peer becomes a text for the table.
     """
     try:
-        answer: Answer = importlib.import_module(f".{PEERS[name].module}", __package__).solve(p)
+        peer = PROBLEMS[problem][name]
+        answer: Answer = getattr(importlib.import_module(f".{peer.module}", __package__), peer.function)(p)
     except Exception as error:
         said = " ".join(str(error).split())
         return {"failed": said[:300] or type(error).__name__}
@@ -28,9 +29,10 @@ def main(name: str, p: int, output: str) -> dict[str, float | str]:
         "seconds": answer.seconds,
         "iterations": answer.iterations,
         "peak_memory_bytes": answer.peak_memory_bytes or peak_memory(),
+        "figures": answer.figures,
     }
 
 
 if __name__ == "__main__":
-    report = main(sys.argv[1], int(sys.argv[2]), sys.argv[3])
+    report = main(sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4])
     sys.stdout.write("\n" + json.dumps(report) + "\n")

@@ -13,6 +13,23 @@ TRACTIONS = {"top": (0.0, 1e7, -4e7), "right": (2e7, 0.0, 0.0)}
 """The block of coulomb.benchmarks.block, metres and pascals; a discrepancy would appear as force_error."""
 
 
+class Figures(NamedTuple):
+    """A few figures of an answer of the two blocks.
+
+    Attributes:
+        normal_force: Between the blocks, in newtons.
+        tangential_force: Size of the sum of the friction forces, in newtons.
+        largest_slip: Largest tangential displacement of a node of the upper block's lower face over the face under it,
+            in metres, where it is open too.
+        displacement: Size of the mean displacement of the nodes of the upper block, in metres.
+    """
+
+    normal_force: float
+    tangential_force: float
+    largest_slip: float
+    displacement: float
+
+
 class Answer(NamedTuple):
     """The answer of one peer.
 
@@ -22,6 +39,7 @@ class Answer(NamedTuple):
         points: Contact nodes in metres, shape (m, 3), in any order.
         forces: On the body at these nodes in newtons, shape (m, 3).
         peak_memory_bytes: Peak memory of a child process that does the work; 0 if this process does it.
+        figures: Others that the packages are compared by; those of the two blocks.
     """
 
     seconds: float
@@ -29,6 +47,7 @@ class Answer(NamedTuple):
     points: FloatArray
     forces: FloatArray
     peak_memory_bytes: int = 0
+    figures: Figures | None = None
 
 
 class Unsolved(Exception):

@@ -8,26 +8,17 @@ slopes of about 1e14 Pa/m; the error of its forces is then 5e-3 at p = 10.)
 
 from __future__ import annotations
 
-import os
-import subprocess
-import tempfile
 import time
-from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ...io.peak_memory import peak_memory
-from .answer import FRICTION, LENGTHS, POISSON, TRACTIONS, YOUNG, Answer, Unsolved
+from .answer import FRICTION, LENGTHS, POISSON, TRACTIONS, YOUNG, Answer
+from .ccx import CONTROLS, numbered, row, run
 
 SLOPE = 1e20
 """Pressure over penetration, and shear stress over elastic slip, in Pa/m."""
-
-CONTROLS = "1e-7,1e-7,,,1e-7,,,-1."
-"""Residual and correction over average force and increment; the last disables convergence by a zero residual: with
-condensed multipliers the residual vanishes from the first steps on, while the contact state still changes."""
 
 
 def solve(p: int) -> Answer:
@@ -35,38 +26,9 @@ def solve(p: int) -> Answer:
     began = time.perf_counter()
     x, cells, load = _grid(p)
     contact = np.flatnonzero((x[:, 2] == 0.0) & (x[:, 0] > 0.0))
-    with tempfile.TemporaryDirectory() as name:
-        directory = Path(name)
-        (directory / "block.inp").write_text(_deck(x, cells, load, contact), encoding="ascii")
-        memory = _run(directory)
-        iterations = sum(int(line.split()[3]) for line in _lines(directory / "block.sta")[2:])
-        table = np.loadtxt(line for line in _lines(directory / "block.dat") if not line.lstrip().startswith("forces"))
-    nodes = table[:, 0].astype(np.int64) - 1
-    forces = table[:, 1:] - load[nodes]  # the printed forces are the element forces
-    return Answer(time.perf_counter() - began, iterations, x[nodes], forces, memory)
-
-
-def _run(directory: Path) -> int:
-    """ccx on block.inp; its peak memory in bytes."""
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    memory, log = 0, directory / "log"
-    with log.open("w", encoding="utf-8") as file:
-        process = subprocess.Popen(
-            ["ccx", "-i", "block"], cwd=directory, env=environment, stdout=file, stderr=subprocess.STDOUT
-        )
-        while process.poll() is None:
-            memory = max(memory, peak_memory(process.pid))
-            time.sleep(0.01)
-    if process.returncode != 0 or not _lines(directory / "block.dat"):
-        faults = [line.strip() for line in _lines(log) if "*ERROR" in line] or ["no error message"]
-        raise Unsolved(f"ccx ended with code {process.returncode}: {faults[0]}")
-    return memory
-
-
-def _lines(path: Path) -> list[str]:
-    """Its non-empty lines; none if there is no such file."""
-    text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
-    return [line for line in text.splitlines() if line.strip()]
+    job = run(_deck(x, cells, load, contact))
+    forces = job.values - load[job.nodes]  # the printed forces are the element forces
+    return Answer(time.perf_counter() - began, job.iterations, x[job.nodes], forces, job.peak_memory_bytes)
 
 
 def _grid(p: int) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
@@ -86,16 +48,16 @@ def _grid(p: int) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
     return x, np.column_stack(lower + upper), load
 
 
-def _deck(x: FloatArray, cells: npt.NDArray[np.int64], load: FloatArray, contact: npt.NDArray[np.int64]) -> str:
+def _deck(x: FloatArray, cells: npt.NDArray[np.int64], load: FloatArray, contact: npt.NDArray[np.int64]) -> list[str]:
     below = int(np.count_nonzero(x[cells].min(axis=1)[:, 2] == 0.0))  # cells on the contact face
     corners = [(-1, -1), (4, -1), (4, 2), (-1, 2)]
     foundation = np.array([(a, b, z) for z in (-1, 0) for a, b in corners], dtype=np.float64)
     first = len(x)
     fixed = np.concatenate([np.flatnonzero(x[:, 0] == 0.0), first + np.arange(8)])
     loaded = [(node, axis) for node, axis in np.argwhere(load != 0.0)]
-    lines = ["*NODE", *_numbered(np.concatenate([x, foundation]))]
-    lines += ["*ELEMENT, TYPE=C3D8, ELSET=BODY", *_numbered(cells + 1)]
-    lines += ["*ELEMENT, TYPE=C3D8, ELSET=FOUNDATION", f"{len(cells) + 1},{_row(first + 1 + np.arange(8))}"]
+    lines = ["*NODE", *numbered(np.concatenate([x, foundation]))]
+    lines += ["*ELEMENT, TYPE=C3D8, ELSET=BODY", *numbered(cells + 1)]
+    lines += ["*ELEMENT, TYPE=C3D8, ELSET=FOUNDATION", f"{len(cells) + 1},{row(first + 1 + np.arange(8))}"]
     lines += ["*NSET, NSET=FIXED", *(str(node + 1) for node in fixed)]
     lines += ["*NSET, NSET=CONTACT", *(str(node + 1) for node in contact)]
     lines += ["*SURFACE, NAME=SLAVE", *(f"{cell + 1},S1" for cell in range(below))]
@@ -108,13 +70,5 @@ def _deck(x: FloatArray, cells: npt.NDArray[np.int64], load: FloatArray, contact
     lines += ["*BOUNDARY", "FIXED,1,3"]
     lines += ["*STEP", "*STATIC, DIRECT", "1.,1.", "*CONTROLS, PARAMETERS=FIELD", CONTROLS]
     lines += ["*CLOAD", *(f"{node + 1},{axis + 1},{load[node, axis]:.16g}" for node, axis in loaded)]
-    lines += ["*NODE PRINT, NSET=CONTACT", "RF", "*END STEP", ""]
-    return "\n".join(lines)
-
-
-def _numbered(rows: npt.NDArray[np.int64] | FloatArray) -> Iterable[str]:
-    return (f"{number},{_row(row)}" for number, row in enumerate(rows, 1))
-
-
-def _row(values: Iterable[float]) -> str:
-    return ",".join(f"{value:.16g}" for value in values)
+    lines += ["*NODE PRINT, NSET=CONTACT", "RF", "*END STEP"]
+    return lines

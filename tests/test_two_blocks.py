@@ -1,0 +1,60 @@
+"""Two blocks by coulomb and its peers: meshes as arrays, and forces and slips from displacements."""
+
+import numpy as np
+import pytest
+
+from coulomb.benchmarks import peers, two_blocks
+from coulomb.benchmarks.peers import PAIR_PEERS, missing, pair
+from coulomb.benchmarks.two_blocks import LOWER, TRACTIONS, UPPER, grid
+
+
+@pytest.mark.parametrize("block", [LOWER, UPPER])
+def test_meshes_are_right_handed_and_closed(block):
+    made = grid(block, 2)
+    corners = made.points[made.cells]
+    edges = corners[:, [1, 3, 4]] - corners[:, [0]]
+    assert np.linalg.det(edges).sum() == pytest.approx(np.prod(np.subtract(block.far, block.near)))
+    outward = np.zeros(3)
+    for name, face in made.faces.items():
+        a, b, _, d = np.moveaxis(made.points[face.corners], 1, 0)
+        normals = np.cross(b - a, d - a)
+        outward += np.abs(normals.sum(axis=0)) if name in ("right", "back", "top") else 0.0
+        assert np.ptp(made.points[face.corners], axis=(0, 1)).min() == 0.0
+        assert np.linalg.norm(normals, axis=1).sum() == pytest.approx(made.areas(name).sum())
+        assert np.all(np.isin(face.corners, made.cells[face.cells]))
+    x, y, z = np.subtract(block.far, block.near)
+    assert outward == pytest.approx([y * z, x * z, x * y])
+
+
+def test_forces_and_slip_of_a_known_displacement():
+    """Uniaxial strain of the upper block over a lower one in shear: stress times area, and the difference of lines."""
+    p, strain, shear = 3, 1e-4, 2e-4
+    below, above = grid(LOWER, p), grid(UPPER, p)
+    upper = np.outer(above.points[:, 2] - two_blocks.HEIGHT, (0.0, 0.0, -strain))
+    lower = np.zeros_like(below.points)
+    lower[:, 0] = shear * below.points[:, 1]  # in the contact plane only
+    found = pair.answer(p, lower, upper, 1.0, 1)
+    modulus = UPPER.young * (1 - UPPER.poisson) / ((1 + UPPER.poisson) * (1 - 2 * UPPER.poisson))
+    area = np.prod(np.subtract(UPPER.far, UPPER.near)[:2])
+    contact = np.unique(above.faces["bottom"].corners)
+    expected = modulus * strain * above.areas("bottom")[contact] - above.loads(TRACTIONS)[contact, 2]
+    assert found.forces[:, 2] == pytest.approx(expected, rel=1e-9)
+    assert found.forces[:, 2].sum() == pytest.approx(modulus * strain * area - 1.2e7 * 0.45 / (2 * 2), rel=1e-9)
+    assert found.figures.largest_slip == pytest.approx(0.95 * shear)
+
+
+def test_other_codes_agree(tmp_path):
+    """CalculiX and GetFEM with each other, and with what loads and spring leave to contact."""
+    runs = {}
+    for name in ("CalculiX mortar", "CalculiX faces", "GetFEM"):
+        if reason := missing(PAIR_PEERS[name]):
+            pytest.skip(reason)
+        runs[name] = peers._run("two-blocks", name, 3, tmp_path / "answer.npz")
+        assert not isinstance(runs[name], str), runs[name]
+    mortar = runs.pop("CalculiX mortar")
+    for run in runs.values():
+        assert run.figures == pytest.approx(mortar.figures, rel=0.01)
+        assert peers.force_error(run.points, run.forces, mortar.points, mortar.forces) < 0.06
+    loads = grid(UPPER, 3).loads(TRACTIONS).sum(axis=0)
+    assert mortar.figures.normal_force == pytest.approx(-loads[2], rel=0.02)
+    assert mortar.figures.tangential_force == pytest.approx(np.hypot(*loads[:2]), rel=0.03)
