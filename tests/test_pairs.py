@@ -46,3 +46,55 @@ def test_slip_beyond_the_nodes_opposite_is_a_warning():
 
 def test_a_given_gap_adds_to_the_distance():
     assert same(force(pressed(given=3e-5)), force(pressed(3e-5)), 1e-4)
+
+
+@pytest.mark.parametrize("cells, young, why", [((2, 2, 1), 7e10, "finer"), ((3, 3, 1), 7e10, "softer")])
+def test_the_finer_or_softer_face_is_the_slave(cells, young, why):
+    lower, upper = box((1.0, 1.0, 0.5), (3, 3, 1)), moved(box((1.0, 1.0, 0.5), cells), (0.0, 0.0, 0.5))
+    materials = {"lower": Material(2.1e11, 0.3), "upper": Material(young, 0.3)}
+    slave = {"finer": "lower:top", "softer": "upper:bottom"}[why]
+    for face, against in (("lower:top", "upper:bottom"), ("upper:bottom", "lower:top")):
+        contact = Contact(face, against=against, friction=0.3)
+        supports = [Clamp("lower:bottom"), Clamp("upper:top")]
+        problem = ContactProblem(join(lower=lower, upper=upper), materials, supports, contact)
+        assert problem.contacts[0].face == slave
+        assert why in problem.body.chosen[0]
+
+
+def test_a_clamped_face_is_no_slave():
+    """Although it has the finer mesh; with both clamped there is nothing to compute."""
+    lower, upper = box((1.0, 1.0, 0.5), (4, 4, 1)), moved(box((1.0, 1.0, 0.5), (2, 2, 1)), (0.0, 0.0, 0.5))
+    contact = Contact("upper:bottom", against="lower:top", friction=0.3)
+    for supports in ([Clamp("lower:top"), Clamp("upper:top")], [Clamp("lower:top"), Clamp("upper:bottom")]):
+        both = len({support.face for support in supports} & {"lower:top", "upper:bottom"}) == 2
+        if both:
+            with pytest.raises(ValueError, match="all of its nodes are clamped"):
+                ContactProblem(join(lower=lower, upper=upper), STEEL, supports, contact)
+        else:
+            problem = ContactProblem(join(lower=lower, upper=upper), STEEL, supports, contact)
+            assert problem.contacts[0].face == "upper:bottom"
+
+
+def test_nodes_of_two_pairs_are_contact_points_of_one(caplog):
+    """Two blocks side by side on one, whose finer top is the slave of both: along their common edge, nodes count once.
+
+    All are pressed alike: the pressure is uniform, as with one pair.
+    """
+    lower = box((2.0, 1.0, 0.5), (8, 4, 1))
+    upper = {name: moved(box((1.0, 1.0, 0.5), (2, 2, 1)), (x, 0.0, 0.5)) for name, x in (("one", 0.0), ("two", 1.0))}
+    sides = [
+        *(Clamp(f"{body}:{face}", components="x") for body, face in (("lower", "left"), ("one", "left"))),
+        *(Clamp(f"{body}:{face}", components="x") for body, face in (("lower", "right"), ("two", "right"))),
+        *(Clamp(f"{body}:front", components="y") for body in ("lower", "one", "two")),
+        Clamp("lower:bottom", components="z"),
+        *(PrescribedDisplacement(f"{body}:top", (0.0, 0.0, -1e-4), components="z") for body in ("one", "two")),
+        Clamp("one:right", components="x"),
+        Clamp("two:left", components="x"),
+    ]
+    pairs = [Contact(f"{body}:bottom", against="lower:top", friction=0.0) for body in ("one", "two")]
+    problem = ContactProblem(join(lower=lower, **upper), Material(2.1e11, 0.0), sides, pairs)
+    assert [contact.face for contact in problem.contacts] == ["lower:top", "lower:top"]
+    assert "contact points of another face" in caplog.text
+    solution = problem.solve()
+    assert solution.certificate.passed
+    assert solution.at_nodes.fields()["pressure"] == pytest.approx(2.1e11 * 1e-4 / 1.0, rel=1e-6)

@@ -32,7 +32,7 @@ def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
     console.print(
         f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
         f"{problem.comm.size} {'rank' if problem.comm.size == 1 else 'ranks'}\n"
-        f"{body_in_words(problem)}",
+        + "\n".join([body_in_words(problem), *problem.body.chosen]),
         markup=False,
         soft_wrap=True,
     )

@@ -17,16 +17,14 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .contact_frames import FrictionAxes, held_length, supported_frames
+from .contact_frames import FrictionAxes, supported_frames
 from .contact_points import ContactPoints, among_all
-from .deformable import Deformable, SingleBody
+from .deformable import Deformable
 from .facet_patch import facet_patch, gathered
-from .mortar import mortar_rows
+from .mortar import MortarRows, mortar_rows
+from .slave_side import clamped_nodes
 from .surface import ContactSurface, matrices_of
 from .user_values import on_all_ranks
-
-_HELD = 1.0 - 1e-10
-"""A slave node whose normal has at least this length along held directions is no contact point."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +39,7 @@ class Pair:
         n: Unit normals, from the slave body into the master body, shape (m, 3).
         gap: Distance along them before deformation in metres, adjusted, shape (m,).
         held: Projectors on the held directions of the slave nodes, shape (m, 3, 3).
+        remarks: What a user should know of it.
     """
 
     face: str
@@ -50,19 +49,28 @@ class Pair:
     n: FloatArray
     gap: FloatArray
     held: FloatArray
+    remarks: tuple[str, ...] = ()
 
 
-def pair_of(elasticity: Deformable, face: str, against: str, adjust: float = 0.0) -> Pair:
+def pair_of(
+    elasticity: Deformable,
+    face: str,
+    against: str,
+    adjust: float = 0.0,
+    taken: npt.NDArray[np.bool_] | None = None,
+) -> Pair:
     """The geometry of a pair; collective.
 
-    Nodes of the slave face whose displacement along the normal is prescribed, and those that nothing opposes, are no
-    contact points.
+    Nodes of the slave face whose displacement along the normal is prescribed, those that nothing opposes, and those
+    that are contact points of another face already, are no contact points; their parts of the face belong to the nodes
+    beside them.
 
     Args:
         elasticity: The bodies.
         face: The slave face.
         against: The master face.
         adjust: Gaps and penetrations up to this size in metres are taken to be 0.
+        taken: Which of this rank's nodes are contact points already, shape (k,).
 
     Raises:
         ValueError: On every rank, if a face is unknown, or no part of one is opposite to the other.
@@ -71,15 +79,17 @@ def pair_of(elasticity: Deformable, face: str, against: str, adjust: float = 0.0
     (slave, on_slave), (master, on_master) = elasticity.face(face, "contact"), elasticity.face(against, "contact")
     body, numbering = slave.body, slave.body.numbering
     patches = [facet_patch(one.body, facets) for one, facets in ((slave, on_slave), (master, on_master))]
-    clamped = _clamped(body, on_slave)
-    left_out = np.concatenate(comm.allgather(numbering.first + clamped))
+    clamped = clamped_nodes(body, on_slave)
+    on_face = body.nodes_of(on_slave)
+    twice = np.empty(0, dtype=np.int64) if taken is None else on_face[taken[slave.nodes][on_face]].astype(np.int64)
+    left_out = np.concatenate(comm.allgather(numbering.first + np.union1d(clamped, twice)))
     on_one, on_other = (gathered(patch, comm) for patch in patches)
     owned = (numbering.first, numbering.first + numbering.local)
     rows = on_all_ranks(lambda: mortar_rows(on_one, on_other, owned, left_out=left_out), f"contact face {face!r}", comm)
     if comm.allreduce(len(rows.node), op=MPI.SUM) == 0:
         nodes, what = len(np.unique(on_one.nodes)), f"contact face {face!r}"
         if nodes and len(left_out) == nodes:
-            raise ValueError(f"{what} is fully clamped: none of its nodes can move; exchange face and against")
+            raise ValueError(f"{what}: all of its nodes are clamped, or contact points of another face")
         raise ValueError(
             f"{what}: no part of it is opposite to {against!r}: the two must face each other, with outward normals in "
             "opposite directions"
@@ -89,16 +99,21 @@ def pair_of(elasticity: Deformable, face: str, against: str, adjust: float = 0.0
     opposite = among_all(rows.opposite, master, elasticity)
     points = points.of(slave, elasticity).against(opposite)
     gap = np.where(np.abs(rows.gap) <= adjust, 0.0, rows.gap) if adjust else rows.gap
-    return Pair(face, against, points, rows.x, rows.normal, gap, body.held.projector_at(local))
+    remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), comm)
+    return Pair(face, against, points, rows.x, rows.normal, gap, body.held.projector_at(local), remarks)
 
 
-def _clamped(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
-    """This rank's nodes on facets whose displacement along the normal is prescribed."""
-    nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
-    n = outward[nodes]
-    n /= np.maximum(np.linalg.norm(n, axis=1), 1e-300)[:, None]
-    clamped: npt.NDArray[np.int64] = nodes[held_length(n, body.held.projector_at(nodes)) > _HELD].astype(np.int64)
-    return clamped
+def _remarks(face: str, against: str, rows: MortarRows, twice: int, comm: MPI.Comm) -> tuple[str, ...]:
+    """What a user should know of the contact points of a pair; collective."""
+    dropped, layered, shared = comm.allreduce(np.array([len(rows.dropped), rows.layered, twice]), op=MPI.SUM)
+    found = []
+    if shared:
+        found.append(f"{shared} of its nodes are contact points of another face, and count there")
+    if dropped:
+        found.append(f"{dropped} of its nodes have less than 5 % of their area opposite to {against!r}: they are none")
+    if layered:
+        found.append(f"{layered} of its facets have several layers of {against!r} before them: the nearest counts")
+    return tuple(f"contact face {face!r}: {text}" for text in found)
 
 
 def _at_nodes(weights: scipy.sparse.csr_matrix, node: npt.NDArray[np.int64], comm: MPI.Comm) -> bool:

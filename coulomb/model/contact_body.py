@@ -23,7 +23,7 @@ from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.stiffness import StiffnessSolver
 from .accumulated import Accumulated
 from .contact import Contact
-from .contact_faces import ContactFaces
+from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
 from .probes import LocatedProbes, Probe
 from .state import Before, ContactState
@@ -45,7 +45,8 @@ class ContactBody:
         probes: Points at which displacement, slip and pressure are reported.
 
     Attributes:
-        contacts: The contact faces.
+        contacts: The contact faces; of pairs of deformable faces with the slave as face.
+        chosen: Which face of every pair is the slave, in words.
         elasticity: K, loads and supports.
         linear_solver: The solver class for K^-1 (DirectSolver includes MultifrontalSolver: see `stiffness_method`).
         explicit: Whether A is formed.
@@ -67,18 +68,19 @@ class ContactBody:
         probes: Sequence[Probe] = (),
     ):
         chosen(0, 0, comm.size, linear_solver, explicit)  # impossible combinations are refused before the assembly
-        self.contacts = tuple(contacts)
         self.seconds: dict[str, float] = {}
         with timed(self.seconds, "assembly"):
             self.elasticity = make()
-            if self.comm.rank == 0:
-                for text in self.elasticity.contradictions:
-                    _log.warning("%s", text)
+            self.contacts, self.chosen = oriented(self.elasticity, contacts)
             faces, still = ContactFaces(self.contacts, self.comm), RigidMotion(np.zeros(3))
             self._reference: ContactSurface = faces.surface(self.elasticity, [still] * len(self.contacts), time)
             self._faces = faces.against(self._reference.foundations)  # the plane of the face if none was given
             self._reference = self.surface(self.rigid_motions(time), time)
             self.probes = self.located(probes)
+        pairs = [self.pair(number) for number, contact in enumerate(self.contacts) if contact.against is not None]
+        for text in (*self.elasticity.contradictions, *(text for pair in pairs for text in pair.remarks)):
+            if self.comm.rank == 0:
+                _log.warning("%s", text)
         self.linear_solver, self.explicit = chosen(
             self.unknowns["displacement"], self.unknowns["contact"], self.comm.size, linear_solver, explicit
         )

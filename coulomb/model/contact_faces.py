@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,11 +14,29 @@ from ..fem.deformable import Deformable
 from ..fem.obstacles import RigidFoundation
 from ..fem.pair import Pair, pair_of, pair_surface
 from ..fem.rigid_motion import RigidMotion, moved
+from ..fem.slave_side import slave_side
 from ..fem.surface import ContactSurface, contact_surface, joined
 from ..fem.user_values import on_all_ranks
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
 from .contact import Contact
+
+
+def oriented(elasticity: Deformable, contacts: Sequence[Contact]) -> tuple[tuple[Contact, ...], tuple[str, ...]]:
+    """Contacts with the slave of every pair as their face, and what was chosen in words; collective.
+
+    Raises:
+        ValueError: On every rank, if a face is unknown.
+    """
+    found, words = [], []
+    for contact in contacts:
+        if contact.against is None:
+            found.append(contact)
+            continue
+        slave, master, why = slave_side(elasticity, contact.face, contact.against)
+        found.append(replace(contact, face=slave, against=master))
+        words.append(f"contact of {slave!r} with {master!r}: contact points on the first, since {why}")
+    return tuple(found), tuple(words)
 
 
 class ContactFaces:
@@ -54,11 +73,17 @@ class ContactFaces:
         return ContactFaces(self._contacts, self._comm, foundations, self._pairs)
 
     def pair(self, number: int, elasticity: Deformable) -> Pair:
-        """The pair of faces of a contact against a deformable face, which is found once; collective."""
+        """The pair of faces of a contact against a deformable face; all are found at once; collective."""
         if number not in self._pairs:
-            contact = self._contacts[number]
-            assert contact.against is not None
-            self._pairs[number] = pair_of(elasticity, contact.face, contact.against, contact.adjust)
+            taken = np.zeros(len(elasticity.x), dtype=bool)
+            for contact in self._contacts:
+                if contact.against is None:
+                    taken[elasticity.nodes(contact.face, "contact")] = True
+            for each, contact in enumerate(self._contacts):
+                if contact.against is not None:
+                    pair = pair_of(elasticity, contact.face, contact.against, contact.adjust, taken)
+                    taken[pair.points.nodes] = True
+                    self._pairs[each] = pair
         return self._pairs[number]
 
     def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
