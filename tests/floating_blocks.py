@@ -1,9 +1,13 @@
-"""Elastic blocks on a rigid plane that contact alone holds, by a dense stiffness, without the package."""
+"""Elastic blocks on a rigid plane that contact alone holds, by a dense stiffness of their own."""
 
 import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from conftest import dense_compliance
+
+from coulomb import FrictionLaw, FrictionProblem
+from coulomb.solvers.rigid_motions import RigidMotions
 
 YOUNG, POISSON = 2.1e11, 0.3
 
@@ -89,3 +93,14 @@ class FloatingBlock:
         inverse = np.linalg.inv(self.springs())
         A = self.B @ inverse @ self.B.T
         return 0.5 * (A + A.T), self.B @ inverse @ f, (self.B @ self.R).T, self.R.T @ f
+
+
+FRICTION, WEIGHT = 0.3, 1e6
+
+
+def floating_problem(block, ratio, friction=FRICTION, moment=0.0):
+    """A block under its weight and a push of `ratio` times what FRICTION can hold; newtons and metres."""
+    push = ratio * FRICTION * WEIGHT
+    A, b, G, e = block.parts(block.load((0.8 * push, 0.6 * push, -WEIGHT), moment))
+    law = FrictionLaw.coulomb(np.full(len(block.bottom), friction))
+    return FrictionProblem(dense_compliance(A), b, law, rigid=RigidMotions(G, e, block.names))

@@ -2,35 +2,27 @@
 
 import numpy as np
 import pytest
-from conftest import dense_compliance
-from floating_blocks import FloatingBlock
+from floating_blocks import WEIGHT, FloatingBlock, floating_problem
 
-from coulomb import DenseSystem, FrictionLaw, FrictionProblem, InteriorPoint
+from coulomb import DenseSystem, FrictionProblem, InteriorPoint, SchurComplementSystem
 from coulomb.solvers.rigid_motions import RigidMotions
 
-FRICTION, WEIGHT = 0.3, 1e6
 BLOCK = FloatingBlock()
 
 
-def pushed(ratio, friction=FRICTION, block=BLOCK, moment=0.0):
-    """The block under its weight and a push of `ratio` times what friction can hold."""
-    push = ratio * FRICTION * WEIGHT
-    A, b, G, e = block.parts(block.load((0.8 * push, 0.6 * push, -WEIGHT), moment))
-    law = FrictionLaw.coulomb(np.full(len(block.bottom), friction))
-    return FrictionProblem(dense_compliance(A), b, law, rigid=RigidMotions(G, e, block.names))
-
-
+@pytest.mark.parametrize("newton", [DenseSystem(), SchurComplementSystem()])
 @pytest.mark.parametrize("ratio", [0.52, 0.87])
-def test_a_block_on_a_plane(ratio):
+def test_a_block_on_a_plane(ratio, newton):
     """In at most 20 steps, in equilibrium, and alpha closes the contact."""
-    problem = pushed(ratio)
-    result = InteriorPoint(1e-8, newton=DenseSystem()).solve(problem)
+    problem = floating_problem(BLOCK, ratio)
+    result = InteriorPoint(1e-8, newton=newton).solve(problem)
     x, w = result.x.reshape(-1, 3), result.gradient.reshape(-1, 3)
+    size = np.abs(problem.b).max()
     assert result.newton_steps <= 20
     assert np.allclose(problem.rigid.G @ result.x, problem.rigid.e, atol=1e-8 * WEIGHT)
-    assert np.allclose(problem.gradient(result.x, result.rigid), result.gradient, atol=1e-12 * np.abs(problem.b).max())
+    assert np.allclose(problem.gradient(result.x, result.rigid), result.gradient, atol=1e-12 * size)
     pressed = x[:, 0] > 1e-6 * WEIGHT
-    assert pressed.sum() >= 3 and np.abs(w[pressed, 0]).max() <= 1e-6 * np.abs(problem.b).max()
+    assert pressed.sum() >= 3 and np.abs(w[pressed, 0]).max() <= 1e-6 * size
 
 
 @pytest.mark.parametrize(
@@ -51,6 +43,6 @@ def test_a_block_on_a_plane(ratio):
     ],
 )
 def test_wrong_motions_are_refused(change, message):
-    good = pushed(0.5)
+    good = floating_problem(BLOCK, 0.5)
     with pytest.raises(ValueError, match=message):
         FrictionProblem(good.A, good.b, good.law, rigid=change(good.rigid))

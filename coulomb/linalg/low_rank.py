@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .krylov import NodalMap
+from .border import NodalMap
 
 _RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are rounding
 
@@ -119,9 +119,11 @@ class LowRankUpdate:
         self._core: FloatArray = np.linalg.inv(np.eye(r) + comm.allreduce(self._U.T @ self._PU))
 
     def __call__(self, r: FloatArray) -> FloatArray:
+        """The inverse applied to r (m, block) or (m, block, columns); collective."""
         z = self._nodal_inverse(r)
         if self._U.shape[1] > 0:
-            z -= (self._PU @ (self._core @ self._comm.allreduce(self._U.T @ z.ravel()))).reshape(z.shape)
+            columns = z.reshape(len(self._U), *z.shape[2:])
+            z -= (self._PU @ (self._core @ self._comm.allreduce(self._U.T @ columns))).reshape(z.shape)
         return z
 
 

@@ -187,7 +187,8 @@ class FrictionProblem:
         if self.rigid is None:
             return np.empty(0)
         roots = self._closing(self.project(x).reshape(-1, 3))
-        G = np.einsum("iab,ibq->iaq", roots, self.rigid.G.T.reshape(len(roots), 3, -1)).reshape(len(self.b), -1).T
+        nodal = self.rigid.G.T.reshape(len(roots), 3, self.rigid.count)
+        G = np.einsum("iab,ibq->qia", roots, nodal).reshape(self.rigid.count, len(self.b))
         basis = MotionBasis(G, self.reductions)
         w = np.einsum("iab,ib->ia", roots, without.reshape(-1, 3)).ravel()
         alpha: FloatArray = basis.T.T @ (basis.T @ self.reductions.total(G @ w))

@@ -28,7 +28,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..linalg.krylov import CarryingKrylov, NodalMap
+from ..linalg.border import ConstraintPreconditioner, Constraints, NodalMap
+from ..linalg.krylov import CarryingKrylov
 from ..linalg.low_rank import LowRankApproximation, LowRankUpdate
 from .linearization import Linearization, NodalInverse, disc_inverse, like
 from .rigid_motions import NO_MOTION
@@ -171,8 +172,6 @@ class _Krylov(ProductImages):
 
     def __init__(self, A: ScaledCompliance, rank: int, product: tuple[float, float], block: int, sloped: bool) -> None:
         super().__init__(A)
-        if A.G.shape[2]:
-            raise ValueError("newton: rigid motions need DenseSystem()")
         self._comm, self._product, self._accuracy = A.comm, product, 0.0
         self._A = LowRankApproximation(A.comm, A.diagonal, rank, A.A.exact)
         self._block = block
@@ -183,34 +182,49 @@ class _Krylov(ProductImages):
             self._A.record(x, y)
             return y
 
+        if rank > 0:  # A is large along the rigid motions if few springs made K regular: known from the start
+            self._accuracy = product[0]
+            for G in np.moveaxis(A.G, 2, 0):
+                recorded(np.ascontiguousarray(G))
+            self._A.update()
         method = PETSc.KSP.Type.FGMRES if sloped else PETSc.KSP.Type.CG
+        self._constraints = Constraints(A.comm, A.G)
         self._krylov = CarryingKrylov(
-            A.comm, A.nodes, block, recorded, self._weighted_operator, self._precondition, method
+            A.comm, A.nodes, block, recorded, self._weighted_operator, self._precondition, method, self._constraints
         )
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
         raise NotImplementedError
 
     def _solve(
-        self, inverse: NodalMap, rhs: FloatArray, guess: FloatArray, size: float, tolerance: float, cap: float
-    ) -> tuple[FloatArray, FloatArray, int]:
-        """Unknowns (m, block), A dx (m, 3) and iterations, to min(tolerance size, cap)."""
+        self,
+        inverse: NodalMap,
+        rhs: FloatArray,
+        guess: FloatArray,
+        size: float,
+        tolerance: float,
+        cap: float,
+        r3: FloatArray,
+    ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+        """Unknowns (m, block), A dx (m, 3), dalpha (r,) and iterations, to min(tolerance |(size, r3)|, cap)."""
         U = self._A.nodal_U(self._block)
         U[~self._at.frictional, 1:3] = 0.0
-        self._preconditioner = LowRankUpdate(self._comm, inverse, U)
+        update = LowRankUpdate(self._comm, inverse, U)
+        self._preconditioner = ConstraintPreconditioner(update, self._constraints, self._block)
         self._accuracy = self._sharper * min(max(tolerance, self._product[0]), self._product[1])
+        size = float(np.hypot(size, np.linalg.norm(r3))) if len(r3) else size
         atol = max(min(tolerance * size, cap), ROUNDING * size)
-        unknowns, A_dx, iterations = self._krylov.solve(self._weight * rhs, guess, atol)
+        unknowns, moved, dalpha, iterations = self._krylov.solve(self._weight * rhs, guess, atol, r3)
         self._A.update()
-        return unknowns, A_dx, iterations
+        return unknowns, self._constraints.without(moved, -dalpha), dalpha, iterations
 
     def _weighted_operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
         image = self._operator(p, A_p)
         image[~self._at.frictional, 1:3] = 0.0
         return self._weight * image
 
-    def _precondition(self, r: FloatArray) -> FloatArray:
-        return self._preconditioner(r / self._weight)
+    def _precondition(self, r: FloatArray, r3: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return self._preconditioner(r / self._weight, r3)
 
     def _norm(self, r: FloatArray) -> float:
         return float(np.sqrt(self._comm.allreduce(float(np.vdot(r, r)))))
@@ -240,10 +254,10 @@ class _SchurComplement(_Krylov):
         self._at, self._weight = at, weight
         rhs = r1 + at.J12(r2 / at.D22)
         size = self._norm(weight * rhs)
-        dx, A_dx, iterations = self._solve(
-            NodalInverse(at, self._A.rest), rhs, np.zeros_like(rhs), size, tolerance, cap
+        dx, A_dx, dalpha, iterations = self._solve(
+            NodalInverse(at, self._A.rest), rhs, np.zeros_like(rhs), size, tolerance, cap, r3
         )
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations)
+        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations, dalpha)
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
         return A_p + self._at.schur(p)
@@ -268,8 +282,9 @@ class _Augmented(_Krylov):
         self._S22 = at.D22 + np.column_stack([1.0 / self._D11[:, 0], np.sum(at.y**2 / self._D11[:, 1:], axis=1)])
         guess = np.hstack([np.zeros_like(r1), -r2 / at.D22])
         size = self._norm(r1 - at.J12(guess[:, 3:]))
-        unknowns, A_dx, iterations = self._solve(self._nodal_inverse, np.hstack([r1, r2]), guess, size, tolerance, cap)
-        return NewtonStep(unknowns[:, :3], unknowns[:, 3:], A_dx, iterations)
+        rhs = np.hstack([r1, r2])
+        unknowns, A_dx, dalpha, iterations = self._solve(self._nodal_inverse, rhs, guess, size, tolerance, cap, r3)
+        return NewtonStep(unknowns[:, :3], unknowns[:, 3:], A_dx, iterations, dalpha)
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
         at, dx, dnu = self._at, p[:, :3], p[:, 3:]

@@ -127,7 +127,7 @@ class ScaledProblem:
             return np.empty((0, 0)), np.empty((self.nodes, 3, 0)), NO_MOTION
         unknown = np.column_stack([np.ones(self.nodes, dtype=bool), self.frictional, self.frictional])
         basis = MotionBasis(rigid.G * (self._W * unknown).ravel(), self._over)
-        G: FloatArray = (basis.T @ basis.G).T.reshape(self.nodes, 3, -1)
+        G: FloatArray = (basis.T @ basis.G).T.reshape(self.nodes, 3, len(basis.T))
         return basis.T, G, basis.T @ rigid.e / self._s
 
     # --- norms ----------------------------------------------------------------------------------------------------
