@@ -121,7 +121,8 @@ class CarryingKrylov:
         b, s = self._nodewise(self._rhs), self._nodewise(self._solution)
         b[:, : self._block], b[:, self._block :] = rhs, 0.0
         s[:, : self._block], s[:, self._block :] = guess, 0.0
-        start, before = np.zeros(self._constraints.count), 0
+        start: FloatArray = np.zeros(self._constraints.count)
+        before = 0
         if self._on_constraints:
             if np.linalg.norm(r3) > _NEGLIGIBLE * atol:
                 z, start = self._preconditioner(rhs - self._operator(guess, np.zeros_like(guess[:, :3])), r3)

@@ -209,8 +209,8 @@ class _Krylov(ProductImages):
         """Unknowns (m, block), A dx (m, 3), dalpha (r,) and iterations, to min(tolerance |(size, r3)|, cap)."""
         U = self._A.nodal_U(self._block)
         U[~self._at.frictional, 1:3] = 0.0
-        update = LowRankUpdate(self._comm, inverse, U)
-        self._preconditioner = ConstraintPreconditioner(update, self._constraints, self._block)
+        self._preconditioner = LowRankUpdate(self._comm, inverse, U)
+        self._bordered = ConstraintPreconditioner(self._preconditioner, self._constraints, self._block)
         self._accuracy = self._sharper * min(max(tolerance, self._product[0]), self._product[1])
         size = float(np.hypot(size, np.linalg.norm(r3))) if len(r3) else size
         atol = max(min(tolerance * size, cap), ROUNDING * size)
@@ -224,7 +224,7 @@ class _Krylov(ProductImages):
         return self._weight * image
 
     def _precondition(self, r: FloatArray, r3: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return self._preconditioner(r / self._weight, r3)
+        return self._bordered(r / self._weight, r3)
 
     def _norm(self, r: FloatArray) -> float:
         return float(np.sqrt(self._comm.allreduce(float(np.vdot(r, r)))))
