@@ -27,18 +27,27 @@ def contact_matrix(points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
     Returns:
         Shape (3 m, n), distributed.
     """
-    weights, rows = points.difference, 3 * len(points.nodes)
+    seen = frames
+    if points.mirrored is not None:
+        across = np.einsum("mai,mij->maj", frames, points.mirrored)
+        near = np.abs(across - frames) <= _ROUNDING
+        seen = np.where(near, 0.0, frames - across)
+    local = _blocks(points.difference, seen)
+    return _distributed(local, points)
+
+
+def _blocks(weights: scipy.sparse.csr_matrix, frames: FloatArray) -> scipy.sparse.csr_matrix:
+    """Weights (m, nodes) times the rows of frames (m, 3, 3), shape (3 m, 3 nodes)."""
     axes = np.arange(3)
     columns = (3 * weights.indices[:, None] + axes).astype(PETSc.IntType)
-    of = np.repeat(np.arange(len(points.nodes)), np.diff(weights.indptr))
+    of = np.repeat(np.arange(len(frames)), np.diff(weights.indptr))
     entries = weights.data[:, None, None] * frames[of]
     row = np.broadcast_to(3 * of[:, None, None] + axes[:, None], entries.shape)
     present = entries != 0.0
-    local = scipy.sparse.csr_matrix(
+    return scipy.sparse.csr_matrix(
         (entries[present], (row[present], np.broadcast_to(columns[:, None, :], entries.shape)[present])),
-        shape=(rows, 3 * weights.shape[1]),
+        shape=(3 * len(frames), 3 * weights.shape[1]),
     )
-    return _distributed(local, points)
 
 
 def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) -> PETSc.Mat:

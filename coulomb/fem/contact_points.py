@@ -44,6 +44,8 @@ class ContactPoints:
         nodal: Whether each point is its node.
         opposite: On faces against another deformable face, the weights of its nodes in the average over that face,
             shape (m, nodes); rows against a foundation are empty.  None if there are no such faces.
+        mirrored: Projectors on the directions across planes of symmetry that both faces end on, shape (m, 3, 3):
+            averages have no part along them, as those over the face and its mirror image.  None if there are none.
     """
 
     space: Nodes
@@ -52,6 +54,7 @@ class ContactPoints:
     weights: scipy.sparse.csr_matrix
     nodal: bool
     opposite: scipy.sparse.csr_matrix | None = None
+    mirrored: FloatArray | None = None
 
     @property
     def difference(self) -> scipy.sparse.csr_matrix:
@@ -108,9 +111,13 @@ class ContactPoints:
 
     def only(self, which: npt.NDArray[np.bool_]) -> ContactPoints:
         """Some of the points, in their order."""
-        opposite = None if self.opposite is None else self.opposite[which]
         return replace(
-            self, nodes=self.nodes[which], area=self.area[which], weights=self.weights[which], opposite=opposite
+            self,
+            nodes=self.nodes[which],
+            area=self.area[which],
+            weights=self.weights[which],
+            opposite=None if self.opposite is None else self.opposite[which],
+            mirrored=None if self.mirrored is None else self.mirrored[which],
         )
 
     def of(self, member: Member, whole: Deformable) -> ContactPoints:
@@ -120,9 +127,9 @@ class ContactPoints:
         nodes = (member.nodes.start + self.nodes).astype(np.int32)
         return replace(self, space=whole, nodes=nodes, weights=among_all(self.weights, member, whole))
 
-    def against(self, opposite: scipy.sparse.csr_matrix) -> ContactPoints:
+    def against(self, opposite: scipy.sparse.csr_matrix, mirrored: FloatArray | None = None) -> ContactPoints:
         """The points with averages over another face, (m, nodes)."""
-        return replace(self, opposite=opposite)
+        return replace(self, opposite=opposite, mirrored=mirrored)
 
     @cached_property
     def _matrix(self) -> PETSc.Mat:
@@ -161,6 +168,10 @@ def joined_points(parts: Sequence[ContactPoints]) -> ContactPoints:
         none = [scipy.sparse.csr_matrix(part.weights.shape) for part in parts]
         rows = [empty if part.opposite is None else part.opposite for part, empty in zip(parts, none, strict=True)]
         opposite = scipy.sparse.vstack(rows, format="csr")
+    mirrored = None
+    if any(part.mirrored is not None for part in parts):
+        flat = [np.zeros((len(part.nodes), 3, 3)) if part.mirrored is None else part.mirrored for part in parts]
+        mirrored = np.concatenate(flat)
     return ContactPoints(
         parts[0].space,
         np.concatenate([part.nodes for part in parts]),
@@ -168,6 +179,7 @@ def joined_points(parts: Sequence[ContactPoints]) -> ContactPoints:
         scipy.sparse.vstack([part.weights for part in parts], format="csr"),
         all(part.nodal for part in parts),
         opposite,
+        mirrored,
     )
 
 

@@ -24,6 +24,7 @@ from .facet_patch import facet_patch, gathered
 from .mortar import MortarRows, mortar_rows
 from .slave_side import clamped_nodes
 from .surface import ContactSurface, matrices_of
+from .symmetric_pair import distances, mirrored, planes_of_symmetry, within
 from .user_values import on_all_ranks
 
 
@@ -97,10 +98,19 @@ def pair_of(
     local = (rows.node - numbering.first).astype(np.int32)
     points = ContactPoints(body, local, rows.area, rows.weights, _at_nodes(rows.weights, rows.node, comm))
     opposite = among_all(rows.opposite, master, elasticity)
-    points = points.of(slave, elasticity).against(opposite)
-    gap = np.where(np.abs(rows.gap) <= adjust, 0.0, rows.gap) if adjust else rows.gap
+    held = body.held.projector_at(local)
+    planes = planes_of_symmetry(rows.normal, held, rows.node, on_one)
+    n = within(rows.normal, planes)
+    points = points.of(slave, elasticity)
+    mirrors = mirrored(points, planes, opposite, elasticity)
+    points = points.against(opposite, mirrors)
+    x = rows.x
+    if mirrors is not None:
+        x = x + np.einsum("mij,mj->mi", mirrors, elasticity.x[points.nodes] - x)
+    gap = distances(rows.opposite, on_other, rows.x, n)
+    gap = np.where(np.abs(gap) <= adjust, 0.0, gap) if adjust else gap
     remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), comm)
-    return Pair(face, against, points, rows.x, rows.normal, gap, body.held.projector_at(local), remarks)
+    return Pair(face, against, points, x, n, gap, held, remarks)
 
 
 def _remarks(face: str, against: str, rows: MortarRows, twice: int, comm: MPI.Comm) -> tuple[str, ...]:

@@ -6,12 +6,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from . import (
     cattaneo_mindlin,
     hertz,
     hertz_elements,
+    hertz_pairs,
     locking,
+    mindlin_pair,
     orthotropic,
     patch,
     press_fit,
@@ -34,5 +37,13 @@ CASES: dict[str, Callable[[], Verified]] = {
     "locking": locking.verify,
     "orthotropic": orthotropic.verify,
     "thermal": thermal.verify,
+    "hertz-pairs": hertz_pairs.verify,
+    "mindlin-pair": mindlin_pair.verify,
 }
 """The cases by name."""
+
+COARSE: dict[str, Callable[[], Verified]] = {
+    "hertz-pairs": partial(hertz_pairs.verify, (6, 4), (1.0,)),
+    "mindlin-pair": partial(mindlin_pair.verify, (4, 3), 2),
+}
+"""Cases on coarser meshes than those of the table, for the tests."""
