@@ -33,9 +33,7 @@ _HELD_OPPOSITE = 0.1
 """Part of the weight of the opposite nodes that must be held: those of the master's edge have a half and more."""
 
 
-def planes_of_symmetry(
-    n: FloatArray, held: FloatArray, nodes: npt.NDArray[np.integer], patch: FacetPatch
-) -> FloatArray:
+def planes_of_symmetry(n: FloatArray, held: FloatArray, nodes: npt.NDArray[np.int64], patch: FacetPatch) -> FloatArray:
     """Projectors on the held directions across which a face ends, shape (m, 3, 3); 0 for other nodes.
 
     Args:

@@ -35,7 +35,7 @@ from scipy.special import ellipe, ellipk
 from ...arrays import FloatArray
 from ...fem.body import Material
 from ...fem.elasticity import Clamp, PrescribedDisplacement, Support
-from ...fem.joined_mesh import join
+from ...fem.join import join
 from ...fem.meshes import box
 from ...fem.named_mesh import NamedMesh
 from ...model.contact import Contact

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...fem.elasticity import Clamp, PrescribedDisplacement
-from ...fem.joined_mesh import join
+from ...fem.join import join
 from ...fem.meshes import box
 from ...fem.named_mesh import NamedMesh
 from ...model.contact import Contact
