@@ -18,13 +18,16 @@ from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
 from .facet_patch import FacetPatch
-from .mortar_basis import Basis, multipliers, without
+from .mortar_basis import Basis, Pieces, multipliers, pieces
 from .mortar_segments import Segments, segments
 
 IntArray = npt.NDArray[np.int64]
 
 _LEAST_SHARE = 0.05
 """Covered share of a node's area below which it has no multiplier: its row is nearly that of its neighbours."""
+
+_RINGS = 4
+"""Rings of facets around those of a rank on which its contact points can depend."""
 
 _DEPTH = 0.25
 """Deepest penetration that is found, over the extent of the smaller face."""
@@ -45,7 +48,9 @@ class MortarRows:
         opposite: Averages over the master's nodes, likewise.
         dropped: Global numbers of this rank's slave nodes before the master that have no contact point, since less
             than a share of 0.05 of their area is before it.
-        layered: Number of slave facets before which master facets lie in several layers, of which the nearest counts.
+        lost: Area before the master, m^2, on which no contact force acts since all nodes near are left out; of the
+            slave facets whose first node is on this rank.
+        layered: Number of these facets before which master facets lie in several layers, of which the nearest counts.
     """
 
     node: IntArray
@@ -57,6 +62,7 @@ class MortarRows:
     weights: scipy.sparse.csr_matrix
     opposite: scipy.sparse.csr_matrix
     dropped: IntArray
+    lost: float
     layered: int
 
 
@@ -76,7 +82,7 @@ def mortar_rows(
         owned: First global number of this rank's nodes, and the one after the last.
         basis: Of the contact forces, dual functions or hats.
         left_out: Global numbers of slave nodes without a contact point, such as clamped ones; their functions are added
-            to those of the other nodes of their facets.
+            to those of other nodes near.
         reach: How far before the slave the master is found, in metres; by default the distance between the two faces
             and the extent of the larger one.
 
@@ -97,19 +103,22 @@ def mortar_rows(
     gone = np.zeros(slave.size, dtype=bool)
     if left_out is not None:
         gone[left_out] = True
-    hats = np.einsum("jn,fn->fj", slave.kind.vertex_functions, slave.whole) if slave.kind.width == 6 else slave.whole
+    hats: FloatArray = (
+        np.einsum("jn,fn->fj", slave.kind.vertex_functions, slave.whole) if slave.kind.width == 6 else slave.whole
+    )
     whole = _summed(nodes, hats, slave.size)
     sizes = np.einsum("fjn,fn->fj", found, mass)
     weak = _weak(nodes, sizes, whole, gone)
-    found = without(found, nodes, sizes, gone | weak)
-    return _rows(slave, master, parts, found, nodes, owned, whole, weak)
+    return _rows(slave, master, parts, pieces(slave, nodes, found, sizes, gone | weak), owned, whole, weak)
 
 
 def _around(slave: FacetPatch, owned: tuple[int, int]) -> IntArray:
-    """The facets that share a node with a facet that has a node of this rank: they decide about neighbours."""
-    mine = np.any((slave.nodes >= owned[0]) & (slave.nodes < owned[1]), axis=1)
+    """The facets with nodes of this rank, and those near that decide which nodes are left out and what takes their
+    part."""
     seen = np.zeros(slave.size, dtype=bool)
-    seen[slave.nodes[mine]] = True
+    seen[owned[0] : owned[1]] = True
+    for _ in range(_RINGS):
+        seen[slave.nodes[np.any(seen[slave.nodes], axis=1)]] = True
     return np.flatnonzero(np.any(seen[slave.nodes], axis=1))
 
 
@@ -134,25 +143,23 @@ def _rows(
     slave: FacetPatch,
     master: FacetPatch,
     parts: Segments,
-    found: FloatArray,
-    nodes: IntArray,
+    functions: Pieces,
     owned: tuple[int, int],
     whole: FloatArray,
     weak: npt.NDArray[np.bool_],
 ) -> MortarRows:
-    mass = parts.mass.sum(axis=2)
-    sizes = np.einsum("fjn,fn->fj", found, mass)
-    area = _summed(nodes, sizes, slave.size)
+    facet, coefficients = functions.facet, functions.coefficients
+    products = np.einsum("kn,knm->km", coefficients, parts.mass[facet])
+    area = _summed(functions.node, products.sum(axis=1), slave.size)
     node = owned[0] + np.flatnonzero(area[owned[0] : owned[1]] > 0.0)
     point = np.full(slave.size, -1)
     point[node] = np.arange(len(node))
-    facet, j = np.nonzero(point[nodes] >= 0)
-    row = point[nodes[facet, j]]
+    own = point[functions.node] >= 0
+    facet, coefficients, products, row = facet[own], coefficients[own], products[own], point[functions.node[own]]
     width = slave.kind.width
     columns = facet[:, None] * width + np.arange(width)
     shape = (len(node), len(slave) * width)
-    spread = scipy.sparse.csr_matrix((found[facet, j].ravel(), (np.repeat(row, width), columns.ravel())), shape=shape)
-    products = np.einsum("kn,knm->km", found[facet, j], parts.mass[facet])
+    spread = scipy.sparse.csr_matrix((coefficients.ravel(), (np.repeat(row, width), columns.ravel())), shape=shape)
     entries = (products.ravel(), (np.repeat(row, width), slave.nodes[facet].ravel()))
     weights = _averages(scipy.sparse.csr_matrix(entries, shape=(len(node), slave.size)))
     opposite = _averages(spread @ parts.coupling)
@@ -165,8 +172,11 @@ def _rows(
     x, there = weights @ _places(slave, slave.size), opposite @ _places(master, master.size)
     gap = np.einsum("ki,ki->k", there - x, normal)
     mine = np.flatnonzero(weak[owned[0] : owned[1]]) + owned[0]
-    layered = int(np.count_nonzero(parts.doubled))
-    return MortarRows(node, area[node], whole[node], normal, x, gap, weights, opposite, mine, layered)
+    first = slave.nodes[:, 0]
+    counted = (first >= owned[0]) & (first < owned[1])  # every facet on one rank
+    lost = float((parts.share * slave.areas)[functions.lost][counted[functions.lost]].sum())
+    layered = int(np.count_nonzero(parts.doubled & counted))
+    return MortarRows(node, area[node], whole[node], normal, x, gap, weights, opposite, mine, lost, layered)
 
 
 def _averages(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
@@ -198,4 +208,4 @@ def _places(patch: FacetPatch, size: int) -> FloatArray:
 def _none(slave: int, master: int) -> MortarRows:
     no, none = np.empty(0), np.empty(0, dtype=np.int64)
     rows, opposite = (scipy.sparse.csr_matrix((0, size)) for size in (slave, master))
-    return MortarRows(none, no, no, np.empty((0, 3)), np.empty((0, 3)), no, rows, opposite, none, 0)
+    return MortarRows(none, no, no, np.empty((0, 3)), np.empty((0, 3)), no, rows, opposite, none, 0.0, 0)

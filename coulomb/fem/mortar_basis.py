@@ -11,14 +11,18 @@ extrapolations from it; hats, linear ones, are used there: they are positive, as
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 
 from ..arrays import FloatArray
 from .facet_patch import FacetPatch
 from .mortar_segments import Segments
+
+IntArray = npt.NDArray[np.int64]
 
 Basis = Literal["dual", "hats"]
 
@@ -48,23 +52,67 @@ def multipliers(slave: FacetPatch, parts: Segments, basis: Basis) -> FloatArray:
     return found
 
 
-def without(
-    found: FloatArray, nodes: npt.NDArray[np.int64], sizes: FloatArray, left_out: npt.NDArray[np.bool_]
-) -> FloatArray:
-    """Lambda with the functions of some nodes added to those of the others of the facet: their sum stays 1.
+@dataclass(frozen=True)
+class Pieces:
+    """The functions lambda_j, on every facet a combination of its functions.
+
+    Attributes:
+        facet: Facet of each piece, shape (k,).
+        node: The node j that its lambda_j stands for, shape (k,).
+        coefficients: Of the facet's functions, shape (k, n).
+        lost: Facets before the master on which there is no lambda_j, since all nodes near are left out; shape (l,).
+    """
+
+    facet: IntArray
+    node: IntArray
+    coefficients: FloatArray
+    lost: IntArray
+
+
+def pieces(
+    slave: FacetPatch, nodes: IntArray, found: FloatArray, sizes: FloatArray, left_out: npt.NDArray[np.bool_]
+) -> Pieces:
+    """The functions of all nodes but some, whose functions are added to others: the sum of all stays 1.
+
+    The others are those of the same facet; if it has none, the nearest one of the facets that it shares nodes with.
 
     Args:
-        found: Lambda, shape (f, j, n).
+        slave: The facets.
         nodes: The nodes of the multipliers of every facet, shape (f, j).
+        found: Lambda, shape (f, j, n).
         sizes: Integrals of the functions, shape (f, j).
         left_out: Which nodes have no multiplier, shape (nodes of all ranks,).
     """
-    gone = left_out[nodes]
-    touched = np.any(gone, axis=1)
-    weight = np.where(gone[touched], 0.0, np.maximum(sizes[touched], 0.0))
-    total = weight.sum(axis=1, keepdims=True)
-    weight = np.divide(weight, total, out=np.zeros_like(weight), where=total > 0.0)
-    given = np.where(gone[touched][:, :, None], found[touched], 0.0)
-    result = found.copy()
-    result[touched] = found[touched] - given + weight[:, :, None] * given.sum(axis=1, keepdims=True)
-    return result
+    covered, gone = np.any(sizes > 0.0, axis=1), left_out[nodes] | (sizes <= 0.0)
+    own = np.flatnonzero(covered & ~np.all(gone, axis=1))
+    weight = np.where(gone[own], 0.0, sizes[own])
+    weight /= weight.sum(axis=1, keepdims=True)
+    given = np.where(gone[own][:, :, None], found[own], 0.0).sum(axis=1, keepdims=True)
+    kept = np.where(gone[own][:, :, None], 0.0, found[own] + weight[:, :, None] * given)
+    row, j = np.nonzero(~gone[own])
+    bare = np.flatnonzero(covered & np.all(gone, axis=1))
+    standing = np.zeros(slave.size, dtype=bool)
+    standing[nodes[own[row], j]] = True
+    target = _nearest(slave, nodes, bare, standing)
+    facet = np.concatenate([own[row], bare[target >= 0]])
+    node = np.concatenate([nodes[own[row], j], target[target >= 0]])
+    one = np.ones((int(np.count_nonzero(target >= 0)), slave.kind.width))
+    return Pieces(facet, node, np.concatenate([kept[row, j], one]), bare[target < 0])
+
+
+def _nearest(slave: FacetPatch, nodes: IntArray, bare: IntArray, standing: npt.NDArray[np.bool_]) -> IntArray:
+    """For some facets, the nearest of these nodes among those of the facets that they share nodes with; -1 if none."""
+    facets, width = nodes.shape
+    ones = np.ones(facets * width)
+    on = scipy.sparse.csr_matrix((ones, nodes.ravel(), np.arange(0, facets * width + 1, width)), (facets, slave.size))
+    around = (on[bare] @ on.T @ on).tocoo()
+    candidate = standing[around.col]
+    row, node = around.row[candidate], around.col[candidate].astype(np.int64)
+    x = np.zeros((slave.size, 3))
+    x[slave.nodes] = slave.x
+    away = np.linalg.norm(x[node] - slave.x[bare].mean(axis=1)[row], axis=1)
+    order = np.lexsort((node, away, row))
+    first, at = np.unique(row[order], return_index=True)
+    target = np.full(len(bare), -1, dtype=np.int64)
+    target[first] = node[order][at]
+    return target

@@ -17,6 +17,7 @@ from . import (
     mindlin_pair,
     orthotropic,
     patch,
+    patch_pairs,
     press_fit,
     sliding_block,
     ssnv128,
@@ -28,6 +29,7 @@ __all__ = ["CASES", "Verified"]
 
 CASES: dict[str, Callable[[], Verified]] = {
     "patch": patch.verify,
+    "patch-pairs": patch_pairs.verify,
     "ssnv128": ssnv128.verify,
     "hertz": hertz.verify,
     "hertz-elements": hertz_elements.verify,

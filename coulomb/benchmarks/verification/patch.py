@@ -143,7 +143,7 @@ def _traction(patch: Patch, solution: Solution) -> FloatArray:
 
 def _rows(name: str, patch: Patch, solution: Solution) -> list[Row]:
     problem = solution.problem
-    allowed = solution.result.residual * _amplification(problem)
+    allowed = solution.result.residual * amplification(problem)
     why = "exact for all elements: the residual reached times (1 + L)/m, m and L the extreme eigenvalues of A over a"
     traction = _traction(patch, solution)
     expected = np.array([-patch.shear, 0.0, PRESSURE])
@@ -160,7 +160,7 @@ def _rows(name: str, patch: Patch, solution: Solution) -> list[Row]:
     ]
 
 
-def _amplification(problem: PosedProblem) -> float:
+def amplification(problem: PosedProblem) -> float:
     """Bound of the error over the natural residual: (1 + L)/m for a strongly monotone problem."""
     assert isinstance(problem.A, SchurCompliance)
     eigenvalues = np.linalg.eigvalsh(problem.A.dense()) / problem.mean_compliance
