@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from .model.certificate import Certificate, Check
     from .model.certify import certify
     from .model.contact import Contact
+    from .model.equilibrium import NoEquilibrium
     from .model.friction import SlipRateFriction, VariableFriction
     from .model.load_history import LoadHistory, StepFailed
     from .model.load_step import Energy, LoadStep
@@ -85,6 +86,7 @@ __all__ = [
     "LoadStep",
     "Material",
     "NamedMesh",
+    "NoEquilibrium",
     "NodalField",
     "NotConverged",
     "OrthotropicMaterial",
@@ -150,6 +152,7 @@ _PUBLIC = {
     "fem.nodal_field": ("NodalField",),
     "io.history_files": ("HistoryFiles",),
     "solvers.general": ("solve_coulomb", "solve_tresca"),
+    "model.equilibrium": ("NoEquilibrium",),
     "model.load_history": ("LoadHistory", "StepFailed"),
     "model.load_step": ("Energy", "LoadStep"),
     "model.probes": ("Probe", "ProbeValue"),

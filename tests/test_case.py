@@ -138,11 +138,6 @@ def test_unreadable_files(tmp_path):
         read_case(path)
 
 
-def test_without_a_clamp_the_body_floats():
-    with pytest.raises(ValueError, match="the body floats"):
-        read_case(BLOCK, ["clamp=[]", "mesh.cells=[3,1,1]"]).problem()
-
-
 def test_contact_face_fully_clamped():
     with pytest.raises(ValueError, match="contact face 'left' is fully clamped"):
         read_case(BLOCK, ["contact.face=left", "mesh.cells=[3,1,1]"]).problem()

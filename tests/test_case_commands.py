@@ -81,8 +81,8 @@ def test_check_case_on_two_ranks_and_of_a_wrong_case(tmp_path):
     done = run_coulomb("check-case", ROOT / "demos" / "block.toml", ranks=2, cwd=tmp_path, timeout=240)
     assert done.returncode == 0 and "K iterative (CG, GAMG), A matrix-free" in done.stdout
     assert "on 2 ranks, a core for each" in done.stdout
-    done = run_coulomb("check-case", ROOT / "demos" / "block.toml", "--set", "clamp=[]", cwd=tmp_path)
-    assert done.returncode == 2 and "the body floats" in done.stderr
+    done = run_coulomb("check-case", ROOT / "demos" / "block.toml", "--set", "contact.face='left'", cwd=tmp_path)
+    assert done.returncode == 2 and "fully clamped" in done.stderr
 
 
 def test_memory_estimate_on_small_problems():

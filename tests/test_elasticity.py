@@ -115,20 +115,6 @@ def test_no_option_is_left_behind():
     assert PETSc.Options().getAll() == before
 
 
-@pytest.mark.parametrize(
-    ("clamps", "left"),
-    [
-        ([], "translation along x.*translation along y.*translation along z.*rotation about z"),
-        ([Clamp("bottom", "z")], "translation along x, translation along y, rotation about z"),
-        ([Clamp("left", "xy"), Clamp("right", "xy")], "translation along z"),
-        ([Clamp("left", "x"), Clamp("front", "y")], "translation along z"),
-    ],
-)
-def test_floating_body(clamps, left):
-    with pytest.raises(ValueError, match=f"the body floats: its clamps and springs leave it {left}; hold these"):
-        cube(clamps)
-
-
 def test_rollers_on_three_faces_hold_a_body():
     cube([Clamp("left", "x"), Clamp("front", "y"), Clamp("bottom", "z")])
 

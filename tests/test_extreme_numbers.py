@@ -11,7 +11,7 @@ from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Presc
 from coulomb.model.certificate import SMALLEST, judge
 from coulomb.model.evidence import Evidence
 
-OTHERS = ("comm", "held", "compliance", "averaged", "ground")
+OTHERS = ("comm", "held", "compliance", "averaged", "ground", "component", "bodies", "actions")
 ARRAYS = [field.name for field in fields(Evidence) if field.name not in OTHERS]
 
 

@@ -91,11 +91,6 @@ WRONG = {
     "no facets": (lambda: {"faces": {"sole": []}}, "face 'sole' has no facets"),
     "no names": (lambda: {"faces": BOX.faces["bottom"]}, "faces must be names with facets"),
     "tags of cells": (lambda: {"faces": {"sole": (tags([0], 3), 7)}}, "MeshTags are of dimension 3"),
-    "float": (lambda: {"bcs": []}, "the body floats.*translation along x.*rotation about z"),
-    "half held": (
-        lambda: {"bcs": [S.bc(0.0, "top", 2)]},
-        "leave it translation along x, translation along y, r",
-    ),
     "not finite": (lambda: {"a": S.constant(np.nan) * A}, "a has values that are not finite"),
     "update fails": (lambda: {"update": lambda t: 1 / 0}, r"update\(0\): division by zero"),
     "load not finite": (lambda: {"L": S.constant(np.inf) * L}, "L: has values that are not finite"),

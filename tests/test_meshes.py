@@ -205,7 +205,6 @@ def test_case_with_a_file_is_run_and_checked(case, tmp_path, ranks):
         ("material={young=1e11, poisson=0.3, cells='soft'}", "material.cells = 'soft': there is no such key"),
         ("spring.0.stiffness=-1", "spring.0.stiffness.0 = -1: should be greater than or equal to 0"),
         ("spring.0.stiffness=[1,1]", r"spring.0.stiffness.2: is missing|spring.0.stiffness = \[1, 1\]"),
-        ("spring=[]", "the body floats: its clamps and springs leave it"),
     ],
 )
 def test_wrong_cases_with_a_file(case, change, message):

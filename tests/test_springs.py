@@ -79,10 +79,6 @@ def test_springs_iteratively():
         (lambda: Spring("left", 0.0), "spring on 'left': stiffness must be a number or three"),
         (lambda: Spring("left", float("nan")), "spring on 'left': stiffness must be a number or three"),
         (lambda: sprung(Spring("lfet", 1.0)), r"spring: there is no face 'lfet' on this mesh \(did you mean 'left'"),
-        (
-            lambda: sprung(Spring("left", (1e9, 0.0, 0.0))),
-            "floats: its clamps and springs leave it translation along y, translation along z, rotation about x",
-        ),
         (lambda: sprung(Spring("left", 1e-6)), "the springs are too soft in comparison with rounding errors"),
     ],
 )

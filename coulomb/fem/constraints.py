@@ -63,11 +63,10 @@ class HeldDirections:
             H[held] = self.projector[place[held]]
         return H
 
-    def of(self, nodes: slice) -> HeldDirections:
-        """Those of some of the nodes, consecutive ones."""
-        start, stop, _ = nodes.indices(self.count)
-        mine = (start <= self.nodes) & (self.nodes < stop)
-        return HeldDirections(stop - start, self.nodes[mine] - start, self.projector[mine])
+    def of(self, here: npt.NDArray[np.bool_]) -> HeldDirections:
+        """Those of some of the nodes, which are True in `here` (k,)."""
+        kept = here[self.nodes]
+        return HeldDirections(int(here.sum()), (np.cumsum(here) - 1)[self.nodes[kept]], self.projector[kept])
 
     @cached_property
     def number(self) -> int:

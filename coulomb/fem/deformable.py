@@ -17,6 +17,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
+from .free_motions import FreeMotions
 from .held_nodes import HeldNodes
 from .held_space import HeldSpace
 from .joined_mesh import SEPARATOR
@@ -126,6 +127,17 @@ class Deformable(HeldNodes, ABC):
     def K(self) -> PETSc.Mat:
         """Stiffness, N/m, with held directions eliminated; block size 3, symmetric positive definite, with the rigid
         body modes as its near-nullspace."""
+
+    @property
+    @abstractmethod
+    def free(self) -> FreeMotions:
+        """The rigid motions along which contact alone holds it."""
+
+    @property
+    @abstractmethod
+    def anchoring(self) -> FloatArray:
+        """Stiffness of the springs that K has at the anchors of `free`, N/m, shape (k, 3); they are no internal forces,
+        and carry nothing where loads and contact forces are in equilibrium."""
 
     @property
     def ground(self) -> FloatArray | None:

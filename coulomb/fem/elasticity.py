@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ..arrays import FloatArray
 from . import compat
 from .body import strain
 from .compat import fem, ufl
@@ -68,17 +69,28 @@ class Elasticity(LoadedBody, SingleBody):
         """The entry of K for held components, N/m: the mean diagonal of the free directions."""
         return self._mean_diagonal
 
+    @property
+    def anchoring(self) -> FloatArray:
+        """Stiffness of the springs in K at the anchors of free motions, N/m, shape (k, 3)."""
+        return self._anchoring
+
     def _add_springs(self) -> None:
+        """Add springs to K, and those at the anchors of free motions (`FreeMotions`)."""
         comm = self.mesh.comm
         diagonal = self._K.getDiagonal()
         stiff = comm.allreduce(float(np.max(diagonal.array, initial=0.0)), op=MPI.MAX)
-        diagonal.array[:] += self.spring.ravel()
+        anchored = self.free.anchored(self.x.shape)
+        # As stiff as K there: multigrid then takes as many iterations as for a clamped body; with 1e3 times K's
+        # diagonal up to twice as many.
+        self._anchoring: FloatArray = anchored * diagonal.array.reshape(-1, 3)
+        diagonal.array[:] += (self.spring + self._anchoring).ravel()
         self._K.setDiagonal(diagonal)
         diagonal.destroy()
-        count = comm.allreduce(self._owned, op=MPI.SUM)
-        free = self._rigid_motions(self.spring / stiff, 1e-12 * count)
-        if free:
+        limit = 1e-12 * comm.allreduce(self._owned, op=MPI.SUM)
+        soft = self._motions_without(self.free.component, self.spring / stiff + anchored, limit)
+        if soft.motions:
             raise ValueError(
-                f"the springs are too soft in comparison with rounding errors: against {free} the nodes have less than "
-                "1e-12 of the body's own stiffness; make the springs stiffer, or hold the body by a clamp"
+                "the springs are too soft in comparison with rounding errors: they hardly resist that the body "
+                f"{' or '.join(map(str, soft.motions))}; against that the nodes have less than 1e-12 of the body's own "
+                "stiffness; make the springs stiffer, or leave them out where contact holds the body"
             )

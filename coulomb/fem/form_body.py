@@ -17,8 +17,10 @@ from .bilinear_form import BilinearForm, FormValues, compiled
 from .deformable import Loading, SingleBody
 from .dirichlet import DirichletConditions
 from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
+from .free_motions import FreeMotions, free_motions
+from .mesh_components import mesh_components
 from .nodal_forces import NodalForces
-from .rigid_modes import free_motions, rigid_modes
+from .rigid_modes import component_modes, of_components, rigid_modes
 from .user_values import on_all_ranks
 
 _FREE = 1e-12
@@ -35,6 +37,8 @@ class _Stiffness:
         mean_diagonal: Its entry for held components.
         ground: Nodal forces of the rigid modes; None if they are rounding errors.
         diagonal: Of the matrix of a alone, N/m, shape (k, 3).
+        free: The rigid motions that neither a nor held directions resist.
+        anchoring: Stiffness of the springs in K at their anchors, N/m, shape (k, 3).
     """
 
     values: FormValues
@@ -42,6 +46,8 @@ class _Stiffness:
     mean_diagonal: float
     ground: FloatArray | None
     diagonal: FloatArray
+    free: FreeMotions
+    anchoring: FloatArray
 
 
 @dataclass
@@ -75,7 +81,7 @@ class Body(SingleBody):
 
     Raises:
         ValueError: On every rank, if a form, a space, a boundary condition or a face is none that can be used, if a is
-            not symmetric, or if the body floats.
+            not symmetric.
     """
 
     def __init__(
@@ -100,6 +106,7 @@ class Body(SingleBody):
             refuse_bcs(bcs, V), self.x, 3 * (dofs.size_local + dofs.num_ghosts), self.mesh.comm
         )
         self.held = self._conditions.rows.held
+        self._component = mesh_components(self)
         self.spring, self.contradictions = np.zeros_like(self.x), ()
         self.materials, self.loads = None, ()
         self._known: _Stiffness | None = None
@@ -125,6 +132,16 @@ class Body(SingleBody):
     def mean_diagonal(self) -> float:
         """The entry of K for held components."""
         return self._stiffness.mean_diagonal
+
+    @property
+    def free(self) -> FreeMotions:
+        """The rigid motions that neither a nor held directions resist."""
+        return self._stiffness.free
+
+    @property
+    def anchoring(self) -> FloatArray:
+        """Stiffness of the springs in K at the anchors of free motions, N/m, shape (k, 3)."""
+        return self._stiffness.anchoring
 
     @property
     def ground(self) -> FloatArray | None:
@@ -233,19 +250,18 @@ class Body(SingleBody):
         diagonal = K.getDiagonal()
         stiff, noise = float(diagonal.max()[1]), 1e-12 * float(diagonal.norm())
         alone = diagonal.array.reshape(-1, 3).copy()
-        diagonal.destroy()
         ground = np.stack([self._a.residual(values, modes[:, :, j]) for j in range(6)], axis=2)
         sizes = np.sqrt(comm.allreduce(np.einsum("kcj,kcj->j", ground, ground), op=MPI.SUM))
-        energy = self.held_part(modes) + ground / stiff
-        gram = comm.allreduce(np.einsum("kci,kcj->ij", modes, energy), op=MPI.SUM)
-        free = free_motions(0.5 * (gram + gram.T), _FREE * comm.allreduce(len(self.x), op=MPI.SUM))
-        if free:
-            raise ValueError(
-                f"the body floats: bcs and a leave it {free}; hold these by a dirichletbc or a Robin term in a, "
-                "contact alone does not make the stiffness invertible"
-            )
+        limit = _FREE * comm.allreduce(len(self.x), op=MPI.SUM)
+        own, parts = component_modes(self.x, self._component, comm)
+        forces = self.held_part(own) + of_components(ground / stiff, self.x, self._component, parts, comm)
+        free = free_motions(self.x, self._component, forces, limit, self.anchor_places, comm)
+        anchoring = free.anchored(self.x.shape) * alone
+        diagonal.array[:] += anchoring.ravel()
+        K.setDiagonal(diagonal)
+        diagonal.destroy()
         K, mean = self.eliminated(K)
-        return _Stiffness(values, K, mean, ground if np.max(sizes) > noise else None, alone)
+        return _Stiffness(values, K, mean, ground if np.max(sizes) > noise else None, alone, free, anchoring)
 
 
 def _signature(form: Any) -> str | None:

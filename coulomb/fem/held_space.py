@@ -39,6 +39,19 @@ class HeldSpace(DisplacementSpace, HeldNodes):
         """Integral of every hat function over a face in m^2, this rank's nodes, shape (k,)."""
         return self.area_of(self.mesh.facets(face, what))
 
+    @property
+    def anchor_places(self) -> tuple[npt.NDArray[np.bool_], ...]:
+        """Which of this rank's nodes suit as anchors of free motions, the best first, shapes (k,).
+
+        Those inside, which cannot be in contact; those that are not held obliquely; all.
+        """
+        everywhere = np.ones(self._owned, dtype=bool)
+        along_axes, inside = everywhere.copy(), everywhere.copy()
+        along_axes[self.held.nodes[self.held.oblique]] = False
+        self.domain.topology.create_connectivity(2, 3)
+        inside[self.nodes_of(compat.mesh.exterior_facet_indices(self.domain.topology))] = False
+        return inside & along_axes, along_axes, everywhere
+
     def eliminated(self, K: PETSc.Mat) -> tuple[PETSc.Mat, float]:
         """The stiffness with the held directions eliminated, and rigid body modes for multigrid; collective.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
 
@@ -17,6 +17,7 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from .constraints import HeldDirections
 from .deformable import Deformable, Loading, Member, SingleBody
+from .free_motions import FreeMotions, joined_motions
 from .held_nodes import Numbering, distributed_rows
 from .held_space import INTERPOLATION, attach_rigid_body_modes
 from .joined_mesh import SEPARATOR, JoinedMesh
@@ -24,7 +25,7 @@ from .loads import AppliedLoad
 from .materials import AnyMaterial, by_group
 from .nodal_forces import NodalForces
 from .rigid_modes import rigid_modes
-from .temperature import Temperature
+from .temperature import joined_temperatures
 from .user_values import Amplitude
 
 
@@ -162,6 +163,16 @@ class JoinedBodies(Deformable):
         attach_rigid_body_modes(interpolation, x)
         return interpolation
 
+    @cached_property
+    def free(self) -> FreeMotions:
+        """Those of all bodies."""
+        return joined_motions([body.free for body in self._bodies], self._names, self._slices)
+
+    @property
+    def anchoring(self) -> FloatArray:
+        """Stiffness of the springs in K at the anchors of free motions, N/m, shape (k, 3)."""
+        return np.concatenate([body.anchoring for body in self._bodies])
+
     # --- loads and forces ---------------------------------------------------------------------------------------------
 
     def at_time(self, time: float) -> JoinedBodies:
@@ -180,7 +191,8 @@ class JoinedBodies(Deformable):
         """The loadings of all bodies, which are its parts."""
         parts = tuple(body.at(time) for body in self._bodies)
         load, prescribed = (np.concatenate([getattr(part, name) for part in parts]) for name in ("load", "prescribed"))
-        return Loading(time, load, prescribed, _temperature([part.temperature for part in parts], self._slices), parts)
+        temperature = joined_temperatures([part.temperature for part in parts], self._slices)
+        return Loading(time, load, prescribed, temperature, parts)
 
     def f(self, loading: Loading) -> PETSc.Vec:
         """The loads of all bodies."""
@@ -331,15 +343,3 @@ def _materials(bodies: Mapping[str, SingleBody]) -> dict[str, AnyMaterial]:
             for group, material in by_group(body.materials):
                 found[name if group is None else f"{name}{SEPARATOR}{group}"] = material
     return found
-
-
-def _temperature(parts: Sequence[Temperature | None], slices: Sequence[slice]) -> Temperature | None:
-    """The temperatures of all bodies, with no change in those without; None if no body has one."""
-    given = [part for part in parts if part is not None]
-    if not given:
-        return None
-    change = np.zeros(slices[-1].stop)
-    for part, nodes in zip(parts, slices, strict=True):
-        if part is not None:
-            change[nodes] = part.change
-    return Temperature(change, given[0].reference, max(part.displacement for part in given))

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -14,12 +15,14 @@ from .cell_materials import VECTORS
 from .constraints import prescribed_rows
 from .contradictions import SupportedNodes, contradictions
 from .deformable import Loading
+from .free_motions import FreeMotions, free_motions
 from .held_space import HeldSpace
 from .loads import AppliedLoad, BodyForce, Load, Weight, vanishes
 from .materials import Materials, material_of_cells
+from .mesh_components import mesh_components
 from .named_mesh import NamedMesh
 from .nodal_forces import NodalForces
-from .rigid_modes import free_motions, rigid_modes
+from .rigid_modes import component_modes
 from .supported_face import SupportedFace
 from .supports import Clamp, PrescribedDisplacement, Spring, Support
 from .temperature import Temperature, ThermalLoad, range_of, shown_range
@@ -52,7 +55,7 @@ class LoadedBody(ElasticBody, HeldSpace):
 
     Raises:
         ValueError: If a face is unknown, a value not finite, a cell without a material or with two, no density
-            under gravity, or if supports and springs allow a rigid motion.
+            under gravity.
     """
 
     def __init__(
@@ -76,7 +79,7 @@ class LoadedBody(ElasticBody, HeldSpace):
         self.supports = tuple(clamps)
         self._prescribe()
         self._support(springs)
-        self._refuse_floating_body()
+        self._find_free_motions()
         volume: list[Load] = [] if vanishes(body_force) else [BodyForce(body_force, body_force_amplitude)]
         volume += [] if vanishes(gravity) else [Weight(gravity, materials, gravity_amplitude)]
         self.thermal, heat = thermal, []
@@ -171,22 +174,24 @@ class LoadedBody(ElasticBody, HeldSpace):
             self._springs.append((spring.face, stiffness))
             self.spring += stiffness
 
-    def _refuse_floating_body(self) -> None:
-        springs = 1.0 * (self.spring > 0.0)
+    def _find_free_motions(self) -> None:
+        component, springs = mesh_components(self), 1.0 * (self.spring > 0.0)
         count = self.mesh.comm.allreduce(self.held.number + float(springs.sum()), op=MPI.SUM)
-        free = self._rigid_motions(springs, 1e-10 * count)
-        if free:
-            raise ValueError(
-                f"the body floats: its clamps and springs leave it {free}; hold these by a clamp or a spring, "
-                "contact alone does not make the stiffness invertible"
-            )
+        self._free = self._motions_without(component, springs, 1e-10 * max(count, 1.0))
 
-    def _rigid_motions(self, weight: FloatArray, limit: float) -> str:
-        """Names of the rigid motions, of size 1 at a node, against which weights (k, 3) at the nodes and held
-        directions, with the weight 1, have no energy."""
-        modes = rigid_modes(self.x, self.mesh.comm)
+    def _motions_without(self, component: npt.NDArray[np.int64], weight: FloatArray, limit: float) -> FreeMotions:
+        """The rigid motions, of size 1 at a node, against which weights (k, 3) at the nodes and held directions, with
+        the weight 1, have no energy."""
+        comm = self.mesh.comm
+        modes, _ = component_modes(self.x, component, comm)
         against = weight[:, :, None] * modes + self.held_part(modes)
-        return free_motions(self.mesh.comm.allreduce(np.einsum("kci,kcj->ij", modes, against), op=MPI.SUM), limit)
+        return free_motions(self.x, component, against, limit, self.anchor_places, comm)
+
+    @property
+    def free(self) -> FreeMotions:
+        """The rigid motions that supports and springs allow: along held directions, and along axes with springs
+        whatever their stiffness, nothing moves."""
+        return self._free
 
     # --- queries ----------------------------------------------------------------------------------------
 

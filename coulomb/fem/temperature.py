@@ -7,7 +7,7 @@ that add up to zero, and have no moment.  T varies over the cells as displacemen
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,3 +88,15 @@ def shown_range(found: Mapping[str, float]) -> str:
     low, high = found["min"], found["max"]
     same = high - low <= 1e-9 * max(abs(low), abs(high))
     return f"temperature change {low:.6g} K" if same else f"temperature change from {low:.6g} to {high:.6g} K"
+
+
+def joined_temperatures(parts: Sequence[Temperature | None], slices: Sequence[slice]) -> Temperature | None:
+    """The temperatures of all bodies, with no change in those without; None if no body has one."""
+    given = [part for part in parts if part is not None]
+    if not given:
+        return None
+    change = np.zeros(slices[-1].stop)
+    for part, nodes in zip(parts, slices, strict=True):
+        if part is not None:
+            change[nodes] = part.change
+    return Temperature(change, given[0].reference, max(part.displacement for part in given))

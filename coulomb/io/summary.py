@@ -17,6 +17,7 @@ from ..fem.orthotropic import OrthotropicMaterial
 from ..fem.temperature import TEMPERATURE, Temperature, range_of
 from ..linalg.reductions import Reductions
 from ..model.certificate import Certificate
+from ..model.equilibrium import undetermined
 from ..model.nodal_answer import NodalAnswer
 from ..model.resultants import Acting
 from ..model.solution import Solution
@@ -138,7 +139,10 @@ def remarks(solution: Solution) -> list[str]:
     """Remarks on an answer, besides its certificate and strains; collective."""
     over, problem = Reductions(solution.problem.comm), solution.problem
     if over.max(solution.contact_force[0::3]) > 0.0:
-        return []
+        return [
+            f"the equilibrium is not unique: nothing resists that {motion}; the shortest motion is given"
+            for motion in undetermined(problem, solution.contact_force)
+        ]
     least = over.min(problem.surface.gap - problem.closure(solution.displacement)[:, 0])
     return [f"nothing touches: all contact nodes are open, the smallest gap is {least:.3g} m; {LOOK_AT_GAP}"]
 

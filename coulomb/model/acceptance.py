@@ -9,6 +9,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from ..solvers.results import NotConverged, Status
+from ..solvers.rigid_motions import NO_MOTION
 from .certificate import Certificate, judge
 from .posed_problem import PosedProblem
 from .settled import settled
@@ -42,34 +43,40 @@ class Acceptance:
 
     def __init__(self, problem: PosedProblem):
         self._problem = problem
-        self._last: tuple[FloatArray, Judged] | None = None
+        self._last: tuple[FloatArray, FloatArray, Judged] | None = None
         self._displaced: tuple[FloatArray, FloatArray] | None = None
 
-    def __call__(self, x: FloatArray) -> bool:
-        """Whether the forces x in newtons, shape (3 m,), pass; collective."""
-        return self.answer(x).certificate.passed
+    def __call__(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> bool:
+        """Whether the forces x in newtons, shape (3 m,), pass, with the amounts alpha (q,) of free motions;
+        collective."""
+        return self.answer(x, alpha).certificate.passed
 
-    def answer(self, x: FloatArray) -> Judged:
-        """Displacement and certificate of the forces x in newtons, shape (3 m,); collective."""
+    def answer(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> Judged:
+        """Displacement and certificate of the forces x in newtons, shape (3 m,), and amounts alpha (q,) of free
+        motions; collective."""
         problem, over = self._problem, Reductions(self._problem.comm)
-        if self._last is None or not over.all(np.array_equal(self._last[0], x)):
-            u = self._displacement(x)
+        last = self._last
+        if last is None or not over.all(np.array_equal(last[0], x) and np.array_equal(last[1], alpha)):
+            u = problem.moved(self._displacement(x), alpha)
             with timed(problem.seconds, "displacement"):
                 force = settled(problem, x, u)
                 if not over.all(np.array_equal(force, x)):
-                    u = problem.displacement(force)
+                    u = problem.moved(problem.displacement(force), alpha)
             with timed(problem.seconds, "certificate"):
-                self._last = (x.copy(), Judged(force, u, judge(problem.evidence(force, u))))
-        return self._last[1]
+                last = (x.copy(), alpha.copy(), Judged(force, u, judge(problem.evidence(force, u))))
+            self._last = last
+        return last[2]
 
     def gradient(self, x: FloatArray) -> FloatArray:
-        """A x - b in metres of the forces x in newtons, shapes (3 m,): remaining gap and slip; collective."""
+        """A x - b in metres of the forces x in newtons, shapes (3 m,): remaining gap and slip, before free motions;
+        collective."""
         remaining = -self._problem.closure(self._displacement(x))
         remaining[:, 0] += self._problem.surface.gap
         return remaining.ravel()
 
     def _displacement(self, x: FloatArray) -> FloatArray:
-        """Displacement under the forces x in newtons, shape (3 m,), the last one kept; metres, shape (k, 3)."""
+        """Displacement under the forces x in newtons, shape (3 m,), before free motions, the last one kept; metres,
+        shape (k, 3)."""
         over = Reductions(self._problem.comm)
         if self._displaced is None or not over.all(np.array_equal(self._displaced[0], x)):
             with timed(self._problem.seconds, "displacement"):
@@ -81,7 +88,7 @@ class Acceptance:
         problem, result = self._problem, failure.result
         if result.status is Status.INTERRUPTED or not result.residual <= tolerance:
             return failure
-        certificate = self.answer(result.x).certificate
+        certificate = self.answer(result.x, result.rigid).certificate
         remedies = ["a check of the units of lengths, forces and stiffnesses"]
         if Reductions(problem.comm).max(problem.elasticity.spring) > 0.0:
             remedies.insert(0, "a clamp or stiffer springs, to prevent the rigid motion")

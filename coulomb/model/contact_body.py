@@ -26,6 +26,7 @@ from .contact import Contact
 from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
 from .probes import LocatedProbes, Probe
+from .rigid_contact import refuse_untouched
 from .state import Before, ContactState
 from .stopwatch import timed
 
@@ -76,6 +77,7 @@ class ContactBody:
             self._reference: ContactSurface = faces.surface(self.elasticity, [still] * len(self.contacts), time)
             self._faces = faces.against(self._reference.foundations)  # the plane of the face if none was given
             self._reference = self.surface(self.rigid_motions(time), time)
+            refuse_untouched(self.elasticity, self._reference)
             self.probes = self.located(probes)
         pairs = [self.pair(number) for number, contact in enumerate(self.contacts) if contact.against is not None]
         for text in (*self.elasticity.contradictions, *(text for pair in pairs for text in pair.remarks)):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -43,6 +44,7 @@ class Evidence:
         compliance: Mean diagonal of A, metres per newton.
         blocked: Scale of the displacements that loads would cause where nothing can move, metres
             (`Deformable.blocked_displacement`).
+        component: Component of the meshes of each node, from 0, shape (k,); None if each body is one.
         averaged: Whether gaps and slips are averages over the facets around vertices, as on 10-node tetrahedra, or
             over parts of the two faces of a pair.
         bodies: The nodes of each body; empty for one.
@@ -67,6 +69,7 @@ class Evidence:
     blocked: float = 0.0
     averaged: bool = False
     ground: FloatArray | None = None
+    component: npt.NDArray[np.int64] | None = None
     bodies: tuple[slice, ...] = ()
     actions: FloatArray | None = None
 

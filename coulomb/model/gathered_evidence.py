@@ -89,6 +89,7 @@ def gather_evidence(
         load=state.loading.load,
         spring=elasticity.spring,
         ground=elasticity.ground,
+        component=elasticity.free.component,
         held=elasticity.held,
         prescribed=state.loading.prescribed,
         on_body=on_body,

@@ -27,6 +27,7 @@ from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from .accumulated import Accumulated
 from .certificate import judge
+from .equilibrium import NoEquilibrium
 from .load_step import Energy, LoadStep, State
 from .problem import ContactProblem
 from .solution import Solution
@@ -94,6 +95,9 @@ class LoadHistory:
                 posed = self._posed(problem, state, time)
                 if failure.result.status is Status.INTERRUPTED:
                     text = f"interrupted in the load step from {state.time:g} s to {time:g} s, which is discarded"
+                    raise StepFailed(text, failure.result, posed) from None
+                if isinstance(failure, NoEquilibrium):  # smaller steps do not help
+                    text = f"the load step from {state.time:g} s to {time:g} s failed: {failure}"
                     raise StepFailed(text, failure.result, posed) from None
                 middle = 0.5 * (state.time + time)
                 halved += 1

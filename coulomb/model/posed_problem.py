@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import datetime
 from functools import cached_property
 
@@ -17,6 +18,7 @@ from ..fem.surface import ContactSurface
 from ..linalg.compliance import BodyCompliance
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.laws import FrictionLaw
+from ..solvers.rigid_motions import RigidMotions
 from .contact import Contact
 from .contact_body import ContactBody
 from .contact_stiffness import ContactStiffness, explained
@@ -24,6 +26,7 @@ from .evidence import Evidence
 from .gathered_evidence import gather_evidence
 from .nodal_answer import closure
 from .refinement import refined
+from .rigid_contact import rigid_motions
 from .state import Before, ContactState
 from .stopwatch import timed
 
@@ -32,7 +35,10 @@ _ROUNDING = 2.0**-48
 
 
 class PosedProblem:
-    """A body in a state, u = K^-1 (f - B^T x) with the contact forces x, which obey |x_t| <= c a + F x_n.
+    """A body in a state, u = K^-1 (f - B^T x) + R alpha with the contact forces x, which obey |x_t| <= c a + F x_n.
+
+    R are the rigid motions that contact alone prevents (`FreeMotions`), alpha their amounts; without any, u = K^-1 (f -
+    B^T x).
 
     Args:
         body: The time-independent part: K, K^-1, A, contact faces and foundations.
@@ -160,10 +166,21 @@ class PosedProblem:
         """Mean of diag(A) in metres per newton."""
         return self.friction_problem.mean_diagonal
 
+    @cached_property
+    def rigid(self) -> RigidMotions | None:
+        """The motions that contact alone prevents, with the loads along them; None if supports prevent all."""
+        return rigid_motions(self.elasticity, self.surface, self.loading)
+
     def displacement(self, x: FloatArray) -> FloatArray:
-        """K^-1 (f - B^T x) in metres, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,); collective."""
+        """K^-1 (f - B^T x) in metres, before free motions, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,);
+        collective."""
         u = self.A.displacement(x, self.f, self._free_displacement.ravel()).reshape(-1, 3)
         return self._refined(self._with_prescribed(u), -self.nodal_contact_force(x))
+
+    def moved(self, u: FloatArray, alpha: FloatArray) -> FloatArray:
+        """u + R alpha, amounts alpha (q,) of the free motions; metres, shapes (k, 3)."""
+        elasticity = self.elasticity
+        return u + elasticity.free_part(elasticity.free.modes(elasticity.x) @ alpha) if len(alpha) else u
 
     @cached_property
     def _free_displacement(self) -> FloatArray:
@@ -207,8 +224,8 @@ class PosedProblem:
     @property
     def friction_problem(self) -> FrictionProblem:
         """A, b and the law, without the body."""
-        return FrictionProblem(self.A, self.b, self.law)
+        return FrictionProblem(self.A, self.b, self.law, rigid=self.rigid)
 
     def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""
-        return FrictionProblem.tresca(self.A, self.b, slip_bound)
+        return replace(FrictionProblem.tresca(self.A, self.b, slip_bound), rigid=self.rigid)

@@ -25,6 +25,7 @@ from ..solvers.results import NotConverged, ProgressCallback, SolverResult
 from .acceptance import CERTIFIED_FROM, Acceptance
 from .contact import Contact
 from .contact_body import ContactBody
+from .equilibrium import refuse_without_equilibrium
 from .posed_problem import PosedProblem
 from .probes import Probe
 from .provenance import now
@@ -187,11 +188,13 @@ class ContactProblem(PosedProblem):
                 (`interpolated_forces`).
 
         Raises:
+            NoEquilibrium: If no contact forces balance the loads on a body that contact alone holds.
             NotConverged: If the residual stays above the tolerance, or the certificate fails for any residual
                 reached; `solution(error.result)` is the best answer.
         """
         if self.elasticity.outdated(self.loading):
             return self.at(self.time, self._before).solve(tolerance, solver, progress, start)
+        refuse_without_equilibrium(self)
         problem = self.friction_problem  # K^-1, A and b are timed separately
         chosen = solver or Automatic(tolerance)
         acceptance = Acceptance(self)
@@ -208,7 +211,7 @@ class ContactProblem(PosedProblem):
 
     def solution(self, result: SolverResult, acceptance: Acceptance | None = None) -> Solution:
         """Displacement and certificate of a solver's result, converged or not; from `acceptance` if it has them."""
-        judged = (acceptance or Acceptance(self)).answer(result.x)
+        judged = (acceptance or Acceptance(self)).answer(result.x, result.rigid)
         x = judged.contact_force
         law = self.slip_bound(x)
         g = np.where(law > 0.0, result.slip_bound, 0.0)  # exactly zero at open nodes, as the forces

@@ -4,6 +4,9 @@ A solve with K leaves a residual relative to its own right-hand side.  That may 
 body: where a body is carried along by a prescribed displacement, it is K times that displacement; where soft springs
 hold it, a residual that is small beside the loads moves it.  The residual is therefore assembled anew from the
 displacement, and solved for again, until its sums are as small as rounding allows (Wilkinson 1963).
+
+Where contact alone holds a body, K has springs at its anchors (`FreeMotions`).  They are among the forces in balance,
+so that the displacement of loads that are not in equilibrium is refined as well; at a solution they are zero.
 """
 
 from __future__ import annotations
@@ -50,7 +53,7 @@ def refined(
 
     def left_over(u: FloatArray) -> tuple[FloatArray, float]:
         """The residual at this rank's nodes, and its size relative to the forces on the body."""
-        spring = elasticity.spring_force(u)
+        spring = elasticity.spring_force(u) - elasticity.anchoring * u
         imbalance = loading.load + spring + on_body - elasticity.internal_force(u)
         residual, reaction = elasticity.free_part(imbalance), elasticity.held_part(imbalance)
         outer = (loading.load, spring, on_body, reaction)

@@ -22,6 +22,7 @@ class Status(Enum):
     DIVERGED = "diverged"
     MAX_ITERATIONS = "max_iterations"
     INTERRUPTED = "interrupted"
+    NO_EQUILIBRIUM = "no_equilibrium"
 
 
 def check_constants(owner: object, bounds: Iterable[tuple[str, bool, str]]) -> None:

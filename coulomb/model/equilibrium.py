@@ -1,0 +1,139 @@
+"""Bodies that contact alone holds: whether contact can balance the loads at all, and which motions nothing resists."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..fem.free_motions import FreeMotion, motions_in_words
+from ..fem.rigid_load import direction_in_words, in_units
+from ..linalg.reductions import Reductions
+from ..solvers.laws import FrictionLaw
+from ..solvers.limit_load import LimitLoad
+from ..solvers.results import NotConverged, SolverResult, Status
+from ..solvers.rigid_motions import MotionBasis, RigidMotions
+from .posed_problem import PosedProblem
+
+_PART = 1e-6
+"""Part of the loads, or of a motion, below which it is a rounding error."""
+
+_ROUGH = 1e3
+"""Friction that holds whatever pressure makes possible."""
+
+_MOVING = 1e-3
+"""Part of the largest motion above which a component takes part in the motion that nothing holds."""
+
+
+class NoEquilibrium(NotConverged):
+    """No contact forces balance the loads on a body that contact alone holds: smaller load steps do not help."""
+
+
+def refuse_without_equilibrium(problem: PosedProblem) -> None:
+    """Check that contact forces can balance the loads on bodies that contact alone holds; collective.
+
+    Raises:
+        NoEquilibrium: On every rank, with body, direction and amount.
+    """
+    said = without_equilibrium(problem)
+    if said:
+        m, rigid = problem.A.nodes, problem.rigid
+        nothing: FloatArray = np.zeros(3 * m)
+        result = SolverResult(
+            x=nothing,
+            gradient=nothing,
+            slip_bound=problem.slip_bound(nothing),
+            multipliers=np.zeros((m, 2)),
+            status=Status.NO_EQUILIBRIUM,
+            outer_steps=0,
+            newton_steps=0,
+            products=0,
+            residual=np.inf,
+            history=(),
+            method="limit load",
+            message=said,
+            rigid=np.zeros(0 if rigid is None else rigid.count),
+        )
+        raise NoEquilibrium(said, result)
+
+
+def without_equilibrium(problem: PosedProblem) -> str:
+    """Why no contact forces balance the loads, with body, direction and amount; empty if some do; collective."""
+    rigid, over = problem.rigid, Reductions(problem.comm)
+    if rigid is None:
+        return ""
+    limit = LimitLoad(rigid, problem.law, over)
+    motion = limit.unbalanced()
+    if motion is None:
+        return ""
+    normal = np.zeros((rigid.G.shape[1] // 3, 3))
+    normal[:, 0] = 1.0
+    rough = FrictionLaw(problem.law.cohesion, np.where(problem.law.friction > 0.0, _ROUGH, 0.0))
+    opening = LimitLoad(rigid, rough, over).unbalanced()
+    if opening is not None and over.max(problem.law.friction) > 0.0:  # no friction, however large, would help
+        return _falling(problem, opening, rigid)
+    sliding = MotionBasis(rigid.G * normal.ravel(), over).free  # motions that neither open nor close any contact
+    pushed = sliding @ (sliding.T @ rigid.e)
+    if float(np.abs(pushed).max()) > _PART * float(np.abs(rigid.e).max()):
+        part = limit.held_part(pushed)
+        if part is not None and part < 1.0:
+            return _sliding(problem, motion, rigid.e, pushed, part)
+    return _falling(problem, motion, rigid)
+
+
+def _sliding(problem: PosedProblem, motion: FloatArray, e: FloatArray, pushed: FloatArray, part: float) -> str:
+    """Loads along the foundations of which friction holds a part."""
+    free = problem.elasticity.free
+    acting, moving = free.resultants(pushed), free.of(motion)
+    most = max(_size(one) for one in moving)
+    named = [
+        (load, one)
+        for load, one in zip(acting, moving, strict=True)
+        if _size(one) > _MOVING * most and load.size > _PART * float(np.abs(e).max())
+    ] or [(load, one) for load, one in zip(acting, moving, strict=True) if load.size > 0.0]
+    said = [f"{free.bodies[load.component]} {load}" for load, _ in named]
+    held = [f"{load.scaled(part)}" for load, _ in named]
+    holds = "friction holds at most" if part > _PART else "no friction holds"
+    amounts = f" {' and '.join(held)}" if part > _PART else " them"
+    return f"there is no equilibrium: loads push {' and '.join(said)}; {holds}{amounts}"
+
+
+def _falling(problem: PosedProblem, motion: FloatArray, rigid: RigidMotions) -> str:
+    """Loads that do work on a motion that contact does not resist."""
+    free = problem.elasticity.free
+    acting, moving = free.resultants(rigid.e), free.of(motion)
+    most = max(_size(one) for one in moving)
+    said = []
+    for load, one in zip(acting, moving, strict=True):
+        if _size(one) > _MOVING * most:
+            work = float(load.force @ one.translation + load.moment @ one.rotation)
+            turn, way = float(np.linalg.norm(one.rotation)), float(np.linalg.norm(one.translation))
+            if turn * one.part.radius > _MOVING * way:
+                said.append(f"{free.bodies[one.component]}: it {one.tidied(_MOVING)}, under {in_units(work / turn)}N m")
+            else:
+                along = direction_in_words(one.translation, _MOVING)
+                said.append(f"{free.bodies[one.component]} against loads of {in_units(work / way)}N along {along}")
+    return f"there is no equilibrium: nothing holds {'; nor '.join(said)}"
+
+
+def _size(motion: FreeMotion) -> float:
+    """Largest displacement of a motion, at the centre or the radius of its component."""
+    return float(np.linalg.norm(motion.translation) + motion.part.radius * np.linalg.norm(motion.rotation))
+
+
+def undetermined(problem: PosedProblem, x: FloatArray) -> Sequence[str]:
+    """The rigid motions that neither supports nor the contact forces of an answer resist, in words; collective.
+
+    Pressure resists motions along the normal, and friction those along the foundation.
+
+    Args:
+        problem: The problem.
+        x: Contact forces in newtons, shape (3 m,).
+    """
+    if problem.rigid is None:
+        return ()
+    pressing, rubbing = x[0::3] > 0.0, problem.slip_bound(x) > 0.0
+    resisting = np.column_stack([pressing, rubbing, rubbing]).ravel()
+    basis = MotionBasis(problem.rigid.G * resisting, Reductions(problem.comm))
+    return motions_in_words(problem.elasticity.free, basis.free)

@@ -1,0 +1,113 @@
+"""Bodies that contact alone holds: their free rigid motions, and answers against formulas."""
+
+import numpy as np
+import pytest
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, InteriorPoint, Material, Spring, SymmetryPlane, TotalForce
+from coulomb.fem.elasticity import Elasticity
+from coulomb.model.equilibrium import NoEquilibrium, undetermined
+from coulomb.solvers.dense_system import DenseSystem
+
+STEEL = Material(young=2.1e11, poisson=0.3)
+DENSE = InteriorPoint(newton=DenseSystem())
+WEIGHT, FRICTION = 1e6, 0.3
+
+
+def block(loads, cell="hexahedron", degree=1, friction=FRICTION, clamps=(), springs=()):
+    """A block 2 x 1 x 1 m on a floor, pressed down by WEIGHT."""
+    mesh = coulomb.box((2.0, 1.0, 1.0), (4, 2, 2), cell, degree=degree)
+    pressed = TotalForce("top", (0.0, 0.0, -WEIGHT))
+    return ContactProblem(mesh, STEEL, clamps, Contact("bottom", friction=friction), [pressed, *loads], springs=springs)
+
+
+def push(ratio, face="bottom", along=(1.0, 0.0, 0.0)):
+    return TotalForce(face, tuple(ratio * FRICTION * WEIGHT * np.array(along)))
+
+
+@pytest.mark.parametrize(
+    ("clamps", "springs", "named"),
+    [
+        (
+            [],
+            [],
+            ["moves along x", "moves along y", "moves along z", *(f"spins about {axis} through" for axis in "xyz")],
+        ),
+        ([Clamp("bottom", "z")], [], ["moves along x", "moves along y", "spins about z through (1, 0.5, 0.5)"]),
+        ([Clamp("left", "xy"), Clamp("right", "xy")], [], ["moves along z"]),
+        ([SymmetryPlane("left"), SymmetryPlane("front")], [], ["moves along z"]),
+        (
+            [],
+            [Spring("left", (1e9, 0.0, 0.0))],
+            ["moves along y", "moves along z", "spins about x through (1, 0.5, 0.5)"],
+        ),
+        ([Clamp("left")], [], []),
+        ([], [Spring("left", 1e3)], []),
+    ],
+)
+def test_free_motions_are_found_and_named(clamps, springs, named):
+    body = Elasticity(coulomb.box((2.0, 1.0, 1.0), (2, 2, 2)), STEEL, clamps, springs=springs)
+    assert len(body.free) == len(named) == len(body.free.anchors)
+    for motion, words in zip(body.free.motions, named, strict=True):
+        assert str(motion).startswith(words)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_anchored_stiffness_answers_loads_in_equilibrium_exactly(degree):
+    """K u = f for loads whose resultants vanish, with the internal forces, which have no anchors."""
+    body = Elasticity(coulomb.box((2.0, 1.0, 1.0), (2, 2, 2), "tetrahedron", degree=degree), STEEL, [])
+    f = body.free.projected(np.sin(np.arange(body.x.size)).reshape(-1, 3), body.x)
+    rhs, u = body.K.createVecs()
+    rhs.array[:] = f.ravel()
+    coulomb.DirectSolver(body.K).solve(rhs, u)
+    moved = u.array.reshape(-1, 3)
+    assert np.abs(body.internal_force(moved) - f).max() <= 1e-11 * np.abs(f).max()
+    assert np.abs(body.free.amounts(moved)).max() <= 1e-11 * np.abs(moved).max()
+    alpha = np.array([1.0, -2.0, 3.0, 0.5, -0.2, 0.7])
+    rigid = body.free.modes(body.x) @ alpha
+    assert body.free.amounts(moved + rigid) == pytest.approx(alpha, rel=1e-9)
+    assert np.abs(body.internal_force(rigid)).max() <= 1e-12 * body.mean_diagonal
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+@pytest.mark.parametrize("ratio", [0.5, 0.87])
+def test_a_block_that_friction_alone_holds(cell, degree, ratio):
+    """Contact carries exactly the loads; the same block on springs of vanishing stiffness has the same forces."""
+    loads = [push(ratio)]
+    answer = block(loads, cell, degree).solve(solver=DENSE)
+    assert answer.certificate.passed and answer.result.newton_steps < 20
+    force = np.array(answer.at_nodes.totals()["force"])
+    assert force == pytest.approx([-ratio * FRICTION * WEIGHT, 0.0, WEIGHT], rel=1e-8, abs=1e-6 * WEIGHT)
+    soft, softer = (block(loads, cell, degree, springs=[Spring("top", k)]).solve() for k in (2e6, 1e6))
+    limit = 2.0 * softer.contact_force - soft.contact_force
+    assert np.abs(answer.contact_force - limit).max() <= 1e-5 * np.abs(limit).max()
+
+
+def test_too_large_a_push_is_refused_with_body_direction_and_amounts():
+    said = r"loads push the body along \(0.6, 0.8, 0\) with 315 kN; friction holds at most 300 kN"
+    with pytest.raises(NoEquilibrium, match=said) as failure:
+        block([push(1.05, along=(0.6, 0.8, 0.0))]).solve(solver=DENSE)
+    assert failure.value.result.status is coulomb.Status.NO_EQUILIBRIUM
+
+
+@pytest.mark.parametrize(
+    ("loads", "friction", "said"),
+    [
+        ([TotalForce("top", (0.0, 0.0, 1.2e6))], 0.3, "nothing holds the body against loads of 200 kN along z"),
+        ([TotalForce("top", (0.0, 5.1e5, 0.0))], 2.0, r"it spins about -x through \(1, 1, 0\), under 10 kN m"),
+        ([TotalForce("bottom", (1e3, 0.0, 0.0))], 0.0, "loads push the body along x with 1 kN; no friction holds them"),
+    ],
+)
+def test_loads_that_nothing_holds_are_named(loads, friction, said):
+    """Lifted; tipped over the edge y = 1, where WEIGHT/2 per metre of height holds at most; without friction."""
+    with pytest.raises(NoEquilibrium, match=said):
+        block(loads, friction=friction).solve(solver=DENSE)
+
+
+def test_motions_that_nothing_resists_are_named_and_not_made():
+    answer = block([], friction=0.0).solve(solver=DENSE)
+    named = undetermined(answer.problem, answer.contact_force)
+    assert [words.partition(" through")[0] for words in named] == [
+        *("the body moves along x", "the body moves along y", "the body spins about z")
+    ]
+    assert np.abs(answer.result.rigid[[0, 1, 5]]).max() <= 1e-9 * np.abs(answer.displacement).max()
