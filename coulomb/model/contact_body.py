@@ -84,7 +84,7 @@ class ContactBody:
             if self.comm.rank == 0:
                 _log.warning("%s", text)
         self.linear_solver, self.explicit = chosen(
-            self.unknowns["displacement"], self.unknowns["contact"], self.comm.size, linear_solver, explicit
+            self.unknowns["displacement"], self.interface, self.comm.size, linear_solver, explicit
         )
         self._stiffness = ContactStiffness(
             self.elasticity, self._reference, self.linear_solver, self.explicit, self.seconds
@@ -125,6 +125,13 @@ class ContactBody:
             "displacement": self.comm.allreduce(free, op=MPI.SUM),
             "contact": self.comm.allreduce(contact, op=MPI.SUM),
         }
+
+    @cached_property
+    def interface(self) -> int:
+        """Displacements on which contact forces act, over all ranks: of pairs of faces those of both; A is formed from
+        as many columns of K^-1."""
+        mine = 3 * len(self._reference.nodes_in_rows)  # nodes at the border of ranks count twice
+        return max(int(self.comm.allreduce(mine, op=MPI.SUM)), self.unknowns["contact"])
 
     # --- state at a time ----------------------------------------------------------------------------------------------
 

@@ -120,7 +120,7 @@ def estimate_of(problem: ContactProblem, slowness: Slowness = SAME) -> Estimate:
     size = problem.unknowns
     return estimate(
         size["displacement"],
-        size["contact"],
+        problem.body.interface,
         problem.comm.size,
         problem.body.linear_solver,
         problem.body.explicit,
@@ -148,7 +148,7 @@ def refuse_too_large(problem: ContactProblem) -> None:
         ValueError: On every rank, if a node has too little, with the required and free memory and what would fit.
     """
     comm, size, nodes = problem.comm, problem.unknowns, _nodes_of_cell(problem)
-    n, m = size["displacement"], size["contact"]
+    n, m = size["displacement"], problem.body.interface
     needed = estimate_of(problem).memory
     share = _share_of_node(comm)
     fits = _least_room(comm, share)
@@ -168,7 +168,7 @@ def refuse_too_large(problem: ContactProblem) -> None:
     most = int(max(fits - _BASE * comm.size, 0.0) / (_wider(nodes) * (_BODY + _MULTIGRID)))
     advice = f"take {' or '.join(would)}" if would else f"by multigrid {most} displacement unknowns would fit"
     raise ValueError(
-        f"too little memory: {n} displacement and {m} contact unknowns ({methods}) need about {gigabytes(needed)}, and "
+        f"too little memory: {n} displacement and {size['contact']} contact unknowns ({methods}) need about {gigabytes(needed)}, and "
         f"{gigabytes(fits)} are free; {advice}, a coarser mesh, or a larger machine; --force tries nevertheless"
     )
 
