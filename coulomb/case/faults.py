@@ -103,6 +103,7 @@ def _meant(location: tuple[int | str, ...], case: _Model) -> str:
     curves = {place for place, model, _ in tables if issubclass(model, CurveTable)}
     several = tables_of_several(case)
     homes = [place for place, keys in known.items() if name in keys and place != here and place not in curves]
+    homes = [place for place in homes if not (place.startswith("body.") and place.removeprefix("body.") in homes)]
     listed = f" (known here: {', '.join(known.get(here, []))})"
     if homes:
         parents = [home for home in homes if home == "" or here.startswith(f"{home}.")]

@@ -168,8 +168,9 @@ def refuse_too_large(problem: ContactProblem) -> None:
     most = int(max(fits - _BASE * comm.size, 0.0) / (_wider(nodes) * (_BODY + _MULTIGRID)))
     advice = f"take {' or '.join(would)}" if would else f"by multigrid {most} displacement unknowns would fit"
     raise ValueError(
-        f"too little memory: {n} displacement and {size['contact']} contact unknowns ({methods}) need about {gigabytes(needed)}, and "
-        f"{gigabytes(fits)} are free; {advice}, a coarser mesh, or a larger machine; --force tries nevertheless"
+        f"too little memory: {n} displacement and {size['contact']} contact unknowns ({methods}) need about "
+        f"{gigabytes(needed)}, and {gigabytes(fits)} are free; {advice}, a coarser mesh, or a larger machine; --force "
+        "tries nevertheless"
     )
 
 
