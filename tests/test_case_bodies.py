@@ -115,7 +115,10 @@ def test_changes_reach_a_body():
         ("mesh={box=[1,1,1],cells=[1,1,1]}", "every [[body]] has its own; leave out [mesh]"),
         ("material={young=1.0,poisson=0.3}", "every [[body]] has its own; leave out [material]"),
         ("clamp=[{face='bottom'}]", "clamp.0.face = 'bottom': should name body and face, as in \"lower:bottom\""),
-        ("clamp=[{face='lowr:bottom'}]", "there is no body 'lowr'; the bodies are lower, upper"),
+        (
+            "clamp=[{face='lowr:bottom'}]",
+            "there is no body 'lowr' (did you mean 'lower'?); the bodies are lower",
+        ),
         ("clamp=[{face='lower:'}]", "clamp.0.face = 'lower:': should be 'lower:left', 'lower:right'"),
         ("contact.against='lower:up'", "contact.against = 'lower:up': should be 'lower:left'"),
         ("contact.against='upper:bottom'", "against must be another face than face"),

@@ -180,13 +180,6 @@ def flat(file):
     file.points[:, 2] = 0.0
 
 
-def apart(file):
-    count = len(file.points)
-    file.points = np.vstack([file.points, file.points + 5.0])
-    file.cells = np.vstack([file.cells, file.cells + count])
-    file.cell_groups = {"all": np.arange(len(file.cells))}
-
-
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize(
     ("spoil", "message"),
@@ -196,7 +189,6 @@ def apart(file):
         (not_shared, r"cells .* have nodes between its corners that its neighbours do not share"),
         (wrong_order, r"cells .* have nodes between its corners that its neighbours do not share"),
         (flat, "cells .* have no volume"),
-        (apart, "its cells make 2 bodies that share no facets"),
     ],
 )
 def test_faults_of_second_order_cells(spoil, message, cell, tmp_path):

@@ -91,11 +91,13 @@ def flatten(file):
     file.points[:, 2] = 0.0
 
 
-def tear(file):
-    """Gives the cells of one half nodes of their own."""
-    stiff = file.cell_groups["stiff"]
-    file.cells[stiff] += len(file.points)
-    file.points = np.vstack([file.points, file.points + [5.0, 0.0, 0.0]])
+def hinge(file):
+    """Gives the cells of one half nodes of their own, except along one edge."""
+    stiff, again = file.cell_groups["stiff"], np.arange(len(file.points)) + len(file.points)
+    edge = np.flatnonzero(file.points[:, 2] == 0.0)
+    again[edge] = edge
+    file.cells[stiff] = again[file.cells[stiff]]
+    file.points = np.vstack([file.points, file.points])
     file.faces = {}
 
 

@@ -11,6 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from wrong_bodies import SEVERAL
 from wrong_cases import CASE_FILES, CONTACT, MATERIALS_AND_LOADS
 from wrong_files import COMMANDS, MESHES, RESOURCES
 from wrong_gaps import GAPS
@@ -31,6 +32,7 @@ TABLE = {
     "Supports": SUPPORTS,
     "Loads, expressions, load curves": LOADS,
     "Meshes": MESHES,
+    "Several bodies": SEVERAL,
     "Contact": [*CONTACT, *GAPS],
     "Probes": PROBES,
     "Machine": RESOURCES,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from pydantic import AfterValidator, model_validator
 
@@ -60,6 +61,8 @@ class BodyTable(MeshTable):
     translate: Vector = (0.0, 0.0, 0.0)
     rotate: RotateTable | None = None
 
+    _of: ClassVar[str] = ""
+
     @model_validator(mode="after")
     def _groups_of_the_mesh(self) -> BodyTable:
         refuse_groups(self.material, self.box is not None, "[body.material]")
@@ -99,13 +102,12 @@ def joined_mesh(bodies: Sequence[BodyTable], comm: MPI.Comm) -> JoinedMesh:
     return JoinedMesh({body.name: body.mesh(comm) for body in bodies})
 
 
-def refuse_equal_names(bodies: tuple[BodyTable, ...]) -> tuple[BodyTable, ...]:
-    """The bodies; ValueError if two have the same name."""
+def refuse_equal_names(bodies: Sequence[BodyTable]) -> None:
+    """Raises ValueError if two bodies have the same name."""
     for name, count in Counter(body.name for body in bodies).items():
         if count > 1:
             numbers = [f"body.{k}" for k, body in enumerate(bodies) if body.name == name]
             raise ValueError(f"{' and '.join(numbers)} have the name {name!r}; give each body its own")
-    return bodies
 
 
 def fault_of_face(face: str, bodies: Sequence[BodyTable], box: bool) -> str:
@@ -123,7 +125,9 @@ def fault_of_face(face: str, bodies: Sequence[BodyTable], box: bool) -> str:
     if not colon:
         return f'should name body and face, as in "{names[0]}:{face}"; the bodies are {", ".join(names)}'
     if of not in names:
-        return f"there is no body {of!r}; the bodies are {', '.join(names)}"
+        close = difflib.get_close_matches(of, names, n=1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        return f"there is no body {of!r}{hint}; the bodies are {', '.join(names)}"
     return _no_face_of_a_box(own, f"{of}:") if bodies[names.index(of)].box is not None else ""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -41,6 +41,9 @@ class MeshTable(Table):
     cell_groups: FileName | None = None
     names: dict[Name, GroupNumber] = Field(default_factory=dict)
     cell_names: dict[Name, GroupNumber] = Field(default_factory=dict)
+
+    _of: ClassVar[str] = "mesh."
+    """Before the name of a key in messages."""
 
     @model_validator(mode="after")
     def _one_mesh(self) -> MeshTable:
@@ -89,8 +92,8 @@ class MeshTable(Table):
             read = read_mesh(self.file, self.names, self.cell_names, self.scale, comm)
         if self.degree == 1 and read.degree == 2:
             raise ValueError(
-                f"degree = 1, but {self.file} has second-order cells: leave degree out, or export first-order "
-                "cells (in gmsh: Mesh.ElementOrder = 1)"
+                f"{self._of}degree = 1, but {self.file} has second-order cells: leave degree out, or export "
+                "first-order cells (in gmsh: Mesh.ElementOrder = 1)"
             )
         return raised(read) if self.degree == 2 and read.degree == 1 else read
 

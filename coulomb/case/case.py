@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from ..ranks import is_rank_0, launched, on_rank_0
@@ -54,7 +54,7 @@ _log = logging.getLogger(__name__)
 class Case(Table):
     """A whole case file."""
 
-    body: Annotated[tuple[BodyTable, ...], Field(max_length=TABLES), AfterValidator(refuse_equal_names)] = ()
+    body: Annotated[tuple[BodyTable, ...], Field(max_length=TABLES)] = ()
     mesh: MeshTable | None = Field(default=None, validate_default=True)
     material: MaterialTables | None = Field(default=None, validate_default=True)
     temperature: TemperatureTable | None = None
@@ -221,6 +221,7 @@ class Case(Table):
     @model_validator(mode="after")
     def _faces_of_bodies(self) -> Case:
         """Check faces of boxes, and that faces of several bodies name them; those of files when these are read."""
+        refuse_equal_names(self.body)
         loaded = ("traction", "pressure", "total_force", "spring")
         kinds = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry", *loaded)
         faces = {f"{kind}.{i}.face": entry.face for kind in kinds for i, entry in enumerate(getattr(self, kind))}

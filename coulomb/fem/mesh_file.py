@@ -8,10 +8,9 @@ from typing import NoReturn
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from ..arrays import FloatArray
+from .mesh_parts import hinged, parts_of, touching
 from .second_order import CORNERS, is_second_order, jacobians, nodes_of_facets, torn
 
 IntArray = npt.NDArray[np.int64]
@@ -130,6 +129,8 @@ class InspectedMesh:
         cell_groups: As in the file.
         face_groups: Corners of every facet, sorted in each row, by name.
         refused: Why the other groups of facets cannot be used, by name.
+        components: How many components its cells make, which share no nodes.
+        touching: Places in metres at which nodes of several components coincide, shape (k, 3).
     """
 
     points: FloatArray
@@ -137,6 +138,8 @@ class InspectedMesh:
     cell_groups: dict[str, IntArray]
     face_groups: dict[str, IntArray]
     refused: dict[str, str]
+    components: int
+    touching: FloatArray
 
 
 def inspect(file: MeshFile, scale: float) -> InspectedMesh:
@@ -149,7 +152,8 @@ def inspect(file: MeshFile, scale: float) -> InspectedMesh:
         scale: Metres per unit of length of the file.
 
     Raises:
-        ValueError: If a coordinate is not finite, a cell flat or inside out, a part not joined to the rest.
+        ValueError: If a coordinate is not finite, a cell flat or inside out, or parts share an edge or a
+            corner alone.
     """
 
     def refuse(fault: str) -> NoReturn:
@@ -185,15 +189,14 @@ def inspect(file: MeshFile, scale: float) -> InspectedMesh:
         bad = np.zeros(len(cells), dtype=bool)
         bad[of_cell[other][folded]] = True
         refuse(f"{_seen(bad, points, cells)} been folded over a neighbour, inside out; repair the mesh")
-    ones = np.ones(len(one), dtype=np.int8)
-    graph = coo_matrix((ones, (of_cell[one], of_cell[other])), shape=(len(cells), len(cells)))
-    parts, part = connected_components(graph, directed=False)
-    if parts > 1:
-        sizes = np.sort(np.bincount(part))[::-1]
+    parts, part = parts_of(len(cells), of_cell[one], of_cell[other])
+    shared = hinged(cells, part) if parts > 1 else np.empty(0, dtype=np.int64)
+    if len(shared):
+        bad = np.any(np.isin(cells, shared), axis=1)
         refuse(
-            f"its cells make {parts} bodies that share no facets ({', '.join(map(str, sizes[:5]))} cells"
-            f"{', ...' if parts > 5 else ''}), but coulomb computes one; join them with matching nodes (in gmsh: "
-            "BooleanFragments or Coherence), or export one"
+            f"{_seen(bad, points, cells)} edges or corners in common with a part of the mesh with which they share no "
+            "facet: the parts would turn about them freely; join them with matching nodes (in gmsh: BooleanFragments "
+            "or Coherence), or give each part nodes of its own"
         )
 
     position = np.full(len(file.points), -1, dtype=np.int64)
@@ -214,7 +217,8 @@ def inspect(file: MeshFile, scale: float) -> InspectedMesh:
             refused[name] = f"node set {name!r} of {file.path} {fault}"
         else:
             faces[name] = found
-    return InspectedMesh(points, cells, file.cell_groups, faces, refused)
+    places = touching(points, cells, part, boundary[:, :sides]) if parts > 1 else points[:0]
+    return InspectedMesh(points, cells, file.cell_groups, faces, refused, parts, places)
 
 
 def _jacobians(points: FloatArray, cells: IntArray) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:

@@ -226,8 +226,11 @@ def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[
     fault = comm.bcast(fault)
     if fault:
         raise ValueError(fault)
-    groups = (sound.cells.shape[1], sound.face_groups, sound.cell_groups, sound.refused) if sound is not None else None
-    width, face_groups, cell_groups, refused = comm.bcast(groups)
+    groups = None
+    if sound is not None:
+        parts = (sound.components, sound.touching)
+        groups = (sound.cells.shape[1], sound.face_groups, sound.cell_groups, sound.refused, *parts)
+    width, face_groups, cell_groups, refused, components, touching = comm.bcast(groups)
     cells: IntArray = np.empty((0, width), dtype=np.int64)
     points: FloatArray = np.empty((0, 3))
     if sound is not None:
@@ -238,7 +241,7 @@ def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[
     cell_numbers = {
         name: np.flatnonzero(np.isin(original, members)).astype(np.int32) for name, members in cell_groups.items()
     }
-    return NamedMesh(domain, local_facets(domain, face_groups), cell_numbers, refused)
+    return NamedMesh(domain, local_facets(domain, face_groups), cell_numbers, refused, components, touching)
 
 
 def distributed(comm: MPI.Comm, points: FloatArray, cells: IntArray) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..arrays import FloatArray, is_number
@@ -31,7 +33,7 @@ def moved(mesh: NamedMesh, translate: Point = NOWHERE, rotate: Rotation | None =
     motion = motion_of(translate, rotate)
     domain = compat.copied_mesh(mesh.domain)
     domain.geometry.x[:] = placed(motion, domain.geometry.x)
-    return NamedMesh(domain, mesh.faces, mesh.cells, mesh.refused)
+    return replace(mesh, domain=domain, touching=placed(motion, mesh.touching))
 
 
 def motion_of(translate: Point, rotate: Rotation | None) -> RigidMotion:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from ..arrays import FloatArray
 from . import compat
 from .compat import mesh
 from .lagrange import corner_geometry
@@ -26,12 +27,16 @@ class NamedMesh:
         faces: This rank's boundary facets of each face, by name; facet numbers of `domain`.
         cells: This rank's own cells of each group, by name; cell numbers of `domain`.
         refused: Groups of facets in the file that cannot be faces, by name, with the reason.
+        components: How many components the mesh in the file has, which share no nodes; 1 if it is not from a file.
+        touching: Places in metres at which nodes of several components coincide, shape (k, 3).
     """
 
     domain: Any
     faces: dict[str, npt.NDArray[np.int32]]
     cells: dict[str, npt.NDArray[np.int32]] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)
+    components: int = 1
+    touching: FloatArray = field(default_factory=lambda: np.empty((0, 3)), repr=False)
 
     @property
     def comm(self) -> MPI.Comm:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,7 @@ def raised(mesh: NamedMesh) -> NamedMesh:
     for name, mine in mesh.cells.items():
         members = np.concatenate(comm.allgather(first + np.asarray(mine, dtype=np.int64)))
         cells[name] = np.flatnonzero(np.isin(original, members)).astype(np.int32)
-    return NamedMesh(domain, local_facets(domain, faces), cells, mesh.refused)
+    return replace(mesh, domain=domain, faces=local_facets(domain, faces), cells=cells)
 
 
 def _global_numbers(index_map: Any) -> IntArray:

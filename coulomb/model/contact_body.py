@@ -18,6 +18,7 @@ from ..fem.obstacles import RigidFoundation
 from ..fem.pair import Pair
 from ..fem.rigid_motion import RigidMotion, since_at, spin
 from ..fem.surface import ContactSurface
+from ..fem.unjoined_parts import unjoined_parts
 from ..linalg.methods import LinearSolver, chosen
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.stiffness import StiffnessSolver
@@ -73,6 +74,9 @@ class ContactBody:
         with timed(self.seconds, "assembly"):
             self.elasticity = make()
             self.contacts, self.chosen = oriented(self.elasticity, contacts)
+            touching = unjoined_parts(self.elasticity, [(c.face, c.against) for c in contacts if c.against is not None])
+            for text in touching if self.comm.rank == 0 else ():  # before these are refused as parts that nothing holds
+                _log.warning("%s", text)
             faces, still = ContactFaces(self.contacts, self.comm), RigidMotion(np.zeros(3))
             self._reference: ContactSurface = faces.surface(self.elasticity, [still] * len(self.contacts), time)
             self._faces = faces.against(self._reference.foundations)  # the plane of the face if none was given
