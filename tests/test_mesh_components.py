@@ -59,4 +59,6 @@ def test_a_tear_is_reported_unless_a_contact_is_there(tmp_path, caplog):
         caplog.clear()
         with caplog.at_level(logging.WARNING):
             ContactProblem(mesh, STEEL, held, contact)
-        assert len([r for r in caplog.records if "2 components that touch at 4 places" in r.message]) == said * (mesh.comm.rank == 0)
+        assert len([r for r in caplog.records if "2 components that touch at 4 places" in r.message]) == said * (
+            mesh.comm.rank == 0
+        )

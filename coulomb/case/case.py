@@ -14,10 +14,11 @@ from pydantic_core import PydanticCustomError
 from ..ranks import is_rank_0, launched, on_rank_0
 from .bodies import BodyTable, fault_of_face, joined_mesh, refuse_equal_names
 from .body import MeshTable, PressureTable, TotalForceTable, TractionTable
-from .contact import ContactTable, ContactTables, HistoryTable
+from .contact import ContactTable, ContactTables
 from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
 from .faults import fault_of, tables_of_several
 from .field_file import named_files, rename_files
+from .history import HistoryTable
 from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups
 from .place import VectorAt, field
 from .probe import ProbeTable

@@ -1,4 +1,4 @@
-"""The tables of a case file that describe contact, foundation and load steps."""
+"""The tables of a case file that describe contact and foundations."""
 
 from __future__ import annotations
 
@@ -10,20 +10,15 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from ..arrays import FloatArray
 from ..fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
-from ..model.times import HALVINGS, refuse_times
 from .curves import AmplitudeTable, MotionTable, amplitude_of, motion_of, rows_of
 from .field_file import GapAt, gap_of
 from .place import FrictionAt, SpeedAt, StressAt, VectorAt, coefficient, field
 from .values import (
     ISOTROPIC,
     ORTHOTROPIC,
-    ROWS,
     TABLES,
-    Duration,
     Length,
     Name,
-    Number,
-    Steps,
     Table,
     Vector,
 )
@@ -174,10 +169,13 @@ class ContactTable(Table):
     gap: GapAt = 0.0
     gap_amplitude: AmplitudeTable | None = None
     against: Name | None = None
+    adjust: Length | None = None
 
     @model_validator(mode="after")
     def _one_thing_to_touch(self) -> ContactTable:
         if self.against is None:
+            if self.adjust is not None:
+                raise ValueError("adjust goes with against: it closes gaps between two meshes; for foundations use gap")
             return self
         if self.against == self.face:
             raise ValueError("against must be another face than face")
@@ -255,6 +253,7 @@ class ContactTable(Table):
             gap_of(self.gap),
             amplitude_of(self.gap_amplitude),
             self.against,
+            self.adjust or 0.0,
         )
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:
@@ -324,27 +323,3 @@ ContactTables = Annotated[
     | Annotated[tuple[ContactTable, ...], Field(min_length=1, max_length=TABLES), Tag(FACES)],
     Discriminator(lambda given: FACES if isinstance(given, list | tuple) else FACE),
 ]
-
-
-class HistoryTable(Table):
-    """Load steps: their ends, or the end of the last and their number; from time 0, with the body free of stress."""
-
-    times: Annotated[tuple[Number, ...], Field(max_length=ROWS)] | None = None
-    end: Duration | None = None
-    steps: Steps | None = None
-    halvings: Annotated[int, Field(ge=0, le=30, strict=True)] = HALVINGS
-
-    @model_validator(mode="after")
-    def _times_or_steps(self) -> HistoryTable:
-        if (self.times is None) == (self.end is None or self.steps is None):
-            raise ValueError("give either times, a list that increases from 0, or end and steps")
-        refuse_times(0.0, self.ends)
-        return self
-
-    @property
-    def ends(self) -> tuple[float, ...]:
-        """Ends of the steps."""
-        if self.times is not None:
-            return self.times
-        assert self.end is not None and self.steps is not None
-        return tuple(float(t) for t in np.linspace(0.0, self.end, self.steps + 1)[1:])
