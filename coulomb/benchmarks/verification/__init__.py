@@ -19,6 +19,7 @@ from . import (
     patch,
     patch_pairs,
     press_fit,
+    ring_pair,
     sliding_block,
     ssnv128,
     thermal,
@@ -41,11 +42,13 @@ CASES: dict[str, Callable[[], Verified]] = {
     "thermal": thermal.verify,
     "hertz-pairs": hertz_pairs.verify,
     "mindlin-pair": mindlin_pair.verify,
+    "ring-pair": ring_pair.verify,
 }
 """The cases by name."""
 
 COARSE: dict[str, Callable[[], Verified]] = {
     "hertz-pairs": partial(hertz_pairs.verify, (6, 4), (1.0,)),
     "mindlin-pair": partial(mindlin_pair.verify, (4, 3), 2),
+    "ring-pair": partial(ring_pair.verify, (2, 4), (2,)),
 }
 """Cases on coarser meshes than those of the table, for the tests."""
