@@ -11,12 +11,20 @@ The meshes are plain arrays, from which every code makes its own.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from ..arrays import FloatArray
+from ..fem.body import Material
+from ..fem.elasticity import Clamp, Spring, Traction
+from ..fem.join import join
+from ..fem.meshes import distributed
+from ..fem.named_mesh import NamedMesh, local_facets
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
 
 IntArray = npt.NDArray[np.int64]
 
@@ -127,3 +135,32 @@ def grid(block: Block, p: int) -> Grid:
     }
     faces = {name: Face(own.ravel(), cells[own.ravel()][:, CORNERS[name]]) for name, own in of_face.items()}
     return Grid(np.column_stack([x.ravel(), y.ravel(), z.ravel()]), cells, faces, lines)
+
+
+def named_mesh(made: Grid, comm: MPI.Comm = MPI.COMM_WORLD) -> NamedMesh:
+    """The mesh of a block as coulomb reads it; collective."""
+    first = comm.rank == 0
+    points, cells = (made.points, made.cells) if first else (np.empty((0, 3)), np.empty((0, 8), dtype=np.int64))
+    domain = distributed(comm, points, cells)
+    return NamedMesh(domain, local_facets(domain, {name: np.sort(f.corners, axis=1) for name, f in made.faces.items()}))
+
+
+def two_blocks(p: int, friction: float = FRICTION, spring: float = SPRING, **options: Any) -> ContactProblem:
+    """The two blocks with p cells per metre of the lower one; `options` are ContactProblem's.
+
+    Args:
+        p: Cells per metre of the lower block.
+        friction: Friction coefficient.
+        spring: Stiffness of the spring in N/m^3; 0 leaves the upper block to contact alone.
+        **options: Passed on.
+    """
+    meshes = {name: named_mesh(grid(block, p)) for name, block in BLOCKS.items()}
+    return ContactProblem(
+        join(meshes),
+        {name: Material(young=block.young, poisson=block.poisson) for name, block in BLOCKS.items()},
+        [Clamp("lower:bottom")],
+        Contact("upper:bottom", friction, against="lower:top"),
+        [Traction(f"upper:{face}", traction) for face, traction in TRACTIONS.items()],
+        springs=[Spring("upper:left", spring)] if spring else [],
+        **options,
+    )

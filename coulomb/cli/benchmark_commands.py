@@ -175,34 +175,40 @@ def estimates(
 
 @benchmark.command()
 def peers(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")] = None,
+    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre; repeat.")] = None,
     names: Annotated[list[str] | None, typer.Option("--peer", help="A peer, as GetFEM; repeat.")] = None,
     repeats: Annotated[int, typer.Option("--repeats", min=1, help="Runs of each; the minimum time counts.")] = 1,
+    problem: Annotated[str, typer.Option("--problem", help="block, or two-blocks: aluminium on steel.")] = "block",
     directory: Annotated[Path | None, typer.Option("--output", help="For peers.csv and peers.png.")] = None,
 ) -> None:
-    """The block by coulomb and by other packages, each in a separate process, on one thread."""
+    """The block, or two blocks, by coulomb and by other packages, each in a separate process, on one thread."""
     from ..benchmarks.peers import Row, Skipped, measure
 
     refuse_ranks("this benchmark")
     rows: list[Row] = []
     try:
-        for row in measure(sizes or (10,), names, repeats):
+        for row in measure(sizes or (10,), names, repeats, problem):
             if isinstance(row, Skipped):
                 console.print(f"p {row.p:3d}  {row.peer:16s} skipped: {row.reason}", markup=False, soft_wrap=True)
                 continue
             rows.append(row)
             ours = next(r for r in rows if r.p == row.p)
+            of_pair = row.figures and (
+                f"  normal {row.figures.normal_force:.4e} N  friction {row.figures.tangential_force:.4e} N  "
+                f"largest slip {row.figures.largest_slip:.4e} m  mean displacement {row.figures.displacement:.4e} m"
+            )
             console.print(
                 f"p {row.p:3d}  {row.peer:16s} {row.seconds:8.2f} s ({row.seconds / ours.seconds:5.1f})  "
                 f"{row.peak_memory_bytes / 2**30:5.2f} GiB  iterations {row.iterations:4d}  "
-                f"forces differ by {row.force_error:.0e}",
+                f"forces differ by {row.force_error:.0e}{of_pair or ''}",
                 markup=False,
                 soft_wrap=True,
             )
     except (ValueError, RuntimeError) as error:
         errors.print(f"error: {error}", markup=False)
         raise typer.Exit(BAD_INPUT) from None
-    write_table(directory, "peers", Row._fields, rows)
+    fields = (*Row._fields[:-1], *(rows[0].figures._fields if rows and rows[0].figures else ()))
+    write_table(directory, "peers", fields, [(*row[:-1], *(row.figures or ())) for row in rows])
 
 
 @benchmark.command()
