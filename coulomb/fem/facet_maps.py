@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -37,52 +38,53 @@ def at_points(
         edges = x[:, [1, 2 if kind.corners == 3 else 3]] - x[:, :1]
         r, s = _solved(*np.moveaxis(edges[:, :, None, :2], (1, 3), (0, 1)), *np.moveaxis(p - x[:, None, 0, :2], 2, 0))
         return np.stack(kind.values(r, s), axis=2), np.cross(edges[:, :1], edges[:, 1:])
-    steps = _bilinear(x) if kind.width == 4 else _general(kind, x)
-    r, s = (np.broadcast_to(start[:, i, None], p.shape[:2]).copy() for i in (0, 1))
-    for _ in range(_NEWTON_STEPS):
-        at, along_r, along_s = steps(r, s)
-        dr, ds = _solved(along_r, along_s, p[:, :, 0] - at[0], p[:, :, 1] - at[1])
-        r, s = r + dr, s + ds
-        if max(np.max(np.abs(dr), initial=0.0), np.max(np.abs(ds), initial=0.0)) < _SETTLED:
-            break
-    else:
+    r, s = _in_quadrilaterals(x, p) if kind.width == 4 else _by_newton(kind, x, p, start)
+    if not (np.all(np.isfinite(r)) and np.all(np.isfinite(s))):
         raise ValueError("a facet is folded or so distorted that places in it cannot be found; use a better mesh")
     slopes = [np.stack([np.broadcast_to(slope, r.shape) for slope in along], axis=2) for along in kind.slopes(r, s)]
     return np.stack(kind.values(r, s), axis=2), np.cross(slopes[0] @ x, slopes[1] @ x)
 
 
 _Components = tuple[FloatArray, FloatArray]
-_Step = Callable[[FloatArray, FloatArray], tuple[_Components, _Components, _Components]]
 
 
-def _bilinear(x: FloatArray) -> _Step:
-    """Places and tangents in the plane, by components (t, q), of quadrilaterals with corners x (t, 4, 3)."""
+def _in_quadrilaterals(x: FloatArray, p: FloatArray) -> _Components:
+    """Reference points of bilinear facets: of places a + b r + c s + d r s; their product with c + d r is a quadratic
+    equation of r."""
     plane = x[:, :, :2]
-    origin, by_r, by_s = plane[:, 0], plane[:, 1] - plane[:, 0], plane[:, 3] - plane[:, 0]
-    mixed = plane[:, 0] - plane[:, 1] + plane[:, 2] - plane[:, 3]
-    parts = [(origin[:, i, None], by_r[:, i, None], by_s[:, i, None], mixed[:, i, None]) for i in (0, 1)]
+    b, c = plane[:, 1] - plane[:, 0], plane[:, 3] - plane[:, 0]
+    d = plane[:, 0] - plane[:, 1] + plane[:, 2] - plane[:, 3]
+    product = (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])[:, None]
+    quadratic = -(b[:, 0] * d[:, 1] - b[:, 1] * d[:, 0])[:, None]
+    (bx, by), (cx, cy), (dx, dy) = (np.moveaxis(v[:, :, None], 1, 0) for v in (b, c, d))
+    qx, qy = p[:, :, 0] - plane[:, None, 0, 0], p[:, :, 1] - plane[:, None, 0, 1]
+    linear = product - (qx * dy - qy * dx)
+    constant = qx * cy - qy * cx
+    with np.errstate(invalid="ignore", divide="ignore"):
+        root = np.sqrt(linear * linear - 4.0 * quadratic * constant)
+        r = 2.0 * constant / (linear + np.sign(product) * root)
+        cx, cy = cx + dx * r, cy + dy * r
+        s = ((qx - bx * r) * cx + (qy - by * r) * cy) / (cx * cx + cy * cy)
+    return r, s
 
-    def step(r: FloatArray, s: FloatArray) -> tuple[_Components, _Components, _Components]:
-        along_r, along_s = [b + d * s for _, b, _, d in parts], [c + d * r for _, _, c, d in parts]
-        at = [a + r * along + c * s for (a, _, c, _), along in zip(parts, along_r, strict=True)]
-        return (at[0], at[1]), (along_r[0], along_r[1]), (along_s[0], along_s[1])
 
-    return step
-
-
-def _general(kind: FacetKind, x: FloatArray) -> _Step:
-    """The same of any facets with nodes x (t, n, 3)."""
+def _by_newton(kind: FacetKind, x: FloatArray, p: FloatArray, start: FloatArray) -> _Components:
+    """The same of any facets with nodes x (t, n, 3); nan if Newton's method fails."""
     plane = np.ascontiguousarray(x[:, :, :2])
+    r, s = (np.broadcast_to(start[:, i, None], p.shape[:2]).copy() for i in (0, 1))
 
-    def combined(functions: list[FloatArray]) -> _Components:
-        at = np.stack(functions, axis=2) @ plane
+    def combined(functions: Sequence[Any]) -> _Components:
+        at = np.stack([np.broadcast_to(values, r.shape) for values in functions], axis=2) @ plane
         return at[:, :, 0], at[:, :, 1]
 
-    def step(r: FloatArray, s: FloatArray) -> tuple[_Components, _Components, _Components]:
-        along = [[np.broadcast_to(slope, r.shape) for slope in slopes] for slopes in kind.slopes(r, s)]
-        return combined(kind.values(r, s)), combined(along[0]), combined(along[1])
-
-    return step
+    with np.errstate(all="ignore"):
+        for _ in range(_NEWTON_STEPS):
+            at, (along_r, along_s) = combined(kind.values(r, s)), map(combined, kind.slopes(r, s))
+            dr, ds = _solved(along_r, along_s, p[:, :, 0] - at[0], p[:, :, 1] - at[1])
+            r, s = r + dr, s + ds
+            if max(np.max(np.abs(dr), initial=0.0), np.max(np.abs(ds), initial=0.0)) < _SETTLED:
+                return r, s
+    return np.full_like(r, np.nan), s
 
 
 def _solved(along_r: _Components, along_s: _Components, x: FloatArray, y: FloatArray) -> _Components:

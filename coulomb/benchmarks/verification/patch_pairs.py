@@ -47,8 +47,8 @@ SIDES = ("left", "right", "front", "back")
 Kind = tuple[str, int]
 """Cells and order."""
 
-CELLS = {1: {"lower": (3, 4, 2), "upper": (4, 3, 2)}, 2: {"lower": (3, 2, 1), "upper": (3, 3, 1)}}
-"""Along the edges of each cube, by the order of the elements."""
+CELLS = {1: ((3, 4, 2), (6, 5, 2)), 2: ((2, 2, 1), (3, 3, 1))}
+"""Along the edges of the coarser and of the finer cube, by the order of the elements; the finer one is the slave."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class PairPatch:
         sliding: Sliding throughout, or sticking throughout.
         lower: Kind of the lower cube.
         upper: Kind of the upper cube.
-        slave: Which of them has the contact points.
+        slave: Which of them is finer, so that it has the contact points.
         turn: Rotation of everything, shape (3, 3).
     """
 
@@ -99,15 +99,14 @@ class PairPatch:
         meshes, held = {}, []
         for body, (cell, degree) in (("lower", self.lower), ("upper", self.upper)):
             place = partial(self._place, lowered=body == "lower", twisted=degree == 1)
-            meshes[body] = box((1.0, 1.0, 1.0), CELLS[degree][body], cell, place=place, degree=degree)
+            meshes[body] = box((1.0, 1.0, 1.0), CELLS[degree][body == self.slave], cell, place=place, degree=degree)
             faces = (*SIDES, "bottom") if body == "lower" else SIDES
             held += [PrescribedDisplacement(f"{body}:{face}", partial(self.of, body)) for face in faces]
-        pair = ("upper:bottom", "lower:top") if self.slave == "upper" else ("lower:top", "upper:bottom")
         return ContactProblem(
             join(meshes),
             MATERIALS,
             held,
-            Contact(pair[0], FRICTION, against=pair[1]),
+            Contact("upper:bottom", FRICTION, against="lower:top"),
             [Traction("upper:top", tuple(self.turn @ (self.shear, 0.0, -PRESSURE)))],
         )
 
@@ -163,6 +162,7 @@ def _rows(patch: PairPatch, solution: Solution) -> list[Row]:
     surface = solution.problem.surface
     force = -surface.vectors(solution.contact_force.reshape(-1, 3))
     traction = force @ patch.turn / surface.area[:, None]
+    assert surface.faces[0].startswith(patch.slave)
     expected = np.array([-patch.shear, 0.0, PRESSURE]) * (1.0 if patch.slave == "upper" else -1.0)
     worst = traction[np.argmax(np.linalg.norm(traction - expected, axis=1))]
     off = _displacement_error(patch, solution)
