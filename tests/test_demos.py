@@ -255,6 +255,14 @@ def test_script_and_case_give_the_reference_answer():
         assert contents["certificate"]["natural_residual"]["value"] <= 1e-6
 
 
+def test_demo_two_blocks():
+    """The joint carries the load on the upper block: 0.8 m x 0.4 m at 60 MPa and 15 MPa; part of it sticks."""
+    contents = ran("two_blocks.toml")[1]["two_blocks"]
+    assert contents["force_on_body"]["normal"] == pytest.approx(0.32 * 6e7, rel=1e-9)
+    assert contents["force_on_body"]["tangential"][0] == pytest.approx(-0.32 * 1.5e7, rel=1e-9)
+    assert contents["nodes"]["open"] == 0 < min(contents["nodes"]["stick"], contents["nodes"]["slip"])
+
+
 def test_demo_forms(tmp_path):
     """The floor carries what the body is pressed with, less what the clamp takes, on three ranks as on one."""
     pattern = r"^force on the floor: \[#, #, #\] N, balance #$"
