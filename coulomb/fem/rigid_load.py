@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import FloatArray
 from .rigid_modes import RigidPart
 
-SMALL = 1e-4
+SMALL = 1e-3
 """Parts of loads and directions below this are not worth a word."""
 
 
@@ -64,7 +64,7 @@ def in_units(value: float) -> str:
 
 def direction_in_words(vector: FloatArray, part: float = SMALL) -> str:
     """x, y, z, or the unit vector as (0.96, 0.29, 0), without components below a part of it."""
-    unit = tidy(vector / (float(np.linalg.norm(vector)) or 1.0), 1e6 * part)
+    unit = tidy(vector / (float(np.linalg.norm(vector)) or 1.0), part / SMALL)
     for axis, name in enumerate("xyz"):
         if np.count_nonzero(unit) == 1 and unit[axis] != 0.0:
             return name if unit[axis] > 0.0 else f"-{name}"
@@ -73,5 +73,5 @@ def direction_in_words(vector: FloatArray, part: float = SMALL) -> str:
 
 def tidy(vector: FloatArray, size: float) -> FloatArray:
     """Without components that are rounding errors beside a size."""
-    tidy: FloatArray = np.where(np.abs(vector) < 1e-6 * size, 0.0, vector) + 0.0
+    tidy: FloatArray = np.where(np.abs(vector) < SMALL * size, 0.0, vector) + 0.0
     return tidy

@@ -45,8 +45,8 @@ class ContactProblem(PosedProblem):
             its own: `ContactProblem(body, contact)`.  Several bodies: what `join` makes of their meshes, or of `Body`s.
         material: Its material, or a mapping of cell groups to theirs; of several bodies one for all, or a mapping of
             bodies or groups ("lower:steel") to theirs.  After a `Body`: the contact.
-        clamps: Prescribed displacements (`Clamp`, `PrescribedDisplacement`); with the springs they must prevent every
-            rigid motion.
+        clamps: Prescribed displacements (`Clamp`, `PrescribedDisplacement`); rigid motions that they and the
+            springs leave free are found from the equilibrium of loads and contact forces (`NoEquilibrium`).
         contact: The contact face, its foundation or the face against it, and friction; or several, which share no node;
             their laws may differ.
         tractions: Surface loads: `Traction`, `Pressure`, `TotalForce`.
