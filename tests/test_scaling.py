@@ -102,3 +102,17 @@ def test_benchmark_scaling_of_condensed_systems(tmp_path):
     assert int(row["krylov"]) > 5 * int(row["path_following"])  # whole multigrid cycles, not products by A
     done = run_coulomb("benchmark", "scaling", "--newton", "magic")
     assert done.returncode == 2 and "--newton is recycling or condensed" in done.stderr
+
+
+def test_benchmark_scaling_of_two_blocks(tmp_path):
+    arguments = ("--problem", "two-blocks", "--p", 3, "--tolerance", 1e-8, "--output", tmp_path)
+    done = run_coulomb("benchmark", "scaling", *arguments)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "scaling.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert row["problem"] == "two-blocks" and row["certified"] == "True" and float(row["yardstick_seconds"]) > 0.0
+    upper = [round(1.25 * 3 * length) for length in (1.9, 0.9, 0.5)]
+    nodes = 10 * 4 * 2 + np.prod(np.add(upper, 1)), (upper[0] + 1) * (upper[1] + 1)  # free, and of the contact face
+    assert [int(row["unknowns"]), int(row["contact"])] == [3 * count for count in nodes]
+    done = run_coulomb("benchmark", "scaling", "--problem", "two-blocks", "--degree", 2)
+    assert done.returncode == 2 and "--degree are for block" in done.stderr

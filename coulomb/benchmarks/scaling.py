@@ -1,8 +1,9 @@
 """The block with Coulomb friction in increasing sizes, compared with one linear solve on the same mesh (the yardstick).
 
+The same for two blocks, one on the other: their yardstick is one linear solve of each.
+
 Every size runs in a separate process (`python -m coulomb.benchmarks.scaling P FRICTION TOLERANCE METHOD NEWTON START
-CELL DEGREE`),
-to measure its peak memory; under mpirun for several ranks.
+CELL DEGREE PROBLEM`), to measure its peak memory; under mpirun for several ranks.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from ..fem.deformable import Member
 from ..fem.elasticity import Clamp, Elasticity
 from ..fem.surface import interpolated_forces
 from ..io.peak_memory import peak_memory
@@ -29,12 +31,14 @@ from ..solvers.condensed import CondensedSystem
 from ..solvers.interior_point import InteriorPoint
 from ..solvers.results import NotConverged
 from .block import block
+from .two_blocks import two_blocks
 
 SIZES = (8, 16, 24, 32, 46)
 METHODS = ("auto", "direct", "iterative")
 NEWTON = ("recycling", "condensed")
 STARTS = ("cold", "coarse")
 """Start of a run: zero forces, or the forces on a mesh with half as many cells along each edge."""
+PROBLEMS = ("block", "two-blocks")
 
 
 class Row(NamedTuple):
@@ -62,6 +66,7 @@ class Row(NamedTuple):
     cell: str = "hexahedron"
     degree: int = 1
     linear_seconds: float = 0.0
+    problem: str = "block"
 
 
 def measure(
@@ -74,8 +79,11 @@ def measure(
     start: str = "cold",
     cell: str = "hexahedron",
     degree: int = 1,
+    problem: str = "block",
 ) -> Iterator[Row]:
     """Rows as they are measured, each in separate processes.
+
+    The two blocks are of hexahedra of first order, their Newton systems are recycled, and they start cold.
 
     Raises:
         RuntimeError: If one of them fails, with its error output.
@@ -94,6 +102,7 @@ def measure(
                 start,
                 cell,
                 str(degree),
+                problem,
             ]
             launcher = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX", "PRTE", *ALONE)
             environment = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
@@ -108,7 +117,17 @@ def measure(
             yield Row(**json.loads(done.stdout.strip().splitlines()[-1]))
 
 
-def run(p: int, friction: float, tolerance: float, method: str, newton: str, start: str, cell: str, degree: int) -> Row:
+def run(
+    p: int,
+    friction: float,
+    tolerance: float,
+    method: str,
+    newton: str,
+    start: str,
+    cell: str,
+    degree: int,
+    problem: str = "block",
+) -> Row:
     """One size in this process; collective.  Condensed systems work matrix-free, with multigrid by default.
 
     The seconds of a coarse start include those of the coarser mesh.
@@ -124,7 +143,10 @@ def run(p: int, friction: float, tolerance: float, method: str, newton: str, sta
         options["auto"] = options["iterative"]
         options["direct"]["explicit"] = False
         solver = InteriorPoint(tolerance, newton=CondensedSystem())
-    body = block(p, friction, cell, degree, **options[method])
+    if problem == "block":
+        body = block(p, friction, cell, degree, **options[method])
+    else:
+        body = two_blocks(p, friction, **options[method])
     yardstick, linear = _yardsticks(body)
     comm.barrier()
     began = time.perf_counter()
@@ -157,6 +179,7 @@ def run(p: int, friction: float, tolerance: float, method: str, newton: str, sta
         cell=cell,
         degree=degree,
         linear_seconds=linear,
+        problem=problem,
     )
 
 
@@ -167,16 +190,28 @@ def _coarse_forces(coarse: ContactProblem, tolerance: float, body: ContactProble
 
 
 def _yardsticks(body: ContactProblem) -> tuple[float, float]:
-    """Seconds of one elasticity solve on the same mesh with the bottom held: multigrid set-up and CG to 1e-8.
+    """Seconds of one elasticity solve on the same mesh with the contact face held: multigrid set-up and CG to 1e-8.
+
+    Of several bodies the sum of one solve of each: meshes that do not match cannot be glued.
 
     The first is by algebraic multigrid on the matrix, as PETSc has it; the second in second order by way of linear
     elements, as contact problems here.
     """
-    clamps, elasticity = [Clamp("left"), Clamp("bottom")], body.elasticity
-    assert elasticity.materials is not None
-    held = Elasticity(body.mesh, elasticity.materials, clamps)
+    seconds = np.zeros(2)
+    for member in body.elasticity.members:
+        seconds += _of_one_body(body, member)
+    return float(seconds[0]), float(seconds[1])
+
+
+def _of_one_body(body: ContactProblem, member: Member) -> tuple[float, float]:
+    """The seconds of one body, with its supports and its contact faces held, without springs."""
+    elastic = member.body
+    assert isinstance(elastic, Elasticity) and elastic.materials is not None
+    touching = {face for contact in body.body.contacts for face in (contact.face, contact.against)}
+    clamps = [Clamp(face) for face in elastic.mesh.faces if member.called(face) in touching]
+    held = Elasticity(elastic.mesh, elastic.materials, [*elastic.supports, *clamps])
     f, u = held.K.createVecs()
-    f.array[:] = held.free_part(body.loading.load).ravel()
+    f.array[:] = held.free_part(body.loading.load[member.nodes]).ravel()
     alone = held.K.copy()  # without the interpolation of linear elements
     alone.setNearNullSpace(held.K.getNearNullSpace())
     seconds = []
@@ -203,7 +238,8 @@ def exponent(rows: Sequence[Row]) -> float:
 
 
 if __name__ == "__main__":
-    method, newton, start, cell, degree = sys.argv[4:9]
-    row = run(int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]), method, newton, start, cell, int(degree))
+    method, newton, start, cell, degree, problem = sys.argv[4:10]
+    size, coefficient, tolerance = int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3])
+    row = run(size, coefficient, tolerance, method, newton, start, cell, int(degree), problem)
     if MPI.COMM_WORLD.rank == 0:
         sys.stdout.write(json.dumps(row._asdict()) + "\n")

@@ -104,10 +104,11 @@ def scaling(
     start: Annotated[str, typer.Option("--start", help="cold, or coarse: from half as many cells.")] = "cold",
     cell: Annotated[str, typer.Option("--cell", help="hexahedron or tetrahedron.")] = "hexahedron",
     degree: Annotated[int, typer.Option("--degree", min=1, max=2, help="Order of the elements.")] = 1,
+    problem: Annotated[str, typer.Option("--problem", help="block, or two-blocks: aluminium on steel.")] = "block",
     directory: Annotated[Path | None, typer.Option("--output", help="For scaling.csv and scaling.png.")] = None,
 ) -> None:
     """Coulomb friction up to a million unknowns, compared with one linear solve on the same mesh (the yardstick)."""
-    from ..benchmarks.scaling import METHODS, NEWTON, SIZES, STARTS, Row, exponent, measure
+    from ..benchmarks.scaling import METHODS, NEWTON, PROBLEMS, SIZES, STARTS, Row, exponent, measure
 
     if several() or method not in METHODS:
         errors.print(
@@ -120,9 +121,15 @@ def scaling(
             markup=False,
         )
         raise typer.Exit(BAD_INPUT)
+    usual = (newton, start, cell, degree) == ("recycling", "cold", "hexahedron", 1)
+    if problem not in PROBLEMS or (problem != "block" and not usual):
+        errors.print("error: --problem is block or two-blocks; --newton, --start, --cell, --degree are for block")
+        raise typer.Exit(BAD_INPUT)
     rows: list[Row] = []
     failed = False
-    results = measure(sizes or SIZES, ranks or (1,), coefficient, tolerance, method, newton, start, cell, degree)
+    results = measure(
+        sizes or SIZES, ranks or (1,), coefficient, tolerance, method, newton, start, cell, degree, problem
+    )
     while True:
         try:
             row = next(results)
