@@ -99,6 +99,7 @@ def test_the_code_of_the_page_runs(tmp_path):
     done = run_python(tmp_path / "page.py", cwd=tmp_path, ranks=2)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("certificate passed") == 2 and "form: [" in done.stdout
+    assert len(re.findall(r"held by \[-5\.0, -?0\.0, 25\.0\] N", done.stdout)) == 2
     assert check(tmp_path / "results" / "forms").passed and check(tmp_path / "results" / "heated").passed
 
 

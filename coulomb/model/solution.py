@@ -52,6 +52,12 @@ class Solution:
         return self.problem.elasticity.alone.function(self.displacement)
 
     @property
+    def functions(self) -> dict[str, Any]:
+        """The displacement of each body by the body's name, as `function`; the name of a body that is alone is ""."""
+        members = self.problem.elasticity.members
+        return {member.name: member.body.function(self.displacement[member.nodes]) for member in members}
+
+    @property
     def force_on_body(self) -> FloatArray:
         """Contact forces on the body at this rank's contact points, space vectors in newtons, shape (m, 3)."""
         return -self.problem.surface.vectors(self.contact_force.reshape(-1, 3))
