@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -67,19 +68,54 @@ def without_equilibrium(problem: PosedProblem) -> str:
     motion = limit.unbalanced()
     if motion is None:
         return ""
-    normal = np.zeros((rigid.G.shape[1] // 3, 3))
-    normal[:, 0] = 1.0
     rough = FrictionLaw(problem.law.cohesion, np.where(problem.law.friction > 0.0, _ROUGH, 0.0))
     opening = LimitLoad(rigid, rough, over).unbalanced()
     if opening is not None and over.max(problem.law.friction) > 0.0:  # no friction, however large, would help
         return _falling(problem, opening, rigid)
-    sliding = MotionBasis(rigid.G * normal.ravel(), over).free  # motions that neither open nor close any contact
-    pushed = sliding @ (sliding.T @ rigid.e)
+    pushed = _along_foundations(rigid, over)
     if float(np.abs(pushed).max()) > _PART * float(np.abs(rigid.e).max()):
         part = limit.held_part(pushed)
         if part is not None and part < 1.0:
             return _sliding(problem, motion, rigid.e, pushed, part)
     return _falling(problem, motion, rigid)
+
+
+@dataclass(frozen=True)
+class SlidingLimit:
+    """Where loads along the foundations and faces in contact become too large for friction.
+
+    Attributes:
+        part: The largest part of them that friction holds, at most 1.
+        motion: Amounts of the free motions with which the bodies slide beyond it, largest 1, shape (q,); None if
+            friction holds all of them.
+    """
+
+    part: float
+    motion: FloatArray | None
+
+
+def sliding_limit(problem: PosedProblem) -> SlidingLimit | None:
+    """How much of the loads along the foundations friction holds beside the others; collective.
+
+    Returns:
+        None if there are no free motions, or no contact forces balance the other loads.
+    """
+    if problem.rigid is None:
+        return None
+    over = Reductions(problem.comm)
+    limit = LimitLoad(problem.rigid, problem.law, over)
+    motion = limit.unbalanced()
+    part = 1.0 if motion is None else limit.held_part(_along_foundations(problem.rigid, over))
+    return None if part is None else SlidingLimit(part, motion)
+
+
+def _along_foundations(rigid: RigidMotions, over: Reductions) -> FloatArray:
+    """The part of the loads that does work on motions that neither open nor close any contact, shape (q,)."""
+    normal = np.zeros((rigid.G.shape[1] // 3, 3))
+    normal[:, 0] = 1.0
+    sliding = MotionBasis(rigid.G * normal.ravel(), over).free
+    along: FloatArray = sliding @ (sliding.T @ rigid.e)
+    return along
 
 
 def _sliding(problem: PosedProblem, motion: FloatArray, e: FloatArray, pushed: FloatArray, part: float) -> str:

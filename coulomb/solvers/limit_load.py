@@ -26,9 +26,11 @@ from .rigid_motions import RigidMotions
 BALANCED = 1e-5
 """Loads may be in equilibrium if what is left over is at most this part of them: the solver then decides."""
 
-_BETTER = 1e-6
-"""A force is no better than those known if its gain is below this, relative to the largest possible gain: linear
-programmes are solved to 1e-7."""
+_EXACT = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+"""Of the linear programmes; the smallest that HiGHS accepts."""
+
+_BETTER = 1e-8
+"""A force is no better than those known if its gain is below this, relative to the largest possible gain."""
 
 _PER_ROUND = 40
 """Forces that a rank adds at most in a round."""
@@ -110,7 +112,7 @@ class LimitLoad:
         below = np.zeros((1, equal.shape[1]))
         below[0, len(self._rays) : count] = 1.0
         bounds = [(0.0, None)] * (count + 2 * q) + [(0.0, 1.0)] * parts
-        answer = linprog(cost, below, [1.0], equal, fixed, bounds, method="highs")
+        answer = linprog(cost, below, [1.0], equal, fixed, bounds, method="highs", options=_EXACT)
         left = float(np.sum(answer.x[count : count + 2 * q]))
         motion = np.asarray(answer.eqlin.marginals)
         motion = motion / (np.max(np.abs(motion)) or 1.0)

@@ -22,6 +22,7 @@ from . import (
     ring_pair,
     sliding_block,
     ssnv128,
+    stack,
     thermal,
 )
 from .table import Verified
@@ -43,6 +44,7 @@ CASES: dict[str, Callable[[], Verified]] = {
     "hertz-pairs": hertz_pairs.verify,
     "mindlin-pair": mindlin_pair.verify,
     "ring-pair": ring_pair.verify,
+    "stack": stack.verify,
 }
 """The cases by name."""
 
@@ -50,5 +52,6 @@ COARSE: dict[str, Callable[[], Verified]] = {
     "hertz-pairs": partial(hertz_pairs.verify, (6, 4), (1.0,)),
     "mindlin-pair": partial(mindlin_pair.verify, (4, 3), 2),
     "ring-pair": partial(ring_pair.verify, (2, 4), (2,)),
+    "stack": partial(stack.verify, (4,)),
 }
 """Cases on coarser meshes than those of the table, for the tests."""
