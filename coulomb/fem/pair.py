@@ -21,7 +21,7 @@ from .contact_frames import FrictionAxes, supported_frames
 from .contact_points import ContactPoints, among_all
 from .deformable import Deformable
 from .facet_patch import facet_patch, gathered
-from .mortar import MortarRows, mortar_rows
+from .mortar import LEAST_SHARE, MortarRows, mortar_rows
 from .slave_side import clamped_nodes
 from .surface import ContactSurface, matrices_of
 from .symmetric_pair import distances, mirrored, planes_of_symmetry, within
@@ -120,7 +120,8 @@ def _remarks(face: str, against: str, rows: MortarRows, twice: int, comm: MPI.Co
     if shared:
         found.append(f"{shared} of its nodes are contact points of another face, and count there")
     if dropped:
-        found.append(f"{dropped} of its nodes have less than 5 % of their area opposite to {against!r}: they are none")
+        share = f"less than {100 * LEAST_SHARE:.0f} % of their area"
+        found.append(f"{dropped} of its nodes have {share} opposite to {against!r}: they are none")
     if layered:
         found.append(f"{layered} of its facets have several layers of {against!r} before them: the nearest counts")
     return tuple(f"contact face {face!r}: {text}" for text in found)

@@ -20,9 +20,9 @@ from ..model.opposite import carried, carrying, spreading
 from ..model.posed_problem import PosedProblem
 from ..model.solution import Solution
 from .field_files import OPPOSITE
+from .field_names import GROUND, INTERNAL, OURS, ROUNDING
 from .grid_file import GridFields
 from .nodal_grids import FaceGrid, body_grid, cell_values, middle
-from .run_files import GROUND, INTERNAL, OURS, ROUNDING
 from .user_fields import interpolated, of_bodies
 
 BODIES, FACES = "bodies", "faces"

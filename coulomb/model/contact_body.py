@@ -26,7 +26,7 @@ from .accumulated import Accumulated
 from .contact import Contact
 from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
-from .probes import LocatedProbes, Probe
+from .probes import LocatedProbes, Part, Probe
 from .rigid_contact import refuse_untouched
 from .state import Before, ContactState
 from .stopwatch import timed
@@ -116,9 +116,10 @@ class ContactBody:
         Raises:
             ValueError: On every rank, if two have the same name, or a point is outside the body.
         """
-        body = self.elasticity.alone if probes else self.elasticity.members[0].body
-        faces = [body.mesh.facets(contact.face, "contact") for contact in self.contacts] if probes else []
-        return LocatedProbes(probes, body, faces)
+        members = self.elasticity.members
+        faces = [self.elasticity.face(contact.face, "contact") for contact in self.contacts]
+        parts = [Part(member.name, member.body, member.nodes) for member in members]
+        return LocatedProbes(probes, parts, [(member.name, facets) for member, facets in faces])
 
     @cached_property
     def unknowns(self) -> dict[str, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ class Probe:
     Attributes:
         name: Its name, as in the columns of history.csv: "probe_NAME_displacement_x".
         point: Its place in the undeformed body in metres, shape (3,).
+        body: The body that it is in, needed where several touch; by default the one that has the point.
 
     Raises:
         ValueError: If the name is empty or has control characters, or the point has not three finite numbers.
@@ -30,6 +31,7 @@ class Probe:
 
     name: str
     point: Sequence[float]
+    body: str | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name or not self.name.isprintable():
@@ -40,6 +42,8 @@ class Probe:
             point = np.empty(0)
         if point.shape != (3,) or not np.all(np.isfinite(point)):
             raise ValueError(f"{self.what}: the point must be three finite numbers in metres, but is {self.point!r}")
+        if self.body is not None and not isinstance(self.body, str):
+            raise ValueError(f"{self.what}: body must be the name of a body, but is {self.body!r}")
 
     @property
     def what(self) -> str:
@@ -60,6 +64,7 @@ class ProbeValue:
         slip: On a contact face in metres, a vector in the tangent plane, shape (3,), of a load step since the step
             before; else None.
         pressure: On a contact face in pascals, else None.
+        body: The body that it is in; "" if there is only one.
     """
 
     name: str
@@ -69,11 +74,13 @@ class ProbeValue:
     displacement: FloatArray
     slip: FloatArray | None
     pressure: float | None
+    body: str = ""
 
     def entry(self) -> dict[str, Any]:
         """As in summary.json."""
         return {
             "name": self.name,
+            **({"body": self.body} if self.body else {}),
             "point": self.point.tolist(),
             "found_at": self.found_at.tolist(),
             "face": self.face,
@@ -83,60 +90,135 @@ class ProbeValue:
         }
 
 
+class Part(NamedTuple):
+    """One of the bodies in which probes are found: its name, its displacements, and its nodes among this rank's."""
+
+    name: str
+    body: DisplacementSpace
+    nodes: slice
+
+
 class LocatedProbes:
-    """Probes found in the mesh of a body; collective.
+    """Probes found in the meshes of one body or several; collective.
 
     Args:
         probes: The probes.
-        body: The body.
-        faces: This rank's facets of each contact face.
+        parts: The bodies.
+        faces: Name of the body, and this rank's facets there, of each contact face.
 
     Raises:
-        ValueError: On every rank, if two probes have the same name, or a point is outside the body.
+        ValueError: On every rank, if two probes have the same name, a body is not known, or a point is outside, or in
+            two bodies.
     """
 
-    def __init__(self, probes: Sequence[Probe], body: DisplacementSpace, faces: Sequence[npt.NDArray[np.int32]]):
+    def __init__(
+        self, probes: Sequence[Probe], parts: Sequence[Part], faces: Sequence[tuple[str, npt.NDArray[np.int32]]]
+    ):
         twice = [name for name, count in Counter(probe.name for probe in probes).items() if count > 1]
         if twice:
             raise ValueError(f"probe: the name {twice[0]!r} is given to several probes; give each its own")
-        self.probes, self._body = tuple(probes), body
-        points: FloatArray = np.array([probe.point for probe in probes], dtype=np.float64).reshape(-1, 3)
-        self._points: FloatArray = points
-        self._located: LocatedPoints | None = None
-        if self.probes:
-            self._located = locate(points, [probe.what for probe in probes], body, faces)
+        self.probes = tuple(probes)
+        self._points: FloatArray = np.array([probe.point for probe in probes], dtype=np.float64).reshape(-1, 3)
+        self._faces = [[number for number, (name, _) in enumerate(faces) if name == part.name] for part in parts]
+        self._facets = [facets for _, facets in faces]
+        found = [self._found(number, parts) for number in range(len(probes))]
+        self._in = [
+            _Located(part, [number for number, one in enumerate(found) if one == k], self._faces[k])
+            for k, part in enumerate(parts)
+        ]
+        for inside, numbers in zip(self._in, self._faces, strict=True):
+            inside.locate(self.probes, self._points, [self._facets[number] for number in numbers])
+
+    def _found(self, number: int, parts: Sequence[Part]) -> int:
+        """The body that has a point; collective."""
+        probe, names = self.probes[number], [part.name for part in parts]
+        if len(parts) == 1 and probe.body is None:
+            return 0
+        if probe.body is not None:
+            if probe.body not in names:
+                known = ", ".join(names) if names != [""] else "there is only one, without a name"
+                raise ValueError(f"{probe.what}: there is no body {probe.body!r} ({known})")
+            return names.index(probe.body)
+        point, inside, outside = self._points[number : number + 1], [], []
+        for k, part in enumerate(parts):
+            try:
+                locate(point, [f"{probe.what}: body {part.name!r}"], part.body, [])
+                inside.append(k)
+            except ValueError as error:
+                outside.append(str(error))
+        if not inside:
+            raise ValueError("; ".join(outside))
+        if len(inside) > 1:
+            both = " and ".join(repr(names[k]) for k in inside)
+            raise ValueError(f"{probe.what}: the point is in the bodies {both}: give body, one of them")
+        return inside[0]
 
     def values(self, u: FloatArray, answer: NodalAnswer, nodes: npt.NDArray[np.integer[Any]]) -> tuple[ProbeValue, ...]:
         """What is at the probes; collective, the same on every rank.
 
-        Slip and pressure are those of contact.xdmf, interpolated: 0 at nodes of the face that are no contact nodes.
+        Slip and pressure are those of contact.xdmf, interpolated: 0 at nodes of the face that are no contact nodes.  In
+        pairs they are at the face with the contact points.
 
         Args:
             u: Displacement of this rank's nodes in metres, shape (k, 3).
             answer: The answer at its contact nodes.
             nodes: Their numbers among its nodes, shape (m,).
         """
-        located, body, comm = self._located, self._body, answer.comm
-        if located is None:
+        if not self.probes:
             return ()
         slip, pressure = np.zeros((2, *u.shape))
         slip[nodes] = answer.slip
         pressure[nodes, 0] = answer.force[:, 0] / answer.area
+        found = {number: value for part in self._in for number, value in part.values(u, slip, pressure, answer)}
+        return tuple(found[number] for number in range(len(self.probes)))
+
+
+class _Located:
+    """The probes in one body.
+
+    Args:
+        part: The body.
+        numbers: Numbers of the probes.
+        faces: Numbers of the contact faces on it.
+    """
+
+    def __init__(self, part: Part, numbers: Sequence[int], faces: Sequence[int]):
+        self._part, self._numbers, self._faces = part, numbers, faces
+        self._probes: list[Probe] = []
+        self._points: FloatArray = np.empty((0, 3))
+        self._located: LocatedPoints | None = None
+
+    def locate(self, probes: Sequence[Probe], points: FloatArray, facets: Sequence[npt.NDArray[np.int32]]) -> None:
+        """Find the probes in the mesh; collective."""
+        self._probes, self._points = [probes[number] for number in self._numbers], points[list(self._numbers)]
+        if self._probes:
+            self._located = locate(self._points, [probe.what for probe in self._probes], self._part.body, facets)
+
+    def values(
+        self, u: FloatArray, slip: FloatArray, pressure: FloatArray, answer: NodalAnswer
+    ) -> list[tuple[int, ProbeValue]]:
+        """Number and values of each, from displacement, slip and pressure at the nodes of all bodies; collective."""
+        located, (name, body, nodes), comm = self._located, self._part, answer.comm
+        if located is None:
+            return []
+        slip, pressure = slip[nodes], pressure[nodes]
         if not body.positive:  # contact points are vertices, between which these are linear
             slip, pressure = body.linear_between_vertices(slip), body.linear_between_vertices(pressure)
         moved, slid, pressed = (
             by.of(body.function(values).x.array.reshape(-1, 3), comm)
-            for by, values in ((located.body, u), (located.surface, slip), (located.surface, pressure))
+            for by, values in ((located.body, u[nodes]), (located.surface, slip), (located.surface, pressure))
         )
-        return tuple(
-            ProbeValue(
+        values = []
+        for k, (probe, face) in enumerate(zip(self._probes, located.faces, strict=True)):
+            value = ProbeValue(
                 name=probe.name,
                 point=self._points[k],
                 found_at=located.x[k],
-                face=answer.faces[face] if face >= 0 else None,
+                face=answer.faces[self._faces[face]] if face >= 0 else None,
                 displacement=moved[k],
                 slip=slid[k] if face >= 0 else None,
                 pressure=float(pressed[k, 0]) if face >= 0 else None,
+                body=name,
             )
-            for k, (probe, face) in enumerate(zip(self.probes, located.faces, strict=True))
-        )
+            values.append((self._numbers[k], value))
+        return values

@@ -7,6 +7,7 @@ the matrices that the solver uses.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ from ...arrays import FloatArray
 from ...case.case import Case
 from ...case.field_file import FieldTable, named_files
 from ...fem import compat
+from ...fem.deformable import Loading
+from ...fem.joined_mesh import SEPARATOR
 from ...fem.loaded_body import LoadedBody
 from ...fem.named_mesh import corners_of
 from ...fem.obstacles import RigidFoundation
@@ -26,10 +29,13 @@ from ...fem.rigid_motion import RigidMotion, moved
 from ...fem.surface import plane_of_face, way_along
 from ...fem.temperature import TEMPERATURE
 from ...solvers.laws import FrictionLaw
+from ..matched_points import midpoints, places
 from ..run_directory import SOLUTION, SUMMARY, RunDirectory
-from ..run_files import WrittenRun, midpoints, places
+from ..run_files import WrittenRun
 from ..summary import material_entries
+from ..written_bodies import WrittenBody
 from ..written_case import written_case
+from ..written_faces import midpoints_of_facets
 from .comparison import Comparison
 
 _SOURCE = "the case"
@@ -70,16 +76,32 @@ class CaseReference:
         return CaseReference(written_case(folder)) if RunDirectory(folder).case.exists() else None
 
     @cached_property
-    def body(self) -> LoadedBody:
-        """The only body of the case.
+    def bodies(self) -> dict[str, LoadedBody]:
+        """The bodies of the case by name; "" for the only one.
 
         Raises:
-            ValueError: If the parts of the case are inconsistent, or it has several bodies.
+            ValueError: If the parts of the case are inconsistent.
         """
-        bodies = self.settings.loaded_bodies(MPI.COMM_SELF)
-        if len(bodies) > 1:
-            raise ValueError(f"there are several bodies, {', '.join(bodies)}")
-        return next(iter(bodies.values()))
+        return {"": self.settings.body(MPI.COMM_SELF)}
+
+    def face(self, name: str) -> tuple[LoadedBody, str]:
+        """The body of a face, and the name that the face has there."""
+        if "" in self.bodies:
+            return self.bodies[""], name
+        body, _, own = name.partition(SEPARATOR)
+        return self.bodies[body], own
+
+    def orient(self, run: WrittenRun) -> None:
+        """Take the slave of every pair to be the face that has the contact points in the files."""
+        opposite = {one.contact: one.face for one in run.opposite}
+        for number, contact in enumerate(self.contacts):
+            against = contact.against
+            if against is not None and number in opposite and len(run.faces) > number:
+                if (
+                    run.faces[number].name == against
+                    and opposite[number].name.partition(" opposite ")[0] == contact.face
+                ):
+                    self.contacts[number] = replace(contact, face=against, against=contact.face)
 
     def rigid_motions(self, time: float) -> list[RigidMotion]:
         """Of the foundations of the faces at a time."""
@@ -113,10 +135,11 @@ class CaseReference:
             self._foundations[part] = given
         return self._foundations[part]
 
-    def foundations(self, time: float) -> list[RigidFoundation]:
-        """Foundations of all faces for which `foundation` was called, moved to a time."""
-        motions = self.rigid_motions(time)
-        return [moved(f, motions[k]) for k, f in sorted(self._foundations.items())]
+    def foundations(self, time: float) -> list[RigidFoundation | None]:
+        """Foundations of all faces for which `foundation` was called, moved to a time; None for pairs."""
+        motions, found = self.rigid_motions(time), self._foundations
+        paired = [k for k, contact in enumerate(self.contacts) if contact.against is not None]
+        return [moved(found[k], motions[k]) if k in found else None for k in sorted({*found, *paired})]
 
     def given_gap(self, part: int, time: float, x: FloatArray) -> FloatArray:
         """The gap given with a contact at a time, metres, at nodes x (k, 3) of its face, shape (k,).
@@ -139,7 +162,7 @@ class CaseReference:
             ValueError: If the foundation has no distance or normal at a node.
         """
         self.foundation(part, x, area, outward)
-        there = self.foundations(time)[part]
+        there = self._there(part, time)
         distance: FloatArray = there.signed_distance(x)
         if self.contacts[part].normals == "foundation":
             return distance
@@ -147,55 +170,70 @@ class CaseReference:
 
     def normals(self, part: int, time: float, x: FloatArray) -> FloatArray:
         """Normals into the foundation of a face at points x (k, 3) in metres, after `distances`, shape (k, 3)."""
-        normals: FloatArray = -self.foundations(time)[part].normal(x)
+        normals: FloatArray = -self._there(part, time).normal(x)
         return normals
 
+    def _there(self, part: int, time: float) -> RigidFoundation:
+        return moved(self._foundations[part], self.rigid_motions(time)[part])
+
     def compare_body(self, run: WrittenRun, time: float, found: Comparison) -> npt.NDArray[np.int64] | None:
-        """Compare mesh, materials, clamps, springs, loads and contact faces.
+        """Compare meshes, materials, clamps, springs, loads and contact faces.
 
         Returns:
-            Number of the contact face of each of the run's facets; None if the mesh differs.
+            Number of the contact face of each of the run's facets; None if a mesh differs.
         """
         try:
-            body = self.body
-            loading = body.at(time)
+            bodies = self.bodies
+            loadings = {name: body.at(time) for name, body in bodies.items()}
         except ValueError as error:
             found.fault(f"case.json: {error}")
             return None
-        node = places(body.x, run.body.x)
-        cell = places(midpoints(body.domain), midpoints(run.body.domain))
-        if len(body.x) != len(node) or np.any(node < 0) or len(np.unique(cell)) != len(cell) or np.any(cell < 0):
-            found.fault("solution.xdmf: its mesh is not the one that the case describes")
+        if list(bodies) != [part.name for part in run.body.parts]:
+            names = ", ".join(repr(part.name) for part in run.body.parts)
+            found.fault(f"solution.xdmf: has the bodies {names}, but the case has {', '.join(map(repr, bodies))}")
             return None
-        x, file = run.body.x, SOLUTION
+        if not all([self._compare_one(run, part, loadings[part.name], found) for part in run.body.parts]):
+            return None
+        return self._faces_of_facets(run, found)
+
+    def _compare_one(self, run: WrittenRun, part: WrittenBody, loading: Loading, found: Comparison) -> bool:
+        """Compare one of the bodies; whether the mesh is that of the case."""
+        body, x, file = self.bodies[part.name], part.body.x, SOLUTION
+        of = f" of {part.name}" if part.name else ""
+        node = places(body.x, x)
+        cell = places(midpoints(body.domain), midpoints(part.body.domain))
+        if len(body.x) != len(node) or np.any(node < 0) or len(np.unique(cell)) != len(cell) or np.any(cell < 0):
+            found.fault(f"solution.xdmf: its mesh{of} is not the one that the case describes")
+            return False
+        on_body = {name: values[part.nodes] for name, values in run.on_body.items()}
         acting = {"prescribed": loading.prescribed, "load": loading.load, "spring": body.spring}
         for name, expected in (body.held.fields | acting).items():
-            written = run.on_body.get(name, np.zeros_like(x))
+            written = on_body.get(name, np.zeros_like(x))
             floor = _PROJECTOR if name in body.held.fields else 0.0
-            found.field(f"{file}: {name}", written, expected[node], x, _SOURCE, floor=floor)
+            found.field(f"{file}: {name}{of}", written, expected[node], x, _SOURCE, floor=floor)
         if loading.temperature is not None:
-            written, expected = run.on_body.get(TEMPERATURE, np.zeros(len(x))), loading.temperature.change[node]
-            found.field(f"{file}: {TEMPERATURE}", written, expected, x, _SOURCE)
-        elif TEMPERATURE in run.on_body:
-            found.fault(f"{file}: has a {TEMPERATURE}, but the case has no temperature")
-        self._compare_constants(run, body, cell, found)
-        return self._faces_of_facets(run, body, found)
+            written, expected = on_body.get(TEMPERATURE, np.zeros(len(x))), loading.temperature.change[node]
+            found.field(f"{file}: {TEMPERATURE}{of}", written, expected, x, _SOURCE)
+        elif np.any(on_body.get(TEMPERATURE, np.zeros(1))) or (TEMPERATURE in on_body and not part.name):
+            found.fault(f"{file}: has a {TEMPERATURE}{of}, but the case has no temperature")
+        self._compare_constants(part, body, cell, found)
+        return True
 
     def _compare_constants(
-        self, run: WrittenRun, body: LoadedBody, cell: npt.NDArray[np.int64], found: Comparison
+        self, part: WrittenBody, body: LoadedBody, cell: npt.NDArray[np.int64], found: Comparison
     ) -> None:
         """Compare the elastic constants of the cells."""
-        if run.elastic is None:
+        if part.elastic is None:
             found.fault("case.json: has materials, but these are results of a body of the user's own forms")
             return
-        middle, constants = midpoints(run.body.domain), run.elastic.constants
+        middle, constants = midpoints(part.body.domain), part.elastic.constants
         for name in sorted(constants.keys() ^ body.constants.keys()):
             found.fault(f"{SOLUTION}: {'lacks' if name in body.constants else 'has'} {name}, unlike the case")
         for name in constants.keys() & body.constants.keys():
             function = body.constants[name]
-            width = run.on_cells[name].shape[1:]
+            width = part.on_cells[name].shape[1:]
             expected = function.x.array.reshape(-1, *width)[compat.cell_dofs(function.function_space)[:, 0]][cell]
-            found.field(f"{SOLUTION}: {name}", run.on_cells[name], expected, middle, _SOURCE)
+            found.field(f"{SOLUTION}: {name}", part.on_cells[name], expected, middle, _SOURCE)
 
     def compare_numbers(self, run: WrittenRun, found: Comparison) -> None:
         """Compare the input data in summary.json: names of faces, materials."""
@@ -207,19 +245,22 @@ class CaseReference:
             expected["reference_temperature"] = self.settings.temperature.reference
         found.tree(SUMMARY, run.summary, expected, source=_SOURCE)
 
-    def _faces_of_facets(self, run: WrittenRun, body: LoadedBody, found: Comparison) -> npt.NDArray[np.int64] | None:
-        given = []
+    def _faces_of_facets(self, run: WrittenRun, found: Comparison) -> npt.NDArray[np.int64] | None:
+        """Number of the contact face of each of the run's facets; None if they are others than those of the case."""
+        if run.faces[0].name:
+            return self._faces_of_grids(run, found)
+        (face,), given = run.faces, []
         for contact in self.contacts:
-            corners = corners_of(body.domain, body.mesh.facets(contact.face, "contact"))
-            given.append(
-                places(run.on_face["x"], body.domain.geometry.x[corners].reshape(-1, 3)).reshape(corners.shape)
-            )
+            body, own = self.face(contact.face)
+            corners = corners_of(body.domain, body.mesh.facets(own, "contact"))
+            x = body.domain.geometry.x[corners].reshape(-1, 3)
+            given.append(places(run.on_face["x"], x).reshape(corners.shape))
         missing = sum(int(np.sum(np.any(rows < 0, axis=1))) for rows in given)
-        part = np.full(len(run.facets), -1)
-        rows = np.sort(run.facets, axis=1)
-        for number, face in enumerate(given):
-            _, same = np.unique(np.vstack([np.sort(face, axis=1), rows]), axis=0, return_inverse=True)
-            part[np.isin(same.ravel()[len(face) :], same.ravel()[: len(face)])] = number
+        part = np.full(len(face.facets), -1)
+        rows = np.sort(face.facets, axis=1)
+        for number, of_case in enumerate(given):
+            _, same = np.unique(np.vstack([np.sort(of_case, axis=1), rows]), axis=0, return_inverse=True)
+            part[np.isin(same.ravel()[len(of_case) :], same.ravel()[: len(of_case)])] = number
         if missing or np.any(part < 0) or len(part) != sum(map(len, given)):
             names = ", ".join(repr(contact.face) for contact in self.contacts)
             found.fault(
@@ -228,3 +269,27 @@ class CaseReference:
             )
             return None
         return part
+
+    def _faces_of_grids(self, run: WrittenRun, found: Comparison) -> npt.NDArray[np.int64] | None:
+        """The same where every face has its own grid."""
+        opposite = {one.contact: one.face for one in run.opposite}
+        grids = [
+            (contact.face, run.faces[k] if k < len(run.faces) else None) for k, contact in enumerate(self.contacts)
+        ]
+        grids += [(c.against, opposite.get(k)) for k, c in enumerate(self.contacts) if c.against is not None]
+        for name, grid in grids:
+            body, own = self.face(name)
+            corners = corners_of(body.domain, body.mesh.facets(own, "contact"))
+            of_case = body.domain.geometry.x[corners].mean(axis=1)
+            written = np.empty((0, 3)) if grid is None else midpoints_of_facets(grid)
+            there = places(written, of_case)
+            if grid is None or len(there) != len(written) or np.any(there < 0):
+                found.fault(
+                    f"contact.xdmf: has {len(written)} facets for {name!r}, and the case {len(there)}, of which "
+                    f"{np.count_nonzero(there >= 0)} are the same"
+                )
+                return None
+        if len(run.faces) != len(self.contacts) or len(opposite) != len(grids) - len(self.contacts):
+            found.fault(f"contact.xdmf: has {len(run.faces)} contact faces, but the case has {len(self.contacts)}")
+            return None
+        return np.repeat(np.arange(len(run.faces)), [len(face.facets) for face in run.faces])

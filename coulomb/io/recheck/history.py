@@ -22,8 +22,9 @@ from ...linalg.reductions import Reductions
 from ...model.load_step import Energy, Forces, Moment, coefficients_work, row
 from ..field_files import read_series
 from ..history_summary import whole
+from ..matched_points import places
 from ..run_directory import FIELDS, SUMMARY, RunDirectory, step_place
-from ..run_files import WrittenRun, numbers, places
+from ..run_files import WrittenRun
 from .case_reference import CaseReference
 from .comparison import Comparison
 from .run import Findings, check_run, step_of, verdict
@@ -221,7 +222,7 @@ class _Chain:
             then = self._then(run, k)
             dissipated = variant.numbers["totals"]["dissipated_energy"]
             foundation = 0.5 * over.dot(self._forces_then(run, k) + variant.forces, moved)
-            stiffened = 0.0 if run.elastic is not None else coefficients_work(then, variant.at, over)
+            stiffened = 0.0 if run.body.elastic else coefficients_work(then, variant.at, over)
             self._energies[k] = self._energies[k].after(
                 then, variant.at, run.held, foundation, dissipated, over, stiffened
             )
@@ -233,27 +234,24 @@ class _Chain:
             assert load is not None
             return Forces(zero, load, zero, zero)
         at, before = self._last.variants[k].at, self._last.run
-        if run.body.domain is before.body.domain:
+        if run.body.has_meshes_of(before.body):
             return at
-        order = numbers(before.body.x, run.body.x, f"{run.folder}: has another mesh than {before.folder}")
+        order = run.in_bodies_of(before)
         return Forces(at.displacement[order], at.load[order], at.kept[order], at.on_body[order])
 
     def _forces_then(self, run: WrittenRun, k: int) -> FloatArray:
         """Contact forces on the body at the beginning of the step, at the nodes of its written face, shape (q, 3)."""
         if self._last is None:
             return np.zeros((len(run.node), 3))
-        before = self._last.run
-        unfit = f"{run.folder}: has another contact face than {before.folder}"
-        return self._last.variants[k].forces[numbers(before.on_face["x"], run.on_face["x"], unfit)]
+        return self._last.variants[k].forces[run.on_faces_of(self._last.run)]
 
     def _load_at_start(self, run: WrittenRun) -> FloatArray | None:
         """The load at time 0 at the nodes of a run, shape (k, 3); None without a case."""
         if self.case is None or self.case.absent:
             return None
-        body = self.case.body
-        load: FloatArray = body.at(0.0).load[
-            numbers(body.x, run.body.x, f"{run.folder}: has another mesh than the case")
-        ]
+        bodies = list(self.case.bodies.values())
+        order = run.body.numbers_in([body.x for body in bodies], f"{run.folder}: has another mesh than the case")
+        load: FloatArray = np.concatenate([body.at(0.0).load for body in bodies])[order]
         return load
 
 
@@ -266,15 +264,20 @@ def _recorded_energy(run: WrittenRun) -> Energy:
 
 def _check_gaps(before: Findings, now: Findings, found: Comparison) -> None:
     """Compare the displacement of a plane foundation in the step with the change of the gaps."""
-    same = places(before.run.on_face["x"][before.nodes.index], now.run.on_face["x"][now.nodes.index])
     for part in range(int(np.max(now.nodes.part)) + 1):
-        here = (now.nodes.part == part) & (same >= 0)
-        if not np.any(here):
+        mine, then_there = (np.flatnonzero(one.nodes.part == part) for one in (now, before))
+        x_now, x_then = (one.run.on_face["x"][one.nodes.index[at]] for one, at in ((now, mine), (before, then_there)))
+        found_at = places(x_then, x_now)
+        here = np.zeros(len(now.nodes.part), dtype=bool)
+        here[mine[found_at >= 0]] = True
+        same = np.full(len(here), -1)
+        same[mine] = np.where(found_at >= 0, then_there[found_at], -1)
+        if not np.any(here) or np.any(now.nodes.paired[here]):
             continue
         n, then = now.nodes.frames[here, 0], before.nodes.only(same[here])
         if np.max(np.abs(n - n[0])) > 1e-9 or np.max(np.abs(then.frames[:, 0] - n[0])) > 1e-9:
             continue
-        floor = 1e-13 * float(np.max(np.abs(now.run.points)))
+        floor = 1e-13 * float(np.max(np.abs(now.run.body.x)))
         expected = then.gap + np.einsum("ki,ki->k", n, now.nodes.moved[here])
         x = now.run.on_face["x"][now.nodes.index[here]]
         source = "the step before, the foundation's displacement in slip_origin, and given_gap"

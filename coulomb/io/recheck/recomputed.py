@@ -15,6 +15,7 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...fem import compat
 from ...fem.body import ElasticBody
+from ...fem.cell_materials import EXPANSION, ORTHOTROPIC_EXPANSION
 from ...fem.obstacles import RigidFoundation
 from ...fem.rigid_motion import Spin
 from ...fem.temperature import TEMPERATURE, range_of
@@ -26,10 +27,12 @@ from ...model.load_step import Forces
 from ...model.nodal_answer import NodalAnswer
 from ...model.resultants import Acting, resultant_of_ground
 from ...model.small_strain import SmallStrain, small_strain
-from ..run_files import ROUNDING, WrittenRun
+from ..field_names import ROUNDING
+from ..run_files import WrittenRun
 from ..summary import derived
 from .comparison import Rounding
 from .face_nodes import FaceNodes
+from .written_opposite import opposite_fields, written_actions
 
 
 class Probing(Protocol):
@@ -70,6 +73,9 @@ class Supported(Protocol):
         ...
 
 
+THERMAL = {EXPANSION, ORTHOTROPIC_EXPANSION}
+"""Constants of cells that have a thermal strain."""
+
 _FOLLOW = ("pressure", "friction_traction", "slip", "gap", "status", "friction_use", *ACCUMULATED, "coefficient")
 """Fields of contact.xdmf that follow from displacement and contact forces; the others are input data."""
 
@@ -82,7 +88,8 @@ class Variant:
         at: Displacement and forces at the nodes of the body.
         forces: Contact forces on the body at the contact points among the nodes of the written face, shape (q, 3).
         fields: Fields of the written contact nodes.
-        stress: Von Mises stress of the cells in pascals.
+        stress: Von Mises stress of the cells of every body in pascals; empty for one of the user's forms.
+        opposite: Fields of every face opposite in a pair.
         numbers: Entries of summary.json.
         certificate: Certificate with all nodes of the contact face.
         outside: Violations of the theory of small strains, unless they were accepted.
@@ -92,7 +99,8 @@ class Variant:
     at: Forces
     forces: FloatArray
     fields: dict[str, FloatArray]
-    stress: FloatArray
+    stress: list[FloatArray]
+    opposite: list[dict[str, FloatArray]]
     numbers: dict[str, Any]
     certificate: Certificate
     outside: tuple[str, ...]
@@ -102,12 +110,12 @@ class Variant:
 def recomputed(
     run: WrittenRun,
     nodes: FaceNodes,
-    foundations: list[RigidFoundation] | None,
+    foundations: list[RigidFoundation | None] | None,
     spins: tuple[Spin | None, ...],
     rounding: Rounding | None,
     supported: Supported | None,
     probes: Probing,
-    between: Sequence[npt.NDArray[np.int32]],
+    between: Sequence[npt.NDArray[np.integer[Any]]],
 ) -> Variant:
     """Data recomputed from the written or perturbed numbers.
 
@@ -125,14 +133,16 @@ def recomputed(
     def taken(values: FloatArray, scale: float = 0.0) -> FloatArray:
         return values if rounding is None else rounding.of(values, scale)
 
-    gap = taken(nodes.gap, float(np.max(np.abs(run.points))))
+    gap = taken(nodes.gap, float(np.max(np.abs(run.body.x))))
     nodes = replace(nodes, gap=gap, origin=taken(nodes.origin))
     body, spring, held = run.body, run.on_body["spring"], run.held
     u, x = taken(run.on_body["displacement"]), taken(run.on_face["x"])
     on_face = taken(np.where(run.touching[:, None], run.on_face["contact_force"], 0.0))
-    on_body = np.zeros_like(u)
-    on_body[run.node] = nodes.nodal_forces(on_face)
-    internal = taken(body.internal_force(u)) if run.elastic is None else body.internal_force(u)
+    on_body = nodes.nodal_forces(run, on_face)
+    internal = body.internal_force(u)
+    for part in body.parts:
+        if part.elastic is None:
+            internal[part.nodes] = taken(internal[part.nodes])
     judged = nodes.answer(run, u, on_face, x, spins)
     written = nodes.only(nodes.written).answer(run, u, on_face, x, spins)
     heated = {TEMPERATURE: taken(run.on_body[TEMPERATURE])} if TEMPERATURE in run.on_body else {}
@@ -151,15 +161,17 @@ def recomputed(
             closure=judged.closure,
             gap=judged.gap,
             bound=judged.bound,
-            rounding=run.on_body[ROUNDING] if run.elastic is None else rounding_forces(body, u),
+            rounding=_rounding(run, u),
             compliance=float(run.summary["mean_compliance"]),
             blocked=_blocked(run, heated),
             ground=run.ground,
             averaged=nodes.averaged,
+            bodies=tuple(body.slices.values()),
+            actions=written_actions(run, nodes, on_face),
         )
     )
     body_x = taken(body.x)
-    stress = _stress(run.elastic, u, heated)
+    stress = [_stress(part.elastic, u[part.nodes], _of(heated, part.nodes)) for part in body.parts]
     reactions = held.held_part(internal + spring * u - run.on_body["load"] - on_body)
     acting = None if supported is None else supported.acting(u, reactions, on_body, taken)
     probed = probes.values(u, written, run.node[nodes.index[nodes.written]], taken)
@@ -177,6 +189,7 @@ def recomputed(
         forces=on_face,
         fields={name: v for name, v in written.fields().items() if name in _FOLLOW} | {"slip_bound": written.bound},
         stress=stress,
+        opposite=[opposite_fields(run, nodes.only(nodes.written), written, one) for one in run.opposite],
         numbers={
             **numbers,
             **{name: range_of(change, MPI.COMM_SELF) for name, change in heated.items()},
@@ -211,11 +224,30 @@ def _stress(body: ElasticBody | None, u: FloatArray, heated: dict[str, FloatArra
     return values
 
 
+def _of(fields: dict[str, FloatArray], nodes: slice) -> dict[str, FloatArray]:
+    return {name: values[nodes] for name, values in fields.items()}
+
+
+def _rounding(run: WrittenRun, u: FloatArray) -> FloatArray:
+    """Nodal forces of rounding errors; of bodies of the user's forms as recorded."""
+    rounding = rounding_forces(run.body, u)
+    for part in run.body.parts:
+        if part.elastic is None:
+            rounding[part.nodes] = run.on_body[ROUNDING][part.nodes]
+    return rounding
+
+
 def _blocked(run: WrittenRun, heated: dict[str, FloatArray]) -> float:
-    """`Deformable.blocked_displacement`; of a body of the user's forms as recorded."""
-    if run.elastic is None:
+    """`Deformable.blocked_displacement`; where a body is of the user's forms as recorded."""
+    if not run.body.elastic:
         return float(run.summary["blocked_displacement"])
-    return max([run.elastic.thermal_displacement(change) for change in heated.values()], default=0.0)
+    found = [
+        part.elastic.thermal_displacement(change[part.nodes])
+        for change in heated.values()
+        for part in run.body.parts
+        if part.elastic is not None and THERMAL & part.on_cells.keys()
+    ]
+    return max(found, default=0.0)
 
 
 def _recorded_strain(run: WrittenRun) -> tuple[bool, dict[str, float]]:

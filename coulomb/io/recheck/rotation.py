@@ -77,4 +77,5 @@ def foundation_displacement(
         known = on & nodes.written
         if np.any(known):
             moved[on] += np.mean((nodes.origin - before - moved)[known], axis=0)
+    moved[nodes.paired] = 0.0  # what moves there is in the displacement
     return moved

@@ -12,16 +12,19 @@ from ...fem.rigid_motion import Spin, since_at
 from ...model.accumulated import ACCUMULATED
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
+from ..matched_points import midpoints
 from ..run_directory import SUMMARY
-from ..run_files import WrittenRun, midpoints, read_run
+from ..run_files import WrittenRun, read_run
 from .case_reference import CaseReference
 from .comparison import Comparison, Rounding
-from .face_nodes import FaceNodes, face_names, face_nodes, facet_parts
+from .face_nodes import FaceNodes, face_names
+from .nodes_to_check import face_nodes, facet_parts, facets_of
 from .recomputed import Variant, recomputed
 from .rotation import AS_WRITTEN, case_spins, foundation_displacement, written_spins
 from .start import Start, written_accumulated
 from .supported_body import SupportedBody
-from .written_materials import compare_materials
+from .written_materials import compare_materials, in_body
+from .written_opposite import compare_opposite
 from .written_probes import WrittenProbes
 
 SLIP_BOUND_LIMIT = 1e-6
@@ -127,6 +130,7 @@ def check_run(
     else:
         if case.settings.history is not None and "step" not in run.summary:
             found.fault("case.json: has a [history], but these are the results of a single run")
+        case.orient(run)
         case.compare_numbers(run, found)
         if case.absent_gaps:
             trusted.append(f"taken as written, since {', '.join(case.absent_gaps)} is not there: given_gap")
@@ -137,26 +141,27 @@ def check_run(
             part = case.compare_body(run, time, found)
     alone = start is None and "step" in run.summary
     slip_rate = None if alone else np.zeros(len(run.node)) if start is None else start.slip_rate(run)
-    nodes = face_nodes(run, case, time, slip_rate, part, found)
+    count = len(face_names(run)) if case is None else len(case.contacts)
+    part_of = facet_parts(run, count) if part is None else part
+    nodes = face_nodes(run, case, time, slip_rate, part_of, found)
     spins = written_spins(run) if case is None else case_spins(run, case, time, start.time if start else None)
     nodes, say = _from_origin(run, nodes, spins, case, time, start, found)
     nodes = _from_accumulated(run, nodes, spins, case, start)
     trusted += say
     foundations = None if case is None else case.foundations(time)
     roundings = (None, *(Rounding((seed, abs(step)), run.evaluation) for seed in _SEEDS))
-    supported = None if case is None or part is None else SupportedBody(case.body, time, run)
-    count = len(face_names(run)) if case is None else len(case.contacts)
-    part_of = facet_parts(run, count) if part is None else part
-    probes = WrittenProbes(run, case, part_of, count)
-    faces = () if run.body.positive else tuple(run.body.nodes_of(run.number[part_of == face]) for face in range(count))
+    supported = None if case is None or part is None else SupportedBody(case.bodies, time, run)
+    grids = [facets_of(run, part_of, number) for number in range(count)]
+    probes = WrittenProbes(run, case, grids)
+    between = [face.part.nodes.start + face.part.body.nodes_of(facets) for face, facets in grids if nodes.averaged]
     variants = tuple(
-        recomputed(run, nodes, foundations, spins, rounding, supported, probes, faces) for rounding in roundings
+        recomputed(run, nodes, foundations, spins, rounding, supported, probes, between) for rounding in roundings
     )
     _compare(run, nodes.only(nodes.written), variants, found)
     if supported is None:
         _compare_sums(run, variants, found)
     certificate = variants[0].certificate
-    if run.elastic is None:
+    if not run.body.elastic:
         trusted.append(_FORMS)
     unchecked = [key for key in run.summary if key not in variants[0].numbers and key not in _COMPARED]
     trusted.append(f"as recorded by the run, nothing to compare with: {', '.join(unchecked)}")
@@ -198,7 +203,7 @@ def _from_origin(
         origin, source = np.zeros_like(nodes.origin), "a run without steps before it"
         found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[here], source)
         return replace(nodes, origin=origin), []
-    before = nodes.average(start.at(run)[run.node])
+    before = nodes.displacement(run, start.at(run))
     say = []
     if case is not None:
         moved = since_at(case.rigid_motions(time), case.rigid_motions(start.time), nodes.part, x)
@@ -269,11 +274,16 @@ def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], f
             floor = run.evaluation * float(np.max(np.abs(values)))
             zero = np.zeros_like(values[none])
             found.field(f"contact.xdmf: {name} of held nodes", values[none], zero, x[none], "their status", floor=floor)
-    if run.elastic is not None:
-        stresses = [other.stress for other in others]
-        written, places = run.on_cells["von_mises_stress"], midpoints(run.body.domain)
-        found.field("solution.xdmf: von_mises_stress", written, first.stress, places, "displacement", stresses)
-        compare_materials(run, found)
+    for number, body in enumerate(run.body.parts):
+        if body.elastic is not None:
+            stresses = [other.stress[number] for other in others]
+            written, places = body.on_cells["von_mises_stress"], midpoints(body.body.domain)
+            found.field(
+                in_body("von_mises_stress", body), written, first.stress[number], places, "displacement", stresses
+            )
+    compare_materials(run, found)
+    for number, opposite in enumerate(run.opposite):
+        compare_opposite(opposite, [variant.opposite[number] for variant in variants], found)
 
     numbers = [other.numbers for other in others]
     found.tree(SUMMARY, run.summary, first.numbers, numbers, _SOURCE)

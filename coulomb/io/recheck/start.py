@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...model.accumulated import ACCUMULATED
-from ..run_files import WrittenRun, numbers
+from ..run_files import WrittenRun
 from .case_reference import CaseReference
 from .face_nodes import FaceNodes
 
@@ -37,7 +36,7 @@ class Start:
         if self.run is None:
             return np.zeros(len(run.node))
         rate = np.linalg.norm(self.run.on_face["slip"], axis=1) / max(self.time - self.began, 1e-300)
-        here: FloatArray = rate[self._same_nodes(run)]
+        here: FloatArray = rate[run.on_faces_of(self.run)]
         return here
 
     def accumulated(self, run: WrittenRun) -> FloatArray:
@@ -49,7 +48,7 @@ class Start:
         """
         if self.run is None:
             return np.zeros((len(run.node), len(ACCUMULATED)))
-        return written_accumulated(self.run)[self._same_nodes(run)]
+        return written_accumulated(self.run)[run.on_faces_of(self.run)]
 
     def given_gap(self, run: WrittenRun, nodes: FaceNodes, case: CaseReference | None) -> FloatArray:
         """The gaps given with the contacts at the start of the step, by the case or as the step before wrote them, at
@@ -61,19 +60,17 @@ class Start:
         given: FloatArray = np.zeros(len(nodes.index))
         x = run.on_face["x"]
         if self.run is not None:
-            given = self.run.on_face["given_gap"][self._same_nodes(run)][nodes.index]
+            given = self.run.on_face["given_gap"][run.on_faces_of(self.run)][nodes.index]
         for part in range(len(case.contacts) if case is not None else 0):
             if case is not None and not case.lacks_gap(part):
                 here, field = nodes.only(nodes.part == part), np.zeros(len(x))
+                if np.any(here.paired):
+                    given[nodes.part == part] = case.given_gap(part, self.time, here.average(x))
+                    continue
                 near = np.unique(here.weights.indices)
                 field[near] = case.given_gap(part, self.time, x[near])
                 given[nodes.part == part] = here.average(field)
         return given
-
-    def _same_nodes(self, run: WrittenRun) -> npt.NDArray[np.int64]:
-        assert self.run is not None
-        unfit = f"{run.folder}: has another contact face than {self.run.folder}"
-        return numbers(self.run.on_face["x"], run.on_face["x"], unfit)
 
     def at(self, run: WrittenRun, name: str = "displacement") -> FloatArray:
         """Vectors of the step before at the nodes of this step's body, shape (k, 3).
@@ -84,9 +81,7 @@ class Start:
         if self.run is None:
             return np.zeros_like(run.body.x)
         values = self.run.on_body[name]
-        if run.body.domain is self.run.body.domain:
-            return values
-        return values[numbers(self.run.body.x, run.body.x, f"{run.folder}: has another mesh than {self.run.folder}")]
+        return values if run.body.has_meshes_of(self.run.body) else values[run.in_bodies_of(self.run)]
 
 
 def written_accumulated(run: WrittenRun) -> FloatArray:

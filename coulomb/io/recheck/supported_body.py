@@ -2,48 +2,85 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
+from ...fem.joined_mesh import SEPARATOR
 from ...fem.loaded_body import LoadedBody
 from ...fem.nodal_forces import NodalForces
 from ...linalg.reductions import Reductions
 from ...model.resultants import Acting, acting
-from ..run_files import WrittenRun, places
+from ..matched_points import places
+from ..run_files import WrittenRun
 
 
 class SupportedBody:
-    """The body of a case, to which the forces in the files of a run are given.
+    """The bodies of a case, to which the forces in the files of a run are given.
 
     Args:
-        body: The body; its nodes may be in another order than those of the run.
+        bodies: The bodies by name; their nodes may be in another order than those of the run.
         time: Time of the loads.
         run: The files, with the same nodes.
     """
 
-    def __init__(self, body: LoadedBody, time: float, run: WrittenRun):
-        self._body, self._x = body, run.body.x
-        self._of_run = places(body.x, run.body.x)
-        self._of_body = np.argsort(self._of_run)
-        self._loads = [self._at_nodes_of_run(load) for load in body.loads_at(time)]
+    def __init__(self, bodies: Mapping[str, LoadedBody], time: float, run: WrittenRun):
+        self._x, self._slices = run.body.x, run.body.slices
+        self._bodies = [
+            _Supported(member, places(body.x, part.body.x), part.nodes, len(run.body.x))
+            for member, body, part in zip(_members(bodies), bodies.values(), run.body.parts, strict=True)
+        ]
+        self._loads = [load for one in self._bodies for load in one.everywhere(one.member.body.loads_at(time))]
 
     def acting(
         self, u: FloatArray, held: FloatArray, on_body: FloatArray, taken: Callable[[FloatArray], FloatArray]
     ) -> Acting:
         """Resultants and balance (`recomputed.Supported`)."""
 
-        def perturbed(parts: list[NodalForces]) -> Iterator[NodalForces]:
+        def perturbed(parts: Iterable[NodalForces]) -> Iterator[NodalForces]:
             for part in parts:
                 yield NodalForces(part.kind, part.face, taken(part.forces))
 
-        supports = chain(self._body.shares(held[self._of_body]), self._body.spring_forces(u[self._of_body]))
-        reactions = [self._at_nodes_of_run(support) for support in supports]
+        supports = chain.from_iterable(one.supports(held, u) for one in self._bodies)
         over = Reductions(MPI.COMM_SELF)
-        return acting(perturbed(self._loads), perturbed(reactions), on_body, taken(self._x), over)
+        return acting(perturbed(self._loads), perturbed(supports), on_body, taken(self._x), over, (), self._slices)
 
-    def _at_nodes_of_run(self, part: NodalForces) -> NodalForces:
-        return NodalForces(part.kind, part.face, part.forces[self._of_run])
+
+class _Member(NamedTuple):
+    """A body of a case with its name; "" if it is the only one."""
+
+    name: str
+    body: LoadedBody
+
+
+def _members(bodies: Mapping[str, LoadedBody]) -> list[_Member]:
+    return [_Member(name, body) for name, body in bodies.items()]
+
+
+class _Supported(NamedTuple):
+    """A body of a case, and where its nodes are in the files: numbers in its own order, and the run's `nodes` of it."""
+
+    member: _Member
+    of_run: npt.NDArray[np.int64]
+    nodes: slice
+    count: int
+
+    def supports(self, held: FloatArray, u: FloatArray) -> Iterator[NodalForces]:
+        """Forces of every support and spring at the nodes of the run."""
+        of_body, body = np.argsort(self.of_run), self.member.body
+        shares = body.shares(held[self.nodes][of_body])
+        yield from self.everywhere(chain(shares, body.spring_forces(u[self.nodes][of_body])))
+
+    def everywhere(self, parts: Iterable[NodalForces]) -> Iterator[NodalForces]:
+        """Forces at the nodes of the body as forces at those of the run, with the name of the body."""
+        name = self.member.name
+        for part in parts:
+            forces = np.zeros((self.count, 3))
+            forces[self.nodes] = part.forces[self.of_run]
+            face = part.face if not name else name if part.face is None else f"{name}{SEPARATOR}{part.face}"
+            yield NodalForces(part.kind, face, forces)

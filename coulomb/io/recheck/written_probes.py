@@ -11,9 +11,10 @@ import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...model.nodal_answer import NodalAnswer
-from ...model.probes import LocatedProbes, Probe
+from ...model.probes import LocatedProbes, Part, Probe
 from ..run_directory import OLD
 from ..run_files import WrittenRun
+from ..written_faces import WrittenFace
 from .case_reference import CaseReference
 
 
@@ -23,16 +24,21 @@ class WrittenProbes:
     Args:
         run: The files.
         case: The case, if there is one: then the probes are its, else those of summary.json.
-        part: Number of the contact face of each of the run's facets.
-        count: Number of contact faces.
+        grids: Of every contact face its grid and its facets.
 
     Raises:
         ValueError: If summary.json has no probes, or a point is outside the mesh.
     """
 
-    def __init__(self, run: WrittenRun, case: CaseReference | None, part: npt.NDArray[np.int64], count: int):
+    def __init__(
+        self,
+        run: WrittenRun,
+        case: CaseReference | None,
+        grids: Sequence[tuple[WrittenFace, npt.NDArray[np.int32]]],
+    ):
         probes = _of_summary(run) if case is None else [table.probe() for table in case.settings.probe]
-        self._located = LocatedProbes(probes, run.body, [run.number[part == face] for face in range(count)])
+        parts = [Part(part.name, part.body, part.nodes) for part in run.body.parts]
+        self._located = LocatedProbes(probes, parts, [(face.part.name, facets) for face, facets in grids])
 
     def values(
         self,
@@ -48,6 +54,6 @@ class WrittenProbes:
 
 def _of_summary(run: WrittenRun) -> Sequence[Probe]:
     try:
-        return [Probe(given["name"], given["point"]) for given in run.summary.get("probes", [])]
+        return [Probe(given["name"], given["point"], given.get("body")) for given in run.summary.get("probes", [])]
     except (KeyError, TypeError):
         raise ValueError(f"{run.files.summary}: probes: {OLD}") from None

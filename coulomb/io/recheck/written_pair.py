@@ -1,0 +1,150 @@
+"""The contact points of a pair in the files of a run, from the meshes of its two faces, compared with those written."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from ...arrays import FloatArray
+from ...fem.contact_frames import held_length, supported_frames
+from ...fem.facet_patch import facet_patch
+from ...fem.mortar import MortarRows, mortar_rows
+from ...model.accumulated import ACCUMULATED
+from ...model.evidence import HELD_BEYOND
+from ...solvers.laws import FrictionLaw
+from ..run_directory import CONTACT
+from ..run_files import WrittenRun
+from ..written_faces import WrittenFace, WrittenOpposite
+from .case_reference import CaseReference
+from .comparison import Comparison
+from .face_nodes import FaceNodes
+
+LAW = ("friction", "cohesion")
+"""Fields of contact.xdmf with the law of friction."""
+
+TANGENTS = ("tangent_1", "tangent_2")
+"""Fields of contact.xdmf that are the rows t1 and t2."""
+
+GAPS = ("initial_gap", "given_gap")
+"""Fields of contact.xdmf with the gap before deformation, and the part of it that the contact gives."""
+
+
+def pair_nodes(
+    run: WrittenRun,
+    case: CaseReference | None,
+    time: float,
+    slip_rate: FloatArray | None,
+    number: int,
+    face: WrittenFace,
+    facets: npt.NDArray[np.int32],
+    said: npt.NDArray[np.bool_],
+    other: WrittenOpposite,
+    taken: npt.NDArray[np.bool_],
+    found: Comparison,
+) -> FaceNodes:
+    """The contact points of a pair, whose averages over both faces are integrated anew on the written meshes."""
+    rows = written_rows(run, face, facets, other, taken)
+    count, start = len(run.node), other.face.part.nodes.start
+    index, weights = on_face(rows.node, rows.weights, face, count)
+    among_all = (rows.opposite.data, start + rows.opposite.indices, rows.opposite.indptr)
+    opposite = scipy.sparse.csr_matrix(among_all, shape=(len(index), len(run.body.x)))
+    area, n, x, written = rows.area, rows.normal, rows.x, (run.touching & said)[index]
+    data = {name: run.on_face[name][index] for name in ("normal", *TANGENTS, *GAPS, *LAW, "slip_origin")}
+    size, file, at = float(np.max(np.abs(run.body.x))), CONTACT, x[written]
+    given, law, frames = data["given_gap"], FrictionLaw(data["cohesion"] * area, data["friction"]), None
+    adjust = 0.0
+    if case is not None:
+        contact = case.contacts[number]
+        adjust = contact.adjust
+        given = given if case.lacks_gap(number) else case.given_gap(number, time, x)
+        law = case.law(number, x, area, time, np.zeros(len(x)) if slip_rate is None else slip_rate[index])
+        law = replace(law, friction=data["friction"]) if slip_rate is None else law
+        H = run.held.projector_at(face.part.nodes.start + rows.node)
+        frames = case.frames(number, n, H, x)
+    floor = 1e-13 * size
+    distance = np.where(np.abs(rows.gap) <= adjust, 0.0, rows.gap) if adjust else rows.gap
+    if case is None:  # gaps of meshes may have been closed
+        closed = np.abs(data["initial_gap"] - given) <= floor + 1e-13 * np.abs(given)
+        distance = np.where(closed, 0.0, distance)
+    source = "the meshes of both faces"
+    found.field(f"{file}: area", run.on_face["area"][index][written], area[written], at, source)
+    found.field(f"{file}: normal", data["normal"][written], n[written], at, source, floor=1e-13)
+    gap = distance + given
+    found.field(f"{file}: initial_gap", data["initial_gap"][written], gap[written], at, source, floor=floor)
+    if frames is None:
+        frames = np.stack([n, *(data[name] for name in TANGENTS)], axis=1)
+        compare_axes(found, frames[written], at)
+        frames[~written] = supported_frames(n[~written], np.zeros((int(np.sum(~written)), 3, 3)))
+    else:
+        found.field(f"{file}: given_gap", data["given_gap"][written], given[written], at, "the case", floor=floor)
+        for k, name in enumerate(TANGENTS, start=1):
+            found.field(f"{file}: {name}", data[name][written], frames[written, k], at, "normal and case", floor=1e-13)
+        for name, expected in zip(LAW, (law.friction, law.cohesion / area), strict=True):
+            found.field(f"{file}: {name}", data[name][written], expected[written], at, "the case")
+    if not np.all(written):
+        report(found, run, everywhere(run, index[~written]), "are left out, but are opposite to the other face")
+    part, cohesion, still = np.full(len(index), number), law.cohesion / area, np.zeros_like(x)
+    earlier = np.zeros((len(index), len(ACCUMULATED)))
+    measured = (frames, gap, given, area, law.friction, cohesion, data["slip_origin"], still, earlier)
+    return FaceNodes(index, weights, opposite, part, written, *measured)
+
+
+def written_rows(
+    run: WrittenRun,
+    face: WrittenFace,
+    facets: npt.NDArray[np.int32],
+    other: WrittenOpposite,
+    taken: npt.NDArray[np.bool_],
+) -> MortarRows:
+    """The contact points of a pair, with the averages over both faces; nodes are numbers in the body of each.
+
+    Nodes whose displacement along their normal is prescribed have no contact point, nor have those that are contact
+    points of another face, `taken` (k,).
+
+    Raises:
+        ValueError: If the outward normals around a contact point cancel.
+    """
+    body, held = face.part.body, run.held.of(face.part.nodes)
+    nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
+    n = outward[nodes] / np.maximum(np.linalg.norm(outward[nodes], axis=1), 1e-300)[:, None]
+    clamped = nodes[held_length(n, held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
+    slave, master = facet_patch(body, facets), facet_patch(other.face.part.body, other.face.number)
+    twice = nodes[taken[face.part.nodes][nodes]]
+    return mortar_rows(slave, master, (0, len(body.x)), left_out=np.union1d(clamped, twice).astype(np.int64))
+
+
+def on_face(
+    nodes: npt.NDArray[np.integer], weights: scipy.sparse.csr_matrix, face: WrittenFace, count: int
+) -> tuple[npt.NDArray[np.int64], scipy.sparse.csr_matrix]:
+    """Nodes of a body (m,) and weights of its nodes (m, p) as those among the `count` nodes of the written faces."""
+    in_file = np.full(len(face.part.body.x), -1)
+    in_file[face.node - face.part.nodes.start] = np.arange(face.points.start, face.points.stop)
+    weights = weights.tocsr()
+    columns = in_file[weights.indices]
+    widened = scipy.sparse.csr_matrix((weights.data, columns, weights.indptr), shape=(weights.shape[0], count))
+    return in_file[nodes], widened
+
+
+def compare_axes(found: Comparison, frames: FloatArray, x: FloatArray) -> None:
+    """Check the lengths of the rows n, t1, t2 of contact points x (m, 3), and their angles, without a case."""
+    length, none = np.linalg.norm(frames, axis=2), np.zeros(len(x))
+    found.field("contact.xdmf: length of normal", length[:, 0], none + 1.0, x, "its direction")
+    longer = np.max(length[:, 1:], axis=1, initial=0.0)
+    found.field("contact.xdmf: length of the longer tangent", longer, none + 1.0, x, "its direction")
+    for name, i, j in (("tangent_1", 0, 1), ("tangent_2", 0, 2), ("tangent_2", 1, 2)):
+        along = np.einsum("kj,kj->k", frames[:, i], frames[:, j])
+        found.field(f"contact.xdmf: {name} along the other axes", along, none, x, "right angles", floor=1e-14)
+
+
+def everywhere(run: WrittenRun, index: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    which = np.zeros(len(run.node), dtype=bool)
+    which[index] = True
+    return which
+
+
+def report(found: Comparison, run: WrittenRun, which: npt.NDArray[np.bool_], fault: str) -> None:
+    place = ", ".join(f"{c:.6g}" for c in run.on_face["x"][np.argmax(which)])
+    found.fault(f"contact.xdmf: status: {np.count_nonzero(which)} nodes {fault} (first seen at x = {place})")

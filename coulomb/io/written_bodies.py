@@ -1,0 +1,229 @@
+"""The bodies in the files of a run, on one rank."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from ..fem import compat
+from ..fem.body import ElasticBody
+from ..fem.cell_materials import FIELDS, VECTORS, CellMaterials
+from ..fem.constraints import HELD_OBLIQUE
+from ..fem.displacement_space import DisplacementSpace
+from ..fem.meshes import distributed
+from ..fem.second_order import CORNERS
+from ..fem.temperature import TEMPERATURE
+from .field_files import data_of, grids_of, read_fields, refuse_misnamed
+from .field_names import GROUND, INTERNAL, ON_BODY, ON_CELLS, ROUNDING
+from .matched_points import numbers
+from .run_directory import OLD, SOLUTION
+
+Fields = dict[str, FloatArray]
+
+
+class RecordedBody(DisplacementSpace):
+    """A body of the user's forms, of which only the internal forces are known.
+
+    Args:
+        domain: The mesh in the files, with the nodes of the displacements as points.
+
+    Attributes:
+        internal: The internal forces as recorded, at its nodes, newtons, shape (k, 3).
+    """
+
+    def __init__(self, domain: Any):
+        super().__init__(compat.functionspace(domain, compat.geometry_degree(domain), (3,)))
+        self.internal = np.zeros_like(self.x)
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        """The internal forces as recorded, whatever the displacement is."""
+        return self.internal
+
+
+@dataclass(frozen=True)
+class WrittenBody:
+    """One of the bodies.
+
+    Attributes:
+        name: Its name; "" if it is the only one.
+        points: Its nodes in the order of the file, shape (p, 3).
+        cells: Their numbers per cell, in the order of the file.
+        body: The body with the materials of the files, or with the recorded internal forces of the user's forms; its
+            nodes may be in another order.
+        on_cells: Fields of the cells, in the order of `body.domain`, shape (c,).
+        nodes: Its nodes among those of all bodies.
+    """
+
+    name: str
+    points: FloatArray
+    cells: npt.NDArray[np.int64]
+    body: ElasticBody | RecordedBody
+    on_cells: Fields
+    nodes: slice
+
+    @property
+    def elastic(self) -> ElasticBody | None:
+        """The body with its materials; None if it is of the user's forms."""
+        return self.body if isinstance(self.body, ElasticBody) else None
+
+
+class WrittenBodies:
+    """All bodies together: the nodes of the first, then those of the second, ...
+
+    Args:
+        parts: The bodies.
+
+    Attributes:
+        parts: The argument.
+        x: Coordinates of the nodes in metres, shape (k, 3).
+        comm: The rank.
+    """
+
+    def __init__(self, parts: Sequence[WrittenBody]):
+        self.parts, self.comm = tuple(parts), MPI.COMM_SELF
+        self.x: FloatArray = np.concatenate([part.body.x for part in parts])
+
+    @property
+    def slices(self) -> dict[str, slice]:
+        """The nodes of each body by name, if there are several; else empty."""
+        return {part.name: part.nodes for part in self.parts} if len(self.parts) > 1 else {}
+
+    @property
+    def elastic(self) -> bool:
+        """Whether the materials of all bodies are known: none is of the user's forms."""
+        return all(part.elastic is not None for part in self.parts)
+
+    def each(self, values: FloatArray) -> Iterator[tuple[WrittenBody, FloatArray]]:
+        """Every body with its part of nodal values."""
+        for part in self.parts:
+            yield part, values[part.nodes]
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        """Internal nodal forces of u in newtons, shapes (k, 3); of the user's forms as recorded."""
+        return np.concatenate([part.body.internal_force(own) for part, own in self.each(u)])
+
+    def largest_gradient(self, u: FloatArray) -> float:
+        """Largest norm of the displacement gradient of u (k, 3) in a cell."""
+        return float(np.max([part.body.largest_gradient(own) for part, own in self.each(u)]))
+
+    def has_meshes_of(self, other: WrittenBodies) -> bool:
+        """Whether the meshes are the same objects as those of other files."""
+        pairs = zip(self.parts, other.parts, strict=False)
+        return len(self.parts) == len(other.parts) and all(a.body.domain is b.body.domain for a, b in pairs)
+
+    def numbers_in(self, others: Sequence[FloatArray], unfit: str) -> npt.NDArray[np.int64]:
+        """The number of every node among those of the same bodies elsewhere, one body after the other, shape (k,).
+
+        Args:
+            others: The nodes of every body there, shapes (p, 3).
+            unfit: What to say if they are not the same.
+
+        Raises:
+            ValueError: If a node is not there.
+        """
+        if len(others) != len(self.parts):
+            raise ValueError(unfit)
+        starts = np.cumsum([0, *(len(points) for points in others)])
+        found = [
+            start + numbers(points, part.body.x, unfit)
+            for part, points, start in zip(self.parts, others, starts, strict=False)
+        ]
+        return np.concatenate(found).astype(np.int64)
+
+    @property
+    def nodes(self) -> list[FloatArray]:
+        """The nodes of every body, shapes (p, 3)."""
+        return [part.body.x for part in self.parts]
+
+
+def read_bodies(file: Path, folder: Path, forms: Any, like: WrittenBodies | None) -> tuple[WrittenBodies, Fields]:
+    """The bodies of solution.xdmf, and the fields at their nodes.
+
+    Args:
+        file: The file.
+        folder: The directory of the run, for messages.
+        forms: The entry `forms` of summary.json; None if no body is of the user's forms.
+        like: Those of another run, whose meshes are reused if they are identical.
+
+    Raises:
+        ValueError: If a file cannot be read or does not match the others.
+        OSError, KeyError, IndexError, RuntimeError, TypeError: If a file is incomplete.
+    """
+    grids, read = grids_of(file), []
+    known = {} if like is None else {part.name: part for part in like.parts}
+    for name, group in grids.items():
+        of_forms = forms is not None and (not name or name in forms)
+        read.append(_read_body(file, folder, name, group, of_forms, known.get(name)))
+    ends = np.cumsum([0, *(len(body.points) for body, _ in read)])
+    parts = [
+        WrittenBody(body.name, body.points, body.cells, body.body, body.on_cells, slice(int(a), int(b)))
+        for (body, _), (a, b) in zip(read, pairwise(ends), strict=True)
+    ]
+    names = dict.fromkeys(name for _, fields in read for name in fields)
+    return WrittenBodies(parts), {
+        name: _together(name, [(len(b.points), fields) for b, fields in read]) for name in names
+    }
+
+
+def _together(name: str, parts: Sequence[tuple[int, Mapping[str, FloatArray]]]) -> FloatArray:
+    """A field of all bodies, 0 on those without it."""
+    shape = next(fields[name].shape[1:] for _, fields in parts if name in fields)
+    return np.concatenate([fields.get(name, np.zeros((count, *shape))) for count, fields in parts])
+
+
+def _read_body(
+    file: Path, folder: Path, name: str, group: str, forms: bool, known: WrittenBody | None
+) -> tuple[WrittenBody, Fields]:
+    data = data_of(file)
+    needed = (*ON_BODY, INTERNAL, ROUNDING) if forms else (*ON_CELLS, *ON_BODY)
+    optional = (HELD_OBLIQUE, TEMPERATURE, *(GROUND if forms else FIELDS))
+    points, cells, in_file = read_fields(data, needed, optional, group)
+    refuse_misnamed(file, tuple(in_file), name, group)
+    if cells.shape[1] not in CORNERS:
+        raise ValueError(f"{folder}: its meshes are of cells that coulomb does not write")
+    constants = [one for one in (*ON_CELLS, *FIELDS) if one in in_file]
+    for one in constants:
+        fits(data, one, in_file[one], (len(cells), 3) if one in VECTORS else (len(cells),))
+    nodal = (*ON_BODY, HELD_OBLIQUE, TEMPERATURE, INTERNAL, ROUNDING, *GROUND)
+    on_body = [one for one in nodal if one in in_file]
+    for one in on_body:
+        fits(data, one, in_file[one], (len(points),) if one == TEMPERATURE else (len(points), 3))
+    same = known is not None and np.array_equal(known.points, points) and np.array_equal(known.cells, cells)
+    domain = known.body.domain if known and same else distributed(MPI.COMM_SELF, points, cells)
+    of_cell = np.asarray(domain.topology.original_cell_index)
+    on_cells = {one: in_file[one][of_cell] for one in constants}
+    body = RecordedBody(domain) if forms else ElasticBody(domain, _materials(data, on_cells))
+    node = numbers(points, body.x, f"{folder}: {data.name} does not match the mesh of {SOLUTION}")
+    if isinstance(body, RecordedBody):
+        body.internal = in_file[INTERNAL][node]
+    fields = {one: in_file[one][node] for one in on_body}
+    return WrittenBody(name, points, cells, body, on_cells, slice(0, len(points))), fields
+
+
+def fits(path: Path, name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
+    """Check the values of a field.
+
+    Raises:
+        ValueError: If they have another shape, or are not finite.
+    """
+    if values.shape != shape:
+        raise ValueError(f"{path}: {name} does not match the mesh")
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"{path}: {name} has entries that are not finite")
+
+
+def _materials(path: Path, on_cells: Fields) -> CellMaterials:
+    try:
+        return CellMaterials.of_fields(on_cells)
+    except KeyError as error:
+        raise ValueError(f"{path}: has no field {error}: {OLD}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None

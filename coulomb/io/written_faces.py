@@ -1,0 +1,174 @@
+"""The contact faces in the files of a run, on one rank: those with contact points, and those opposite in pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray
+from ..fem.joined_mesh import SEPARATOR
+from ..fem.lagrange import facet_columns
+from ..fem.named_mesh import corners_of, local_facets
+from .field_files import OPPOSITE, data_of, grids_of, read_fields, refuse_misnamed
+from .field_names import ON_FACE, ON_OPPOSITE, VECTORS_ON_FACE
+from .grid_file import FACETS
+from .matched_points import numbers
+from .run_directory import SOLUTION
+from .written_bodies import Fields, WrittenBodies, WrittenBody, fits
+
+
+@dataclass(frozen=True)
+class WrittenFace:
+    """The grid of a contact face, or the one of all contact faces of a single body.
+
+    Attributes:
+        name: The face; "" for all of them.
+        part: The body that it is on.
+        points: Its nodes among the q nodes of all these grids.
+        node: Numbers of its nodes among those of all bodies.
+        facets: Corners of its facets among the q nodes, in the order of the file, shape (f, 3 or 4).
+        number: Their numbers in the mesh of the body, shape (f,).
+        cells: All nodes of these facets among the q nodes, in VTK's order.
+    """
+
+    name: str
+    part: WrittenBody
+    points: slice
+    node: npt.NDArray[np.int64]
+    facets: npt.NDArray[np.int64]
+    number: npt.NDArray[np.int32]
+    cells: npt.NDArray[np.int64]
+
+    @property
+    def between(self) -> npt.NDArray[np.int64]:
+        """On faces of 10-node tetrahedra, the nodes in the middle of edges, which are no contact nodes, and those at
+        the two ends of each, among the q nodes, shape (3, e)."""
+        if self.part.body.positive:
+            return np.empty((3, 0), dtype=np.int64)
+        edges = np.concatenate([self.cells[:, list(edge)] for edge in ((3, 0, 1), (4, 1, 2), (5, 2, 0))])
+        _, first = np.unique(edges[:, 0], return_index=True)
+        found: npt.NDArray[np.int64] = edges[first].T
+        return found
+
+
+@dataclass(frozen=True)
+class WrittenOpposite:
+    """The grid of the face opposite in a pair.
+
+    Attributes:
+        contact: Number of the contact.
+        face: Its grid; its nodes are numbers among its own.
+        fields: `ON_OPPOSITE` at its nodes, and their coordinates "x".
+    """
+
+    contact: int
+    face: WrittenFace
+    fields: Fields
+
+
+def read_faces(
+    file: Path, folder: Path, bodies: WrittenBodies
+) -> tuple[tuple[WrittenFace, ...], Fields, tuple[WrittenOpposite, ...]]:
+    """The contact faces of contact.xdmf, the fields at their nodes with the coordinates "x", and the faces opposite.
+
+    Raises:
+        ValueError: If a file cannot be read or does not match the others.
+        OSError, KeyError, IndexError, RuntimeError, TypeError: If a file is incomplete.
+    """
+    data, faces, opposite, read = data_of(file), [], [], []
+    first = 0
+    for name, group in grids_of(file).items():
+        against = _is_opposite(data, group)
+        names = (*ON_OPPOSITE, OPPOSITE) if against else ON_FACE
+        refuse_misnamed(file, names, name, group)
+        points, cells, fields = read_fields(data, names, (), group)
+        if cells.shape[1] not in FACETS:
+            raise ValueError(f"{folder}: its meshes are of cells that coulomb does not write")
+        for one in names:
+            shape = (len(points), 3) if one in VECTORS_ON_FACE else (len(points),)
+            fits(data, one, fields[one], shape)
+        start = 0 if against else first
+        face = _face(name, _body_of(name, bodies, folder), points, cells, start, f"{folder}: {data.name}")
+        if against:
+            opposite.append(WrittenOpposite(int(round(fields[OPPOSITE][0])), face, {**fields, "x": points}))
+        else:
+            faces.append(face)
+            read.append({**fields, "x": points})
+            first += len(points)
+    if not faces:
+        raise ValueError(f"{folder}: {file.name} has no contact face")
+    on_face = {name: np.concatenate([fields[name] for fields in read]) for name in (*ON_FACE, "x")}
+    return tuple(faces), on_face, tuple(opposite)
+
+
+def _is_opposite(data: Path, group: str) -> bool:
+    """Whether a grid is that of a face opposite in a pair."""
+    with h5py.File(data, "r") as file:
+        return bool(group) and f"Function/{group}/{OPPOSITE}" in file
+
+
+def _body_of(name: str, bodies: WrittenBodies, folder: Path) -> WrittenBody:
+    if len(bodies.parts) == 1:
+        return bodies.parts[0]
+    body = name.partition(SEPARATOR)[0]
+    found = [part for part in bodies.parts if part.name == body]
+    if not found:
+        raise ValueError(f"{folder}: contact.xdmf has a face {name!r}, but {SOLUTION} has no body {body!r}")
+    return found[0]
+
+
+def _face(
+    name: str, part: WrittenBody, points: FloatArray, cells: npt.NDArray[np.int64], first: int, what: str
+) -> WrittenFace:
+    """A grid whose nodes are numbered from `first` on."""
+    domain: Any = part.body.domain
+    unfit = f"{what} does not match the mesh of {SOLUTION}"
+    in_body = numbers(part.points, points, unfit)
+    facets = cells[:, : len(facet_columns(domain.topology.cell_type, 1)[0])]
+    rows = np.sort(in_body[facets], axis=1)
+    number = local_facets(domain, {"contact": rows})["contact"]
+    if len(number) != len(facets) or len(np.unique(cells)) != len(points):
+        raise ValueError(f"{unfit}: its facets are not on the boundary of the body")
+    in_order = np.sort(np.asarray(domain.geometry.input_global_indices)[corners_of(domain, number)], axis=1)
+    of_row = np.empty(len(rows), dtype=np.int64)
+    of_row[np.lexsort(rows.T)] = np.lexsort(in_order.T)
+    node = part.nodes.start + numbers(part.body.x, points, unfit)
+    nodes = slice(first, first + len(points))
+    return WrittenFace(name, part, nodes, node, first + facets, number[of_row], first + cells)
+
+
+def midpoints_of_facets(face: WrittenFace) -> FloatArray:
+    """Means of the corners of the facets of a face, metres, shape (f, 3)."""
+    domain = face.part.body.domain
+    middle: FloatArray = domain.geometry.x[corners_of(domain, face.number)].mean(axis=1)
+    return middle
+
+
+def same_nodes(
+    faces: Sequence[WrittenFace], x: FloatArray, others: Sequence[WrittenFace], there: FloatArray, unfit: str
+) -> npt.NDArray[np.int64]:
+    """The number of every node of the faces among those of the same faces elsewhere, shape (q,).
+
+    Args:
+        faces: The faces.
+        x: Their q nodes, shape (q, 3).
+        others: The same faces elsewhere.
+        there: Their nodes, shape (p, 3).
+        unfit: What to say if they are not the same.
+
+    Raises:
+        ValueError: If a node is not there.
+    """
+    if [face.name for face in faces] != [face.name for face in others]:
+        raise ValueError(unfit)
+    found = [
+        other.points.start + numbers(there[other.points], x[face.points], unfit)
+        for face, other in zip(faces, others, strict=True)
+    ]
+    return np.concatenate(found).astype(np.int64)
