@@ -82,13 +82,24 @@ def mirrored(
         opposite: Averages over the master's nodes, shape (m, nodes of all bodies).
         elasticity: The bodies.
     """
-    size = abs(opposite)
-    share = scipy.sparse.diags(1.0 / np.maximum(np.asarray(size.sum(axis=1)).ravel(), 1e-300)) @ size
     every = elasticity.held.projector_at(np.arange(len(elasticity.x))).reshape(-1, 9)
-    there = replace(points, weights=share.tocsr(), nodal=False, opposite=None).average(every).reshape(-1, 3, 3)
+    share = replace(points, weights=shares(opposite), nodal=False, opposite=None)
+    both = held_on_both(planes, share.average(every).reshape(-1, 3, 3))
+    return both if elasticity.comm.allreduce(bool(np.any(both)), op=MPI.LOR) else None
+
+
+def shares(opposite: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+    """Sizes of the weights of the master's nodes, every row with the sum 1."""
+    size = abs(opposite)
+    return (scipy.sparse.diags(1.0 / np.maximum(np.asarray(size.sum(axis=1)).ravel(), 1e-300)) @ size).tocsr()
+
+
+def held_on_both(planes: FloatArray, there: FloatArray) -> FloatArray:
+    """The directions among `planes` (m, 3, 3) that are held on the master, too, by the means of its projectors there
+    (m, 3, 3) with `shares`, as projectors of this shape."""
     sizes, directions = np.linalg.eigh(planes @ there @ planes)
     both: FloatArray = np.einsum("mia,ma,mja->mij", directions, (sizes > _HELD_OPPOSITE).astype(np.float64), directions)
-    return both if elasticity.comm.allreduce(bool(np.any(both)), op=MPI.LOR) else None
+    return both
 
 
 def distances(opposite: scipy.sparse.csr_matrix, master: FacetPatch, x: FloatArray, n: FloatArray) -> FloatArray:

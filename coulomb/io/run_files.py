@@ -19,7 +19,7 @@ from .field_files import data_of
 from .field_names import GROUND
 from .recheck.comparison import OF_LARGEST
 from .run_directory import OLD, RunDirectory
-from .written_bodies import Fields, WrittenBodies, read_bodies
+from .written_bodies import Fields, WrittenBodies, WrittenBody, read_bodies
 from .written_faces import WrittenFace, WrittenOpposite, read_faces, same_nodes
 
 _NEEDED = ("law", "mean_compliance", "totals", "certificate")
@@ -87,6 +87,12 @@ class WrittenRun:
     def held(self) -> HeldDirections:
         """The held directions of the nodes."""
         return HeldDirections.of_fields(self.on_body["held"], self.on_body.get(HELD_OBLIQUE))
+
+    def held_in(self, part: WrittenBody) -> HeldDirections:
+        """The held directions of the nodes of one of the bodies."""
+        here = np.zeros(len(self.body.x), dtype=bool)
+        here[part.nodes] = True
+        return self.held.of(here)
 
     @property
     def touching(self) -> npt.NDArray[np.bool_]:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
+from scipy.sparse.csgraph import connected_components
 
 from ..arrays import FloatArray
 from ..fem import compat
@@ -132,11 +135,25 @@ class WrittenBodies:
         if len(others) != len(self.parts):
             raise ValueError(unfit)
         starts = np.cumsum([0, *(len(points) for points in others)])
-        found = [
-            start + numbers(points, part.body.x, unfit)
-            for part, points, start in zip(self.parts, others, starts, strict=False)
-        ]
-        return np.concatenate(found).astype(np.int64)
+        each = zip(self.parts, others, starts, strict=False)
+        found: npt.NDArray[np.int64] = np.concatenate(
+            [start + numbers(points, part.body.x, unfit) for part, points, start in each]
+        ).astype(np.int64)
+        return found
+
+    @cached_property
+    def component(self) -> npt.NDArray[np.int64]:
+        """Component of the meshes of each node: cells that share nodes are in one; shape (k,)."""
+        found, before = [], 0
+        for part in self.parts:
+            cells = compat.cell_dofs(part.body.V)
+            rows = np.repeat(cells[:, 0], cells.shape[1] - 1), cells[:, 1:].ravel()
+            size = len(part.body.x)
+            joined = scipy.sparse.coo_matrix((np.ones(len(rows[0])), rows), shape=(size, size))
+            count, of_node = connected_components(joined, directed=False)
+            found.append(before + of_node.astype(np.int64))
+            before += count
+        return np.concatenate(found)
 
     @property
     def nodes(self) -> list[FloatArray]:

@@ -96,7 +96,7 @@ def read_faces(
         start = 0 if against else first
         face = _face(name, _body_of(name, bodies, folder), points, cells, start, f"{folder}: {data.name}")
         if against:
-            opposite.append(WrittenOpposite(int(round(fields[OPPOSITE][0])), face, {**fields, "x": points}))
+            opposite.append(WrittenOpposite(round(float(fields[OPPOSITE][0])), face, {**fields, "x": points}))
         else:
             faces.append(face)
             read.append({**fields, "x": points})
@@ -167,8 +167,8 @@ def same_nodes(
     """
     if [face.name for face in faces] != [face.name for face in others]:
         raise ValueError(unfit)
-    found = [
-        other.points.start + numbers(there[other.points], x[face.points], unfit)
-        for face, other in zip(faces, others, strict=True)
-    ]
-    return np.concatenate(found).astype(np.int64)
+    pairs = zip(faces, others, strict=True)
+    found: npt.NDArray[np.int64] = np.concatenate(
+        [other.points.start + numbers(there[other.points], x[face.points], unfit) for face, other in pairs]
+    ).astype(np.int64)
+    return found

@@ -82,7 +82,7 @@ class CaseReference:
         Raises:
             ValueError: If the parts of the case are inconsistent.
         """
-        return {"": self.settings.body(MPI.COMM_SELF)}
+        return self.settings.loaded_bodies(MPI.COMM_SELF)
 
     def face(self, name: str) -> tuple[LoadedBody, str]:
         """The body of a face, and the name that the face has there."""

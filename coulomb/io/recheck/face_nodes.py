@@ -27,6 +27,7 @@ class FaceNodes:
         weights: By which displacements, gaps and places of the q nodes are averaged, shape (m, q).
         opposite: In pairs, by which those of the k nodes of the bodies are averaged over the face opposite, shape
             (m, k); empty rows against foundations.
+        mirrored: In pairs, projectors on the directions across planes of symmetry, shape (m, 3, 3); else 0.
         part: Which face they are on, shape (m,).
         written: Whether they are written as contact nodes of this face, shape (m,).
         frames: Rows n, t1, t2, as `ContactSurface.frames`, shape (m, 3, 3).
@@ -43,6 +44,7 @@ class FaceNodes:
     index: npt.NDArray[np.int64]
     weights: scipy.sparse.csr_matrix
     opposite: scipy.sparse.csr_matrix
+    mirrored: FloatArray
     part: npt.NDArray[np.int64]
     written: npt.NDArray[np.bool_]
     frames: FloatArray
@@ -72,7 +74,14 @@ class FaceNodes:
     def displacement(self, run: WrittenRun, u: FloatArray) -> FloatArray:
         """Their displacements of u (k, 3); in pairs against the face opposite; shape (m, 3)."""
         displacement: FloatArray = self.weights @ u[run.node] - self.opposite @ u
+        displacement -= np.einsum("mij,mj->mi", self.mirrored, displacement)
         return displacement
+
+    def place(self, x: FloatArray) -> FloatArray:
+        """Where their forces act, of coordinates x (q, 3) of the nodes of the written faces, shape (m, 3)."""
+        mean = self.average(x)
+        place: FloatArray = mean + np.einsum("mij,mj->mi", self.mirrored, x[self.index] - mean)
+        return place
 
     def average(self, values: FloatArray) -> FloatArray:
         """Averages of values at the nodes of the written face (q,) or (q, 3), shape (m,) or (m, 3)."""
@@ -80,7 +89,7 @@ class FaceNodes:
         return averages
 
     def nodal_forces(self, run: WrittenRun, forces: FloatArray) -> FloatArray:
-        """Forces at the nodes of all bodies in newtons, shape (k, 3), of forces at the nodes of the written faces, shape
+        """Forces at the nodes of all bodies in newtons, shape (k, 3), of forces at those of the written faces, shape
         (q, 3): those of contact points act by the weights, in pairs the opposite ones on the face opposite."""
         mine, nodal = self.only(self.written), forces
         if self.averaged:
@@ -115,7 +124,7 @@ class FaceNodes:
             law=FrictionLaw(self.cohesion * self.area, self.friction),
             faces=tuple(face_names(run)),
             part=self.part,
-            x=self.average(x),
+            x=self.place(x),
             frames=frames,
             gap=self.gap,
             given_gap=self.given_gap,

@@ -102,7 +102,7 @@ def _face(
     found: Comparison,
 ) -> FaceNodes:
     """The nodes of one face against a foundation."""
-    body, held, count = face.part.body, run.held.of(face.part.nodes), len(run.node)
+    body, held, count = face.part.body, run.held_in(face.part), len(run.node)
     mine = np.arange(face.points.start, face.points.stop)
     local = face.node - face.part.nodes.start
     around, outward = np.zeros(count), np.zeros((count, 3))
@@ -165,7 +165,8 @@ def _face(
     origin, still, earlier = data["slip_origin"], np.zeros_like(x), np.zeros((len(index), len(ACCUMULATED)))
     none_opposite = scipy.sparse.csr_matrix((len(index), len(run.body.x)))
     measured = (frames, gap, given, area, law.friction, cohesion, origin, still, earlier)
-    return FaceNodes(index, weights, none_opposite, part, written, *measured).only(free)
+    mirrored = np.zeros((len(index), 3, 3))
+    return FaceNodes(index, weights, none_opposite, mirrored, part, written, *measured).only(free)
 
 
 def facet_parts(run: WrittenRun, count: int) -> npt.NDArray[np.int64]:

@@ -166,6 +166,7 @@ def recomputed(
             blocked=_blocked(run, heated),
             ground=run.ground,
             averaged=nodes.averaged,
+            component=body.component,
             bodies=tuple(body.slices.values()),
             actions=written_actions(run, nodes, on_face),
         )

@@ -196,7 +196,7 @@ def _from_origin(
     found: Comparison,
 ) -> tuple[FaceNodes, list[str]]:
     """The nodes with their slip origin and the displacement of the foundation, and what is unknown."""
-    here, x = nodes.written, nodes.average(run.on_face["x"])
+    here, x = nodes.written, nodes.place(run.on_face["x"])
     if start is None:
         if "step" in run.summary or case is None:
             return nodes, [_NO_STEP_BEFORE if "step" in run.summary else _NO_CASE]

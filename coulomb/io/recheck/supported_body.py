@@ -68,7 +68,7 @@ class _Supported(NamedTuple):
     member: _Member
     of_run: npt.NDArray[np.int64]
     nodes: slice
-    count: int
+    total: int
 
     def supports(self, held: FloatArray, u: FloatArray) -> Iterator[NodalForces]:
         """Forces of every support and spring at the nodes of the run."""
@@ -80,7 +80,7 @@ class _Supported(NamedTuple):
         """Forces at the nodes of the body as forces at those of the run, with the name of the body."""
         name = self.member.name
         for part in parts:
-            forces = np.zeros((self.count, 3))
+            forces = np.zeros((self.total, 3))
             forces[self.nodes] = part.forces[self.of_run]
             face = part.face if not name else name if part.face is None else f"{name}{SEPARATOR}{part.face}"
             yield NodalForces(part.kind, face, forces)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,7 @@ from ...arrays import FloatArray
 from ...fem.contact_frames import held_length, supported_frames
 from ...fem.facet_patch import facet_patch
 from ...fem.mortar import MortarRows, mortar_rows
+from ...fem.symmetric_pair import distances, held_on_both, planes_of_symmetry, shares, within
 from ...model.accumulated import ACCUMULATED
 from ...model.evidence import HELD_BEYOND
 from ...solvers.laws import FrictionLaw
@@ -46,12 +48,13 @@ def pair_nodes(
     found: Comparison,
 ) -> FaceNodes:
     """The contact points of a pair, whose averages over both faces are integrated anew on the written meshes."""
-    rows = written_rows(run, face, facets, other, taken)
+    rows, mirrored, n = written_rows(run, face, facets, other, taken)
     count, start = len(run.node), other.face.part.nodes.start
     index, weights = on_face(rows.node, rows.weights, face, count)
     among_all = (rows.opposite.data, start + rows.opposite.indices, rows.opposite.indptr)
     opposite = scipy.sparse.csr_matrix(among_all, shape=(len(index), len(run.body.x)))
-    area, n, x, written = rows.area, rows.normal, rows.x, (run.touching & said)[index]
+    area, written = rows.area, (run.touching & said)[index]
+    x = rows.x + np.einsum("mij,mj->mi", mirrored, run.on_face["x"][index] - rows.x)
     data = {name: run.on_face[name][index] for name in ("normal", *TANGENTS, *GAPS, *LAW, "slip_origin")}
     size, file, at = float(np.max(np.abs(run.body.x))), CONTACT, x[written]
     given, law, frames = data["given_gap"], FrictionLaw(data["cohesion"] * area, data["friction"]), None
@@ -89,7 +92,7 @@ def pair_nodes(
     part, cohesion, still = np.full(len(index), number), law.cohesion / area, np.zeros_like(x)
     earlier = np.zeros((len(index), len(ACCUMULATED)))
     measured = (frames, gap, given, area, law.friction, cohesion, data["slip_origin"], still, earlier)
-    return FaceNodes(index, weights, opposite, part, written, *measured)
+    return FaceNodes(index, weights, opposite, mirrored, part, written, *measured)
 
 
 def written_rows(
@@ -98,8 +101,9 @@ def written_rows(
     facets: npt.NDArray[np.int32],
     other: WrittenOpposite,
     taken: npt.NDArray[np.bool_],
-) -> MortarRows:
-    """The contact points of a pair, with the averages over both faces; nodes are numbers in the body of each.
+) -> tuple[MortarRows, FloatArray, FloatArray]:
+    """The contact points of a pair, with the averages over both faces; nodes are numbers in the body of each.  Besides
+    the projectors across planes of symmetry, shape (m, 3, 3), and the normals in these, shape (m, 3).
 
     Nodes whose displacement along their normal is prescribed have no contact point, nor have those that are contact
     points of another face, `taken` (k,).
@@ -107,17 +111,22 @@ def written_rows(
     Raises:
         ValueError: If the outward normals around a contact point cancel.
     """
-    body, held = face.part.body, run.held.of(face.part.nodes)
+    body, held = face.part.body, run.held_in(face.part)
     nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
     n = outward[nodes] / np.maximum(np.linalg.norm(outward[nodes], axis=1), 1e-300)[:, None]
     clamped = nodes[held_length(n, held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
     slave, master = facet_patch(body, facets), facet_patch(other.face.part.body, other.face.number)
     twice = nodes[taken[face.part.nodes][nodes]]
-    return mortar_rows(slave, master, (0, len(body.x)), left_out=np.union1d(clamped, twice).astype(np.int64))
+    rows = mortar_rows(slave, master, (0, len(body.x)), left_out=np.union1d(clamped, twice).astype(np.int64))
+    planes = planes_of_symmetry(rows.normal, held.projector_at(rows.node), rows.node, slave)
+    n, start = within(rows.normal, planes), other.face.part.nodes.start
+    there = run.held.projector_at(start + np.arange(master.size)).reshape(-1, 9)
+    mirrored = held_on_both(planes, (shares(rows.opposite) @ there).reshape(-1, 3, 3))
+    return replace(rows, gap=distances(rows.opposite, master, rows.x, n)), mirrored, n
 
 
 def on_face(
-    nodes: npt.NDArray[np.integer], weights: scipy.sparse.csr_matrix, face: WrittenFace, count: int
+    nodes: npt.NDArray[np.integer[Any]], weights: scipy.sparse.csr_matrix, face: WrittenFace, count: int
 ) -> tuple[npt.NDArray[np.int64], scipy.sparse.csr_matrix]:
     """Nodes of a body (m,) and weights of its nodes (m, p) as those among the `count` nodes of the written faces."""
     in_file = np.full(len(face.part.body.x), -1)
