@@ -11,13 +11,14 @@ if TYPE_CHECKING:
 
 
 class ProbeTable(Table):
-    """A named point in metres at which displacement, slip and pressure are reported."""
+    """A named point in metres at which displacement, slip and pressure are reported, and the body that has it."""
 
     name: Name
     point: Vector
+    body: Name | None = None
 
     def probe(self) -> Probe:
         """What the table describes."""
         from ..model.probes import Probe
 
-        return Probe(self.name, self.point)
+        return Probe(self.name, self.point, self.body)

@@ -18,10 +18,10 @@ from ..model.load_step import Energy, LoadStep, State
 from ..model.problem import ContactProblem
 from ..ranks import on_rank_0
 from . import output
-from .field_files import data_of
+from .body_grids import collections
 from .history_summary import Entries, added, whole
 from .lock import locked
-from .restart import nodal_numbers, nodal_vectors, read_step, read_summary
+from .restart import at_nodes, read_step, read_summary
 from .run_directory import FIELDS, HISTORY, RunDirectory, step_place
 
 
@@ -107,17 +107,21 @@ class HistoryFiles:
         step = self.directory.step(number)
         refuse_other_forms(problem, read_summary(step.path, problem.comm).get("forms"), step.path)
         record = read_step(step.path, problem.comm)
-        x = problem.elasticity.x
-        points = x[problem.surface.nodes]
+        comm, members = problem.comm, problem.elasticity.members
+        bodies = [(member.name, member.body.x) for member in members]
+        points = problem.elasticity.x[problem.surface.nodes]
+        part = problem.surface.part
+        faces = [(contact.face, points[part == number]) for number, contact in enumerate(problem.contacts)]
+        faces = faces if collections(problem)[1] else [("", points)]
         began = read_step(self.directory.step(number - 1).path, problem.comm)["time"] if number > 1 else self._start
-        slip = nodal_vectors(data_of(step.contact), "slip", points, problem.comm)
-        worn = [nodal_numbers(data_of(step.contact), name, points, problem.comm) for name in ACCUMULATED]
+        slip = at_nodes(step.contact, "slip", faces, comm)
+        worn = [at_nodes(step.contact, name, faces, comm)[:, 0] for name in ACCUMULATED]
         return State(
             number=number,
             time=record["time"],
             energy=Energy(**record["energy"]),
-            displacement=nodal_vectors(data_of(step.solution), "displacement", x, problem.comm),
-            force_on_body=nodal_vectors(data_of(step.contact), "contact_force", points, problem.comm),
+            displacement=at_nodes(step.solution, "displacement", bodies, comm),
+            force_on_body=at_nodes(step.contact, "contact_force", faces, comm),
             slip_rate=np.linalg.norm(slip, axis=1) / (record["time"] - began),
             accumulated=Accumulated(*worn),
             pending=tuple(record["pending"]),

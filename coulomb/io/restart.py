@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
 from ..fem.user_values import on_all_ranks
-from .field_files import parts_of_field
+from .field_files import data_of, grids_of, parts_of_field
 from .run_directory import SUMMARY, RunDirectory
 
 
@@ -45,8 +46,34 @@ def read_summary(directory: Path, comm: MPI.Comm) -> dict[str, Any]:
     return shared
 
 
-def nodal_vectors(path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewhere: float | None = None) -> FloatArray:
-    """A vector field of a DOLFINx file at this rank's points, found by their coordinates; collective.
+def at_nodes(file: Path, name: str, parts: Sequence[tuple[str, FloatArray]], comm: MPI.Comm) -> FloatArray:
+    """A vector field of a result file at this rank's points of several grids, shape (k, 3); collective.
+
+    Args:
+        file: XDMF file.
+        name: Name of the field.
+        parts: Name of each grid, "" for the only one of a file, and points on it in metres, shapes (p, 3).
+        comm: The ranks.
+
+    Raises:
+        ValueError: On every rank, if a file cannot be read, or lacks a grid or a point.
+    """
+
+    def groups() -> dict[str, str]:
+        found = grids_of(file)
+        missing = [grid for grid, _ in parts if grid not in found]
+        if missing:
+            raise ValueError(f"has no grid {missing[0]!r}: belongs to another problem, or is incomplete")
+        return found
+
+    of = on_all_ranks(groups, str(file), comm)
+    return np.concatenate([nodal_vectors(data_of(file), name, x, comm, group=of[grid]) for grid, x in parts])
+
+
+def nodal_vectors(
+    path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewhere: float | None = None, group: str = ""
+) -> FloatArray:
+    """A vector field of a grid in an HDF5 file at this rank's points, found by their coordinates; collective.
 
     Args:
         path: HDF5 file.
@@ -54,6 +81,7 @@ def nodal_vectors(path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewher
         x: Points in metres, shape (k, 3).
         comm: The ranks.
         elsewhere: Value at points that are not in the file; by default such points are an error.
+        group: Of the grid; by default of the only one.
 
     Raises:
         ValueError: On every rank, if the file cannot be read or lacks a point.
@@ -65,7 +93,7 @@ def nodal_vectors(path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewher
     def read() -> FloatArray:
         values = np.full((len(x), 3), np.nan if elsewhere is None else elsewhere)
         tree = cKDTree(x) if len(x) else None
-        for points, vectors in parts_of_field(path, name):
+        for points, vectors in parts_of_field(path, name, group):
             if tree is not None:
                 distance, number = tree.query(points, distance_upper_bound=1e-9 * size)
                 found = np.isfinite(distance)
@@ -75,9 +103,3 @@ def nodal_vectors(path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewher
         return values
 
     return on_all_ranks(read, str(path), comm)
-
-
-def nodal_numbers(path: Path, name: str, x: FloatArray, comm: MPI.Comm) -> FloatArray:
-    """A scalar field of a DOLFINx file at this rank's points, shape (k,); otherwise as `nodal_vectors`; collective."""
-    numbers: FloatArray = nodal_vectors(path, name, x, comm)[:, 0].copy()
-    return numbers

@@ -183,6 +183,8 @@ def recomputed(
     else:
         measured = asdict(small_strain(written, foundations, body, u, between, _blocked(run, heated)))
     outside = SmallStrain(**{**recorded, **measured}).violations
+    if acting is None:
+        numbers |= _contact_on_bodies(run, on_body, body_x)
     for check in certificate.checks:
         del numbers["certificate"][check.name.replace(" ", "_")]["meaning"]
     return Variant(
@@ -223,6 +225,16 @@ def _stress(body: ElasticBody | None, u: FloatArray, heated: dict[str, FloatArra
     stress = body.von_mises(body.function(u), heated.get(TEMPERATURE))
     values: FloatArray = stress.x.array[compat.cell_dofs(stress.function_space)[:, 0]]
     return values
+
+
+def _contact_on_bodies(run: WrittenRun, on_body: FloatArray, x: FloatArray) -> dict[str, Any]:
+    """Force and moment of the contact on each of several bodies, as in summary.json, with the balance there."""
+    found, recorded = [], run.summary.get("bodies")
+    for number, (name, nodes) in enumerate(run.body.slices.items()):
+        sums = _sums(on_body[nodes], x[nodes], None, on_body)
+        entry = {"name": name, "contact_force": sums["force"], "contact_moment": sums["moment"]}
+        found.append({**entry, "balance": recorded[number]["balance"] if recorded else math.nan})
+    return {"bodies": found} if found else {}
 
 
 def _of(fields: dict[str, FloatArray], nodes: slice) -> dict[str, FloatArray]:

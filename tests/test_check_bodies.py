@@ -1,0 +1,138 @@
+"""`coulomb check` of several bodies and of pairs of faces: what is changed in the files is noticed."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from bodies_runs import TWO
+from check_runs import change, copied, edit, made, put, shown
+from conftest import run_coulomb
+
+from coulomb.io.history_files import HistoryFiles
+from coulomb.io.recheck.directory import check
+from coulomb.io.written_case import written_case
+
+FIRST, LAST = "steps/0001", "steps/0002"
+
+
+def one(values):
+    """The largest entry changed by a thousandth."""
+    k = np.argmax(np.abs(values).reshape(len(values), -1).sum(axis=1))
+    values[k] *= 1.001
+    return values
+
+
+def test_all_files_follow_from_displacements_and_forces():
+    found = check(made(TWO))
+    assert found.passed and not found.faults, str(found)
+    assert "forces and moments on the two faces of every pair" in str(check(made(TWO) / LAST).certificate)
+
+
+@pytest.mark.parametrize(
+    ("condition", "changes"),
+    [
+        (
+            "action and reaction",
+            {
+                "solution/lower/von_mises_stress": "solution.xdmf: von_mises_stress of lower",
+                "contact/upper_bottom/initial_gap": "contact.xdmf: initial_gap",
+                "contact/lower_top/contact_force": "contact.xdmf: contact_force of lower:top",
+                "contact/lower_top/pressure": "contact.xdmf: pressure of lower:top",
+                "contact/lower_top/slip": "contact.xdmf: slip of lower:top",
+                "contact/lower_top/normal": "contact.xdmf: normal of lower:top",
+            },
+        ),
+        (
+            "equilibrium",
+            {
+                "solution/upper/displacement": "solution.xdmf: von_mises_stress of upper",
+                "solution/lower/young": "solution.xdmf: young",
+                "solution/upper/spring": "solution.xdmf: spring of upper",
+                "contact/upper_bottom/contact_force": "contact.xdmf: pressure",
+                "contact/upper_bottom/area": "contact.xdmf: area",
+            },
+        ),
+    ],
+)
+def test_changed_fields_are_noticed(condition, changes, tmp_path):
+    folder = copied(TWO, tmp_path / "run") / FIRST
+    for place in changes:
+        file, _, field = place.partition("/")
+        change(folder / f"{file}.h5", field, one)
+    found = check(folder)
+    assert condition in [check.name for check in found.certificate.checks if not check.passed]
+    for fault in changes.values():
+        assert any(line.startswith(fault) for line in found.faults), found.faults
+
+
+def test_changed_numbers_are_noticed(tmp_path):
+    folder = copied(TWO, tmp_path / "run") / FIRST
+    places = [
+        ("faces", 0, "opposite_force", 2),
+        ("faces", 0, "opposite_moment", 0),
+        ("bodies", 0, "contact_moment", 1),
+        ("bodies", 1, "balance"),
+        ("reactions", 2, "force", 0),
+        ("probes", 0, "displacement", 2),
+    ]
+    for place in places:
+        edit(folder / "summary.json", lambda summary, place=place: put(summary, place, 0.1234))
+    faults = check(folder).faults
+    for place in places:
+        assert any(line.startswith(shown(place)) for line in faults), place
+
+
+def test_without_a_case_the_contact_of_every_body_is_summed(tmp_path):
+    folder = shutil.copytree(made(TWO) / FIRST, tmp_path / "run")
+    edit(folder / "summary.json", lambda summary: put(summary, ("bodies", 0, "contact_force", 2), 1.0))
+    assert any("summary.json.bodies[0].contact_force[2]" in line for line in check(folder).faults)
+
+
+def test_a_body_that_shows_the_data_of_another_is_noticed(tmp_path):
+    folder = copied(TWO, tmp_path / "run") / FIRST
+    path = folder / "solution.xdmf"
+    path.write_text(path.read_text().replace("/Function/upper/load/", "/Function/lower/load/"))
+    with pytest.raises(ValueError, match="as 'load'"):
+        check(folder)
+
+
+def test_another_order_of_the_faces_of_a_pair_is_the_same_case(tmp_path):
+    """Which face has the contact points is a choice; that the pair is another one is noticed."""
+    folder = copied(TWO, tmp_path / "run")
+
+    def exchange(case):
+        (contact,) = case["contact"] if isinstance(case["contact"], list) else [case["contact"]]
+        contact["face"], contact["against"] = contact["against"], contact["face"]
+
+    edit(folder / "case.json", exchange)
+    assert check(folder).passed
+
+    def elsewhere(case):
+        (contact,) = case["contact"] if isinstance(case["contact"], list) else [case["contact"]]
+        contact["face"] = "lower:right"
+
+    edit(folder / "case.json", elsewhere)
+    assert any("facets" in line for step in check(folder).steps for line in step.faults)
+
+
+def test_a_history_resumes_with_the_same_numbers(tmp_path):
+    folder = copied(TWO, tmp_path / "run")
+    before = (folder / "history.csv").read_text()
+    shutil.rmtree(folder / LAST)
+    settings = written_case(folder)
+    files = HistoryFiles(folder, resume=True)
+    settings.load_history().run(settings.problem(), files)
+    assert (folder / "history.csv").read_text() == before
+
+
+def test_two_ranks_write_what_one_does(tmp_path):
+    (tmp_path / "two.toml").write_text(TWO)
+    options = ("--output", tmp_path / "run", "--set", "output.picture=false")
+    done = run_coulomb("run", tmp_path / "two.toml", *options, ranks=2)
+    assert done.returncode == 0, done.stderr
+    assert check(tmp_path / "run").passed
+    mine, theirs = (json.loads((run / LAST / "summary.json").read_text()) for run in (made(TWO), tmp_path / "run"))
+    for name in ("opposite_force", "opposite_moment", "contact_area"):
+        one, two = np.array(mine["faces"][0][name]), np.array(theirs["faces"][0][name])
+        assert np.max(np.abs(one - two)) <= 1e-7 * np.max(np.abs(one))

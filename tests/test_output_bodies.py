@@ -1,0 +1,72 @@
+"""Files, summary and probes of several bodies: what is written on both sides of a pair."""
+
+import numpy as np
+import pytest
+from bodies_runs import pressed
+
+from coulomb import Contact, Probe
+from coulomb.fem import compat
+from coulomb.fem.displacement_space import DisplacementSpace
+from coulomb.io import output
+from coulomb.io.field_files import OPPOSITE, read_grids
+from coulomb.io.recheck.directory import check
+from coulomb.model.nodal_answer import HELD, STICK
+from coulomb.model.opposite import CARRIED, carried
+from coulomb.model.probes import LocatedProbes, Part
+
+PRESSURE = 1e7
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper"),
+    [
+        (("hexahedron", 1), ("tetrahedron", 1)),
+        (("tetrahedron", 2), ("hexahedron", 1)),
+        (("hexahedron", 2), ("tetrahedron", 2)),
+    ],
+    ids=str,
+)
+def test_a_uniform_pressure_is_the_same_on_both_sides(lower, upper, tmp_path):
+    """Forces over nodal areas would not be: they vary with the ratio of the meshes."""
+    contact = Contact("upper:bottom", against="lower:top", friction=0.3)
+    solution = pressed(contact, lower, upper, PRESSURE).solve()
+    output.write(solution, tmp_path)
+    bodies, faces = (read_grids(tmp_path / f"{name}.xdmf") for name in ("solution", "contact"))
+    assert list(bodies) == ["lower", "upper"] and set(faces) == {"upper:bottom", "lower:top"}
+    for name, face in faces.items():
+        assert np.allclose(face.fields["pressure"], PRESSURE, rtol=1e-6), name
+        outward = np.array([0.0, 0.0, -1.0 if name == "upper:bottom" else 1.0])
+        assert np.allclose(face.fields["normal"], outward, atol=1e-12)
+        total = face.fields["contact_force"].sum(axis=0)
+        if face.cell != "Triangle_6" or OPPOSITE in face.fields:  # between vertices there are means of those
+            assert np.allclose(total, -outward * PRESSURE, atol=1e-6 * PRESSURE)
+    for name, sign in (("lower", 0.5), ("upper", 0.4)):
+        u = bodies[name].fields["displacement"][:, 2]
+        assert np.isclose(np.ptp(u), sign * PRESSURE / 2e11, rtol=1e-6)
+    assert check(tmp_path).passed
+
+
+def test_what_nothing_opposes_is_no_contact():
+    """Carried values are means by the weights, opposite where they are of the slave; without any 0."""
+    fields = {name: np.array([1.0, 3.0]) for name in CARRIED}
+    fields |= {name: np.array([[1.0, 0.0, 0.0], [3.0, 0.0, 4.0]]) for name in ("friction_traction", "slip")}
+    fields["status"] = np.array([1.0, 2.0])
+    weights = np.array([[3.0, 0.0], [1.0, 0.0]])
+    found = carried(fields, lambda values: weights.T @ values)
+    assert found["pressure"].tolist() == [1.5, 0.0] and found["status"].tolist() == [STICK, HELD]
+    assert found["friction_traction"].tolist() == [[-1.5, 0.0, -1.0], [0.0, 0.0, 0.0]]
+
+
+def test_probes_find_their_body():
+    low = box((1.0, 1.0, 1.0), (1, 1, 1))
+    spaces = [DisplacementSpace(compat.functionspace(mesh.domain, 1, (3,))) for mesh in (low, moved(low, (0, 0, 1)))]
+    parts = [Part(name, space, slice(0, 8)) for name, space in zip(("lower", "upper"), spaces, strict=True)]
+    probes = [Probe("a", (0.5, 0.5, 0.2)), Probe("b", (0.5, 0.5, 1.2)), Probe("c", (0, 0, 1), "upper")]
+    assert [len(one._numbers) for one in LocatedProbes(probes, parts, [])._in] == [1, 2]
+    for probe, message in (
+        (Probe("d", (0.5, 0.5, 1.0)), "'lower' and 'upper': give body"),
+        (Probe("d", (0.5, 0.5, 5.0)), "body 'lower': the point .* is outside the body.*body 'upper'"),
+        (Probe("d", (0.5, 0.5, 1.0), "middle"), "there is no body 'middle' .lower, upper."),
+    ):
+        with pytest.raises(ValueError, match=message):
+            LocatedProbes([probe], parts, [])
