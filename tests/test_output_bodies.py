@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from bodies_runs import pressed
 
-from coulomb import Contact, Probe
+from coulomb import Contact, Probe, box, moved
 from coulomb.fem import compat
 from coulomb.fem.displacement_space import DisplacementSpace
 from coulomb.io import output
