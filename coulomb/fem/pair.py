@@ -27,6 +27,9 @@ from .surface import ContactSurface, matrices_of
 from .symmetric_pair import distances, mirrored, planes_of_symmetry, within
 from .user_values import on_all_ranks
 
+_ROUNDING = 1e-14
+"""Gaps below this part of the coordinates are rounding errors."""
+
 
 @dataclass(frozen=True)
 class Pair:
@@ -108,7 +111,8 @@ def pair_of(
     if mirrors is not None:
         x = x + np.einsum("mij,mj->mi", mirrors, elasticity.x[points.nodes] - x)
     gap = distances(rows.opposite, on_other, rows.x, n)
-    gap = np.where(np.abs(gap) <= adjust, 0.0, gap) if adjust else gap
+    rounding = _ROUNDING * float(np.max(np.abs(on_one.x)))
+    gap = np.where(np.abs(gap) <= max(adjust, rounding), 0.0, gap)
     remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), comm)
     return Pair(face, against, points, x, n, gap, held, remarks)
 
