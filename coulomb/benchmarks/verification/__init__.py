@@ -15,6 +15,7 @@ from . import (
     hertz_pairs,
     locking,
     mindlin_pair,
+    nafems_cb1,
     orthotropic,
     patch,
     patch_pairs,
@@ -45,6 +46,7 @@ CASES: dict[str, Callable[[], Verified]] = {
     "mindlin-pair": mindlin_pair.verify,
     "ring-pair": ring_pair.verify,
     "stack": stack.verify,
+    "nafems-cb1": nafems_cb1.verify,
 }
 """The cases by name."""
 
@@ -53,5 +55,6 @@ COARSE: dict[str, Callable[[], Verified]] = {
     "mindlin-pair": partial(mindlin_pair.verify, (4, 3), 2),
     "ring-pair": partial(ring_pair.verify, (2, 4), (2,)),
     "stack": partial(stack.verify, (4,)),
+    "nafems-cb1": partial(nafems_cb1.verify, (10, 8)),
 }
 """Cases on coarser meshes than those of the table, for the tests."""
