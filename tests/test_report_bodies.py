@@ -12,6 +12,7 @@ from coulomb.pictures.plotting import corners_in, patches, polygons, renderer, s
 from coulomb.pictures.report.files import Run
 from coulomb.pictures.report.first_order import contact_points, first_order
 from coulomb.pictures.report.merged import drawn_apart, merged, nodes_in_body
+from coulomb.pictures.report.scene import outward
 from coulomb.pictures.report.surface_view import surface_view
 
 CUBE = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
@@ -85,6 +86,21 @@ def test_a_pin_is_drawn_out_of_its_hole_along_the_axis():
     moved, _ = drawn_apart(merged(bodies), merged({"pin:outside": pin, "plate:hole": hole}))
     apart = moved.points[0] - bodies["pin"].points[0] - (moved.points[8] - bodies["plate"].points[0])
     assert np.allclose(np.abs(apart), [0.0, 3.3, 0.0], atol=1e-4)
+
+
+def test_a_ball_is_drawn_out_of_its_socket_and_seen_from_above():
+    """Of a whole sphere the part with a partner counts; z is upward although the normals of this part point down."""
+    points = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])
+    facets = np.array([[0, 1, 2], [3, 2, 1]])
+    fields = {"normal": points, "area": np.ones(4), "status": np.array([3.0, 3.0, 3.0, 0.0])}
+    ball = Grid("Triangle", facets, points, {**fields, OPPOSITE: np.zeros(4)})
+    cup = Grid("Triangle", facets, points, {**fields, "normal": -points, "face": np.zeros(4)})
+    bodies = {name: Grid("Hexahedron", HEXAHEDRON, CUBE + 3.0 * k * UP, {}) for k, name in enumerate(("cup", "ball"))}
+    contact_faces = merged({"cup:inside": cup, "ball:sphere": ball})
+    moved, _ = drawn_apart(merged(bodies), contact_faces)
+    away = moved.points[8] - bodies["ball"].points[0] - (moved.points[0] - bodies["cup"].points[0])
+    assert away[2] > 0.5 and np.allclose(away[:2], 0.0, atol=1e-6)
+    assert np.allclose(outward(contact_faces), UP)
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,15 @@ fixed below, E = 210 and 70 GPa, nu = 0.3, 35 kN per mm of thickness.  The refer
 
     half width a = sqrt(4 P R/(pi E*)) = 6.21 mm,   p = p0 sqrt(1 - x^2/a^2),   p0 = sqrt(P E*/(pi R)) = 3585 N/mm^2,
 
-1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2.  Half of it, right of the plane of symmetry, one layer of cells with plane strain.
-The lower half of the roller, with a small hole at its centre so that cells are quadrilaterals; its load is a uniform
-force on the plane through the axis.  Friction is 0, as the formula needs it.
+1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2.  Half of it, right of the plane of symmetry, one layer of cells with plane
+strain.  The lower half of the roller, with a small hole at its centre so that cells are quadrilaterals; its load is a
+uniform force on the plane through the axis.  Friction is 0, as the formula needs it.
 
-Strains are not small, p0/E* = 6 %: displacement gradients exceed the limits of the theory, and `small_strain` is "warn".
-The problem of this theory has an answer all the same, which is compared.
+Strains are not small, p0/E* = 6 %: displacement gradients exceed the limits of the theory, and `small_strain` is
+"warn".  The problem of this theory has an answer all the same, which is compared.
 
-Tolerances.  The roller is a circle, the formula has a parabola: (a/R)^2 = 1.5 % of the curvature at the edge, a third of
-it in the mean.  Nodes represent the pressure over their hat functions: (h/a)^2/6 for the pressure at the centre.
+Tolerances.  The roller is a circle, the formula has a parabola: (a/R)^2 = 1.5 % of the curvature at the edge, a third
+of it in the mean.  Nodes represent the pressure over their hat functions: (h/a)^2/6 for the pressure at the centre.
 """
 
 from __future__ import annotations

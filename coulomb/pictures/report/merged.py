@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -80,6 +81,11 @@ def opposite(contact: Grid) -> npt.NDArray[np.bool_]:
     """Which points are on faces opposite in pairs, shape (n,)."""
     of = np.asarray(contact.fields.get(OPPOSITE, np.full(len(contact.points), -1.0)))
     return np.asarray(of >= 0.0)
+
+
+def have_partner(contact: Grid) -> npt.NDArray[np.bool_]:
+    """Which points have a partner, a foundation or a face opposite, shape (n,): all but those with the status held."""
+    return np.asarray(np.round(contact.fields["status"]) != _ELSEWHERE["status"])
 
 
 def nodes_in_body(contact: Grid, body: Grid) -> npt.NDArray[np.int64]:
@@ -175,10 +181,14 @@ def _way_out(contact: Grid, block: Block, face: FloatArray, body: FloatArray) ->
         body: Its nodes, shape (k, 3).
     """
     normals, area = contact.fields["normal"][block.points], contact.fields["area"][block.points]
+    touching = have_partner(contact)[block.points]
+    if np.any(touching):
+        normals, area = normals[touching], area[touching]
     mean = area @ normals / max(float(area.sum()), 1e-300)
     if np.linalg.norm(mean) >= 0.3:
         out: FloatArray = _APART * np.linalg.norm(np.ptp(face, axis=0)) * mean / np.linalg.norm(mean)
         return out
     along = np.linalg.eigh(normals.T @ (area[:, None] * normals))[1][:, 0]  # the axis of a hole
-    pulled: FloatArray = 1.1 * float(np.ptp(body @ along)) * along
+    outward = float((body.mean(axis=0) - contact.points[block.points].mean(axis=0)) @ along)
+    pulled: FloatArray = math.copysign(1.1, outward) * float(np.ptp(body @ along)) * along
     return pulled
