@@ -88,6 +88,22 @@ def have_partner(contact: Grid) -> npt.NDArray[np.bool_]:
     return np.asarray(np.round(contact.fields["status"]) != _ELSEWHERE["status"])
 
 
+def outward(contact: Grid) -> FloatArray:
+    """Mean outward normal of the body on its contact face, (3,), of length 1; with pairs that of the faces opposite,
+    where they have a partner, or if it points down that of their partners: of bodies drawn apart z is upward."""
+    normals, of_pairs = contact.fields["normal"], opposite(contact)
+    if np.any(of_pairs):
+        partner = of_pairs & have_partner(contact)
+        normals = normals[partner if np.any(partner) else of_pairs]
+    mean: FloatArray = np.sum(normals, axis=0)
+    if np.any(of_pairs) and mean[2] < 0.0:
+        mean = -mean
+    length = float(np.linalg.norm(mean))
+    if length <= 1e-6 * len(normals):  # closed around another body
+        return np.array([0.0, 0.0, 1.0 if np.any(of_pairs) else -1.0])
+    return np.asarray(mean / length, dtype=np.float64)
+
+
 def nodes_in_body(contact: Grid, body: Grid) -> npt.NDArray[np.int64]:
     """The node of its own body at every point of the contact faces, shape (n,): bodies touch at coincident nodes."""
     if not body.blocks or not contact.blocks:

@@ -15,7 +15,7 @@ from ..plotting import ZONES, corners_in, nice, patches, polygons, renderer, ski
 from .camera import Camera, beside, framing
 from .files import Run, Step
 from .first_order import contact_points
-from .merged import drawn_apart, have_partner, nodes_in_body, opposite
+from .merged import drawn_apart, nodes_in_body, opposite, outward
 from .shown_fields import Field, named
 from .units import in_seconds, number, scale_of
 
@@ -101,22 +101,6 @@ def limits_of(run: Run, field: Field) -> tuple[float, float]:
     if field.zones:
         return 0.0, float(max(ZONES))
     return field.limits(np.concatenate([np.ravel(field.values(step.grid(field.file))) for step in run.steps]))
-
-
-def outward(contact: Grid) -> FloatArray:
-    """Mean outward normal of the body on its contact face, (3,), of length 1; with pairs that of the faces opposite,
-    where they have a partner, or if it points down that of their partners: of bodies drawn apart z is upward."""
-    normals, of_pairs = contact.fields["normal"], opposite(contact)
-    if np.any(of_pairs):
-        partner = of_pairs & have_partner(contact)
-        normals = normals[partner if np.any(partner) else of_pairs]
-    mean: FloatArray = np.sum(normals, axis=0)
-    if np.any(of_pairs) and mean[2] < 0.0:
-        mean = -mean
-    length = float(np.linalg.norm(mean))
-    if length <= 1e-6 * len(normals):  # closed around another body
-        return np.array([0.0, 0.0, 1.0 if np.any(of_pairs) else -1.0])
-    return np.asarray(mean / length, dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from ...arrays import FloatArray
 from ...io.field_files import Grid
 from ..plotting import ZONES, renderer, skin_of
 from .files import Run, Step
-from .merged import nodes_in_body, same_nodes
-from .scene import limits_of, looking_at, outward
+from .merged import nodes_in_body, outward, same_nodes
+from .scene import limits_of, looking_at
 from .sheet import AXES
 from .shown_fields import named, ramp
 from .units import in_seconds, scale_of
