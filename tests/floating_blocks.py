@@ -34,13 +34,15 @@ def brick_stiffness(size):
 
 @dataclass
 class FloatingBlock:
-    """A block [0, a] x [0, b] x [0, c] m of n bricks, its lower face on the plane z = 0.
+    """A block [0, a] x [0, b] x [0, c] m of n bricks, its lower face on the plane z = 0; its upper one on another plane
+    if it is `between` two.
 
-    Frames are (n, t1, t2) = (-z, x, y): forces x on the plane, as in the package.
+    Frames are (n, t1, t2) = (-z, x, y), on the upper face (z, x, y).
     """
 
     size: tuple[float, float, float] = (2.0, 1.0, 0.5)
     cells: tuple[int, int, int] = (4, 2, 1)
+    between: bool = False
 
     def __post_init__(self):
         shape = tuple(n + 1 for n in self.cells)
@@ -57,9 +59,10 @@ class FloatingBlock:
             self.K[np.ix_(dofs, dofs)] += brick
         self.bottom = np.flatnonzero(self.points[:, 2] == 0.0)
         self.top = np.flatnonzero(self.points[:, 2] == self.size[2])
-        self.B = np.zeros((3 * len(self.bottom), 3 * k))
-        for row, node in enumerate(self.bottom):
-            self.B[3 * row, 3 * node + 2] = -1.0
+        nodes = [(node, -1.0) for node in self.bottom] + [(node, 1.0) for node in self.top if self.between]
+        self.B = np.zeros((3 * len(nodes), 3 * k))
+        for row, (node, outward) in enumerate(nodes):
+            self.B[3 * row, 3 * node + 2] = outward
             self.B[3 * row + 1, 3 * node] = self.B[3 * row + 2, 3 * node + 1] = 1.0
         centred = self.points - self.points.mean(axis=0)
         radius = np.linalg.norm(centred, axis=1).max()
@@ -79,14 +82,14 @@ class FloatingBlock:
     def springs(self):
         """Six springs at statically determinate places that make K regular."""
         K, stiffness = self.K.copy(), np.diag(self.K).mean()
-        far = self.points @ np.array([1.0, 1e-3, 1e-6])
-        a, b = int(far.argmin()), int(far.argmax())
-        c = int(
-            np.linalg.norm(np.cross(self.points - self.points[a], self.points[b] - self.points[a]), axis=1).argmax()
-        )
+        length, width, height = self.size
+        a, b, c = (self._node(corner) for corner in ((0, 0, height), (length, 0, height), (0, width, height)))
         for dof in (3 * a, 3 * a + 1, 3 * a + 2, 3 * b + 1, 3 * b + 2, 3 * c + 2):
             K[dof, dof] += stiffness
         return K
+
+    def _node(self, point):
+        return int(np.linalg.norm(self.points - point, axis=1).argmin())
 
     def parts(self, f):
         """A, b, G, e of the problem under the loads f."""
@@ -104,3 +107,13 @@ def floating_problem(block, ratio, friction=FRICTION, moment=0.0):
     A, b, G, e = block.parts(block.load((0.8 * push, 0.6 * push, -WEIGHT), moment))
     law = FrictionLaw.coulomb(np.full(len(block.bottom), friction))
     return FrictionProblem(dense_compliance(A), b, law, rigid=RigidMotions(G, e, block.names))
+
+
+def clamped_problem(block, ratio):
+    """The same block with its left face clamped."""
+    push = ratio * FRICTION * WEIGHT
+    free = np.flatnonzero(np.repeat(block.points[:, 0] > 0.0, 3))
+    rows = np.flatnonzero(np.repeat(block.points[block.bottom, 0] > 0.0, 3))
+    inverse, B = np.linalg.inv(block.K[np.ix_(free, free)]), block.B[np.ix_(rows, free)]
+    A, b = B @ inverse @ B.T, B @ inverse @ block.load((0.8 * push, 0.6 * push, -WEIGHT))[free]
+    return FrictionProblem(dense_compliance(0.5 * (A + A.T)), b, FrictionLaw.coulomb(np.full(len(rows) // 3, FRICTION)))

@@ -1,48 +1,201 @@
 """Problems with friction of bodies that contact alone holds: w = A x - b - G^T alpha, G x = e."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from floating_blocks import WEIGHT, FloatingBlock, floating_problem
+from conftest import dense_compliance
+from floating_blocks import FRICTION, WEIGHT, FloatingBlock, clamped_problem, floating_problem
 
-from coulomb import DenseSystem, FrictionProblem, InteriorPoint, SchurComplementSystem
+from coulomb import (
+    KPRGP,
+    AugmentedSystem,
+    Automatic,
+    CondensedSystem,
+    DenseSystem,
+    FrictionProblem,
+    InteriorPoint,
+    SchurComplementSystem,
+    SuccessiveTresca,
+    solve_coulomb,
+    solve_tresca,
+)
 from coulomb.solvers.rigid_motions import RigidMotions
 
 BLOCK = FloatingBlock()
 
 
-@pytest.mark.parametrize("newton", [DenseSystem(), SchurComplementSystem()])
-@pytest.mark.parametrize("ratio", [0.52, 0.87])
-def test_a_block_on_a_plane(ratio, newton):
-    """In at most 20 steps, in equilibrium, and alpha closes the contact."""
-    problem = floating_problem(BLOCK, ratio)
-    result = InteriorPoint(1e-8, newton=newton).solve(problem)
-    x, w = result.x.reshape(-1, 3), result.gradient.reshape(-1, 3)
-    size = np.abs(problem.b).max()
-    assert result.newton_steps <= 20
-    assert np.allclose(problem.rigid.G @ result.x, problem.rigid.e, atol=1e-8 * WEIGHT)
-    assert np.allclose(problem.gradient(result.x, result.rigid), result.gradient, atol=1e-12 * size)
-    pressed = x[:, 0] > 1e-6 * WEIGHT
-    assert pressed.sum() >= 3 and np.abs(w[pressed, 0]).max() <= 1e-6 * size
+def arbiter(problem, steps=2000):
+    """Forces in newtons by ADMM: compliance and equilibrium by one factorisation, the law by projection."""
+    A, b, G, e = problem.A.dense(), problem.b, problem.rigid.G, problem.rigid.e
+    a, s, n, q = np.diag(A).mean(), np.abs(e).max() / problem.A.nodes, len(problem.b), len(e)
+    M = np.linalg.inv(np.block([[A / a + np.eye(n), -G.T], [G, np.zeros((q, q))]]))[:n]
+    z = u = np.zeros(n)
+    for _ in range(steps):
+        x = M @ np.concatenate([b / (a * s) + z - u, e / s])
+        v = (x + u).reshape(-1, 3)
+        normal, size = np.maximum(v[:, 0], 0.0), np.hypot(v[:, 1], v[:, 2])
+        bound = problem.law.cohesion / s + problem.law.friction * normal
+        p = np.column_stack([normal, v[:, 1:] * np.minimum(1.0, bound / np.where(size > 0.0, size, 1.0))[:, None]])
+        before, z, u = z, p.ravel(), u + x - p.ravel()
+        if max(np.abs(x - z).max(), np.abs(z - before).max()) < 1e-13:
+            return s * z
+    raise AssertionError("the arbiter does not converge")
+
+
+def off(result, x):
+    return np.linalg.norm(result.x - x) / np.linalg.norm(x)
+
+
+@pytest.mark.parametrize("ratio", [0.52, 0.87, 0.99])
+def test_a_block_on_a_plane(ratio):
+    """The forces of the arbiter in at most 20 steps, in equilibrium; alpha closes the contact."""
+    problem = floating_problem(BLOCK, ratio, moment=5e3)
+    x = arbiter(problem)
+    for newton in (DenseSystem(), SchurComplementSystem(), SchurComplementSystem(rank=0)):
+        result = InteriorPoint(1e-9, newton=newton).solve(problem)
+        assert result.newton_steps <= 20 and off(result, x) <= 1e-6
+        assert np.allclose(problem.rigid.G @ result.x, problem.rigid.e, atol=1e-8 * WEIGHT)
+        w = problem.A.dense() @ result.x - problem.b - problem.rigid.G.T @ result.rigid
+        assert np.allclose(w, result.gradient, atol=1e-12 * np.abs(problem.b).max())
+        assert np.abs(w[0::3][x[0::3] > 1e-3 * x.max()]).max() <= 1e-6 * np.abs(w).max()
+        assert np.allclose(problem.gradient(result.x), w, atol=1e-6 * np.abs(w).max())  # alpha from x alone
+
+
+def test_solvers_agree():
+    problem = floating_problem(BLOCK, 0.7, moment=2e4)
+    x = arbiter(problem)
+    for solver in (Automatic(), SuccessiveTresca()):
+        result = solver.solve(problem)
+        assert off(result, x) <= 1e-6
+        w = problem.gradient(result.x, result.rigid)
+        assert np.allclose(w, result.gradient, atol=1e-12 * np.abs(problem.b).max())
+
+
+@pytest.mark.parametrize("newton", [DenseSystem(), SchurComplementSystem(), AugmentedSystem(), AugmentedSystem(rank=0)])
+def test_given_slip_bounds(newton):
+    """Algorithm PF; two nodes have no friction."""
+    g = np.full(len(BLOCK.bottom), 3e4)
+    g[[1, 7]] = 0.0
+    problem = floating_problem(BLOCK, 0.87, moment=5e3).with_slip_bound(g)
+    x = arbiter(problem)
+    cold = InteriorPoint(1e-9, newton=newton).solve(problem)
+    assert cold.newton_steps <= 20 and off(cold, x) <= 1e-6
+    near = problem.with_slip_bound(1.001 * g)
+    warm = InteriorPoint(1e-8, newton=newton).solve(near, cold.x, gradient=cold.gradient)
+    assert warm.newton_steps <= 0.6 * cold.newton_steps and off(warm, arbiter(near)) <= 1e-6
+
+
+def test_as_many_krylov_iterations_as_with_clamps():
+    block = FloatingBlock(cells=(8, 4, 2))
+    for ratio in (0.52, 0.87):
+        for newton, law in ((SchurComplementSystem(), "coulomb"), (AugmentedSystem(), "tresca")):
+            floating, clamped = floating_problem(block, ratio), clamped_problem(block, ratio)
+            if law == "tresca":
+                floating, clamped = (
+                    p.with_slip_bound(np.full(p.A.nodes, FRICTION * WEIGHT / p.A.nodes)) for p in (floating, clamped)
+                )
+            counts = []
+            for problem in (floating, clamped):
+                result = InteriorPoint(newton=newton).solve(problem)
+                counts.append(np.mean([step.krylov for step in result.history]))
+                assert result.products <= sum(step.krylov for step in result.history) + result.newton_steps + 6 + 4
+            assert counts[0] <= 1.5 * counts[1]
+
+
+def test_what_makes_the_stiffness_regular_does_not_matter():
+    """Springs or the pseudoinverse of K, other units and combinations of the motions: the same forces."""
+    problem = floating_problem(BLOCK, 0.87)
+    inverse, f = np.linalg.pinv(BLOCK.K, rcond=1e-10), BLOCK.load((0.8 * 0.87 * 3e5, 0.6 * 0.87 * 3e5, -1e6))
+    A = BLOCK.B @ inverse @ BLOCK.B.T
+    T = np.random.default_rng(5).standard_normal((7, 6)) * np.geomspace(1.0, 100.0, 7)[:, None]  # one row too many
+    rigid = RigidMotions(T @ problem.rigid.G, T @ problem.rigid.e)
+    other = FrictionProblem(dense_compliance(0.5 * (A + A.T)), BLOCK.B @ inverse @ f, problem.law, rigid=rigid)
+    one, two = (InteriorPoint(1e-10).solve(p) for p in (problem, other))
+    assert off(two, one.x) <= 1e-7
+    assert np.allclose(two.gradient, one.gradient, atol=1e-6 * np.abs(one.gradient).max())
+    scaled = FrictionProblem(
+        dense_compliance(1e6 * problem.A.dense()),
+        1e3 * problem.b,
+        problem.law,
+        rigid=RigidMotions(problem.rigid.G, 1e-3 * problem.rigid.e),
+    )
+    result = InteriorPoint(1e-10).solve(scaled)  # kN and mm
+    assert off(result, 1e-3 * one.x) <= 1e-8 and result.newton_steps == one.newton_steps
+    assert np.allclose(result.rigid, 1e3 * one.rigid, atol=1e-9 * np.abs(result.rigid).max())
+
+
+def test_free_motions_are_the_shortest():
+    """Without friction nothing resists sliding and spinning."""
+    problem = floating_problem(BLOCK, 0.0, friction=0.0)
+    for newton in (DenseSystem(), SchurComplementSystem()):
+        result = InteriorPoint(1e-9, newton=newton).solve(problem)
+        assert off(result, arbiter(problem)) <= 1e-6
+        free = np.linalg.svd(problem.rigid.G[:, 0::3])[0][:, 3:]
+        assert np.abs(free.T @ result.rigid).max() <= 1e-12 * np.abs(result.rigid).max()
+
+
+def test_both_conditions_must_hold():
+    """Forces of another load have no natural residual of the law, but are out of balance."""
+    problem = floating_problem(BLOCK, 0.5)
+    result = InteriorPoint(1e-10).solve(problem)
+    assert problem.residual(result.x, result.gradient) <= 1e-10
+    heavier = replace(problem, rigid=replace(problem.rigid, e=1.01 * problem.rigid.e))
+    assert (
+        heavier.law.natural_residual(result.x, result.gradient, heavier.mean_diagonal, heavier.reductions)
+        <= 1e-10
+        < 1e-3
+        < heavier.residual(result.x, result.gradient)
+    )
+
+
+def test_the_certificate_sees_the_motions():
+    seen = []
+
+    def accept(x, alpha):
+        seen.append(alpha)
+        return True
+
+    result = InteriorPoint().solve(replace(floating_problem(BLOCK, 0.5), accept=accept))
+    assert np.array_equal(seen[-1], result.rigid) and len(result.rigid) == 6
+
+
+def test_without_a_mesh():
+    problem = floating_problem(BLOCK, 0.5)
+    A, friction = problem.A.dense(), problem.law.friction
+    x = arbiter(problem)
+    assert off(solve_coulomb(A, problem.b, friction, rigid=problem.rigid), x) <= 1e-6
+    lists = RigidMotions(problem.rigid.G.tolist(), problem.rigid.e.tolist())
+    assert off(solve_tresca(A, problem.b, friction * x[0::3], rigid=lists), x) <= 1e-6
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda r: RigidMotions(r.G[:, :-1], r.e), r"rigid: G must have shape \(6, 45\).*but has \(6, 44\)"),
-        (lambda r: RigidMotions(r.G[:2], r.e), r"rigid: G must have shape \(6, 45\).*but has \(2, 45\)"),
+        (lambda r: replace(r, G=r.G[:, :-1]), r"rigid: G must have shape \(6, 45\).*but has \(6, 44\)"),
+        (lambda r: replace(r, G=r.G[:2]), r"rigid: G must have shape \(6, 45\).*but has \(2, 45\)"),
         (
-            lambda r: RigidMotions(r.G[:0], r.e[:0]),
-            r"rigid: e must have shape \(q,\) with q > 0 motions, but has \(0,\)",
+            lambda r: replace(r, G=r.G[:0], e=r.e[:0]),
+            r"rigid: e must have shape \(q,\) with q > 0 .*has \(0,\)",
         ),
-        (lambda r: RigidMotions(r.G * np.nan, r.e), "rigid: G has entries that are not finite"),
-        (lambda r: RigidMotions(r.G, r.e + np.inf), "rigid: e has entries that are not finite"),
-        (
-            lambda r: RigidMotions(r.G, r.e, ("x", "y")),
-            r"rigid: names must be one per motion \(6\), or none, but are 2",
-        ),
+        (lambda r: replace(r, G=r.G * np.nan), "rigid: G has entries that are not finite"),
+        (lambda r: replace(r, e=r.e + np.inf), "rigid: e has entries that are not finite"),
+        (lambda r: replace(r, names=("x", "y")), r"rigid: names must be one per motion \(6\), or none, but are 2"),
     ],
 )
 def test_wrong_motions_are_refused(change, message):
     good = floating_problem(BLOCK, 0.5)
     with pytest.raises(ValueError, match=message):
-        FrictionProblem(good.A, good.b, good.law, rigid=change(good.rigid))
+        replace(good, rigid=change(good.rigid))
+
+
+def test_unsupported_combinations_are_refused():
+    problem = floating_problem(BLOCK, 0.5)
+    A = problem.A.dense().copy()
+    A[4], A[:, 4] = 0.0, 0.0
+    with pytest.raises(ValueError, match="G must be zero where a row of A is zero"):
+        FrictionProblem(dense_compliance(A), problem.b, problem.law, rigid=problem.rigid)
+    with pytest.raises(ValueError, match=r"KPRGP solves problems whose bodies are all held by supports.*InteriorPoint"):
+        KPRGP().solve(problem.with_slip_bound(np.full(15, 3e4)))
+    with pytest.raises(ValueError, match="newton: a condensed system"):
+        InteriorPoint(newton=CondensedSystem()).solve(problem)

@@ -53,7 +53,11 @@ class Automatic:
             return _chosen(first.solve(problem, start, gradient=gradient, progress=progress), first.name)
         except NotConverged as failure:
             one = failure.result
-            if one.status is Status.INTERRUPTED or one.residual <= tolerance or not problem.sloped:
+            if (
+                one.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
+                or one.residual <= tolerance
+                or not problem.sloped
+            ):
                 raise NotConverged(str(failure), _chosen(one, first.name)) from None
         try:
             other = second.solve(problem, start, progress=progress)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from .friction_problem import FrictionProblem, Solver
 from .interior_point import InteriorPoint
 from .laws import FrictionLaw
 from .results import SolverResult
+from .rigid_motions import RigidMotions
 
 
 def solve_tresca(
@@ -25,6 +27,8 @@ def solve_tresca(
     slip_bound: Any,
     lower: Any = 0.0,
     solver: Solver | None = None,
+    *,
+    rigid: RigidMotions | None = None,
 ) -> SolverResult:
     """min 1/2 x^T A x - b^T x  subject to  x_n >= lower,  |x_t| <= slip_bound  at every contact.
 
@@ -36,6 +40,8 @@ def solve_tresca(
         slip_bound: Radius of every friction disc, >= 0; a number or shape (m,).
         lower: Lower bound of the normal forces; a number or shape (m,).
         solver: InteriorPoint() by default, or KPRGP().
+        rigid: Rigid motions with their equilibrium G x = e, if contact alone holds a body; G and e are those of this
+            rank. A is then that of any generalised inverse of the stiffness, and positive definite all the same.
 
     Returns:
         The answer, x contact by contact.
@@ -43,15 +49,23 @@ def solve_tresca(
     Raises:
         ValueError: If A is not square, symmetric and made of blocks of three, or other arguments are inconsistent with
             it.
-        NotConverged: If the residual stays above the solver's tolerance.
+        NotConverged: If the residual stays above the solver's tolerance, or if rigid motions have no equilibrium.
     """
     compliance = _compliance(A)
     bound = _for_each("slip_bound", slip_bound, compliance.nodes)
     qp = FrictionProblem.tresca(compliance, _numbers("b", b), bound, _numbers("lower", lower))
-    return (solver or InteriorPoint()).solve(qp)
+    return (solver or InteriorPoint()).solve(replace(qp, rigid=_motions(rigid)))
 
 
-def solve_coulomb(A: Any, b: Any, friction: Any, solver: Solver | None = None, *, cohesion: Any = 0.0) -> SolverResult:
+def solve_coulomb(
+    A: Any,
+    b: Any,
+    friction: Any,
+    solver: Solver | None = None,
+    *,
+    cohesion: Any = 0.0,
+    rigid: RigidMotions | None = None,
+) -> SolverResult:
     """As `solve_tresca` with slip_bound = cohesion + friction x_n at the solution.
 
     Args:
@@ -60,6 +74,7 @@ def solve_coulomb(A: Any, b: Any, friction: Any, solver: Solver | None = None, *
         friction: Coefficient of every contact, >= 0; a number or shape (m,).
         solver: Automatic() by default; InteriorPoint() or SuccessiveTresca().
         cohesion: Cohesion of every contact, >= 0, in units of force; a number or (m,).
+        rigid: As for `solve_tresca`.
 
     Raises:
         ValueError: As `solve_tresca`.
@@ -68,7 +83,12 @@ def solve_coulomb(A: Any, b: Any, friction: Any, solver: Solver | None = None, *
     compliance = _compliance(A)
     coefficient = _for_each("friction", friction, compliance.nodes)
     law = FrictionLaw(_for_each("cohesion", cohesion, compliance.nodes), coefficient)
-    return (solver or Automatic()).solve(FrictionProblem(compliance, _numbers("b", b), law))
+    problem = FrictionProblem(compliance, _numbers("b", b), law, rigid=_motions(rigid))
+    return (solver or Automatic()).solve(problem)
+
+
+def _motions(rigid: RigidMotions | None) -> RigidMotions | None:
+    return rigid and replace(rigid, G=_numbers("rigid.G", rigid.G), e=_numbers("rigid.e", rigid.e))
 
 
 def _numbers(name: str, values: Any) -> FloatArray:

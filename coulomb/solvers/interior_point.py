@@ -34,6 +34,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..arrays import FloatArray
+from .equilibrium import balanced_forces, no_equilibrium, sliding
 from .friction_problem import FrictionProblem
 from .newton_systems import NewtonChoice, SchurComplementSystem
 from .results import (
@@ -46,6 +47,7 @@ from .results import (
     Status,
     check_constants,
 )
+from .rigid_motions import Equilibrium
 from .scaled_problem import Iterate, ScaledProblem
 from .steps import newton_step, step_length
 
@@ -141,11 +143,19 @@ class InteriorPoint:
         """Solve a problem with friction; arguments and errors as those of `Solver.solve`.
 
         If steps from `start` block, the cold starts follow.  `history` has an InteriorPointStep per Newton step.
+
+        Raises:
+            NotConverged: With the status NO_EQUILIBRIUM before the first step, if no contact forces balance the loads
+                of a body that contact alone holds, or after some steps, if it slides away.
         """
         products = problem.A.products
+        balanced_forces(problem, self.name)
         goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
         result = self._smallest(problem, goal) or _Path(self, problem, goal, progress).follow(start, gradient)
         result = replace(result, products=problem.A.products - products)
+        if result.equilibrium is not None and problem.rigid is not None and result.status is Status.NO_EQUILIBRIUM:
+            message = f"{no_equilibrium(problem.rigid, result.equilibrium)}, after {result.newton_steps} Newton steps"
+            raise NotConverged(message, replace(result, message=message))
         if result.status is not Status.CONVERGED:
             residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-3:])
             message = (
@@ -201,11 +211,16 @@ class _Path:
                     v = self._centred(x_n, y, starts.pop(0))
                 results.append(self._steps(v, patient=not starts))
                 v, last = None, results[-1]
-                if last.status in (Status.CONVERGED, Status.INTERRUPTED) or last.residual <= self._goal.tolerance:
+                gone = last.equilibrium is not None
+                if (
+                    gone
+                    or last.status in (Status.CONVERGED, Status.INTERRUPTED)
+                    or last.residual <= self._goal.tolerance
+                ):
                     break
         finally:
             self._newton.destroy()
-        best = min(results, key=lambda result: result.residual)
+        best = last if gone else min(results, key=lambda result: result.residual)
         return replace(best, newton_steps=len(self._history), history=tuple(self._history))
 
     def _centred(self, x_n: FloatArray, y: FloatArray, relative_theta: float) -> Iterate:
@@ -247,6 +262,7 @@ class _Path:
         err, krylov_tolerance, alpha = 1.0, settings.r_tol / settings.c_fact, 1.0
         waits = scaled.sloped or not problem.A.exact
         best, best_at, blocked, reached, status = math.inf, first, 0, False, Status.MAX_ITERATIONS
+        away: Equilibrium | None = None
         for iteration in range(first + 1, first + settings.max_iterations + 1):
             sigma = settings.centring(alpha, gradient / (beta * theta) if waits else 0.0)
             krylov_tolerance = min(settings.r_tol * err, settings.c_fact * krylov_tolerance)
@@ -284,6 +300,11 @@ class _Path:
             if residual < 0.9 * best:
                 best, best_at = residual, iteration
             blocked = blocked + 1 if alpha < settings.blocked else 0
+            if blocked == 3:
+                away = sliding(problem, *scaled.unscaled(v)[:2], scaled.rigid_motion(v))
+                if away is not None:
+                    status = Status.NO_EQUILIBRIUM
+                    break
             if iteration - best_at >= goal.patience or (blocked == 3 and not patient):
                 status = Status.STAGNATED
                 break
@@ -304,4 +325,5 @@ class _Path:
             history=(),
             method=settings.name,
             rigid=scaled.rigid_motion(exact),
+            equilibrium=away,
         )

@@ -82,8 +82,13 @@ class KPRGP:
         tolerance: float | None = None,
         progress: ProgressCallback | None = None,
     ) -> SolverResult:
-        """Solve a Tresca problem; arguments, result and errors as those of `Solver.solve`."""
+        """Solve a Tresca problem without rigid motions; arguments, result and errors as those of `Solver.solve`."""
         refuse_slope(qp, "KPRGP")
+        if qp.rigid is not None:
+            raise ValueError(
+                "KPRGP solves problems whose bodies are all held by supports; for bodies that contact alone holds use "
+                "InteriorPoint() or SuccessiveTresca()"
+            )
         tolerance = self.tolerance if tolerance is None else tolerance
         over, products = qp.reductions, qp.A.products
         a = self.step / norm_of(qp)

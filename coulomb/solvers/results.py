@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal
 
-import numpy as np
-
 from ..arrays import FloatArray
+from .rigid_motions import NO_MOTION, Equilibrium
 
 
 class Status(Enum):
@@ -213,6 +212,7 @@ class SolverResult:
         contraction: For successive Tresca, the measured factor of the map g -> r(x_n(g)); nan if not measured.
         message: What was observed, if it did not converge.
         rigid: Rigid motions alpha of the problem's bodies, shape (q,), the same on all ranks; empty without any.
+        equilibrium: With the status NO_EQUILIBRIUM, the motion that contact cannot resist, load and resistance.
     """
 
     x: FloatArray
@@ -228,7 +228,8 @@ class SolverResult:
     method: str
     contraction: float = math.nan
     message: str = ""
-    rigid: FloatArray = field(default_factory=lambda: np.empty(0))
+    rigid: FloatArray = field(default_factory=NO_MOTION.copy)
+    equilibrium: Equilibrium | None = None
 
     def steps(self, kind: StepKind) -> int:
         """KPRGP's steps of a kind; 0 for other solvers."""

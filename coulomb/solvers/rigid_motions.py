@@ -12,7 +12,7 @@ way: Z. Dostal, T. Kozubek, M. Sadowska, V. Vondrak: Scalable Algorithms for Con
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -57,6 +57,13 @@ class RigidMotions:
         """e - G x in newtons, shape (q,), of forces x (3 m,) in newtons; collective."""
         left: FloatArray = self.e - over.total(self.G @ x)
         return left
+
+    def described(self, alpha: FloatArray) -> str:
+        """The motions of alpha (q,) by name, the largest first, without those below a hundredth of it."""
+        names = self.names or tuple(f"motion {k + 1}" for k in range(self.count))
+        largest = float(np.abs(alpha).max())
+        order = sorted(range(self.count), key=lambda k: -abs(alpha[k]))
+        return ", ".join(f"{alpha[k]:.3g} {names[k]}" for k in order if abs(alpha[k]) >= 0.01 * largest)
 
     def validate(self, nodes: int, over: Reductions) -> None:
         """Check shapes and numbers; collective.
@@ -136,3 +143,29 @@ class MotionBasis:
         """alpha (q,) without its part along motions that nothing resists."""
         shortest: FloatArray = alpha - self.free @ (self.free.T @ alpha)
         return shortest
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """Whether contact can balance the loads of floating bodies.
+
+    Attributes:
+        exists: Whether contact forces within the bounds of friction balance the loads.
+        x: Such forces in newtons, this rank's part, shape (3 m,); otherwise the nearest that were found.
+        motion: The certificate if there are none, |alpha| = 1, shape (q,): loads do more work on this rigid motion than
+            any contact forces within their bounds can resist.  Empty if they exist, or if it is not proven.
+        direction: Its part that does not open the contact under pressure, |alpha| = 1, shape (q,): how the bodies slide
+            or tip; the motion itself if it has no such part, as for a body that the loads lift.
+        load: Work of the loads per length of `direction`, newtons.
+        resistance: The most that contact forces resist it with, in equilibrium otherwise, newtons; less than `load`.
+        proven: Whether this holds for all contact forces within the bounds of friction; otherwise for the pressures at
+            which the iteration stalled, and the bodies slide away.
+    """
+
+    exists: bool
+    x: FloatArray
+    motion: FloatArray = field(default_factory=lambda: np.empty(0))
+    direction: FloatArray = field(default_factory=lambda: np.empty(0))
+    load: float = 0.0
+    resistance: float = 0.0
+    proven: bool = True

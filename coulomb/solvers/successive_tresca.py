@@ -13,6 +13,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from .anderson import Anderson
+from .equilibrium import balanced_forces
 from .friction_problem import FrictionProblem, Solver
 from .interior_point import InteriorPoint
 from .newton_systems import AugmentedSystem
@@ -89,7 +90,8 @@ class SuccessiveTresca:
 
         Args:
             problem: The problem.
-            start: Forces in newtons, shape (3 m,), whose r(x_n) is the first g; by default the cohesion.
+            start: Forces in newtons, shape (3 m,), whose r(x_n) is the first g; by default the cohesion, and with rigid
+                motions that of forces in equilibrium.
             gradient: Not needed.
             tolerance: Replaces the field.
             progress: Called after every step of the Tresca solver.
@@ -104,7 +106,9 @@ class SuccessiveTresca:
         over, A = problem.reductions, problem.A
         products = A.products
         anderson = Anderson(self.memory, over)
-        g = problem.law.radius(np.zeros(problem.A.nodes)) if start is None else problem.slip_bound(start)
+        balanced = balanced_forces(problem, self.name)  # without friction a floating body may have no equilibrium
+        first = np.zeros(3 * A.nodes) if balanced is None else balanced
+        g = problem.slip_bound(first if start is None else start)
         old_g, old_wanted = None, None
         last: SolverResult | None = None
         best: tuple[float, SolverResult, FloatArray] | None = None
@@ -121,6 +125,9 @@ class SuccessiveTresca:
             inner = inner if problem.sloped else goal.residual  # the only Tresca problem
             warm = last is not None
             last, steps, krylov, trouble = self._tresca(problem, g, last, inner, iteration, progress)
+            if balanced is not None and last.status is Status.NO_EQUILIBRIUM:  # with these bounds there is
+                g = np.maximum(g, problem.slip_bound(balanced))
+                last, steps, krylov, trouble = self._tresca(problem, g, None, inner, iteration, progress)
             last = replace(last, x=problem.completed(last.x))  # where the slip is known, with r(x_n) in place of g
             wanted = problem.slip_bound(last.x)
             residual = problem.residual(last.x, last.gradient)
@@ -150,7 +157,7 @@ class SuccessiveTresca:
                     seconds=time.perf_counter() - began,
                 )
             )
-            if goal.reached(residual, last.x):
+            if goal.reached(residual, last.x, last.rigid):
                 break
             if last.status is Status.INTERRUPTED:
                 status, why = Status.INTERRUPTED, trouble
@@ -168,13 +175,13 @@ class SuccessiveTresca:
             g = self._without_negligible(np.maximum(anderson.next(g, misfit, damping), 0.0), g, over)
         assert best is not None
         _, last, g = best
-        residual = problem.residual(last.x)
+        residual = problem.residual(last.x, problem.gradient(last.x, last.rigid))
         result = SolverResult(
             x=last.x,
             gradient=last.gradient,
             slip_bound=np.where(problem.known_slip, problem.slip_bound(last.x), g),
             multipliers=last.multipliers,
-            status=goal.verdict(residual, last.x, status),
+            status=goal.verdict(residual, last.x, status, last.rigid),
             outer_steps=len(history),
             newton_steps=sum(step.path_following for step in history),
             products=A.products - products,
@@ -182,6 +189,7 @@ class SuccessiveTresca:
             history=tuple(history),
             method=self.name,
             contraction=_contraction(history),
+            rigid=last.rigid,
         )
         if result.status is not Status.CONVERGED:
             message = _message(goal, result, why)
