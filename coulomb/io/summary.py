@@ -22,6 +22,7 @@ from ..model.nodal_answer import NodalAnswer
 from ..model.resultants import Acting
 from ..model.solution import Solution
 from ..model.understood import contacts_of, supports_of
+from ..solvers.results import Status
 from ..version import __version__
 from .environment import versions
 from .peak_memory import peak_memory
@@ -143,6 +144,8 @@ def remarks(solution: Solution) -> list[str]:
             f"the equilibrium is not unique: nothing resists that {motion}; the shortest motion is given"
             for motion in undetermined(problem, solution.contact_force)
         ]
+    if solution.result.status is Status.NO_EQUILIBRIUM:  # nothing was solved
+        return []
     least = over.min(problem.surface.gap - problem.closure(solution.displacement)[:, 0])
     return [f"nothing touches: all contact nodes are open, the smallest gap is {least:.3g} m; {LOOK_AT_GAP}"]
 
