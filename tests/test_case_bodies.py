@@ -46,6 +46,19 @@ friction = 0.4
 """
 
 
+ONE = """
+[mesh]
+box = [1.0, 1.0, 1.0]
+cells = [1, 1, 1]
+[material]
+young = 1e9
+poisson = 0.3
+[contact]
+face = "bottom"
+friction = 0.3
+"""
+
+
 @pytest.fixture(autouse=True)
 def blocks(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -93,6 +106,13 @@ def test_groups_and_files_of_bodies():
     assert differences(case, record["files"], case, changed) == ["the contents of body.1.file"]
 
 
+def test_the_temperature_of_one_body():
+    changes = ["temperature={value=20, body='upper', reference=5}", "body.1.material.expansion=1e-5"]
+    bodies = read_case("case.toml", changes).loaded_bodies(MPI.COMM_WORLD)
+    assert bodies["lower"].thermal is None and np.all(bodies["upper"].at(0.0).temperature.change == 15.0)
+    assert "temperature.body = 'upper': there are no [[body]] tables" in said(changes[0], text=ONE)
+
+
 def test_changes_reach_a_body():
     case = read_case("case.toml", ["body.1.cells=[3,2,1]", "body.0.material.young=1e9", "contact.friction=0.1"])
     assert case.body[1].cells == (3, 2, 1) and case.body[0].material.young == 1e9 and case.contact.friction == 0.1
@@ -120,6 +140,10 @@ def test_changes_reach_a_body():
             "there is no body 'lowr' (did you mean 'lower'?); the bodies are lower",
         ),
         ("clamp=[{face='lower:'}]", "clamp.0.face = 'lower:': should be 'lower:left', 'lower:right'"),
+        (
+            "temperature={value=1,body='uper'}",
+            "temperature.body = 'uper': there is no body 'uper' (did you mean 'upper'?)",
+        ),
         ("contact.against='lower:up'", "contact.against = 'lower:up': should be 'lower:left'"),
         ("contact.against='upper:bottom'", "against must be another face than face"),
         ("contact.foundation={point=[0,0,0],normal=[0,0,1]}", "foundation does not go with against"),

@@ -125,10 +125,20 @@ def fault_of_face(face: str, bodies: Sequence[BodyTable], box: bool) -> str:
     if not colon:
         return f'should name body and face, as in "{names[0]}:{face}"; the bodies are {", ".join(names)}'
     if of not in names:
-        close = difflib.get_close_matches(of, names, n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        return f"there is no body {of!r}{hint}; the bodies are {', '.join(names)}"
+        return fault_of_body(of, bodies)
     return _no_face_of_a_box(own, f"{of}:") if bodies[names.index(of)].box is not None else ""
+
+
+def fault_of_body(name: str, bodies: Sequence[BodyTable]) -> str:
+    """What is wrong with the name of a body; "" if nothing is."""
+    names = [body.name for body in bodies]
+    if not names:
+        return "there are no [[body]] tables, so that it has no meaning"
+    if name in names:
+        return ""
+    close = difflib.get_close_matches(name, names, n=1)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    return f"there is no body {name!r}{hint}; the bodies are {', '.join(names)}"
 
 
 def _no_face_of_a_box(face: str, of: str = "") -> str:

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 from pydantic_core import PydanticCustomError
 
 from ..ranks import is_rank_0, launched, on_rank_0
-from .bodies import BodyTable, fault_of_face, joined_mesh, refuse_equal_names
+from .bodies import BodyTable, fault_of_body, fault_of_face, joined_mesh, refuse_equal_names
 from .body import MeshTable, PressureTable, TotalForceTable, TractionTable
 from .contact import ContactTable, ContactTables
 from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
@@ -44,6 +44,7 @@ if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validat
     from ..fem.materials import AnyMaterial
     from ..fem.named_mesh import NamedMesh
     from ..fem.temperature import ThermalLoad
+    from ..fem.user_values import Coefficient
     from ..model.load_history import LoadHistory
     from ..model.problem import ContactProblem
     from ..solvers.friction_problem import Solver
@@ -112,7 +113,7 @@ class Case(Table):
             body_force_amplitude=amplitude_of(self.body_force_amplitude),
             gravity=self.gravity,
             gravity_amplitude=amplitude_of(self.gravity_amplitude),
-            temperature=None if thermal is None else thermal.temperature,
+            temperature=self._of_body(thermal),
             reference_temperature=0.0 if thermal is None else thermal.reference,
             temperature_amplitude=1.0 if thermal is None else thermal.amplitude,
             linear_solver={
@@ -149,7 +150,7 @@ class Case(Table):
         given = (field(self.body_force), springs, amplitude_of(self.body_force_amplitude))
         weight = (self.gravity, amplitude_of(self.gravity_amplitude))
         if isinstance(mesh, JoinedMesh):
-            heat = () if thermal is None else (thermal.temperature, thermal.reference, thermal.amplitude)
+            heat = () if thermal is None else (self._of_body(thermal), thermal.reference, thermal.amplitude)
             bodies = distributed_bodies(mesh, self.materials(), clamps, loads, *given, *weight, *heat)
             return made(LoadedBody, bodies)
         return {"": LoadedBody(mesh, self.materials(), clamps, loads, *given, *weight, thermal)}
@@ -165,6 +166,12 @@ class Case(Table):
     @property
     def _thermal(self) -> ThermalLoad | None:
         return None if self.temperature is None else self.temperature.thermal()
+
+    def _of_body(self, thermal: ThermalLoad | None) -> Coefficient | dict[str, Coefficient] | None:
+        """Its temperature, of all bodies or of one."""
+        if thermal is None or self.temperature is None or self.temperature.body is None:
+            return None if thermal is None else thermal.temperature
+        return {self.temperature.body: thermal.temperature}
 
     @property
     def _acting(self) -> tuple[list[Support], list[Load], list[Spring]]:
@@ -223,6 +230,9 @@ class Case(Table):
     def _faces_of_bodies(self) -> Case:
         """Check faces of boxes, and that faces of several bodies name them; those of files when these are read."""
         refuse_equal_names(self.body)
+        heated = None if self.temperature is None else self.temperature.body
+        if heated is not None and (fault := fault_of_body(heated, self.body)):
+            raise ValueError(f"temperature.body = {heated!r}: {fault}")
         loaded = ("traction", "pressure", "total_force", "spring")
         kinds = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry", *loaded)
         faces = {f"{kind}.{i}.face": entry.face for kind in kinds for i, entry in enumerate(getattr(self, kind))}

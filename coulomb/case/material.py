@@ -136,7 +136,10 @@ def refuse_groups(given: MaterialTable | tuple[GroupMaterialTable, ...], box: bo
 
 
 class TemperatureTable(Table):
-    """Temperature in kelvin or degrees Celsius: a value, or a field of a file; and that of the unstrained body."""
+    """Temperature in kelvin or degrees Celsius: a value, or a field of a file; and that of the unstrained body.
+
+    With `body` it is that of one of several bodies; the others have no thermal strain.
+    """
 
     value: NumberAt | None = None
     file: FileName | None = None
@@ -144,6 +147,7 @@ class TemperatureTable(Table):
     scale: Length = 1.0
     reference: Number = 0.0
     amplitude: AmplitudeTable | None = None
+    body: Name | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> TemperatureTable:
