@@ -31,6 +31,14 @@ face = "upper:bottom"
 against = "lower:top"
 friction = 0.3
 """
+THIRD = """[[body]]
+name = "lid"
+box = [1.0, 1.0, 1.0]
+cells = [1, 1, 1]
+translate = [0.0, 0.0, 5.0]
+material = { young = 1e9, poisson = 0.3 }
+
+"""
 two = case(BODIES)
 one_read = part(after=lambda data: data)
 
@@ -125,5 +133,18 @@ SEVERAL = (
         run("body={name='lower'}"),
         r"body: there may be several: write \[\[body\]\], with double brackets, in place of \[body\]",
         two,
+    ),
+    Wrong(
+        "export of a body that contact alone holds",
+        ("export", "case.toml", "out.hdf5", "--set", "clamp=[{face='lower:bottom'}]"),
+        r"contact alone holds a body: its equilibrium is not in FCLIB's problems",
+        two,
+        alone=True,
+    ),
+    Wrong(
+        "a body that nothing holds or touches",
+        run(),
+        r'nothing holds body "lid": it has no contact face',
+        case(BODIES.replace("[[clamp]]", THIRD + "[[clamp]]", 1)),
     ),
 )

@@ -224,6 +224,10 @@ def export(
             raise ValueError("FCLIB's problems have Coulomb's law; this case has a cohesion or a slip stress")
         if any(contact.axes is not None for contact in problem.contacts):
             raise ValueError("FCLIB's problems have one coefficient of friction per contact; this case has two")
+        if problem.rigid is not None:
+            raise ValueError(
+                "contact alone holds a body: its equilibrium is not in FCLIB's problems; add a clamp or a [[spring]]"
+            )
         if not isinstance(problem.A, SchurCompliance):
             raise ValueError('A is not formed for a problem of this size; set solver.compliance="explicit"')
         mu = problem.law.friction
