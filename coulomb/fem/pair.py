@@ -65,9 +65,9 @@ def pair_of(
 ) -> Pair:
     """The geometry of a pair; collective.
 
-    Nodes of the slave face whose displacement along the normal is prescribed, those that nothing opposes, and those
-    that are contact points of another face already, are no contact points; their parts of the face belong to the nodes
-    beside them.
+    Nodes of the slave face whose displacement along the normal is prescribed, those that nothing opposes, those that
+    are contact points of another face already, and those that are on the master face as well, are no contact points;
+    their parts of the face belong to the nodes beside them.
 
     Args:
         elasticity: The bodies.
@@ -86,8 +86,10 @@ def pair_of(
     clamped = clamped_nodes(body, on_slave)
     on_face = body.nodes_of(on_slave)
     twice = np.empty(0, dtype=np.int64) if taken is None else on_face[taken[slave.nodes][on_face]].astype(np.int64)
-    left_out = np.concatenate(comm.allgather(numbering.first + np.union1d(clamped, twice)))
     on_one, on_other = (gathered(patch, comm) for patch in patches)
+    left_out = np.concatenate(comm.allgather(numbering.first + np.union1d(clamped, twice)))
+    if slave.body is master.body:  # at the tip of a crack the two faces cannot part
+        left_out = np.union1d(left_out, np.intersect1d(on_one.nodes, on_other.nodes))
     owned = (numbering.first, numbering.first + numbering.local)
     rows = on_all_ranks(lambda: mortar_rows(on_one, on_other, owned, left_out=left_out), f"contact face {face!r}", comm)
     if comm.allreduce(len(rows.node), op=MPI.SUM) == 0:
@@ -120,12 +122,18 @@ def pair_of(
 def _remarks(face: str, against: str, rows: MortarRows, twice: int, comm: MPI.Comm) -> tuple[str, ...]:
     """What a user should know of the contact points of a pair; collective."""
     dropped, layered, shared = comm.allreduce(np.array([len(rows.dropped), rows.layered, twice]), op=MPI.SUM)
+    lost = float(comm.allreduce(rows.lost, op=MPI.SUM))
     found = []
     if shared:
         found.append(f"{shared} of its nodes are contact points of another face, and count there")
     if dropped:
         share = f"less than {100 * LEAST_SHARE:.0f} % of their area"
         found.append(f"{dropped} of its nodes have {share} opposite to {against!r}: they are none")
+    if lost > 0.0:
+        found.append(
+            f"{lost:.3g} m^2 of it bear no contact force, since all nodes near are clamped: {against!r} can pass "
+            "through there; end the clamp, or the contact face, before"
+        )
     if layered:
         found.append(f"{layered} of its facets have several layers of {against!r} before them: the nearest counts")
     return tuple(f"contact face {face!r}: {text}" for text in found)
