@@ -14,19 +14,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.body import Material
 from ..fem.elasticity import Clamp, Spring, Traction
 from ..fem.join import join
-from ..fem.meshes import distributed
-from ..fem.named_mesh import NamedMesh, local_facets
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
-
-IntArray = npt.NDArray[np.int64]
+from .array_mesh import SIDES, IntArray, mesh_of_arrays
 
 HEIGHT = 0.5
 """z of the contact plane, in metres."""
@@ -106,15 +101,8 @@ class Grid(NamedTuple):
         return areas
 
 
-CORNERS = {
-    "bottom": (0, 1, 2, 3),
-    "top": (4, 5, 6, 7),
-    "front": (0, 1, 5, 4),
-    "right": (1, 2, 6, 5),
-    "back": (2, 3, 7, 6),
-    "left": (3, 0, 4, 7),
-}
-"""Nodes of a cell on its faces; in this order they are faces 1 to 6 of Abaqus and CalculiX."""
+CORNERS = dict(zip(("bottom", "top", "front", "right", "back", "left"), SIDES, strict=True))
+"""Nodes of a cell on its faces, in the order of faces 1 to 6 of Abaqus and CalculiX."""
 
 
 def grid(block: Block, p: int) -> Grid:
@@ -137,14 +125,6 @@ def grid(block: Block, p: int) -> Grid:
     return Grid(np.column_stack([x.ravel(), y.ravel(), z.ravel()]), cells, faces, lines)
 
 
-def named_mesh(made: Grid, comm: MPI.Comm = MPI.COMM_WORLD) -> NamedMesh:
-    """The mesh of a block as coulomb reads it; collective."""
-    first = comm.rank == 0
-    points, cells = (made.points, made.cells) if first else (np.empty((0, 3)), np.empty((0, 8), dtype=np.int64))
-    domain = distributed(comm, points, cells)
-    return NamedMesh(domain, local_facets(domain, {name: np.sort(f.corners, axis=1) for name, f in made.faces.items()}))
-
-
 def two_blocks(p: int, friction: float = FRICTION, spring: float = SPRING, **options: Any) -> ContactProblem:
     """The two blocks with p cells per metre of the lower one; `options` are ContactProblem's.
 
@@ -154,7 +134,11 @@ def two_blocks(p: int, friction: float = FRICTION, spring: float = SPRING, **opt
         spring: Stiffness of the spring in N/m^3; 0 leaves the upper block to contact alone.
         **options: Passed on.
     """
-    meshes = {name: named_mesh(grid(block, p)) for name, block in BLOCKS.items()}
+    grids = {name: grid(block, p) for name, block in BLOCKS.items()}
+    meshes = {
+        name: mesh_of_arrays(made.points, made.cells, {face: of.corners for face, of in made.faces.items()})
+        for name, made in grids.items()
+    }
     return ContactProblem(
         join(meshes),
         {name: Material(young=block.young, poisson=block.poisson) for name, block in BLOCKS.items()},

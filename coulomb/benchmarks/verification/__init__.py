@@ -16,12 +16,14 @@ from . import (
     locking,
     mindlin_pair,
     nafems_cb1,
+    nafems_cb2,
     orthotropic,
     patch,
     patch_pairs,
     press_fit,
     ring_pair,
     sliding_block,
+    ssnp121,
     ssnv128,
     stack,
     thermal,
@@ -47,6 +49,8 @@ CASES: dict[str, Callable[[], Verified]] = {
     "ring-pair": ring_pair.verify,
     "stack": stack.verify,
     "nafems-cb1": nafems_cb1.verify,
+    "nafems-cb2": nafems_cb2.verify,
+    "ssnp121": ssnp121.verify,
 }
 """The cases by name."""
 
@@ -56,5 +60,6 @@ COARSE: dict[str, Callable[[], Verified]] = {
     "ring-pair": partial(ring_pair.verify, (2, 4), (2,)),
     "stack": partial(stack.verify, (4,)),
     "nafems-cb1": partial(nafems_cb1.verify, (10, 8)),
+    "nafems-cb2": partial(nafems_cb2.verify, (4, 5)),
 }
 """Cases on coarser meshes than those of the table, for the tests."""

@@ -1,0 +1,105 @@
+"""Meshes of hexahedra from plain arrays, and quarters of cylinders as such arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from ..fem.meshes import distributed
+from ..fem.named_mesh import NamedMesh, local_facets
+
+IntArray = npt.NDArray[np.int64]
+
+SIDES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+"""Nodes of a cell on its faces, in cyclic order; faces 1 to 6 of Abaqus and CalculiX."""
+
+
+def mesh_of_arrays(
+    points: FloatArray, cells: IntArray, faces: Mapping[str, IntArray], comm: MPI.Comm = MPI.COMM_WORLD
+) -> NamedMesh:
+    """A mesh of hexahedra; collective, with the same arrays on every rank.
+
+    Args:
+        points: Nodes in metres, shape (k, 3).
+        cells: Hexahedra in VTK's order, shape (c, 8).
+        faces: Corners of the facets of each face by name, in any order, shape (q, 4); facets inside are left out.
+        comm: The ranks that share the mesh.
+    """
+    if comm.rank > 0:
+        points, cells = np.empty((0, 3)), np.empty((0, 8), dtype=np.int64)
+    domain = distributed(comm, points, cells)
+    return NamedMesh(domain, local_facets(domain, {name: np.sort(rows, axis=1) for name, rows in faces.items()}))
+
+
+def quarter_disc(cells: int, core: float, radii: FloatArray) -> tuple[FloatArray, IntArray]:
+    """A quarter of a disc, x >= 0 and y >= 0, of quadrilaterals: a core around the axis, and rings.
+
+    Args:
+        cells: Cells along each of the two straight sides of the core; there are twice as many around the quarter.
+        core: Length of these sides.
+        radii: Of the circles of nodes, each larger than the one before, the first larger than `core`.
+
+    Returns:
+        Nodes, shape (k, 2), and quadrilaterals, counterclockwise, shape (q, 4).
+    """
+    s = np.linspace(0.0, 1.0, cells + 1)
+    x, y = np.meshgrid(s, s)
+    inside = core * np.column_stack([(x - _BULGE * x * y).ravel(), (y - _BULGE * x * y).ravel()])
+    number = np.arange((cells + 1) ** 2, dtype=np.int64).reshape(cells + 1, cells + 1)  # rows along y
+    quads = [_between(number)]
+    angles = np.linspace(0.0, 0.5 * np.pi, 2 * cells + 1)
+    inner = np.concatenate([number[:, -1], number[-1, -2::-1]])  # from the x axis to the y axis
+    points = [inside]
+    count = len(inside)
+    for radius in radii:
+        outer = np.arange(count, count + len(angles), dtype=np.int64)
+        points.append(radius * np.column_stack([np.cos(angles), np.sin(angles)]))
+        count += len(angles)
+        quads.append(np.column_stack([inner[:-1], outer[:-1], outer[1:], inner[1:]]))
+        inner = outer
+    return np.concatenate(points), np.concatenate(quads)
+
+
+_BULGE = 0.25
+"""How far the corner of the core is drawn to the axis, over the length of its sides: its angle is then 118 degrees."""
+
+
+def _between(number: IntArray) -> IntArray:
+    """Quadrilaterals of a grid of nodes, shape (q, 4)."""
+    quads: IntArray = np.column_stack(
+        [number[:-1, :-1].ravel(), number[:-1, 1:].ravel(), number[1:, 1:].ravel(), number[1:, :-1].ravel()]
+    )
+    return quads
+
+
+def quarter_cylinder(disc: tuple[FloatArray, IntArray], levels: FloatArray) -> NamedMesh:
+    """A quarter of a body of revolution; collective.
+
+    Args:
+        disc: Of `quarter_disc`.
+        levels: z of the nodes above each node of the disc, shape (k, layers + 1), rising.
+
+    Returns:
+        Its mesh; faces left (x = 0) and front (y = 0), which are planes of symmetry, rim, bottom and top.
+    """
+    plane, quads = disc
+    layers = levels.shape[1] - 1
+    k = len(plane)
+    points = np.column_stack([np.tile(plane, (layers + 1, 1)), levels.T.ravel()])
+    cells = np.concatenate([np.hstack([quads + k * layer, quads + k * (layer + 1)]) for layer in range(layers)])
+    sides = np.concatenate([cells[:, side] for side in SIDES[2:]])
+    x, y = plane[sides % k].transpose(2, 0, 1)
+    near = 1e-9 * np.abs(plane).max()
+    outermost = np.hypot(x, y) > np.hypot(*plane.T).max() - near
+    faces = {
+        "left": sides[np.all(np.abs(x) < near, axis=1)],
+        "front": sides[np.all(np.abs(y) < near, axis=1)],
+        "rim": sides[np.all(outermost, axis=1)],
+        "bottom": quads,
+        "top": quads + k * layers,
+    }
+    return mesh_of_arrays(points, cells, faces)
