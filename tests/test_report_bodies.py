@@ -47,7 +47,8 @@ def test_grids_of_different_cells_are_one():
     assert corners_in(both.cells).tolist() == [8, 4] and polygons(both.cells)[[0, 9]].tolist() == [8, 4]
     skin = skin_of(renderer(), both, both.points)
     assert skin.n_cells == 6 + 4
-    assert without(skin, np.array([4, 5, 6, 7, 8, 9, 10])).n_cells == 10 - 2  # of each body the face between them
+    facets = np.array([[4, 5, 7, 6], [8, 9, 10, 10]])  # of each body the face between them
+    assert without(skin, facets).n_cells == 10 - 2
 
 
 def test_nodes_on_a_face_are_those_of_its_own_body():

@@ -133,11 +133,14 @@ def report(console: Console, solution: Solution, contents: dict[str, Any], targe
     rate = contents["contraction"]
     contraction = f", contraction {rate:.2g}" if rate is not None and np.isfinite(rate) else ""
     seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
+    each = [f"{body['name']} ({_forces(body['contact_force'])})" for body in contents.get("bodies", ())]
+    on_body = f"contact force in N on {', '.join(each)}; normal {force['normal']:.9g} N in all"
+    if not each:
+        on_body = f"force on the body: normal {force['normal']:.9g} N, tangential ({_forces(force['tangential'])}) N"
     lines = (
         f"{contents['status']} ({contents['method']['solver']}): residual {contents['residual']:.1e}, {outer}"
         f"{iterations['path_following']} path-following steps, {iterations['products']} products{contraction}",
-        f"force on the body: normal {force['normal']:.9g} N, tangential "
-        f"({', '.join(f'{value:.9g}' for value in force['tangential'])}) N",
+        on_body,
         f"contact nodes {nodes['contact']}: open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}; "
         f"largest pressure {contents['maximum']['contact_pressure']:.6g} Pa",
         str(solution.certificate),
@@ -153,6 +156,10 @@ def report(console: Console, solution: Solution, contents: dict[str, Any], targe
         errors.print(f"warning: {PICTURE} {picture}", markup=False)
     if target is not None:
         console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
+
+
+def _forces(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:.9g}" for value in values)
 
 
 def report_history(console: Console, history: dict[str, Any], taken: int, seconds: float, target: Path) -> None:

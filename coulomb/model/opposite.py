@@ -45,6 +45,7 @@ def carried(fields: Mapping[str, FloatArray], spread: Spread) -> dict[str, Float
     shares = spread(np.column_stack([status == code for code in (OPEN, STICK, SLIP)]).astype(float))
     total = shares.sum(axis=1)
     there = total > 0.0
+    shares = np.round(shares / np.where(there, total, 1.0)[:, None], 9)  # of equal shares always the same
     found: dict[str, FloatArray] = {}
     for name in CARRIED:
         values = fields[name].reshape(len(status), -1)

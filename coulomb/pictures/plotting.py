@@ -61,11 +61,23 @@ def match(points: FloatArray, nodes: FloatArray) -> npt.NDArray[np.int64]:
     return found
 
 
-def without(skin: Any, nodes: npt.NDArray[np.int64]) -> Any:
-    """The skin without the faces whose corners are all among these nodes."""
+def without(skin: Any, facets: npt.NDArray[np.int64]) -> Any:
+    """The skin without the faces that have the corners of one of these facets, numbers of nodes (f, corners)."""
     corners = _faces_of(skin)
-    inside = np.isin(skin.point_data["node"], nodes)[corners].all(axis=1)
+    if not len(facets):
+        return type(skin)(skin.points, polygons(corners))
+    width = max(corners.shape[1], facets.shape[1])
+    mine, others = (_as_sets(rows, width) for rows in (np.asarray(skin.point_data["node"])[corners], facets))
+    number = np.unique(np.concatenate([others, mine]), axis=0, return_inverse=True)[1].ravel()
+    inside = np.isin(number[len(others) :], number[: len(others)])
     return type(skin)(skin.points, polygons(corners[~inside]))
+
+
+def _as_sets(rows: npt.NDArray[np.int64], width: int) -> npt.NDArray[np.int64]:
+    """Rows of corners (f, corners) in ascending order, each once, filled with the last one; shape (f, width)."""
+    ordered = np.sort(np.pad(rows, ((0, 0), (0, width - rows.shape[1])), mode="edge"), axis=1)
+    again = np.column_stack([np.zeros(len(rows), dtype=bool), ordered[:, 1:] == ordered[:, :-1]])
+    return np.sort(np.where(again, ordered[:, -1:], ordered), axis=1)
 
 
 def _faces_of(skin: Any) -> npt.NDArray[np.int64]:

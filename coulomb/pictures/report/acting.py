@@ -13,7 +13,7 @@ Table = list[tuple[str, ...]]
 FORCES = ("", "force", "moment about the origin")
 """Columns of `forces`."""
 
-FACES = ("face", "normal force", "force on the foundation", "moment", "area", "centre of pressure", "largest pressure")
+FACES = ("face", "normal force", "force on what it touches", "moment", "area", "centre of pressure", "largest pressure")
 """Columns of `faces`."""
 
 PROBES = ("probe", "point", "contact face", "displacement", "slip", "pressure")
@@ -26,15 +26,20 @@ def forces(run: Run) -> Table:
     if "reactions" not in summary:
         return []
     rows = [_row(_named(part), part) for part in (*summary["loads"], *summary["reactions"])]
-    rows += [_row(f"contact at {face['faces'][0]}", face) for face in summary.get("faces", ())]
+    for face in summary.get("faces", ()):
+        rows.append(_row(f"contact at {face['faces'][0]}", face))
+        if "against" in face:
+            opposite = {"force": face["opposite_force"], "moment": face["opposite_moment"]}
+            rows.append(_row(f"contact at {face['against']}, opposite", opposite))
+    rows += [(f"left over on {body['name']}", number(body["balance"], 2), "") for body in summary.get("bodies", ())]
     return [*rows, ("left over, relative to the largest", number(summary["balance"], 2), "")]
 
 
 def faces(run: Run) -> Table:
-    """The figures of every contact face."""
+    """The figures of every contact face, and of every pair."""
     return [
         (
-            face["faces"][0],
+            f"{face['faces'][0]} against {face['against']}" if "against" in face else face["faces"][0],
             quantity(face["normal_force"], "N"),
             vector([-value for value in face["force"]], "N"),
             vector([-value for value in face["moment"]], "N m"),

@@ -116,7 +116,9 @@ def _foundation(contact: dict[str, Any], where: str) -> Facts:
     """Foundation of a contact face of the case, and its motion."""
     facts: Facts = []
     foundation = contact.get("foundation")
-    if foundation:
+    if contact.get("against"):
+        facts.append((f"pair{where}", f"{contact['face']} and {contact['against']}"))
+    elif foundation:
         shape = foundation.get("shape", "plane")
         more = [f"{key} {vector(value, 'm')}" for key in ("point", "centre") if (value := foundation.get(key))]
         more += [
@@ -143,14 +145,17 @@ def totals(run: Run) -> Facts:
     """Totals at the end of the run."""
     summary, nodes, largest = run.summary, zone_counts(run.steps[-1].grid("contact")), run.summary["maximum"]
     totals = summary.get("totals") or {}
-    rows = [
-        ("contact force on the body", vector(summary["force_on_body"]["vector"], "N", 5)),
+    bodies = summary.get("bodies") or ()
+    rows = [(f"contact force on {body['name']}", vector(body["contact_force"], "N", 5)) for body in bodies] or [
+        ("contact force on the body", vector(summary["force_on_body"]["vector"], "N", 5))
+    ]
+    rows += [
         ("normal force", quantity(summary["force_on_body"]["normal"], "N", 6)),
         ("largest contact pressure", quantity(largest["contact_pressure"], "Pa", 5)),
         ("largest displacement", quantity(largest["displacement"], "m", 5)),
     ]
     if totals:
-        rows[1:1] = [("moment about the origin", vector(totals["moment"], "N m", 5))]
+        rows[1:1] = [] if bodies else [("moment about the origin", vector(totals["moment"], "N m", 5))]
         rows += [
             ("area in contact", quantity(totals["contact_area"], "m²")),
             ("centre of pressure", vector(totals["centre_of_pressure"], "m") if totals["centre_of_pressure"] else "–"),

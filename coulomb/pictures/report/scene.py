@@ -199,7 +199,7 @@ def paint(plotter: Any, step: Step, look: Look) -> None:
         rest = skin_of(pyvista, body, body.points).extract_feature_edges(40.0, manifold_edges=False)
         plotter.add_mesh(rest, color=_FACE_EDGE, line_width=1)  # undeformed body
     else:
-        bare, lined = without(skin, in_contact), skin.n_cells <= _LINED
+        bare, lined = without(skin, in_contact[contact.cells]), skin.n_cells <= _LINED
         if bare.n_cells:  # no body if its file is missing
             plotter.add_mesh(bare, color=_BODY, show_edges=lined, edge_color=_EDGE, ambient=0.75, diffuse=0.3)
         if field.zones:
@@ -226,7 +226,7 @@ def _bar(field: Field, unit: str) -> dict[str, Any]:
 
 def _zones(plotter: Any, contact: Grid, points: FloatArray, legend: bool) -> None:
     """The part of the face nearest to each node in the colour of its status, and the number of nodes per status."""
-    pyvista, status = renderer(), np.rint(contact.fields["status"]).astype(int)
+    pyvista, status = renderer(), np.rint(named("status").values(contact)).astype(int)
     parts = pyvista.MultiBlock()
     names, count = {}, zone_counts(contact)
     for code, (name, _) in ZONES.items():

@@ -10,11 +10,14 @@ import matplotlib
 import numpy as np
 
 from ...arrays import FloatArray
-from ...io.field_files import Grid
+from ...io.field_files import OPPOSITE, Grid
 from ..plotting import ZONES
 
 SEQUENTIAL, SHARE, SIGNED = "viridis", "cividis", "RdBu_r"
 """Colour maps of magnitudes, of fractions, and of signed values; all are suitable for the colour-blind."""
+
+_HELD = 3
+"""The status of nodes that are no contact nodes."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,8 @@ class Field:
         if self.name not in grid.fields:
             raise ValueError(f"{self.file}.xdmf has no field {self.name}; it has {', '.join(sorted(grid.fields))}")
         found: FloatArray = np.asarray(grid.fields[self.name], dtype=np.float64)
+        if self.zones and OPPOSITE in grid.fields:  # on faces opposite what has no partner is shown as open
+            return np.where((grid.fields[OPPOSITE] >= 0.0) & (np.rint(found) == _HELD), 0.0, found)
         if not self.vector:
             return found
         magnitude: FloatArray = np.linalg.norm(found, axis=-1)
