@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from .solvers.laws import FrictionLaw
     from .solvers.newton_systems import AugmentedSystem, SchurComplementSystem
     from .solvers.results import NotConverged, Progress, SolverResult, Status
+    from .solvers.rigid_motions import RigidMotions
     from .solvers.successive_tresca import SuccessiveTresca
 
 __all__ = [
@@ -98,6 +99,7 @@ __all__ = [
     "ProbeValue",
     "Progress",
     "Resultant",
+    "RigidMotions",
     "Rotation",
     "SchurComplementSystem",
     "SignedDistance",
@@ -169,6 +171,7 @@ _PUBLIC = {
     "solvers.results": ("NotConverged", "Progress", "SolverResult", "Status"),
     "linalg.stiffness": ("DirectSolver", "IterativeSolver"),
     "solvers.friction_problem": ("FrictionProblem",),
+    "solvers.rigid_motions": ("RigidMotions",),
     "solvers.laws": ("FrictionLaw",),
 }
 """The public names by module; a module is loaded when one of its names is first used."""

@@ -14,11 +14,11 @@ from coulomb import (
     FrictionProblem,
     InteriorPoint,
     NotConverged,
+    RigidMotions,
     Status,
     SuccessiveTresca,
 )
 from coulomb.solvers.equilibrium import equilibrium
-from coulomb.solvers.rigid_motions import RigidMotions
 
 BLOCK = FloatingBlock()
 TALL = FloatingBlock(size=(1.0, 1.0, 2.0), cells=(2, 2, 3))

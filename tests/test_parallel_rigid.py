@@ -8,9 +8,8 @@ from floating_blocks import FloatingBlock, floating_problem
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from coulomb import AugmentedSystem, FrictionLaw, FrictionProblem, InteriorPoint, SchurComplementSystem
+from coulomb import AugmentedSystem, FrictionLaw, FrictionProblem, InteriorPoint, RigidMotions, SchurComplementSystem
 from coulomb.linalg.compliance import MatrixCompliance
-from coulomb.solvers.rigid_motions import RigidMotions
 
 comm = MPI.COMM_WORLD
 

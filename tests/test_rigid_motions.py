@@ -15,12 +15,12 @@ from coulomb import (
     DenseSystem,
     FrictionProblem,
     InteriorPoint,
+    RigidMotions,
     SchurComplementSystem,
     SuccessiveTresca,
     solve_coulomb,
     solve_tresca,
 )
-from coulomb.solvers.rigid_motions import RigidMotions
 
 BLOCK = FloatingBlock()
 

@@ -172,7 +172,7 @@ class _Cones:
             gradient, H = self._barrier(x)
             H_inverse = np.linalg.inv(H)
             HG, Hg = H_inverse @ self._G, np.einsum("iab,ib->ia", H_inverse, gradient)
-            S = over.total(np.einsum("iaq,iap->qp", self._G, HG))
+            S = over.total(self._G.reshape(x.size, len(e)).T @ HG.reshape(x.size, len(e)))
             room = 1.0 - mu
             lacking = e + mu * d - self._sum(x)
             right = lacking + self._sum(Hg) + d * (t * room - 1.0) * room
