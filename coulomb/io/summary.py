@@ -140,10 +140,8 @@ def remarks(solution: Solution) -> list[str]:
     """Remarks on an answer, besides its certificate and strains; collective."""
     over, problem = Reductions(solution.problem.comm), solution.problem
     if over.max(solution.contact_force[0::3]) > 0.0:
-        return [
-            f"the equilibrium is not unique: nothing resists that {motion}; the shortest motion is given"
-            for motion in undetermined(problem, solution.contact_force)
-        ]
+        motions = ", nor that ".join(undetermined(problem, solution.contact_force))
+        return [f"the equilibrium is not unique: nothing resists that {motions}; the shortest is given"] * bool(motions)
     if solution.result.status is Status.NO_EQUILIBRIUM:  # nothing was solved
         return []
     least = over.min(problem.surface.gap - problem.closure(solution.displacement)[:, 0])

@@ -11,6 +11,7 @@ from ..linalg.reductions import Reductions
 from ..solvers.results import NotConverged, Status
 from ..solvers.rigid_motions import NO_MOTION
 from .certificate import Certificate, judge
+from .equilibrium import running_away
 from .posed_problem import PosedProblem
 from .settled import settled
 from .stopwatch import timed
@@ -86,8 +87,11 @@ class Acceptance:
     def explained(self, failure: NotConverged, tolerance: float) -> NotConverged:
         """The failure; if only the certificate does not pass, with its conditions and possible remedies."""
         problem, result = self._problem, failure.result
-        if result.status is Status.INTERRUPTED or not result.residual <= tolerance:
+        if result.status is Status.INTERRUPTED:
             return failure
+        if not result.residual <= tolerance:
+            away = running_away(problem, result)
+            return NotConverged(f"{away}; {failure}", result) if away else failure
         certificate = self.answer(result.x, result.rigid).certificate
         remedies = ["a check of the units of lengths, forces and stiffnesses"]
         if Reductions(problem.comm).max(problem.elasticity.spring) > 0.0:

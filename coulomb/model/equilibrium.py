@@ -23,6 +23,15 @@ _PART = 1e-6
 _ROUGH = 1e3
 """Friction that holds whatever pressure makes possible."""
 
+_AWAY = 30.0
+"""A rigid motion beyond this many times deformation, gaps and prescribed motions together runs away."""
+
+_UNBALANCED = 1e-2
+"""Loads of which more than this part is left over at the end are not balanced."""
+
+_TURNING = 0.1
+"""Part of a motion by rotation above which it is called one."""
+
 _MOVING = 1e-3
 """Part of the largest motion above which a component takes part in the motion that nothing holds."""
 
@@ -151,6 +160,42 @@ def _falling(problem: PosedProblem, motion: FloatArray, rigid: RigidMotions) -> 
                 along = direction_in_words(one.translation, _MOVING)
                 said.append(f"{free.bodies[one.component]} against loads of {in_units(work / way)}N along {along}")
     return f"there is no equilibrium: nothing holds {'; nor '.join(said)}"
+
+
+def running_away(problem: PosedProblem, result: SolverResult) -> str:
+    """What the loads push away in the last iterate of a solver that has failed, in words; empty if nothing; collective.
+
+    Contact forces that balance the loads may exist, while none of them obey the law of friction: a pin in a bore would
+    have to be wedged.  Then its motion grows from step to step without limit, or the loads are left unbalanced.
+    """
+    rigid, free = problem.rigid, problem.elasticity.free
+    if rigid is None:
+        return ""
+    over = Reductions(problem.comm)
+    held = over.total(rigid.G @ result.x)
+    left = rigid.e - held
+    known = (problem.displacement(result.x), problem.surface.gap, problem.slip_origin, problem.motions)
+    usual = sum(over.max(np.append(np.abs(values), 0.0)) for values in known)
+    if len(result.rigid) == rigid.count and max(map(_size, free.of(result.rigid))) > _AWAY * usual:
+        motion, least = result.rigid, _AWAY * usual
+    elif float(np.abs(left).max()) > _UNBALANCED * float(np.abs(rigid.e).max()):
+        motion, least = left, 0.1 * max(map(_size, free.of(left)))
+    else:
+        return ""
+    said = []
+    for load, carried, one in zip(free.resultants(rigid.e), free.resultants(held), free.of(motion), strict=True):
+        if _size(one) > least:
+            pushed, resisted = (float(by.force @ one.translation + by.moment @ one.rotation) for by in (load, carried))
+            resisted = 0.0 if abs(resisted) <= _PART * abs(pushed) else resisted
+            way, turn = float(np.linalg.norm(one.translation)), float(np.linalg.norm(one.rotation))
+            unit, where = "N", f"along {direction_in_words(one.translation, _MOVING)}"
+            if turn * one.part.radius > _TURNING * way:
+                way, unit, where = turn, "N m", f"so that it {one.tidied(_TURNING)},"
+            said.append(
+                f"{free.bodies[load.component]} {where} with {in_units(pushed / way)}{unit}, of which contact holds "
+                f"{in_units(resisted / way)}{unit} in the last iterate"
+            )
+    return f"there seems to be no equilibrium: loads push {' and '.join(said)}"
 
 
 def _size(motion: FreeMotion) -> float:
