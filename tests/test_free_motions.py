@@ -103,6 +103,84 @@ def test_loads_that_nothing_holds_are_named(loads, friction, said):
         block(loads, friction=friction).solve()
 
 
+def disc(x, radius=0.05, length=0.2):
+    """A cube as a cylinder."""
+    u, v = 2.0 * x[0] - 1.0, 2.0 * x[1] - 1.0
+    return np.array([radius * u * np.sqrt(1.0 - v**2 / 2.0), radius * v * np.sqrt(1.0 - u**2 / 2.0), length * x[2]])
+
+
+def pin(loads, friction=FRICTION):
+    """A pin in a bore that is wider by 25 micrometres, pushed against its side by 10 kN."""
+    mesh = coulomb.box((1.0, 1.0, 1.0), (4, 4, 4), place=disc)
+    side = np.unique(np.concatenate([mesh.faces[name] for name in ("left", "right", "front", "back")]))
+    mesh = coulomb.NamedMesh(mesh.domain, {**mesh.faces, "side": side})
+    wide = coulomb.Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.050025, hollow=True)
+    bore = Contact("side", friction, foundation=wide)
+    pushed = [TotalForce("top", (1e4, 0.0, 0.0)), TotalForce("bottom", (1e4, 0.0, 0.0))]
+    return ContactProblem(mesh, STEEL, [], bore, [*pushed, *loads], small_strain="warn")
+
+
+def test_a_pin_in_a_bore():
+    """Friction on the side holds it along its axis, up to F N; contact carries all loads."""
+    answer = pin([TotalForce("top", (0.0, 0.0, 5e3))]).solve()
+    assert answer.certificate.passed
+    assert answer.at_nodes.totals()["force"] == pytest.approx([-2e4, 0.0, -5e3], rel=1e-8, abs=1e-4)
+    named = undetermined(answer.problem, answer.contact_force)  # these facets are so coarse that one edge touches
+    assert named == ("the body spins about z through (0.05, 0, 0.1)",)
+
+
+def test_a_pin_that_slides_out_of_its_bore_is_said_to():
+    """Wedged between both sides it could be held, but nothing presses it there: no solution obeys Coulomb's law."""
+    said = r"there seems to be no equilibrium: loads push the body along z with 8 kN, of which contact holds"
+    with pytest.raises(coulomb.NotConverged, match=said):
+        pin([TotalForce("top", (0.0, 0.0, 8e3))]).solve(solver=coulomb.InteriorPoint())
+
+
+def test_a_ball_between_two_plates_is_free_to_spin():
+    """Friction holds it but about the axis through both points of contact; the answer does not spin."""
+
+    def ball(x):
+        c = 2.0 * x - 1.0
+        r = np.abs(c).max(axis=0)
+        n = np.where(r > 0.0, np.linalg.norm(c, axis=0), 1.0)
+        return 0.5 * c * ((1.0 - r) * 0.6 + r * r / n)
+
+    mesh = coulomb.box((1.0, 1.0, 1.0), (4, 4, 4), place=ball)
+    plates = [
+        Contact(name, FRICTION, foundation=coulomb.Plane((0.0, 0.0, 0.49 * way), (0.0, 0.0, -float(way))))
+        for name, way in (("bottom", -1), ("top", 1))
+    ]
+    answer = ContactProblem(mesh, Material(1e7, 0.3), [], plates, small_strain="warn").solve()
+    below, above = (np.array(answer.at_nodes.totals(part)["force"]) for part in range(2))
+    assert answer.certificate.passed and below[2] > 1e3
+    assert below == pytest.approx(-above, abs=1e-7 * below[2])
+    assert undetermined(answer.problem, answer.contact_force) == ("the body spins about z through (0, 0, 0)",)
+    amounts = answer.problem.elasticity.free.amounts(answer.displacement)
+    assert abs(amounts[5]) <= 1e-6 * np.abs(answer.displacement).max()
+
+
+def test_a_body_that_nothing_touches_is_refused():
+    lower, upper = (coulomb.box((1.0, 1.0, 1.0), (1, 1, 1)) for _ in range(2))
+    pair = coulomb.join(lower=lower, upper=coulomb.moved(upper, translate=(0.0, 0.0, 1.0)))
+    said = 'nothing holds body "upper": it has no contact face; clamps and springs leave it free: it moves along x, '
+    with pytest.raises(ValueError, match=said):
+        ContactProblem(pair, STEEL, [], Contact("lower:bottom", 0.3))
+
+
+def test_a_step_that_lifts_the_body_off_fails_at_once():
+    """From 0 to 1 the load presses, from 1 to 2 it turns to lifting: at 1.5 there is no equilibrium any more."""
+    mesh = coulomb.box((1.0, 1.0, 1.0), (2, 2, 2))
+    load = TotalForce("top", (0.0, 0.0, -1e5), amplitude=[(0, 0), (1, 1), (2, -1)])
+    problem = ContactProblem(mesh, STEEL, [], Contact("bottom", 0.3), [load])
+    taken = []
+    with pytest.raises(
+        coulomb.StepFailed, match="failed: there is no equilibrium: nothing holds the body against"
+    ) as e:
+        for step in coulomb.LoadHistory([0.5, 1.0, 1.75]).steps(problem):
+            taken.append(step.state.time)
+    assert taken == [0.5, 1.0] and "halved" not in str(e.value)
+
+
 def test_motions_that_nothing_resists_are_named_and_not_made():
     answer = block([], friction=0.0).solve()
     named = undetermined(answer.problem, answer.contact_force)

@@ -139,8 +139,6 @@ def certificate_numbers(certificate: Certificate) -> dict[str, Any]:
 def remarks(solution: Solution) -> list[str]:
     """Remarks on an answer, besides its certificate and strains; collective."""
     over, problem = Reductions(solution.problem.comm), solution.problem
-    if solution.result.status is Status.NO_EQUILIBRIUM:  # there are no contact forces
-        return []
     if over.max(solution.contact_force[0::3]) > 0.0:
         motions = ", nor that ".join(undetermined(problem, solution.contact_force))
         return [f"the equilibrium is not unique: nothing resists that {motions}; the shortest is given"] * bool(motions)

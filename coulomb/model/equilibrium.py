@@ -30,7 +30,7 @@ _UNBALANCED = 1e-2
 """Loads of which more than this part is left over at the end are not balanced."""
 
 _TURNING = 0.1
-"""Part of a motion by rotation above which it is called one."""
+"""Part of the motion of an iterate that is worth a word."""
 
 _MOVING = 1e-3
 """Part of the largest motion above which a component takes part in the motion that nothing holds."""
@@ -185,12 +185,13 @@ def running_away(problem: PosedProblem, result: SolverResult) -> str:
     said = []
     for load, carried, one in zip(free.resultants(rigid.e), free.resultants(held), free.of(motion), strict=True):
         if _size(one) > least:
+            one = one.tidied(_TURNING)
             pushed, resisted = (float(by.force @ one.translation + by.moment @ one.rotation) for by in (load, carried))
             resisted = 0.0 if abs(resisted) <= _PART * abs(pushed) else resisted
             way, turn = float(np.linalg.norm(one.translation)), float(np.linalg.norm(one.rotation))
             unit, where = "N", f"along {direction_in_words(one.translation, _MOVING)}"
-            if turn * one.part.radius > _TURNING * way:
-                way, unit, where = turn, "N m", f"so that it {one.tidied(_TURNING)},"
+            if turn > 0.0:
+                way, unit, where = turn, "N m", f"so that it {one},"
             said.append(
                 f"{free.bodies[load.component]} {where} with {in_units(pushed / way)}{unit}, of which contact holds "
                 f"{in_units(resisted / way)}{unit} in the last iterate"
