@@ -16,7 +16,7 @@ from ..matched_points import midpoints
 from ..run_directory import SUMMARY
 from ..run_files import WrittenRun, read_run
 from .case_reference import CaseReference
-from .comparison import Comparison, Rounding
+from .comparison import OF_LARGEST, Comparison, Rounding
 from .face_nodes import FaceNodes, face_names
 from .nodes_to_check import face_nodes, facet_parts, facets_of
 from .recomputed import Variant, recomputed
@@ -203,7 +203,8 @@ def _from_origin(
         origin, source = np.zeros_like(nodes.origin), "a run without steps before it"
         found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[here], source)
         return replace(nodes, origin=origin), []
-    before = nodes.displacement(run, start.at(run))
+    displacement = start.at(run)
+    before = nodes.displacement(run, displacement)
     say = []
     if case is not None:
         moved = since_at(case.rigid_motions(time), case.rigid_motions(start.time), nodes.part, x)
@@ -211,6 +212,7 @@ def _from_origin(
         moved, say = foundation_displacement(nodes, spins, x, before, time - start.time), [AS_WRITTEN]
     origin, source = before + moved, "the step before, and the foundation's displacement"
     floor = run.evaluation * float(np.max(np.abs(before), initial=0.0))
+    floor = max(floor, OF_LARGEST * float(np.max(np.abs(displacement), initial=0.0)))  # a difference of both faces
     found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[here], source, floor=floor)
     if start.run is not None or case is not None:  # the foundation's surface moves with a changing gap
         closed = nodes.given_gap - start.given_gap(run, nodes, case)
