@@ -98,3 +98,12 @@ def test_nodes_of_two_pairs_are_contact_points_of_one(caplog):
     solution = problem.solve()
     assert solution.certificate.passed
     assert solution.at_nodes.fields()["pressure"] == pytest.approx(2.1e11 * 1e-4 / 1.0, rel=1e-6)
+
+
+def test_a_penetration_before_deformation_is_said(caplog):
+    pressed(-2e-5)
+    assert "penetrates 'lower:top' by up to 2e-05 m" in caplog.text
+    caplog.clear()
+    pressed(-2e-5, adjust=1e-4)
+    pressed(2e-5)
+    assert not caplog.text

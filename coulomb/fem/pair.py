@@ -31,6 +31,10 @@ _ROUNDING = 1e-14
 """Gaps below this part of the coordinates are rounding errors."""
 
 
+_SEEN = 1e-7
+"""Penetrations before deformation below this part of the extent of the slave face are not worth a remark."""
+
+
 @dataclass(frozen=True)
 class Pair:
     """Geometry of a pair of faces before deformation; this rank's m contact points, on the slave face.
@@ -115,11 +119,13 @@ def pair_of(
     gap = distances(rows.opposite, on_other, rows.x, n)
     rounding = _ROUNDING * float(np.max(np.abs(on_one.x)))
     gap = np.where(np.abs(gap) <= max(adjust, rounding), 0.0, gap)
-    remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), comm)
+    deepest = -float(comm.allreduce(float(np.min(gap, initial=0.0)), op=MPI.MIN))
+    deepest = deepest if deepest > _SEEN * np.max(np.ptp(on_one.x.reshape(-1, 3), axis=0)) else 0.0
+    remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), deepest, comm)
     return Pair(face, against, points, x, n, gap, held, remarks)
 
 
-def _remarks(face: str, against: str, rows: MortarRows, twice: int, comm: MPI.Comm) -> tuple[str, ...]:
+def _remarks(face: str, against: str, rows: MortarRows, twice: int, deepest: float, comm: MPI.Comm) -> tuple[str, ...]:
     """What a user should know of the contact points of a pair; collective."""
     dropped, layered, shared = comm.allreduce(np.array([len(rows.dropped), rows.layered, twice]), op=MPI.SUM)
     lost = float(comm.allreduce(rows.lost, op=MPI.SUM))
@@ -136,6 +142,11 @@ def _remarks(face: str, against: str, rows: MortarRows, twice: int, comm: MPI.Co
         )
     if layered:
         found.append(f"{layered} of its facets have several layers of {against!r} before them: the nearest counts")
+    if deepest > 0.0:
+        found.append(
+            f"it penetrates {against!r} by up to {deepest:.3g} m before deformation, an interference; "
+            "where coarse meshes of a curved face are the cause, refine them, or close it by adjust"
+        )
     return tuple(f"contact face {face!r}: {text}" for text in found)
 
 
