@@ -21,6 +21,8 @@ from coulomb import (
     solve_coulomb,
     solve_tresca,
 )
+from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
+from coulomb.solvers.steps import newton_step
 
 BLOCK = FloatingBlock()
 
@@ -133,6 +135,42 @@ def test_free_motions_are_the_shortest():
         assert off(result, arbiter(problem)) <= 1e-6
         free = np.linalg.svd(problem.rigid.G[:, 0::3])[0][:, 3:]
         assert np.abs(free.T @ result.rigid).max() <= 1e-12 * np.abs(result.rigid).max()
+
+
+def test_the_height_of_fall_does_not_matter():
+    """A body far above the plane: alpha is larger, the steps are the same."""
+    near = floating_problem(BLOCK, 0.52)
+    gap = np.zeros(len(near.b))
+    gap[0::3] = 1e4 * np.abs(near.b).max()
+    far = replace(near, b=near.b - gap)
+    one, two = InteriorPoint().solve(near), InteriorPoint().solve(far)
+    assert off(two, one.x) <= 1e-7 and abs(two.newton_steps - one.newton_steps) <= 1
+    assert two.rigid[2] - one.rigid[2] == pytest.approx(-gap.max(), rel=1e-6)
+
+
+@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+def test_newton_direction_against_differences(law):
+    """Along a step all equations, those of equilibrium as well, change as linearised."""
+    problem = floating_problem(BLOCK, 0.52)
+    problem = problem if law == "coulomb" else problem.with_slip_bound(np.full(15, 3e4))
+    scaled, rng = ScaledProblem(problem), np.random.default_rng(7)
+    m, sloped = scaled.nodes, law == "coulomb"
+    x_n, y, nu = rng.uniform(0.5, 2.0, m), rng.uniform(-0.5, 0.5, (m, 2)), rng.uniform(0.1, 1.0, (m, 2))
+    v = Iterate(x_n, y, nu, scaled.A.mult(scaled.forces(x_n, y)), rng.standard_normal(6))
+    unknowns = 3 * m
+    parts = scaled.weight(x_n) * scaled.gradient(v), scaled.out_of_balance(v)
+    assert unknowns * scaled.infeasibility(v) ** 2 == pytest.approx(sum(np.sum(part**2) for part in parts))
+
+    def equations(v):
+        fresh = v._replace(A_x=scaled.A.mult(scaled.forces(v.x_n, v.y)))
+        return np.concatenate([scaled.gradient(fresh).ravel(), -scaled.out_of_balance(v)])
+
+    for kind in (DenseSystem(), SchurComplementSystem()) + (() if sloped else (AugmentedSystem(),)):
+        newton = kind.system(scaled.A, sloped)
+        step = newton_step(InteriorPoint(gradient_share=1e-12), scaled, newton, v, 0.1, 1e-12, 1e9)
+        change = (equations(step.at(1e-6)) - equations(step.at(-1e-6))) / 2e-6
+        assert np.allclose(change, -equations(v), atol=1e-6 * np.abs(change).max())
+        newton.destroy()
 
 
 def test_both_conditions_must_hold():

@@ -192,7 +192,7 @@ class FrictionProblem:
         basis = MotionBasis(G, self.reductions)
         w = np.einsum("iab,ib->ia", roots, without.reshape(-1, 3)).ravel()
         alpha: FloatArray = basis.T.T @ (basis.T @ self.reductions.total(G @ w))
-        return self.motion_basis.shortest(alpha)
+        return alpha
 
     def _closing(self, x: FloatArray) -> FloatArray:
         """Roots of the weights of `rigid_motion` at feasible forces x (m, 3), shape (m, 3, 3)."""

@@ -139,11 +139,6 @@ class MotionBasis:
         resisted, free = self.T @ out_of_balance, self.free.T @ out_of_balance / self.size
         return math.hypot(float(np.linalg.norm(resisted)), float(np.linalg.norm(free)))
 
-    def shortest(self, alpha: FloatArray) -> FloatArray:
-        """alpha (q,) without its part along motions that nothing resists."""
-        shortest: FloatArray = alpha - self.free @ (self.free.T @ alpha)
-        return shortest
-
 
 @dataclass(frozen=True)
 class Equilibrium:

@@ -266,7 +266,8 @@ class ScaledProblem:
         """alpha (q,) in the user's units, the shortest; empty without rigid motions."""
         if self.problem.rigid is None:
             return NO_MOTION
-        return self.problem.motion_basis.shortest(self._a * self._s * (self._T.T @ v.alpha))
+        alpha: FloatArray = self._a * self._s * (self._T.T @ v.alpha)
+        return alpha
 
     def with_gradient(self, v: Iterate, gradient: FloatArray) -> Iterate:
         """The iterate with A x - b in metres, shape (3 m,), without rigid motions, not from its A x."""

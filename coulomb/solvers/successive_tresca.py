@@ -90,8 +90,8 @@ class SuccessiveTresca:
 
         Args:
             problem: The problem.
-            start: Forces in newtons, shape (3 m,), whose r(x_n) is the first g; by default the cohesion, and with rigid
-                motions that of forces in equilibrium.
+            start: Forces in newtons, shape (3 m,), whose r(x_n) is the first g; by default the cohesion; where
+                rigid motions have no equilibrium with it, at least that of forces in equilibrium.
             gradient: Not needed.
             tolerance: Replaces the field.
             progress: Called after every step of the Tresca solver.
@@ -106,9 +106,8 @@ class SuccessiveTresca:
         over, A = problem.reductions, problem.A
         products = A.products
         anderson = Anderson(self.memory, over)
-        balanced = balanced_forces(problem, self.name)  # without friction a floating body may have no equilibrium
-        first = np.zeros(3 * A.nodes) if balanced is None else balanced
-        g = problem.slip_bound(first if start is None else start)
+        balanced = balanced_forces(problem, self.name)
+        g = problem.law.radius(np.zeros(problem.A.nodes)) if start is None else problem.slip_bound(start)
         old_g, old_wanted = None, None
         last: SolverResult | None = None
         best: tuple[float, SolverResult, FloatArray] | None = None
@@ -125,7 +124,7 @@ class SuccessiveTresca:
             inner = inner if problem.sloped else goal.residual  # the only Tresca problem
             warm = last is not None
             last, steps, krylov, trouble = self._tresca(problem, g, last, inner, iteration, progress)
-            if balanced is not None and last.status is Status.NO_EQUILIBRIUM:  # with these bounds there is
+            if balanced is not None and last.status is Status.NO_EQUILIBRIUM:  # larger bounds have one
                 g = np.maximum(g, problem.slip_bound(balanced))
                 last, steps, krylov, trouble = self._tresca(problem, g, None, inner, iteration, progress)
             last = replace(last, x=problem.completed(last.x))  # where the slip is known, with r(x_n) in place of g
