@@ -159,7 +159,14 @@ def refuse_other_forms(problem: ContactProblem, before: Mapping[str, Any] | None
         ValueError: On every rank, if their expressions, the degree of their space or the number of conditions differ.
     """
     now, then = problem.elasticity.forms() or {}, before or {}
-    changed = [name for name in ("a", "L", "degree", "bcs") if now.get(name) != then.get(name)]
+    several = len(problem.elasticity.members) > 1
+    bodies = list(dict.fromkeys([*now, *then])) if several else [""]
+    changed = [
+        f"{name}{f' of {body!r}' if body else ''}"
+        for body in bodies
+        for name in ("a", "L", "degree", "bcs")
+        if (now.get(body, {}) if several else now).get(name) != (then.get(body, {}) if several else then).get(name)
+    ]
     if changed:
         raise ValueError(
             f"{step}: was computed with other forms or conditions: {', '.join(changed)} of the body differ from those "

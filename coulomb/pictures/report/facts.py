@@ -28,10 +28,10 @@ def geometry(run: Run) -> Facts:
     for material in summary["material"]:
         name = f"material of {material['cells']}" if material["cells"] else "material"
         facts.append((name, _material(material)))
-    forms = summary.get("forms")
-    if forms is not None:
-        text = f"displacements of degree {forms['degree']}, {forms['bcs']} Dirichlet conditions; not in the files"
-        facts.append(("the user's own forms", text))
+    forms = summary.get("forms") or {}
+    for body, given in {"": forms}.items() if "degree" in forms else forms.items():
+        text = f"displacements of degree {given['degree']}, {given['bcs']} Dirichlet conditions; not in the files"
+        facts.append((f"the user's own forms{f' of {body}' if body else ''}", text))
     facts += _temperature(summary)
     return facts + (supports_and_loads(run.case) if run.case is not None else _of_fields(run)) + _contact(run)
 

@@ -155,8 +155,8 @@ def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
     step = run.steps[-1]
     for name, view in (*PICTURES, *(OF_HISTORIES if run.is_history else ())):
         field = named(name)
-        if field.name == "von_mises_stress" and "forms" in run.summary:  # the stress of the user's forms is not known
-            continue
+        if field.name == "von_mises_stress" and field.name not in step.grid(field.file).fields:
+            continue  # the stress of the user's forms is not known
         limits = limits_of(run, field)
         shot = cropped([shoot(step, Look(field, limits, scale, view), (1050, 780))])[0]
         factor, unit = scale_of(max(map(abs, limits)), field.unit)
