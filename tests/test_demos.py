@@ -3,6 +3,7 @@
 Numbers are read from the output of a demo, so that a reader finds the asserted numbers there.
 """
 
+import csv
 import functools
 import json
 import re
@@ -272,3 +273,47 @@ def test_demo_forms(tmp_path):
     assert together.returncode == 0, together.stderr
     assert line(together.stdout, pattern)[:3] == pytest.approx(force, rel=1e-5)
     assert len((ROOT / "demos" / "forms.py").read_text().splitlines()) <= 40
+
+
+def coarse(demo, times, folder):
+    """Rows of history.csv of a demo with fewer steps and without a picture, numbers by the names of their columns."""
+    chosen = ["--set", f"history.times={times}", "--set", "output.picture=false", "--output", folder]
+    done = run_coulomb("run", ROOT / "demos" / demo, *chosen)
+    assert done.returncode == 0, done.stderr
+    with (folder / "history.csv").open(newline="") as file:
+        rows = [{name: float(value) for name, value in row.items() if value != "True"} for row in csv.DictReader(file)]
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def test_demo_lap_joint(tmp_path):
+    """The joint slips at twice F times the normal force of each side, that of the bolt but for bent plates."""
+    found = coarse("lap_joint.toml", [1.0, 1.2, 2.0], tmp_path / "joint")
+    pull, (stick, slip) = -found["prescribed_displacement_middle:end_force_x"], (found["stick"], found["slip"])
+    normal = [np.abs(found[f"middle:{face}_force_z"]) for face in ("upper", "lower")]
+    for side in normal:
+        assert side == pytest.approx(np.full(3, 2e4), rel=2e-3)
+    assert pull[2] == pytest.approx(0.2 * (normal[0] + normal[1])[2], rel=1e-3) and pull[1] < 0.7 * pull[2]
+    assert stick[1] > 50 and slip[1] > 50 and stick[2] == 0
+    assert found["middle:upper_opposite_force_z"] == pytest.approx(normal[0], rel=1e-9)
+
+
+def test_demo_ball_joint(tmp_path):
+    """The torque of sliding under p ~ cos(angle) - cos(edge), that of an elastic foundation, with the computed edge."""
+    found = coarse("ball_joint.toml", [1.0, 2.0], tmp_path / "joint")
+    assert found["socket:cup_force_z"] == pytest.approx([-3000.0, -3000.0], rel=1e-6)
+    torque, R, F = -found["socket:cup_opposite_moment_z"][1], 0.015, 0.2
+    edge = np.arccos(1.0 - found["socket:cup_contact_area"][1] / (2.0 * np.pi * R**2))
+    c, s = np.cos(edge), np.sin(edge)
+    lever = (s**3 / 3.0 - c * (edge - s * c) / 2.0) / ((1.0 - c**3) / 3.0 - c * s**2 / 2.0)
+    assert torque == pytest.approx(found["prescribed_rotation_ball:stem_moment_z"][1], rel=1e-3)
+    assert torque == pytest.approx(F * 3000.0 * R * lever, rel=0.05)
+
+
+def test_demo_disc_brake(tmp_path):
+    """Torque F N r at the radius of the centre of pressure; the carrier takes the pull of the disc; forces balance."""
+    found = {name: value[-1] for name, value in coarse("disc_brake.toml", [1.0, 1.1, 2.0], tmp_path / "brake").items()}
+    normal, torque = found["pad:rub_force_z"], found["prescribed_rotation_disc:hub_moment_z"]
+    radius = np.hypot(found["pad:rub_centre_of_pressure_x"], found["pad:rub_centre_of_pressure_y"])
+    assert normal == pytest.approx(3632.0 - found["pad:end_force_z"], rel=1e-6)
+    assert torque == pytest.approx(0.4 * normal * radius, rel=0.02)  # the mean radius is a little larger
+    assert torque == pytest.approx(-found["clamp_carrier:bolted_moment_z"], rel=1e-6)
