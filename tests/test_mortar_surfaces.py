@@ -9,6 +9,7 @@ import scipy.sparse
 from coulomb.fem.facet_functions import FacetKind
 from coulomb.fem.facet_patch import FacetPatch
 from coulomb.fem.mortar import LEAST_SHARE, mortar_rows
+from coulomb.fem.polygon_clipping import areas, clipped
 
 Q1, Q2, P1, P2 = FacetKind(4, 1), FacetKind(4, 2), FacetKind(3, 1), FacetKind(3, 2)
 
@@ -180,3 +181,40 @@ def test_normals_that_cancel_are_refused():
     master = both(surface((3, 3), Q1, flat(2.0, -0.1)), surface((3, 3), Q1, flat(2.0, 0.1), -1))
     with pytest.raises(ValueError, match=r"normals of the facets around x = .* cancel"):
         whole(double, master)
+
+
+def quadrilaterals(number, seed):
+    """Random convex ones, counterclockwise."""
+    random = np.random.default_rng(seed)
+    corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) + 0.2 * random.random((number, 4, 2)) - 0.1
+    angle, middle = 2.0 * np.pi * random.random(number), 0.8 * random.random((number, 1, 2))
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return np.einsum("ijk,knj->kni", turn, corners) + middle
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-16, 1e-15, 1e-13, 1e-12, 1e-10])
+def test_polygons_that_nearly_coincide_are_clipped(noise):
+    """Matching meshes: sides on sides up to rounding errors; each polygon is its own part, in either orientation."""
+    one = quadrilaterals(50_000, 0)
+    other = one + noise * np.random.default_rng(1).normal(size=one.shape)
+    for subject in (one, one[:, ::-1]):
+        parts, pairs = clipped(subject, other)
+        assert len(pairs) == len(one)
+        assert np.allclose(np.abs(areas(parts)), areas(one), rtol=0, atol=10.0 * noise + 1e-14)
+
+
+def test_common_parts_of_polygons():
+    """By rejection sampling: the share of random points that are in both."""
+    one, other = quadrilaterals(20, 2), quadrilaterals(20, 3)
+    parts, pairs = clipped(one, other)
+    found = np.zeros(len(one))
+    found[pairs] = areas(parts)
+    points = np.random.default_rng(4).random((50_000, 2)) * 3.0 - 1.1
+
+    def inside(polygon):
+        sides = np.roll(polygon, -1, axis=0) - polygon
+        away = points[:, None] - polygon
+        return np.all(sides[:, 0] * away[:, :, 1] - sides[:, 1] * away[:, :, 0] >= 0.0, axis=1)
+
+    sampled = [9.0 * np.mean(inside(a) & inside(b)) for a, b in zip(one, other, strict=True)]
+    assert np.allclose(found, sampled, atol=0.06) and np.max(found) > 0.2
