@@ -95,13 +95,13 @@ SEVERAL = (
     Wrong(
         "a mesh beside bodies",
         run("mesh={box=[1,1,1], cells=[1,1,1]}"),
-        r"mesh = .*: every \[\[body\]\] has its own; leave out \[mesh\]",
+        r"mesh = .*: every \[\[body\]\] has its own, box or file; leave out \[mesh\]",
         two,
     ),
     Wrong(
         "a material beside bodies",
         run("material={young=1e9, poisson=0.3}"),
-        r"material = .*: every \[\[body\]\] has its own; leave out \[material\]",
+        r"material = .*: every \[\[body\]\] has its own, \[body\.material\]; leave out \[material\]",
         two,
     ),
     Wrong(

@@ -123,7 +123,10 @@ def fault_of_face(face: str, bodies: Sequence[BodyTable], box: bool) -> str:
     names = [body.name for body in bodies]
     of, colon, own = face.partition(":")
     if not colon:
-        return f'should name body and face, as in "{names[0]}:{face}"; the bodies are {", ".join(names)}'
+        begins = [name for name in names if face.startswith(name) and not face[len(name) :].isidentifier()]
+        body = max(begins, key=len, default="")
+        example = f"{body}:{face[len(body) + 1 :]}" if body else f"{names[0]}:{face}"
+        return f'should name body and face, as in "{example}"; the bodies are {", ".join(names)}'
     if of not in names:
         return fault_of_body(of, bodies)
     return _no_face_of_a_box(own, f"{of}:") if bodies[names.index(of)].box is not None else ""

@@ -216,8 +216,8 @@ class Case(Table):
         if bodies == () and given is None:
             raise PydanticCustomError("missing", "is missing")
         if bodies and given is not None:
-            name = info.field_name
-            raise ValueError(f"every [[body]] has its own; leave out [{name}], or describe one body without [[body]]")
+            own = "[body.material]" if info.field_name == "material" else "box or file"
+            raise ValueError(f"every [[body]] has its own, {own}; leave out [{info.field_name}]")
         return given
 
     @model_validator(mode="after")

@@ -31,7 +31,10 @@ _TAGS = (
 )
 """Alternatives in the place of an error, which the user does not write."""
 
-_MEANT = {"interference": "gap, negative for an interference"}
+_MEANT = {
+    **{"interference": "gap, negative for an interference", "master": "against", "opposite": "against"},
+    "slave": "face",
+}
 """What is meant by keys that others use."""
 
 _Model = type[BaseModel]
@@ -109,6 +112,11 @@ def _meant(location: tuple[int | str, ...], case: _Model) -> str:
         parents = [home for home in homes if home == "" or here.startswith(f"{home}.")]
         if here and parents:
             table = f"[[{here}]]" if here in several else f"[{here}]"
+            if (here, name) == ("body", "mesh"):
+                return f"; its keys, as box or file, stand in [[body]] itself{listed}"
+            if parents[0] == "" and name in known:
+                own = f"[[{name}]]" if name in several and name not in _FIRST_KEY else f"[{name}]"
+                return f"; {own} is a table of its own{listed}"
             top = "it belongs at the top of the file" if parents[0] == "" else f"it belongs to [{parents[0]}]"
             return f"; {top}, above {'the first table' if parents[0] == '' else table}{listed}"
         shown = [f"[[{home}]]" if home in several and home not in _FIRST_KEY else f"[{home}]" for home in homes[:3]]
