@@ -66,7 +66,7 @@ def test_probes_find_their_body():
     for probe, message in (
         (Probe("d", (0.5, 0.5, 1.0)), "'lower' and 'upper': give body"),
         (Probe("d", (0.5, 0.5, 5.0)), "body 'lower': the point .* is outside the body.*body 'upper'"),
-        (Probe("d", (0.5, 0.5, 1.0), "middle"), "there is no body 'middle' .lower, upper."),
+        (Probe("d", (0.5, 0.5, 1.0), "middle"), "there is no body 'middle'; the bodies are lower, upper"),
     ):
         with pytest.raises(ValueError, match=message):
             LocatedProbes([probe], parts, [])

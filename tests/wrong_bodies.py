@@ -147,4 +147,23 @@ SEVERAL = (
         r'nothing holds body "lid": it has no contact face',
         case(BODIES.replace("[[clamp]]", THIRD + "[[clamp]]", 1)),
     ),
+    Wrong(
+        "a probe where two bodies touch",
+        run("probe=[{name='heel', point=[0.5,0.5,1]}]"),
+        r"probe 'heel': the point is in the bodies 'lower' and 'upper': give body, one of them",
+        two,
+    ),
+    Wrong(
+        "a probe in none of the bodies",
+        run("probe=[{name='heel', point=[0.5,0.5,3]}]"),
+        r"probe 'heel': body 'lower': the point \(0\.5, 0\.5, 3\) is outside the body; .* at a distance of 2 m; probe "
+        r"'heel': body 'upper': .* at a distance of 1 m",
+        two,
+    ),
+    Wrong(
+        "a probe in an unknown body",
+        run("probe=[{name='heel', point=[0.5,0.5,1], body='uper'}]"),
+        r"probe 'heel': there is no body 'uper'; the bodies are lower, upper",
+        two,
+    ),
 )

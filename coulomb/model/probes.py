@@ -136,8 +136,8 @@ class LocatedProbes:
             return 0
         if probe.body is not None:
             if probe.body not in names:
-                known = ", ".join(names) if names != [""] else "there is only one, without a name"
-                raise ValueError(f"{probe.what}: there is no body {probe.body!r} ({known})")
+                known = f"the bodies are {', '.join(names)}" if names != [""] else "there is only one: leave body out"
+                raise ValueError(f"{probe.what}: there is no body {probe.body!r}; {known}")
             return names.index(probe.body)
         point, inside, outside = self._points[number : number + 1], [], []
         for k, part in enumerate(parts):
