@@ -9,6 +9,7 @@ from bodies_runs import TWO
 from check_runs import change, copied, edit, made, put, shown
 from conftest import run_coulomb
 
+from coulomb.io.field_files import read_grids
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck.directory import check
 from coulomb.io.written_case import written_case
@@ -27,6 +28,26 @@ def test_all_files_follow_from_displacements_and_forces():
     found = check(made(TWO))
     assert found.passed and not found.faults, str(found)
     assert "forces and moments on the two faces of every pair" in str(check(made(TWO) / LAST).certificate)
+
+
+def test_figures_of_pairs_and_bodies_are_sums_of_nodal_forces():
+    folder = made(TWO) / LAST
+    summary = json.loads((folder / "summary.json").read_text())
+    master = read_grids(folder / "contact.xdmf")["lower:top"]
+    forces = master.fields["contact_force"]
+    sums = np.concatenate([forces.sum(axis=0), np.cross(master.points, forces).sum(axis=0)])
+    (face,) = summary["faces"]
+    assert np.allclose([*face["opposite_force"], *face["opposite_moment"]], sums, rtol=1e-9)
+    lower, upper = summary["bodies"]
+    assert np.allclose([*lower["contact_force"], *lower["contact_moment"]], sums, rtol=1e-9)
+    assert np.allclose([*upper["contact_force"], *upper["contact_moment"]], -sums, rtol=1e-9)
+    for body in (lower, upper):
+        parts = [one for one in (*summary["loads"], *summary["reactions"]) if one["face"].startswith(body["name"])]
+        assert len(parts) == (1 if body is lower else 3)
+        for what in ("force", "moment"):
+            left = np.sum([one[what] for one in parts], axis=0) + body[f"contact_{what}"]
+            assert np.linalg.norm(left) <= 1e-10 * np.linalg.norm(body[f"contact_{what}"])
+        assert body["balance"] <= 1e-10
 
 
 @pytest.mark.parametrize(
