@@ -104,23 +104,30 @@ def balanced_forces(problem: FrictionProblem, method: str) -> FloatArray | None:
     raise NotConverged(message, result)
 
 
-def sliding(problem: FrictionProblem, x: FloatArray, gradient: FloatArray, alpha: FloatArray) -> Equilibrium | None:
+def sliding(
+    problem: FrictionProblem, x: FloatArray, gradient: FloatArray, alpha: FloatArray, ended: bool = False
+) -> Equilibrium | None:
     """Whether the bodies slide away in an iteration whose steps are blocked; None if it does not look so; collective.
 
     They do if alpha is far larger than the deformation, and the loads do more work on it than contact forces with the
-    present pressures and all friction against the motion.  This is an observation, not a proof.
+    present pressures and all friction against the motion.  This is an observation, not a proof.  While the iteration
+    may recover, alpha is compared with the deformation and the gap of all nodes, at its end with those where there is
+    pressure.
 
     Args:
         problem: The problem.
         x: Contact forces in newtons, shape (3 m,).
         gradient: w in metres, shape (3 m,).
         alpha: Rigid motions, shape (q,).
+        ended: Whether the iteration has ended.
     """
     rigid, over = problem.rigid, problem.reductions
     if rigid is None:
         return None
     moved = rigid.displacement(alpha)
-    if over.max(np.abs(moved)) <= _FAR * over.max(np.abs(gradient + moved)):
+    weights = np.sqrt(np.repeat(np.maximum(x[0::3], 0.0), 3))
+    far, deformed = (over.norm(weights * w) if ended else over.max(np.abs(w)) for w in (moved, gradient + moved))
+    if far <= _FAR * deformed:
         return None
     direction = alpha / np.linalg.norm(alpha)
     v, load = rigid.displacement(direction).reshape(-1, 3), float(rigid.e @ direction)

@@ -51,6 +51,8 @@ from .rigid_motions import Equilibrium
 from .scaled_problem import Iterate, ScaledProblem
 from .steps import newton_step, step_length
 
+_OFF = 1e-3  # residual above which an iteration has not found anything near a solution
+
 
 @dataclass(frozen=True)
 class InteriorPoint:
@@ -221,7 +223,14 @@ class _Path:
         finally:
             self._newton.destroy()
         best = last if gone else min(results, key=lambda result: result.residual)
+        if not gone and best.residual > _OFF and best.status is not Status.INTERRUPTED:
+            best = next(filter(None, map(self._slid, results)), best)
         return replace(best, newton_steps=len(self._history), history=tuple(self._history))
+
+    def _slid(self, result: SolverResult) -> SolverResult | None:
+        """A result without solution, if its bodies slide away."""
+        away = sliding(self._problem, result.x, result.gradient, result.rigid, ended=True)
+        return None if away is None else replace(result, status=Status.NO_EQUILIBRIUM, equilibrium=away)
 
     def _centred(self, x_n: FloatArray, y: FloatArray, relative_theta: float) -> Iterate:
         """These forces, and centred multipliers with a multiple of rms(A x - b) as theta."""

@@ -63,7 +63,7 @@ class RigidMotions:
         names = self.names or tuple(f"motion {k + 1}" for k in range(self.count))
         largest = float(np.abs(alpha).max())
         order = sorted(range(self.count), key=lambda k: -abs(alpha[k]))
-        return ", ".join(f"{alpha[k]:.3g} {names[k]}" for k in order if abs(alpha[k]) >= 0.01 * largest)
+        return ", ".join(f'{alpha[k]:.3g} "{names[k]}"' for k in order if abs(alpha[k]) >= 0.01 * largest)
 
     def validate(self, nodes: int, over: Reductions) -> None:
         """Check shapes and numbers; collective.
