@@ -147,7 +147,7 @@ class LoadHistory:
             recorder: Receives the steps: `coulomb.HistoryFiles(directory)`, or an object of the user.
             progress: Called after every path-following step.
             on_step: Called after every load step, once it is recorded; a true return value, the same on every rank,
-            ends it.
+                ends it.
 
         Raises:
             ValueError: On every rank, if the recorder cannot begin.
