@@ -18,6 +18,9 @@ from .lagrange import facet_columns, lagrange_points, lagrange_values
 STRAIGHT = 1e-10
 """Distortion below which the map of a facet is taken as affine."""
 
+_CREASE = 0.9
+"""Cosine of the angle between a facet and the mean of those around a corner below which the face has an edge there."""
+
 
 @dataclass(frozen=True)
 class FacetPatch:
@@ -86,6 +89,26 @@ class FacetPatch:
         away = np.linalg.norm(self.x - self.x.mean(axis=1, keepdims=True), axis=2)
         diameters: FloatArray = 2.0 * away.max(axis=1, initial=0.0)
         return diameters
+
+    @cached_property
+    def sagittas(self) -> FloatArray:
+        """How far the middle of every facet is from the smooth face for which the facets may stand, metres, shape (f,).
+
+        The smooth face has the mean normals n_k of the facets around the nodes: to second order the middle is off by
+        1/2 of the mean of ((x_k - x) . n_k) n_k.  0 of second-order facets, and at edges between facets that differ
+        by more than about 50 degrees.
+        """
+        if self.kind.degree == 2 or not len(self):
+            return np.zeros(len(self))
+        area = self.area_vectors(self.kind.points.mean(axis=0)[None])[:, 0]
+        normals = np.zeros((self.size, 3))
+        np.add.at(normals, self.nodes, np.broadcast_to(area[:, None], self.x.shape))
+        n = normals[self.nodes]
+        n /= np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-300)
+        aslant = np.einsum("fki,fi->fk", n, area) < _CREASE * np.linalg.norm(area, axis=1)[:, None]
+        away = np.einsum("fki,fki->fk", self.x - self.x.mean(axis=1, keepdims=True), n)
+        sagittas: FloatArray = 0.5 * np.linalg.norm((away[:, :, None] * n).mean(axis=1), axis=1)
+        return np.where(np.any(aslant, axis=1), 0.0, sagittas)
 
     @property
     def multiplier_columns(self) -> npt.NDArray[np.int64]:

@@ -20,7 +20,7 @@ from ..arrays import FloatArray
 from .contact_frames import FrictionAxes, supported_frames
 from .contact_points import ContactPoints, among_all
 from .deformable import Deformable
-from .facet_patch import facet_patch, gathered
+from .facet_patch import FacetPatch, facet_patch, gathered
 from .mortar import LEAST_SHARE, MortarRows, mortar_rows
 from .slave_side import clamped_nodes
 from .surface import ContactSurface, matrices_of
@@ -120,12 +120,29 @@ def pair_of(
     rounding = _ROUNDING * float(np.max(np.abs(on_one.x)))
     gap = np.where(np.abs(gap) <= max(adjust, rounding), 0.0, gap)
     deepest = -float(comm.allreduce(float(np.min(gap, initial=0.0)), op=MPI.MIN))
-    deepest = deepest if deepest > _SEEN * np.max(np.ptp(on_one.x.reshape(-1, 3), axis=0)) else 0.0
-    remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), deepest, comm)
+    seen = _SEEN * float(np.max(np.ptp(on_one.x.reshape(-1, 3), axis=0)))
+    deepest = deepest if deepest > seen else 0.0
+    uncertain = _uncertainty(rows, gap, on_one, on_other, comm)
+    uncertain = uncertain if uncertain > seen else 0.0
+    remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), deepest, uncertain, comm)
     return Pair(face, against, points, x, n, gap, held, remarks)
 
 
-def _remarks(face: str, against: str, rows: MortarRows, twice: int, deepest: float, comm: MPI.Comm) -> tuple[str, ...]:
+def _uncertainty(rows: MortarRows, gap: FloatArray, slave: FacetPatch, master: FacetPatch, comm: MPI.Comm) -> float:
+    """Largest distance in metres of the facets, where the two faces are near, from smooth faces for which they may
+    stand; 0 if all gaps are 0, as of matching meshes; collective."""
+    largest = max(float(patch.sagittas.max(initial=0.0)) for patch in (slave, master))
+    near = (gap != 0.0) & (np.abs(gap) < 2.0 * largest)
+    here = 0.0
+    for patch, nodes in ((slave, rows.node[near]), (master, rows.opposite[near].indices)):
+        there = np.any(np.isin(patch.nodes, nodes), axis=1)
+        here = max(here, float(patch.sagittas[there].max(initial=0.0)))
+    return float(comm.allreduce(here, op=MPI.MAX))
+
+
+def _remarks(
+    face: str, against: str, rows: MortarRows, twice: int, deepest: float, uncertain: float, comm: MPI.Comm
+) -> tuple[str, ...]:
     """What a user should know of the contact points of a pair; collective."""
     dropped, layered, shared = comm.allreduce(np.array([len(rows.dropped), rows.layered, twice]), op=MPI.SUM)
     lost = float(comm.allreduce(rows.lost, op=MPI.SUM))
@@ -142,7 +159,12 @@ def _remarks(face: str, against: str, rows: MortarRows, twice: int, deepest: flo
         )
     if layered:
         found.append(f"{layered} of its facets have several layers of {against!r} before them: the nearest counts")
-    if deepest > 0.0:
+    if uncertain > 0.0:
+        found.append(
+            f"where its facets and those of {against!r} stand for curved faces, these are up to {uncertain:.3g} m "
+            "away, and gaps are uncertain by as much: finer, second-order or matching meshes, or adjust"
+        )
+    if deepest > uncertain:
         found.append(
             f"it penetrates {against!r} by up to {deepest:.3g} m before deformation, an interference; "
             "where coarse meshes of a curved face are the cause, refine them, or close it by adjust"
