@@ -57,8 +57,8 @@ def test_other_codes_agree():
         assert row.figures == pytest.approx(ours.figures, rel=0.03)
         assert row.force_error < 0.1
     loads = grid(UPPER, 3).loads(TRACTIONS).sum(axis=0)
-    assert ours.figures.normal_force == pytest.approx(-loads[2], rel=0.02)
-    assert ours.figures.tangential_force == pytest.approx(np.hypot(*loads[:2]), rel=0.03)
+    carried = ours.figures.normal_force / -loads[2], ours.figures.tangential_force / np.hypot(*loads[:2])
+    assert all(0.85 < share < 0.95 for share in carried)  # the spring takes the rest
 
 
 def test_unknown_problems_are_refused():

@@ -2,8 +2,8 @@
 
 The steel block is clamped below.  The aluminium block stands on it, inside its upper face, with cells 4/5 as large.  A
 pressure on its top presses it down, an oblique traction on its right face pulls it along and lifts that end, a smaller
-traction pushes it across.  It sticks on the left, slips towards the pulled end, and is open there.  A soft spring on
-its left face takes 2 % of the pull: without it contact alone holds the block, and the linear systems of codes with
+traction pushes it across.  It sticks on the left, slips towards the pulled end, and is open there.  A spring on its
+left face takes an eighth of the pull: without it contact alone holds the block, and the linear systems of codes with
 penalties or augmented Lagrangians are singular until they have found some.
 
 The meshes are plain arrays, from which every code makes its own.
@@ -27,7 +27,7 @@ HEIGHT = 0.5
 """z of the contact plane, in metres."""
 
 FRICTION = 0.3
-SPRING = 1e10
+SPRING = 1e11
 """On the left face of the upper block, all directions, in N/m^3."""
 
 TRACTIONS = {"top": (0.0, 2e6, -2e7), "right": (1.4e7, 0.0, 1.2e7)}
