@@ -95,8 +95,9 @@ class Deformable(HeldNodes, ABC):
             ValueError: If there are several.
         """
         if len(self.members) > 1:
+            names = ", ".join(member.name for member in self.members)
             raise ValueError(
-                f"there are several bodies, {', '.join(member.name for member in self.members)}: choose one"
+                f"there are several bodies, {names}: take one of elasticity.members, or of Solution.functions"
             )
         return self.members[0].body
 
