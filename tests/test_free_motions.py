@@ -1,11 +1,14 @@
 """Bodies that contact alone holds: their free rigid motions, and answers against formulas."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Spring, SymmetryPlane, TotalForce
 from coulomb.fem.elasticity import Elasticity
+from coulomb.model.certificate import judge
 from coulomb.model.equilibrium import NoEquilibrium, undetermined
 
 STEEL = Material(young=2.1e11, poisson=0.3)
@@ -157,6 +160,41 @@ def test_a_ball_between_two_plates_is_free_to_spin():
     assert undetermined(answer.problem, answer.contact_force) == ("the body spins about z through (0, 0, 0)",)
     amounts = answer.problem.elasticity.free.amounts(answer.displacement)
     assert abs(amounts[5]) <= 1e-6 * np.abs(answer.displacement).max()
+
+
+def test_each_body_must_be_balanced_by_itself():
+    """Opposite errors of the loads on two bodies cancel in the sum of both; contact holds each of them."""
+    lower, upper = (coulomb.box((1.0, 1.0, 1.0), (1, 1, 1)) for _ in range(2))
+    pair = coulomb.join(lower=lower, upper=coulomb.moved(upper, translate=(0.0, 0.0, 1.0)))
+    contacts = [Contact("lower:bottom", 0.3), Contact("upper:bottom", 0.3, against="lower:top")]
+    problem = ContactProblem(pair, STEEL, [], contacts, [TotalForce("upper:top", (0.0, 0.0, -WEIGHT))])
+    answer = problem.solve()
+    evidence = problem.evidence(answer.contact_force, answer.displacement)
+    error = np.zeros_like(evidence.load)
+    error[0, 0], error[8, 0] = 1e-3 * WEIGHT, -1e-3 * WEIGHT
+    assert evidence.component[0] == 0 and evidence.component[8] == 1
+    assert judge(evidence).passed
+    wrong = judge(replace(evidence, load=evidence.load + error))
+    assert wrong["force balance"].value == pytest.approx(5e-4, rel=0.2)  # of the forces on both sides
+    assert wrong["rigid motion"].value >= wrong["force balance"].value / 3.0
+
+
+class Coarse(coulomb.IterativeSolver):
+    """Multigrid to six digits only."""
+
+    def __init__(self, K):
+        super().__init__(K, 1e-6)
+
+
+def test_displacements_of_loads_out_of_balance_are_refined():
+    """The anchors carry what contact does not: with their forces, the residual is far below that of a solve."""
+    load = TotalForce("top", (1e5, 0.0, -WEIGHT))
+    mesh = coulomb.box((2.0, 1.0, 1.0), (4, 2, 2))
+    problem = ContactProblem(mesh, STEEL, [], Contact("bottom", 0.3), [load], linear_solver=Coarse)
+    u, body = problem.displacement(np.zeros(len(problem.b))), problem.elasticity
+    left = problem.loading.load - body.internal_force(u) - body.anchoring * u
+    assert np.abs(body.anchoring * u).max() > 0.1 * WEIGHT
+    assert np.abs(left).max() <= 1e-10 * WEIGHT
 
 
 def test_a_body_that_nothing_touches_is_refused():
