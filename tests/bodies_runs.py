@@ -1,6 +1,6 @@
 """Small runs of several bodies for the tests of their files."""
 
-from coulomb import ContactProblem, Material, SymmetryPlane, Traction, box, join, moved
+from coulomb import Contact, ContactProblem, Material, SymmetryPlane, Traction, box, join, moved
 
 TWO = """\
 [[body]]
@@ -56,3 +56,14 @@ def pressed(contact, lower, upper, pressure=1e7):
     planes = [SymmetryPlane(face) for face in held]
     load = [Traction("upper:top", (0.0, 0.0, -pressure))]
     return ContactProblem(mesh, Material(2e11, 0.0), planes, contact, load)
+
+
+def on_one_base():
+    """Two pads, pressed by the same 1e7 Pa and without lateral strain, on the face of one base"""
+    base = box((2.0, 1.0, 0.5), (5, 3, 1))
+    pads = {name: moved(box((0.8, 1.0, 0.4), (2, 2, 1)), (x, 0.0, 0.5)) for name, x in (("one", 0.0), ("two", 1.2))}
+    planes = [SymmetryPlane("base:bottom"), *(SymmetryPlane(f"{name}:front") for name in ("base", *pads))]
+    planes += [SymmetryPlane("base:left"), SymmetryPlane("one:left"), SymmetryPlane("two:right")]
+    contacts = [Contact(f"{name}:bottom", against="base:top", friction=0.3) for name in pads]
+    loads = [Traction(f"{name}:top", (0.0, 0.0, -1e7)) for name in pads]
+    return ContactProblem(join(base=base, **pads), Material(2e11, 0.0), planes, contacts, loads)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bodies_runs import pressed
+from bodies_runs import on_one_base, pressed
 
 from coulomb import Contact, Probe, box, moved
 from coulomb.fem import compat
@@ -44,6 +44,18 @@ def test_a_uniform_pressure_is_the_same_on_both_sides(lower, upper, tmp_path):
         u = bodies[name].fields["displacement"][:, 2]
         assert np.isclose(np.ptp(u), sign * PRESSURE / 2e11, rtol=1e-6)
     assert check(tmp_path).passed
+
+
+def test_a_face_opposite_in_two_pairs_has_one_grid(tmp_path):
+    solution = on_one_base().solve()
+    output.write(solution, tmp_path)
+    faces = read_grids(tmp_path / "contact.xdmf")
+    assert list(faces) == ["one:bottom", "two:bottom", "base:top"]
+    base = faces["base:top"]
+    assert np.isclose(base.fields["contact_force"][:, 2].sum(), -1.6e7, rtol=1e-6)
+    assert np.array_equal(base.fields[OPPOSITE], (base.points[:, 0] > 1.0).astype(float))
+    found = check(tmp_path)
+    assert found.passed, str(found)
 
 
 def test_what_nothing_opposes_is_no_contact():

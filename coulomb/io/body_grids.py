@@ -16,10 +16,10 @@ from ..fem.deformable import Loading, Member, SingleBody
 from ..fem.temperature import TEMPERATURE
 from ..model.evidence import rounding_forces
 from ..model.nodal_answer import HELD
-from ..model.opposite import carried, carrying, spreading
+from ..model.opposite import carried, carrying, pair_of_nodes, spreading
 from ..model.posed_problem import PosedProblem
 from ..model.solution import Solution
-from .field_files import OPPOSITE
+from .field_files import BESIDE, OPPOSITE
 from .field_names import GROUND, INTERNAL, OURS, ROUNDING
 from .grid_file import GridFields
 from .nodal_grids import FaceGrid, body_grid, cell_values, middle
@@ -94,9 +94,9 @@ def contact_grids(solution: Solution) -> list[GridFields]:
         member, facets = problem.elasticity.face(contact.face, "contact")
         here = problem.surface.part == number
         grids.append(_face_grid(contact.face, member, facets, problem, fields, here))
-    for number, contact in enumerate(problem.contacts):
-        if contact.against is not None:
-            grids.append(_opposite_grid(solution, number, contact.against, fields, [grid.name for grid in grids]))
+    for against in dict.fromkeys(contact.against for contact in problem.contacts):
+        if against is not None:
+            grids.append(_opposite_grid(solution, against, fields, [grid.name for grid in grids]))
     return grids
 
 
@@ -127,23 +127,24 @@ def _face_grid(
     return GridFields(face.grid, found, {}, name)
 
 
-def _opposite_grid(
-    solution: Solution, number: int, against: str, fields: Mapping[str, FloatArray], taken: list[str]
-) -> GridFields:
-    """The face opposite in a pair, with the fields carried over to it and the forces on its nodes; collective."""
+def _opposite_grid(solution: Solution, against: str, fields: Mapping[str, FloatArray], taken: list[str]) -> GridFields:
+    """A face opposite in one or several pairs, with the fields carried over to it and the forces on its nodes;
+    collective."""
     problem = solution.problem
-    points, here = problem.surface.points, problem.surface.part == number
+    numbers = [number for number, contact in enumerate(problem.contacts) if contact.against == against]
+    points, here = problem.surface.points, np.isin(problem.surface.part, numbers)
     assert points.opposite is not None
     member, facets = problem.elasticity.face(against, "contact")
     face, body, mine = FaceGrid(member.body, facets), member.body, points.only(here)
     rows = points.opposite[here]
     at_points = {name: values[here] for name, values in fields.items()}
-    found = carried(at_points, spreading(mine, carrying(rows, mine.area)))
+    spread = spreading(mine, carrying(rows, mine.area))
+    found = carried(at_points, spread)
     found["contact_force"] = -spreading(mine, rows)(at_points["contact_force"])
+    found[OPPOSITE] = pair_of_nodes(problem.surface.part[here], numbers, spread)
     area, outward = body.positive_weights(facets)
     length = np.linalg.norm(outward, axis=1)[:, None]
     on_face = {name: values[member.nodes] for name, values in found.items()}
     on_face |= {"normal": outward / np.where(length > 0.0, length, 1.0), "area": area}
-    on_face[OPPOSITE] = np.full(len(area), float(number))
-    name = against if against not in taken else f"{against} opposite {problem.contacts[number].face}"
+    name = f"{against}{BESIDE}" if against in taken else against
     return GridFields(face.grid, {field: face.at(values) for field, values in on_face.items()}, {}, name)

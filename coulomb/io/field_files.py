@@ -19,8 +19,11 @@ WHOLE = "mesh"
 """Name of the only grid of a file, and of its group with `geometry` and `topology` in `Mesh`."""
 
 OPPOSITE = "opposite_of"
-"""A field of contact.xdmf that only the faces opposite in pairs have: the number of the contact whose values they
-carry."""
+"""A field of contact.xdmf that only the faces opposite in pairs have: the number of the contact whose values a node
+carries, of several the one with the largest share."""
+
+BESIDE = " opposite"
+"""After the name of a face opposite in a pair whose own contact points have a grid with this name."""
 
 _AT_ONCE = 200_000  # points read at a time: no rank needs memory for the whole mesh
 

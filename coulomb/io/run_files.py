@@ -144,7 +144,7 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
             raise ValueError(f"{folder}: is incomplete: there is no {path.name}")
     try:
         bodies, on_body = read_bodies(files.solution, folder, summary.get("forms"), like.body if like else None)
-        faces, on_face, opposite = read_faces(files.contact, folder, bodies)
+        faces, on_face, opposite = read_faces(files.contact, folder, bodies, summary.get("faces") or ())
     except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
         raise ValueError(f"{folder}: is incomplete: {error}") from None
     return WrittenRun(folder, summary, bodies, on_body, faces, on_face, opposite)

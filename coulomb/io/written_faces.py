@@ -15,7 +15,7 @@ from ..arrays import FloatArray
 from ..fem.joined_mesh import SEPARATOR
 from ..fem.lagrange import facet_columns
 from ..fem.named_mesh import corners_of, local_facets
-from .field_files import OPPOSITE, data_of, grids_of, read_fields, refuse_misnamed
+from .field_files import BESIDE, OPPOSITE, data_of, grids_of, read_fields, refuse_misnamed
 from .field_names import ON_FACE, ON_OPPOSITE, VECTORS_ON_FACE
 from .grid_file import FACETS
 from .matched_points import numbers
@@ -59,23 +59,29 @@ class WrittenFace:
 
 @dataclass(frozen=True)
 class WrittenOpposite:
-    """The grid of the face opposite in a pair.
+    """The grid of a face opposite in one or several pairs.
 
     Attributes:
-        contact: Number of the contact.
+        contacts: Numbers of the contacts.
         face: Its grid; its nodes are numbers among its own.
         fields: `ON_OPPOSITE` at its nodes, and their coordinates "x".
     """
 
-    contact: int
+    contacts: tuple[int, ...]
     face: WrittenFace
     fields: Fields
 
 
 def read_faces(
-    file: Path, folder: Path, bodies: WrittenBodies
+    file: Path, folder: Path, bodies: WrittenBodies, pairs: Sequence[Any]
 ) -> tuple[tuple[WrittenFace, ...], Fields, tuple[WrittenOpposite, ...]]:
     """The contact faces of contact.xdmf, the fields at their nodes with the coordinates "x", and the faces opposite.
+
+    Args:
+        file: The file.
+        folder: The directory of the run, for messages.
+        bodies: The bodies.
+        pairs: The entry `faces` of summary.json, which names the faces opposite.
 
     Raises:
         ValueError: If a file cannot be read or does not match the others.
@@ -96,7 +102,11 @@ def read_faces(
         start = 0 if against else first
         face = _face(name, _body_of(name, bodies, folder), points, cells, start, f"{folder}: {data.name}")
         if against:
-            opposite.append(WrittenOpposite(round(float(fields[OPPOSITE][0])), face, {**fields, "x": points}))
+            own = name.removesuffix(BESIDE)
+            contacts = [k for k, pair in enumerate(pairs) if isinstance(pair, dict) and pair.get("against") == own]
+            if not contacts:
+                raise ValueError(f"{folder}: summary.json: faces has no pair with {own!r}, unlike contact.xdmf")
+            opposite.append(WrittenOpposite(tuple(contacts), face, {**fields, "x": points}))
         else:
             faces.append(face)
             read.append({**fields, "x": points})

@@ -9,9 +9,10 @@ are those of the contact points, averaged with the weights transposed,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse
 
 from ..arrays import FloatArray
@@ -54,6 +55,21 @@ def carried(fields: Mapping[str, FloatArray], spread: Spread) -> dict[str, Float
         found[name] = mean.reshape(-1, *fields[name].shape[1:])
     found["status"] = np.where(there, np.array([OPEN, STICK, SLIP])[np.argmax(shares, axis=1)], HELD).astype(float)
     return found
+
+
+def pair_of_nodes(part: npt.NDArray[np.int64], numbers: Sequence[int], spread: Spread) -> FloatArray:
+    """Which of the contacts has the largest share of each node of the master, the first where none has; collective.
+
+    Args:
+        part: The contact of every point, shape (m,).
+        numbers: Those with this master.
+        spread: By the matrix W.
+    """
+    shares = spread(np.column_stack([part == number for number in numbers]).astype(float))
+    largest = np.max(shares, axis=1, initial=0.0)[:, None]
+    return np.array(numbers, dtype=np.float64)[
+        np.argmax(np.round(shares / np.where(largest > 0.0, largest, 1.0), 9), axis=1)
+    ]
 
 
 def carrying(opposite: scipy.sparse.csr_matrix, area: FloatArray) -> scipy.sparse.csr_matrix:

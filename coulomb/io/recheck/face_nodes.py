@@ -15,6 +15,7 @@ from ...fem.rigid_motion import Spin
 from ...model.accumulated import Accumulated
 from ...model.nodal_answer import NodalAnswer
 from ...solvers.laws import FrictionLaw
+from ..field_files import BESIDE
 from ..run_files import WrittenRun
 
 
@@ -156,15 +157,9 @@ def face_names(run: WrittenRun) -> list[str]:
 
 
 def against_of(run: WrittenRun) -> tuple[str | None, ...]:
-    """Of every contact face the face opposite, if it is one of a pair.
-
-    Raises:
-        ValueError: If summary.json does not name it.
-    """
+    """Of every contact face the face opposite, if it is one of a pair."""
     found: list[str | None] = [None] * len(face_names(run))
     for opposite in run.opposite:
-        try:
-            found[opposite.contact] = str(run.summary["faces"][opposite.contact]["against"])
-        except (KeyError, TypeError, IndexError):
-            raise ValueError(f"{run.files.summary}: faces does not name the face opposite in a pair") from None
+        for number in opposite.contacts:
+            found[number] = opposite.face.name.removesuffix(BESIDE)
     return tuple(found)

@@ -55,7 +55,7 @@ def face_nodes(
     count = len(case.contacts) if case is not None else len(face_names(run))
     said = np.round(run.on_face["face"]).astype(np.int64)
     found.field("contact.xdmf: face", run.on_face["face"], said.astype(float), run.on_face["x"], "whole numbers")
-    opposite = {one.contact: one for one in run.opposite}
+    opposite = {number: one for one in run.opposite for number in one.contacts}
     grids = [facets_of(run, facet_part, number) for number in range(count)]
     taken = np.zeros(len(run.body.x), dtype=bool)  # nodes that are contact points of no further pair
     for number, (face, facets) in enumerate(grids):

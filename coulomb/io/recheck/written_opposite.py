@@ -9,7 +9,8 @@ import numpy as np
 from ...arrays import FloatArray
 from ...model.evidence import pair_actions
 from ...model.nodal_answer import NodalAnswer
-from ...model.opposite import carried, carrying
+from ...model.opposite import carried, carrying, pair_of_nodes
+from ..field_files import OPPOSITE
 from ..run_files import WrittenRun
 from ..written_faces import WrittenOpposite
 from .comparison import Comparison
@@ -27,11 +28,16 @@ def opposite_fields(run: WrittenRun, nodes: FaceNodes, answer: NodalAnswer, othe
         answer: The answer there.
         other: The face.
     """
-    here = nodes.part == other.contact
+    here = np.isin(nodes.part, other.contacts)
     rows = nodes.opposite[here]
     weights = carrying(rows, nodes.area[here])
     fields = {name: values[here] for name, values in answer.fields().items()}
-    at_nodes = carried(fields, lambda values: np.asarray(weights.T @ values))
+
+    def spread(values: FloatArray) -> FloatArray:
+        return np.asarray(weights.T @ values)
+
+    at_nodes = carried(fields, spread)
+    at_nodes[OPPOSITE] = pair_of_nodes(nodes.part[here], other.contacts, spread)
     at_nodes["contact_force"] = -(rows.T @ fields["contact_force"])
     body, local = other.face.part.body, other.face.node - other.face.part.nodes.start
     area, outward = (values[local] for values in body.positive_weights(other.face.number))
@@ -41,7 +47,7 @@ def opposite_fields(run: WrittenRun, nodes: FaceNodes, answer: NodalAnswer, othe
 
 
 def written_actions(run: WrittenRun, nodes: FaceNodes, forces: FloatArray) -> FloatArray | None:
-    """What acts on both faces of every pair, with the forces on the face opposite as written: `Evidence.actions`.
+    """What acts on both sides of every face opposite, with the forces on it as written: `Evidence.actions`.
 
     Args:
         run: The files.
@@ -51,7 +57,7 @@ def written_actions(run: WrittenRun, nodes: FaceNodes, forces: FloatArray) -> Fl
     x = run.body.x - run.body.x.mean(axis=0)
     found = []
     for other in run.opposite:
-        mine = nodes.only(nodes.written & (nodes.part == other.contact))
+        mine = nodes.only(nodes.written & np.isin(nodes.part, other.contacts))
         on_points = forces[mine.index]
         slave, master = np.zeros_like(x), np.zeros_like(x)
         np.add.at(slave, run.node, mine.weights.T @ on_points)
@@ -66,7 +72,7 @@ def compare_opposite(other: WrittenOpposite, variants: Sequence[Fields], found: 
     first, *others = variants
     x = other.fields["x"]
     for name, expected in first.items():
-        rounded = [] if name == "status" else [fields[name] for fields in others]
+        rounded = [] if name in ("status", OPPOSITE) else [fields[name] for fields in others]
         floor = 1e-13 if name == "normal" else 1e-12 * float(np.max(np.abs(expected), initial=0.0))
         source = "the contact points opposite"
         found.field(

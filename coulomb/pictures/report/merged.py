@@ -161,17 +161,18 @@ def _shifts(body: Grid, contact: Grid) -> dict[str, FloatArray]:
         of = contact.fields.get(OPPOSITE, np.full(len(contact.points), -1.0))[block.points]
         if not np.any(of >= 0.0):
             continue
-        slave = next((b for b in contact.blocks if _is_face(contact, b, of[0])), None)
-        if slave is None:
-            continue
-        one, other = (number.get(body_of(n)) for n in (name, slave.name))
-        if one is None or other is None or one == other:
-            continue
-        row = np.zeros(len(number))
-        row[one], row[other] = -1.0, 1.0  # what is opposite stays, the other moves along its normal
-        rows.append(row)
-        moving = body.points[body.blocks[other].points]
-        wanted.append(_way_out(contact, block, contact.points[slave.points], moving))
+        for pair in np.unique(of):
+            slave = next((b for b in contact.blocks if _is_face(contact, b, pair)), None)
+            if slave is None:
+                continue
+            one, other = (number.get(body_of(n)) for n in (name, slave.name))
+            if one is None or other is None or one == other:
+                continue
+            row = np.zeros(len(number))
+            row[one], row[other] = -1.0, 1.0  # what is opposite stays, the other moves along its normal
+            rows.append(row)
+            moving = body.points[body.blocks[other].points]
+            wanted.append(_way_out(contact, block, contact.points[slave.points], moving))
     if not rows:
         return {}
     steady = 1e-6 * np.eye(len(number))  # bodies in no pair stay
