@@ -67,9 +67,9 @@ def pair_of_nodes(part: npt.NDArray[np.int64], numbers: Sequence[int], spread: S
     """
     shares = spread(np.column_stack([part == number for number in numbers]).astype(float))
     largest = np.max(shares, axis=1, initial=0.0)[:, None]
-    return np.array(numbers, dtype=np.float64)[
-        np.argmax(np.round(shares / np.where(largest > 0.0, largest, 1.0), 9), axis=1)
-    ]
+    largest[largest <= 0.0] = 1.0
+    found: FloatArray = np.asarray(numbers, dtype=np.float64)[np.argmax(np.round(shares / largest, 9), axis=1)]
+    return found
 
 
 def carrying(opposite: scipy.sparse.csr_matrix, area: FloatArray) -> scipy.sparse.csr_matrix:
