@@ -20,6 +20,10 @@ If a product is a solve with K, it need not be exact.  Products of the Krylov me
 needs; those of the iterates correct K^-1 B^T x to a fraction of its change, and errors do not accumulate
 (Compliance.mult_incremental).  Only the final residual is computed with the most accurate product.
 
+With rigid motions of bodies that contact alone holds, w = A x - b - G^T alpha, and G x = e are further equations
+(rigid_motions.py).  As x is not linear along a step, G x - e is computed anew at every iterate; it counts with the
+gradient.
+
 Proved: for F = 0 this is PF for a convex problem. CONVERGED means that the natural residual, computed afresh, is below
 the tolerance. Observed (`coulomb benchmark friction`): 16 to 23 steps from a cold start to 1e-8 for F = 0.1 to 1.5, 2
 to 5 FGMRES iterations per step. Not proved for F > 0: that the Newton system is never singular, that a path leads from

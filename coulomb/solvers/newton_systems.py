@@ -17,6 +17,8 @@ and stays so, and on such residuals P_AM^-1 acts as P_SC^-1.
 With slope J_SC is unsymmetric and solved by FGMRES, preconditioned from the right.  P is triangular by nodal blocks,
 plus U U^T: J_SC P^-1 - 1 = (A - rest - U U^T) P^-1, so the quality of P is that of the approximation of A, independent
 of friction.
+
+Rigid motions border the system, [J, -G^T; G, 0]; a constraint preconditioner made of P eliminates them (border.py).
 """
 
 from __future__ import annotations
@@ -37,6 +39,10 @@ from .scaled_compliance import ProductImages, ScaledCompliance
 
 ROUNDING = 1e-15
 """Relative residual of a Krylov method at the level of rounding errors in double precision."""
+
+_FEW = 12
+"""With slope, products along the rigid motions are made at the start only for so many motions: for one or two bodies they
+save 5 to 15 % of all products, for five they cost 15 %.  Without slope they always are: they save 20 %."""
 
 
 class NewtonStep(NamedTuple):
@@ -182,7 +188,7 @@ class _Krylov(ProductImages):
             self._A.record(x, y)
             return y
 
-        if rank > 0:  # A is large along the rigid motions if few springs made K regular: known from the start
+        if rank > 0 and (not sloped or A.G.shape[2] <= _FEW):  # A is large along motions that few springs prevent
             self._accuracy = product[0]
             for G in np.moveaxis(A.G, 2, 0):
                 recorded(np.ascontiguousarray(G))
