@@ -41,8 +41,8 @@ ROUNDING = 1e-15
 """Relative residual of a Krylov method at the level of rounding errors in double precision."""
 
 _FEW = 12
-"""With slope, products along the rigid motions are made at the start only for so many motions: for one or two bodies they
-save 5 to 15 % of all products, for five they cost 15 %.  Without slope they always are: they save 20 %."""
+"""With slope, products along the rigid motions are made at the start only for so many motions: for one or two bodies
+they save 5 to 15 % of all products, for five they cost 15 %.  Without slope they always are: they save 20 %."""
 
 
 class NewtonStep(NamedTuple):
