@@ -14,7 +14,7 @@ box = [0.8, 0.7, 0.4]
 cells = [2, 2, 1]
 cell = "tetrahedron"
 translate = [0.1, 0.15, 0.5]
-material = {young = 7e10, poisson = 0.33}
+material = {young = 7e10, poisson = 0.33, expansion = 2e-7}
 [[clamp]]
 face = "lower:bottom"
 [[spring]]
@@ -34,6 +34,10 @@ face = "upper:bottom"
 against = "lower:top"
 friction = 0.3
 gap = 1e-6
+[temperature]
+body = "upper"
+value = 25.0
+reference = 20.0
 [[probe]]
 name = "heel"
 point = [0.5, 0.5, 0.5]
@@ -44,7 +48,7 @@ point = [0.5, 0.5, 0.2]
 [history]
 times = [1, 2]
 """
-"""Two steps of a block of tetrahedra on one of hexahedra, held by a spring beside contact and a prescribed way."""
+"""Two steps of a warm block of tetrahedra on one of hexahedra, held by a spring beside contact and a prescribed way."""
 
 
 def pressed(contact, lower, upper, pressure=1e7):

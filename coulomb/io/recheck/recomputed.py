@@ -172,7 +172,10 @@ def recomputed(
         )
     )
     body_x = taken(body.x)
-    stress = [_stress(part.elastic, u[part.nodes], _of(heated, part.nodes)) for part in body.parts]
+    stress = [
+        _stress(part.elastic, u[part.nodes], _of(heated, part.nodes) if THERMAL & part.on_cells.keys() else {})
+        for part in body.parts
+    ]
     reactions = held.held_part(internal + spring * u - run.on_body["load"] - on_body)
     acting = None if supported is None else supported.acting(u, reactions, on_body, taken)
     probed = probes.values(u, written, run.node[nodes.index[nodes.written]], taken)
