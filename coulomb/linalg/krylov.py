@@ -88,8 +88,11 @@ class CarryingKrylov:
         return shared
 
     def _share(self, v: PETSc.Vec, multipliers: FloatArray) -> None:
+        """Set the multipliers of a vector.  Every rank opens the array: PETSc keeps norms until a vector changes, and
+        the ranks must agree on whether it has, or some wait for a norm that others know."""
+        array: FloatArray = v.array_w
         if self._comm.rank == 0:
-            v.array_w[self._nodal :] = multipliers
+            array[self._nodal :] = multipliers
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         p, q = self._nodewise(x, readonly=True), self._nodewise(y)
