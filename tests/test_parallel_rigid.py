@@ -8,8 +8,17 @@ from floating_blocks import FloatingBlock, floating_problem
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from coulomb import AugmentedSystem, FrictionLaw, FrictionProblem, InteriorPoint, RigidMotions, SchurComplementSystem
+from coulomb import (
+    AugmentedSystem,
+    FrictionLaw,
+    FrictionProblem,
+    InteriorPoint,
+    NotConverged,
+    RigidMotions,
+    SchurComplementSystem,
+)
 from coulomb.linalg.compliance import MatrixCompliance
+from coulomb.solvers.equilibrium import equilibrium
 
 comm = MPI.COMM_WORLD
 
@@ -39,6 +48,16 @@ def test_ranks_agree(law):
         assert np.allclose(np.concatenate(comm.allgather(many.x)), one.x, atol=1e-8 * np.abs(one.x).max())
         assert len(set(comm.allgather(many.rigid.tobytes()))) == 1  # the same on every rank
         assert np.allclose(many.rigid, one.rigid, atol=1e-7 * np.abs(one.rigid).max())
+
+
+def test_ranks_agree_on_no_equilibrium():
+    alone = floating_problem(FloatingBlock(), 1.05)
+    one, many = equilibrium(alone), equilibrium(shared(alone))
+    assert not many.exists and np.allclose(many.direction, one.direction, atol=1e-6)
+    assert np.allclose([many.load, many.resistance], [one.load, one.resistance], rtol=1e-5)
+    with pytest.raises(NotConverged, match=r"no equilibrium: the loads push along") as failure:
+        InteriorPoint().solve(shared(alone))
+    assert len(set(comm.allgather(str(failure.value)))) == 1
 
 
 def test_wrong_motions_are_refused_on_every_rank():
