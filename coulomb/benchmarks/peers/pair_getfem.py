@@ -24,8 +24,7 @@ TOLERANCE = 1e-9
 
 AUGMENTATIONS = (0.1, 0.03)
 """Over the upper block's Young's modulus by its cell size: the first that converges is taken, and its time alone
-counts.  Smaller ones take more steps; 0.1 does not converge for p = 8, 0.3 (a step or two fewer) for 4 and 16, 1 for
-none."""
+counts.  Smaller ones take more steps; 0.1 does not converge for p = 8, nor 0.3 for 4 and 16, nor 1 for any."""
 
 ALART_CURNIER = 1
 """The option of the brick that has the multipliers themselves as forces; the unsymmetric one."""
