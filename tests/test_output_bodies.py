@@ -46,6 +46,17 @@ def test_a_uniform_pressure_is_the_same_on_both_sides(lower, upper, tmp_path):
     assert check(tmp_path).passed
 
 
+def test_a_rank_without_contact_points_of_a_pair_carries_nothing():
+    """The others are still waiting for it in the sums over all ranks."""
+    vectors = ("friction_traction", "slip")
+    none = {name: np.empty((0, 3) if name in vectors else 0) for name in (*CARRIED, "status")}
+    found = carried(none, lambda values: np.zeros((4, values.shape[1])))
+    assert np.all(found["status"] == HELD)
+    assert {name: values.shape for name, values in found.items() if name in CARRIED} == {
+        name: (4, 3) if name in vectors else (4,) for name in CARRIED
+    }
+
+
 def test_a_face_opposite_in_two_pairs_has_one_grid(tmp_path):
     solution = on_one_base().solve()
     output.write(solution, tmp_path)

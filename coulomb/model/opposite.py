@@ -49,7 +49,7 @@ def carried(fields: Mapping[str, FloatArray], spread: Spread) -> dict[str, Float
     shares = np.round(shares / np.where(there, total, 1.0)[:, None], 9)  # of equal shares always the same
     found: dict[str, FloatArray] = {}
     for name in CARRIED:
-        values = fields[name].reshape(len(status), -1)
+        values = fields[name].reshape(len(status), 3 if fields[name].ndim == 2 else 1)  # no -1: a rank may have none
         mean = spread(values) / np.where(there, total, 1.0)[:, None]
         mean = -mean if name in _TURNED else mean
         found[name] = mean.reshape(-1, *fields[name].shape[1:])
