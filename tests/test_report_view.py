@@ -82,9 +82,9 @@ def test_the_view_draws(block, tmp_path):
     counts = [int(view[f"zone{code}"]) for code in range(4)]
     assert int(view["blue0"]) < 100 < min(counts)  # zones are shown on request only, each in its colour
     assert counts[2] > 5 * max(counts[0], counts[1], counts[3])  # most of the surface slips
-    assert view["legend"] == "openstickslipheld"
+    assert view["legend"] == "openstickslipno contact point"
     assert int(view["turned"]) < 0.6 * counts[2]  # after a quarter turn the surface is seen from its edge
-    assert re.fullmatch(r"(open|stick|slip|held) at \(.*\) m", view["tip"])
+    assert re.fullmatch(r"(open|stick|slip|no contact point) at \(.*\) m", view["tip"])
 
 
 SHOWS = """

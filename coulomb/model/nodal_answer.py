@@ -21,8 +21,8 @@ from ..solvers.laws import FrictionLaw
 from .accumulated import Accumulated
 
 OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
-"""Status of a node in contact.xdmf; HELD: on the contact face, but with prescribed displacement, so no contact node
-(all fields 0)."""
+"""Status of a node in contact.xdmf; HELD: on the contact face, but with prescribed displacement, or with no part of the
+face against it opposite, so no contact node (all fields 0)."""
 
 OPEN_BELOW = 1e-9
 """A node is open if its normal force is at most this fraction of the largest; it is then exactly zero (`settled`)."""

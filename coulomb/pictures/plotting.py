@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..io.field_files import Grid
 
-ZONES = {0: ("open", "#dde6ea"), 1: ("stick", "#2159a8"), 2: ("slip", "#e68a1e"), 3: ("held", "#2b2b2b")}
+ZONES = {0: ("open", "#dde6ea"), 1: ("stick", "#2159a8"), 2: ("slip", "#e68a1e"), 3: ("no contact point", "#2b2b2b")}
 """Name and colour of every status in contact.xdmf: a luminance contrast of 2 between any two, for greyscale,
 and colours that the colour-blind can distinguish."""
 

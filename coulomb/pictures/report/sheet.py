@@ -108,7 +108,7 @@ def legend(figure: Any, zones: dict[str, int], middle: tuple[float, float], colu
     patches = [
         Patch(facecolor=colour, edgecolor=EDGE, linewidth=0.6, label=f"{name}: {zones[name]} nodes")
         for name, colour in ZONES.values()
-        if zones[name] or name != "held"
+        if zones[name] or name != ZONES[3][0]
     ]
     columns = columns if len(patches) > 3 else 3
     figure.legend(handles=patches, loc="center", bbox_to_anchor=middle, ncols=columns, frameon=False, fontsize=11)
