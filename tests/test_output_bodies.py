@@ -7,6 +7,7 @@ from bodies_runs import on_one_base, pressed
 from coulomb import Contact, Probe, box, moved
 from coulomb.fem import compat
 from coulomb.fem.displacement_space import DisplacementSpace
+from coulomb.fem.located_points import _Facets
 from coulomb.io import output
 from coulomb.io.field_files import OPPOSITE, read_grids
 from coulomb.io.recheck.directory import check
@@ -93,3 +94,10 @@ def test_probes_find_their_body():
     ):
         with pytest.raises(ValueError, match=message):
             LocatedProbes([probe], parts, [])
+
+
+def test_a_rank_without_facets_of_a_face_has_no_nearest_point():
+    """A small body on many ranks."""
+    none = np.empty(0, dtype=np.int64)
+    facets = _Facets(np.empty((0, 8, 3)), none, np.empty((0, 8), dtype=bool), np.empty(0))
+    assert facets.nearest(np.zeros(3))[1:] == (np.inf, -1)

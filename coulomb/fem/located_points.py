@@ -219,7 +219,9 @@ class _Facets:
 
     def __init__(self, x: FloatArray, cell: Ints, corners: npt.NDArray[np.bool_], size: FloatArray):
         self.cell, self.corners, self.size = cell, corners, size
-        own = x[corners].reshape(len(x), -1, 3)  # of a quadrilateral in the order (0, 0), (1, 0), (0, 1), (1, 1)
+        own = x[corners].reshape(
+            len(x), 3 if x.shape[1] == 4 else 4, 3
+        )  # of a quadrilateral in the order (0, 0), (1, 0), (0, 1), (1, 1)
         halves = [(0, 1, 2)] if own.shape[1] == 3 else [(0, 1, 3), (0, 3, 2)]
         self._triangles = np.concatenate([own[:, half] for half in halves])
 
