@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
 from ..fem.user_values import on_all_ranks
-from .field_files import data_of, grids_of, parts_of_field
+from .field_files import COINCIDENT, data_of, grids_of, parts_of_field
 from .run_directory import SUMMARY, RunDirectory
 
 
@@ -92,12 +92,15 @@ def nodal_vectors(
 
     def read() -> FloatArray:
         values = np.full((len(x), 3), np.nan if elsewhere is None else elsewhere)
-        tree = cKDTree(x) if len(x) else None
+        tree, hits = cKDTree(x) if len(x) else None, np.zeros(len(x))
         for points, vectors in parts_of_field(path, name, group):
             if tree is not None:
                 distance, number = tree.query(points, distance_upper_bound=1e-9 * size)
                 found = np.isfinite(distance)
                 values[number[found]] = vectors[found]
+                np.add.at(hits, number[found], 1.0)
+        if np.any(hits > 1.0):
+            raise ValueError(COINCIDENT)
         if np.any(np.isnan(values)):
             raise ValueError("belongs to another mesh, or is incomplete")
         return values

@@ -24,7 +24,7 @@ from ..fem.displacement_space import DisplacementSpace
 from ..fem.meshes import distributed
 from ..fem.second_order import CORNERS
 from ..fem.temperature import TEMPERATURE
-from .field_files import data_of, grids_of, read_fields, refuse_misnamed
+from .field_files import COINCIDENT, data_of, grids_of, read_fields, refuse_misnamed
 from .field_names import GROUND, INTERNAL, ON_BODY, ON_CELLS, ROUNDING
 from .matched_points import numbers
 from .run_directory import OLD, SOLUTION
@@ -219,6 +219,8 @@ def _read_body(
     on_cells = {one: in_file[one][of_cell] for one in constants}
     body = RecordedBody(domain) if forms else ElasticBody(domain, _materials(data, on_cells))
     node = numbers(points, body.x, f"{folder}: {data.name} does not match the mesh of {SOLUTION}")
+    if len(np.unique(node)) < len(node):
+        raise ValueError(f"{folder}: {COINCIDENT}")
     if isinstance(body, RecordedBody):
         body.internal = in_file[INTERNAL][node]
     fields = {one: in_file[one][node] for one in on_body}
