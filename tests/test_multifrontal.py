@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.sparse
 from conftest import make_block
 from petsc4py import PETSc
 
-from coulomb import DirectSolver
+from coulomb import Clamp, Contact, ContactProblem, DirectSolver, Material, box, join, moved
 from coulomb.benchmarks.block import block
 from coulomb.linalg.multifrontal import MultifrontalSolver
 from coulomb.linalg.nested_dissection import dissect
@@ -33,9 +34,11 @@ def check(graph, fronts, last):
     order = np.concatenate([front.own for front in fronts])
     assert np.array_equal(np.sort(order), np.arange(graph.shape[0]))
     position[order] = np.arange(len(order))
-    assert set(fronts[-1].own) == set(last) and len(fronts[-1].border) == 0
+    roots = [front for front in fronts if front.root]
+    assert fronts[-1].root and all(len(root.border) == 0 for root in roots)
+    assert set(np.concatenate([root.own for root in roots])) == set(last)
     parents = {child: number for number, front in enumerate(fronts) for child in front.children}
-    assert sorted(parents) == list(range(len(fronts) - 1))
+    assert sorted(parents) == [number for number, front in enumerate(fronts) if not front.root]
     for number, front in enumerate(fronts):
         below = [fronts[child].border for child in front.children]
         coupled = set(graph[front.own].indices) | {int(node) for border in below for node in border}
@@ -70,7 +73,10 @@ def test_bodies_without_a_separating_plane():
     check(graph, fronts, everything)
     assert len(fronts) == 1
     pair = scipy.sparse.block_diag([graph, graph], format="csr")
-    check(pair, dissect(pair, np.vstack([points, points + [20.0, 0.0, 0.0]]), last, 4), last)
+    last = np.array([0, 1, 2, 40, 50, 60, 70])
+    fronts = dissect(pair, np.vstack([points, points + [20.0, 0.0, 0.0]]), last, 4)
+    check(pair, fronts, last)
+    assert [len(front.own) for front in fronts if front.root] == [3, 4]
 
 
 def test_separators_do_not_depend_on_orientation():
@@ -111,13 +117,38 @@ def test_against_dense_algebra(cell):
         solver = MultifrontalSolver(K, points, nodes)
         assert np.array_equal(np.sort(solver.last), nodes)
         rows = (3 * solver.last[:, None] + np.arange(3)).ravel()
-        L = np.tril(solver.schur_factor)
+        L = np.tril(scipy.linalg.block_diag(*solver.schur_factors))
         assert np.allclose(L @ L.T @ inverse[np.ix_(rows, rows)], np.eye(len(rows)), atol=1e-9)
         rhs, u = K.createVecs()
         rhs.array[:] = np.random.default_rng(4).standard_normal(rhs.getSize())
         solver.solve(rhs, u)
         expected = inverse @ rhs.array
         assert np.linalg.norm(u.array - expected) <= 1e-10 * np.linalg.norm(expected)
+
+
+def test_bodies_are_factorised_by_themselves():
+    """Two bodies of different size, with nodes that are coupled with none: as by dense algebra, each with its front."""
+    lower = box((1.0, 1.0, 0.5), (5, 4, 3))
+    upper = moved(box((0.8, 0.8, 0.4), (4, 3, 2), "tetrahedron"), (0.1, 0.1, 0.5))
+    contact = Contact("upper:bottom", against="lower:top", friction=0.3)
+    supports = [Clamp("lower:bottom"), Clamp("upper:top")]
+    problem = ContactProblem(join(lower=lower, upper=upper), Material(2e11, 0.3), supports, contact, explicit=True)
+    solver, K, A = problem.body.stiffness_solver, problem.elasticity.K, problem.A
+    assert [len(L) for L in solver.schur_factors] == [60, 90]
+    indptr, indices, values = K.getValuesCSR()
+    inverse = np.linalg.inv(scipy.sparse.csr_matrix((values, indices, indptr)).toarray())
+    rhs, u = K.createVecs()
+    rhs.array[:] = np.random.default_rng(4).standard_normal(rhs.getSize())
+    solver.solve(rhs, u)
+    assert np.linalg.norm(u.array - inverse @ rhs.array) <= 1e-10 * np.linalg.norm(u.array)
+    indptr, indices, values = problem.surface.free_B.getValuesCSR()
+    B = scipy.sparse.csr_matrix((values, indices, indptr), shape=problem.surface.free_B.getSize())
+    dense = B @ (B @ inverse).T
+    assert np.allclose(A.dense(), dense, rtol=0.0, atol=1e-10 * np.abs(dense).max())
+    assert np.allclose(A.diagonal(), np.diag(dense), rtol=1e-9)
+    x, y = np.random.default_rng(5).standard_normal(len(dense)), np.empty(len(dense))
+    A.mult(x, y)
+    assert np.linalg.norm(y - dense @ x) <= 1e-10 * np.linalg.norm(y)
 
 
 def test_a_matrix_that_is_not_positive_definite():

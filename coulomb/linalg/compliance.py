@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Protocol
 
@@ -120,9 +121,9 @@ class MatrixCompliance:
 
 
 class SchurCompliance:
-    """A = B S^-1 B^T with S = L L^T the Schur complement of K on the contact nodes; on one rank.
+    """A = B S^-1 B^T with S = L L^T the Schur complement of K on the contact nodes, a block per body; on one rank.
 
-    A product takes two solves with the dense triangle L, which cost what a product with the dense A would.
+    A product takes two solves with the dense triangles L, which cost what a product with the dense A would.
 
     Args:
         B: Contact matrix, 3 rows per contact node.
@@ -146,9 +147,11 @@ class SchurCompliance:
         self._columns = self._rows.T.tocsr()
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
-        L = self._solver.schur_factor
-        z = dtrsv(L, self._columns @ x, lower=1, overwrite_x=1)
-        y[:] = self._rows @ dtrsv(L, z, lower=1, trans=1, overwrite_x=1)
+        z = self._columns @ x
+        for L, here in self._blocks():
+            half = dtrsv(L, z[here], lower=1)
+            z[here] = dtrsv(L, half, lower=1, trans=1, overwrite_x=1)
+        y[:] = self._rows @ z
         self.products += 1
 
     def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
@@ -161,24 +164,26 @@ class SchurCompliance:
     def _diagonal(self) -> FloatArray:
         if self._given_diagonal is not None:
             return self._given_diagonal
-        half = self._inverse_factor()
-        columns = [half[i:, i : i + 3] for i in range(0, len(half), 3)]
+        inverses = [_inverse_factor(L) for L, _ in self._blocks()]
+        columns = [half[i:, i : i + 3] for half in inverses for i in range(0, len(half), 3)]
         nodal = scipy.sparse.block_diag([c.T @ c for c in columns], format="csr")  # all that a row of B sees of S^-1
         diagonal: FloatArray = np.asarray((self._rows @ nodal).multiply(self._rows).sum(axis=1)).ravel()
         return diagonal
 
     def dense(self) -> FloatArray:
         """A as an array, shape (3 m, 3 m)."""
-        half = self._rows @ np.tril(self._inverse_factor()).T
-        whole: FloatArray = half @ half.T
+        whole = np.zeros((self._rows.shape[0],) * 2)
+        for L, here in self._blocks():
+            half = self._rows[:, here] @ np.tril(_inverse_factor(L)).T
+            whole += half @ half.T
         return whole
 
-    def _inverse_factor(self) -> FloatArray:
-        """L^-1, with zeros above the diagonal of its nodal blocks, and anything above these."""
-        inverse: FloatArray = dtrtri(self._solver.schur_factor, lower=1)[0]
-        for i in range(0, len(inverse), 3):
-            inverse[i, i + 1 : i + 3] = inverse[i + 1, i + 2] = 0.0
-        return inverse
+    def _blocks(self) -> Iterator[tuple[FloatArray, slice]]:
+        """L of every body, and its displacements among those of all contact nodes."""
+        start = 0
+        for L in self._solver.schur_factors:
+            yield L, slice(start, start + len(L))
+            start += len(L)
 
     def rotated(self, B: PETSc.Mat) -> SchurCompliance:
         return SchurCompliance(B, self._solver)
@@ -260,6 +265,14 @@ class MatrixFreeCompliance:
 
     def diagonal(self) -> FloatArray:
         return self._diagonal
+
+
+def _inverse_factor(L: FloatArray) -> FloatArray:
+    """L^-1, with zeros above the diagonal of its nodal blocks, and anything above these."""
+    inverse: FloatArray = dtrtri(L, lower=1)[0]
+    for i in range(0, len(inverse), 3):
+        inverse[i, i + 1 : i + 3] = inverse[i + 1, i + 2] = 0.0
+    return inverse
 
 
 def _displacement(solver: StiffnessSolver, B: PETSc.Mat, x: FloatArray, f: PETSc.Vec) -> FloatArray:

@@ -33,7 +33,7 @@ class MultifrontalSolver:
         last: Nodes to eliminate last, ascending.
 
     Attributes:
-        last: The same nodes, in the order of `schur_factor`.
+        last: The same nodes, in the order of `schur_factors`, body after body.
 
     Raises:
         ValueError: If K is not positive definite.
@@ -50,15 +50,18 @@ class MultifrontalSolver:
         graph.resize(nodes, nodes)
         self._fronts = dissect(graph, points, last.astype(np.int64))
         self._factors = _factorised(blocks, self._fronts)
-        self.last: Nodes = self._fronts[-1].own
+        roots = [number for number, front in enumerate(self._fronts) if front.root]
+        self._roots = [number for number in roots if len(self._fronts[number].own)]
+        self.last: Nodes = np.concatenate([np.empty(0, np.int64), *(self._fronts[root].own for root in self._roots)])
 
     @property
-    def schur_factor(self) -> FloatArray:
-        """L of the Schur complement S = L L^T on the nodes `last`: lower triangle, shape (3 m, 3 m), Fortran order.
+    def schur_factors(self) -> list[FloatArray]:
+        """L of the Schur complement S = L L^T on the nodes `last` of each of the bodies, which S does not couple.
 
-        Entries above the diagonal are undefined.  The block of K^-1 on these nodes is S^-1.
+        Lower triangles, shape (3 m, 3 m), Fortran order; entries above the diagonal are undefined.  The block of K^-1
+        on these nodes is S^-1.
         """
-        return self._factors[-1][0]
+        return [self._factors[root][0] for root in self._roots]
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         x = rhs.array_r.reshape(-1, 3).copy()
@@ -86,8 +89,12 @@ def _factorised(blocks: scipy.sparse.bsr_matrix, fronts: list[Front]) -> list[tu
     for number, front in enumerate(fronts):
         e, b = 3 * len(front.own), 3 * len(front.border)
         children = list(front.children)
-        if b == 0 and len(children) == 1 and len(fronts[children[0]].border) == len(front.own):
-            head = updates.pop(children.pop())  # the last front: the child's update is all of it
+        if front.root and len(children) == 1 and len(fronts[children[0]].border) == len(front.own):
+            child = children.pop()  # a last front: the child's update is all of it
+            head = updates.pop(child)
+            if number < len(fronts) - 1:  # its memory is used for the next body
+                head = head.copy(order="F")
+            workspace.pop(child, fronts[child])
         else:
             head = np.zeros((e, e), order="F")
         below: FloatArray = np.zeros((b, e), order="F")

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
+from scipy.sparse.csgraph import connected_components
 
 from ..arrays import FloatArray
 
@@ -22,6 +23,9 @@ Nodes = npt.NDArray[np.int64]
 
 LEAF = 80
 """Largest number of nodes of a part that is not cut (60 to 150 take the same time)."""
+
+_PART = 0.01
+"""Part of the nodes from which those that are coupled with no others are a body of their own."""
 
 _BLOCK = 8  # nodes whose order along a separator is not changed
 
@@ -36,29 +40,49 @@ class Front:
         children: Numbers of the fronts whose update matrices are added here.
         runs: The border's places in the parent, as runs of nodes that are contiguous in both: first in the border,
             first in the parent's (own, border), and length, shape (k, 3).  None extends from own to border.
+        root: Whether it is the last one of a body.
     """
 
     own: Nodes
     border: Nodes
     children: tuple[int, ...]
     runs: Nodes
+    root: bool = False
 
 
 def dissect(graph: scipy.sparse.csr_matrix, points: FloatArray, last: Nodes, leaf: int = LEAF) -> list[Front]:
     """Fronts in the order of elimination, children before parents.
 
+    Bodies that are not coupled have a tree each, whose last front has no border; that with most nodes in it comes last.
+
     Args:
         graph: Coupled nodes, symmetric, shape (k, k); the values are not used.
         points: The nodes' coordinates, shape (k, 3).  The amount of work depends on them, the result does not.
-        last: Nodes of the last front, which has no border.
+        last: Nodes of the last fronts, ascending.
         leaf: Largest number of nodes of a part that is not cut.
     """
     tree = _Tree(graph, points, leaf)
-    rest = np.ones(len(points), dtype=bool)
-    rest[last] = False
-    tree.children.append(tree.grow(np.flatnonzero(rest)))
-    tree.own.append(last)
+    body = _bodies(graph)
+    for number in np.argsort(np.bincount(body[last], minlength=np.max(body, initial=0) + 1), kind="stable"):
+        here = body == number
+        mine = last[here[last]]
+        here[mine] = False
+        tree.children.append(tree.grow(np.flatnonzero(here)))
+        tree.own.append(mine)
     return _in_order(tree.own, _borders(graph, tree.own, tree.children), tree.children, points)
+
+
+def _bodies(graph: scipy.sparse.csr_matrix) -> Nodes:
+    """Number of the body of each node, shape (k,): bodies are not coupled with each other.
+
+    Parts with few of the nodes, such as held nodes, which are coupled with none, belong to the first body.
+    """
+    _, label = connected_components(graph, directed=False)
+    size = np.bincount(label)
+    large = size >= _PART * len(label)
+    number = np.where(large, np.cumsum(large) - 1, 0)
+    found: Nodes = number[label].astype(np.int64)
+    return found
 
 
 class _Tree:
@@ -136,6 +160,7 @@ def _in_order(
     order_of_border = list(borders)
     runs: list[Nodes] = [np.empty((0, 3), dtype=np.int64)] * len(own)
     fronts: list[Front] = []
+    inner = {child for below in children for child in below}
     for number in reversed(range(len(own))):
         mine = own[number] if not children[number] else _along_space(own[number], points)
         both = np.concatenate([mine, order_of_border[number]])
@@ -143,7 +168,8 @@ def _in_order(
         for child in children[number]:
             border = borders[child][np.argsort(place[borders[child]])]
             order_of_border[child], runs[child] = border, _runs(place[border], len(mine))
-        fronts.append(Front(mine, order_of_border[number], children[number], runs[number]))
+        root = number not in inner
+        fronts.append(Front(mine, order_of_border[number], children[number], runs[number], root))
     return fronts[::-1]
 
 
