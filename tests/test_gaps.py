@@ -15,7 +15,7 @@ from coulomb.cli.understood import _contact
 from coulomb.io.case_record import case_record
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck.directory import check
-from coulomb.model import contact as contacts
+from coulomb.model import contact_faces as contacts
 from coulomb.model.understood import contacts_of
 
 RUBBER = Material(1e7, 0.3)

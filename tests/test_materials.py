@@ -186,7 +186,8 @@ def test_locking_is_of_first_order(tmp_path, monkeypatch, degree, warnings):
     (tmp_path / "rubber.toml").write_text(SMALL_CASE.replace("poisson = 0.3", "poisson = 0.499"))
     heard = []
     monkeypatch.setattr(posing.errors, "print", lambda text, **options: heard.append(text))
-    posing.doubts(read_case(tmp_path / "rubber.toml"), degree)
+    case = read_case(tmp_path / "rubber.toml", [f"mesh.degree={degree}"])
+    posing.doubts(case, case.problem())
     assert len(heard) == warnings and all("first-order elements lock" in text for text in heard)
 
 
