@@ -199,7 +199,7 @@ def test_a_signal_before_there_is_something_to_keep(number, command):
 @pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
 def test_a_signal_in_the_loop(number):
     log = Path("log")
-    slow = ["--set", "mesh.cells=[30,10,10]", "--set", "solver={linear_solver='iterative', method='successive-tresca'}"]
+    slow = ["--set", "mesh.cells=[36,12,12]", "--set", "solver={linear_solver='iterative', method='successive-tresca'}"]
     watched = Watched("run", "case.toml", *slow, "--log", log)
     code, _, errors = watched.when(lambda: log.exists() and "path following   2" in log.read_text()).signalled(number)
     assert code == 130 and "Traceback" not in errors and "PETSC" not in errors

@@ -283,7 +283,6 @@ def test_a_shaft_turns_freely_in_a_bearing_with_its_exact_surface(cell):
         (lambda: PrescribedRotation("left", (0, 0, 0), (0, 0, 0), 1.0), "rotation on 'left': axis must not be zero"),
         (lambda: PrescribedRotation("left", (0, 0, 0), (0, 0, 1), np.nan), "angle must be a finite number of radians"),
         (lambda: PrescribedRotation("left", (0, 0, 0), (0, 0, 1), 1.0, axial="x"), 'axial must be "held" or "free"'),
-        (lambda: on_box(SymmetryPlane("left"), Clamp("front", "normal")), "translation along z"),
     ],
 )
 def test_wrong_supports_are_refused(make, message):
