@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
+from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box, join, moved
 from coulomb.fem.elasticity import Elasticity
 from coulomb.fem.joined_bodies import JoinedBodies
 from coulomb.linalg.stiffness import IterativeSolver
@@ -91,3 +91,14 @@ def test_a_face_against_itself_and_foundations_of_pairs_are_refused():
         Contact("lower:top", friction=0.3, against="upper:bottom", motion=(1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="opposite"):
         ContactProblem(JoinedBodies(two()), Contact("upper:top", against="lower:bottom", friction=0.3))
+
+
+def test_a_body_held_by_contact_alone_where_ranks_have_no_contact_points():
+    """A small block on the end of a long one."""
+    lower = box((8.0, 1.0, 1.0), (16, 2, 2))
+    upper = moved(box((0.5, 0.5, 0.5), (2, 2, 2)), (0.2, 0.2, 1.0))
+    loads = [Traction("upper:top", (2e5, 0.0, -1e6))]
+    contact = Contact("upper:bottom", against="lower:top", friction=0.3)
+    solution = ContactProblem(join(lower=lower, upper=upper), STEEL, [Clamp("lower:bottom")], contact, loads).solve()
+    assert solution.certificate.passed
+    assert solution.at_nodes.totals()["normal_force"] == pytest.approx(2.5e5, rel=1e-9)

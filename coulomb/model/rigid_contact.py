@@ -34,8 +34,8 @@ def refuse_untouched(elasticity: Deformable, surface: ContactSurface) -> None:
     R = elasticity.free_part(free.modes(elasticity.x))
     for number in dict.fromkeys(motion.component for motion in free.motions):
         own = [k for k, motion in enumerate(free.motions) if motion.component == number]
-        seen = any(bool(np.any(rows_of(surface.free_B, R[:, :, k]) != 0.0)) for k in own)
-        if not elasticity.comm.allreduce(seen, op=MPI.LOR):
+        moved = [rows_of(surface.free_B, R[:, :, k]) for k in own]  # all of them, on every rank
+        if not elasticity.comm.allreduce(bool(np.any(moved)), op=MPI.LOR):
             moves = ", ".join(str(free.motions[k]) for k in own)
             raise ValueError(
                 f"nothing holds {free.bodies[number]}: it has no contact face; clamps and springs leave it free: it "
