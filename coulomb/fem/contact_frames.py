@@ -22,6 +22,9 @@ from .user_values import Coefficient, Field, evaluate_numbers, evaluate_vectors,
 _ALONG_NORMAL = 1e-3
 """Sine of the angle between a direction and a normal below which the direction has no place in the tangent plane."""
 
+HELD_BEYOND = 1.0 - 1e-10
+"""A node whose normal has at least this length along prescribed directions cannot be in contact."""
+
 _CLEAN = 1e-10
 """A held part of a tangent shorter than this is a rounding error."""
 

@@ -15,7 +15,7 @@ from ..arrays import FloatArray
 from . import compat
 from .compat import fem, ufl
 from .held_nodes import Numbering
-from .lagrange import lagrange_points, lagrange_values
+from .lagrange import facet_columns, lagrange_points, lagrange_values
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,19 @@ class DisplacementSpace:
         dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
         owned: npt.NDArray[np.int32] = dofs[dofs < self._owned].astype(np.int32)
         return owned
+
+    def in_cells(self, facets: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+        """The cells of those boundary facets that this rank owns, ascending, shape (f,), and which nodes of its cell
+        are on each, in VTK's order, shape (f, n)."""
+        topology = self.domain.topology
+        own = np.sort(facets[facets < topology.index_map(2).size_local])
+        for dims in ((2, 3), (3, 2)):
+            topology.create_connectivity(*dims)
+        beside, of_cell = topology.connectivity(2, 3), topology.connectivity(3, 2)
+        cell = beside.array[beside.offsets[own]]  # a boundary facet has one
+        columns = facet_columns(topology.cell_type, self.degree)
+        number = np.argmax(of_cell.array.reshape(-1, len(columns))[cell] == own[:, None], axis=1)
+        return cell, np.asarray(columns)[number]
 
     def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
         """Integral of every hat function over boundary facets in m^2, this rank's nodes, shape (k,)."""

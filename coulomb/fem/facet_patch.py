@@ -13,7 +13,7 @@ from ..arrays import FloatArray
 from . import compat
 from .displacement_space import DisplacementSpace
 from .facet_functions import FacetKind
-from .lagrange import facet_columns, lagrange_points, lagrange_values
+from .lagrange import lagrange_points, lagrange_values
 
 STRAIGHT = 1e-10
 """Distortion below which the map of a facet is taken as affine."""
@@ -129,21 +129,15 @@ def facet_patch(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> Face
     """
     topology = space.domain.topology
     kind = FacetKind(3 if topology.cell_type.name == "tetrahedron" else 4, space.degree)
-    own = np.sort(facets[facets < topology.index_map(2).size_local])
-    for dims in ((2, 3), (3, 2)):
-        topology.create_connectivity(*dims)
-    beside, of_cell = topology.connectivity(2, 3), topology.connectivity(3, 2)
-    cell = beside.array[beside.offsets[own]]  # a boundary facet has one
-    columns = facet_columns(topology.cell_type, space.degree)
-    number = np.argmax(of_cell.array.reshape(-1, len(columns))[cell] == own[:, None], axis=1)
-    dofs = compat.cell_dofs(space.V)[cell[:, None], columns[number]]
+    cell, columns = space.in_cells(facets)
+    dofs = compat.cell_dofs(space.V)[cell[:, None], columns]
     nodes = np.asarray(space.V.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32)), dtype=np.int64)
     degree = compat.geometry_degree(space.domain)
     in_cells = space.domain.geometry.x[compat.cell_geometry(space.domain)[cell]]
     if degree != space.degree:
         values = lagrange_values(topology.cell_type, degree, lagrange_points(topology.cell_type, space.degree))
         in_cells = np.einsum("ac,kci->kai", np.round(values, 12), in_cells)
-    x = np.take_along_axis(in_cells, columns[number][:, :, None], axis=1)
+    x = np.take_along_axis(in_cells, columns[:, :, None], axis=1)
     patch = FacetPatch(kind, nodes.reshape(-1, kind.width), x, int(space.V.dofmap.index_map.size_global))
     outward = x[:, : kind.corners].mean(axis=1) - in_cells.mean(axis=1)
     inside = np.einsum("fi,fi->f", patch.area_vectors(kind.points[: kind.corners]).sum(axis=1), outward) < 0.0

@@ -9,11 +9,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .contact_frames import held_length
+from .contact_frames import HELD_BEYOND, held_length
 from .deformable import Deformable, SingleBody
-
-_HELD = 1.0 - 1e-10
-"""A slave node whose normal has at least this length along held directions is no contact point."""
 
 _FINER = 1.2
 """Ratio of the distances of nodes from which one face is finer than the other."""
@@ -64,7 +61,7 @@ def clamped_nodes(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArra
     nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
     n: FloatArray = outward[nodes]
     n /= np.maximum(np.linalg.norm(n, axis=1), 1e-300)[:, None]
-    clamped: npt.NDArray[np.int64] = nodes[held_length(n, body.held.projector_at(nodes)) > _HELD].astype(np.int64)
+    clamped: npt.NDArray[np.int64] = nodes[held_length(n, body.held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
     return clamped
 
 

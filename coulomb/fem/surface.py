@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
-from .contact_frames import FrictionAxes, held_length, inverse_frames, supported_frames
+from .contact_frames import HELD_BEYOND, FrictionAxes, held_length, inverse_frames, supported_frames
 from .contact_matrix import at_nodes_of, contact_matrix, free_contact_matrix, rows_of
 from .contact_points import ContactPoints, contact_points, joined_points
 from .deformable import Deformable
@@ -200,7 +200,7 @@ def contact_surface(
         n = outward[points.nodes] / np.linalg.norm(outward[points.nodes], axis=1)[:, None]
 
     H, along = body.held.projector_at(points.nodes), held_length(n, points.held(body.held))
-    keep: npt.NDArray[np.bool_] = along <= 1.0 - 1e-10
+    keep: npt.NDArray[np.bool_] = along <= HELD_BEYOND
     free_length = np.sqrt(np.maximum(1.0 - along**2, 0.0))
     refuse.where(
         keep & (free_length < _NEARLY_HELD),

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..fem import compat
 from ..fem.displacement_space import DisplacementSpace
-from ..fem.lagrange import facet_columns
 from ..fem.second_order import in_vtk_order, nodes_between
 from .grid_file import FACETS, SOLIDS, GridPart
 
@@ -53,19 +52,12 @@ class FaceGrid:
 
     def __init__(self, space: DisplacementSpace, facets: npt.NDArray[np.int32]):
         self._space, self._nodes = space, space.nodes_of(facets)
-        topology = space.domain.topology
-        own = np.sort(facets[facets < topology.index_map(2).size_local])
-        for dims in ((2, 3), (3, 2)):
-            topology.create_connectivity(*dims)
-        beside, of_cell = topology.connectivity(2, 3), topology.connectivity(3, 2)
-        cell = beside.array[beside.offsets[own]]  # a boundary facet has one
-        columns = facet_columns(topology.cell_type, space.degree)
-        number = np.argmax(of_cell.array.reshape(-1, len(columns))[cell] == own[:, None], axis=1)
-        nodes = compat.cell_dofs(space.V)[cell[:, None], columns[number]]
+        cell, columns = space.in_cells(facets)
+        nodes = compat.cell_dofs(space.V)[cell[:, None], columns]
         comm = space.domain.comm
         everyone = np.concatenate(comm.allgather(_global(space, self._nodes)))  # ascending, as nodes are rank by rank
         cells = np.searchsorted(everyone, _global(space, nodes)).astype(np.int64)
-        self.grid = GridPart(FACETS[len(columns[0])], cells, space.x[self._nodes])
+        self.grid = GridPart(FACETS[columns.shape[1]], cells, space.x[self._nodes])
 
     def at(self, field: FloatArray) -> FloatArray:
         """A field at this rank's nodes, shape (k,) or (k, 3), at those of the faces."""

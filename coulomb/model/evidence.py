@@ -13,9 +13,6 @@ from ..arrays import FloatArray
 from ..fem.constraints import HeldDirections
 from ..linalg.reductions import Reductions
 
-HELD_BEYOND = 1.0 - 1e-10
-"""A node whose normal has at least this length along prescribed directions cannot be in contact."""
-
 
 @dataclass(frozen=True)
 class Evidence:

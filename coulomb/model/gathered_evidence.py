@@ -13,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.contact_frames import held_length, inverse_frames
+from ..fem.contact_frames import HELD_BEYOND, held_length, inverse_frames
 from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
 from ..fem.contact_points import ContactPoints, contact_points, joined_points
 from ..fem.pair import pair_frames
@@ -22,7 +22,7 @@ from ..fem.surface import way_along
 from ..fem.user_values import on_all_ranks
 from ..solvers.laws import FrictionLaw
 from .contact_body import ContactBody
-from .evidence import HELD_BEYOND, Evidence, pair_actions, rounding_forces
+from .evidence import Evidence, pair_actions, rounding_forces
 from .nodal_answer import closure
 from .state import Before, ContactState
 

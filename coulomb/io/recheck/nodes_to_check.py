@@ -14,10 +14,9 @@ import numpy.typing as npt
 import scipy.sparse
 
 from ...arrays import FloatArray
-from ...fem.contact_frames import held_length, supported_frames
+from ...fem.contact_frames import HELD_BEYOND, held_length, supported_frames
 from ...fem.contact_points import contact_points
 from ...model.accumulated import ACCUMULATED
-from ...model.evidence import HELD_BEYOND
 from ...solvers.laws import FrictionLaw
 from ..run_directory import CONTACT
 from ..run_files import WrittenRun

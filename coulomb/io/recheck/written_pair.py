@@ -10,12 +10,11 @@ import numpy.typing as npt
 import scipy.sparse
 
 from ...arrays import FloatArray
-from ...fem.contact_frames import held_length, supported_frames
+from ...fem.contact_frames import HELD_BEYOND, held_length, supported_frames
 from ...fem.facet_patch import facet_patch
 from ...fem.mortar import MortarRows, mortar_rows
 from ...fem.symmetric_pair import distances, held_on_both, planes_of_symmetry, shares, within
 from ...model.accumulated import ACCUMULATED
-from ...model.evidence import HELD_BEYOND
 from ...solvers.laws import FrictionLaw
 from ..run_directory import CONTACT
 from ..run_files import WrittenRun
