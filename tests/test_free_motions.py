@@ -8,6 +8,7 @@ import pytest
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Spring, SymmetryPlane, TotalForce
 from coulomb.fem.elasticity import Elasticity
+from coulomb.io.summary import remarks
 from coulomb.model.certificate import judge
 from coulomb.model.equilibrium import NoEquilibrium, undetermined
 
@@ -87,9 +88,11 @@ def test_a_block_that_friction_alone_holds(cell, degree, ratio):
 
 def test_too_large_a_push_is_refused_with_body_direction_and_amounts():
     said = r"loads push the body along \(0.6, 0.8, 0\) with 315 kN; friction holds at most 300 kN"
+    problem = block([push(1.05, along=(0.6, 0.8, 0.0))])
     with pytest.raises(NoEquilibrium, match=said) as failure:
-        block([push(1.05, along=(0.6, 0.8, 0.0))]).solve()
+        problem.solve()
     assert failure.value.result.status is coulomb.Status.NO_EQUILIBRIUM
+    assert remarks(problem.solution(failure.value.result)) == []  # nothing was solved: no advice about gaps
 
 
 @pytest.mark.parametrize(
