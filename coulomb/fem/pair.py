@@ -151,18 +151,18 @@ def _remarks(
         found.append(f"{shared} of its nodes are contact points of another face, and count there")
     if dropped:
         share = f"less than {100 * LEAST_SHARE:.0f} % of their area"
-        found.append(f"{dropped} of its nodes have {share} opposite to {against!r}: they are none")
+        found.append(f"{dropped} of its nodes have {share} opposite to {against!r} and are no contact points")
     if lost > 0.0:
         found.append(
             f"{lost:.3g} m^2 of it bear no contact force, since all nodes near are clamped: {against!r} can pass "
-            "through there; end the clamp, or the contact face, before"
+            "through there; end the clamp or the contact face before that part"
         )
     if layered:
         found.append(f"{layered} of its facets have several layers of {against!r} before them: the nearest counts")
     if uncertain > 0.0:
         found.append(
-            f"where its facets and those of {against!r} stand for curved faces, these are up to {uncertain:.3g} m "
-            "away, and gaps are uncertain by as much: finer, second-order or matching meshes, or adjust"
+            f"if its facets or those of {against!r} stand for curved faces, they are up to {uncertain:.3g} m off the "
+            "curve, and gaps are uncertain by as much: use finer, second-order or matching meshes, or adjust"
         )
     if deepest > uncertain:
         found.append(
