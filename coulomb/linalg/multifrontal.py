@@ -23,6 +23,14 @@ from ..arrays import FloatArray
 from .nested_dissection import Front, Nodes, dissect
 from .nodal_blocks import nodal_blocks
 
+Factor = tuple[FloatArray, FloatArray]
+"""The columns of L of a front: head (own, own), a lower triangle, and below (border, own)."""
+
+NOT_POSITIVE_DEFINITE = (
+    "the stiffness matrix is not positive definite to rounding: the body can move without resistance, or its materials "
+    "and springs are too far apart; clamp it, or give it stiffer springs"
+)
+
 
 class MultifrontalSolver:
     """Cholesky factorisation of K on one rank, some of its nodes last.
@@ -49,7 +57,7 @@ class MultifrontalSolver:
         graph = scipy.sparse.csr_matrix((np.empty(len(blocks.indices), np.int8), blocks.indices, blocks.indptr))
         graph.resize(nodes, nodes)
         self._fronts = dissect(graph, points, last.astype(np.int64))
-        self._factors = _factorised(blocks, self._fronts)
+        self._factors, _ = factorised(blocks, self._fronts)
         roots = [number for number, front in enumerate(self._fronts) if front.root]
         self._roots = [number for number in roots if len(self._fronts[number].own)]
         self.last: Nodes = np.concatenate([np.empty(0, np.int64), *(self._fronts[root].own for root in self._roots)])
@@ -65,27 +73,43 @@ class MultifrontalSolver:
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         x = rhs.array_r.reshape(-1, 3).copy()
-        for front, (head, below) in zip(self._fronts, self._factors, strict=True):
-            if len(front.own):
-                y = dtrsv(head, x[front.own].ravel(), lower=1)
-                x[front.own] = y.reshape(-1, 3)
-                x[front.border] -= (below @ y).reshape(-1, 3)
-        for front, (head, below) in zip(reversed(self._fronts), reversed(self._factors), strict=True):
-            if len(front.own):
-                y = x[front.own].ravel() - below.T @ x[front.border].ravel()
-                x[front.own] = dtrsv(head, y, lower=1, trans=1).reshape(-1, 3)
+        forward(self._fronts, self._factors, x)
+        backward(self._fronts, self._factors, x)
         u.array[:] = x.ravel()
 
     def destroy(self) -> None:
         self._fronts, self._factors = [], []
 
 
-def _factorised(blocks: scipy.sparse.bsr_matrix, fronts: list[Front]) -> list[tuple[FloatArray, FloatArray]]:
-    """The columns of L of every front: head (own, own), a lower triangle, and below (border, own)."""
+def forward(fronts: list[Front], factors: list[Factor], x: FloatArray) -> None:
+    """x <- L^-1 x on the nodes of the fronts; of nodes that only borders have, what remains of x; shape (k, 3)."""
+    for front, (head, below) in zip(fronts, factors, strict=True):
+        if len(front.own):
+            y = dtrsv(head, x[front.own].ravel(), lower=1)
+            x[front.own] = y.reshape(-1, 3)
+            x[front.border] -= (below @ y).reshape(-1, 3)
+
+
+def backward(fronts: list[Front], factors: list[Factor], x: FloatArray) -> None:
+    """x <- L^-T x on the nodes of the fronts, with given x on nodes that only borders have; shape (k, 3)."""
+    for front, (head, below) in zip(reversed(fronts), reversed(factors), strict=True):
+        if len(front.own):
+            y = x[front.own].ravel() - below.T @ x[front.border].ravel()
+            x[front.own] = dtrsv(head, y, lower=1, trans=1).reshape(-1, 3)
+
+
+def factorised(blocks: scipy.sparse.bsr_matrix, fronts: list[Front]) -> tuple[list[Factor], dict[int, FloatArray]]:
+    """The columns of L of every front, and the update matrices of the last fronts of trees (which have no parent).
+
+    Update matrices are lower triangles on the borders; the entries above the diagonal are undefined.
+
+    Raises:
+        ValueError: If K is not positive definite on the nodes of the fronts.
+    """
     place = np.full(blocks.shape[0] // 3, -1, dtype=np.int64)
     updates: dict[int, FloatArray] = {}
     workspace = _Workspace(fronts)
-    factors: list[tuple[FloatArray, FloatArray]] = []
+    factors: list[Factor] = []
     for number, front in enumerate(fronts):
         e, b = 3 * len(front.own), 3 * len(front.border)
         children = list(front.children)
@@ -106,16 +130,13 @@ def _factorised(blocks: scipy.sparse.bsr_matrix, fronts: list[Front]) -> list[tu
         if e:
             head, failed = dpotrf(head, lower=1, clean=0, overwrite_a=1)
             if failed:
-                raise ValueError(
-                    "the stiffness matrix is not positive definite to rounding: the body can move without resistance, "
-                    "or its materials and springs are too far apart; clamp it, or give it stiffer springs"
-                )
+                raise ValueError(NOT_POSITIVE_DEFINITE)
         if e and b:
             below = dtrsm(1.0, head, below, side=1, lower=1, trans_a=1, overwrite_b=1)
             update = dsyrk(-1.0, below, beta=1.0, c=update, lower=1, overwrite_c=1)
         factors.append((head, below))
         updates[number] = update
-    return factors
+    return factors, updates
 
 
 def _assemble(blocks: scipy.sparse.bsr_matrix, front: Front, place: Nodes, head: FloatArray, below: FloatArray) -> None:

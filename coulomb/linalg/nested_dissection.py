@@ -72,6 +72,23 @@ def dissect(graph: scipy.sparse.csr_matrix, points: FloatArray, last: Nodes, lea
     return _in_order(tree.own, _borders(graph, tree.own, tree.children), tree.children, points)
 
 
+def dissect_part(graph: scipy.sparse.csr_matrix, points: FloatArray, count: int, leaf: int = LEAF) -> list[Front]:
+    """Fronts of the first `count` nodes; the last one has those of the other nodes as its border that are coupled.
+
+    Args:
+        graph: Nodes coupled with the first ones, shape (k, k); the other rows are empty.
+        points: The nodes' coordinates, shape (k, 3).
+        count: Number of the nodes to eliminate.
+        leaf: Largest number of nodes of a part that is not cut.
+
+    Returns:
+        The fronts in the order of elimination; the border of the last one is ascending.
+    """
+    tree = _Tree(graph, points, leaf)
+    tree.grow(np.arange(count))
+    return _in_order(tree.own, _borders(graph, tree.own, tree.children), tree.children, points)
+
+
 def _bodies(graph: scipy.sparse.csr_matrix) -> Nodes:
     """Number of the body of each node, shape (k,): bodies are not coupled with each other.
 
@@ -109,7 +126,7 @@ class _Tree:
         coupled = self.graph[nodes]
         row = np.repeat(np.arange(len(nodes)), np.diff(coupled.indptr))
         best = None
-        for high in self._halves(self.points[nodes]):
+        for high in halves(self.points[nodes]):
             self._side[nodes] = np.where(high, 2, 1)
             across = self._side[coupled.indices] == np.where(high, 1, 2)[row]
             touching = np.zeros(len(nodes), dtype=bool)
@@ -123,18 +140,25 @@ class _Tree:
         high, separator = best
         return nodes[~high & ~separator], nodes[high & ~separator], nodes[separator]
 
-    @staticmethod
-    def _halves(x: FloatArray) -> Iterator[npt.NDArray[np.bool_]]:
-        """Which nodes lie beyond the median along each coordinate axis and along the longest principal axis."""
-        centred = x - x.mean(axis=0)
-        _, principal = np.linalg.eigh(centred.T @ centred)
-        for along in (*centred.T, centred @ principal[:, 2]):
-            extent = np.ptp(along)
-            high = along > np.median(along) + 1e-9 * extent
-            if 4 * np.count_nonzero(high) < len(along):  # many nodes at the median itself
-                high = along > np.median(along) - 1e-9 * extent
-            if high.any() and not high.all():
-                yield high
+
+def halves(x: FloatArray, low: float = 0.5) -> Iterator[npt.NDArray[np.bool_]]:
+    """Which nodes lie beyond the median along each coordinate axis and along the longest principal axis.
+
+    Args:
+        x: Coordinates, shape (k, 3).
+        low: Part of the nodes before the cut, if it is not the half.
+    """
+    centred = x - x.mean(axis=0)
+    _, principal = np.linalg.eigh(centred.T @ centred)
+    for along in (*centred.T, centred @ principal[:, 2]):
+        extent = np.ptp(along)
+        middle = int(low * (len(along) - 1))
+        cut = np.partition(along, middle)[middle]
+        high = along > cut + 1e-9 * extent
+        if 2 * np.count_nonzero(high) < (1.0 - low) * len(along):  # many nodes at the cut itself
+            high = along > cut - 1e-9 * extent
+        if high.any() and not high.all():
+            yield high
 
 
 def _borders(graph: scipy.sparse.csr_matrix, own: list[Nodes], children: list[tuple[int, ...]]) -> list[Nodes]:
