@@ -6,7 +6,7 @@ import sys
 from .process import begin
 
 begin()
-gc.set_threshold(20_000)  # else the modules to be loaded cost a tenth of a second of searches for garbage
+gc.set_threshold(200_000)  # else the modules to be loaded cost a tenth of a second of searches for garbage
 
 from .pictures import overview_process  # noqa: E402  (streams and signals are in order when it begins)
 

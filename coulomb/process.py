@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import atexit
 import errno
 import io
 import os
@@ -19,6 +20,7 @@ import stat
 import sys
 import tempfile
 from pathlib import Path
+from typing import NoReturn
 
 from .ranks import RANK_VARIABLES, start_alone
 
@@ -94,6 +96,25 @@ def ended(code: int, failed: int) -> int:
     lost = isinstance(raw, _Stream) and raw.fault is not None and raw.fault.errno != errno.EPIPE
     code = failed if lost and code == 0 and not _goes_on else code
     return code
+
+
+def leave(code: int) -> NoReturn:
+    """End the process with an exit code, in order, but without the 0.1 s that Python takes to delete all modules.
+
+    Functions that modules registered for the end are called, and PETSc and MPI end as they would (PETSc prints what
+    -log_view asks for).  Under a profiler or debugger, which continue after the program, Python ends as usual.
+    """
+    if sys.getprofile() is None and sys.gettrace() is None:
+        atexit._run_exitfuncs()
+        petsc, mpi = (sys.modules.get(name) for name in ("petsc4py.PETSc", "mpi4py.MPI"))
+        if petsc is not None:
+            petsc._finalize()
+        if mpi is not None and mpi.Is_initialized() and not mpi.Is_finalized():
+            mpi.Finalize()
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def animated() -> bool:

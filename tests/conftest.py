@@ -6,6 +6,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT", "1")
 os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
 
+import compileall
 import contextlib
 import functools
 import json
@@ -76,6 +77,9 @@ def make_block(p, friction=0.3, slip_stress=None, cells=None, foundation=None, *
         contact=coulomb.Contact("bottom", None if slip_stress else friction, slip_stress, foundation),
         **options,
     )
+
+
+compileall.compile_dir(ROOT / "coulomb", quiet=2)  # once, not in every process that a test starts
 
 
 @functools.cache

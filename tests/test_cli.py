@@ -119,11 +119,11 @@ def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path):
     """The other ranks must not wait for a rank that has failed."""
     script = tmp_path / "die.py"
     script.write_text(
-        "import sys\nfrom mpi4py import MPI\nfrom coulomb.cli import app as cli\n"
+        "import sys\nfrom mpi4py import MPI\nfrom coulomb.case import case\nfrom coulomb.cli import app as cli\n"
         "def read_case(*_):\n"
         "    if MPI.COMM_WORLD.rank == 1:\n        raise RuntimeError('unforeseen')\n"
         "    MPI.COMM_WORLD.barrier()\n"
-        "cli.read_case = read_case\nsys.argv = ['coulomb', 'run', 'x.toml']\ncli.main()\n"
+        "case.read_case = read_case\nsys.argv = ['coulomb', 'run', 'x.toml']\ncli.main()\n"
     )
     done = run_python(script, ranks=2, timeout=300)
     assert done.returncode != 0 and "unforeseen" in done.stderr

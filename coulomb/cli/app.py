@@ -1,8 +1,8 @@
 """The commands of `coulomb`, except those of benchmarks, cases and pictures.  Output is on rank 0; exit codes:
 console.py.
 
-Modules that need MPI, PETSc or DOLFINx are imported by the command that needs them, so that help and messages about
-wrong cases are immediate.
+Modules that take time to load are imported by the command that needs them: numpy and the case files', so that help is
+immediate; MPI, PETSc and DOLFINx, so that messages about wrong cases are.
 """
 
 from __future__ import annotations
@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .. import process
-from ..case.case import read_case
-from ..io.written_case import written_case
 from ..ranks import launched
 from ..version import __version__
 from .benchmark_commands import benchmark
@@ -83,6 +81,7 @@ def run(
     ] = False,
 ) -> None:
     """Solve a case, certify the answer, write the results."""
+    from ..case.case import read_case
     from .session import opened
 
     with opened(quiet, log_file) as session:
@@ -104,6 +103,7 @@ def resume(
     force: Force = False,
 ) -> None:
     """Continue a load history that was interrupted, from its last step, on any number of ranks."""
+    from ..io.written_case import written_case
     from .session import opened
 
     with opened(quiet, log_file) as session:
@@ -204,6 +204,8 @@ def export(
     """
     refuse_ranks("coulomb export")
 
+    from ..case.case import read_case
+
     with bad_input():
         settings = read_case(case, changes or ())
         time = _time_of(settings, at)
@@ -294,4 +296,4 @@ def main() -> None:
         if comm is not None and comm.size > 1:
             comm.Abort(CRASHED)
         code = CRASHED
-    sys.exit(process.ended(code, FAILED))
+    process.leave(process.ended(code, FAILED))

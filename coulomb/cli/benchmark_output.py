@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
-from rich.table import Column, Table
 
 from ..pictures.apart import missing
 from .console import FAILED, console, errors
@@ -21,6 +20,8 @@ if TYPE_CHECKING:
 
 def print_verified(name: str, verified: Verified) -> None:
     """The table of a case, and the reasons for its tolerances."""
+    from rich.table import Column, Table
+
     reasons = list(dict.fromkeys(row.why for row in verified.rows))
     right = [
         Column(head, justify="right", no_wrap=True) for head in ("formula", "ours", "error", "tolerance", "why", "")

@@ -9,7 +9,6 @@ from typing import Annotated
 
 import typer
 
-from ..case.case import read_case
 from ..ranks import launched, on_rank_0
 from .console import bad_input, console
 
@@ -67,6 +66,8 @@ def check_case(
     Performs all steps of a run up to the factorisation of K: mesh, supports, loads and contact are checked, for every
     load step, and K is assembled.
     """
+    from ..case.case import read_case
+
     with bad_input():
         settings = read_case(case, changes or ())
 

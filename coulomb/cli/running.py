@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import time
 from collections.abc import Iterator
@@ -69,6 +70,8 @@ def compute(
         overwrite: Replace any results in `target`, not only those of the same case.
         renderer: The drawing process, if it has been started already.
     """
+    gc.freeze()  # the modules loaded so far, which are no garbage and take long to search
+    gc.set_threshold(20_000)
     with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None):
         announce()
         with bad_input():

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
+from ..nearest import tree_of
 
 IntArray = npt.NDArray[np.int64]
 
@@ -80,7 +80,7 @@ class SphereTree:
 
 def sphere_tree(centre: FloatArray, radius: FloatArray) -> SphereTree:
     """The tree of facets with these centres (f, 3) and radii (f,) around them in metres; at least one facet."""
-    order = cKDTree(centre, leafsize=_CHILDREN).indices.astype(np.int64)  # near ones are near in this order
+    order = tree_of(centre, _CHILDREN).indices.astype(np.int64)  # near ones are near in this order
     levels = [(centre[order], radius[order])]
     while len(levels[0][0]) > 1:
         middle, size = levels[0]

@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
+from ..nearest import tree_of
 
 IntArray = npt.NDArray[np.int64]
 
@@ -53,7 +53,7 @@ def touching(points: FloatArray, cells: IntArray, part: IntArray, boundary: IntA
     of_node[cells] = part[:, None]
     nodes = np.unique(boundary)
     near = SAME_PLACE * float(np.linalg.norm(np.ptp(points, axis=0)))
-    pairs = cKDTree(points[nodes]).query_pairs(near, output_type="ndarray")
+    pairs = tree_of(points[nodes]).query_pairs(near, output_type="ndarray")
     pairs = nodes[pairs[of_node[nodes[pairs[:, 0]]] != of_node[nodes[pairs[:, 1]]]]]
     first = np.setdiff1d(pairs.min(axis=1, initial=len(points)), pairs.max(axis=1, initial=-1))
     places: FloatArray = points[first]

@@ -11,16 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from . import (
-    abaqus_format,
-    compat,
-    exodus_format,
-    gmsh_format,
-    med_format,
-    mesh_formats,
-    meshio_formats,
-    xdmf_format,
-)
+from . import compat, mesh_formats
 from .box_faces import BOX_FACES
 from .compat import mesh
 from .lagrange import lagrange_points, lagrange_slopes
@@ -119,7 +110,7 @@ def read_gmsh(path: str | Path, scale: float = 1.0, comm: MPI.Comm = MPI.COMM_WO
     Raises:
         ValueError: On every rank, if the file cannot be read, or its mesh cannot be used, with the reason.
     """
-    return _distribute(comm, path, scale, lambda: gmsh_format.read(str(path)))
+    return _distribute(comm, path, scale, lambda: _read(str(path), ".msh", {}, {}))
 
 
 def read_xdmf(
@@ -147,6 +138,8 @@ def read_xdmf(
     """
 
     def read() -> MeshFile:
+        from . import xdmf_format
+
         on_facets, on_cells = (str(file) if file is not None else None for file in (facets, cells))
         return xdmf_format.read(str(path), on_facets, on_cells, names or {}, cell_names or {})
 
@@ -195,16 +188,28 @@ def read_mesh(
 
 
 def _read(path: str, end: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
-    if end == ".msh":
+    if end == ".msh":  # a run needs at most one of these modules
+        from . import gmsh_format
+
         return gmsh_format.read(path)
     if end == ".xdmf":
+        from . import xdmf_format
+
         return xdmf_format.read(path, None, None, names, cell_names)
     if end == ".inp":
+        from . import abaqus_format
+
         return abaqus_format.read(path)
     if end == ".med":
+        from . import med_format
+
         return med_format.read(path)
     if end in mesh_formats.NUMBERED:
+        from . import meshio_formats
+
         return meshio_formats.read(path, names, cell_names)
+    from . import exodus_format
+
     return exodus_format.read(path)
 
 

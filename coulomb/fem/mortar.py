@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
-from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
+from ..nearest import tree_of
 from .facet_patch import FacetPatch
 from .mortar_basis import Basis, Pieces, multipliers, pieces
 from .mortar_segments import Segments, segments
@@ -125,7 +125,7 @@ def _around(slave: FacetPatch, owned: tuple[int, int]) -> IntArray:
 
 def _distance(slave: FacetPatch, master: FacetPatch) -> float:
     """Least distance between the middles of facets of the two faces, metres."""
-    tree = cKDTree(master.x.mean(axis=1))
+    tree = tree_of(master.x.mean(axis=1))
     return float(np.min(tree.query(slave.x.mean(axis=1))[0]))
 
 

@@ -10,12 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
+from ..nearest import tree_of
 from .field_file import read_nodal_field
 from .user_values import first_place
 
@@ -93,8 +94,8 @@ class NodalField:
         return found
 
     @cached_property
-    def _nodes(self) -> cKDTree:
-        return cKDTree(self.points)
+    def _nodes(self) -> Any:
+        return tree_of(self.points)
 
     @cached_property
     def _extent(self) -> float:
@@ -139,7 +140,7 @@ class _Cells:
         radius = np.max(np.linalg.norm(x[solid] - centroid[:, None], axis=2), axis=1) + SNAP * self._edge
         size = np.floor(np.log2(radius))
         members = [np.flatnonzero(size == octave) for octave in np.unique(size)]
-        self._classes = [(cKDTree(centroid[own]), own, float(np.max(radius[own]))) for own in members]
+        self._classes = [(tree_of(centroid[own]), own, float(np.max(radius[own]))) for own in members]
 
     def holding(self, x: FloatArray) -> tuple[Ints, FloatArray]:
         """The tetrahedron of each point (k, 3), -1 where none is near, shape (k,), and the weights of its nodes, shape

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
+from ..nearest import tree_of
 from .contact_frames import HELD_BEYOND, FrictionAxes, held_length, inverse_frames, supported_frames
 from .contact_matrix import at_nodes_of, contact_matrix, free_contact_matrix, rows_of
 from .contact_points import ContactPoints, contact_points, joined_points
@@ -126,7 +126,7 @@ def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurf
     comm = fine.B.getComm().tompi4py()
     tractions = coarse.vectors(x.reshape(-1, 3)) / coarse.area[:, None]
     points, values = (np.concatenate(comm.allgather(part)) for part in (coarse.x, tractions))
-    distance, near = cKDTree(points).query(fine.x, k=min(4, len(points)))
+    distance, near = tree_of(points).query(fine.x, k=min(4, len(points)))
     distance, near = distance.reshape(len(fine.x), -1), near.reshape(len(fine.x), -1)
     weight = 1.0 / np.maximum(distance, 1e-9 * np.max(distance, initial=1e-300)) ** 2
     weight /= weight.sum(axis=1)[:, None]

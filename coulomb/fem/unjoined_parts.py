@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
+from ..nearest import tree_of
 from .deformable import Deformable
 from .mesh_parts import SAME_PLACE, IntArray
 from .named_mesh import NamedMesh, corners_of
@@ -50,6 +50,6 @@ def _beside(mesh: NamedMesh, corners: IntArray) -> FloatArray:
         return mesh.touching
     lows, highs = (np.array(mesh.comm.allgather(end)) for end in (x.min(0, initial=np.inf), x.max(0, initial=-np.inf)))
     near = 2.0 * SAME_PLACE * float(np.linalg.norm(highs.max(axis=0) - lows.min(axis=0)))
-    distance, _ = cKDTree(on_faces).query(mesh.touching)
+    distance, _ = tree_of(on_faces).query(mesh.touching)
     places: FloatArray = mesh.touching[distance > near]
     return places

@@ -11,9 +11,9 @@ from typing import Any
 import h5py
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
+from ..nearest import tree_of
 from ..regular_file import read_bytes, refuse_irregular
 from .mesh_file import IntArray, MeshFile, refuse_cells
 from .numbered_groups import members_by_name, only_set
@@ -98,7 +98,7 @@ def _in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:
     if grid.points.shape == mesh.points.shape and np.array_equal(grid.points, mesh.points):
         return grid.rows
     used, inverse = np.unique(grid.rows, return_inverse=True)
-    distance, number = cKDTree(mesh.points).query(grid.points[used])
+    distance, number = tree_of(mesh.points).query(grid.points[used])
     if np.max(distance) > 1e-9 * float(np.max(np.ptp(mesh.points, axis=0))):
         raise ValueError(f"{grid.where}: has points that are none of the mesh {mesh.where}")
     return np.asarray(number, dtype=np.int64)[inverse].reshape(grid.rows.shape)

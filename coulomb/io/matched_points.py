@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
 from ..fem import compat
+from ..nearest import tree_of
 
 
 def numbers(points: FloatArray, wanted: FloatArray, unfit: str) -> npt.NDArray[np.int64]:
@@ -28,7 +28,7 @@ def places(points: FloatArray, wanted: FloatArray) -> npt.NDArray[np.int64]:
     """As `numbers`, with -1 for a point that is not among them."""
     if not len(points):
         return np.full(len(wanted), -1)
-    distance, number = cKDTree(points).query(wanted)
+    distance, number = tree_of(points).query(wanted)
     near = distance <= 1e-9 * float(np.max(np.ptp(points, axis=0)))
     return np.where(near, number, -1).astype(np.int64)
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
 from ..fem.user_values import on_all_ranks
+from ..nearest import tree_of
 from .field_files import COINCIDENT, data_of, grids_of, parts_of_field
 from .run_directory import SUMMARY, RunDirectory
 
@@ -92,7 +92,7 @@ def nodal_vectors(
 
     def read() -> FloatArray:
         values = np.full((len(x), 3), np.nan if elsewhere is None else elsewhere)
-        tree, hits = cKDTree(x) if len(x) else None, np.zeros(len(x))
+        tree, hits = tree_of(x) if len(x) else None, np.zeros(len(x))
         for points, vectors in parts_of_field(path, name, group):
             if tree is not None:
                 distance, number = tree.query(points, distance_upper_bound=1e-9 * size)

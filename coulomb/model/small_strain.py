@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
 from ..fem.surface import way_along
 from ..fem.user_values import on_all_ranks
 from ..linalg.reductions import Reductions
+from ..nearest import tree_of
 
 if TYPE_CHECKING:
     from ..fem.obstacles import RigidFoundation
@@ -222,7 +222,7 @@ def _deepest(
         found = []
         for nodes, foundation in zip(between, foundations, strict=False):
             if foundation is not None and len(nodes) and len(points):
-                nearest = cKDTree(points).query(x[nodes])[1]
+                nearest = tree_of(points).query(x[nodes])[1]
                 remaining = foundation.signed_distance(x[nodes] + u[nodes]) + given[nearest]
                 rounding = _ROUNDING * np.max(np.abs(x[nodes]))
                 found.append(np.where(np.abs(remaining) < rounding, 0.0, -remaining))

@@ -8,6 +8,8 @@ rigid motion on which the loads do work, while contact does not resist it.
 The set is described from inside by extreme resultants, as many as needed: a linear programme over those known so far
 gives y, and each node its extreme force along y, in closed form; when none is better than those known, the distance is
 exact (column generation; Dantzig and Wolfe 1960).  The programme has as many rows as there are motions.
+
+scipy.optimize takes 20 ms to load, and is needed only where contact alone holds a body.
 """
 
 from __future__ import annotations
@@ -16,7 +18,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import linprog, nnls
 
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
@@ -77,6 +78,8 @@ class LimitLoad:
 
     def _difference(self, found: _Found) -> FloatArray:
         """Between the loads, less bounded forces, and the nearest resultant of the known rays, largest component 1."""
+        from scipy.optimize import nnls
+
         target = self.rigid.e / self._size - found.bounded
         columns = np.array(self._rays).reshape(-1, len(target)).T
         left: FloatArray = target - columns @ nnls(columns, target)[0] if columns.size else target
@@ -104,6 +107,8 @@ class LimitLoad:
 
     def _programme(self, fixed: FloatArray, scaled: FloatArray | None) -> _Found:
         """The linear programme over the known forces: the smallest sum of what is left over, or the largest part."""
+        from scipy.optimize import linprog
+
         q = len(fixed)
         columns = np.array([*self._rays, *self._bounded]).reshape(-1, q)
         count, parts = len(columns), 0 if scaled is None else 1
