@@ -27,7 +27,7 @@ def symmetric_blocks(K: PETSc.Mat) -> PETSc.Mat:
     Args:
         K: Symmetric, assembled, 3 rows per node, those of a node on one rank.
     """
-    pointers, columns, blocks = _upper(nodal_blocks(K), K.getOwnershipRange()[0] // 3)
+    pointers, columns, blocks = upper_blocks(nodal_blocks(K), K.getOwnershipRange()[0] // 3)
     matrix = PETSc.Mat().create(comm=K.comm)
     matrix.setSizes(K.getSizes(), 3)
     matrix.setType(PETSc.Mat.Type.SBAIJ)
@@ -36,10 +36,19 @@ def symmetric_blocks(K: PETSc.Mat) -> PETSc.Mat:
     return matrix
 
 
-def _upper(blocks: scipy.sparse.bsr_matrix, first: int) -> tuple[_Array, _Array, _Array]:
-    """Pointers, columns and blocks on and above the diagonal; `first` is the node of the first row."""
+def upper_blocks(blocks: scipy.sparse.bsr_matrix, first: int) -> tuple[_Array, _Array, _Array]:
+    """Pointers, columns and blocks on and above the diagonal, that on the diagonal first in its row, where there is
+    none a block of zeros; `first` is the number of the first row."""
     rows = len(blocks.indptr) - 1
     row = np.repeat(np.arange(rows), np.diff(blocks.indptr))
     upper = blocks.indices >= row + first
-    counts = np.bincount(row[upper], minlength=rows)
-    return np.concatenate([[0], np.cumsum(counts)]), blocks.indices[upper], blocks.data[upper]
+    pointers = np.concatenate([[0], np.cumsum(np.bincount(row[upper], minlength=rows))])
+    columns, values = blocks.indices[upper], blocks.data[upper]
+    has_diagonal = np.zeros(rows, dtype=bool)
+    has_diagonal[row[blocks.indices == row + first]] = True
+    missing = np.flatnonzero(~has_diagonal)
+    if len(missing) > 0:
+        columns = np.insert(columns, pointers[missing], missing + first)
+        values = np.insert(values, pointers[missing], 0.0, axis=0)
+        pointers = pointers + np.concatenate([[0], np.cumsum(~has_diagonal)])
+    return pointers, columns, values

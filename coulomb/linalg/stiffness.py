@@ -7,8 +7,11 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Protocol
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
+from .multigrid_cycle import Grid, MultigridCycle, grids_of, supported
+from .native import kernels
 from .nodal_blocks import symmetric_blocks
 
 _prefixes = (f"coulomb_{number}_" for number in itertools.count())
@@ -138,8 +141,44 @@ class DirectSolver:
         self._ksp.destroy()
 
 
+_SMOOTHER: dict[str, object] = {"mg_levels_ksp_type": "chebyshev", "mg_levels_pc_type": "jacobi"}
+_GAMG: dict[str, object] = {"pc_type": "gamg", "pc_gamg_threshold": 0.02}
+_SECOND_ORDER_STEPS = 1  # of the smoother in second order; two take 0.9 of the iterations
+
+
+def _cycle_in_blocks(K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle | None:
+    """Multigrid with products in C; None if some rank has no kernels, or blocks of other sizes; collective.
+
+    Args:
+        K: The stiffness matrix.
+        P: Interpolation of linear displacements in second order, on whose grid GAMG then begins.
+    """
+    comm = K.comm.tompi4py()
+    if comm.rank > 0:
+        comm.Barrier()
+    library = kernels()  # compiled by the first rank, if at all
+    if comm.rank == 0:
+        comm.Barrier()
+    if not comm.allreduce(library is not None, op=MPI.LAND):
+        return None
+    linear = K if P is None else _linear(K, P)
+    ksp = configured_ksp(linear, "preonly", _GAMG | _SMOOTHER)
+    pc = ksp.getPC()
+    grids = grids_of(pc)
+    if P is not None:
+        grids.insert(0, Grid(K, P, _SECOND_ORDER_STEPS))
+    coarsest = pc.getMGCoarseSolve()
+    cycle = MultigridCycle(library, grids, coarsest) if library is not None and supported(grids) else None
+    ksp.destroy()  # frees the grids; the coarsest remains
+    if P is not None:
+        linear.destroy()
+    return cycle
+
+
 class IterativeSolver:
-    """CG with PETSc's GAMG on the rigid body modes that K carries as its near-nullspace.
+    """CG with smoothed-aggregation multigrid on the rigid body modes that K carries as its near-nullspace.
+
+    PETSc's GAMG makes the grids; products on them are made in C (multigrid_cycle.py), without a compiler by PETSc.
 
     In second order K also has an attribute "interpolation", which makes the matrix that interpolates linear
     displacements.  Multigrid then goes from second order to first, and GAMG from there: on the block of 42 000
@@ -158,27 +197,38 @@ class IterativeSolver:
 
     def __init__(self, K: PETSc.Mat, tolerance: float = 1e-11):
         self.tolerance, self.iterations = tolerance, 0
-        # Products with the finest matrix are nearly all of the work: CG and the smoother (pc_use_amat) use it in
-        # blocks.  Every solve starts from the best combination of the last 20 solutions (Fischer 1998, in the norm of
-        # the residual), which saves a quarter of the iterations.
-        self._blocks = symmetric_blocks(K)
-        krylov = {
+        interpolation = K.getAttr("interpolation")
+        P = None if interpolation is None else interpolation()
+        self._cycle = _cycle_in_blocks(K, P)
+        # Every solve starts from the best combination of the last 20 solutions (Fischer 1998, in the norm of the
+        # residual), which saves a quarter of the iterations.
+        krylov: dict[str, object] = {
             "ksp_rtol": tolerance,
             "ksp_atol": 0.0,
             "ksp_max_it": 1000,
             "ksp_norm_type": "unpreconditioned",
             "ksp_guess_type": "fischer",
             "ksp_guess_fischer_model": "2,20",
-            "pc_use_amat": True,
-            "mg_levels_ksp_type": "chebyshev",
-            "mg_levels_pc_type": "jacobi",
         }
-        interpolation = K.getAttr("interpolation")
-        if interpolation is None:
-            krylov |= {"pc_type": "gamg", "pc_gamg_threshold": 0.02}
-            self._ksp = configured_ksp(K, "cg", krylov, self._blocks)
+        if self._cycle is not None:
+            self._blocks: PETSc.Mat = PETSc.Mat().createPython(K.getSizes(), context=self._cycle, comm=K.comm)
+            self._blocks.setUp()
+            self._ksp = configured_ksp(K, "cg", krylov | {"pc_type": "python"}, self._blocks, self._python)
         else:
-            self._ksp = self._from_second_order(K, interpolation(), krylov)
+            # Products with the finest matrix are nearly all of the work: CG and the smoother (pc_use_amat) use it in
+            # blocks.
+            self._blocks = symmetric_blocks(K)
+            krylov |= {"pc_use_amat": True} | _SMOOTHER
+            if P is None:
+                self._ksp = configured_ksp(K, "cg", krylov | _GAMG, self._blocks)
+            else:
+                self._ksp = self._from_second_order(K, P, krylov)
+        if P is not None:
+            P.destroy()
+
+    def _python(self, pc: PETSc.PC) -> None:
+        pc.setType(PETSc.PC.Type.PYTHON)
+        pc.setPythonContext(self._cycle)
 
     def _from_second_order(self, K: PETSc.Mat, P: PETSc.Mat, krylov: dict[str, object]) -> PETSc.KSP:
         linear = _linear(K, P)
@@ -191,16 +241,12 @@ class IterativeSolver:
             pc.getMGSmoother(1).setOperators(self._blocks, K)
 
         krylov |= {
-            "mg_levels_ksp_max_it": 1,  # two take 0.9 of the iterations
+            "mg_levels_ksp_max_it": _SECOND_ORDER_STEPS,
             "mg_coarse_ksp_type": "preonly",
-            "mg_coarse_pc_type": "gamg",
-            "mg_coarse_pc_gamg_threshold": 0.02,
-            "mg_coarse_mg_levels_ksp_type": "chebyshev",
-            "mg_coarse_mg_levels_pc_type": "jacobi",
         }
+        krylov |= {f"mg_coarse_{key}": value for key, value in (_GAMG | _SMOOTHER).items()}
         ksp = configured_ksp(K, "cg", krylov, self._blocks, prepare)
-        for matrix in (linear, P):  # the KSP has references
-            matrix.destroy()
+        linear.destroy()  # the KSP has a reference
         return ksp
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
@@ -214,3 +260,5 @@ class IterativeSolver:
     def destroy(self) -> None:
         self._ksp.destroy()
         self._blocks.destroy()
+        if self._cycle is not None:
+            self._cycle.free()

@@ -1,0 +1,195 @@
+"""Matrices in small dense blocks with products in C (native/): symmetric ones, and interpolations between grids.
+
+Values are stored in single precision, half the memory that a product reads; vectors and sums are in double precision.
+A symmetric matrix keeps what single precision rounds off as well, for products as accurate as in double precision.
+Between ranks, the entries in columns of other ranks form a PETSc matrix of their own.
+
+Vectors of this rank are arrays with room for a few numbers behind their end (`padded`).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from .nodal_blocks import upper_blocks
+
+PADDING = 8
+"""Numbers behind the end of an array that the kernels may read."""
+
+SHAPES = ((3, 3), (3, 6), (6, 6))
+"""Shapes of blocks for which there are kernels."""
+
+_LANES = {3: 4, 6: 8}
+_Array = npt.NDArray[Any]
+
+
+def padded(size: int) -> FloatArray:
+    """A vector of zeros with room behind its end; the room is not part of it."""
+    return np.zeros(size + PADDING)[:size]
+
+
+def _address(array: _Array | None) -> ctypes.c_void_p:
+    return ctypes.c_void_p(None if array is None else array.ctypes.data)
+
+
+def _single(values: _Array) -> npt.NDArray[np.float32]:
+    single = np.zeros(values.size + PADDING, dtype=np.float32)
+    single[: values.size] = values.ravel()
+    return single
+
+
+class _Elsewhere:
+    """Entries in columns of other ranks, of a matrix with blocks: a PETSc matrix, or nothing."""
+
+    def __init__(self, matrix: PETSc.Mat):
+        self._matrix: PETSc.Mat | None = None
+        if matrix.comm.size == 1:
+            return
+        indptr, indices, values = matrix.getValuesCSR()
+        first, last = matrix.getOwnershipRangeColumn()
+        other = (indices < first) | (indices >= last)
+        before = np.concatenate([[0], np.cumsum(other)])
+        csr = tuple(array.astype(PETSc.IntType) for array in (before[indptr], indices[other]))
+        self._matrix = PETSc.Mat().createAIJ(matrix.getSizes(), csr=(*csr, values[other]), comm=matrix.comm)
+        self._x, self._y = self._matrix.createVecs()
+
+    def mult(self, x: FloatArray) -> FloatArray | None:
+        """Its product, to be read before the next one; None if there are no such entries; collective."""
+        if self._matrix is None:
+            return None
+        self._x.array[:] = x
+        self._matrix.mult(self._x, self._y)
+        product: FloatArray = self._y.array_r
+        return product
+
+    def mult_transpose(self, y: FloatArray) -> FloatArray | None:
+        """The product with its transpose, as `mult`."""
+        if self._matrix is None:
+            return None
+        self._y.array[:] = y
+        self._matrix.multTranspose(self._y, self._x)
+        product: FloatArray = self._x.array_r
+        return product
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        if self._matrix is not None:
+            for thing in (self._matrix, self._x, self._y):
+                thing.destroy()
+
+
+def own_blocks(matrix: PETSc.Mat, shape: tuple[int, int]) -> scipy.sparse.bsr_matrix:
+    """The entries of this rank's rows in this rank's columns, in blocks."""
+    rows, columns = matrix.getLocalSize()
+    if matrix.comm.size == 1:
+        indptr, indices, values = matrix.getValuesCSR()
+    else:
+        indptr, indices, values = matrix.getDiagonalBlock().getValuesCSR()
+    blocks = scipy.sparse.csr_matrix((values, indices, indptr), shape=(rows, columns)).tobsr(shape)
+    blocks.sort_indices()
+    return blocks
+
+
+class SymmetricBlocks:
+    """A symmetric matrix by its upper triangle in blocks.
+
+    Args:
+        library: The kernels.
+        matrix: Symmetric, assembled; the rows of a block on one rank.
+        size: Rows of a block, 3 or 6.
+        accurate: Whether `mult` is as accurate as in double precision, for which it keeps twice as many numbers.
+
+    Attributes:
+        size: Rows of this rank.
+    """
+
+    def __init__(self, library: ctypes.CDLL, matrix: PETSc.Mat, size: int, accurate: bool = False):
+        pointers, columns, blocks = upper_blocks(own_blocks(matrix, (size, size)), 0)
+        self._n, self.size = len(pointers) - 1, size * (len(pointers) - 1)
+        self._pointers, self._columns = pointers.astype(np.int32), columns.astype(np.int32)
+        self._values = _single(blocks)
+        self._low = _single(blocks.ravel() - self._values[: blocks.size]) if accurate else None
+        self._sums = np.zeros(_LANES[size] * self._n + PADDING)
+        self._elsewhere = _Elsewhere(matrix)
+        self._right = padded(self.size)
+        self._product, self._residual, self._step = (
+            getattr(library, f"{name}_{size}_{size}") for name in ("product", "residual", "step")
+        )
+        self._matrix = (self._n, _address(self._pointers), _address(self._columns), _address(self._values))
+
+    def mult(self, x: FloatArray, y: FloatArray) -> None:
+        """y <- K x, in double precision if `accurate`; x padded; collective."""
+        self._product(*self._matrix, _address(self._low), _address(x), _address(y), _address(self._sums))
+        other = self._elsewhere.mult(x)
+        if other is not None:
+            y += other
+
+    def residual(self, b: FloatArray, x: FloatArray, r: FloatArray) -> None:
+        """r <- b - K x, K in single precision; x padded; collective."""
+        b = self._less_others(b, x)
+        self._residual(*self._matrix, _address(b), _address(x), _address(r), _address(self._sums))
+
+    def step(
+        self, inverse: FloatArray, b: FloatArray, x: FloatArray, d: FloatArray, first: float, second: float
+    ) -> None:
+        """d <- first d + second inverse (b - K x), x <- x + d, K in single precision; x padded; collective."""
+        b = self._less_others(b, x)
+        factors = ctypes.c_double(first), ctypes.c_double(second)
+        vectors = (_address(vector) for vector in (inverse, b, x, d))
+        self._step(*self._matrix, *vectors, *factors, _address(self._sums))
+
+    def _less_others(self, b: FloatArray, x: FloatArray) -> FloatArray:
+        """b less the product with the columns of other ranks."""
+        other = self._elsewhere.mult(x)
+        return b if other is None else np.subtract(b, other, out=self._right)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        self._elsewhere.destroy()
+
+
+class BlockInterpolation:
+    """An interpolation P from a coarse grid, in blocks.
+
+    Args:
+        library: The kernels.
+        matrix: Assembled; the rows and columns of a block on one rank.
+        shape: Rows and columns of a block, one of SHAPES.
+    """
+
+    def __init__(self, library: ctypes.CDLL, matrix: PETSc.Mat, shape: tuple[int, int]):
+        blocks = own_blocks(matrix, shape)
+        self._n, self._coarse = blocks.shape[0] // shape[0], blocks.shape[1] // shape[1]
+        self._pointers, self._columns = blocks.indptr.astype(np.int32), blocks.indices.astype(np.int32)
+        self._values = _single(blocks.data)
+        self._sums = np.zeros(_LANES[shape[1]] * self._coarse + PADDING)
+        self._elsewhere = _Elsewhere(matrix)
+        self._prolong, self._restrict = (
+            getattr(library, f"{name}_{shape[0]}_{shape[1]}") for name in ("prolong", "restrict_to")
+        )
+        self._matrix = (_address(self._pointers), _address(self._columns), _address(self._values))
+
+    def prolong(self, e: FloatArray, x: FloatArray) -> None:
+        """x <- x + P e; e padded; collective."""
+        self._prolong(self._n, *self._matrix, _address(e), _address(x))
+        other = self._elsewhere.mult(e)
+        if other is not None:
+            x += other
+
+    def restrict(self, r: FloatArray, b: FloatArray) -> None:
+        """b <- P^T r; collective."""
+        self._restrict(self._n, self._coarse, *self._matrix, _address(r), _address(b), _address(self._sums))
+        other = self._elsewhere.mult_transpose(r)
+        if other is not None:
+            b += other
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        self._elsewhere.destroy()

@@ -1,0 +1,43 @@
+/* The kernels of blocks.h for blocks of 3 x 3, 3 x 6 and 6 x 6: nodes, and aggregates of nodes with six rigid motions. */
+
+typedef float f4 __attribute__((vector_size(16), aligned(4), may_alias));
+typedef float f8 __attribute__((vector_size(32), aligned(4), may_alias));
+typedef double d4 __attribute__((vector_size(32), aligned(8), may_alias));
+typedef double d8 __attribute__((vector_size(64), aligned(8), may_alias));
+
+#ifdef __AVX__ /* compilers convert a vector in two halves if they are not told otherwise */
+#include <immintrin.h>
+static inline d4 up4(const float *v) { return (d4)_mm256_cvtps_pd(_mm_loadu_ps(v)); }
+#else
+static inline d4 up4(const float *v) { return __builtin_convertvector(*(const f4 *)v, d4); }
+#endif
+
+#ifdef __AVX512F__
+static inline d8 up8(const float *v) { return (d8)_mm512_cvtps_pd(_mm256_loadu_ps(v)); }
+#else
+static inline d8 up8(const float *v) { return __builtin_convertvector(*(const f8 *)v, d8); }
+#endif
+
+#define BR 3
+#define BC 3
+#define LC 4
+#define UP up4
+#define DC d4
+#define NAME(function) function##_3_3
+#include "blocks.h"
+
+#define BR 3
+#define BC 6
+#define LC 8
+#define UP up8
+#define DC d8
+#define NAME(function) function##_3_6
+#include "blocks.h"
+
+#define BR 6
+#define BC 6
+#define LC 8
+#define UP up8
+#define DC d8
+#define NAME(function) function##_6_6
+#include "blocks.h"

@@ -1,0 +1,97 @@
+"""Products in small dense blocks, in C, against scipy's; multigrid with them against PETSc's."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+from petsc4py import PETSc
+
+from coulomb.benchmarks.block import block
+from coulomb.linalg import native, stiffness
+from coulomb.linalg.block_matrix import SHAPES, BlockInterpolation, SymmetricBlocks, padded
+
+pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
+
+
+def petsc(matrix):
+    csr = scipy.sparse.csr_matrix(matrix)
+    csr.sort_indices()
+    return PETSc.Mat().createAIJ(csr.shape, csr=(csr.indptr, csr.indices, csr.data), comm=PETSc.COMM_SELF)
+
+
+def in_blocks(rows, columns, shape, density, rng):
+    """A random matrix of dense blocks."""
+    pattern = scipy.sparse.random(rows, columns, density, random_state=3)
+    return scipy.sparse.kron(pattern, np.ones(shape)).multiply(
+        rng.standard_normal((rows * shape[0], columns * shape[1]))
+    )
+
+
+def vector(values):
+    v = padded(len(values))
+    v[:] = values
+    return v
+
+
+@pytest.mark.parametrize("size", [3, 6])
+def test_symmetric_blocks(size):
+    rng = np.random.default_rng(size)
+    half = in_blocks(40, 40, (size, size), 0.1, rng).tocsr()
+    keep = np.repeat(np.arange(40) != 7, size)  # a row and a column without any entry
+    K = (half + half.T).multiply(np.outer(keep, keep)).tocsr()
+    blocks = SymmetricBlocks(native.kernels(), petsc(K), size, accurate=True)
+    rough = SymmetricBlocks(native.kernels(), petsc(K), size)
+    n = 40 * size
+    x, b, inverse, d, y = (vector(rng.standard_normal(n)) for _ in range(5))
+    scale = np.abs(K).sum(axis=1).max()
+    for _ in range(2):  # the second time with what the first left behind
+        blocks.mult(x, y)
+        assert np.abs(y - K @ x).max() <= 1e-13 * scale
+        rough.mult(x, y)
+        assert 1e-10 * scale < np.abs(y - K @ x).max() <= 1e-6 * scale
+    blocks.residual(b, x, y)
+    assert np.abs(y - (b - K @ x)).max() <= 1e-6 * scale
+    direction = 0.3 * d + 0.7 * inverse * (b - K @ x)
+    moved = x + direction
+    blocks.step(inverse, b, x, d, 0.3, 0.7)
+    assert np.abs(d - direction).max() <= 1e-5 * scale and np.abs(x - moved).max() <= 1e-5 * scale
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_block_interpolation(shape):
+    rng = np.random.default_rng(shape)
+    P = in_blocks(50, 12, shape, 0.3, rng).tocsr()
+    blocks = BlockInterpolation(native.kernels(), petsc(P), shape)
+    e, x, r, b = (vector(rng.standard_normal(size)) for size in (P.shape[1], P.shape[0], P.shape[0], P.shape[1]))
+    expected = x + P @ e
+    blocks.prolong(e, x)
+    assert np.abs(x - expected).max() <= 1e-5
+    for _ in range(2):
+        blocks.restrict(r, b)
+        assert np.abs(b - P.T @ r).max() <= 1e-5
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_multigrid_as_petsc_has_it(monkeypatch, cell, degree):
+    """The same iterations as PETSc's multigrid with the same smoother, and a solution as accurate."""
+    K = block(4, 0.3, cell, degree).elasticity.K
+    f, u = K.createVecs()
+    f.array[:] = np.random.default_rng(5).standard_normal(f.getLocalSize())
+    iterations = []
+    for library in (native.kernels(), None):
+        monkeypatch.setattr(stiffness, "kernels", lambda library=library: library)
+        solver = stiffness.IterativeSolver(K, tolerance=1e-11)
+        solver.solve(f, u)
+        assert (K * u - f).norm() <= 2e-11 * f.norm()
+        iterations.append(solver.iterations)
+        solver.destroy()
+    assert abs(iterations[0] - iterations[1]) <= 2
+
+
+def test_without_compiler(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("CC", str(tmp_path / "absent"))
+    native.kernels.cache_clear()
+    try:
+        assert native.kernels() is None
+    finally:
+        native.kernels.cache_clear()
