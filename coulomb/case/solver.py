@@ -56,6 +56,8 @@ class SolverTable(Table):
             "condensed": CondensedSystem(),
         }
         whole = InteriorPoint(self.tolerance, newton=systems[self.newton])
+        if not sloped and self.method == "auto" and self.newton == "recycling":
+            return Automatic(self.tolerance, whole)
         if not sloped and self.method == "auto":
             return whole
         if self.newton in ("dense", "condensed") and self.method != "successive-tresca":

@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..model.accumulated import ACCUMULATED, Accumulated
-from ..model.load_step import Energy, LoadStep, State
+from ..model.load_step import Earlier, Energy, LoadStep, State
 from ..model.problem import ContactProblem
 from ..ranks import on_rank_0
 from . import output
@@ -113,7 +113,12 @@ class HistoryFiles:
         part = problem.surface.part
         faces = [(contact.face, points[part == number]) for number, contact in enumerate(problem.contacts)]
         faces = faces if collections(problem)[1] else [("", points)]
-        began = read_step(self.directory.step(number - 1).path, problem.comm)["time"] if number > 1 else self._start
+        force = at_nodes(step.contact, "contact_force", faces, comm)
+        began, earlier = self._start, np.zeros_like(force)
+        if number > 1:
+            one_before = self.directory.step(number - 1)
+            began = read_step(one_before.path, comm)["time"]
+            earlier = at_nodes(one_before.contact, "contact_force", faces, comm)
         slip = at_nodes(step.contact, "slip", faces, comm)
         worn = [at_nodes(step.contact, name, faces, comm)[:, 0] for name in ACCUMULATED]
         return State(
@@ -121,10 +126,11 @@ class HistoryFiles:
             time=record["time"],
             energy=Energy(**record["energy"]),
             displacement=at_nodes(step.solution, "displacement", bodies, comm),
-            force_on_body=at_nodes(step.contact, "contact_force", faces, comm),
+            force_on_body=force,
             slip_rate=np.linalg.norm(slip, axis=1) / (record["time"] - began),
             accumulated=Accumulated(*worn),
             pending=tuple(record["pending"]),
+            before=Earlier(began, earlier),
         )
 
     def _write_whole(self, last: dict[str, Any]) -> str:

@@ -52,15 +52,18 @@ class ConstraintPreconditioner:
         inverse: P^-1 on (m, block) and on (m, block, r); x is the first three of `block` unknowns per node.
         constraints: G.
         block: Unknowns per node.
+        left: Replaces G^T in the first row of the matrix, shape (m, block, r).
     """
 
-    def __init__(self, inverse: NodalMap, constraints: Constraints, block: int):
+    def __init__(self, inverse: NodalMap, constraints: Constraints, block: int, left: FloatArray | None = None):
         self._inverse, self._constraints = inverse, constraints
         r = constraints.count
         if not r:
             return
-        G = np.zeros((len(constraints.G), block, r))
-        G[:, :3] = constraints.G
+        G = left
+        if G is None:
+            G = np.zeros((len(constraints.G), block, r))
+            G[:, :3] = constraints.G
         self._PG = inverse(G)
         S = constraints.resultant(self._PG[:, :3])
         size = np.sqrt(np.abs(S.diagonal()))

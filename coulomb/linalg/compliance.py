@@ -15,6 +15,7 @@ from scipy.linalg.lapack import dtrtri
 
 from ..arrays import FloatArray
 from .diagonal_estimate import estimated_diagonal
+from .learnt_columns import LearntColumns
 from .multifrontal import MultifrontalSolver
 from .stiffness import StiffnessSolver
 
@@ -29,6 +30,7 @@ class Compliance(Protocol):
         exact: Whether a product is as exact as rounding allows, at any tolerance.
         name: Its name in the summary.
         matrix_free: Itself if it has K and B, which condensed Newton systems need; else None.
+        learnt: What earlier problems with it have found of it.
     """
 
     comm: MPI.Comm
@@ -36,6 +38,7 @@ class Compliance(Protocol):
     products: int
     exact: bool
     name: str
+    learnt: LearntColumns
 
     @property
     def matrix_free(self) -> MatrixFreeCompliance | None: ...
@@ -96,7 +99,7 @@ class MatrixCompliance:
         self.matrix = matrix
         self.comm: MPI.Comm = matrix.getComm().tompi4py()
         self.nodes = matrix.getLocalSize()[0] // 3
-        self.products = 0
+        self.products, self.learnt = 0, LearntColumns()
         self._y, self._x = matrix.createVecs("left"), matrix.createVecs("right")
         d = matrix.getDiagonal()
         self._diagonal: FloatArray = d.array.copy()
@@ -139,7 +142,7 @@ class SchurCompliance:
         self.B = B  # kept, since the communicator lives as long as the matrix
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
-        self.products = 0
+        self.products, self.learnt = 0, LearntColumns()
         self._solver, self._given_diagonal = solver, diagonal
         indptr, indices, values = B.getValuesCSR()
         columns = (3 * solver.last[:, None] + np.arange(3)).ravel()
@@ -211,7 +214,7 @@ class MatrixFreeCompliance:
         self.exact = solver.tolerance == 0.0
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
-        self.products = 0
+        self.products, self.learnt = 0, LearntColumns()
         self._u, self._x = B.createVecs()
         self._rhs = self._u.duplicate()
         self._last = self._u.duplicate()

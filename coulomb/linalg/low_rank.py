@@ -18,6 +18,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from .border import NodalMap
+from .learnt_columns import LearntColumns
 
 _RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are rounding
 
@@ -31,20 +32,45 @@ class LowRankApproximation:
         rank: Columns of U to keep, at most; 0 keeps diag(A).
         exact: Whether products are exact; only then is the part of A outside U measured from new pairs.
         least_rest: The rest is at least this part of diag(A), as far as A is not yet in U.
+        known: Columns with which to begin; None if there are none.
 
     Attributes:
         rest: Shape (m, 3), positive.
         U: Shape (3 m, r), r <= rank.
     """
 
-    def __init__(self, comm: MPI.Comm, diagonal: FloatArray, rank: int, exact: bool, least_rest: float = 0.2):
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        diagonal: FloatArray,
+        rank: int,
+        exact: bool,
+        least_rest: float = 0.2,
+        known: LearntColumns | None = None,
+    ):
         self._comm, self._diagonal, self._rank, self._exact = comm, diagonal, rank, exact
         self._least_rest = least_rest
         self._new: list[tuple[FloatArray, FloatArray]] = []
-        self._X = np.empty((diagonal.size, 0))
+        self._X: FloatArray = np.empty((diagonal.size, 0))
         self._new_part = 1.0
         self.U: FloatArray = np.empty((diagonal.size, 0))
         self.rest: FloatArray = diagonal
+        if known is not None and known.X is not None and known.U is not None and rank > 0:
+            self._X, self.U, self._new_part = known.X[:, :rank], known.U[:, :rank], known.part
+            self._set_rest()
+
+    @property
+    def learnt(self) -> LearntColumns:
+        """What is known of A."""
+        known = LearntColumns()
+        if self.U.shape[1] > 0:
+            known.keep(self._X, self.U, self._new_part)
+        return known
+
+    @property
+    def new(self) -> int:
+        """Number of products recorded since the last update."""
+        return len(self._new)
 
     def record(self, x: FloatArray, A_x: FloatArray) -> None:
         """Record a product, both (m, 3)."""
@@ -69,6 +95,9 @@ class LowRankApproximation:
         size, V = np.linalg.eigh(self._gram(Y, Y))
         V = V[:, ::-1][:, : self._rank]
         self._X, self.U = X @ V, Y @ V
+        self._set_rest()
+
+    def _set_rest(self) -> None:
         rest = self._diagonal - np.sum(self.U**2, axis=1).reshape(-1, 3)
         self.rest = np.maximum(rest, self._least_rest * self._new_part * self._diagonal)
 
@@ -103,19 +132,20 @@ class LowRankApproximation:
 
 
 class LowRankUpdate:
-    """(P0 + U U^T)^-1 from P0^-1, by Woodbury's formula: P0^-1 - P0^-1 U (1 + U^T P0^-1 U)^-1 U^T P0^-1.
+    """(P0 + V U^T)^-1 from P0^-1, by Woodbury's formula: P0^-1 - P0^-1 V (1 + U^T P0^-1 V)^-1 U^T P0^-1.
 
     Args:
         comm: The ranks.
         nodal_inverse: P0^-1 on (m, block, ...), nodal, perhaps unsymmetric.
         U: Shape (m, block, r).
+        V: Shape (m, block, r); by default U.
     """
 
-    def __init__(self, comm: MPI.Comm, nodal_inverse: NodalMap, U: FloatArray):
+    def __init__(self, comm: MPI.Comm, nodal_inverse: NodalMap, U: FloatArray, V: FloatArray | None = None):
         self._comm, self._nodal_inverse = comm, nodal_inverse
         r = U.shape[2]
         self._U = U.reshape(U.shape[0] * U.shape[1], r)
-        self._PU = nodal_inverse(U).reshape(self._U.shape)
+        self._PU = nodal_inverse(U if V is None else V).reshape(self._U.shape)
         self._core: FloatArray = np.linalg.inv(np.eye(r) + comm.allreduce(self._U.T @ self._PU))
 
     def __call__(self, r: FloatArray) -> FloatArray:

@@ -23,8 +23,10 @@ from typing import Protocol
 
 import numpy as np
 
+from ..solvers.automatic import Automatic
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
+from ..solvers.semismooth_newton import SemismoothNewton
 from .accumulated import Accumulated
 from .certificate import judge
 from .equilibrium import NoEquilibrium
@@ -128,8 +130,14 @@ class LoadHistory:
     ) -> Solution:
         posed = self._posed(problem, state, time)
         start = None
-        if state.number > 0:  # the forces before, in the present frames
-            start = -posed.surface.force_components(state.force_on_body).ravel()
+        if state.number > 0:  # the forces before, in the present frames, and these extrapolated in time
+            forces = [state.force_on_body]
+            if state.before is not None:
+                ahead = (time - state.time) / (state.time - state.before.time)
+                forces.append(state.force_on_body + ahead * (state.force_on_body - state.before.force_on_body))
+            start = np.array([-posed.surface.force_components(one).ravel() for one in forces])
+            if self.solver is not None and not isinstance(self.solver, Automatic | SemismoothNewton):
+                start = start[0]
         return posed.solve(self.tolerance, self.solver, progress, start)
 
     def run(

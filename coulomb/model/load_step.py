@@ -132,6 +132,19 @@ class Moment:
 
 
 @dataclass(frozen=True)
+class Earlier:
+    """The end of the step before the last one, from which forces are extrapolated.
+
+    Attributes:
+        time: Its time.
+        force_on_body: As that of `State`.
+    """
+
+    time: float
+    force_on_body: FloatArray
+
+
+@dataclass(frozen=True)
 class State(Moment):
     """The state after a step, from which the next begins; this rank's part.  Number, time and energy as in `Moment`.
 
@@ -142,6 +155,7 @@ class State(Moment):
         accumulated: Slip, friction work and largest pressure at the contact points since the start of the history.
         pending: Ends of the remaining steps, the next one last.
         forces: Displacement and forces at its end; None at the start and where a history was continued from files.
+        before: The end of the step before; None at the start.
     """
 
     displacement: FloatArray
@@ -150,6 +164,7 @@ class State(Moment):
     accumulated: Accumulated
     pending: tuple[float, ...]
     forces: Forces | None = None
+    before: Earlier | None = None
 
     def after(self, solution: Solution) -> State:
         """The state at the end of the next step, with updated energies; collective."""
@@ -179,7 +194,8 @@ class State(Moment):
             stiffened = coefficients_work(then, now, over)
         energy = self.energy.after(then, now, elasticity.held, foundation, dissipated, over, stiffened)
         number, worn, pending = self.number + 1, answer.accumulated, self.pending[:-1]
-        return State(number, problem.time, energy, now.displacement, on_body, slip_rate, worn, pending, now)
+        earlier = Earlier(self.time, self.force_on_body)
+        return State(number, problem.time, energy, now.displacement, on_body, slip_rate, worn, pending, now, earlier)
 
 
 @dataclass(frozen=True)

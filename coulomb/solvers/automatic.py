@@ -1,13 +1,16 @@
-"""The default solver: the interior-point method, and successive Tresca if it fails."""
+"""The default solver: from given forces semismooth Newton, then the interior-point method, then successive Tresca."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ..arrays import FloatArray
 from .friction_problem import FrictionProblem
 from .interior_point import InteriorPoint
 from .results import NotConverged, ProgressCallback, SolverResult, Status, check_constants
+from .semismooth_newton import SemismoothNewton
 from .successive_tresca import SuccessiveTresca
 
 
@@ -15,18 +18,23 @@ from .successive_tresca import SuccessiveTresca
 class Automatic:
     """The interior-point method on the whole problem; if it fails and friction grows with pressure, successive Tresca.
 
+    From the forces of a load step before, the semismooth Newton method is tried first: it takes a third of the steps of
+    the interior-point method, or ends after a few (`docs/measurements.md`).
+
     On the block the first needs a quarter of the products of the second, for all sizes and friction coefficients
     (`coulomb benchmark friction`).  Of random ill-conditioned problems, each solves some that the other does not.
     `SolverResult.method` records the choice.
 
     Attributes:
         tolerance: Residual at which to stop.
+        interior_point: Replaces the settings of the interior-point method, except its tolerance.
 
     Raises:
         ValueError: If the tolerance is not positive.
     """
 
     tolerance: float = 1e-8
+    interior_point: InteriorPoint | None = None
 
     name = "auto"
 
@@ -42,17 +50,31 @@ class Automatic:
         tolerance: float | None = None,
         progress: ProgressCallback | None = None,
     ) -> SolverResult:
-        """Solve a problem with friction; arguments and errors as those of `Solver.solve`, `start` for both methods.
+        """Solve a problem with friction; arguments and errors as those of `Solver.solve`, `start` for all methods.
+
+        `start` may be several forces, shape (c, 3 m): semismooth Newton takes the best, the other methods the first.
 
         Raises:
             NotConverged: With the better answer of the two, and the messages of both, if neither converges.
         """
         products, tolerance = problem.A.products, self.tolerance if tolerance is None else tolerance
-        first, second = InteriorPoint(tolerance), SuccessiveTresca(tolerance)
+        given, second = self.interior_point, SuccessiveTresca(tolerance)
+        first = InteriorPoint(tolerance) if given is None else replace(given, tolerance=tolerance)
+        tried: SolverResult | None = None
+        if start is not None:
+            near = SemismoothNewton(tolerance)
+            try:
+                return _chosen(near.solve(problem, start, progress=progress), near.name)
+            except NotConverged as failure:
+                tried = failure.result
+                if tried.status is Status.INTERRUPTED:
+                    raise NotConverged(str(failure), _chosen(tried, near.name)) from None
+            start = np.atleast_2d(start)[0]
         try:
-            return _chosen(first.solve(problem, start, gradient=gradient, progress=progress), first.name)
+            result = first.solve(problem, start, gradient=gradient, progress=progress)
+            return _chosen(_after(tried, result), first.name)
         except NotConverged as failure:
-            one = failure.result
+            one = _after(tried, failure.result)
             if (
                 one.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
                 or one.residual <= tolerance
@@ -66,8 +88,16 @@ class Automatic:
             message = f"{one.message}.  Then {failure.result.message}"
             both = replace(better, products=problem.A.products - products, message=message)
             raise NotConverged(message, _chosen(both, f"{better.method}, the better of both")) from None
-        other = replace(other, products=problem.A.products - products)
+        other = replace(_after(tried, other), products=problem.A.products - products)
         return _chosen(other, f"{second.name}, after the {first.name} method had {one.status.value}")
+
+
+def _after(tried: SolverResult | None, result: SolverResult) -> SolverResult:
+    """A result with the steps and products of another method that was tried before."""
+    if tried is None:
+        return result
+    steps, products = tried.newton_steps + result.newton_steps, tried.products + result.products
+    return replace(result, newton_steps=steps, products=products)
 
 
 def _chosen(result: SolverResult, choice: str) -> SolverResult:

@@ -179,7 +179,7 @@ class _Krylov(ProductImages):
     def __init__(self, A: ScaledCompliance, rank: int, product: tuple[float, float], block: int, sloped: bool) -> None:
         super().__init__(A)
         self._comm, self._product, self._accuracy = A.comm, product, 0.0
-        self._A = LowRankApproximation(A.comm, A.diagonal, rank, A.A.exact)
+        self._A = LowRankApproximation(A.comm, A.diagonal, rank, A.A.exact, known=A.known())
         self._block = block
         self._weight: FloatArray = np.ones((A.nodes, block))
 
@@ -239,6 +239,7 @@ class _Krylov(ProductImages):
         return self._A.mult(x)
 
     def destroy(self) -> None:
+        self._scaled.keep(self._A.learnt)
         self._krylov.free()
 
     _at: Linearization

@@ -142,6 +142,17 @@ class InteriorPointStep(QPStep):
     krylov_tolerance: float
 
 
+@dataclass(frozen=True)
+class SemismoothStep(QPStep):
+    """One step of the semismooth Newton method.
+
+    Attributes:
+        changed: Nodes that opened, closed, stuck or slipped anew in it.
+    """
+
+    changed: int
+
+
 StepKind = Literal["cg", "expansion", "proportioning"]
 
 

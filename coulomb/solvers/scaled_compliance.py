@@ -6,6 +6,11 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..linalg.compliance import Compliance
+from ..linalg.learnt_columns import LearntColumns
+from ..linalg.reductions import Reductions
+
+_LEAST_WEIGHT = 1e-3
+"""Weights below this make columns inaccurate that were found with others."""
 
 
 class ScaledCompliance:
@@ -21,6 +26,7 @@ class ScaledCompliance:
     Attributes:
         diagonal: diag(A~).
         G: G~^T, shape (m, 3, r), r = 0 without rigid motions.
+        recalls: Whether Newton systems begin with the columns of A that earlier problems have found.
     """
 
     def __init__(self, A: Compliance, W: FloatArray, a: float, s: float, G: FloatArray | None = None):
@@ -28,6 +34,7 @@ class ScaledCompliance:
         self.comm, self.nodes = A.comm, A.nodes
         self.diagonal: FloatArray = W**2 * A.diagonal().reshape(-1, 3) / a
         self.G: FloatArray = np.empty((*W.shape, 0)) if G is None else G
+        self.recalls = False
 
     def mult(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
         """A~ x, to a relative accuracy; one product."""
@@ -49,6 +56,24 @@ class ScaledCompliance:
     def forces(self, x: FloatArray) -> FloatArray:
         """s W x in newtons, shape (3 m,)."""
         return (self.s * self.W * x).ravel()
+
+    def known(self) -> LearntColumns | None:
+        """The columns that earlier problems with this A have found, scaled; None if there are none, or if the weights
+        are too far apart; collective if there are any."""
+        learnt = self.A.learnt
+        if not self.recalls or learnt.X is None or learnt.U is None:
+            return None
+        if Reductions(self.comm).min(self.W) < _LEAST_WEIGHT:
+            return None
+        scaled, root, W = LearntColumns(), np.sqrt(self.a), self.W.reshape(-1, 1)
+        scaled.keep(root * learnt.X / W, W * learnt.U / root, learnt.part)
+        return scaled
+
+    def keep(self, found: LearntColumns) -> None:
+        """Keep the columns found by a Newton system, scaled, for problems to come."""
+        if found.X is not None and found.U is not None:
+            root, W = np.sqrt(self.a), self.W.reshape(-1, 1)
+            self.A.learnt.keep(W * found.X / root, root * found.U / W, found.part)
 
     def image(self, displacement: FloatArray) -> FloatArray:
         """Displacements A x in metres (3 m,), as A~ x~."""

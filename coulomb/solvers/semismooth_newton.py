@@ -1,0 +1,291 @@
+"""A semismooth Newton method for problems near to one that has been solved: the next step of a load history.
+
+It solves the equations of contact (contact_equations.py) from the forces of the step before, or from these
+extrapolated, whichever leave the smaller residual.  Where few nodes open, close, stick or slip anew it takes 2 to 6
+full steps, in place of the 15 of the interior-point method, which has to begin inside the cones and to follow a path to
+their surface anew.  It has no safeguard of its own: if the residual does not fall fast, it ends, and `Automatic` takes
+the interior-point method.  CONVERGED is earned as there, by the natural residual computed afresh with the most accurate
+product, and by the certificate.
+
+The Newton systems are solved by FGMRES with products by A, preconditioned by the nodal derivative with A ~ diag(rest) +
+U U^T (low_rank.py) in place of A; U is that of earlier steps of the history.  With rigid motions w = A x - b - G^T
+alpha, and G x = e are further equations.
+
+Which of several solutions of a Coulomb problem it finds is not known, as for the interior-point method; it stays near
+the start.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from ..linalg.border import ConstraintPreconditioner, Constraints
+from ..linalg.krylov import CarryingKrylov
+from ..linalg.low_rank import LowRankApproximation, LowRankUpdate
+from .contact_equations import ContactDerivative, ContactEquations
+from .friction_problem import FrictionProblem
+from .results import (
+    Goal,
+    NotConverged,
+    Progress,
+    ProgressCallback,
+    SemismoothStep,
+    SolverResult,
+    Status,
+    check_constants,
+)
+from .rigid_motions import NO_MOTION, MotionBasis
+from .scaled_compliance import ProductImages, ScaledCompliance
+
+
+@dataclass(frozen=True)
+class SemismoothNewton:
+    """The semismooth Newton method as a value.
+
+    Attributes:
+        tolerance: Natural residual at which to stop (`FrictionProblem.residual`).
+        max_iterations: Newton steps before it gives up.
+        patience: Steps without a residual below `falls` times the best before it gives up.
+        falls: See `patience`.
+        forcing: Largest relative residual of a Newton system; it falls with the residual of the problem.
+        rank: Columns of the low-rank approximation of A in the preconditioner.
+        updated_from: Krylov iterations of a step from which on the approximation is brought up to date.
+        start_product: Relative accuracy of the products that compare starts, if a product is a solve.
+        finer: With exact products, steps are computed to this part of the tolerance, and a start is an answer only
+            below it: nodes that stick then have no slip beyond rounding, and no work of either sign.
+
+    Raises:
+        ValueError: If a constant is outside its bounds.
+    """
+
+    tolerance: float = 1e-8
+    max_iterations: int = 20
+    patience: int = 4
+    falls: float = 0.9
+    forcing: float = 0.1
+    rank: int = 100
+    updated_from: int = 8
+    start_product: float = 1e-3
+    finer: float = 1e-3
+
+    name = "semismooth Newton"
+
+    def __post_init__(self) -> None:
+        bounds = (
+            ("tolerance", self.tolerance > 0.0, "> 0"),
+            ("max_iterations", self.max_iterations >= 1, "at least 1"),
+            ("patience", self.patience >= 1, "at least 1"),
+            ("falls", 0.0 < self.falls <= 1.0, "in (0, 1]"),
+            ("forcing", 0.0 < self.forcing < 1.0, "in (0, 1)"),
+        )
+        check_constants(self, bounds)
+
+    def solve(
+        self,
+        problem: FrictionProblem,
+        start: FloatArray | None = None,
+        *,
+        gradient: FloatArray | None = None,
+        tolerance: float | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> SolverResult:
+        """Solve a problem; arguments and errors as those of `Solver.solve`, but `start` may be several forces, shape
+        (c, 3 m), of which it takes the best; without any it starts from 0.  `history` has a SemismoothStep per step.
+
+        Raises:
+            NotConverged: If the residual does not fall fast, or a tangent of a node is partly prescribed.
+        """
+        products = problem.A.products
+        goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
+        starts = np.atleast_2d(np.zeros_like(problem.b) if start is None else start)
+        result = _Iteration(self, problem, goal, progress).run(starts)
+        result = replace(result, products=problem.A.products - products)
+        if result.status is not Status.CONVERGED:
+            message = (
+                f"the semismooth Newton method ended with a residual of {result.residual:.1e} after "
+                f"{result.newton_steps} steps ({result.status.value}), {goal.missed(result.residual)}"
+            )
+            raise NotConverged(message, replace(result, message=message))
+        return result
+
+
+class _Iteration(ProductImages):
+    """The steps from one start.  Forces in newtons; A, b, w in units of the mean diagonal a of A, newtons as well."""
+
+    def __init__(
+        self, settings: SemismoothNewton, problem: FrictionProblem, goal: Goal, progress: ProgressCallback | None
+    ):
+        self._settings, self._problem, self._goal, self._progress = settings, problem, goal, progress
+        self._over, self._a, m = problem.reductions, problem.mean_diagonal, problem.A.nodes
+        self._T, G, self._e = np.empty((0, 0)), np.empty((m, 3, 0)), NO_MOTION
+        if problem.rigid is not None:
+            unknown = np.column_stack([np.ones(m, dtype=bool), problem.frictional, problem.frictional])
+            basis = MotionBasis(problem.rigid.G * unknown.ravel(), self._over)
+            self._T, self._e = basis.T, basis.T @ problem.rigid.e
+            G = (basis.T @ basis.G).T.reshape(m, 3, len(basis.T))
+        super().__init__(ScaledCompliance(problem.A, np.ones((m, 3)), self._a, 1.0, G))
+        self._scaled.recalls = True
+        self._b = problem.b.reshape(-1, 3) / self._a
+        d = self._scaled.diagonal
+        lower = np.broadcast_to(np.asarray(problem.lower, dtype=np.float64), (m,))
+        self._equations = ContactEquations(problem.law, lower, problem.frictional, d[:, 0], 0.5 * (d[:, 1] + d[:, 2]))
+        self._A = LowRankApproximation(problem.A.comm, d, settings.rank, problem.A.exact, known=self._scaled.known())
+        self._constraints = Constraints(problem.A.comm, G)
+        self._accuracy = settings.forcing
+        self._finer = settings.finer if problem.A.exact else 1.0
+
+    def run(self, starts: FloatArray) -> SolverResult:
+        """From the best of the starts (c, 3 m) to the answer, or to where the residual stalls; collective."""
+        d, frictional = self._scaled.diagonal, self._problem.frictional
+        if not self._over.all(bool(np.all(d[:, 0] > 0.0) and np.all(d[frictional, 1:] > 0.0))):
+            x = starts[0].reshape(-1, 3)
+            return self._result(x, self._scaled.mult(x), np.zeros(len(self._e)), [], Status.STAGNATED)
+        self._krylov = CarryingKrylov(
+            self._scaled.comm,
+            self._scaled.nodes,
+            3,
+            self._product,
+            lambda p, A_p: self._at.apply(p, A_p),
+            lambda r, r3: self._bordered(r, r3),
+            PETSc.KSP.Type.FGMRES,
+            self._constraints,
+        )
+        try:
+            return self._steps(*self._best(starts))
+        finally:
+            self._scaled.keep(self._A.learnt)
+            self._krylov.free()
+
+    def _best(self, starts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The start with the smallest residual: x, A x, alpha; collective."""
+        found: list[tuple[float, FloatArray, FloatArray]] = []
+        for forces in starts:
+            x = forces.reshape(-1, 3).copy()
+            x[~self._problem.frictional, 1:] = 0.0
+            A_x = self._scaled.mult(x, self._settings.start_product)
+            found.append((self._residual(x, A_x, self._closing(x, A_x)), x, A_x))
+        _, x, A_x = min(found, key=lambda one: one[0] if one[0] == one[0] else math.inf)
+        if not self._problem.A.exact:
+            A_x = self.start(x, self._settings.start_product)
+        return x, A_x, self._closing(x, A_x)
+
+    def _closing(self, x: FloatArray, A_x: FloatArray) -> FloatArray:
+        """The alpha that closes the contact best under x, scaled."""
+        if not len(self._e):
+            return NO_MOTION
+        alpha = self._problem.rigid_motion(x.ravel(), self._a * (A_x - self._b).ravel())
+        scaled: FloatArray = np.linalg.lstsq(self._T.T, alpha / self._a, rcond=None)[0]
+        return scaled
+
+    def _w(self, A_x: FloatArray, alpha: FloatArray) -> FloatArray:
+        """A x - b - G^T alpha in newtons."""
+        return self._constraints.without(A_x - self._b, alpha)
+
+    def _residual(self, x: FloatArray, A_x: FloatArray, alpha: FloatArray) -> float:
+        return self._problem.residual(self._problem.completed(x.ravel()), self._a * self._w(A_x, alpha).ravel())
+
+    def _product(self, x: FloatArray) -> FloatArray:
+        y = self._scaled.mult(x, self._accuracy)
+        self._A.record(x, y)
+        return y
+
+    def _steps(self, x: FloatArray, A_x: FloatArray, alpha: FloatArray) -> SolverResult:
+        settings, goal, history = self._settings, self._goal, list[SemismoothStep]()
+        status, best, best_at, iterations, changed, stop = Status.MAX_ITERATIONS, math.inf, 0, 0, 0, False
+        before: npt.NDArray[np.int64] | None = None
+        for step in range(settings.max_iterations + 1):
+            residual = self._residual(x, A_x, alpha)
+            reached = False
+            if residual <= goal.residual * (
+                self._finer if step == 0 else 1.0
+            ):  # A x may be inexact: decide with the most accurate product
+                A_x = self.exact_product(x)
+                residual = self._residual(x, A_x, alpha)
+                reached = goal.reached(
+                    residual, self._problem.completed(x.ravel()), None if not len(self._e) else self._motion(alpha)
+                )
+            at = self._equations.at(x, self._w(A_x, alpha))
+            if before is not None:
+                changed = int(self._over.sum((at.status != before).astype(float)))
+                history.append(SemismoothStep(step, residual, iterations, changed))
+                stop = self._progress is not None and bool(self._progress(Progress(0, step, residual)))
+            before = at.status
+            if reached:
+                break
+            if stop:
+                status = Status.INTERRUPTED
+                break
+            if residual < settings.falls * best:
+                best, best_at = residual, step
+            if step - best_at >= settings.patience or (not math.isfinite(residual) and step > 0):
+                status = Status.STAGNATED
+                break
+            if step == settings.max_iterations:
+                break
+            dx, A_dx, dalpha, iterations = self._solved(at, x, residual)
+            x, alpha = x + dx, alpha + dalpha
+            A_x = self.advance(x, A_x + A_dx, 1.0, self._accuracy)
+        if not reached:
+            A_x = self.exact_product(x)
+        return self._result(x, A_x, alpha, history, status)
+
+    def _solved(
+        self, at: ContactDerivative, x: FloatArray, residual: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+        """The step: dx, A dx, dalpha, and its Krylov iterations."""
+        settings, over = self._settings, self._over
+        inverse = at.inverse(self._A.rest)
+
+        def nodal(r: FloatArray) -> FloatArray:
+            applied: FloatArray = (inverse @ r.reshape(len(r), 3, -1)).reshape(r.shape)
+            return applied
+
+        self._at, U = at, self._A.nodal_U(3)
+        self._bordered = ConstraintPreconditioner(
+            LowRankUpdate(self._scaled.comm, nodal, U, at.Q @ U), self._constraints, 3, at.Q @ self._scaled.G
+        )
+        r3 = NO_MOTION if not len(self._e) else self._e - self._scaled.resultant(x)
+        size = math.hypot(over.norm(at.value), float(np.linalg.norm(r3)))
+        share = min(settings.forcing, max(residual, 1e-6))
+        least = 0.1 * self._finer * min(self._goal.residual, residual)
+        enough = max(share * size, least * over.norm(x))
+        self._accuracy = min(max(enough / size, 1e-3), settings.forcing) if size > 0.0 else settings.forcing
+        dx, moved, dalpha, iterations = self._krylov.solve(-at.value, np.zeros_like(x), enough, r3)
+        if iterations >= settings.updated_from or self._A.U.shape[1] == 0:
+            self._A.update()
+        return dx, self._constraints.without(moved, -dalpha), dalpha, iterations
+
+    def _motion(self, alpha: FloatArray) -> FloatArray:
+        """alpha (q,) in the user's units."""
+        if self._problem.rigid is None:
+            return NO_MOTION
+        motion: FloatArray = self._a * (self._T.T @ alpha)
+        return motion
+
+    def _result(
+        self, x: FloatArray, A_x: FloatArray, alpha: FloatArray, history: list[SemismoothStep], status: Status
+    ) -> SolverResult:
+        forces, motion = self._problem.completed(x.ravel()), self._motion(alpha)
+        gradient = self._a * self._w(A_x, alpha)
+        residual = self._problem.residual(forces, gradient.ravel())
+        multipliers = np.column_stack([gradient[:, 0], np.hypot(gradient[:, 1], gradient[:, 2])])
+        return SolverResult(
+            x=forces,
+            gradient=gradient.ravel(),
+            slip_bound=self._problem.slip_bound(forces),
+            multipliers=multipliers,
+            status=self._goal.verdict(residual, forces, status, motion),
+            outer_steps=0,
+            newton_steps=len(history),
+            products=0,
+            residual=residual,
+            history=tuple(history),
+            method=self._settings.name,
+            rigid=motion,
+        )
