@@ -85,8 +85,11 @@ def test_a_history_that_was_resumed_has_the_same_figures_and_both_runs(done, tmp
     said = run_coulomb("resume", tmp_path)
     assert said.returncode == 0, said.stderr
     before, after = (json.loads((folder / "summary.json").read_text())["history"] for folder in (directory, tmp_path))
-    for name in ("steps", "iterations", "certified_steps"):
+    for name in ("steps", "certified_steps"):
         assert after[name] == before[name], name
+    # What the Krylov iterations of the steps before have found of A is not in the files: products may differ.
+    for name in ("outer", "path_following"):
+        assert after["iterations"][name] == before["iterations"][name], name
     assert after["energy"]["dissipated"] == pytest.approx(before["energy"]["dissipated"], rel=1e-9)
     pressures = [history["maximum"]["contact_pressure"]["value"] for history in (before, after)]
     assert pressures[0] == pytest.approx(pressures[1], rel=1e-9)

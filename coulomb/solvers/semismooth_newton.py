@@ -123,7 +123,9 @@ class _Iteration(ProductImages):
     ):
         self._settings, self._problem, self._goal, self._progress = settings, problem, goal, progress
         self._over, self._a, m = problem.reductions, problem.mean_diagonal, problem.A.nodes
-        self._T, G, self._e = np.empty((0, 0)), np.empty((m, 3, 0)), NO_MOTION
+        self._T: FloatArray = np.empty((0, 0))
+        self._e: FloatArray = NO_MOTION
+        G: FloatArray = np.empty((m, 3, 0))
         if problem.rigid is not None:
             unknown = np.column_stack([np.ones(m, dtype=bool), problem.frictional, problem.frictional])
             basis = MotionBasis(problem.rigid.G * unknown.ravel(), self._over)
