@@ -251,6 +251,26 @@ COMMANDS = (
         "resume where nothing has run", ("resume", "results"), r"results: no case to resume: case\.json cannot be read"
     ),
     Wrong(
+        "convert to another format",
+        ("convert", "part.msh", "part.vtu"),
+        r"part\.vtu: the name of the file to write must end in \.xdmf",
+        alone=True,
+    ),
+    Wrong(
+        "convert onto a file that exists",
+        ("convert", "part.msh", "part.xdmf"),
+        r"part\.xdmf: already exists; --force replaces it",
+        case("", "part.xdmf"),
+        alone=True,
+    ),
+    Wrong(
+        "convert a damaged mesh",
+        ("convert", "part.msh", "part.xdmf"),
+        r"part\.msh: is not a MSH file of gmsh's",
+        case("solid cube", "part.msh"),
+        alone=True,
+    ),
+    Wrong(
         "resume with another mesh",
         ("resume", "results"),
         r"results: the case is no longer the one that its 2 load steps were computed from: mesh\.cells\.0 is 4, was 3; "

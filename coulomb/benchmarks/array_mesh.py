@@ -9,8 +9,9 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from ..fem.mesh_groups import local_facets
 from ..fem.meshes import distributed
-from ..fem.named_mesh import NamedMesh, local_facets
+from ..fem.named_mesh import NamedMesh
 
 IntArray = npt.NDArray[np.int64]
 
@@ -29,10 +30,12 @@ def mesh_of_arrays(
         faces: Corners of the facets of each face by name, in any order, shape (q, 4); facets inside are left out.
         comm: The ranks that share the mesh.
     """
+    sorted_rows = {name: np.sort(rows, axis=1) for name, rows in faces.items()}
     if comm.rank > 0:
         points, cells = np.empty((0, 3)), np.empty((0, 8), dtype=np.int64)
+        sorted_rows = {name: rows[:0] for name, rows in sorted_rows.items()}
     domain = distributed(comm, points, cells)
-    return NamedMesh(domain, local_facets(domain, {name: np.sort(rows, axis=1) for name, rows in faces.items()}))
+    return NamedMesh(domain, local_facets(domain, sorted_rows))
 
 
 def quarter_disc(cells: int, core: float, radii: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -24,6 +24,7 @@ from .commands_pictures import drawing_soon, register
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks, showing_messages
 from .console import console as _console
 from .console import errors as _errors
+from .convert import convert
 
 if TYPE_CHECKING:
     from ..case.case import Case
@@ -119,6 +120,7 @@ def resume(
 
 app.command("new")(new)
 app.command("check-case")(check_case)
+app.command("convert")(convert)
 
 
 @app.command()

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..regular_file import read_bytes
 from .meshio_formats import by_meshio
-from .xdmf_format import array_of
+from .xdmf_data import array_of
 
 Ints = npt.NDArray[np.int64]
 Parts = Sequence[tuple[str, Ints]]

@@ -14,9 +14,12 @@ from ..arrays import FloatArray
 from . import compat, mesh_formats
 from .box_faces import BOX_FACES
 from .compat import mesh
+from .exchange import starts_of
+from .inspection import FLAT, InspectedMesh, inspect
 from .lagrange import lagrange_points, lagrange_slopes
-from .mesh_file import FLAT, InspectedMesh, IntArray, MeshFile, inspect
-from .named_mesh import NamedMesh, local_facets
+from .mesh_file import IntArray, MeshFile
+from .mesh_groups import local_cells, local_facets
+from .named_mesh import NamedMesh
 from .raised import raised
 from .second_order import CORNERS, in_dolfinx_order, is_second_order
 from .user_values import evaluate_vectors
@@ -110,7 +113,7 @@ def read_gmsh(path: str | Path, scale: float = 1.0, comm: MPI.Comm = MPI.COMM_WO
     Raises:
         ValueError: On every rank, if the file cannot be read, or its mesh cannot be used, with the reason.
     """
-    return _distribute(comm, path, scale, lambda: _read(str(path), ".msh", {}, {}))
+    return _from_rank_0(comm, path, scale, lambda: _read(str(path), ".msh", {}, {}))
 
 
 def read_xdmf(
@@ -125,11 +128,12 @@ def read_xdmf(
     """Mesh of an XDMF file, of hexahedra or tetrahedra of first or second order, with numbers on facets and cells.
 
     Args:
-        path: The mesh; rank 0 reads it.
+        path: The mesh; every rank reads a part, and none has the whole.
         facets: File of the MeshTags on facets; by default those in the mesh's file, if there are any.
         cells: File of the MeshTags on cells; by default those in the mesh's file, if there are any.
-        names: Names of faces, with the number of their facets; others are called by the number, as in "3".
-        cell_names: Names of cell groups, with the number of their cells.
+        names: Names of faces, with the number of their facets.  Other numbers have the name that `coulomb convert` has
+            written into the file, or else the number itself, as in "3".
+        cell_names: Names of cell groups, with the number of their cells, likewise.
         scale: Metres per unit of length of the file.
         comm: The ranks that share the mesh.
 
@@ -137,13 +141,12 @@ def read_xdmf(
         ValueError: On every rank, if a file cannot be read, or its mesh cannot be used, with the reason.
     """
 
-    def read() -> MeshFile:
-        from . import xdmf_format
+    from . import xdmf_format
 
-        on_facets, on_cells = (str(file) if file is not None else None for file in (facets, cells))
-        return xdmf_format.read(str(path), on_facets, on_cells, names or {}, cell_names or {})
-
-    return _distribute(comm, path, scale, read)
+    check_scale(path, scale)
+    on_facets, on_cells = (str(file) if file is not None else None for file in (facets, cells))
+    file = xdmf_format.read(str(path), on_facets, on_cells, names or {}, cell_names or {}, comm)
+    return _named(comm, path, inspect(file, scale, comm))
 
 
 def read_mesh(
@@ -169,7 +172,8 @@ def read_mesh(
     with all corners in the set have all of its nodes as corners.
 
     Args:
-        path: The file; rank 0 reads it.
+        path: The file; rank 0 reads it, and needs the memory for all of it, but for XDMF, of which every rank reads a
+            part.
         names: Names of faces with the number of their facets, in formats with numbers (XDMF and those by meshio);
             others are called by the number, as in "3".
         cell_names: Names of cell groups with the number of their cells, in the same formats.
@@ -179,12 +183,29 @@ def read_mesh(
     Raises:
         ValueError: On every rank, if the format is not known or the file cannot be read or used, with the reason.
     """
+    end = known_format(path, bool(names or cell_names))
+    if end == ".xdmf":
+        return read_xdmf(path, names=names, cell_names=cell_names, scale=scale, comm=comm)
+    return _from_rank_0(comm, path, scale, lambda: read_file(str(path), names or {}, cell_names or {}))
+
+
+def known_format(path: str | Path, named: bool = False) -> str:
+    """The end of the name of a mesh file.
+
+    Raises:
+        ValueError: If the format is not known, or names are given and it has no numbered groups.
+    """
     end = Path(path).suffix.lower()
     if end not in mesh_formats.FORMATS:
         raise ValueError(f"{path}: the name of a mesh file must end in one of {mesh_formats.listed()}")
-    if (names or cell_names) and end not in mesh_formats.NUMBERED:
+    if named and end not in mesh_formats.NUMBERED:
         raise ValueError(f"{path}: names and cell_names are for formats with numbered groups, but {end} has names")
-    return _distribute(comm, path, scale, lambda: _read(str(path), end, names or {}, cell_names or {}))
+    return end
+
+
+def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
+    """What a mesh file holds, read on this rank alone; arguments and errors as of `read_mesh`, and OSError."""
+    return _read(path, Path(path).suffix.lower(), names, cell_names)
 
 
 def _read(path: str, end: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
@@ -195,7 +216,7 @@ def _read(path: str, end: str, names: Mapping[str, int], cell_names: Mapping[str
     if end == ".xdmf":
         from . import xdmf_format
 
-        return xdmf_format.read(path, None, None, names, cell_names)
+        return xdmf_format.read(path, None, None, names, cell_names, MPI.COMM_SELF)
     if end == ".inp":
         from . import abaqus_format
 
@@ -213,15 +234,14 @@ def _read(path: str, end: str, names: Mapping[str, int], cell_names: Mapping[str
     return exodus_format.read(path)
 
 
-def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[], MeshFile]) -> NamedMesh:
-    """Read and inspect on rank 0; then distribute, and find the groups on each rank by the numbers of their points."""
-    if not (math.isfinite(scale) and scale > 0.0):
-        raise ValueError(f"{path}: scale must be a positive number of metres per unit, but is {scale}")
+def _from_rank_0(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[], MeshFile]) -> NamedMesh:
+    """Read and inspect on rank 0; then distribute."""
+    check_scale(path, scale)
     sound: InspectedMesh | None = None
     fault = ""
     if comm.rank == 0:
         try:
-            sound = inspect(read(), scale)
+            sound = inspect(read(), scale, MPI.COMM_SELF)
         except OSError as error:
             fault = f"{error.filename or path}: cannot be read: {error.strerror or error}"
         except ValueError as error:
@@ -231,22 +251,33 @@ def _distribute(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[
     fault = comm.bcast(fault)
     if fault:
         raise ValueError(fault)
-    groups = None
+    names = None
     if sound is not None:
-        parts = (sound.components, sound.touching)
-        groups = (sound.cells.shape[1], sound.face_groups, sound.cell_groups, sound.refused, *parts)
-    width, face_groups, cell_groups, refused, components, touching = comm.bcast(groups)
-    cells: IntArray = np.empty((0, width), dtype=np.int64)
-    points: FloatArray = np.empty((0, 3))
-    if sound is not None:
-        cells, points = sound.cells, sound.points
-    domain = distributed(comm, points, cells)
-    own = domain.topology.index_map(3).size_local
-    original = np.asarray(domain.topology.original_cell_index)[:own]
-    cell_numbers = {
-        name: np.flatnonzero(np.isin(original, members)).astype(np.int32) for name, members in cell_groups.items()
-    }
-    return NamedMesh(domain, local_facets(domain, face_groups), cell_numbers, refused, components, touching)
+        corners = {name: rows.shape[1] for name, rows in sound.face_groups.items()}
+        names = (sound.cells.shape[1], corners, list(sound.cell_groups), sound.refused)
+    width, corners, groups, refused = comm.bcast(names)
+    if sound is None:
+        none: IntArray = np.empty((0, width), dtype=np.int64)
+        faces = {name: none[:, :count] for name, count in corners.items()}
+        sound = InspectedMesh(np.empty((0, 3)), none, {name: none[:, 0] for name in groups}, faces, refused)
+    return _named(comm, path, sound)
+
+
+def _named(comm: MPI.Comm, path: str | Path, sound: InspectedMesh) -> NamedMesh:
+    """Distribute a mesh of which each rank has some points, cells and members of groups; collective."""
+    from .mesh_parts import parts_of
+
+    domain = distributed(comm, sound.points, sound.cells)
+    components, touching = parts_of(domain, str(path))
+    faces = local_facets(domain, sound.face_groups)
+    cells = local_cells(domain, starts_of(comm, len(sound.cells)), sound.cell_groups)
+    return NamedMesh(domain, faces, cells, sound.refused, components, touching)
+
+
+def check_scale(path: str | Path, scale: float) -> None:
+    """Raises ValueError unless a scale is positive and finite."""
+    if not (math.isfinite(scale) and scale > 0.0):
+        raise ValueError(f"{path}: scale must be a positive number of metres per unit, but is {scale}")
 
 
 def distributed(comm: MPI.Comm, points: FloatArray, cells: IntArray) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,9 +12,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from . import compat
-from .compat import mesh
 from .lagrange import corner_geometry
-from .mesh_file import IntArray
 
 
 @dataclass(frozen=True)
@@ -28,7 +25,8 @@ class NamedMesh:
         cells: This rank's own cells of each group, by name; cell numbers of `domain`.
         refused: Groups of facets in the file that cannot be faces, by name, with the reason.
         components: How many components the mesh in the file has, which share no nodes; 1 if it is not from a file.
-        touching: Places in metres at which nodes of several components coincide, shape (k, 3).
+        touching: Places in metres at which nodes of several components coincide, those found on this rank, shape
+            (k, 3).
     """
 
     domain: Any
@@ -75,49 +73,6 @@ def _named(groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind:
         listed = f"its {kind}s are {', '.join(groups)}" if groups else f"it has no {kind}s"
         raise ValueError(f"{what}: there is no {kind} {name!r} on this mesh{hint}; {listed}")
     return groups[name]
-
-
-def local_facets(domain: Any, groups: dict[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
-    """This rank's boundary facets of every group.
-
-    Args:
-        domain: The mesh.
-        groups: Facets by name, each a row of the sorted numbers of its points in the file, shape (k, corners).
-
-    Returns:
-        Numbers of facets; rows that are not boundary facets of this rank are left out.
-    """
-    corners = _width(groups.values())
-    if corners == 0:
-        return {}
-    domain.topology.create_connectivity(2, 3)
-    boundary = np.sort(mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
-    in_file = np.asarray(domain.geometry.input_global_indices)
-    mine = np.sort(in_file[corners_of(domain, boundary)], axis=1)
-    faces = {}
-    for name, rows in groups.items():
-        _, number = np.unique(np.vstack([rows, mine]), axis=0, return_inverse=True)
-        number = number.ravel()
-        faces[name] = boundary[np.isin(number[len(rows) :], number[: len(rows)])]
-    return faces
-
-
-def corners_of(domain: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
-    """The geometry nodes at the corners of facets of this rank, numbers of `domain.geometry.x`, shape (k, 3 or 4)."""
-    topology = domain.topology
-    for dim in ((2, 0), (3, 0)):
-        topology.create_connectivity(*dim)
-    vertices = topology.connectivity(3, 0).array
-    of_vertex = np.empty(int(vertices.max(initial=-1)) + 1, dtype=np.int64)
-    of_cell = corner_geometry(domain)  # there may be no cell on this rank
-    of_vertex[vertices] = of_cell.ravel()
-    of_facet = topology.connectivity(2, 0).array.reshape(-1, 3 if of_cell.shape[1] == 4 else 4)
-    corners: npt.NDArray[np.int64] = of_vertex[of_facet[facets]]
-    return corners
-
-
-def _width(groups: Iterable[IntArray]) -> int:
-    return next((rows.shape[1] for rows in groups), 0)
 
 
 _SIX = ((0, 1, 3, 7), (0, 1, 7, 5), (0, 5, 7, 4), (0, 3, 2, 7), (0, 6, 4, 7), (0, 2, 6, 7))

@@ -9,6 +9,26 @@ import numpy as np
 from .mesh_file import IntArray
 
 
+def titles(where: str, present: list[int], names: Mapping[str, int], key: str) -> dict[str, int]:
+    """Every number that occurs, by its name, or by the number itself, as in "3".
+
+    Args:
+        where: The file, for messages.
+        present: The numbers.
+        names: Names with their numbers.
+        key: Name of the argument `names` in messages.
+
+    Raises:
+        ValueError: If a name has a number that does not occur.
+    """
+    for name, number in names.items():
+        if number not in present:
+            listed = ", ".join(map(str, present))
+            raise ValueError(f"{where}: {key} has {name!r} = {number}, but the numbers there are {listed}")
+    title = {number: name for name, number in names.items()}
+    return {title.get(number, str(number)): number for number in present}
+
+
 def members_by_name(where: str, numbers: IntArray, names: Mapping[str, int], key: str) -> dict[str, IntArray]:
     """The positions of every number, by the name of the number, or by the number itself, as in "3".
 
@@ -22,12 +42,7 @@ def members_by_name(where: str, numbers: IntArray, names: Mapping[str, int], key
         ValueError: If a name has a number that does not occur.
     """
     present: list[int] = list(map(int, np.unique(numbers)))
-    for name, number in names.items():
-        if number not in present:
-            listed = ", ".join(map(str, present))
-            raise ValueError(f"{where}: {key} has {name!r} = {number}, but the numbers there are {listed}")
-    title = {number: name for name, number in names.items()}
-    return {title.get(number, str(number)): np.flatnonzero(numbers == number) for number in present}
+    return {name: np.flatnonzero(numbers == number) for name, number in titles(where, present, names, key).items()}
 
 
 def only_set(where: str, sets: list[str]) -> str:

@@ -10,9 +10,11 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from . import compat
+from .exchange import starts_of
 from .lagrange import corner_geometry, lagrange_points, lagrange_values
 from .mesh_file import IntArray
-from .named_mesh import NamedMesh, corners_of, local_facets
+from .mesh_groups import corners_of, local_cells, local_facets
+from .named_mesh import NamedMesh
 
 
 def raised(mesh: NamedMesh) -> NamedMesh:
@@ -41,14 +43,10 @@ def raised(mesh: NamedMesh) -> NamedMesh:
     of_point = np.zeros(len(old.geometry.x), dtype=np.int64)
     of_point[corners] = number[dofs[:, : corners.shape[1]]]
     rows = {name: np.sort(of_point[corners_of(old, facets)], axis=1) for name, facets in mesh.faces.items()}
-    faces = {name: np.unique(np.concatenate(comm.allgather(mine)), axis=0) for name, mine in rows.items()}
     first = old.topology.index_map(3).local_range[0]
-    original = np.asarray(domain.topology.original_cell_index)[: domain.topology.index_map(3).size_local]
-    cells = {}
-    for name, mine in mesh.cells.items():
-        members = np.concatenate(comm.allgather(first + np.asarray(mine, dtype=np.int64)))
-        cells[name] = np.flatnonzero(np.isin(original, members)).astype(np.int32)
-    return replace(mesh, domain=domain, faces=local_facets(domain, faces), cells=cells)
+    cells = {name: first + np.asarray(mine, dtype=np.int64) for name, mine in mesh.cells.items()}
+    starts = starts_of(comm, own)
+    return replace(mesh, domain=domain, faces=local_facets(domain, rows), cells=local_cells(domain, starts, cells))
 
 
 def _global_numbers(index_map: Any) -> IntArray:

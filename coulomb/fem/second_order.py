@@ -12,9 +12,11 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from ..arrays import FloatArray
 from .compat import cpp, mesh
+from .exchange import Exchange
 from .lagrange import lagrange_points, lagrange_slopes, lagrange_values
 
 IntArray = npt.NDArray[np.int64]
@@ -90,9 +92,9 @@ def jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
     return np.array(values)
 
 
-def torn(cells: IntArray) -> npt.NDArray[np.bool_]:
-    """Cells with a node in the middle of an edge or face where a neighbour has another one, or that is elsewhere in
-    another cell.  A wrong order of nodes shows here too."""
+def torn(cells: IntArray, comm: MPI.Comm) -> npt.NDArray[np.bool_]:
+    """This rank's cells with a node in the middle of an edge or face where a neighbour has another one, or that is
+    elsewhere in another cell; collective.  A wrong order of nodes shows here too."""
     corners = CORNERS[cells.shape[1]]
     at_corners = cells[:, :corners].ravel()
     of_cell: list[IntArray] = [np.repeat(np.arange(len(cells)), corners)]
@@ -104,19 +106,20 @@ def torn(cells: IntArray) -> npt.NDArray[np.bool_]:
             keys.append(np.column_stack([*[np.full(len(cells), -1)] * (4 - len(of)), around]))
             nodes.append(cells[:, column])
             of_cell.append(np.arange(len(cells)))
-    _, key = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
-    key, node, cell = key.ravel(), np.concatenate(nodes), np.concatenate(of_cell)
-    bad = _ambiguous(key, node) | _ambiguous(node, key)
+    key, node, cell = np.concatenate(keys), np.concatenate(nodes)[:, None], np.concatenate(of_cell)
+    bad = _ambiguous(key, node, comm) | _ambiguous(node, key, comm)
     found = np.zeros(len(cells), dtype=bool)
     found[cell[bad]] = True
     return found
 
 
-def _ambiguous(one: IntArray, other: IntArray) -> npt.NDArray[np.bool_]:
-    """Where an entry of `one` occurs with different entries of `other`."""
-    pairs = np.unique(np.column_stack([one, other]), axis=0)
-    several = np.bincount(pairs[:, 0])[one] > 1
-    return np.asarray(several, dtype=bool)
+def _ambiguous(one: IntArray, other: IntArray, comm: MPI.Comm) -> npt.NDArray[np.bool_]:
+    """Where a row of `one` occurs with different rows of `other`; collective."""
+    exchange = Exchange(comm, one.sum(axis=1) % comm.size)
+    first, second = (np.unique(exchange.send(rows), axis=0, return_inverse=True)[1].ravel() for rows in (one, other))
+    pairs = np.unique(np.column_stack([first, second]), axis=0)
+    several = np.bincount(pairs[:, 0])[first] > 1
+    return np.asarray(exchange.reply(several), dtype=bool)
 
 
 def _kind(width: int) -> mesh.CellType:

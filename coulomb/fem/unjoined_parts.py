@@ -9,8 +9,10 @@ import numpy as np
 from ..arrays import FloatArray
 from ..nearest import tree_of
 from .deformable import Deformable
+from .exchange import Exchange, Slabs
+from .mesh_groups import corners_of
 from .mesh_parts import SAME_PLACE, IntArray
-from .named_mesh import NamedMesh, corners_of
+from .named_mesh import NamedMesh
 
 
 def unjoined_parts(bodies: Deformable, pairs: Iterable[tuple[str, str]]) -> list[str]:
@@ -27,29 +29,34 @@ def unjoined_parts(bodies: Deformable, pairs: Iterable[tuple[str, str]]) -> list
     said = []
     for member in bodies.members:
         mesh = member.body.mesh
-        if not len(mesh.touching):
+        if mesh.components == 1:
             continue
         corners = [corners_of(mesh.domain, facets) for one, facets in faces if one.name == member.name]
         places = _beside(mesh, np.concatenate([np.empty(0, dtype=np.int64), *(found.ravel() for found in corners)]))
-        if len(places):
-            at = ", ".join(f"{coordinate:.6g}" for coordinate in places[0])
+        seen = mesh.comm.allgather((len(places), *places[:1]))
+        if any(count for count, *_ in seen):
+            at = ", ".join(f"{coordinate:.6g}" for coordinate in next(place[0] for count, *place in seen if count))
             of = f"body {member.name!r}: " if member.name else ""
+            total = sum(count for count, *_ in seen)
             said.append(
-                f"{of}the mesh has {mesh.components} components that touch at {len(places)} places without sharing "
-                f"nodes (one is x = {at}): contact between them needs a contact with against; to glue them, merge the "
-                "nodes (in gmsh: Coherence)"
+                f"{of}the mesh has {mesh.components} components that touch at {total} places without sharing nodes "
+                f"(one is x = {at}): contact between them needs a contact with against; to glue them, merge the nodes "
+                "(in gmsh: Coherence)"
             )
     return said
 
 
 def _beside(mesh: NamedMesh, corners: IntArray) -> FloatArray:
-    """The places at which components touch that are not at these nodes of the geometry; collective."""
-    x = mesh.domain.geometry.x
-    on_faces: FloatArray = np.concatenate(mesh.comm.allgather(x[np.unique(corners)]))
-    if not len(on_faces):
-        return mesh.touching
-    lows, highs = (np.array(mesh.comm.allgather(end)) for end in (x.min(0, initial=np.inf), x.max(0, initial=-np.inf)))
-    near = 2.0 * SAME_PLACE * float(np.linalg.norm(highs.max(axis=0) - lows.min(axis=0)))
-    distance, _ = tree_of(on_faces).query(mesh.touching)
-    places: FloatArray = mesh.touching[distance > near]
+    """This rank's places at which components touch that are not at these nodes of the geometry, of any rank;
+    collective."""
+    x, comm = mesh.domain.geometry.x, mesh.comm
+    ends = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
+    near = 2.0 * SAME_PLACE * float(np.linalg.norm(np.min(comm.allgather(ends), axis=0).sum(axis=0)))
+    slabs, on_faces = Slabs(comm, mesh.touching), x[np.unique(corners)]
+    point, slab = slabs.near(on_faces, near)
+    on_faces = Exchange(comm, slab).send(on_faces[point])
+    ask = Exchange(comm, slabs.of(mesh.touching))
+    asked = ask.send(mesh.touching)
+    distance = tree_of(on_faces).query(asked)[0] if len(on_faces) else np.full(len(asked), np.inf)
+    places: FloatArray = mesh.touching[ask.reply(distance > near)]
     return places

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..fem.joined_mesh import SEPARATOR
 from ..fem.lagrange import facet_columns
-from ..fem.named_mesh import corners_of, local_facets
+from ..fem.mesh_groups import corners_of, local_facets
 from .field_files import BESIDE, OPPOSITE, data_of, grids_of, read_fields, refuse_misnamed
 from .field_names import ON_FACE, ON_OPPOSITE, VECTORS_ON_FACE
 from .grid_file import FACETS

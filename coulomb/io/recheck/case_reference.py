@@ -23,7 +23,7 @@ from ...fem import compat
 from ...fem.deformable import Loading
 from ...fem.joined_mesh import SEPARATOR
 from ...fem.loaded_body import LoadedBody
-from ...fem.named_mesh import corners_of
+from ...fem.mesh_groups import corners_of
 from ...fem.obstacles import RigidFoundation
 from ...fem.rigid_motion import RigidMotion, moved
 from ...fem.surface import plane_of_face, way_along
