@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linalg.compliance import Compliance, SchurCompliance
+from ..linalg.compliance import Compliance
+from ..linalg.schur_compliance import SchurCompliance
 from ..linalg.stiffness import DirectSolver
 from .block import block
 from .by_columns import compliance_by_columns

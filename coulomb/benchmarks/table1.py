@@ -7,9 +7,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
-from ..linalg.compliance import SchurCompliance
 from ..linalg.diagonal_estimate import estimated_diagonal
 from ..linalg.multifrontal import MultifrontalSolver
+from ..linalg.schur_compliance import SchurCompliance
 from ..model.problem import ContactProblem
 from ..solvers.friction_problem import Solver
 from ..solvers.interior_point import InteriorPoint
@@ -85,6 +85,8 @@ def measure(sizes: Iterable[int] = SIZES, names: Iterable[str] | None = None) ->
         raise ValueError(f"there is no solver {unknown[0]!r} in the table; it has {', '.join(columns)}")
     for p in sizes:
         problem = block(p, friction=None)
+        assert isinstance(problem.body.stiffness_solver, MultifrontalSolver)
+        problem.body.stiffness_solver.use_double()  # the paper's methods have exact products
         qp = problem.friction_problem
         estimated = replace(qp, A=_with_estimated_diagonal(problem)) if ESTIMATED in chosen else qp
         for name in chosen:

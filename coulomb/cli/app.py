@@ -217,8 +217,8 @@ def export(
     import scipy.sparse
 
     from ..io.fclib import FCLIBProblem, write_fclib
-    from ..linalg.compliance import SchurCompliance
     from ..linalg.reductions import Reductions
+    from ..linalg.schur_compliance import SchurCompliance
 
     try:
         problem = settings.problem()

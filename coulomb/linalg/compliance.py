@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.linalg.blas import dtrsv
-from scipy.linalg.lapack import dtrtri
 
 from ..arrays import FloatArray
 from .diagonal_estimate import estimated_diagonal
 from .learnt_columns import LearntColumns
-from .multifrontal import MultifrontalSolver
 from .stiffness import StiffnessSolver
 
 
@@ -36,9 +30,11 @@ class Compliance(Protocol):
     comm: MPI.Comm
     nodes: int
     products: int
-    exact: bool
     name: str
     learnt: LearntColumns
+
+    @property
+    def exact(self) -> bool: ...
 
     @property
     def matrix_free(self) -> MatrixFreeCompliance | None: ...
@@ -123,78 +119,6 @@ class MatrixCompliance:
         return rows
 
 
-class SchurCompliance:
-    """A = B S^-1 B^T with S = L L^T the Schur complement of K on the contact nodes, a block per body; on one rank.
-
-    A product takes two solves with the dense triangles L, which cost what a product with the dense A would.
-
-    Args:
-        B: Contact matrix, 3 rows per contact node.
-        solver: The factorised K, with the nodes of B's columns last.
-        diagonal: Replaces the exact diagonal, shape (3 m,).
-    """
-
-    name = "explicit"
-    exact = True
-    matrix_free: MatrixFreeCompliance | None = None
-
-    def __init__(self, B: PETSc.Mat, solver: MultifrontalSolver, diagonal: FloatArray | None = None):
-        self.B = B  # kept, since the communicator lives as long as the matrix
-        self.comm: MPI.Comm = B.getComm().tompi4py()
-        self.nodes = B.getLocalSize()[0] // 3
-        self.products, self.learnt = 0, LearntColumns()
-        self._solver, self._given_diagonal = solver, diagonal
-        indptr, indices, values = B.getValuesCSR()
-        columns = (3 * solver.last[:, None] + np.arange(3)).ravel()
-        self._rows = scipy.sparse.csr_matrix((values, indices, indptr), shape=B.getSize())[:, columns]
-        self._columns = self._rows.T.tocsr()
-
-    def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
-        z = self._columns @ x
-        for L, here in self._blocks():
-            half = dtrsv(L, z[here], lower=1)
-            z[here] = dtrsv(L, half, lower=1, trans=1, overwrite_x=1)
-        y[:] = self._rows @ z
-        self.products += 1
-
-    def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
-        self.mult(x, y)
-
-    def diagonal(self) -> FloatArray:
-        return self._diagonal
-
-    @cached_property
-    def _diagonal(self) -> FloatArray:
-        if self._given_diagonal is not None:
-            return self._given_diagonal
-        inverses = [_inverse_factor(L) for L, _ in self._blocks()]
-        columns = [half[i:, i : i + 3] for half in inverses for i in range(0, len(half), 3)]
-        nodal = scipy.sparse.block_diag([c.T @ c for c in columns], format="csr")  # all that a row of B sees of S^-1
-        diagonal: FloatArray = np.asarray((self._rows @ nodal).multiply(self._rows).sum(axis=1)).ravel()
-        return diagonal
-
-    def dense(self) -> FloatArray:
-        """A as an array, shape (3 m, 3 m)."""
-        whole = np.zeros((self._rows.shape[0],) * 2)
-        for L, here in self._blocks():
-            half = self._rows[:, here] @ np.tril(_inverse_factor(L)).T
-            whole += half @ half.T
-        return whole
-
-    def _blocks(self) -> Iterator[tuple[FloatArray, slice]]:
-        """L of every body, and its displacements among those of all contact nodes."""
-        start = 0
-        for L in self._solver.schur_factors:
-            yield L, slice(start, start + len(L))
-            start += len(L)
-
-    def rotated(self, B: PETSc.Mat) -> SchurCompliance:
-        return SchurCompliance(B, self._solver)
-
-    def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
-        return _displacement(self._solver, self.B, x, f)
-
-
 class MatrixFreeCompliance:
     """A as a solve with K between B^T and B.
 
@@ -268,25 +192,3 @@ class MatrixFreeCompliance:
 
     def diagonal(self) -> FloatArray:
         return self._diagonal
-
-
-def _inverse_factor(L: FloatArray) -> FloatArray:
-    """L^-1, with zeros above the diagonal of its nodal blocks, and anything above these."""
-    inverse: FloatArray = dtrtri(L, lower=1)[0]
-    for i in range(0, len(inverse), 3):
-        inverse[i, i + 1 : i + 3] = inverse[i + 1, i + 2] = 0.0
-    return inverse
-
-
-def _displacement(solver: StiffnessSolver, B: PETSc.Mat, x: FloatArray, f: PETSc.Vec) -> FloatArray:
-    """K^-1 (f - B^T x) by one solve, this rank's part."""
-    rhs, forces = B.createVecs()
-    u = rhs.duplicate()
-    forces.array[:] = x
-    B.multTranspose(forces, rhs)
-    rhs.aypx(-1.0, f)
-    solver.solve(rhs, u)
-    values: FloatArray = u.array_r.copy()
-    for done in (rhs, forces, u):
-        done.destroy()
-    return values

@@ -12,6 +12,57 @@ from petsc4py import PETSc
 _Array = npt.NDArray[Any]
 
 
+class NodalRows:
+    """The rows of K node by node: coupled nodes, and where their 3 x 3 blocks are among the values.
+
+    Args:
+        K: Assembled, 3 rows per node, on one rank; or its blocks.
+
+    Attributes:
+        indptr: Where the coupled nodes of every node begin in `indices`.
+        indices: Coupled nodes, those of a node ascending.
+    """
+
+    def __init__(self, K: PETSc.Mat | scipy.sparse.bsr_matrix):
+        if isinstance(K, PETSc.Mat):
+            indptr, indices, values = K.getValuesCSR()
+            if _whole(indptr, indices):
+                self._take(indptr, indices, values)
+                return
+            K = nodal_blocks(K)
+        K.sort_indices()
+        self.indptr: _Array = K.indptr
+        self.indices: _Array = K.indices
+        self._values: _Array = K.data.ravel()
+        self._first: _Array = 9 * np.arange(len(K.indices))
+        self._stride: _Array = np.full(len(K.indices), 3)
+
+    def _take(self, indptr: _Array, indices: _Array, values: _Array) -> None:
+        """Rows of which every block is stored wholly."""
+        length = np.diff(indptr)[::3]
+        coupled = length // 3
+        self.indptr = np.concatenate([[0], np.cumsum(coupled)])
+        inside = np.arange(self.indptr[-1]) - np.repeat(self.indptr[:-1], coupled)
+        self._values, self._first = values, np.repeat(indptr[:-1:3], coupled) + 3 * inside
+        self._stride = np.repeat(length, coupled)
+        self.indices = indices[self._first] // 3
+
+    def scatter(self, chosen: _Array, where: _Array, stride: _Array, memory: _Array) -> None:
+        """memory[where + stride i + j] <- entry (i, j) of the chosen blocks."""
+        i, j = np.arange(3)[:, None], np.arange(3)
+        source = self._first[chosen][:, None, None] + (self._stride[chosen][:, None, None] * i + j)
+        memory[where[:, None, None] + (stride[:, None, None] * i + j)] = self._values[source]
+
+
+def _whole(indptr: _Array, indices: _Array) -> bool:
+    """Whether rows (n,) and columns of a matrix consist of 3 x 3 blocks of which every entry is stored."""
+    length = np.diff(indptr).reshape(-1, 3)
+    if len(indices) % 3 > 0 or np.any(length % 3 > 0) or np.any(length != length[:, :1]):
+        return False
+    triples = indices.reshape(-1, 3)
+    return bool(np.all(triples[:, 0] % 3 == 0) and np.all(triples[:, 2] == triples[:, 0] + 2))
+
+
 def nodal_blocks(K: PETSc.Mat) -> scipy.sparse.bsr_matrix:
     """This rank's rows of K, 3 rows per node, all columns."""
     indptr, indices, values = K.getValuesCSR()

@@ -26,9 +26,11 @@ class StiffnessSolver(Protocol):
         iterations: Of all solves so far; 0 for a direct solver.
     """
 
-    name: str
     tolerance: float
     iterations: int
+
+    @property
+    def name(self) -> str: ...
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         """u <- K^-1 rhs, to |K u - rhs| <= max(tolerance, the solver's tolerance) |rhs|."""

@@ -229,7 +229,7 @@ class ContactBody:
     @property
     def stiffness_method(self) -> str:
         """Name of the solver for K^-1; if A is formed, of the one that gives the Schur complement as well."""
-        return MultifrontalSolver.name if self.explicit else self.linear_solver.name
+        return MultifrontalSolver.method if self.explicit else self.linear_solver.name
 
     @property
     def stiffness_solver(self) -> StiffnessSolver:

@@ -10,9 +10,10 @@ from petsc4py import PETSc
 
 from ..fem.deformable import Deformable
 from ..fem.surface import ContactSurface
-from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance, SchurCompliance
+from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance
 from ..linalg.methods import LinearSolver
 from ..linalg.multifrontal import MultifrontalSolver
+from ..linalg.schur_compliance import SchurCompliance
 from ..linalg.stiffness import DirectSolver, StiffnessSolver
 from .stopwatch import timed
 

@@ -36,6 +36,9 @@ from .linearization import Linearization
 from .rigid_motions import NO_MOTION, MotionBasis
 from .scaled_compliance import ScaledCompliance
 
+_ROUGHLY = 1e-3
+"""Relative residual of the product that gives a nominal force."""
+
 
 class Iterate(NamedTuple):
     """x_n (m,), y (m, 2), nu (m, 2), A x (m, 3), alpha (r,), in scaled variables; x_n > lower, |y| < 1, nu > 0."""
@@ -105,7 +108,7 @@ class ScaledProblem:
         over, b = self._over, self.problem.b
         e, A_e = np.zeros((self.nodes, 3)), np.empty(3 * self.nodes)
         e[:, 0] = 1.0
-        self.problem.A.mult(e.ravel(), A_e)
+        self.problem.A.mult(e.ravel(), A_e, _ROUGHLY)
         least = 0.1 * over.max(np.abs(np.asarray(self.problem.lower)))
         if self.problem.rigid is not None:  # at least the size of the smallest forces that balance the loads
             least = max(least, self.problem.motion_basis.distance(self.problem.rigid.e) / over.norm(e))

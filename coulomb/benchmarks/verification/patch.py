@@ -25,7 +25,7 @@ from ...fem.elasticity import PrescribedDisplacement, Traction
 from ...fem.meshes import box
 from ...fem.obstacles import Plane
 from ...io import summary
-from ...linalg.compliance import SchurCompliance
+from ...linalg.schur_compliance import SchurCompliance
 from ...model.contact import Contact
 from ...model.posed_problem import PosedProblem
 from ...model.problem import ContactProblem

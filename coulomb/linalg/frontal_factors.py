@@ -1,0 +1,257 @@
+"""The numerical part of the multifrontal factorisation: L of every front, in single or double precision.
+
+The fronts are dense: LAPACK and BLAS do nearly all of the work.  Memory is allocated twice, for L as a whole and for
+the update matrices, since the first access to new memory takes about as long as the sums there.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg.blas import dsyrk, dtrsm, dtrsv, ssyrk, strsm, strsv
+from scipy.linalg.lapack import dpotrf, spotrf
+
+from ..arrays import FloatArray
+from .nested_dissection import Front, Nodes
+from .nodal_blocks import NodalRows
+
+Real = npt.NDArray[Any]
+"""Numbers in single or double precision."""
+
+_ROUTINES = {
+    np.dtype(np.float32): (spotrf, strsm, ssyrk, strsv),
+    np.dtype(np.float64): (dpotrf, dtrsm, dsyrk, dtrsv),
+}
+
+
+Factor = tuple[Real, Real]
+"""The columns of L of a front: head (own, own), a lower triangle, and below (border, own)."""
+
+
+class NotPositiveDefinite(ValueError):
+    """A pivot is not positive in this precision."""
+
+
+class FrontalFactors:
+    """L of K = L L^T, of every front its columns: head (own, own), a lower triangle, and below (border, own).
+
+    Of a part of a body (`dissect_part`) the last front has a border, whose nodes come last.
+
+    Args:
+        K: The matrix, 3 rows per node.
+        fronts: The fronts, children before parents.
+        dtype: float32 or float64.
+
+    Attributes:
+        heads: Of every front.
+        below: Of every front.
+        update: What remains on the border of the last front, a lower triangle; entries above it are undefined.
+
+    Raises:
+        NotPositiveDefinite: If a pivot is not positive in this precision.
+    """
+
+    def __init__(self, K: NodalRows, fronts: list[Front], dtype: npt.DTypeLike):
+        self._fronts, self.dtype = fronts, np.dtype(dtype)
+        own = 3 * np.array([len(front.own) for front in fronts])
+        border = 3 * np.array([len(front.border) for front in fronts])
+        self._order = np.concatenate([*(front.own for front in fronts), fronts[-1].border])
+        position = np.full(len(K.indptr) - 1, -1)  # of nodes that no front has
+        position[self._order] = np.arange(len(self._order))
+        self._ends = np.cumsum(own)
+        self._borders = [(3 * position[front.border][:, None] + np.arange(3)).ravel() for front in fronts]
+        sizes = own * (own + border)
+        offsets = np.cumsum(sizes) - sizes
+        memory = np.empty(int(sizes.sum()), dtype=self.dtype)
+        memory.fill(0.0)
+        _assemble(K, fronts, position, offsets, memory)
+        self.heads: list[Real] = []
+        self.below: list[Real] = []
+        for at, e, b in zip(offsets, own, border, strict=True):
+            self.heads.append(memory[at : at + e * e].reshape((e, e), order="F"))
+            self.below.append(memory[at + e * e : at + e * (e + b)].reshape((b, e), order="F"))
+        with np.errstate(all="ignore"):  # above the diagonal is anything
+            self._eliminate()
+
+    def _eliminate(self) -> None:
+        potrf, trsm, syrk, _ = _ROUTINES[self.dtype]
+        fronts, updates = self._fronts, dict[int, Real]()
+        whole = {front.children[0]: number for number, front in enumerate(fronts) if _is_update_of_child(fronts, front)}
+        stacks = Stacks(fronts, self.dtype)
+        for number, (front, head, below) in enumerate(zip(fronts, self.heads, self.below, strict=True)):
+            added = () if number in whole.values() else front.children
+            for child in added:
+                _add(updates[child], fronts[child], head, below)
+            if len(head):
+                _, failed = potrf(head, lower=1, clean=0, overwrite_a=1)
+                if failed:
+                    raise NotPositiveDefinite(f"pivot {failed} of front {number}")
+            if number in whole:  # what remains is the whole of the last front, where K is already
+                update = self.heads[whole[number]]
+                if below.size:
+                    syrk(-1.0, trsm(1.0, head, below, 1, 1, 1, overwrite_b=1), 1.0, update, lower=1, overwrite_c=1)
+            else:
+                update = stacks.push(number)
+                if below.size:
+                    syrk(-1.0, trsm(1.0, head, below, 1, 1, 1, overwrite_b=1), 0.0, update, lower=1, overwrite_c=1)
+                else:
+                    update.fill(0.0)
+            for child in added:
+                _add_to_update(updates.pop(child), fronts[child], len(head), update)
+                stacks.pop(child)
+            updates[number] = update
+        self.update = updates[len(fronts) - 1]
+
+    def solve(self, rhs: FloatArray) -> FloatArray:
+        """K^-1 rhs, shapes (n, 3), in this precision."""
+        trsv = _ROUTINES[self.dtype][3]
+        size = float(np.max(np.abs(rhs), initial=0.0)) or 1.0  # single precision has a small range
+        x = (rhs[self._order] * (1.0 / size)).astype(self.dtype).ravel()
+        parts = list(zip(self.heads, self.below, self._borders, self._ends, strict=True))
+        for head, below, border, end in parts:
+            if len(head):
+                own = slice(end - len(head), end)
+                x[own] = y = trsv(head, x[own], lower=1)
+                if len(border):
+                    x[border] -= below @ y
+        for head, below, border, end in reversed(parts):
+            if len(head):
+                own = slice(end - len(head), end)
+                y = x[own] - below.T @ x[border] if len(border) else x[own]
+                x[own] = trsv(head, y, lower=1, trans=1, overwrite_x=1)
+        solution = np.empty_like(rhs)
+        solution[self._order] = x.reshape(-1, 3)
+        solution *= size
+        return solution
+
+
+def forward(fronts: list[Front], factors: list[Factor], x: FloatArray) -> None:
+    """x <- L^-1 x on the nodes of the fronts; of nodes that only borders have, what remains of x; shape (k, 3)."""
+    for front, (head, below) in zip(fronts, factors, strict=True):
+        if len(front.own):
+            y = _ROUTINES[head.dtype][3](head, x[front.own].ravel(), lower=1)
+            x[front.own] = y.reshape(-1, 3)
+            x[front.border] -= (below @ y).reshape(-1, 3)
+
+
+def backward(fronts: list[Front], factors: list[Factor], x: FloatArray) -> None:
+    """x <- L^-T x on the nodes of the fronts, with given x on nodes that only borders have; shape (k, 3)."""
+    for front, (head, below) in zip(reversed(fronts), reversed(factors), strict=True):
+        if len(front.own):
+            y = x[front.own].ravel() - below.T @ x[front.border].ravel()
+            x[front.own] = _ROUTINES[head.dtype][3](head, y, lower=1, trans=1).reshape(-1, 3)
+
+
+class Stacks:
+    """Memory for the update matrices of the fronts.
+
+    When a front is assembled, the update matrices of its children are the latest ones at depths of their parity.  So
+    fronts of even and of odd depth have a stack each.
+
+    Args:
+        fronts: The fronts, children before parents.
+        dtype: Of the numbers.
+
+    Attributes:
+        entries: Numbers in both.
+    """
+
+    def __init__(self, fronts: list[Front], dtype: npt.DTypeLike):
+        self._side, height = stack_heights(fronts)
+        self._width = [3 * len(front.border) for front in fronts]
+        self._top = [0, 0]
+        self._memory = [np.empty(size, dtype=dtype) for size in height]
+
+    def push(self, number: int) -> Real:
+        """A square for the border of a front, in Fortran order; its content is undefined."""
+        side, width = self._side[number], self._width[number]
+        square = self._memory[side][self._top[side] : self._top[side] + width**2]
+        self._top[side] += width**2
+        return square.reshape((width, width), order="F")
+
+    def pop(self, number: int) -> None:
+        """Release the square that was pushed last on the side of this front."""
+        self._top[self._side[number]] -= self._width[number] ** 2
+
+
+def stack_heights(fronts: list[Front]) -> tuple[list[int], tuple[int, int]]:
+    """The stack of every front, 0 or 1, and the numbers that each stack has to hold."""
+    depth = [0] * len(fronts)
+    for number in reversed(range(len(fronts))):
+        for child in fronts[number].children:
+            depth[child] = depth[number] + 1
+    side = [d % 2 for d in depth]
+    last = {front.children[0] for front in fronts if _is_update_of_child(fronts, front)}
+    sizes = [0 if number in last else (3 * len(front.border)) ** 2 for number, front in enumerate(fronts)]
+    top, height = [0, 0], [0, 0]
+    for number, front in enumerate(fronts):
+        top[side[number]] += sizes[number]
+        height[side[number]] = max(height[side[number]], top[side[number]])
+        for child in front.children:
+            top[1 - side[number]] -= sizes[child]
+    return side, (height[0], height[1])
+
+
+def _is_update_of_child(fronts: list[Front], front: Front) -> bool:
+    """Whether a front is the last of a body, and the update matrix of its only child is all of it."""
+    return front.root and len(front.children) == 1 and len(fronts[front.children[0]].border) == len(front.own)
+
+
+def _assemble(K: NodalRows, fronts: list[Front], position: Nodes, offsets: Nodes, memory: Real) -> None:
+    """Set the entries of K on and below the diagonal, in the order of elimination.
+
+    Args:
+        K: The matrix.
+        fronts: The fronts.
+        position: Place of every node in the order of elimination.
+        offsets: Where the columns of every front begin in `memory`.
+        memory: Zeros.
+    """
+    nodes, number = len(position), np.arange(len(fronts))
+    own = np.array([len(front.own) for front in fronts])
+    borders = np.array([len(front.border) for front in fronts])
+    front_at, ends, begin_of_border = np.repeat(number, own), np.cumsum(own), np.cumsum(borders) - borders
+    keys = nodes * np.repeat(number, borders) + position[np.concatenate([front.border for front in fronts])]
+    column, row = np.repeat(position, np.diff(K.indptr)), position[K.indices]  # K is symmetric: rows as columns
+    chosen = np.flatnonzero(row >= column)
+    column, row = column[chosen], row[chosen]
+    front = front_at[column]
+    e, b = 3 * own[front], 3 * borders[front]
+    column = 3 * (column - ends[front]) + e
+    inside = row < ends[front]
+    where = offsets[front] + np.where(inside, 3 * (row - ends[front]) + e + column * e, e * e + column * b)
+    outside = np.flatnonzero(~inside)
+    place = np.searchsorted(keys, front[outside] * nodes + row[outside]) - begin_of_border[front[outside]]
+    where[outside] += 3 * place
+    height = np.where(inside, e, b)
+    K.scatter(chosen, where, height, memory)
+
+
+def _add(child: Real, front: Front, head: Real, below: Real) -> None:
+    """Add a child's update matrix (a lower triangle on its border) to the parent's own columns, run by run."""
+    own, pieces = len(head), _pieces(front)
+    for k, (rows, to) in enumerate(pieces):
+        if to.start < own:
+            for columns, at in pieces[: k + 1]:
+                head[to, at] += child[rows, columns]
+        else:
+            beyond = slice(to.start - own, to.stop - own)
+            for columns, at in pieces:
+                if at.start >= own:
+                    break
+                below[beyond, at] += child[rows, columns]
+
+
+def _add_to_update(child: Real, front: Front, own: int, update: Real) -> None:
+    """Add the rest of a child's update matrix to that of the parent."""
+    pieces = [(rows, slice(to.start - own, to.stop - own)) for rows, to in _pieces(front) if to.start >= own]
+    for k, (rows, to) in enumerate(pieces):
+        for columns, at in pieces[: k + 1]:
+            update[to, at] += child[rows, columns]
+
+
+def _pieces(front: Front) -> list[tuple[slice, slice]]:
+    runs: Any = (3 * front.runs).tolist()
+    return [(slice(i, i + n), slice(j, j + n)) for i, j, n in runs]
