@@ -142,6 +142,12 @@ class Moved:
         return self.motion.turned(self.foundation.normal(self.motion.undone(x)))
 
 
+def same_place(one: RigidMotion, other: RigidMotion) -> bool:
+    """Whether two motions of the same foundation, at any two times, end in the same place."""
+    angles = [0.0 if motion.turn is None else motion.turn.angle for motion in (one, other)]
+    return bool(np.array_equal(one.translation, other.translation)) and angles[0] == angles[1]
+
+
 def moved(foundation: RigidFoundation, motion: RigidMotion) -> RigidFoundation:
     """A foundation after a rigid motion: itself if its shape is in the same place.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import repeat
 
@@ -16,7 +16,7 @@ from ..fem.deformable import Deformable
 from ..fem.named_mesh import NamedMesh
 from ..fem.obstacles import RigidFoundation
 from ..fem.pair import Pair
-from ..fem.rigid_motion import RigidMotion, since_at, spin
+from ..fem.rigid_motion import RigidMotion, same_place, since_at, spin
 from ..fem.surface import ContactSurface
 from ..fem.unjoined_parts import unjoined_parts
 from ..linalg.methods import LinearSolver, chosen
@@ -32,6 +32,19 @@ from .state import Before, ContactState
 from .stopwatch import timed
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class _Positioned:
+    """A contact surface, the motions of the foundations for which it was computed, and the factors of the gaps."""
+
+    surface: ContactSurface
+    motions: Sequence[RigidMotion]
+    gap_factors: FloatArray
+
+    def is_at(self, motions: Sequence[RigidMotion], gap_factors: FloatArray) -> bool:
+        """Whether foundations moved like this have the same surface."""
+        return bool(np.array_equal(gap_factors, self.gap_factors)) and all(map(same_place, motions, self.motions))
 
 
 class ContactBody:
@@ -77,9 +90,10 @@ class ContactBody:
             touching = unjoined_parts(self.elasticity, [(c.face, c.against) for c in contacts if c.against is not None])
             for text in touching if self.comm.rank == 0 else ():  # before these are refused as parts that nothing holds
                 _log.warning("%s", text)
-            faces, still = ContactFaces(self.contacts, self.comm), RigidMotion(np.zeros(3))
-            self._reference: ContactSurface = faces.surface(self.elasticity, [still] * len(self.contacts), time)
+            faces, still = ContactFaces(self.contacts, self.comm), (RigidMotion(np.zeros(3)),) * len(self.contacts)
+            self._reference: ContactSurface = faces.surface(self.elasticity, still, time)
             self._faces = faces.against(self._reference.foundations)  # the plane of the face if none was given
+            self._latest = _Positioned(self._reference, still, faces.gap_factors(time))
             self._reference = self.surface(self.rigid_motions(time), time)
             refuse_untouched(self.elasticity, self._reference)
             self.probes = self.located(probes)
@@ -186,13 +200,17 @@ class ContactBody:
         Raises:
             ValueError: On every rank, if the set of contact nodes changes.
         """
+        factors = self._faces.gap_factors(time)
+        if self.comm.allreduce(self._latest.is_at(motions, factors), op=MPI.LAND):
+            return self._latest.surface
         after, before = self._faces.surface(self.elasticity, motions, time), self._reference
         if not self.comm.allreduce(np.array_equal(before.nodes, after.nodes), op=MPI.LAND):
             raise ValueError(f"contact: at time {time:g} the foundation's normals make other nodes contact nodes")
         turned = not np.allclose(before.frames, after.frames, rtol=0.0, atol=1e-14)
-        if self.comm.allreduce(turned, op=MPI.LOR):
-            return after
-        return replace(after, frames=before.frames, B=before.B, free_B=before.free_B)
+        if not self.comm.allreduce(turned, op=MPI.LOR):
+            after = replace(after, frames=before.frames, B=before.B, free_B=before.free_B)
+        self._latest = _Positioned(after, motions, factors)
+        return after
 
     def state(self, time: float, before: Before | None = None) -> ContactState:
         """The state at a time; collective.
