@@ -122,3 +122,17 @@ def test_frames_at_45_degrees_do_not_depend_on_rounding():
     n = np.array([1.0, 0.0, -1.0]) / np.sqrt(2.0) + 1e-16 * np.random.default_rng(0).integers(-3, 4, (40, 3))
     frames = tangent_frames(n)
     assert np.abs(frames - frames[0]).max() < 1e-14
+
+
+def test_a_surface_is_computed_once_per_position_of_its_foundation():
+    """A load step with the foundation and the gaps where they were has the same surface; with others it has its own."""
+    factor = {0.0: 0.0, 1.0: 0.0, 2.0: 0.0, 3.0: 1.0}
+    contact = coulomb.Contact(
+        "bottom", 0.3, motion=lambda t: (0.0, 0.0, 1e-3 * (t == 1.0)), gap=1e-4, gap_amplitude=lambda t: factor[t]
+    )
+    problem = coulomb.ContactProblem(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), STEEL, [coulomb.Clamp("top")], contact)
+    surfaces = [problem.body.state(time).surface for time in (0.0, 1.0, 2.0, 2.0, 3.0)]
+    at_rest, moved, back, again, wider = surfaces
+    assert at_rest is problem.surface and again is back
+    gaps = [np.unique(np.round(surface.gap, 12)).tolist() for surface in (at_rest, moved, back, wider)]
+    assert gaps == [[0.0], [-1e-3], [0.0], [1e-4]]

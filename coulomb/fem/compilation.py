@@ -1,7 +1,7 @@
 """Compilation of the finite-element forms, once per machine and kind of cell; it takes seconds and is announced.
 
-Compiled forms are looked up by their file: FFCx lists its whole directory for each of the twenty forms and elements of a
-run, which takes a millisecond each time once a thousand forms have been compiled.
+Compiled forms are looked up by their file: FFCx lists its whole directory for each of the twenty forms and elements of
+a run, which takes a millisecond each time once a thousand forms have been compiled.
 """
 
 from __future__ import annotations
