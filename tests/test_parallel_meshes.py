@@ -15,8 +15,10 @@ import coulomb
 from coulomb import Clamp, Elasticity, Material
 from coulomb.cli.app import app
 from coulomb.fem import compat, xdmf_format
+from coulomb.fem.box_faces import BOX_FACES
 from coulomb.fem.compat import io
 from coulomb.fem.inspection import inspect
+from coulomb.fem.mesh_groups import corners_of
 from coulomb.fem.meshes import read_file
 from coulomb.fem.named_mesh import volume
 from coulomb.fem.xdmf_writing import write
@@ -73,6 +75,9 @@ def test_a_converted_mesh_is_read_in_parts(cell, second, folder):
     body = Elasticity(mesh, STEEL, [Clamp("left")])
     for name, area in AREAS.items():
         assert comm.allreduce(body.area_of(mesh.faces[name]).sum()) == pytest.approx(4.0 * area, rel=1e-12), name
+        axis, end = BOX_FACES[name]
+        corners = mesh.domain.geometry.x[corners_of(mesh.domain, mesh.faces[name])]
+        assert np.allclose(corners[:, :, axis], 2.0 * end * (2.0, 1.0, 1.0)[axis], atol=1e-12), name
     renamed = coulomb.read_mesh(path, names={"sole": 5})
     assert set(renamed.faces) == {*AREAS, "sole"} - {"bottom"}
 

@@ -13,7 +13,8 @@ from pathlib import Path
 
 from wrong_bodies import SEVERAL
 from wrong_cases import CASE_FILES, CONTACT, MATERIALS_AND_LOADS
-from wrong_files import COMMANDS, MESHES, RESOURCES
+from wrong_commands import COMMANDS
+from wrong_files import MESHES, RESOURCES
 from wrong_gaps import GAPS
 from wrong_input import BLOCK, case, comm, said
 from wrong_loads import LOADS
