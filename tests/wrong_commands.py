@@ -1,5 +1,7 @@
 """Wrong commands: rows of the table of wrong_inputs.py."""
 
+from pathlib import Path
+
 from wrong_input import (
     STEPS,
     Wrong,
