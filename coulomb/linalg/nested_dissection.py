@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -90,11 +91,16 @@ def dissect_part(graph: scipy.sparse.csr_matrix, points: FloatArray, count: int,
 
 
 def _bodies(graph: scipy.sparse.csr_matrix) -> Nodes:
-    """Number of the body of each node, shape (k,): bodies are not coupled with each other.
+    """Number of the body of each node, shape (k,): bodies are not coupled with each other."""
+    _, label = connected_components(graph, directed=False)
+    return large_parts(label)
+
+
+def large_parts(label: npt.NDArray[np.integer[Any]]) -> Nodes:
+    """Number of the body of each node, from that of the part of nodes that are coupled with each other, shape (k,).
 
     Parts with few of the nodes, such as held nodes, which are coupled with none, belong to the first body.
     """
-    _, label = connected_components(graph, directed=False)
     size = np.bincount(label)
     large = size >= _PART * len(label)
     number = np.where(large, np.cumsum(large) - 1, 0)
@@ -177,7 +183,7 @@ def _in_order(
 ) -> list[Front]:
     """The fronts, with their nodes ordered so that the border of each consists of few runs in its parent.
 
-    Neighbours in space are neighbours in every front: its own nodes are in the order of `_along_space`, its border in
+    Neighbours in space are neighbours in every front: its own nodes are in the order of `along_space`, its border in
     the order of the parent.
     """
     place = np.empty(len(points), dtype=np.int64)
@@ -186,18 +192,18 @@ def _in_order(
     fronts: list[Front] = []
     inner = {child for below in children for child in below}
     for number in reversed(range(len(own))):
-        mine = own[number] if not children[number] else _along_space(own[number], points)
+        mine = own[number] if not children[number] else along_space(own[number], points)
         both = np.concatenate([mine, order_of_border[number]])
         place[both] = np.arange(len(both))
         for child in children[number]:
             border = borders[child][np.argsort(place[borders[child]])]
-            order_of_border[child], runs[child] = border, _runs(place[border], len(mine))
+            order_of_border[child], runs[child] = border, runs_of(place[border], len(mine))
         root = number not in inner
         fronts.append(Front(mine, order_of_border[number], children[number], runs[number], root))
     return fronts[::-1]
 
 
-def _runs(places: Nodes, own: int) -> Nodes:
+def runs_of(places: Nodes, own: int) -> Nodes:
     """Ascending places as runs (first, its place, length), split where they leave the parent's own nodes."""
     if len(places) == 0:
         return np.empty((0, 3), dtype=np.int64)
@@ -206,11 +212,11 @@ def _runs(places: Nodes, own: int) -> Nodes:
     return np.column_stack([first, places[first], np.diff(first, append=len(places))])
 
 
-def _along_space(nodes: Nodes, points: FloatArray) -> Nodes:
+def along_space(nodes: Nodes, points: FloatArray) -> Nodes:
     """The nodes ordered by halves, quarters and so on along their longest extents."""
     if len(nodes) <= _BLOCK:
         return nodes
     x = points[nodes]
     nodes = nodes[np.argsort(x[:, np.argmax(np.ptp(x, axis=0))], kind="stable")]
     half = len(nodes) // 2
-    return np.concatenate([_along_space(nodes[:half], points), _along_space(nodes[half:], points)])
+    return np.concatenate([along_space(nodes[:half], points), along_space(nodes[half:], points)])

@@ -19,6 +19,7 @@ from ..fem.pair import Pair
 from ..fem.rigid_motion import RigidMotion, same_place, since_at, spin
 from ..fem.surface import ContactSurface
 from ..fem.unjoined_parts import unjoined_parts
+from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver
 from ..linalg.methods import LinearSolver, chosen
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.stiffness import StiffnessSolver
@@ -247,7 +248,9 @@ class ContactBody:
     @property
     def stiffness_method(self) -> str:
         """Name of the solver for K^-1; if A is formed, of the one that gives the Schur complement as well."""
-        return MultifrontalSolver.method if self.explicit else self.linear_solver.name
+        if self.explicit:
+            return (MultifrontalSolver if self.comm.size == 1 else DistributedMultifrontalSolver).method
+        return self.linear_solver.name
 
     @property
     def stiffness_solver(self) -> StiffnessSolver:

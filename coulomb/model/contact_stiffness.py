@@ -11,6 +11,8 @@ from petsc4py import PETSc
 from ..fem.deformable import Deformable
 from ..fem.surface import ContactSurface
 from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance
+from ..linalg.distributed_compliance import DistributedSchurCompliance
+from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver
 from ..linalg.methods import LinearSolver
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.schur_compliance import SchurCompliance
@@ -70,10 +72,11 @@ class ContactStiffness:
         return self._contact_last if self._explicit else self._any_order
 
     @cached_property
-    def _contact_last(self) -> MultifrontalSolver:
+    def _contact_last(self) -> MultifrontalSolver | DistributedMultifrontalSolver:
         """K^-1 with the contact nodes eliminated last, which gives A."""
+        kind = MultifrontalSolver if self.elasticity.comm.size == 1 else DistributedMultifrontalSolver
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
-            return MultifrontalSolver(self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows)
+            return kind(self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows)
 
     @cached_property
     def _any_order(self) -> StiffnessSolver:
@@ -89,8 +92,10 @@ class ContactStiffness:
         """A in the reference frames."""
         solver, B = self.solver, self._reference.free_B
         with timed(self._seconds, "compliance"):
-            if self._explicit:
-                return SchurCompliance(B, self._contact_last)
+            if isinstance(solver, MultifrontalSolver):
+                return SchurCompliance(B, solver)
+            if isinstance(solver, DistributedMultifrontalSolver):
+                return DistributedSchurCompliance(B, solver)
             return MatrixFreeCompliance(B, self.elasticity.K, solver)
 
     def compliance(self, surface: ContactSurface, seconds: dict[str, float]) -> BodyCompliance:

@@ -1,0 +1,136 @@
+"""Factorisation with fronts shared by the ranks: run alone, or as `mpirun -n 3 python -m pytest ...`."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+from conftest import make_block
+from mpi4py import MPI
+from petsc4py import PETSc
+from test_parallel import everywhere, same_error
+
+from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box, join, moved
+from coulomb.benchmarks.block import block
+from coulomb.linalg import blas, shared_dissection
+from coulomb.linalg.distributed_compliance import DistributedSchurCompliance
+from coulomb.linalg.distributed_multifrontal import DistributedMultifrontalSolver
+
+comm = MPI.COMM_WORLD
+
+
+@pytest.fixture(autouse=True)
+def small_parts(monkeypatch):
+    """Parts are cut on small meshes, too."""
+    monkeypatch.setattr(shared_dissection, "LEAF", 8)
+
+
+def dense(matrix):
+    """All rows of a distributed matrix, on every rank."""
+    indptr, indices, values = matrix.getValuesCSR()
+    rows = scipy.sparse.csr_matrix((values, indices, indptr), shape=(len(indptr) - 1, matrix.getSize()[1]))
+    return np.concatenate(comm.allgather(rows.toarray()))
+
+
+def two_bodies():
+    """Bodies of different size, with held nodes that are coupled with none, and a rank without nodes of the second."""
+    lower = box((1.0, 1.0, 0.5), (5, 4, 3))
+    upper = moved(box((0.8, 0.8, 0.4), (4, 3, 2), "tetrahedron"), (0.1, 0.1, 0.5))
+    contact = Contact("upper:bottom", against="lower:top", friction=0.3)
+    supports = [Clamp("lower:bottom"), Clamp("upper:top")]
+    return ContactProblem(join(lower=lower, upper=upper), Material(2e11, 0.3), supports, contact)
+
+
+@pytest.mark.parametrize("make", [lambda: make_block(3), lambda: block(2, cell="tetrahedron"), two_bodies])
+def test_against_dense_algebra(make):
+    problem = make()
+    K, B = problem.elasticity.K, problem.surface.free_B
+    solver = DistributedMultifrontalSolver(K, problem.elasticity.x, problem.surface.nodes_in_rows)
+    assert set(solver.last) == set(everywhere(problem.surface.nodes_in_rows))
+    inverse = np.linalg.inv(dense(K))
+    rhs, u = K.createVecs()
+    rhs.array[:] = np.random.default_rng([4, comm.rank]).standard_normal(rhs.getLocalSize())
+    solver.solve(rhs, u)
+    expected = inverse @ everywhere(rhs.array)
+    assert np.linalg.norm(everywhere(u.array) - expected) <= 1e-10 * np.linalg.norm(expected)
+    rows = dense(B)
+    whole, A = rows @ inverse @ rows.T, DistributedSchurCompliance(B, solver)
+    assert np.allclose(everywhere(A.diagonal()), np.diag(whole), rtol=1e-9)
+    x = np.random.default_rng([5, comm.rank]).standard_normal(3 * A.nodes)
+    y = np.empty_like(x)
+    A.mult(x, y)
+    assert np.linalg.norm(everywhere(y) - whole @ everywhere(x)) <= 1e-10 * np.linalg.norm(whole @ everywhere(x))
+
+
+def test_bodies_are_cut_into_parts_that_are_not_coupled():
+    problem = make_block(4)
+    K = problem.elasticity.K
+    solver = DistributedMultifrontalSolver(K, problem.elasticity.x, problem.surface.nodes_in_rows)
+    found = solver._dissection
+    assert sorted(part.rank for part in found.parts) == list(range(comm.size))
+    assert np.array_equal(
+        np.sort(np.concatenate([one.own for one in (*found.parts, *found.fronts)])), range(len(found.label))
+    )
+    assert max(len(part.own) for part in found.parts) <= 1.5 * len(found.label) / comm.size
+    coupled = scipy.sparse.csr_matrix(dense(K)).tocoo()
+    row, column = coupled.row // 3, coupled.col // 3
+    for number, part in enumerate(found.parts):
+        mine = found.label[row] == number
+        later = column[mine & (found.label[column] != number)]
+        assert np.all(found.label[later] >= len(found.parts)) and set(later) == set(part.border)
+
+
+@pytest.mark.parametrize("where", ["part", "contact"])
+def test_a_matrix_that_is_not_positive_definite(where):
+    """The failure of one rank is an error on all."""
+    problem = make_block(2)
+    K = problem.elasticity.K.copy()
+    nodes = problem.surface.nodes_in_rows if where == "contact" else np.flatnonzero(problem.elasticity.x[:, 2] > 0.9)
+    diagonal = K.getDiagonal()
+    largest = diagonal.max()[1]
+    rows = 3 * nodes + (0 if where == "contact" else K.getOwnershipRange()[0])
+    diagonal.setValues(rows.astype(PETSc.IntType), np.full(len(rows), -largest))
+    diagonal.assemble()
+    K.setDiagonal(diagonal)
+    text = same_error(lambda: DistributedMultifrontalSolver(K, problem.elasticity.x, problem.surface.nodes_in_rows))
+    assert "not positive definite" in text
+
+
+def test_the_default_is_shared_on_several_ranks():
+    """With the forces of one rank to 1e-8."""
+
+    def cube(comm):
+        mesh, pull = box((1.0, 1.0, 1.0), (5, 4, 3), comm=comm), Traction("top", (1e7, 2e7, -4e7))
+        return ContactProblem(mesh, Material(2e11, 0.3), [Clamp("left")], Contact("bottom", 0.3), [pull])
+
+    alone, together = cube(MPI.COMM_SELF).solve(1e-10), cube(comm).solve(1e-10)
+    assert ("shared fronts" in together.problem.body.stiffness_method) == (comm.size > 1)
+    order = np.lexsort(everywhere(together.problem.surface.x).round(9).T)
+    forces = everywhere(together.force_on_body)[order]
+    expected = alone.force_on_body[np.lexsort(alone.problem.surface.x.round(9).T)]
+    assert np.linalg.norm(forces - expected) <= 1e-8 * np.linalg.norm(expected)
+    assert together.certificate.passed
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_blas_on_blocks_of_matrices(dtype):
+    """Blocks with a stride between columns, against numpy; matrices in C order are refused."""
+    W = np.asfortranarray(np.random.default_rng(1).standard_normal((50, 60)).astype(dtype))
+    C = W[30:50, 30:55].copy(order="F")
+    tolerance = 100 * np.finfo(dtype).eps
+    expected = C + 2.0 * W[3:23, 5:15] @ W[10:35, 20:30].T
+    blas.gemm(2.0, W[3:23, 5:15], W[10:35, 20:30], C)
+    assert np.allclose(C, expected, atol=tolerance)
+    blas.gemm_plain(-1.0, W[3:23, 5:15], W[20:30, 7:32], C)
+    assert np.allclose(C, -W[3:23, 5:15] @ W[20:30, 7:32], atol=tolerance)
+    S = np.zeros((30, 30), dtype, order="F")
+    S[5:25, 5:25] = W[:20, :20] @ W[:20, :20].T + 20.0 * np.eye(20)
+    L = np.linalg.cholesky(S[5:25, 5:25].copy())
+    assert blas.potrf(S[5:25, 5:25]) == 0 and np.allclose(np.tril(S[5:25, 5:25]), L, atol=tolerance)
+    for transposed in (False, True):
+        X = W[:10, :20].copy(order="F")
+        blas.trsm_right(S[5:25, 5:25], X, transposed)
+        assert np.allclose(X @ (L.T if transposed else L), W[:10, :20], atol=tolerance)
+    blas.trtri(S[5:25, 5:25])
+    assert np.allclose(np.tril(S[5:25, 5:25]) @ L, np.eye(20), atol=tolerance)
+    assert blas.potrf(np.asfortranarray(-np.eye(3, dtype=dtype))) == 1
+    with pytest.raises(ValueError, match="Fortran"):
+        blas.potrf(np.ones((3, 3), dtype)[:, ::-1])
