@@ -60,17 +60,22 @@ def several() -> bool:
 
 
 def on_rank_0(comm: MPI.Comm | None, action: Callable[[], str]) -> str:
-    """Result of an action of rank 0 on every rank; its OSError is raised on every rank.  None: there is one rank."""
+    """Result of an action of rank 0 on every rank; its error is raised on every rank.  None: there is one rank."""
     if comm is None:
         return action()
     result: str = ""
-    fault: OSError | None = None
+    fault: Exception | None = None
     if comm.rank == 0:
         try:
             result = action()
-        except OSError as error:
+        except Exception as error:
             fault = error
-    result, fault = comm.bcast((result, fault))
-    if fault is not None:
-        raise fault
+    same = fault  # of other types only the words are sent: not every error can be
+    if isinstance(fault, ValueError):
+        same = ValueError(str(fault))
+    elif fault is not None and not isinstance(fault, OSError):
+        same = RuntimeError(repr(fault))
+    result, same = comm.bcast((result, same))
+    if same is not None:
+        raise fault or same
     return result

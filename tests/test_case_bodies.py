@@ -113,6 +113,30 @@ def test_the_temperature_of_one_body():
     assert "temperature.body = 'upper': there are no [[body]] tables" in said(changes[0], text=ONE)
 
 
+def test_gravity_of_one_body():
+    """Its weight is density times volume times its own gravity; the others have that of the case, here none."""
+    changes = ["body.1.gravity=[0.0, 1.0, -10.0]", "body.1.material.density=1000.0"]
+    bodies = read_case("case.toml", changes).loaded_bodies(MPI.COMM_WORLD)
+    load = MPI.COMM_WORLD.allreduce(bodies["upper"].at(0.0).load.sum(axis=0))
+    assert load == pytest.approx(np.array([0.0, 1.0, -10.0]) * 1000.0 * 0.8 * 0.4 * 0.4, abs=1e-9)
+    assert not bodies["lower"].loads
+    other = ["gravity=[0.0, 0.0, -5.0]", "body.0.material.density=10.0", "body.1.gravity=[0.0, 0.0, 0.0]"]
+    bodies = read_case("case.toml", other).loaded_bodies(MPI.COMM_WORLD)
+    size = volume(bodies["lower"].mesh)
+    assert bodies["lower"].at(0.0).load.sum(axis=0)[2] == pytest.approx(-5.0 * 10.0 * size)
+    assert not bodies["upper"].loads  # and it needs no density
+
+
+def test_adjust_may_be_0():
+    """It is the default: no gap is closed; only with a size does it need a face against."""
+    given = ["contact.adjust=0", "contact.adjust=0.0", "contact.adjust=1e-4"]
+    assert [read_case("case.toml", [one]).contact.adjust for one in given] == [0.0, 0.0, 1e-4]
+    assert not said("contact.adjust=0", text=ONE) and "adjust goes with against" in said(
+        "contact.adjust=1e-4", text=ONE
+    )
+    assert "contact.adjust = -0.1: should be greater than or equal to 0" in said("contact.adjust=-0.1")
+
+
 def test_changes_reach_a_body():
     case = read_case("case.toml", ["body.1.cells=[3,2,1]", "body.0.material.young=1e9", "contact.friction=0.1"])
     assert case.body[1].cells == (3, 2, 1) and case.body[0].material.young == 1e9 and case.contact.friction == 0.1

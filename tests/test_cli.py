@@ -5,7 +5,7 @@ import json
 import re
 
 import pytest
-from conftest import ROOT, reference, run_coulomb, run_python
+from conftest import ROOT, SMALL_CASE, reference, run_coulomb, run_python
 
 BLOCK = ROOT / "demos" / "block.toml"
 SMALL = ("--set", "mesh.cells=[12,4,4]", "--set", "output.picture=false")
@@ -116,16 +116,19 @@ def test_bad_input_ends_all_ranks():
 
 
 def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path):
-    """The other ranks must not wait for a rank that has failed."""
-    script = tmp_path / "die.py"
+    """The other ranks must not wait for a rank that has failed, nor that for them, as in the writer of the results."""
+    script, case = tmp_path / "die.py", tmp_path / "case.toml"
+    case.write_text(SMALL_CASE)
     script.write_text(
-        "import sys\nfrom mpi4py import MPI\nfrom coulomb.case import case\nfrom coulomb.cli import app as cli\n"
-        "def read_case(*_):\n"
+        "import sys\nfrom mpi4py import MPI\nfrom coulomb.cli import app as cli\nfrom coulomb.io import output\n"
+        "summary = output.summary\n"
+        "def failing(solution):\n"
         "    if MPI.COMM_WORLD.rank == 1:\n        raise RuntimeError('unforeseen')\n"
-        "    MPI.COMM_WORLD.barrier()\n"
-        "case.read_case = read_case\nsys.argv = ['coulomb', 'run', 'x.toml']\ncli.main()\n"
+        "    return summary(solution)\n"
+        f"output.summary = failing\nsys.argv = ['coulomb', 'run', {str(case)!r}, '--output', {str(tmp_path)!r}]\n"
+        "cli.main()\n"
     )
-    done = run_python(script, ranks=2, timeout=300)
+    done = run_python(script, ranks=2, timeout=120)
     assert done.returncode != 0 and "unforeseen" in done.stderr
 
 

@@ -8,6 +8,7 @@ from coulomb.pictures.report.given import in_time, supports_and_loads, values_in
 CASE = {
     "gravity": [0.0, 0.0, -9.81],
     "gravity_amplitude": {"table": [[0.0, 0.0], [1.0, 1.0]], "after": "error"},
+    "body": [{"name": "lower"}, {"name": "upper", "gravity": [0.0, 0.0, 0.0]}],
     "body_force": ["10*x", 0.0, 0.0],
     "traction": [{"face": "top", "value": [0.0, 0.0, "-1e6*x"]}, {"face": "left", "value": [1e6, 0.0, 0.0]}],
     "pressure": [{"face": "bore", "value": 2e6}, {"face": "rim", "value": "1e5*z", "amplitude": [[0, 0], [2, 1]]}],
@@ -27,6 +28,7 @@ def test_loads_in_words():
         "total force on lug": "(0, 0, −5) kN",
         "body force": "(10*x, 0, 0) N/m³",
         "gravity": "(0, 0, −9.81) m/s², factor 0 at 0 s, 1 at 1 s, not defined after the last",
+        "gravity on upper": "(0, 0, 0) m/s², factor 0 at 0 s, 1 at 1 s, not defined after the last",
     }
 
 

@@ -54,12 +54,14 @@ class RotateTable(Table):
 
 
 class BodyTable(MeshTable):
-    """One of several bodies: the keys of a mesh, its material, and where it is: rotated, then translated."""
+    """One of several bodies: the keys of a mesh, its material, where it is (rotated, then translated), and its gravity,
+    in place of that of the case."""
 
     name: BodyName
     material: MaterialTables
     translate: Vector = (0.0, 0.0, 0.0)
     rotate: RotateTable | None = None
+    gravity: Vector | None = None
 
     _of: ClassVar[str] = ""
 

@@ -111,7 +111,7 @@ class Case(Table):
             field(self.body_force),
             springs,
             body_force_amplitude=amplitude_of(self.body_force_amplitude),
-            gravity=self.gravity,
+            gravity=self._gravity,
             gravity_amplitude=amplitude_of(self.gravity_amplitude),
             temperature=self._of_body(thermal),
             reference_temperature=0.0 if thermal is None else thermal.reference,
@@ -148,12 +148,12 @@ class Case(Table):
         clamps, loads, springs = self._acting
         mesh, thermal = self._mesh(comm), self._thermal
         given = (field(self.body_force), springs, amplitude_of(self.body_force_amplitude))
-        weight = (self.gravity, amplitude_of(self.gravity_amplitude))
+        factor = amplitude_of(self.gravity_amplitude)
         if isinstance(mesh, JoinedMesh):
             heat = () if thermal is None else (self._of_body(thermal), thermal.reference, thermal.amplitude)
-            bodies = distributed_bodies(mesh, self.materials(), clamps, loads, *given, *weight, *heat)
+            bodies = distributed_bodies(mesh, self.materials(), clamps, loads, *given, self._gravity, factor, *heat)
             return made(LoadedBody, bodies)
-        return {"": LoadedBody(mesh, self.materials(), clamps, loads, *given, *weight, thermal)}
+        return {"": LoadedBody(mesh, self.materials(), clamps, loads, *given, self.gravity, factor, thermal)}
 
     def _mesh(self, comm: MPI.Comm) -> NamedMesh | JoinedMesh:
         return joined_mesh(self.body, comm) if self.mesh is None else self.mesh.mesh(comm)
@@ -162,6 +162,13 @@ class Case(Table):
     def meshes(self) -> dict[str, MeshTable]:
         """The table of the mesh of each body, by the body's name; "" for a body that is alone."""
         return {table.name: table for table in self.body} if self.mesh is None else {"": self.mesh}
+
+    @property
+    def _gravity(self) -> Vector | dict[str, Vector]:
+        """Of all bodies, or of each by its name if one has its own."""
+        if all(table.gravity is None for table in self.body):
+            return self.gravity
+        return {table.name: self.gravity if table.gravity is None else table.gravity for table in self.body}
 
     @property
     def _thermal(self) -> ThermalLoad | None:

@@ -17,6 +17,7 @@ from .values import (
     ISOTROPIC,
     ORTHOTROPIC,
     TABLES,
+    Clearance,
     Length,
     Name,
     Table,
@@ -169,12 +170,12 @@ class ContactTable(Table):
     gap: GapAt = 0.0
     gap_amplitude: AmplitudeTable | None = None
     against: Name | None = None
-    adjust: Length | None = None
+    adjust: Clearance = 0.0
 
     @model_validator(mode="after")
     def _one_thing_to_touch(self) -> ContactTable:
         if self.against is None:
-            if self.adjust is not None:
+            if self.adjust:
                 raise ValueError("adjust goes with against: it closes gaps between two meshes; for foundations use gap")
             return self
         if self.against == self.face:
@@ -253,7 +254,7 @@ class ContactTable(Table):
             gap_of(self.gap),
             amplitude_of(self.gap_amplitude),
             self.against,
-            self.adjust or 0.0,
+            self.adjust,
         )
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:

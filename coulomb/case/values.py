@@ -40,6 +40,9 @@ Number = Annotated[float, _FINITE, _between(1e-60, 1e30, zero=True)]
 Length = Annotated[float, _POSITIVE, _between(1e-12, 1e12)]
 """Metres: a dimension or a unit of length."""
 
+Clearance = Annotated[float, _NOT_NEGATIVE, _between(1e-12, 1e12, zero=True)]
+"""Metres: the size of a gap, or 0."""
+
 Duration = Annotated[float, _POSITIVE, _between(1e-30, 1e30)]
 Young = Annotated[float, _POSITIVE, _between(1e-6, 1e24)]
 Density = Annotated[float, _POSITIVE, _between(1e-12, 1e12)]

@@ -13,6 +13,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -101,8 +102,8 @@ def write_grids(comm: MPI.Comm, path: Path, grids: Sequence[GridFields], time: f
             try:
                 shapes = {name: (size, v.shape[1]) for (name, v), size in zip(tables.items(), sizes, strict=True)}
                 _describe(path, grids, groups, shapes, time, collection)
-            except OSError as error:
-                fault = error.strerror or str(error)
+            except Exception as error:
+                fault = _in_words(path, error)
     fault = comm.bcast(fault if comm.rank == 0 else "")
     if fault:
         raise OSError(errno.EIO, fault)
@@ -110,22 +111,26 @@ def write_grids(comm: MPI.Comm, path: Path, grids: Sequence[GridFields], time: f
 
 def _written(comm: MPI.Comm, path: Path, tables: Mapping[str, npt.NDArray[Any]], sizes: Sequence[int]) -> str:
     """Write the tables of all ranks, which rank 0 receives in parts, so that it needs no memory for the whole; returns
-    what went wrong.  What the other ranks send is received in any case."""
+    what went wrong.  What the other ranks send is received in any case: they wait until it is."""
+    parts = (mine if rank == 0 else comm.recv(source=rank) for mine in tables.values() for rank in range(comm.size))
     try:
         target = _Target(path)
-    except OSError as error:
-        for _ in tables:
-            for rank in range(1, comm.size):
-                comm.recv(source=rank)
-        return f"{path.name}: {error.strerror or error}"
-    with h5py.File(target, "w") as file:
-        for (name, mine), size in zip(tables.items(), sizes, strict=True):
-            data, row = file.create_dataset(name, (size, mine.shape[1]), mine.dtype), 0
-            for rank in range(comm.size):
-                part = mine if rank == 0 else comm.recv(source=rank)
-                data[row : row + len(part)] = part
-                row += len(part)
-    return target.close()
+        with h5py.File(target, "w") as file:
+            for (name, mine), size in zip(tables.items(), sizes, strict=True):
+                data, row = file.create_dataset(name, (size, mine.shape[1]), mine.dtype), 0
+                for part in islice(parts, comm.size):
+                    data[row : row + len(part)] = part
+                    row += len(part)
+        return target.close()
+    except Exception as error:
+        return _in_words(path, error)
+    finally:
+        for _ in parts:
+            pass
+
+
+def _in_words(path: Path, error: Exception) -> str:
+    return f"{path.name}: {getattr(error, 'strerror', None) or str(error) or repr(error)}"
 
 
 class _Target:

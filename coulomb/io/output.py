@@ -80,8 +80,7 @@ def write(
             return json.dumps(contents)
 
         contents = dict(json.loads(on_rank_0(comm, finish)))
-    finally:
-        comm.barrier()
+    finally:  # no collective call: an unforeseen error may be that of one rank
         if comm.rank == 0:
             shutil.rmtree(folder, ignore_errors=True)
     problem.seconds.update(contents["seconds"])

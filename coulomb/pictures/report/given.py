@@ -48,6 +48,9 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
         value = case.get(key, ())
         if any(value):
             facts.append((name, f"{_bare(value)} {unit}{in_time(case.get(f'{key}_amplitude'))}"))
+    for body in case.get("body", ()):
+        if (own := body.get("gravity")) is not None:
+            facts.append((f"gravity on {body['name']}", f"{_bare(own)} m/s²{in_time(case.get('gravity_amplitude'))}"))
     return facts
 
 
