@@ -48,12 +48,14 @@ if TYPE_CHECKING:
     from .model.solution import Solution
     from .solvers.automatic import Automatic
     from .solvers.condensed import CondensedSystem
+    from .solvers.cone_interior_point import ConeInteriorPoint
     from .solvers.dense_system import DenseSystem
     from .solvers.friction_problem import FrictionProblem
     from .solvers.general import solve_coulomb, solve_tresca
     from .solvers.interior_point import InteriorPoint
     from .solvers.kprgp import KPRGP
     from .solvers.laws import FrictionLaw
+    from .solvers.matrix_automatic import MatrixAutomatic
     from .solvers.newton_systems import AugmentedSystem, SchurComplementSystem
     from .solvers.results import NotConverged, Progress, SolverResult, Status
     from .solvers.rigid_motions import RigidMotions
@@ -68,6 +70,7 @@ __all__ = [
     "Check",
     "Clamp",
     "CondensedSystem",
+    "ConeInteriorPoint",
     "Contact",
     "ContactProblem",
     "ContactSurface",
@@ -86,6 +89,7 @@ __all__ = [
     "LoadHistory",
     "LoadStep",
     "Material",
+    "MatrixAutomatic",
     "NamedMesh",
     "NoEquilibrium",
     "NodalField",
@@ -163,6 +167,8 @@ _PUBLIC = {
     "model.solution": ("Solution",),
     "solvers.automatic": ("Automatic",),
     "solvers.condensed": ("CondensedSystem",),
+    "solvers.cone_interior_point": ("ConeInteriorPoint",),
+    "solvers.matrix_automatic": ("MatrixAutomatic",),
     "solvers.dense_system": ("DenseSystem",),
     "solvers.successive_tresca": ("SuccessiveTresca",),
     "solvers.interior_point": ("InteriorPoint",),

@@ -134,29 +134,37 @@ def info() -> None:
 
 @app.command()
 def fclib(
-    file: Annotated[Path, typer.Argument(help="Problem in FCLIB's HDF5 format, local or global.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="Problem in FCLIB's format, local or global: .hdf5, or .npz with W_data, W_indices, W_indptr, q, mu."
+        ),
+    ],
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of lines.")] = False,
     tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-8,
     dense: Annotated[
-        bool, typer.Option("--dense", help="Dense Newton systems: for small, ill-conditioned problems.")
+        bool, typer.Option("--dense", help="Successive Tresca with dense Newton systems, for small problems.")
     ] = False,
 ) -> None:
-    """Solve a friction problem in FCLIB's format, and report its residual as defined by FCLIB."""
+    """Solve a friction problem in FCLIB's format, and report its residual as defined by FCLIB.
+
+    Exit code 1 if it is refused: the reason is on standard error.
+    """
     refuse_ranks("coulomb fclib")
     if tolerance > 1.0:
         _errors.print(f"error: --tolerance must be from 1e-12 to 1, but is {tolerance}", markup=False)
         raise typer.Exit(BAD_INPUT)
 
     from ..io.fclib import read_fclib
-    from ..solvers.automatic import Automatic
     from ..solvers.dense_system import DenseSystem
     from ..solvers.general import solve_coulomb
     from ..solvers.interior_point import InteriorPoint
+    from ..solvers.matrix_automatic import MatrixAutomatic
     from ..solvers.results import NotConverged
     from ..solvers.successive_tresca import SuccessiveTresca
 
     trouble = ""
-    solver: Solver = Automatic(tolerance)
+    solver: Solver = MatrixAutomatic(tolerance)
     if dense:
         solver = SuccessiveTresca(tolerance, InteriorPoint(newton=DenseSystem()))
     try:

@@ -11,6 +11,7 @@ to W = H^T M^-1 H, q = H^T M^-1 f + w.
 from __future__ import annotations
 
 import os
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ import scipy.sparse.linalg
 
 from ..arrays import FloatArray
 from ..regular_file import refuse_irregular
+from ..solvers.cones import cone_residual
 
 
 @dataclass(frozen=True)
@@ -48,27 +50,22 @@ class FCLIBProblem:
         """
         d, size = self.W.diagonal().mean(), np.abs(self.q).max() or 1.0
         q, r = self.q / size, r * d / size
-        v = (self.W @ r / d + q).reshape(-1, 3)
-        v[:, 0] += self.mu * np.hypot(v[:, 1], v[:, 2])
-        distance = r - _project_on_cones((r.reshape(-1, 3) - v), self.mu).ravel()
-        return float(np.linalg.norm(distance) / (1.0 + np.linalg.norm(q)))
-
-
-def _project_on_cones(r: FloatArray, mu: FloatArray) -> FloatArray:
-    """The nearest points with |r_t| <= mu r_n, shape (m, 3)."""
-    size = np.hypot(r[:, 1], r[:, 2])
-    inside, polar = size <= mu * r[:, 0], mu * size <= -r[:, 0]
-    normal = (r[:, 0] + mu * size) / (1.0 + mu**2)
-    on_surface = np.column_stack([normal, (mu * normal / np.where(size > 0.0, size, 1.0))[:, None] * r[:, 1:]])
-    return np.where(inside[:, None], r, np.where(polar[:, None], 0.0, on_surface))
+        u = (self.W @ r / d + q).reshape(-1, 3)
+        return cone_residual(r.reshape(-1, 3), u, self.mu, float(np.linalg.norm(q)))
 
 
 def read_fclib(path: str | Path) -> FCLIBProblem:
     """Read a local or a global problem; the global one is condensed.
 
+    Args:
+        path: HDF5, or if its name ends with .npz a local problem as numpy arrays: W_data, W_indices, W_indptr
+            (compressed rows), q, mu.
+
     Raises:
         ValueError: If the file cannot be read or contains no three-dimensional friction problem.
     """
+    if Path(path).suffix == ".npz":
+        return _read_npz(Path(path))
     try:
         refuse_irregular(path)
         with h5py.File(path, "r") as file:
@@ -80,6 +77,20 @@ def read_fclib(path: str | Path) -> FCLIBProblem:
     except KeyError as error:
         raise ValueError(f"{path}: is not complete: {error.args[0]}") from None
     raise ValueError(f"{path}: has neither a group fclib_local nor fclib_global")
+
+
+def _read_npz(path: Path) -> FCLIBProblem:
+    try:
+        refuse_irregular(path)
+        with np.load(path, allow_pickle=False) as file:
+            rows = tuple(np.asarray(file[key]) for key in ("W_data", "W_indices", "W_indptr"))
+            q, mu = np.asarray(file["q"], dtype=np.float64), np.asarray(file["mu"], dtype=np.float64)
+            W = scipy.sparse.csr_matrix(rows, shape=(len(rows[2]) - 1, len(rows[2]) - 1))
+    except KeyError as error:
+        raise ValueError(f"{path}: is not complete: {error.args[0]}") from None
+    except (OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path}: cannot be read as numpy arrays: {error}") from None
+    return _checked(str(path), W, q, mu, path.stem)
 
 
 def _read_local(group: Any) -> FCLIBProblem:
@@ -97,10 +108,14 @@ def _problem(group: Any, W: Any, q: FloatArray) -> FCLIBProblem:
     dimension, mu = int(np.ravel(group["spacedim"][()])[0]), np.ravel(group["vectors/mu"][()])
     if dimension != 3:
         raise ValueError(f"{group.file.filename}: the problem has {dimension} dimensions, not 3")
-    if W.shape != (3 * len(mu), 3 * len(mu)) or q.shape != (3 * len(mu),):
-        raise ValueError(f"{group.file.filename}: W {W.shape}, q {q.shape} and mu {mu.shape} have incompatible shapes")
     title = group["info/title"][()] if "info/title" in group else b""
-    return FCLIBProblem(0.5 * (W + W.T), q, mu, title.decode() if isinstance(title, bytes) else str(title))
+    return _checked(group.file.filename, W, q, mu, title.decode() if isinstance(title, bytes) else str(title))
+
+
+def _checked(name: str, W: Any, q: FloatArray, mu: FloatArray, title: str) -> FCLIBProblem:
+    if mu.ndim != 1 or W.shape != (3 * len(mu), 3 * len(mu)) or q.shape != (3 * len(mu),):
+        raise ValueError(f"{name}: W {W.shape}, q {q.shape} and mu {mu.shape} have incompatible shapes")
+    return FCLIBProblem(0.5 * (W + W.T), q, mu, title)
 
 
 def _read_matrix(group: Any) -> Any:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -117,6 +118,13 @@ class MatrixCompliance:
         """This rank's rows as an array, shape (3 m, all columns); not to be changed."""
         rows: FloatArray = self.matrix.getDenseArray()
         return rows
+
+    def sparse(self) -> Any:
+        """This rank's rows as a sparse matrix, shape (3 m, all columns)."""
+        if self.matrix.getType() in (PETSc.Mat.Type.SEQDENSE, PETSc.Mat.Type.MPIDENSE, PETSc.Mat.Type.DENSE):
+            return scipy.sparse.csr_matrix(self.dense())
+        indptr, indices, data = self.matrix.getValuesCSR()
+        return scipy.sparse.csr_matrix((data, indices, indptr), shape=(3 * self.nodes, self.matrix.getSize()[1]))
 
 
 class MatrixFreeCompliance:

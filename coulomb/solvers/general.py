@@ -1,4 +1,6 @@
-"""Contact problems without a mesh: any symmetric positive definite A with b and slip bounds or friction."""
+"""Contact problems without a mesh: any symmetric positive definite or semidefinite A with b and slip bounds or
+friction.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +15,10 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from ..linalg.compliance import Compliance, MatrixCompliance
 from ..linalg.reductions import Reductions
-from .automatic import Automatic
 from .friction_problem import FrictionProblem, Solver
 from .interior_point import InteriorPoint
 from .laws import FrictionLaw
+from .matrix_automatic import MatrixAutomatic
 from .results import SolverResult
 from .rigid_motions import RigidMotions
 
@@ -72,7 +74,8 @@ def solve_coulomb(
         A: As for `solve_tresca`.
         b: As for `solve_tresca`.
         friction: Coefficient of every contact, >= 0; a number or shape (m,).
-        solver: Automatic() by default; InteriorPoint() or SuccessiveTresca().
+        solver: By default MatrixAutomatic(): the cone method where A is small, sparse or without full rank, else
+            Automatic(); InteriorPoint(), SuccessiveTresca() or ConeInteriorPoint().
         cohesion: Cohesion of every contact, >= 0, in units of force; a number or (m,).
         rigid: As for `solve_tresca`.
 
@@ -84,7 +87,7 @@ def solve_coulomb(
     coefficient = _for_each("friction", friction, compliance.nodes)
     law = FrictionLaw(_for_each("cohesion", cohesion, compliance.nodes), coefficient)
     problem = FrictionProblem(compliance, _numbers("b", b), law, rigid=_motions(rigid))
-    return (solver or Automatic()).solve(problem)
+    return (solver or MatrixAutomatic()).solve(problem)
 
 
 def _motions(rigid: RigidMotions | None) -> RigidMotions | None:

@@ -1,0 +1,82 @@
+"""The default solver where A is a matrix: by cones where A has no full rank or is sparse, as rigid bodies make it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from ..arrays import FloatArray
+from ..linalg.compliance import MatrixCompliance
+from .automatic import Automatic
+from .cone_interior_point import ConeInteriorPoint
+from .friction_problem import FrictionProblem
+from .results import ProgressCallback, SolverResult, check_constants
+
+_FEW = 150  # contacts up to which the cone method is the quicker one, whatever A
+_SPARSE = 0.25  # of the entries
+_DEFINITE = 1e-8  # smallest eigenvalue of a definite A, over the mean diagonal
+
+
+@dataclass(frozen=True)
+class MatrixAutomatic:
+    """`ConeInteriorPoint` for Coulomb's law if A is small, sparse, or not clearly positive definite; else `Automatic`.
+
+    The cone method factorises sparse matrices, or small dense ones, needs no full rank, and ends after a given amount
+    of work; where it fails the problem is refused, with the reason.  With a large, dense and definite A, that of an
+    elastic body, the Krylov methods of `InteriorPoint` are quicker.
+
+    Attributes:
+        tolerance: Residual at which to stop.
+
+    Raises:
+        ValueError: If the tolerance is not positive.
+    """
+
+    tolerance: float = 1e-8
+
+    name = "auto"
+
+    def __post_init__(self) -> None:
+        check_constants(self, (("tolerance", self.tolerance > 0.0, "> 0"),))
+
+    def solve(
+        self,
+        problem: FrictionProblem,
+        start: FloatArray | None = None,
+        *,
+        gradient: FloatArray | None = None,
+        tolerance: float | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> SolverResult:
+        """Solve a problem with friction; arguments and errors as those of `Solver.solve`."""
+        cones = ConeInteriorPoint(self.tolerance)
+        if cones.suits(problem) and problem.sloped and _for_cones(problem.A):
+            result = cones.solve(problem, start, tolerance=tolerance, progress=progress)
+            return replace(result, method=f"auto: {result.method}")
+        return Automatic(self.tolerance).solve(
+            problem, start, gradient=gradient, tolerance=tolerance, progress=progress
+        )
+
+
+def _for_cones(A: Any) -> bool:
+    """Whether a matrix is small, sparse, or not clearly positive definite."""
+    if not isinstance(A, MatrixCompliance):
+        return False
+    if A.nodes <= _FEW:
+        return True
+    matrix = A.sparse()
+    return bool(matrix.nnz <= _SPARSE * matrix.shape[0] ** 2 or not _definite(matrix.toarray()))
+
+
+def _definite(matrix: FloatArray) -> bool:
+    """Whether the smallest eigenvalue is clearly above zero, by a Cholesky factorisation."""
+    n, a = len(matrix), float(np.mean(np.diag(matrix)))
+    matrix[np.arange(n), np.arange(n)] -= _DEFINITE * a
+    try:
+        scipy.linalg.cholesky(matrix, overwrite_a=True, check_finite=False)
+    except scipy.linalg.LinAlgError:
+        return False
+    return True
