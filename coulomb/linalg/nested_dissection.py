@@ -22,11 +22,15 @@ from ..arrays import FloatArray
 
 Nodes = npt.NDArray[np.int64]
 
+_Pairs = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]
+
 LEAF = 80
-"""Largest number of nodes of a part that is not cut (60 to 150 take the same time)."""
+"""Largest number of nodes of a part that is not cut (30 to 80 take the same time)."""
 
 _PART = 0.01
 """Part of the nodes from which those that are coupled with no others are a body of their own."""
+
+_PARALLEL = 0.999  # component of a unit vector along an axis to which it is nearly parallel
 
 _BLOCK = 8  # nodes whose order along a separator is not changed
 
@@ -112,39 +116,60 @@ class _Tree:
     """Separators in the order of elimination: the nodes of each, and its children."""
 
     def __init__(self, graph: scipy.sparse.csr_matrix, points: FloatArray, leaf: int):
-        self.graph, self.points, self.leaf = graph, points, leaf
+        self.points, self.leaf = points, leaf
         self.own: list[Nodes] = []
         self.children: list[tuple[int, ...]] = []
-        self._side = np.zeros(len(points), dtype=np.int8)
+        row = np.repeat(np.arange(len(points), dtype=np.int32), np.diff(graph.indptr))
+        once = row < graph.indices
+        self._pairs = row[once], graph.indices[once].astype(np.int32)
 
     def grow(self, nodes: Nodes) -> tuple[int, ...]:
         """Cut these nodes down to the leaves; the number of their front, or nothing if there are no nodes."""
+        part = np.ones(len(self.points), dtype=np.int8)
+        part[nodes] = 0
+        return self._grow(nodes, _within(part, 0, nodes, self._pairs))
+
+    def _grow(self, nodes: Nodes, pairs: _Pairs) -> tuple[int, ...]:
+        """As `grow`, with the coupled pairs of these nodes by their places among them."""
         if len(nodes) == 0:
             return ()
-        parts = self._cut(nodes) if len(nodes) > self.leaf else None
-        low, high, own = parts or (nodes[:0], nodes[:0], nodes)
-        self.children.append(self.grow(low) + self.grow(high))
+        part = self._cut(nodes, pairs) if len(nodes) > self.leaf else None
+        own, below = nodes, tuple[int, ...]()
+        if part is not None:
+            low, high, separator = (np.flatnonzero(part == number) for number in range(3))
+            own = nodes[separator]
+            below = self._grow(nodes[low], _within(part, 0, low, pairs))
+            below += self._grow(nodes[high], _within(part, 1, high, pairs))
+        self.children.append(below)
         self.own.append(own)
         return (len(self.own) - 1,)
 
-    def _cut(self, nodes: Nodes) -> tuple[Nodes, Nodes, Nodes] | None:
-        """Two parts that are not coupled, and the smallest separator found between them; or None."""
-        coupled = self.graph[nodes]
-        row = np.repeat(np.arange(len(nodes)), np.diff(coupled.indptr))
-        best = None
+    def _cut(self, nodes: Nodes, pairs: _Pairs) -> npt.NDArray[np.int8] | None:
+        """0 and 1 for the nodes of two parts that are not coupled, 2 for the smallest separator found; or None."""
+        best, least = None, len(nodes)
         for high in halves(self.points[nodes]):
-            self._side[nodes] = np.where(high, 2, 1)
-            across = self._side[coupled.indices] == np.where(high, 1, 2)[row]
+            across = np.flatnonzero(high[pairs[0]] != high[pairs[1]])
             touching = np.zeros(len(nodes), dtype=bool)
-            touching[row[across]] = True
+            for ends in pairs:
+                touching[ends[across]] = True
             for separator in (touching & high, touching & ~high):
-                if best is None or np.count_nonzero(separator) < np.count_nonzero(best[1]):
-                    best = (high, separator)
-        self._side[nodes] = 0
+                count = int(np.count_nonzero(separator))
+                if best is None or count < least:
+                    best, least = (high, separator), count
         if best is None:
             return None
-        high, separator = best
-        return nodes[~high & ~separator], nodes[high & ~separator], nodes[separator]
+        part = best[0].astype(np.int8)
+        part[best[1]] = 2
+        return part
+
+
+def _within(part: npt.NDArray[np.int8], number: int, nodes: Nodes, pairs: _Pairs) -> _Pairs:
+    """Pairs of which both are in the part with a number, by their places among its nodes."""
+    place = np.empty(len(part), dtype=np.int32)
+    place[nodes] = np.arange(len(nodes), dtype=np.int32)
+    inside = part == number
+    both = np.flatnonzero(inside[pairs[0]] & inside[pairs[1]])
+    return place[pairs[0][both]], place[pairs[1][both]]
 
 
 def halves(x: FloatArray, low: float = 0.5) -> Iterator[npt.NDArray[np.bool_]]:
@@ -156,7 +181,10 @@ def halves(x: FloatArray, low: float = 0.5) -> Iterator[npt.NDArray[np.bool_]]:
     """
     centred = x - x.mean(axis=0)
     _, principal = np.linalg.eigh(centred.T @ centred)
-    for along in (*centred.T, centred @ principal[:, 2]):
+    axes = [*centred.T]
+    if np.max(np.abs(principal[:, 2])) < _PARALLEL:
+        axes.append(centred @ principal[:, 2])
+    for along in axes:
         extent = np.ptp(along)
         middle = int(low * (len(along) - 1))
         cut = np.partition(along, middle)[middle]
@@ -169,12 +197,15 @@ def halves(x: FloatArray, low: float = 0.5) -> Iterator[npt.NDArray[np.bool_]]:
 
 def _borders(graph: scipy.sparse.csr_matrix, own: list[Nodes], children: list[tuple[int, ...]]) -> list[Nodes]:
     """The border of every front, ascending."""
-    eliminated = np.zeros(graph.shape[0], dtype=bool)
+    left = np.ones(graph.shape[0], dtype=bool)  # not eliminated
     borders: list[Nodes] = []
+    starts, counts = graph.indptr[:-1], np.diff(graph.indptr)
     for nodes, below in zip(own, children, strict=True):
-        eliminated[nodes] = True
-        coupled = np.unique(np.concatenate([graph[nodes].indices, *(borders[child] for child in below)]))
-        borders.append(coupled[~eliminated[coupled]])
+        left[nodes] = False
+        count = counts[nodes]
+        entries = np.repeat(starts[nodes] - np.cumsum(count) + count, count) + np.arange(count.sum())
+        coupled = np.concatenate([graph.indices[entries], *(borders[child] for child in below)])
+        borders.append(np.unique(coupled[left[coupled]]))
     return borders
 
 

@@ -22,6 +22,12 @@ from .nested_dissection import Nodes
 _ACCURATE = 20
 """Products with K, of those that nothing is known about beforehand, that take as long as a factorisation of K."""
 
+_ENOUGH = 1e-2
+"""Error of L with which Newton steps are as good as with A; products at the iterates are accurate."""
+
+_RESIDUAL = 1e-7
+"""Accuracies below this are asked for where a residual is computed, not by Krylov methods."""
+
 
 class SchurCompliance:
     """A = B S^-1 B^T with S = L L^T the Schur complement of K on the contact nodes, a block per body; on one rank.
@@ -71,15 +77,23 @@ class SchurCompliance:
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         z = self._columns @ x
         self.products += 1
-        if not self.exact and tolerance < self._solver.error:
+        if not self._suffices(tolerance):
             self._reference.accurate += 1
             if self._reference.accurate > _ACCURATE:
                 self._solver.use_double()
-        if self.exact or tolerance >= self._solver.error:
+        if self._suffices(tolerance):
             y[:] = self._rows @ self._solved(z)
         else:
             alone = _Reference(self._solver, self._last, len(self._reference.u))
             y[:] = self._rows @ alone.renew(z, tolerance * float(np.linalg.norm(z)))
+
+    def _suffices(self, tolerance: float) -> bool:
+        """Whether products by L may be used where products of this accuracy are asked for.
+
+        The error of L is no noise: products by it are those by a matrix near to A, with which a Krylov method converges
+        as with A.
+        """
+        return self._solver.error <= (max(tolerance, _ENOUGH) if tolerance >= _RESIDUAL else tolerance)
 
     def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         z, known = self._columns @ x, self._reference
@@ -114,7 +128,10 @@ class SchurCompliance:
             return self._given_diagonal
         inverses = [_inverse_factor(L) for L, _ in self._blocks()]
         columns = [half[i:, i : i + 3] for half in inverses for i in range(0, len(half), 3)]
-        nodal = scipy.sparse.block_diag([c.T @ c for c in columns], format="csr")  # all that a row of B sees of S^-1
+        blocks = np.array([c.T @ c for c in columns], dtype=np.float64).reshape(-1, 3, 3)
+        each = np.arange(len(blocks) + 1)
+        whole = (len(self._last),) * 2
+        nodal = scipy.sparse.bsr_matrix((blocks, each[:-1], each), whole)  # all that a row of B sees of S^-1
         diagonal: FloatArray = np.asarray((self._rows @ nodal).multiply(self._rows).sum(axis=1)).ravel()
         return diagonal
 
@@ -141,8 +158,7 @@ class SchurCompliance:
         z, known = self._columns @ x, self._reference
         if self.exact:
             return self._solver.improved(f.array_r - known.forces(z), np.zeros_like(free), 0.0)[0]
-        known.renew(z, 0.0)
-        return self._solver.improved(f.array_r - known.forces(z), free - known.u, 0.0)[0]
+        return self._solver.improved(f.array_r - known.forces(z), free - known.u, 0.0)[0]  # u is near, or 0
 
 
 def _inverse_factor(L: Real) -> Real:
