@@ -9,7 +9,10 @@ from mpi4py import MPI
 
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box, join, moved
 from coulomb.fem.elasticity import Elasticity
+from coulomb.fem.facet_patch import facet_patch
 from coulomb.fem.joined_bodies import JoinedBodies
+from coulomb.fem.near_facets import near_pair
+from coulomb.fem.pair import pair_of
 from coulomb.linalg.stiffness import IterativeSolver
 
 STEEL, ALUMINIUM = Material(2.1e11, 0.3), Material(7e10, 0.33)
@@ -82,6 +85,55 @@ def test_a_pair_is_in_equilibrium(lower, upper):
     one, other = (np.array(answer.at_nodes.totals()["force"]) for answer in answers)
     assert np.linalg.norm(one - other) <= 1e-6 * np.linalg.norm(one)
     assert [one.name for one in solution.reactions] == ["clamp_lower:bottom", "clamp_upper:left"]
+
+
+def rings(over):
+    """Quarters of two rings in each other, whose meshes do not match, the outer one partly beside the inner one."""
+
+    def place(x, inner, shift):
+        r, angle = inner + 0.1 * x[0], 0.5 * np.pi * x[1]
+        return np.stack([r * np.cos(angle), r * np.sin(angle), 0.1 * (x[2] + shift)])
+
+    inside = box((1, 1, 1), (1, 9, 3), "hexahedron", over, lambda x: place(x, 0.1, 0.0), degree=2)
+    outside = box((1, 1, 1), (1, 7, 4), "tetrahedron", over, lambda x: place(x, 0.2, 0.29), degree=1)
+    return JoinedBodies(
+        {"in": Elasticity(inside, STEEL, [Clamp("bottom")]), "out": Elasticity(outside, ALUMINIUM, [Clamp("top")])}
+    )
+
+
+def contact_points(bodies, pair, over):
+    """Place, normal, gap, area and relative displacement in a given field of the contact points of all ranks."""
+    u = np.sin(1.0 + bodies.x @ np.array([[3.0, 1.0, 2.0], [2.0, 4.0, 1.0], [5.0, 1.0, 3.0]]))
+    relative = pair.points.average(u) - pair.points.opposite_average(u)
+    rows = np.concatenate(over.allgather(np.column_stack([pair.x, pair.n, pair.gap, pair.points.area, relative])))
+    return rows[np.lexsort(np.round(rows[:, :3].T, 9))]
+
+
+@pytest.mark.parametrize(
+    ("bodies", "face", "against"),
+    [
+        (rings, "out:left", "in:right"),
+        (rings, "in:right", "out:left"),
+        (lambda over: JoinedBodies(two(comm=over)), "upper:bottom", "lower:top"),
+    ],
+)
+def test_contact_points_are_those_of_one_rank(bodies, face, against):
+    """Each rank has the facets near its own nodes only."""
+    alone, together = bodies(MPI.COMM_SELF), bodies(MPI.COMM_WORLD)
+    one, other = pair_of(alone, face, against), pair_of(together, face, against)
+    expected, found = contact_points(alone, one, MPI.COMM_SELF), contact_points(together, other, MPI.COMM_WORLD)
+    assert found.shape == expected.shape and np.allclose(found, expected, rtol=0.0, atol=1e-12)
+    assert other.remarks == one.remarks and (bodies is not rings or one.remarks)
+
+
+def test_facets_far_away_stay_on_their_ranks():
+    """Of two long bars on each other a rank gets its part and what is beside it."""
+    comm = MPI.COMM_WORLD
+    lower, upper = (Elasticity(box((20.0, 1.0, 1.0), (n, 2, 1)), STEEL, [Clamp("left")]) for n in (80, 60))
+    patches = facet_patch(upper, upper.mesh.faces["bottom"]), facet_patch(lower, lower.mesh.faces["top"])
+    near = near_pair(*patches, (upper.numbering.local, lower.numbering.local), comm)
+    for every, face in ((120, near.slave), (160, near.master)):
+        assert len(face.patch) <= every / comm.size + (0 if comm.size == 1 else 0.35 * every)
 
 
 def test_a_face_against_itself_and_foundations_of_pairs_are_refused():

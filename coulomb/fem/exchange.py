@@ -95,9 +95,13 @@ def fetched(
         numbers: The rows that this rank needs, shape (k,).
         rows: This rank's rows.
     """
+    found: npt.NDArray[Any]
+    if comm.size == 1:
+        found = rows[numbers]
+        return found
     wanted, inverse = np.unique(numbers, return_inverse=True)
     ask = Exchange(comm, owner_of(starts, wanted))
-    found: npt.NDArray[Any] = ask.reply(rows[ask.send(wanted) - starts[comm.rank]])[inverse.ravel()]
+    found = ask.reply(rows[ask.send(wanted) - starts[comm.rank]])[inverse.ravel()]
     return found
 
 

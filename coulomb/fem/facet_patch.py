@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
 from ..arrays import FloatArray
 from . import compat
@@ -98,13 +97,22 @@ class FacetPatch:
         1/2 of the mean of ((x_k - x) . n_k) n_k.  0 of second-order facets, and at edges between facets that differ
         by more than about 50 degrees.
         """
+        normals = np.zeros((self.size, 3))
+        np.add.at(normals, self.nodes, np.broadcast_to(self.middle_vectors[:, None], self.x.shape))
+        return self.sagittas_with(normals[self.nodes])
+
+    @cached_property
+    def middle_vectors(self) -> FloatArray:
+        """`area_vectors` in the middles of the facets, shape (f, 3)."""
+        vectors: FloatArray = self.area_vectors(self.kind.points.mean(axis=0)[None])[:, 0]
+        return vectors
+
+    def sagittas_with(self, n: FloatArray) -> FloatArray:
+        """`sagittas` with the sums of `middle_vectors` of the facets around the nodes of each, shape (f, n, 3)."""
         if self.kind.degree == 2 or not len(self):
             return np.zeros(len(self))
-        area = self.area_vectors(self.kind.points.mean(axis=0)[None])[:, 0]
-        normals = np.zeros((self.size, 3))
-        np.add.at(normals, self.nodes, np.broadcast_to(area[:, None], self.x.shape))
-        n = normals[self.nodes]
-        n /= np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-300)
+        area = self.middle_vectors
+        n = n / np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-300)
         aslant = np.einsum("fki,fi->fk", n, area) < _CREASE * np.linalg.norm(area, axis=1)[:, None]
         away = np.einsum("fki,fki->fk", self.x - self.x.mean(axis=1, keepdims=True), n)
         sagittas: FloatArray = 0.5 * np.linalg.norm((away[:, :, None] * n).mean(axis=1), axis=1)
@@ -143,12 +151,4 @@ def facet_patch(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> Face
     inside = np.einsum("fi,fi->f", patch.area_vectors(kind.points[: kind.corners]).sum(axis=1), outward) < 0.0
     nodes, x = patch.nodes.copy(), x.copy()
     nodes[inside], x[inside] = nodes[inside][:, kind.mirrored], x[inside][:, kind.mirrored]
-    return replace(patch, nodes=nodes, x=x)
-
-
-def gathered(patch: FacetPatch, comm: MPI.Comm) -> FacetPatch:
-    """The facets of all ranks, in the order of the ranks; collective."""
-    if comm.size == 1:
-        return patch
-    nodes, x = (np.concatenate(comm.allgather(part)) for part in (patch.nodes, patch.x))
     return replace(patch, nodes=nodes, x=x)

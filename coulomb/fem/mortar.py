@@ -27,11 +27,36 @@ LEAST_SHARE = 0.2
 """Covered share of a node's area below which it is no contact point.  Measured at the edge of a master: with 0.05 the
 pressure at such nodes is up to ten times that of their neighbours, with 0.2 up to three times."""
 
-_RINGS = 4
+RINGS = 4
 """Rings of facets around those of a rank on which its contact points can depend."""
 
 _DEPTH = 0.25
 """Deepest penetration that is found, over the extent of the smaller face."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """How far the master is found from the slave, in metres.
+
+    Attributes:
+        depth: Behind it: initial penetration.
+        reach: Before it.
+    """
+
+    depth: float
+    reach: float
+
+    @classmethod
+    def of(cls, distance: float, one: float, other: float) -> Search:
+        """For faces at this distance from each other, with these extents."""
+        return cls(_DEPTH * min(one, other), distance + max(one, other))
+
+
+def search_of(slave: FacetPatch, master: FacetPatch) -> Search:
+    """For two faces, neither of them empty."""
+    extents = [float(np.linalg.norm(np.ptp(patch.x.reshape(-1, 3), axis=0))) for patch in (slave, master)]
+    tree = tree_of(master.x.mean(axis=1))
+    return Search.of(float(np.min(tree.query(slave.x.mean(axis=1))[0])), *extents)
 
 
 @dataclass(frozen=True)
@@ -73,19 +98,18 @@ def mortar_rows(
     owned: tuple[int, int],
     basis: Basis = "dual",
     left_out: IntArray | None = None,
-    reach: float | None = None,
+    search: Search | None = None,
 ) -> MortarRows:
     """The contact points whose nodes this rank owns; not collective.
 
     Args:
-        slave: The facets of the slave, of all ranks.
-        master: Those of the master.
-        owned: First global number of this rank's nodes, and the one after the last.
+        slave: The facets of the slave, of all ranks, or those in `RINGS` rings around this rank's nodes.
+        master: Those of the master, of all ranks, or those before these.
+        owned: First number of this rank's nodes, and the one after the last.
         basis: Of the contact forces, dual functions or hats.
-        left_out: Global numbers of slave nodes without a contact point, such as clamped ones; their functions are added
+        left_out: Numbers of slave nodes without a contact point, such as clamped ones; their functions are added
             to those of other nodes near.
-        reach: How far before the slave the master is found, in metres; by default the distance between the two faces
-            and the extent of the larger one.
+        search: How far before and behind the slave the master is found; by default that of these facets.
 
     Raises:
         ValueError: If the outward normals around a contact point cancel.
@@ -93,11 +117,9 @@ def mortar_rows(
     near = _around(slave, owned)
     if not len(near) or not len(master):
         return _none(slave.size, master.size)
-    extents = [float(np.linalg.norm(np.ptp(patch.x.reshape(-1, 3), axis=0))) for patch in (slave, master)]
-    if reach is None:
-        reach = _distance(slave, master) + max(extents)
+    search = search or search_of(slave, master)
     slave = slave.only(near)
-    parts = segments(slave, master, _DEPTH * min(extents), reach)
+    parts = segments(slave, master, search.depth, search.reach)
     nodes = slave.nodes[:, slave.multiplier_columns]
     found = multipliers(slave, parts, basis)
     mass = parts.mass.sum(axis=2)
@@ -118,15 +140,9 @@ def _around(slave: FacetPatch, owned: tuple[int, int]) -> IntArray:
     part."""
     seen = np.zeros(slave.size, dtype=bool)
     seen[owned[0] : owned[1]] = True
-    for _ in range(_RINGS):
+    for _ in range(RINGS):
         seen[slave.nodes[np.any(seen[slave.nodes], axis=1)]] = True
     return np.flatnonzero(np.any(seen[slave.nodes], axis=1))
-
-
-def _distance(slave: FacetPatch, master: FacetPatch) -> float:
-    """Least distance between the middles of facets of the two faces, metres."""
-    tree = tree_of(master.x.mean(axis=1))
-    return float(np.min(tree.query(slave.x.mean(axis=1))[0]))
 
 
 def _weak(nodes: IntArray, sizes: FloatArray, whole: FloatArray, gone: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

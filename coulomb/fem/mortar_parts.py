@@ -19,7 +19,7 @@ from .polygon_clipping import areas, clipped
 
 IntArray = npt.NDArray[np.int64]
 
-_FACING = -0.2
+FACING = -0.2
 """Largest product of the normals of two facets that are paired: they differ from opposite by less than 78 degrees."""
 
 _CELLS = 20_000
@@ -137,7 +137,7 @@ def _parts_of(at: IntArray, cells: Cells, others: Cells, tree: SphereTree, depth
     line, other = tree.before(cells.centre[at], cells.radius[at], cells.frames[at, 2], depth, reach)
     one = at[line]
     cosine = np.einsum("ki,ki->k", cells.frames[one, 2], others.area_vector[other]) / others.area[other]
-    line, one, other = (values[cosine < _FACING] for values in (line, one, other))
+    line, one, other = (values[cosine < FACING] for values in (line, one, other))
     window = cells.seen(at, cells.corners[at])[:, :, :2]
     low, high = window.min(axis=1, initial=np.inf)[line], window.max(axis=1, initial=-np.inf)[line]
     subject = cells.seen(one, others.corners[other])

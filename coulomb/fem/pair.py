@@ -20,8 +20,10 @@ from ..arrays import FloatArray
 from .contact_frames import FrictionAxes, supported_frames
 from .contact_points import ContactPoints, among_all
 from .deformable import Deformable
-from .facet_patch import FacetPatch, facet_patch, gathered
+from .exchange import Exchange, fetched, owner_of, starts_of
+from .facet_patch import FacetPatch, facet_patch
 from .mortar import LEAST_SHARE, MortarRows, mortar_rows
+from .near_facets import NearFace, NearPair, near_pair
 from .slave_side import clamped_nodes
 from .surface import ContactSurface, matrices_of
 from .symmetric_pair import distances, mirrored, planes_of_symmetry, within
@@ -86,27 +88,37 @@ def pair_of(
     comm = elasticity.comm
     (slave, on_slave), (master, on_master) = elasticity.face(face, "contact"), elasticity.face(against, "contact")
     body, numbering = slave.body, slave.body.numbering
-    patches = [facet_patch(one.body, facets) for one, facets in ((slave, on_slave), (master, on_master))]
+    patches = facet_patch(body, on_slave), facet_patch(master.body, on_master)
     clamped = clamped_nodes(body, on_slave)
     on_face = body.nodes_of(on_slave)
     twice = np.empty(0, dtype=np.int64) if taken is None else on_face[taken[slave.nodes][on_face]].astype(np.int64)
-    on_one, on_other = (gathered(patch, comm) for patch in patches)
-    left_out = np.concatenate(comm.allgather(numbering.first + np.union1d(clamped, twice)))
+    near = near_pair(patches[0], patches[1], (numbering.local, master.body.numbering.local), comm)
+    on_one, on_other = near.slave.patch, near.master.patch
+    starts = starts_of(comm, numbering.local)
+    on_slave_face = _on_face(patches[0], starts, comm)
+    gone = np.zeros(numbering.local, dtype=bool)
+    gone[np.union1d(clamped, twice)] = True
     if slave.body is master.body:  # at the tip of a crack the two faces cannot part
-        left_out = np.union1d(left_out, np.intersect1d(on_one.nodes, on_other.nodes))
-    owned = (numbering.first, numbering.first + numbering.local)
-    rows = on_all_ranks(lambda: mortar_rows(on_one, on_other, owned, left_out=left_out), f"contact face {face!r}", comm)
+        gone |= on_slave_face & _on_face(patches[1], starts, comm)
+    left_out = np.flatnonzero(fetched(comm, starts, near.slave.numbers, gone))
+    rows = on_all_ranks(
+        lambda: mortar_rows(on_one, on_other, near.owned, left_out=left_out, search=near.search),
+        f"contact face {face!r}",
+        comm,
+    )
     if comm.allreduce(len(rows.node), op=MPI.SUM) == 0:
-        nodes, what = len(np.unique(on_one.nodes)), f"contact face {face!r}"
-        if nodes and len(left_out) == nodes:
+        nodes, left, what = comm.allreduce(on_slave_face.sum()), comm.allreduce(gone.sum()), f"contact face {face!r}"
+        if nodes and left == nodes:
             raise ValueError(f"{what}: all of its nodes are clamped, or contact points of another face")
         raise ValueError(
             f"{what}: no part of it is opposite to {against!r}: the two must face each other, with outward normals in "
             "opposite directions"
         )
-    local = (rows.node - numbering.first).astype(np.int32)
-    points = ContactPoints(body, local, rows.area, rows.weights, _at_nodes(rows.weights, rows.node, comm))
-    opposite = among_all(rows.opposite, master, elasticity)
+    local = (near.slave.numbers[rows.node] - numbering.first).astype(np.int32)
+    weights = _numbered(rows.weights, near.slave, numbering.total)
+    points = ContactPoints(body, local, rows.area, weights, _at_nodes(rows.weights, rows.node, comm))
+    theirs = _numbered(rows.opposite, near.master, master.body.numbering.total)
+    opposite = among_all(theirs, master, elasticity)
     held = body.held.projector_at(local)
     planes = planes_of_symmetry(rows.normal, held, rows.node, on_one)
     n = within(rows.normal, planes)
@@ -117,26 +129,26 @@ def pair_of(
     if mirrors is not None:
         x = x + np.einsum("mij,mj->mi", mirrors, elasticity.x[points.nodes] - x)
     gap = distances(rows.opposite, on_other, rows.x, n)
-    rounding = _ROUNDING * float(np.max(np.abs(on_one.x)))
+    rounding = _ROUNDING * near.size
     gap = np.where(np.abs(gap) <= max(adjust, rounding), 0.0, gap)
     deepest = -float(comm.allreduce(float(np.min(gap, initial=0.0)), op=MPI.MIN))
-    seen = _SEEN * float(np.max(np.ptp(on_one.x.reshape(-1, 3), axis=0)))
+    seen = _SEEN * near.extent
     deepest = deepest if deepest > seen else 0.0
-    uncertain = _uncertainty(rows, gap, on_one, on_other, comm)
+    uncertain = _uncertainty(rows, gap, near, comm)
     uncertain = uncertain if uncertain > seen else 0.0
     remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), deepest, uncertain, comm)
     return Pair(face, against, points, x, n, gap, held, remarks)
 
 
-def _uncertainty(rows: MortarRows, gap: FloatArray, slave: FacetPatch, master: FacetPatch, comm: MPI.Comm) -> float:
+def _uncertainty(rows: MortarRows, gap: FloatArray, pair: NearPair, comm: MPI.Comm) -> float:
     """Largest distance in metres of the facets, where the two faces are near, from smooth faces for which they may
     stand; 0 if all gaps are 0, as of matching meshes; collective."""
-    largest = max(float(patch.sagittas.max(initial=0.0)) for patch in (slave, master))
+    largest = max(pair.slave.largest_sagitta, pair.master.largest_sagitta)
     near = (gap != 0.0) & (np.abs(gap) < 2.0 * largest)
     here = 0.0
-    for patch, nodes in ((slave, rows.node[near]), (master, rows.opposite[near].indices)):
-        there = np.any(np.isin(patch.nodes, nodes), axis=1)
-        here = max(here, float(patch.sagittas[there].max(initial=0.0)))
+    for one, nodes in ((pair.slave, rows.node[near]), (pair.master, rows.opposite[near].indices)):
+        there = np.any(np.isin(one.patch.nodes, nodes), axis=1)
+        here = max(here, float(one.sagittas[there].max(initial=0.0)))
     return float(comm.allreduce(here, op=MPI.MAX))
 
 
@@ -170,6 +182,19 @@ def _remarks(
             "where coarse meshes of a curved face are the cause, refine them, or close it by adjust"
         )
     return tuple(f"contact face {face!r}: {text}" for text in found)
+
+
+def _on_face(patch: FacetPatch, starts: npt.NDArray[np.int64], comm: MPI.Comm) -> npt.NDArray[np.bool_]:
+    """Which of this rank's nodes are on facets of any rank; collective."""
+    nodes = np.unique(patch.nodes)
+    found = np.zeros(int(starts[comm.rank + 1] - starts[comm.rank]), dtype=bool)
+    found[Exchange(comm, owner_of(starts, nodes)).send(nodes) - starts[comm.rank]] = True
+    return found
+
+
+def _numbered(rows: scipy.sparse.csr_matrix, face: NearFace, total: int) -> scipy.sparse.csr_matrix:
+    """Rows over the nodes of a face near as rows over all nodes of the body."""
+    return scipy.sparse.csr_matrix((rows.data, face.numbers[rows.indices], rows.indptr), shape=(rows.shape[0], total))
 
 
 def _at_nodes(weights: scipy.sparse.csr_matrix, node: npt.NDArray[np.int64], comm: MPI.Comm) -> bool:
