@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -48,6 +49,7 @@ class DisplacementSpace:
         self._test = ufl.TestFunction(self.V)
         self._owned = self.V.dofmap.index_map.size_local
         self.x = self._coordinates()
+        self._integrals: dict[tuple[str, bytes], FloatArray] = {}
 
     @property
     def comm(self) -> MPI.Comm:
@@ -105,14 +107,31 @@ class DisplacementSpace:
         return cell, np.asarray(columns)[number]
 
     def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
-        """Integral of every hat function over boundary facets in m^2, this rank's nodes, shape (k,)."""
-        one = self.function(np.ones((self._owned, 3)))
-        return self._assemble(fem.form(ufl.inner(one, self._test) * self.measure(facets)))[:, 0]
+        """Integral of every hat function over boundary facets in m^2, this rank's nodes, shape (k,); collective."""
+
+        def area() -> FloatArray:
+            one = self.function(np.ones((self._owned, 3)))
+            return self._assemble(fem.form(ufl.inner(one, self._test) * self.measure(facets)))[:, 0]
+
+        return self._integral("area", facets, area)
 
     def normal_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
-        """Integral of the outward normal against every hat function over boundary facets, m^2, shape (k, 3)."""
-        n = ufl.FacetNormal(self.domain)
-        return self._assemble(fem.form(ufl.inner(n, self._test) * self.measure(facets)))
+        """Integral of the outward normal against every hat function over boundary facets, m^2, shape (k, 3);
+        collective."""
+
+        def normal() -> FloatArray:
+            n = ufl.FacetNormal(self.domain)
+            return self._assemble(fem.form(ufl.inner(n, self._test) * self.measure(facets)))
+
+        return self._integral("normal", facets, normal)
+
+    def _integral(self, name: str, facets: npt.NDArray[np.int32], compute: Callable[[], FloatArray]) -> FloatArray:
+        """An integral over boundary facets of the undeformed mesh, computed once: load steps ask for it again and
+        again; collective."""
+        key = (name, facets.tobytes())
+        if not self.comm.allreduce(key in self._integrals, op=MPI.LAND):
+            self._integrals[key] = compute()
+        return self._integrals[key].copy()
 
     def positive_weights(self, facets: npt.NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
         """Area and outward normal around this rank's nodes: integrals over boundary facets in m^2, shapes (k,), (k, 3).
@@ -189,12 +208,21 @@ class DisplacementSpace:
 
         At the cells' midpoints in first order, in second order at their corners, where bending is largest.
         """
-        W = compat.functionspace(self.domain, self.degree - 1, family="DG")
-        size, slope = fem.Function(W), ufl.grad(self.function(u))
-        size.interpolate(fem.Expression(ufl.sqrt(ufl.inner(slope, slope)), compat.interpolation_points(W)))
+        displacement, size, expression = self._gradient
+        displacement.x.array[: 3 * self._owned] = u.ravel()
+        displacement.x.scatter_forward()
+        size.interpolate(expression)
         values = size.x.array
         # nan is propagated, which a reduction by MPI.MAX does not guarantee
         return float(np.max(self.domain.comm.allgather(float(np.max(values, initial=0.0)))))
+
+    @cached_property
+    def _gradient(self) -> tuple[Any, Any, Any]:
+        """A displacement, the size of its gradient, and the expression of that in the displacement."""
+        W, displacement = compat.functionspace(self.domain, self.degree - 1, family="DG"), fem.Function(self.V)
+        slope = ufl.grad(displacement)
+        size = fem.Expression(ufl.sqrt(ufl.inner(slope, slope)), compat.interpolation_points(W))
+        return displacement, fem.Function(W), size
 
     def _coordinates(self) -> FloatArray:
         """Of this rank's nodes, exactly those of the mesh: DOLFINx's tabulated ones have rounding errors, so that

@@ -64,7 +64,7 @@ class Acceptance:
                 if not over.all(np.array_equal(force, x)):
                     u = problem.moved(problem.displacement(force), alpha)
             with timed(problem.seconds, "certificate"):
-                last = (x.copy(), alpha.copy(), Judged(force, u, judge(problem.evidence(force, u))))
+                last = (x.copy(), alpha.copy(), Judged(force, u, judge(problem.evidence(force, u, problem.before))))
             self._last = last
         return last[2]
 

@@ -22,11 +22,13 @@ from ..fem.unjoined_parts import unjoined_parts
 from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver
 from ..linalg.methods import LinearSolver, chosen
 from ..linalg.multifrontal import MultifrontalSolver
+from ..linalg.reductions import Reductions
 from ..linalg.stiffness import StiffnessSolver
 from .accumulated import Accumulated
 from .contact import Contact
 from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
+from .evidence import unit_rounding_forces
 from .probes import LocatedProbes, Part, Probe
 from .rigid_contact import refuse_untouched
 from .state import Before, ContactState
@@ -105,6 +107,7 @@ class ContactBody:
         self.linear_solver, self.explicit = chosen(
             self.unknowns["displacement"], self.interface, self.comm.size, linear_solver, explicit
         )
+        self._rounding: tuple[object, FloatArray] | None = None
         self._stiffness = ContactStiffness(
             self.elasticity, self._reference, self.linear_solver, self.explicit, self.seconds
         )
@@ -242,6 +245,13 @@ class ContactBody:
         return ContactState(
             elasticity, elasticity.at(time), motions, spins, surface, law, slip_rate, origin, accumulated
         )
+
+    def rounding_forces(self, elasticity: Deformable, u: FloatArray) -> FloatArray:
+        """`evidence.rounding_forces` of this body in a state, whose pattern is computed once unless the stiffness
+        changes; collective."""
+        if self._rounding is None or self._rounding[0] is not elasticity.K:
+            self._rounding = elasticity.K, unit_rounding_forces(elasticity)
+        return Reductions(self.comm).max(np.abs(u)) * self._rounding[1]
 
     # --- K^-1 and A ---------------------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from ..fem.surface import ContactSurface
 from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance
 from ..linalg.distributed_compliance import DistributedSchurCompliance
 from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver
+from ..linalg.kept_responses import KeptResponses
 from ..linalg.methods import LinearSolver
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.schur_compliance import SchurCompliance
@@ -50,6 +51,7 @@ class ContactStiffness:
 
     Attributes:
         elasticity: The body.
+        responses: Displacements without contact under the loads so far.
 
     Raises:
         ValueError: On every rank, when K^-1 is first needed, if K is not positive definite.
@@ -65,6 +67,7 @@ class ContactStiffness:
     ):
         self.elasticity, self._reference = elasticity, reference
         self._linear_solver, self._explicit, self._seconds = linear_solver, explicit, seconds
+        self.responses = KeptResponses(elasticity.comm)
 
     @property
     def solver(self) -> StiffnessSolver:

@@ -22,7 +22,7 @@ from ..fem.surface import way_along
 from ..fem.user_values import on_all_ranks
 from ..solvers.laws import FrictionLaw
 from .contact_body import ContactBody
-from .evidence import Evidence, pair_actions, rounding_forces
+from .evidence import Evidence, pair_actions
 from .nodal_answer import closure
 from .state import Before, ContactState
 
@@ -97,7 +97,7 @@ def gather_evidence(
         closure=np.concatenate([closed, np.zeros((len(stray), 3))]),
         gap=np.concatenate([gap, none]),
         bound=np.concatenate([bound, none]),
-        rounding=rounding_forces(elasticity, u),
+        rounding=body.rounding_forces(elasticity, u),
         compliance=compliance,
         blocked=elasticity.blocked_displacement(state.loading),
         averaged=not points.nodal,

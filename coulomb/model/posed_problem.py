@@ -46,6 +46,8 @@ class PosedProblem:
         small_strain: What becomes of an answer outside the theory, "enforce" or "warn".
         started: Date and time when it was set up.
         seconds: Wall time of each phase so far.
+        before: End of the load step before, from which the certificate measures slip; by default from the state's
+            `slip_origin`.
 
     Attributes:
         body: The argument, as all of them.
@@ -53,13 +55,20 @@ class PosedProblem:
         small_strain: The argument.
         started: The argument.
         seconds: The argument.
+        before: The argument.
     """
 
     def __init__(
-        self, body: ContactBody, state: ContactState, small_strain: str, started: datetime, seconds: dict[str, float]
+        self,
+        body: ContactBody,
+        state: ContactState,
+        small_strain: str,
+        started: datetime,
+        seconds: dict[str, float],
+        before: Before | None = None,
     ):
         self.body, self.state, self.small_strain = body, state, small_strain
-        self.started, self.seconds = started, seconds
+        self.started, self.seconds, self.before = started, seconds, before
 
     @property
     def comm(self) -> MPI.Comm:
@@ -185,15 +194,20 @@ class PosedProblem:
     @cached_property
     def _free_displacement(self) -> FloatArray:
         """K^-1 f in metres, this rank's nodes, shape (k, 3): the displacement without contact."""
-        u, solver = self.elasticity.K.createVecRight(), self.stiffness.solver
-        with timed(self.seconds, "displacement"):
+        solver = self.stiffness.solver
+
+        def solved() -> FloatArray:
+            u = self.elasticity.K.createVecRight()
             with explained(self.elasticity):
                 solver.solve(self.f, u)
             values = self._with_prescribed(u.array.reshape(-1, 3))
+            u.destroy()
             if solver.tolerance > 0.0:  # errors of a factorised K cancel with those of A, from the same factors
                 values = self._refined(values, np.zeros_like(values))
-        u.destroy()
-        return values
+            return values
+
+        with timed(self.seconds, "displacement"):
+            return self.stiffness.responses.response(self.f.array_r, self.loading.prescribed, solved)
 
     def _with_prescribed(self, u: FloatArray) -> FloatArray:
         """u with exactly the prescribed displacements, which a solver holds to its tolerance only; shapes (k, 3)."""

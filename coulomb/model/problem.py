@@ -139,7 +139,6 @@ class ContactProblem(PosedProblem):
         with timed(body.seconds, "assembly"):
             state = body.state(time)
         super().__init__(body, state, mode, started, body.seconds)
-        self._before: Before | None = None
 
     def at(self, time: float, before: Before | None = None) -> ContactProblem:
         """The problem at another time with the same body, K^-1 and A; collective.
@@ -193,7 +192,7 @@ class ContactProblem(PosedProblem):
                 reached; `solution(error.result)` is the best answer.
         """
         if self.elasticity.outdated(self.loading):
-            return self.at(self.time, self._before).solve(tolerance, solver, progress, start)
+            return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
         refuse_without_equilibrium(self)
         problem = self.friction_problem  # K^-1, A and b are timed separately
         chosen = solver or Automatic(tolerance)
@@ -225,8 +224,7 @@ class _InState(ContactProblem):
     def __init__(
         self, of: ContactProblem, state: ContactState, seconds: dict[str, float], before: Before | None = None
     ):
-        PosedProblem.__init__(self, of.body, state, of.small_strain, of.started, seconds)
-        self._before = before
+        PosedProblem.__init__(self, of.body, state, of.small_strain, of.started, seconds, before)
 
 
 def _contacts(given: object) -> tuple[Contact, ...]:

@@ -67,18 +67,19 @@ def _of_part(
     turnover = worst(sum(over.sum(lengths(part)) for part in outer), ROUNDING * over.sum(lengths(e.rounding[here])))
     turnover = worst(turnover, least)
     ground = np.zeros_like(modes) if e.ground is None else of_part(e.ground, e.x, here, e.comm)
-    borne = np.einsum("kcj,kc->kj", ground, u)  # work of the internal forces on the motions, node by node
-    sums = over.total(np.einsum("kcj,kc->j", modes, outer.sum(axis=0)) - borne.sum(axis=0))
+    rows = modes.reshape(-1, modes.shape[2])  # products of matrices take a tenth of the time of sums over nodes
+    borne = ground.reshape(rows.shape).T @ u.ravel()  # work of the internal forces on the motions
+    sums = over.total(rows.T @ outer.sum(axis=0).ravel() - borne)
     balance = ratio(worst(*np.abs(sums)), turnover)
 
-    weights = over.total(np.einsum("kci,kcj->ij", modes, held.held_part(modes)))
-    stiffness = over.total(np.einsum("kci,kc,kcj->ij", modes, spring, modes))
-    stiffness += over.total(np.einsum("kci,kcj->ij", modes, ground))
+    weights = over.total(rows.T @ held.held_part(modes).reshape(rows.shape))
+    stiffness = over.total(rows.T @ (spring.reshape(-1, 1) * rows))
+    stiffness += over.total(rows.T @ ground.reshape(rows.shape))
     if not (np.all(np.isfinite(sums)) and np.all(np.isfinite(weights)) and np.all(np.isfinite(stiffness))):
         return balance, math.nan
     free = null_space(weights, 1e-13 * count)
-    resisted = over.total(np.einsum("kci,kc,kcj->ij", modes, 1.0 * (spring > 0.0), modes))
-    resisted += over.total(np.einsum("kci,kcj->ij", modes, ground / (over.max(np.abs(ground)) or 1.0)))
+    resisted = over.total(rows.T @ (1.0 * (spring.reshape(-1, 1) > 0.0) * rows))
+    resisted += over.total(rows.T @ (ground / (over.max(np.abs(ground)) or 1.0)).reshape(rows.shape))
     loose = free @ null_space(free.T @ resisted @ free, 1e-10 * worst(float(np.trace(resisted)), 1.0))
     free = _besides(free, loose)
     stiff, vectors = np.linalg.eigh(free.T @ stiffness @ free)

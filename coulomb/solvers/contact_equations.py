@@ -73,6 +73,15 @@ class ContactEquations:
     d_n: FloatArray
     d_t: FloatArray
 
+    def opened(self, x: FloatArray, w: FloatArray) -> FloatArray:
+        """Forces x with exactly the lower bound at nodes that are open, and no friction where there it has no bound;
+        newtons and metres, shapes (m, 3)."""
+        open_nodes = x[:, 0] - w[:, 0] / self.d_n <= self.lower
+        after = x.copy()
+        after[open_nodes, 0] = self.lower[open_nodes]
+        after[open_nodes & (self.law.radius(after[:, 0]) == 0.0), 1:] = 0.0
+        return after
+
     def at(self, x: FloatArray, w: FloatArray) -> ContactDerivative:
         """The equations at forces x with w = A x - b, newtons and metres, shapes (m, 3)."""
         m, e2 = len(x), np.eye(2)

@@ -70,7 +70,7 @@ class SemismoothNewton:
     falls: float = 0.9
     forcing: float = 0.1
     rank: int = 100
-    updated_from: int = 8
+    updated_from: int = 12
     start_product: float = 1e-3
     finer: float = 1e-3
 
@@ -207,6 +207,7 @@ class _Iteration(ProductImages):
             if residual <= goal.residual * (
                 self._finer if step == 0 else 1.0
             ):  # A x may be inexact: decide with the most accurate product
+                x = self._equations.opened(x, self._w(A_x, alpha))  # without rounding errors at open nodes
                 A_x = self.exact_product(x)
                 residual = self._residual(x, A_x, alpha)
                 reached = goal.reached(
