@@ -93,7 +93,7 @@ class LowRankApproximation:
         T = _inverse_root(self._gram(X, Y))  # ... then X^T A X = I, so that Nyström's is Y Y^T; truncated by its size
         X, Y = X @ T, Y @ T
         size, V = np.linalg.eigh(self._gram(Y, Y))
-        V = V[:, ::-1][:, : self._rank]
+        V = np.ascontiguousarray(V[:, ::-1][:, : self._rank])  # of a reversed view products take ten times as long
         self._X, self.U = X @ V, Y @ V
         self._set_rest()
 

@@ -56,7 +56,7 @@ class SemismoothNewton:
         forcing: Largest relative residual of a Newton system; it falls with the residual of the problem.
         rank: Columns of the low-rank approximation of A in the preconditioner.
         updated_from: Krylov iterations of a step from which on the approximation is brought up to date.
-        start_product: Relative accuracy of the products that compare starts, if a product is a solve.
+        product: If a product is a solve, its accuracy at iterates, relative to the change, and the best in a Krylov method.
         finer: With exact products, steps are computed to this part of the tolerance, and a start is an answer only
             below it: nodes that stick then have no slip beyond rounding, and no work of either sign.
 
@@ -71,7 +71,7 @@ class SemismoothNewton:
     forcing: float = 0.1
     rank: int = 100
     updated_from: int = 12
-    start_product: float = 1e-3
+    product: float = 1e-3
     finer: float = 1e-3
 
     name = "semismooth Newton"
@@ -170,11 +170,11 @@ class _Iteration(ProductImages):
         for forces in starts:
             x = forces.reshape(-1, 3).copy()
             x[~self._problem.frictional, 1:] = 0.0
-            A_x = self._scaled.mult(x, self._settings.start_product)
+            A_x = self._scaled.mult(x, self._settings.product)
             found.append((self._residual(x, A_x, self._closing(x, A_x)), x, A_x))
         _, x, A_x = min(found, key=lambda one: one[0] if one[0] == one[0] else math.inf)
         if not self._problem.A.exact:
-            A_x = self.start(x, self._settings.start_product)
+            A_x = self.start(x, self._settings.product)
         return x, A_x, self._closing(x, A_x)
 
     def _closing(self, x: FloatArray, A_x: FloatArray) -> FloatArray:
@@ -233,7 +233,7 @@ class _Iteration(ProductImages):
                 break
             dx, A_dx, dalpha, iterations = self._solved(at, x, residual)
             x, alpha = x + dx, alpha + dalpha
-            A_x = self.advance(x, A_x + A_dx, 1.0, self._accuracy)
+            A_x = self.advance(x, A_x + A_dx, 1.0, settings.product)
         if not reached:
             A_x = self.exact_product(x)
         return self._result(x, A_x, alpha, history, status)
@@ -258,7 +258,7 @@ class _Iteration(ProductImages):
         share = min(settings.forcing, max(residual, 1e-6))
         least = 0.1 * self._finer * min(self._goal.residual, residual)
         enough = max(share * size, least * over.norm(x))
-        self._accuracy = min(max(enough / size, 1e-3), settings.forcing) if size > 0.0 else settings.forcing
+        self._accuracy = min(max(enough / size, settings.product), settings.forcing) if size > 0.0 else settings.forcing
         dx, moved, dalpha, iterations = self._krylov.solve(-at.value, np.zeros_like(x), enough, r3)
         if iterations >= settings.updated_from or self._A.U.shape[1] == 0:
             self._A.update()
