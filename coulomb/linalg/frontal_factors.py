@@ -111,8 +111,8 @@ class FrontalFactors:
         x = (rhs[self._order] * (1.0 / size)).astype(self.dtype).ravel()
         parts = list(zip(self.heads, self.below, self._borders, self._ends, strict=True))
         for head, below, border, end in parts:
-            if len(head):
-                own = slice(end - len(head), end)
+            own = slice(end - len(head), end)
+            if len(head) and x[own].any():  # contact forces act on the last fronts alone
                 x[own] = y = trsv(head, x[own], lower=1)
                 if len(border):
                     x[border] -= below @ y

@@ -157,6 +157,8 @@ class SchurCompliance:
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
         z, known = self._columns @ x, self._reference
         if self.exact:
+            if np.all(np.isfinite(free)):  # forces on contact nodes need no forward substitution
+                return free - self._solver.improved(known.forces(z), np.zeros_like(free), 0.0)[0]
             return self._solver.improved(f.array_r - known.forces(z), np.zeros_like(free), 0.0)[0]
         return self._solver.improved(f.array_r - known.forces(z), free - known.u, 0.0)[0]  # u is near, or 0
 

@@ -36,6 +36,9 @@ from .stopwatch import timed
 
 _log = logging.getLogger(__name__)
 
+_DOUBLE_UP_TO = 50_000
+"""Displacement unknowns up to which load histories take factors in double precision: half a gigabyte."""
+
 
 @dataclass(frozen=True)
 class _Positioned:
@@ -266,6 +269,11 @@ class ContactBody:
     def stiffness_solver(self) -> StiffnessSolver:
         """K^-1 of `elasticity`."""
         return self.stiffness(self.elasticity).solver
+
+    def expect_many_solves(self) -> None:
+        """Prepare for a load history: see `ContactStiffness.expect_many_solves`."""
+        if self.unknowns["displacement"] <= _DOUBLE_UP_TO:
+            self._stiffness.expect_many_solves()
 
     def stiffness(self, elasticity: Deformable, seconds: dict[str, float] | None = None) -> ContactStiffness:
         """K^-1 and A of this body with the coefficients of a state; those of the last state asked for are kept.

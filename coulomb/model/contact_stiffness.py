@@ -67,7 +67,12 @@ class ContactStiffness:
     ):
         self.elasticity, self._reference = elasticity, reference
         self._linear_solver, self._explicit, self._seconds = linear_solver, explicit, seconds
-        self.responses = KeptResponses(elasticity.comm)
+        self.responses, self._many = KeptResponses(elasticity.comm), False
+
+    def expect_many_solves(self) -> None:
+        """Factorise K in double precision, if it is factorised with the contact nodes last and has not yet been: then
+        all products by A are exact, and a solve is one substitution in place of an iteration."""
+        self._many = True
 
     @property
     def solver(self) -> StiffnessSolver:
@@ -77,9 +82,11 @@ class ContactStiffness:
     @cached_property
     def _contact_last(self) -> MultifrontalSolver | DistributedMultifrontalSolver:
         """K^-1 with the contact nodes eliminated last, which gives A."""
-        kind = MultifrontalSolver if self.elasticity.comm.size == 1 else DistributedMultifrontalSolver
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
-            return kind(self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows)
+            given = (self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows)
+            if self.elasticity.comm.size == 1:
+                return MultifrontalSolver(*given, single=False if self._many else None)
+            return DistributedMultifrontalSolver(*given)
 
     @cached_property
     def _any_order(self) -> StiffnessSolver:

@@ -56,7 +56,8 @@ class SemismoothNewton:
         forcing: Largest relative residual of a Newton system; it falls with the residual of the problem.
         rank: Columns of the low-rank approximation of A in the preconditioner.
         updated_from: Krylov iterations of a step from which on the approximation is brought up to date.
-        product: If a product is a solve, its accuracy at iterates, relative to the change, and the best in a Krylov method.
+        product: If a product is a solve, its accuracy at iterates, relative to the change, and the best in a Krylov
+            method.
         finer: With exact products, steps are computed to this part of the tolerance, and a start is an answer only
             below it: nodes that stick then have no slip beyond rounding, and no work of either sign.
 
