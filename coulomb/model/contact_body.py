@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -28,7 +29,7 @@ from .accumulated import Accumulated
 from .contact import Contact
 from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
-from .evidence import unit_rounding_forces
+from .evidence import rounding_forces
 from .probes import LocatedProbes, Part, Probe
 from .rigid_contact import refuse_untouched
 from .state import Before, ContactState
@@ -110,7 +111,7 @@ class ContactBody:
         self.linear_solver, self.explicit = chosen(
             self.unknowns["displacement"], self.interface, self.comm.size, linear_solver, explicit
         )
-        self._rounding: tuple[object, FloatArray] | None = None
+        self._rounding: tuple[object, float, FloatArray] | None = None
         self._stiffness = ContactStiffness(
             self.elasticity, self._reference, self.linear_solver, self.explicit, self.seconds
         )
@@ -250,11 +251,13 @@ class ContactBody:
         )
 
     def rounding_forces(self, elasticity: Deformable, u: FloatArray) -> FloatArray:
-        """`evidence.rounding_forces` of this body in a state, whose pattern is computed once unless the stiffness
-        changes; collective."""
-        if self._rounding is None or self._rounding[0] is not elasticity.K:
-            self._rounding = elasticity.K, unit_rounding_forces(elasticity)
-        return Reductions(self.comm).max(np.abs(u)) * self._rounding[1]
+        """`evidence.rounding_forces` of this body in a state; they are proportional to the largest displacement, and
+        computed anew only where the stiffness changes; collective."""
+        motion = Reductions(self.comm).max(np.abs(u))
+        if self._rounding is None or self._rounding[0] is not elasticity.K or not 0.0 < self._rounding[1] < math.inf:
+            self._rounding = elasticity.K, motion, rounding_forces(elasticity, u)
+        forces: FloatArray = self._rounding[2] * (motion / self._rounding[1] if motion != self._rounding[1] else 1.0)
+        return forces
 
     # --- K^-1 and A ---------------------------------------------------------------------------------------------
 
