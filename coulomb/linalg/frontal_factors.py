@@ -108,7 +108,7 @@ class FrontalFactors:
         """K^-1 rhs, shapes (n, 3), in this precision."""
         trsv = _ROUTINES[self.dtype][3]
         size = float(np.max(np.abs(rhs), initial=0.0)) or 1.0  # single precision has a small range
-        x = (rhs[self._order] * (1.0 / size)).astype(self.dtype).ravel()
+        x = (rhs[self._order] / size).astype(self.dtype).ravel()
         parts = list(zip(self.heads, self.below, self._borders, self._ends, strict=True))
         for head, below, border, end in parts:
             own = slice(end - len(head), end)
