@@ -139,16 +139,16 @@ def test_a_slow_machine_takes_longer():
         assert thrice.memory == once.memory
 
 
-def test_without_mumps_the_choice_is_multigrid_where_mumps_would_be_needed(monkeypatch):
+def test_mumps_is_needed_on_several_ranks_alone(monkeypatch):
     monkeypatch.setattr(
         "coulomb.linalg.methods.PETSc", type("P", (), {"Sys": type("S", (), {"hasExternalPackage": lambda _: False})})
     )
-    assert chosen(40_000, 10_001, 1, None, None) == (IterativeSolver, False)
-    for asked in ((2, DirectSolver, False), (1, DirectSolver, False)):
-        with pytest.raises(ValueError, match="without MUMPS"):
-            chosen(100, 30, *asked)
-    problem = make_block(2)  # the Schur complement needs none
-    assert problem.body.explicit and problem.solve().certificate.passed
+    with pytest.raises(ValueError, match="without MUMPS"):
+        chosen(100, 30, 2, DirectSolver, False)
+    assert chosen(40_000, 10_001, 1, None, None) == (DirectSolver, False)
+    problem = make_block(2, linear_solver=DirectSolver, explicit=False)
+    assert "nested dissection" in problem.body.stiffness_method
+    assert problem.solve().certificate.passed
 
 
 def test_the_choice_by_size():

@@ -19,7 +19,6 @@ from wrong_input import (
     run,
     turn_cell,
     twenty_nodes,
-    without_mumps,
 )
 
 NODES = "*NODE\n" + "".join(f"{i}, {x}, {y}, {z}\n" for i, (x, y, z) in enumerate(np.ndindex(2, 2, 2), start=1))
@@ -199,13 +198,6 @@ RESOURCES = (
         (*run("mesh.cells=[100000,100000,100000]"), "--force"),
         r"too many unknowns: a mesh of 100000 x 100000 x 100000 cells .* PETSc reach \d+; take fewer cells",
         library="this PETSc counts",
-    ),
-    Wrong(
-        "a factorisation without MUMPS",
-        run("solver={linear_solver='direct', compliance='matrix-free'}"),
-        r"this PETSc was built without MUMPS, which factorises K on several ranks and where A is not formed: leave .* "
-        r'at "auto", which then is multigrid',
-        patch=without_mumps,
     ),
     Wrong(
         "a disk without room for the results",

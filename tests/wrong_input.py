@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from unittest import mock
 
 import h5py
@@ -144,11 +143,6 @@ def cut(path):
 def without_field():
     with h5py.File("results/contact.h5", "r+") as file:
         del file["Function/face"]
-
-
-def without_mumps():
-    system = SimpleNamespace(hasExternalPackage=lambda name: name != "mumps")
-    return mock.patch("coulomb.linalg.methods.PETSc", SimpleNamespace(Sys=system))
 
 
 def memory(free):

@@ -143,7 +143,6 @@ class MatrixFreeCompliance:
 
     def __init__(self, B: PETSc.Mat, K: PETSc.Mat, solver: StiffnessSolver, probes: int = 4):
         self.B, self.K, self._solver = B, K, solver
-        self.exact = solver.tolerance == 0.0
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
         self.products, self.learnt = 0, LearntColumns()
@@ -175,6 +174,10 @@ class MatrixFreeCompliance:
         self.B.mult(self._last, self._x)
         y[:] = self._x.array_r
         self.products += 1
+
+    @property
+    def exact(self) -> bool:
+        return self._solver.exact
 
     @property
     def matrix_free(self) -> MatrixFreeCompliance:

@@ -85,6 +85,7 @@ class DistributedMultifrontalSolver:
 
     name = "direct (nested dissection, shared fronts, LAPACK Cholesky)"
     method = "direct (nested dissection, shared fronts)"
+    exact = True
     tolerance = 0.0
     iterations = 0
 

@@ -21,8 +21,8 @@ def chosen(
     """The solver for K, and whether A is formed.
 
     A is formed by `multifrontal.MultifrontalSolver` on one rank and by `DistributedMultifrontalSolver` on several.
-    Where A is not formed, K is factorised by MUMPS, on several ranks only if the user chooses it: each solve waits for
-    all ranks several times.
+    Where A is not formed, K is factorised by `multifrontal.MultifrontalSolver` on one rank, and by MUMPS on several,
+    there only if the user chooses it: each solve waits for all ranks several times.
 
     Args:
         displacement: Displacement unknowns, over all ranks.
@@ -40,19 +40,15 @@ def chosen(
             'A can be formed (solver.compliance = "explicit", explicit=True) only where K is factorised: set '
             'solver.linear_solver = "direct" (linear_solver=DirectSolver), or leave both to be chosen'
         )
-    mumps = PETSc.Sys.hasExternalPackage("mumps")
-    asked = linear_solver is DirectSolver
     if linear_solver is None:
         small = displacement <= DIRECT_UP_TO and (ranks == 1 or (explicit is None and contact <= EXPLICIT_UP_TO))
         linear_solver = DirectSolver if explicit or small else IterativeSolver
     if explicit is None:
         explicit = linear_solver is DirectSolver and contact <= EXPLICIT_UP_TO
-    if linear_solver is DirectSolver and not mumps and not explicit:
-        if asked:
-            raise ValueError(
-                "this PETSc was built without MUMPS, which factorises K where A is not formed: "
-                'leave solver.linear_solver and solver.compliance at "auto", which then is multigrid, or use a PETSc '
-                "with MUMPS (coulomb info lists its packages)"
-            )
-        linear_solver, explicit = IterativeSolver, False
+    if ranks > 1 and linear_solver is DirectSolver and not explicit and not PETSc.Sys.hasExternalPackage("mumps"):
+        raise ValueError(
+            "this PETSc was built without MUMPS, which factorises K where A is not formed on several ranks: leave "
+            'solver.linear_solver and solver.compliance at "auto", or use a PETSc with MUMPS (coulomb info lists its '
+            "packages)"
+        )
     return linear_solver, explicit

@@ -132,6 +132,10 @@ class MultifrontalSolver:
         return self._factors.dtype == np.float32
 
     @property
+    def exact(self) -> bool:
+        return not self.single
+
+    @property
     def error(self) -> float:
         return self._error if self.single else 0.0
 

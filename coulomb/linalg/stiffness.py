@@ -32,6 +32,11 @@ class StiffnessSolver(Protocol):
     @property
     def name(self) -> str: ...
 
+    @property
+    def exact(self) -> bool:
+        """Whether a solve is as exact as rounding allows, at any tolerance."""
+        ...
+
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         """u <- K^-1 rhs, to |K u - rhs| <= max(tolerance, the solver's tolerance) |rhs|."""
         ...
@@ -109,6 +114,7 @@ class DirectSolver:
     """
 
     name = "direct (MUMPS Cholesky)"
+    exact = True
     tolerance = 0.0
     iterations = 0
 
@@ -196,6 +202,7 @@ class IterativeSolver:
     """
 
     name = "iterative (CG, GAMG)"
+    exact = False
 
     def __init__(self, K: PETSc.Mat, tolerance: float = 1e-11):
         self.tolerance, self.iterations = tolerance, 0

@@ -24,7 +24,7 @@ from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver
 from ..linalg.methods import LinearSolver, chosen
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.reductions import Reductions
-from ..linalg.stiffness import StiffnessSolver
+from ..linalg.stiffness import DirectSolver, StiffnessSolver
 from .accumulated import Accumulated
 from .contact import Contact
 from .contact_faces import ContactFaces, oriented
@@ -264,7 +264,7 @@ class ContactBody:
     @property
     def stiffness_method(self) -> str:
         """Name of the solver for K^-1; if A is formed, of the one that gives the Schur complement as well."""
-        if self.explicit:
+        if self.explicit or (self.comm.size == 1 and self.linear_solver is DirectSolver):
             return (MultifrontalSolver if self.comm.size == 1 else DistributedMultifrontalSolver).method
         return self.linear_solver.name
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
 
+import numpy as np
 from petsc4py import PETSc
 
 from ..fem.deformable import Deformable
@@ -92,6 +93,9 @@ class ContactStiffness:
     def _any_order(self) -> StiffnessSolver:
         """K^-1 where A is not formed."""
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
+            if self._linear_solver is DirectSolver and self.elasticity.comm.size == 1:
+                no_nodes, single = np.empty(0, dtype=np.int64), False if self._many else None
+                return MultifrontalSolver(self.elasticity.K, self.elasticity.x, no_nodes, single)
             solver = self._linear_solver(self.elasticity.K)
             if isinstance(solver, DirectSolver) and self.elasticity.forms() is not None and solver.negative_pivots:
                 raise ValueError(f"{solver.negative_pivots} pivots are negative")
@@ -102,7 +106,7 @@ class ContactStiffness:
         """A in the reference frames."""
         solver, B = self.solver, self._reference.free_B
         with timed(self._seconds, "compliance"):
-            if isinstance(solver, MultifrontalSolver):
+            if self._explicit and isinstance(solver, MultifrontalSolver):
                 return SchurCompliance(B, solver)
             if isinstance(solver, DistributedMultifrontalSolver):
                 return DistributedSchurCompliance(B, solver)
