@@ -10,6 +10,7 @@ import compileall
 import contextlib
 import functools
 import json
+import runpy
 import subprocess
 import sys
 import tempfile
@@ -152,14 +153,29 @@ def run_coulomb(*arguments, ranks=None, cwd=None, timeout=600, process=False):
     """
     if process or ranks is not None:
         return run_python("-m", "coulomb", *arguments, ranks=ranks, cwd=cwd, timeout=timeout)
-    command = ["coulomb", *map(str, arguments)]
+    return _in_this_process(["coulomb", *map(str, arguments)], cwd, lambda: _exit_code([*map(str, arguments)]))
+
+
+def run_script(file, cwd):
+    """Run a Python script in this process, in a directory, without a picture: returncode, stdout and stderr."""
+
+    def run():
+        with without_pictures():
+            runpy.run_path(str(file), run_name="__main__")
+        return 0
+
+    return _in_this_process([str(file)], cwd, run)
+
+
+def _in_this_process(command, cwd, run):
+    """What a function returns as exit code and writes, called as if with this command line in a directory."""
     with contextlib.ExitStack() as stack:
         out, errors = (stack.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8")) for _ in range(2))
         stack.callback(os.chdir, os.getcwd())
         os.chdir(cwd or ".")
         stack.enter_context(mock.patch.object(sys, "argv", command))
         with _written_to(1, out), _written_to(2, errors), redirect_stdout(out), redirect_stderr(errors):
-            code = _exit_code(command[1:])
+            code = run()
         for file in (out, errors):
             file.seek(0)
         return subprocess.CompletedProcess(command, code, out.read(), errors.read())
@@ -186,6 +202,13 @@ def _written_to(number, file):
         file.flush()
         os.dup2(before, number)
         os.close(before)
+
+
+@contextlib.contextmanager
+def without_pictures():
+    """`Solution.write` draws no picture, for which it starts a process of 1.5 s: for tests that do not look at it."""
+    with mock.patch("coulomb.pictures.picture_of_run.draw", lambda *_: ""):
+        yield
 
 
 RANKS_ON_FEW_CORES = {

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, reference, run_coulomb, run_python
+from conftest import ROOT, reference, run_coulomb, run_python, run_script
 
 DEMOS = sorted((ROOT / "demos").glob("*.py"))
 CASES = sorted((ROOT / "demos").glob("*.toml"))
@@ -21,10 +21,20 @@ NUMBER = r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)"
 
 @functools.cache
 def ran(demo):
-    """A demo, a script or a case: what it prints, and its summaries by the names of their directories."""
+    """A demo, a script or a case: what it prints, and its summaries by the names of their directories.
+
+    `block.py` runs in a process of its own, as by a user, and `block.toml` draws its picture; the others without both,
+    which take a second each.
+    """
     with tempfile.TemporaryDirectory() as folder:
         file = ROOT / "demos" / demo
-        done = run_python(file, cwd=folder) if file.suffix == ".py" else run_coulomb("run", file, cwd=folder)
+        if demo == "block.py":
+            done = run_python(file, cwd=folder)
+        elif file.suffix == ".py":
+            done = run_script(file, cwd=folder)
+        else:
+            picture = () if demo == "block.toml" else ("--set", "output.picture=false")
+            done = run_coulomb("run", file, *picture, cwd=folder)
         found = {path.parent.name: json.loads(path.read_text()) for path in Path(folder).glob("results/*/summary.json")}
     assert done.returncode == 0, done.stderr
     return done.stdout, found

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 import ufl
-from conftest import ROOT, run_coulomb, run_python
+from conftest import ROOT, run_coulomb, run_python, without_pictures
 from test_forms import both
 from user_forms import Script
 
@@ -34,7 +34,8 @@ def written(request, tmp_path_factory):
     temperature.interpolate(lambda x: 300.0 + x[0])
     damage = script.on_cells(lambda x: x[2])
     folder = tmp_path_factory.mktemp("forms")
-    solution.write(folder, fields={"heat": temperature, "damage": damage, "twice": solution.function})
+    with without_pictures():
+        solution.write(folder, fields={"heat": temperature, "damage": damage, "twice": solution.function})
     return script, solution, folder
 
 

@@ -289,8 +289,9 @@ def test_the_terminal_shows_the_time_left_and_a_pipe_does_not(monkeypatch):
 def test_a_crash_is_exit_code_3(tmp_path):
     script = tmp_path / "die.py"
     script.write_text(
-        "import sys\nfrom coulomb.cli import app as cli\ndef read_case(*_):\n    raise RuntimeError('unforeseen')\n"
-        "cli.read_case = read_case\nsys.argv = ['coulomb', 'run', 'x.toml']\ncli.main()\n"
+        "import sys\nfrom coulomb.case import case\nfrom coulomb.cli import app as cli\ndef read_case(*_):\n"
+        "    raise RuntimeError('unforeseen')\n"
+        "case.read_case = read_case\nsys.argv = ['coulomb', 'run', 'x.toml']\ncli.main()\n"
     )
     done = run_python(script, timeout=240)
     assert done.returncode == 3 and "RuntimeError: unforeseen" in done.stderr

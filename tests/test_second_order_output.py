@@ -6,6 +6,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+from conftest import without_pictures
 from test_exact_fields import fields, order
 from test_second_order_meshes import CELLS
 
@@ -46,7 +47,8 @@ def bent_block(cell):
 def written(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param)
     solution = bent_block(request.param).solve()
-    solution.write(folder)
+    with without_pictures():
+        solution.write(folder)
     return request.param, solution, folder
 
 
