@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from .reductions import summed
 
 NodalMap = Callable[[FloatArray], FloatArray]
 """Maps unknowns of this rank's nodes, shape (m, block) or (m, block, columns)."""
@@ -34,8 +35,7 @@ class Constraints:
         """G x of x (m, 3, ...), shape (r, ...); collective if there are any."""
         if not self.count:
             return np.empty((0, *x.shape[2:]))
-        total: FloatArray = self._comm.allreduce(np.einsum("iaq,ia...->q...", self.G, x))
-        return total
+        return summed(self._comm, np.einsum("iaq,ia...->q...", self.G, x))
 
     def without(self, w: FloatArray, multipliers: FloatArray) -> FloatArray:
         """w - G^T multipliers, shape (m, 3)."""

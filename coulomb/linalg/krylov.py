@@ -84,7 +84,8 @@ class CarryingKrylov:
         """The multipliers of a vector, shape (r,), on every rank; collective if there are any."""
         if not self._constraints.count:
             return np.empty(0)
-        shared: FloatArray = self._comm.bcast(v.array_r[self._nodal :].copy() if self._comm.rank == 0 else None)
+        shared = v.array_r[self._nodal :].copy() if self._comm.rank == 0 else np.empty(self._constraints.count)
+        self._comm.Bcast(shared)
         return shared
 
     def _share(self, v: PETSc.Vec, multipliers: FloatArray) -> None:

@@ -19,6 +19,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from .border import NodalMap
 from .learnt_columns import LearntColumns
+from .reductions import summed
 
 _RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are rounding
 
@@ -106,16 +107,16 @@ class LowRankApproximation:
 
         Much less than 1 if diag(A) is dominated by a few motions: rigid motions of a body on soft springs.
         """
-        known = self._comm.allreduce(self.U.T @ X)
+        known = summed(self._comm, self.U.T @ X)
         new, A_new = X - self._X @ known, Y - self.U @ known  # A-orthogonal to the range of U
         d = self._diagonal.reshape(-1, 1)
         sizes = [float(np.vdot(v, w)) for v, w in ((new, A_new), (new, d * new), (X, d * X))]
-        size, diagonal, whole = self._comm.allreduce(np.array(sizes))
+        size, diagonal, whole = summed(self._comm, np.array(sizes))
         return float(max(size / diagonal, 1e-4)) if diagonal > 1e-6 * whole else self._new_part
 
     def mult(self, x: FloatArray) -> FloatArray:
         """(diag(rest) + U U^T) x, shapes (m, 3); collective."""
-        low_rank: FloatArray = self.U @ self._comm.allreduce(self.U.T @ x.ravel())
+        low_rank: FloatArray = self.U @ summed(self._comm, self.U.T @ x.ravel())
         return self.rest * x + low_rank.reshape(x.shape)
 
     def nodal_U(self, block: int) -> FloatArray:
@@ -126,7 +127,7 @@ class LowRankApproximation:
 
     def _gram(self, X: FloatArray, Y: FloatArray) -> FloatArray:
         """X^T Y over all ranks, symmetrised."""
-        G = self._comm.allreduce(X.T @ Y)
+        G = summed(self._comm, X.T @ Y)
         symmetric: FloatArray = 0.5 * (G + G.T)
         return symmetric
 
@@ -146,14 +147,14 @@ class LowRankUpdate:
         r = U.shape[2]
         self._U = U.reshape(U.shape[0] * U.shape[1], r)
         self._PU = nodal_inverse(U if V is None else V).reshape(self._U.shape)
-        self._core: FloatArray = np.linalg.inv(np.eye(r) + comm.allreduce(self._U.T @ self._PU))
+        self._core: FloatArray = np.linalg.inv(np.eye(r) + summed(comm, self._U.T @ self._PU))
 
     def __call__(self, r: FloatArray) -> FloatArray:
         """The inverse applied to r (m, block) or (m, block, columns); collective."""
         z = self._nodal_inverse(r)
         if self._U.shape[1] > 0:
             columns = z.reshape(len(self._U), *z.shape[2:])
-            z -= (self._PU @ (self._core @ self._comm.allreduce(self._U.T @ columns))).reshape(z.shape)
+            z -= (self._PU @ (self._core @ summed(self._comm, self._U.T @ columns))).reshape(z.shape)
         return z
 
 

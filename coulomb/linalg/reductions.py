@@ -1,4 +1,7 @@
-"""Sums, norms and extreme values over the contact nodes of all ranks."""
+"""Sums, norms and extreme values over the contact nodes of all ranks.
+
+Each is one collective call on buffers: mpi4py's calls on objects send each as a message of its own along a tree.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,14 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 
 
+def summed(comm: MPI.Comm, v: FloatArray) -> FloatArray:
+    """Sum over the ranks, entry by entry, of an array of the same shape on each; collective."""
+    total: FloatArray = np.array(v, dtype=np.float64, order="C")
+    if comm.size > 1:
+        comm.Allreduce(MPI.IN_PLACE, total, op=MPI.SUM)
+    return total
+
+
 @dataclass(frozen=True)
 class Reductions:
     """Reductions of rank-local numpy arrays; every call is collective, and the array of a rank may be empty."""
@@ -18,30 +29,39 @@ class Reductions:
     comm: MPI.Comm
 
     def sum(self, v: FloatArray | float) -> float:
-        return float(self.comm.allreduce(float(np.sum(v)), op=MPI.SUM))
+        return float(summed(self.comm, np.array([np.sum(v)]))[0])
 
     def dot(self, v: FloatArray, w: FloatArray) -> float:
-        return float(self.comm.allreduce(float(np.vdot(v, w)), op=MPI.SUM))
+        return float(summed(self.comm, np.array([np.vdot(v, w)]))[0])
 
     def total(self, v: FloatArray) -> FloatArray:
         """Sum over the ranks, entry by entry, of an array of the same shape on each."""
-        array: FloatArray = self.comm.allreduce(v)
-        return array
+        return summed(self.comm, v)
 
-    def norm(self, v: FloatArray) -> float:
-        """Euclidean norm, safe from overflow and underflow of the squares."""
-        largest = self.max(np.abs(v))
-        if largest <= 0.0:  # all entries are zero, or there are none
-            return 0.0
-        if not math.isfinite(largest):
-            return largest
-        w = v / largest
-        return largest * math.sqrt(self.dot(w, w))
+    def totals(self, *arrays: FloatArray) -> list[FloatArray]:
+        """`total` of several arrays, in one call."""
+        sums = summed(self.comm, np.concatenate([v.ravel() for v in arrays]))
+        ends = np.cumsum([v.size for v in arrays])[:-1]
+        return [part.reshape(v.shape) for part, v in zip(np.split(sums, ends), arrays, strict=True)]
+
+    def norm(self, *arrays: FloatArray) -> float:
+        """Euclidean norm of one array, or of several together, safe from overflow and underflow of the squares."""
+        v = arrays[0] if len(arrays) == 1 else np.concatenate([v.ravel() for v in arrays])
+        here = float(np.max(np.abs(v))) if np.size(v) else 0.0
+        square = 0.0
+        if here > 0.0 and math.isfinite(here):
+            w = v / here
+            square = float(np.vdot(w, w))
+        largest, squares = self._gathered(here, square).T
+        size = float(np.max(largest))
+        if not size > 0.0 or not math.isfinite(size):  # all entries are zero, or one is not finite
+            return 0.0 if size <= 0.0 else size
+        return size * math.sqrt(float(np.sum((largest / size) ** 2 * squares)))
 
     def max(self, v: FloatArray) -> float:
         """Largest entry; NaN if any entry is, -inf if there is none."""
         local = float(np.max(v)) if np.size(v) else -math.inf
-        return float(np.max(self.comm.allgather(local)))
+        return float(np.max(self._gathered(local)))
 
     def min(self, v: FloatArray) -> float:
         """Smallest entry; NaN if any entry is, +inf if there is none."""
@@ -49,3 +69,12 @@ class Reductions:
 
     def all(self, condition: bool) -> bool:
         return bool(self.comm.allreduce(bool(condition), op=MPI.LAND))
+
+    def _gathered(self, *values: float) -> FloatArray:
+        """Numbers of all ranks, shape (ranks, numbers): MPI's extremes are undefined for NaN."""
+        mine = np.array([values])
+        if self.comm.size == 1:
+            return mine
+        every = np.empty((self.comm.size, len(values)))
+        self.comm.Allgather(mine, every)
+        return every

@@ -47,7 +47,7 @@ class Anderson:
         size = np.array([self._over.norm(column) for column in dr.T])
         kept = size > 0.0
         dg, dr = dg[:, kept] / size[kept], dr[:, kept] / size[kept]
-        normal, right = self._over.total(dr.T @ dr), self._over.total(dr.T @ residual)
+        normal, right = self._over.totals(dr.T @ dr, dr.T @ residual)
         values, V = np.linalg.eigh(normal)
         solid = values > _RANK_DEFICIENT * max(values[-1:], default=0.0)
         weights = V[:, solid] @ ((V[:, solid].T @ right) / values[solid])

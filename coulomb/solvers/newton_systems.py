@@ -33,6 +33,7 @@ from ..arrays import FloatArray
 from ..linalg.border import ConstraintPreconditioner, Constraints, NodalMap
 from ..linalg.krylov import CarryingKrylov
 from ..linalg.low_rank import LowRankApproximation, LowRankUpdate
+from ..linalg.reductions import Reductions
 from .linearization import Linearization, NodalInverse, disc_inverse, like
 from .rigid_motions import NO_MOTION
 from .scaled_compliance import ProductImages, ScaledCompliance
@@ -233,7 +234,7 @@ class _Krylov(ProductImages):
         return self._bordered(r / self._weight, r3)
 
     def _norm(self, r: FloatArray) -> float:
-        return float(np.sqrt(self._comm.allreduce(float(np.vdot(r, r)))))
+        return float(np.sqrt(Reductions(self._comm).dot(r, r)))
 
     def estimate(self, x: FloatArray) -> FloatArray:
         return self._A.mult(x)

@@ -7,7 +7,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..linalg.compliance import Compliance
 from ..linalg.learnt_columns import LearntColumns
-from ..linalg.reductions import Reductions
+from ..linalg.reductions import Reductions, summed
 
 _LEAST_WEIGHT = 1e-3
 """Weights below this make columns inaccurate that were found with others."""
@@ -50,8 +50,7 @@ class ScaledCompliance:
 
     def resultant(self, x: FloatArray) -> FloatArray:
         """G~ x of all ranks, shape (r,); collective."""
-        total: FloatArray = self.comm.allreduce(np.einsum("iaq,ia->q", self.G, x))
-        return total
+        return summed(self.comm, np.einsum("iaq,ia->q", self.G, x))
 
     def forces(self, x: FloatArray) -> FloatArray:
         """s W x in newtons, shape (3 m,)."""

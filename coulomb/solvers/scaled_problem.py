@@ -163,8 +163,7 @@ class ScaledProblem:
     def relative_change(self, old: Iterate, new: Iterate) -> float:
         """err = |v_new - v| / |v_new| of v = (x, nu, z)."""
         before, after = ((self.forces(v.x_n, v.y), v.nu, self.slack(v.x_n, v.y)) for v in (old, new))
-        change = math.hypot(*(self._over.norm(n - o) for n, o in zip(after, before, strict=True)))
-        return change / math.hypot(*(self._over.norm(n) for n in after))
+        return self._over.norm(*(n - o for n, o in zip(after, before, strict=True))) / self._over.norm(*after)
 
     def infeasibility(self, v: Iterate) -> float:
         """Root mean square of the weighted gradient; with rigid motions, of it and of what lacks for equilibrium."""
@@ -207,7 +206,7 @@ class ScaledProblem:
         weight = self.weight(v.x_n)
         G = (weight[:, :, None] * self.A.G).reshape(-1, len(self.e))
         gradient = (weight * self.gradient(v._replace(alpha=np.zeros(len(self.e))))).ravel()
-        normal, right = self._over.total(G.T @ G), self._over.total(G.T @ gradient)
+        normal, right = self._over.totals(G.T @ G, G.T @ gradient)
         return v._replace(alpha=np.linalg.lstsq(normal, right, rcond=1e-12)[0])
 
     def linearize(self, v: Iterate) -> Linearization:
@@ -239,7 +238,7 @@ class ScaledProblem:
             multiplier = np.where(dnu < 0.0, -v.nu / dnu, math.inf)[self._active]
             squared, outward = np.sum(dy**2, axis=1), np.sum(dy * v.y, axis=1)
             disc = (room / (outward + np.sqrt(outward**2 + squared * room)))[self.frictional & (squared > 0.0)]
-        return min(self._over.min(bound), self._over.min(multiplier), self._over.min(disc))
+        return self._over.min(np.concatenate([bound, multiplier, disc]))
 
     # --- between the scaled and the user's variables ----------------------------------------------------------------
 
