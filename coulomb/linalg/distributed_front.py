@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
-from scipy.linalg.blas import dtrsv
+from scipy.linalg.blas import dtrsv, strsv
 
 from ..arrays import FloatArray
 from . import blas
@@ -208,7 +208,7 @@ class DistributedFront:
             inverse.append((block.stop, rows))
         return inverse
 
-    def product(self, x: FloatArray) -> FloatArray:
+    def product(self, x: Real) -> Real:
         """This rank's part of L^-T L^-1 x, of the last front of a body: S^-1 x is the sum over all ranks."""
         y = np.zeros_like(x)
         for stop, rows in self.inverse:
@@ -222,7 +222,7 @@ class DistributedFront:
             total += np.sum((columns[:stop].T @ rows.T) ** 2, axis=1)
         return total
 
-    def forward(self, x: FloatArray) -> None:
+    def forward(self, x: Real) -> None:
         """x <- L^-1 x on the own nodes, the rest subtracted on the border; on the last front of a body x <- S^-1 x.
 
         Args:
@@ -233,18 +233,22 @@ class DistributedFront:
         if self.front.root:
             own = self._summed(self.product(own))
         elif self.own:
-            own = dtrsv(self._head, own, lower=1)
+            own = self._trsv(self._head, own, lower=1)
             x.reshape(-1)[self._rows] -= self._below @ own
         x[self.front.own] = own.reshape(-1, 3)
 
-    def backward(self, x: FloatArray) -> None:
+    def backward(self, x: Real) -> None:
         """x <- L^-T x on the own nodes, with the solution on the border; shape (k, 3)."""
         if not self.front.root and self.own:
             known = self._summed(self._below.T @ x.reshape(-1)[self._rows])
             own = x[self.front.own].ravel() - known
-            x[self.front.own] = dtrsv(self._head, own, lower=1, trans=1).reshape(-1, 3)
+            x[self.front.own] = self._trsv(self._head, own, lower=1, trans=1).reshape(-1, 3)
 
-    def _summed(self, x: FloatArray) -> FloatArray:
+    @property
+    def _trsv(self) -> Any:
+        return strsv if self._dtype == np.float32 else dtrsv
+
+    def _summed(self, x: Real) -> Real:
         """The sum over the ranks of this front."""
         ranks, comm = self.front.ranks, self._comm
         total = np.zeros_like(x)

@@ -26,10 +26,6 @@ _ROUTINES = {
 }
 
 
-Factor = tuple[Real, Real]
-"""The columns of L of a front: head (own, own), a lower triangle, and below (border, own)."""
-
-
 class NotPositiveDefinite(ValueError):
     """A pivot is not positive in this precision."""
 
@@ -45,6 +41,7 @@ class FrontalFactors:
         dtype: float32 or float64.
 
     Attributes:
+        order: Nodes in the order of elimination, of a part also those of the last border.
         heads: Of every front.
         below: Of every front.
         update: What remains on the border of the last front, a lower triangle; entries above it are undefined.
@@ -57,9 +54,9 @@ class FrontalFactors:
         self._fronts, self.dtype = fronts, np.dtype(dtype)
         own = 3 * np.array([len(front.own) for front in fronts])
         border = 3 * np.array([len(front.border) for front in fronts])
-        self._order = np.concatenate([*(front.own for front in fronts), fronts[-1].border])
+        self.order = np.concatenate([*(front.own for front in fronts), fronts[-1].border])
         position = np.full(len(K.indptr) - 1, -1)  # of nodes that no front has
-        position[self._order] = np.arange(len(self._order))
+        position[self.order] = np.arange(len(self.order))
         self._ends = np.cumsum(own)
         self._borders = [(3 * position[front.border][:, None] + np.arange(3)).ravel() for front in fronts]
         sizes = own * (own + border)
@@ -104,44 +101,36 @@ class FrontalFactors:
             updates[number] = update
         self.update = updates[len(fronts) - 1]
 
-    def solve(self, rhs: FloatArray) -> FloatArray:
-        """K^-1 rhs, shapes (n, 3), in this precision."""
+    def forward(self, x: Real) -> None:
+        """x <- L^-1 x in the order of elimination, shape (3 k,); on the last border, what remains of x."""
         trsv = _ROUTINES[self.dtype][3]
-        size = float(np.max(np.abs(rhs), initial=0.0)) or 1.0  # single precision has a small range
-        x = (rhs[self._order] / size).astype(self.dtype).ravel()
-        parts = list(zip(self.heads, self.below, self._borders, self._ends, strict=True))
-        for head, below, border, end in parts:
+        for head, below, border, end in zip(self.heads, self.below, self._borders, self._ends, strict=True):
             own = slice(end - len(head), end)
             if len(head) and x[own].any():  # contact forces act on the last fronts alone
                 x[own] = y = trsv(head, x[own], lower=1)
                 if len(border):
                     x[border] -= below @ y
-        for head, below, border, end in reversed(parts):
+
+    def backward(self, x: Real) -> None:
+        """x <- L^-T x in the order of elimination, shape (3 k,), with given x on the last border."""
+        trsv = _ROUTINES[self.dtype][3]
+        parts = zip(self.heads, self.below, self._borders, self._ends, strict=True)
+        for head, below, border, end in reversed(list(parts)):
             if len(head):
                 own = slice(end - len(head), end)
                 y = x[own] - below.T @ x[border] if len(border) else x[own]
                 x[own] = trsv(head, y, lower=1, trans=1, overwrite_x=1)
+
+    def solve(self, rhs: FloatArray) -> FloatArray:
+        """K^-1 rhs, shapes (n, 3), in this precision."""
+        size = float(np.max(np.abs(rhs), initial=0.0)) or 1.0  # single precision has a small range
+        x = (rhs[self.order] / size).astype(self.dtype).ravel()
+        self.forward(x)
+        self.backward(x)
         solution = np.empty_like(rhs)
-        solution[self._order] = x.reshape(-1, 3)
+        solution[self.order] = x.reshape(-1, 3)
         solution *= size
         return solution
-
-
-def forward(fronts: list[Front], factors: list[Factor], x: FloatArray) -> None:
-    """x <- L^-1 x on the nodes of the fronts; of nodes that only borders have, what remains of x; shape (k, 3)."""
-    for front, (head, below) in zip(fronts, factors, strict=True):
-        if len(front.own):
-            y = _ROUTINES[head.dtype][3](head, x[front.own].ravel(), lower=1)
-            x[front.own] = y.reshape(-1, 3)
-            x[front.border] -= (below @ y).reshape(-1, 3)
-
-
-def backward(fronts: list[Front], factors: list[Factor], x: FloatArray) -> None:
-    """x <- L^-T x on the nodes of the fronts, with given x on nodes that only borders have; shape (k, 3)."""
-    for front, (head, below) in zip(reversed(fronts), reversed(factors), strict=True):
-        if len(front.own):
-            y = x[front.own].ravel() - below.T @ x[front.border].ravel()
-            x[front.own] = _ROUTINES[head.dtype][3](head, y, lower=1, trans=1).reshape(-1, 3)
 
 
 class Stacks:

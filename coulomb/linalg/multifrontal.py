@@ -15,40 +15,23 @@ MUMPS uses AMD beside a Schur complement: twice the operations at p = 16, and 2.
 
 from __future__ import annotations
 
-import logging
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from petsc4py import PETSc
+from scipy.linalg.blas import dtrsv, strsv
+from scipy.linalg.lapack import dtrtri, strtri
 
 from ..arrays import FloatArray
-from .frontal_factors import Factor as Factor
-from .frontal_factors import FrontalFactors, NotPositiveDefinite, Real, stack_heights
-from .frontal_factors import backward as backward
-from .frontal_factors import forward as forward
+from .frontal_factors import FrontalFactors, Real, stack_heights
 from .nested_dissection import Front, Nodes, dissect
 from .nodal_blocks import NodalRows
-
-_log = logging.getLogger(__name__)
+from .refined_solver import RefinedSolver
 
 SINGLE_FROM = 5e8
 """Operations from which single precision is faster, refinement included (docs/measurements.md)."""
-
-_SLOW = 0.1
-"""Factor by which an iteration must decrease the residual, in the mean over a solve, in single precision."""
-
-_ROUNDING = 2.0 * float(np.finfo(np.float64).eps)
-"""Residual of a solve in double precision, relative to |D u| with D = diag(K), in the norm of D^-1/2."""
-
-NOT_POSITIVE_DEFINITE = (
-    "the stiffness matrix is not positive definite to rounding: the body can move without resistance, or its materials "
-    "and springs are too far apart; clamp it, or give it stiffer springs"
-)
-
-_MOST = 50  # iterations of a solve, beyond any that is fast enough
 
 
 class Work(NamedTuple):
@@ -79,7 +62,7 @@ def symbolic(K: PETSc.Mat, points: FloatArray, last: npt.NDArray[np.integer[Any]
     return _fronts_of(NodalRows(K), points, last)
 
 
-class MultifrontalSolver:
+class MultifrontalSolver(RefinedSolver):
     """Cholesky factorisation of K on one rank, some of its nodes last.
 
     Args:
@@ -90,19 +73,14 @@ class MultifrontalSolver:
         fronts: The result of `symbolic`, if it is known.
 
     Attributes:
-        method: Its name without the precision, which is known once K is factorised.
         last: The same nodes, in the order of `schur_factors`, body after body.
-        refinements: Iterations of all solves so far; 0 in double precision.
-        error: Largest relative residual of the first iteration of a solve so far; infinite before the first solve, 0 in
-            double precision.
 
     Raises:
         ValueError: If K is not positive definite.
     """
 
     method = "direct (nested dissection)"
-    tolerance = 0.0
-    iterations = 0
+    _factors: FrontalFactors
 
     def __init__(
         self,
@@ -112,38 +90,20 @@ class MultifrontalSolver:
         single: bool | None = None,
         fronts: list[Front] | None = None,
     ):
-        self._K, rows = K, NodalRows(K)
-        self._fronts = _fronts_of(rows, points, last) if fronts is None else fronts
+        super().__init__(K)
+        self._nodal: NodalRows | None = NodalRows(K)
+        self._fronts = _fronts_of(self._nodal, points, last) if fronts is None else fronts
         roots = [number for number, front in enumerate(self._fronts) if front.root]
         self._roots = [number for number in roots if len(self._fronts[number].own)]
         self.last: Nodes = np.concatenate([np.empty(0, np.int64), *(self._fronts[root].own for root in self._roots)])
-        self.refinements, self._error = 0, math.inf
+        self._last: Nodes = (3 * self.last[:, None] + np.arange(3)).ravel()
         if single is None:
             single = predicted_work(self._fronts).operations >= SINGLE_FROM
-        self._factors = self._in_single(rows) if single else self._in_double(rows)
-        self._vectors = K.createVecs()
-        diagonal = K.getDiagonal()
-        self._root: FloatArray = np.sqrt(diagonal.array_r)
-        diagonal.destroy()
+        self._factorise(single)
+        self._nodal = None  # it is large
 
-    @property
-    def single(self) -> bool:
-        """Whether the factors are in single precision."""
-        return self._factors.dtype == np.float32
-
-    @property
-    def exact(self) -> bool:
-        return not self.single
-
-    @property
-    def error(self) -> float:
-        return self._error if self.single else 0.0
-
-    @property
-    def name(self) -> str:
-        """With the precision of the factors."""
-        how = "single precision, refined" if self.single else "LAPACK Cholesky"
-        return f"{self.method[:-1]}, {how})"
+    def _factorised_in(self, dtype: npt.DTypeLike) -> FrontalFactors:
+        return FrontalFactors(self._nodal or NodalRows(self._K), self._fronts, dtype)
 
     @property
     def schur_factors(self) -> list[Real]:
@@ -154,111 +114,57 @@ class MultifrontalSolver:
         """
         return [self._factors.heads[root] for root in self._roots]
 
-    def _in_single(self, rows: NodalRows) -> FrontalFactors:
-        try:
-            return FrontalFactors(rows, self._fronts, np.float32)
-        except NotPositiveDefinite:
-            _log.info("the stiffness matrix is factorised in double precision: it is too ill-conditioned for single")
-            return self._in_double(rows)
+    def contact_part(self, u: FloatArray) -> FloatArray:
+        """Displacements of the nodes `last`, shape (3 last,), of those of all nodes, shape (n,)."""
+        part: FloatArray = u[self._last]
+        return part
 
-    def _in_double(self, rows: NodalRows) -> FrontalFactors:
-        try:
-            return FrontalFactors(rows, self._fronts, np.float64)
-        except NotPositiveDefinite:
-            raise ValueError(NOT_POSITIVE_DEFINITE) from None
+    def contact_forces(self, z: FloatArray) -> FloatArray:
+        """Forces on the nodes `last`, shape (3 last,), among those on all nodes, shape (n,)."""
+        forces = np.zeros(len(self._root))
+        forces[self._last] = z
+        return forces
 
-    def use_double(self) -> None:
-        """Factorise in double precision, if the factors are not yet."""
-        if self.single:
-            del self._factors  # before the memory of the new ones is needed
-            self._factors = self._in_double(NodalRows(self._K))
+    def schur_solve(self, z: FloatArray) -> FloatArray:
+        """S^-1 z by the factors, shape (3 last,)."""
+        size = float(np.max(np.abs(z), initial=0.0)) or 1.0  # single precision has a small range
+        w: Real = (z / size).astype(self._factors.dtype)
+        trsv = strsv if self.single else dtrsv
+        start = 0
+        for L in self.schur_factors:
+            here = slice(start, start + len(L))
+            half = trsv(L, w[here], lower=1)
+            w[here] = trsv(L, half, lower=1, trans=1, overwrite_x=1)
+            start += len(L)
+        solution: FloatArray = w * np.float64(size)
+        return solution
 
-    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
-        """u <- K^-1 rhs; see `StiffnessSolver`."""
-        u.array[:], _ = self.improved(rhs.array_r, np.zeros(len(self._root)), tolerance)
-
-    def improved(self, rhs: FloatArray, u: FloatArray, tolerance: float) -> tuple[FloatArray, float]:
-        """K^-1 rhs from an approximation u, all of shape (n,), and its residual relative to that of u.
-
-        Only what is left over is solved for.
-
-        Args:
-            rhs: Forces.
-            u: Displacements, 0 if nothing is known.
-            tolerance: Residual relative to that of u.
-        """
-        if self.single:
-            solution = self._conjugate_gradients(rhs, u, tolerance)
-            if solution is not None:
-                return solution
-            _log.info("the stiffness matrix is factorised in double precision: refinement in single is slow")
-            self.use_double()
-        return u + self._factors.solve((rhs - self._product(u)).reshape(-1, 3)).ravel(), 0.0
-
-    def _conjugate_gradients(self, rhs: FloatArray, u: FloatArray, tolerance: float) -> tuple[FloatArray, float] | None:
-        """K^-1 rhs and the relative residual; None if the residual decreases slowly."""
-        x, r = u.copy(), rhs - self._product(u)
-        first, along = self._size(r), 0.0
-        p: FloatArray = np.zeros_like(r)
-        for iteration in range(_MOST):
-            size = self._size(r)
-            if size <= max(tolerance * first, _ROUNDING * float(np.linalg.norm(self._root * x))):
-                return x, size / first if first > 0.0 else 0.0
-            if not size <= first * _SLOW ** float(iteration - 1):
-                return None
-            z = self._factors.solve(r.reshape(-1, 3)).ravel()
-            before, along = along, float(r @ z)
-            p = z + (along / before if before else 0.0) * p
-            image = self._product(p)
-            step = along / float(p @ image)
-            x += step * p
-            r -= step * image
-            self.refinements += 1
-            if iteration == 0:
-                left = self._size(r) / first
-                self._error = left if math.isinf(self._error) else max(self._error, left)
-        return None
-
-    def _product(self, u: FloatArray) -> FloatArray:
-        """K u, shapes (n,)."""
-        if not np.any(u):
-            return np.zeros_like(u)
-        x, y = self._vectors
-        x.array[:] = u
-        self._K.mult(x, y)
-        product: FloatArray = y.array_r.copy()
-        return product
-
-    def _size(self, r: FloatArray) -> float:
-        """|D^-1/2 r|, which does not depend on the units of single unknowns."""
-        return float(np.linalg.norm(r / self._root))
+    def schur_diagonal(self, rows: scipy.sparse.csr_matrix) -> FloatArray:
+        """b^T S^-1 b for each row b of a matrix, shape (k, 3 last)."""
+        inverses = [inverse_factor(L) for L in self.schur_factors]
+        columns = [half[i:, i : i + 3] for half in inverses for i in range(0, len(half), 3)]
+        blocks = np.array([c.T @ c for c in columns], dtype=np.float64).reshape(-1, 3, 3)
+        each = np.arange(len(blocks) + 1)
+        whole = (len(self._last),) * 2
+        nodal = scipy.sparse.bsr_matrix((blocks, each[:-1], each), whole)  # all that a row of B sees of S^-1
+        diagonal: FloatArray = np.asarray((rows @ nodal).multiply(rows).sum(axis=1)).ravel()
+        return diagonal
 
     def destroy(self) -> None:
         """Free the factors."""
-        del self._factors
-        for vector in self._vectors:
-            vector.destroy()
+        super().destroy()
         self._fronts = []
+
+
+def inverse_factor(L: Real) -> Real:
+    """L^-1, with zeros above the diagonal of its nodal blocks, and anything above these."""
+    inverse: Real = (strtri if L.dtype == np.float32 else dtrtri)(L, lower=1)[0]
+    for i in range(0, len(inverse), 3):
+        inverse[i, i + 1 : i + 3] = inverse[i + 1, i + 2] = 0.0
+    return inverse
 
 
 def _fronts_of(rows: NodalRows, points: FloatArray, last: npt.NDArray[np.integer[Any]]) -> list[Front]:
     coupled = (np.empty(len(rows.indices), np.int8), rows.indices, rows.indptr)
     graph = scipy.sparse.csr_matrix(coupled, shape=(len(points), len(points)))
     return dissect(graph, points, last.astype(np.int64))
-
-
-def factorised(
-    blocks: scipy.sparse.bsr_matrix, fronts: list[Front], dtype: npt.DTypeLike = np.float64
-) -> tuple[list[Factor], dict[int, Real]]:
-    """The columns of L of every front of a part, and the update matrix of its last front by its number.
-
-    The update matrix is a lower triangle on the border; the entries above the diagonal are undefined.
-
-    Raises:
-        ValueError: If K is not positive definite on the nodes of the fronts.
-    """
-    try:
-        factors = FrontalFactors(NodalRows(blocks), fronts, dtype)
-    except NotPositiveDefinite:
-        raise ValueError(NOT_POSITIVE_DEFINITE) from None
-    return list(zip(factors.heads, factors.below, strict=True)), {len(fronts) - 1: factors.update}

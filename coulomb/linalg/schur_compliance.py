@@ -1,23 +1,21 @@
-"""A = B S^-1 B^T on one rank, from the factorised Schur complement S of K on the contact nodes."""
+"""A = B S^-1 B^T from the factorised Schur complement S of K on the contact nodes, on any number of ranks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.linalg.blas import dtrsv, strsv
-from scipy.linalg.lapack import dtrtri, strtri
 
 from ..arrays import FloatArray
 from .compliance import MatrixFreeCompliance
-from .frontal_factors import Real
+from .distributed_multifrontal import DistributedMultifrontalSolver
 from .learnt_columns import LearntColumns
-from .multifrontal import MultifrontalSolver
-from .nested_dissection import Nodes
+from .multifrontal import MultifrontalSolver, inverse_factor
+
+SchurSolver = MultifrontalSolver | DistributedMultifrontalSolver
 
 _ACCURATE = 20
 """Products with K, of those that nothing is known about beforehand, that take as long as a factorisation of K."""
@@ -30,7 +28,7 @@ _RESIDUAL = 1e-7
 
 
 class SchurCompliance:
-    """A = B S^-1 B^T with S = L L^T the Schur complement of K on the contact nodes, a block per body; on one rank.
+    """A = B S^-1 B^T with S = L L^T the Schur complement of K on the contact nodes, a block per body.
 
     A product takes two solves with the dense triangles L, which cost what a product with the dense A would.
 
@@ -53,7 +51,7 @@ class SchurCompliance:
     def __init__(
         self,
         B: PETSc.Mat,
-        solver: MultifrontalSolver,
+        solver: SchurSolver,
         diagonal: FloatArray | None = None,
         reference: _Reference | None = None,
     ):
@@ -63,11 +61,21 @@ class SchurCompliance:
         self.products, self.learnt = 0, LearntColumns()
         self._solver, self._given_diagonal = solver, diagonal
         indptr, indices, values = B.getValuesCSR()
-        self._last = (3 * solver.last[:, None] + np.arange(3)).ravel()
-        self._rows = scipy.sparse.csr_matrix((values, indices, indptr), shape=B.getSize())[:, self._last]
+        last = (3 * solver.last[:, None] + np.arange(3)).ravel()
+        shape = (len(indptr) - 1, B.getSize()[1])
+        self._rows = scipy.sparse.csr_matrix((values, indices, indptr), shape=shape)[:, last]
         self._columns = self._rows.T.tocsr()
-        self._reference = reference or _Reference(solver, self._last, B.getSize()[1])
-        self._before: FloatArray = np.zeros(len(self._last))
+        self._reference = reference or _Reference(solver)
+        self._before: FloatArray = np.zeros(len(last))
+
+    def _forces(self, x: FloatArray) -> FloatArray:
+        """B^T x on the contact nodes of all ranks, the same on each."""
+        part: FloatArray = self._columns @ x
+        if self.comm.size == 1:
+            return part
+        z = np.empty_like(part)
+        self.comm.Allreduce(part, z)
+        return z
 
     @property
     def exact(self) -> bool:
@@ -75,16 +83,16 @@ class SchurCompliance:
         return not self._solver.single
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
-        z = self._columns @ x
+        z = self._forces(x)
         self.products += 1
         if not self._suffices(tolerance):
             self._reference.accurate += 1
             if self._reference.accurate > _ACCURATE:
                 self._solver.use_double()
         if self._suffices(tolerance):
-            y[:] = self._rows @ self._solved(z)
+            y[:] = self._rows @ self._solver.schur_solve(z)
         else:
-            alone = _Reference(self._solver, self._last, len(self._reference.u))
+            alone = _Reference(self._solver)
             y[:] = self._rows @ alone.renew(z, tolerance * float(np.linalg.norm(z)))
 
     def _suffices(self, tolerance: float) -> bool:
@@ -96,28 +104,17 @@ class SchurCompliance:
         return self._solver.error <= (max(tolerance, _ENOUGH) if tolerance >= _RESIDUAL else tolerance)
 
     def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
-        z, known = self._columns @ x, self._reference
+        z, known = self._forces(x), self._reference
         self.products += 1
         if self.exact:
-            y[:] = self._rows @ self._solved(z)
+            y[:] = self._rows @ self._solver.schur_solve(z)
             return
         change, self._before = float(np.linalg.norm(z - self._before)), z
         far, most = z - known.z, tolerance * change
         if self._solver.error * float(np.linalg.norm(far)) + known.rest <= most:
-            y[:] = self._rows @ (known.u[self._last] + self._solved(far))
+            y[:] = self._rows @ (known.contact_part + self._solver.schur_solve(far))
         else:
             y[:] = self._rows @ known.renew(z, 0.5 * most)
-
-    def _solved(self, z: FloatArray) -> FloatArray:
-        """S^-1 z by the factors."""
-        size = float(np.max(np.abs(z), initial=0.0)) or 1.0
-        w: Real = z / size if self.exact else (z / size).astype(np.float32)
-        trsv = dtrsv if self.exact else strsv
-        for L, here in self._blocks():
-            half = trsv(L, w[here], lower=1)
-            w[here] = trsv(L, half, lower=1, trans=1, overwrite_x=1)
-        solution: FloatArray = w * np.float64(size)
-        return solution
 
     def diagonal(self) -> FloatArray:
         return self._diagonal
@@ -126,49 +123,31 @@ class SchurCompliance:
     def _diagonal(self) -> FloatArray:
         if self._given_diagonal is not None:
             return self._given_diagonal
-        inverses = [_inverse_factor(L) for L, _ in self._blocks()]
-        columns = [half[i:, i : i + 3] for half in inverses for i in range(0, len(half), 3)]
-        blocks = np.array([c.T @ c for c in columns], dtype=np.float64).reshape(-1, 3, 3)
-        each = np.arange(len(blocks) + 1)
-        whole = (len(self._last),) * 2
-        nodal = scipy.sparse.bsr_matrix((blocks, each[:-1], each), whole)  # all that a row of B sees of S^-1
-        diagonal: FloatArray = np.asarray((self._rows @ nodal).multiply(self._rows).sum(axis=1)).ravel()
-        return diagonal
+        return self._solver.schur_diagonal(self._rows)
 
     def dense(self) -> FloatArray:
-        """A as an array, shape (3 m, 3 m), in double precision."""
+        """A as an array, shape (3 m, 3 m), in double precision; on one rank."""
         self._solver.use_double()
         whole = np.zeros((self._rows.shape[0],) * 2)
-        for L, here in self._blocks():
-            half = self._rows[:, here] @ np.tril(_inverse_factor(L)).T
-            whole += half @ half.T
-        return whole
-
-    def _blocks(self) -> Iterator[tuple[Real, slice]]:
-        """L of every body, and its displacements among those of all contact nodes."""
         start = 0
         for L in self._solver.schur_factors:
-            yield L, slice(start, start + len(L))
+            half = self._rows[:, start : start + len(L)] @ np.tril(inverse_factor(L)).T
+            whole += half @ half.T
             start += len(L)
+        return whole
 
     def rotated(self, B: PETSc.Mat) -> SchurCompliance:
         return SchurCompliance(B, self._solver, reference=self._reference)
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
-        z, known = self._columns @ x, self._reference
+        z, known = self._forces(x), self._reference
         if self.exact:
-            if np.all(np.isfinite(free)):  # forces on contact nodes need no forward substitution
-                return free - self._solver.improved(known.forces(z), np.zeros_like(free), 0.0)[0]
-            return self._solver.improved(f.array_r - known.forces(z), np.zeros_like(free), 0.0)[0]
-        return self._solver.improved(f.array_r - known.forces(z), free - known.u, 0.0)[0]  # u is near, or 0
-
-
-def _inverse_factor(L: Real) -> Real:
-    """L^-1, with zeros above the diagonal of its nodal blocks, and anything above these."""
-    inverse: Real = (strtri if L.dtype == np.float32 else dtrtri)(L, lower=1)[0]
-    for i in range(0, len(inverse), 3):
-        inverse[i, i + 1 : i + 3] = inverse[i + 1, i + 2] = 0.0
-    return inverse
+            if self.comm.allreduce(bool(np.all(np.isfinite(free))), op=MPI.LAND):
+                # forces on contact nodes need no forward substitution
+                return free - self._solver.improved(self._solver.contact_forces(z), np.zeros_like(free), 0.0)[0]
+            return self._solver.improved(f.array_r - self._solver.contact_forces(z), np.zeros_like(free), 0.0)[0]
+        # u is near, or 0
+        return self._solver.improved(f.array_r - self._solver.contact_forces(z), free - known.u, 0.0)[0]
 
 
 class _Reference:
@@ -176,32 +155,26 @@ class _Reference:
 
     Args:
         solver: K^-1.
-        last: The unknowns on which z acts.
-        unknowns: Of K.
 
     Attributes:
-        z: Nodal forces in newtons, in the order of L, shape (3 m,).
-        u: Displacements of all nodes in metres, shape (n,).
+        z: Nodal forces in newtons, in the order of L, shape (3 m,), the same on all ranks.
+        u: Displacements of this rank's nodes in metres, shape (n,).
+        contact_part: Displacements where z acts, shape (3 m,), the same on all ranks.
         rest: Size of the forces that u is wrong by, newtons.
         accurate: Accurate products asked for without regard to the one before.
     """
 
-    def __init__(self, solver: MultifrontalSolver, last: Nodes, unknowns: int):
-        self._solver, self._last = solver, last
-        self.z: FloatArray = np.zeros(len(last))
-        self.u: FloatArray = np.zeros(unknowns)
+    def __init__(self, solver: SchurSolver):
+        self._solver = solver
+        self.z: FloatArray = np.zeros(3 * len(solver.last))
+        self.u: FloatArray = np.zeros_like(solver.contact_forces(self.z))
+        self.contact_part: FloatArray = self.z
         self.rest, self.accurate = 0.0, 0
 
     def renew(self, z: FloatArray, rest: float) -> FloatArray:
         """Replace z, and u by its response, to an error of the size of `rest` newtons; u at the contact nodes."""
         distance = float(np.linalg.norm(z - self.z))
         relative = rest / distance if distance > 0.0 else 0.0
-        self.u, left = self._solver.improved(self.forces(z), self.u, relative)
-        self.z, self.rest = z, left * distance
-        return self.u[self._last]
-
-    def forces(self, z: FloatArray) -> FloatArray:
-        """z among the unknowns of K."""
-        rhs = np.zeros_like(self.u)
-        rhs[self._last] = z
-        return rhs
+        self.u, left = self._solver.improved(self._solver.contact_forces(z), self.u, relative)
+        self.z, self.rest, self.contact_part = z, left * distance, self._solver.contact_part(self.u)
+        return self.contact_part

@@ -12,7 +12,6 @@ from petsc4py import PETSc
 from ..fem.deformable import Deformable
 from ..fem.surface import ContactSurface
 from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance
-from ..linalg.distributed_compliance import DistributedSchurCompliance
 from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver
 from ..linalg.kept_responses import KeptResponses
 from ..linalg.methods import LinearSolver
@@ -84,10 +83,9 @@ class ContactStiffness:
     def _contact_last(self) -> MultifrontalSolver | DistributedMultifrontalSolver:
         """K^-1 with the contact nodes eliminated last, which gives A."""
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
-            given = (self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows)
-            if self.elasticity.comm.size == 1:
-                return MultifrontalSolver(*given, single=False if self._many else None)
-            return DistributedMultifrontalSolver(*given)
+            kind = MultifrontalSolver if self.elasticity.comm.size == 1 else DistributedMultifrontalSolver
+            nodes, single = self._reference.nodes_in_rows, False if self._many else None
+            return kind(self.elasticity.K, self.elasticity.x, nodes, single=single)
 
     @cached_property
     def _any_order(self) -> StiffnessSolver:
@@ -106,10 +104,8 @@ class ContactStiffness:
         """A in the reference frames."""
         solver, B = self.solver, self._reference.free_B
         with timed(self._seconds, "compliance"):
-            if self._explicit and isinstance(solver, MultifrontalSolver):
+            if self._explicit and isinstance(solver, MultifrontalSolver | DistributedMultifrontalSolver):
                 return SchurCompliance(B, solver)
-            if isinstance(solver, DistributedMultifrontalSolver):
-                return DistributedSchurCompliance(B, solver)
             return MatrixFreeCompliance(B, self.elasticity.K, solver)
 
     def compliance(self, surface: ContactSurface, seconds: dict[str, float]) -> BodyCompliance:
