@@ -35,7 +35,8 @@ def padded(size: int) -> FloatArray:
     return np.zeros(size + PADDING)[:size]
 
 
-def _address(array: _Array | None) -> ctypes.c_void_p:
+def address(array: _Array | None) -> ctypes.c_void_p:
+    """The address of an array's first number, for a kernel."""
     return ctypes.c_void_p(None if array is None else array.ctypes.data)
 
 
@@ -122,11 +123,11 @@ class SymmetricBlocks:
         self._product, self._residual, self._step = (
             getattr(library, f"{name}_{size}_{size}") for name in ("product", "residual", "step")
         )
-        self._matrix = (self._n, _address(self._pointers), _address(self._columns), _address(self._values))
+        self._matrix = (self._n, address(self._pointers), address(self._columns), address(self._values))
 
     def mult(self, x: FloatArray, y: FloatArray) -> None:
         """y <- K x, in double precision if `accurate`; x padded; collective."""
-        self._product(*self._matrix, _address(self._low), _address(x), _address(y), _address(self._sums))
+        self._product(*self._matrix, address(self._low), address(x), address(y), address(self._sums))
         other = self._elsewhere.mult(x)
         if other is not None:
             y += other
@@ -134,7 +135,7 @@ class SymmetricBlocks:
     def residual(self, b: FloatArray, x: FloatArray, r: FloatArray) -> None:
         """r <- b - K x, K in single precision; x padded; collective."""
         b = self._less_others(b, x)
-        self._residual(*self._matrix, _address(b), _address(x), _address(r), _address(self._sums))
+        self._residual(*self._matrix, address(b), address(x), address(r), address(self._sums))
 
     def step(
         self, inverse: FloatArray, b: FloatArray, x: FloatArray, d: FloatArray, first: float, second: float
@@ -142,8 +143,8 @@ class SymmetricBlocks:
         """d <- first d + second inverse (b - K x), x <- x + d, K in single precision; x padded; collective."""
         b = self._less_others(b, x)
         factors = ctypes.c_double(first), ctypes.c_double(second)
-        vectors = (_address(vector) for vector in (inverse, b, x, d))
-        self._step(*self._matrix, *vectors, *factors, _address(self._sums))
+        vectors = (address(vector) for vector in (inverse, b, x, d))
+        self._step(*self._matrix, *vectors, *factors, address(self._sums))
 
     def _less_others(self, b: FloatArray, x: FloatArray) -> FloatArray:
         """b less the product with the columns of other ranks."""
@@ -174,18 +175,18 @@ class BlockInterpolation:
         self._prolong, self._restrict = (
             getattr(library, f"{name}_{shape[0]}_{shape[1]}") for name in ("prolong", "restrict_to")
         )
-        self._matrix = (_address(self._pointers), _address(self._columns), _address(self._values))
+        self._matrix = (address(self._pointers), address(self._columns), address(self._values))
 
     def prolong(self, e: FloatArray, x: FloatArray) -> None:
         """x <- x + P e; e padded; collective."""
-        self._prolong(self._n, *self._matrix, _address(e), _address(x))
+        self._prolong(self._n, *self._matrix, address(e), address(x))
         other = self._elsewhere.mult(e)
         if other is not None:
             x += other
 
     def restrict(self, r: FloatArray, b: FloatArray) -> None:
         """b <- P^T r; collective."""
-        self._restrict(self._n, self._coarse, *self._matrix, _address(r), _address(b), _address(self._sums))
+        self._restrict(self._n, self._coarse, *self._matrix, address(r), address(b), address(self._sums))
         other = self._elsewhere.mult_transpose(r)
         if other is not None:
             b += other

@@ -129,34 +129,33 @@ def _chebyshev(theta: float, delta: float, steps: int) -> list[tuple[float, floa
 
 
 class MultigridCycle:
-    """A preconditioner for K on the first of some grids: PETSc calls `apply`.
+    """A preconditioner for K on the first of some grids.
 
     Args:
         library: The kernels.
         grids: The grids, finest first; their blocks must be `supported`.
-        coarsest: The solver on the coarsest grid, which stays the caller's.
+        coarsest: The solver on the coarsest grid.
+
+    Attributes:
+        size: Unknowns of this rank on the finest grid.
     """
 
     def __init__(self, library: ctypes.CDLL, grids: list[Grid], coarsest: PETSc.KSP):
         self._levels = [_Level(library, grid, k == 0) for k, grid in enumerate(grids)]
-        self._coarsest = coarsest
+        self._coarsest, self.size = coarsest, self._levels[0].blocks.size
         self._coarse_b, self._coarse_x = coarsest.getOperators()[1].createVecs()
         self._right, self._error = padded(self._coarse_b.getLocalSize()), padded(self._coarse_x.getLocalSize())
 
-    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y <- a cycle for x, from zero."""
+    def __call__(self, r: FloatArray) -> FloatArray:
+        """A cycle for r, from zero; to be read before the next one; collective."""
         finest = self._levels[0]
-        finest.b[:] = x.array_r
+        finest.b = r
         self._cycle(0)
-        y.array[:] = finest.x
+        return finest.x
 
-    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y <- K x as accurate as in double precision."""
-        finest = self._levels[0]
-        finest.x[:] = x.array_r
-        finest.b[:] = 0.0
-        finest.blocks.mult(finest.x, finest.b)
-        y.array[:] = finest.b
+    def mult(self, x: FloatArray, y: FloatArray) -> None:
+        """y <- K x, as accurate as in double precision; x padded; collective."""
+        self._levels[0].blocks.mult(x, y)
 
     def _cycle(self, k: int) -> None:
         level, last = self._levels[k], k + 1 == len(self._levels)
@@ -171,10 +170,11 @@ class MultigridCycle:
         level.interpolation.prolong(self._error if last else self._levels[k + 1].x, level.x)
         level.smooth()
 
-    def free(self) -> None:  # not `destroy`: PETSc calls a method of that name on its Python contexts
+    def destroy(self) -> None:
         """Free the PETSc objects."""
         for level in self._levels:
             level.destroy()
+        self._coarsest.destroy()
         self._coarse_b.destroy()
         self._coarse_x.destroy()
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Protocol
 
+import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from .block_matrix import padded
 from .multigrid_cycle import Grid, MultigridCycle, grids_of, supported
 from .native import kernels
 from .nodal_blocks import symmetric_blocks
+from .recycled_cg import RecycledCG
 
 _prefixes = (f"coulomb_{number}_" for number in itertools.count())
 
@@ -43,6 +47,14 @@ class StiffnessSolver(Protocol):
 
     def destroy(self) -> None:
         """Free its PETSc objects."""
+        ...
+
+
+class StiffnessSolverWithProducts(StiffnessSolver, Protocol):
+    """Solves K u = rhs, and makes products with K in the best format that it has."""
+
+    def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
+        """y <- K u, in double precision."""
         ...
 
 
@@ -145,6 +157,9 @@ class DirectSolver:
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         self._ksp.solve(rhs, u)
 
+    def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
+        self._ksp.getOperators()[0].mult(u, y)
+
     def destroy(self) -> None:
         self._ksp.destroy()
 
@@ -152,10 +167,89 @@ class DirectSolver:
 _SMOOTHER: dict[str, object] = {"mg_levels_ksp_type": "chebyshev", "mg_levels_pc_type": "jacobi"}
 _GAMG: dict[str, object] = {"pc_type": "gamg", "pc_gamg_threshold": 0.02}
 _SECOND_ORDER_STEPS = 1  # of the smoother in second order; two take 0.9 of the iterations
+_DIRECTIONS = 20  # of earlier solutions from which a solve starts
+_ITERATIONS = 1000  # of a solve, at most
 
 
-def _cycle_in_blocks(K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle | None:
-    """Multigrid with products in C; None if some rank has no kernels, or blocks of other sizes; collective.
+class _InBlocks:
+    """CG and multigrid in blocks of single precision (multigrid_cycle.py)."""
+
+    def __init__(self, comm: MPI.Comm, library: ctypes.CDLL, cycle: MultigridCycle):
+        self._cycle, self._u = cycle, padded(cycle.size)
+        self._cg = RecycledCG(comm, library, cycle.size, cycle.mult, cycle, _DIRECTIONS, _ITERATIONS)
+
+    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float) -> int:
+        """u <- K^-1 rhs; iterations."""
+        iterations = self._cg.solve(rhs.array_r, self._u, tolerance)
+        u.array[:] = self._u
+        return iterations
+
+    def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
+        """y <- K u."""
+        self._u[:] = u.array_r
+        self._cycle.mult(self._u, product := np.empty_like(self._u))
+        y.array[:] = product
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        self._cycle.destroy()
+
+
+class _ByPETSc:
+    """CG and GAMG by PETSc, with the finest matrix in blocks of double precision.
+
+    Products with the finest matrix are nearly all of the work: CG and the smoother (pc_use_amat) use it in blocks.
+    """
+
+    def __init__(self, K: PETSc.Mat, P: PETSc.Mat | None):
+        self._blocks = symmetric_blocks(K)
+        krylov: dict[str, object] = {
+            "ksp_atol": 0.0,
+            "ksp_max_it": _ITERATIONS,
+            "ksp_norm_type": "unpreconditioned",
+            "ksp_guess_type": "fischer",
+            "ksp_guess_fischer_model": f"2,{_DIRECTIONS}",
+            "pc_use_amat": True,
+        }
+        if P is None:
+            self._ksp = configured_ksp(K, "cg", krylov | _SMOOTHER | _GAMG, self._blocks)
+        else:
+            self._ksp = self._from_second_order(K, P, krylov | _SMOOTHER)
+
+    def _from_second_order(self, K: PETSc.Mat, P: PETSc.Mat, krylov: dict[str, object]) -> PETSc.KSP:
+        linear = _linear(K, P)
+
+        def prepare(pc: PETSc.PC) -> None:
+            pc.setType("mg")
+            pc.setMGLevels(2)
+            pc.setMGInterpolation(1, P)
+            pc.getMGCoarseSolve().setOperators(linear, linear)
+            pc.getMGSmoother(1).setOperators(self._blocks, K)
+
+        krylov |= {"mg_levels_ksp_max_it": _SECOND_ORDER_STEPS, "mg_coarse_ksp_type": "preonly"}
+        krylov |= {f"mg_coarse_{key}": value for key, value in (_GAMG | _SMOOTHER).items()}
+        ksp = configured_ksp(K, "cg", krylov, self._blocks, prepare)
+        linear.destroy()  # the KSP has a reference
+        return ksp
+
+    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float) -> int:
+        """u <- K^-1 rhs; iterations."""
+        self._ksp.setTolerances(rtol=tolerance)
+        self._ksp.solve(rhs, u)
+        return int(self._ksp.getIterationNumber())
+
+    def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
+        """y <- K u."""
+        self._blocks.mult(u, y)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        self._ksp.destroy()
+        self._blocks.destroy()
+
+
+def _in_blocks(K: PETSc.Mat, P: PETSc.Mat | None) -> _InBlocks | None:
+    """CG and multigrid in C; None if some rank has no kernels, or blocks of other sizes; collective.
 
     Args:
         K: The stiffness matrix.
@@ -170,17 +264,20 @@ def _cycle_in_blocks(K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle | None
     if not comm.allreduce(library is not None, op=MPI.LAND):
         return None
     linear = K if P is None else _linear(K, P)
-    ksp = configured_ksp(linear, "preonly", _GAMG | _SMOOTHER)
+    with _options("", {"matptap_via": "rap"} if comm.size == 1 else {}):  # two thirds of the time of PETSc's choice
+        ksp = configured_ksp(linear, "preonly", _GAMG | _SMOOTHER)
     pc = ksp.getPC()
     grids = grids_of(pc)
     if P is not None:
         grids.insert(0, Grid(K, P, _SECOND_ORDER_STEPS))
     coarsest = pc.getMGCoarseSolve()
-    cycle = MultigridCycle(library, grids, coarsest) if library is not None and supported(grids) else None
+    solver = None
+    if library is not None and supported(grids):
+        solver = _InBlocks(comm, library, MultigridCycle(library, grids, coarsest))
     ksp.destroy()  # frees the grids; the coarsest remains
     if P is not None:
         linear.destroy()
-    return cycle
+    return solver
 
 
 class IterativeSolver:
@@ -208,66 +305,18 @@ class IterativeSolver:
         self.tolerance, self.iterations = tolerance, 0
         interpolation = K.getAttr("interpolation")
         P = None if interpolation is None else interpolation()
-        self._cycle = _cycle_in_blocks(K, P)
-        # Every solve starts from the best combination of the last 20 solutions (Fischer 1998, in the norm of the
-        # residual), which saves a quarter of the iterations.
-        krylov: dict[str, object] = {
-            "ksp_rtol": tolerance,
-            "ksp_atol": 0.0,
-            "ksp_max_it": 1000,
-            "ksp_norm_type": "unpreconditioned",
-            "ksp_guess_type": "fischer",
-            "ksp_guess_fischer_model": "2,20",
-        }
-        if self._cycle is not None:
-            self._blocks: PETSc.Mat = PETSc.Mat().createPython(K.getSizes(), context=self._cycle, comm=K.comm)
-            self._blocks.setUp()
-            self._ksp = configured_ksp(K, "cg", krylov | {"pc_type": "python"}, self._blocks, self._python)
-        else:
-            # Products with the finest matrix are nearly all of the work: CG and the smoother (pc_use_amat) use it in
-            # blocks.
-            self._blocks = symmetric_blocks(K)
-            krylov |= {"pc_use_amat": True} | _SMOOTHER
-            if P is None:
-                self._ksp = configured_ksp(K, "cg", krylov | _GAMG, self._blocks)
-            else:
-                self._ksp = self._from_second_order(K, P, krylov)
+        self._method: _InBlocks | _ByPETSc = _in_blocks(K, P) or _ByPETSc(K, P)
         if P is not None:
             P.destroy()
 
-    def _python(self, pc: PETSc.PC) -> None:
-        pc.setType(PETSc.PC.Type.PYTHON)
-        pc.setPythonContext(self._cycle)
-
-    def _from_second_order(self, K: PETSc.Mat, P: PETSc.Mat, krylov: dict[str, object]) -> PETSc.KSP:
-        linear = _linear(K, P)
-
-        def prepare(pc: PETSc.PC) -> None:
-            pc.setType("mg")
-            pc.setMGLevels(2)
-            pc.setMGInterpolation(1, P)
-            pc.getMGCoarseSolve().setOperators(linear, linear)
-            pc.getMGSmoother(1).setOperators(self._blocks, K)
-
-        krylov |= {
-            "mg_levels_ksp_max_it": _SECOND_ORDER_STEPS,
-            "mg_coarse_ksp_type": "preonly",
-        }
-        krylov |= {f"mg_coarse_{key}": value for key, value in (_GAMG | _SMOOTHER).items()}
-        ksp = configured_ksp(K, "cg", krylov, self._blocks, prepare)
-        linear.destroy()  # the KSP has a reference
-        return ksp
-
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
-        self._ksp.setTolerances(rtol=max(tolerance, self.tolerance))
         if rhs.norm() == 0.0:  # a solution 0 among the earlier ones would make the next start undefined
             u.set(0.0)
             return
-        self._ksp.solve(rhs, u)
-        self.iterations += int(self._ksp.getIterationNumber())
+        self.iterations += self._method.solve(rhs, u, max(tolerance, self.tolerance))
+
+    def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
+        self._method.mult(u, y)
 
     def destroy(self) -> None:
-        self._ksp.destroy()
-        self._blocks.destroy()
-        if self._cycle is not None:
-            self._cycle.free()
+        self._method.destroy()

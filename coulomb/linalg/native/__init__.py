@@ -47,7 +47,9 @@ def _loaded() -> ctypes.CDLL:
             command = [*compiler, *_FLAGS, "-o", str(made), str(_SOURCES[0])]
             subprocess.run(command, check=True, capture_output=True, timeout=_SECONDS)
             made.replace(library)  # at once: other processes may do the same
-    return ctypes.CDLL(str(library))
+    loaded = ctypes.CDLL(str(library))
+    loaded.advance.restype = ctypes.c_double
+    return loaded
 
 
 def _cache() -> Path:

@@ -41,3 +41,33 @@ static inline d8 up8(const float *v) { return __builtin_convertvector(*(const f8
 #define DC d8
 #define NAME(function) function##_6_6
 #include "blocks.h"
+
+/* x <- x + step p, r <- r - step image; |r|^2. */
+double advance(long n, double step, const double *restrict p, const double *restrict image, double *restrict x,
+               double *restrict r)
+{
+    d8 squares = {0};
+    long i = 0;
+    for (; i + 8 <= n; i += 8) {
+        *(d8 *)(x + i) += step * *(const d8 *)(p + i);
+        const d8 left = *(d8 *)(r + i) - step * *(const d8 *)(image + i);
+        *(d8 *)(r + i) = left;
+        squares += left * left;
+    }
+    double total = 0.0;
+    for (int k = 0; k < 8; k++)
+        total += squares[k];
+    for (; i < n; i++) {
+        x[i] += step * p[i];
+        r[i] -= step * image[i];
+        total += r[i] * r[i];
+    }
+    return total;
+}
+
+/* p <- z + factor p. */
+void next_direction(long n, double factor, const double *restrict z, double *restrict p)
+{
+    for (long i = 0; i < n; i++)
+        p[i] = z[i] + factor * p[i];
+}

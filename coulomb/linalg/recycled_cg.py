@@ -1,0 +1,138 @@
+"""Preconditioned conjugate gradients that start from the best combination of earlier solutions (Fischer 1998).
+
+A solve makes a direction, from its start to its solution, and what K makes of it is the change of the residual: no
+product is needed for it, nor for the residual of the next start.  (PETSc's KSPGuess takes three products for that in
+every solve, which here has three or four in all, and forgets all directions but one when it has as many as it may
+have.)  The combination minimises the norm of the residual; directions are replaced by newer ones in turn.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.linalg.blas import daxpy
+
+from ..arrays import FloatArray
+from .block_matrix import address, padded
+
+_RECOMPUTED = 1e-4
+"""Tolerance below which the residual at the start is computed by a product, since images of directions are kept in
+single precision."""
+
+_NOT_CONVERGED = 91  # PETSc's number of this error
+
+_DEPENDENT = 1e-8  # part of the largest eigenvalue of the directions' Gram matrix below which they are dependent
+
+
+class RecycledCG:
+    """K u = rhs for many right-hand sides, by conjugate gradients.
+
+    Args:
+        comm: The ranks.
+        size: Unknowns of this rank.
+        library: The kernels.
+        mult: (x, y): y <- K x, both of this rank and padded (block_matrix.py); collective.
+        precondition: r -> an approximation of K^-1 r, symmetric positive definite, to be read before the next;
+            collective.
+        directions: Directions kept, at most.
+        limit: Iterations of a solve, at most.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        library: ctypes.CDLL,
+        size: int,
+        mult: Callable[[FloatArray, FloatArray], None],
+        precondition: Callable[[FloatArray], FloatArray],
+        directions: int = 20,
+        limit: int = 1000,
+    ):
+        self._comm, self._library, self._limit = comm, library, limit
+        self._mult, self._precondition = mult, precondition
+        self._r, self._p, self._image, self._moved = (padded(size) for _ in range(4))
+        self._directions = np.empty((directions, size))
+        self._images = np.empty((directions, size), dtype=np.float32)
+        self._gram: FloatArray = np.zeros((directions, directions))
+        self._count, self._next = 0, 0
+
+    @property
+    def residual(self) -> FloatArray:
+        """rhs - K u of the last solve; not to be changed."""
+        return self._r
+
+    def solve(self, rhs: FloatArray, u: FloatArray, tolerance: float) -> int:
+        """u <- K^-1 rhs to |rhs - K u| <= tolerance |rhs|; the number of iterations; collective.
+
+        Raises:
+            PETSc.Error: On every rank, if the limit was reached, or K or the preconditioner is not positive definite.
+        """
+        size = self._norm(rhs)
+        self._start(rhs, u, size)
+        if tolerance < _RECOMPUTED:
+            self._p[:] = u
+            self._mult(self._p, self._image)
+            np.subtract(rhs, self._image, out=self._r)
+        iterations = self._iterate(tolerance * size)
+        if iterations > 0:
+            daxpy(self._moved, u)
+            self._remember(rhs, u)
+        return iterations
+
+    def _start(self, rhs: FloatArray, u: FloatArray, size: float) -> None:
+        """u <- the best combination of the directions, r <- its residual."""
+        u[:], self._r[:] = 0.0, rhs
+        k = self._count
+        if k == 0 or size == 0.0:
+            return
+        products = self._comm.allreduce(self._images[:k] @ (rhs / size).astype(np.float32)).astype(float)
+        sizes, V = np.linalg.eigh(self._gram[:k, :k])
+        kept = sizes > _DEPENDENT * sizes[-1]
+        c = V[:, kept] @ ((V[:, kept].T @ products) / sizes[kept])
+        u[:] = (size * c) @ self._directions[:k]
+        self._r -= size * (c.astype(np.float32) @ self._images[:k])
+
+    def _iterate(self, goal: float) -> int:
+        """moved <- K^-1 r approximately, r <- the residual that is left, with a norm of at most `goal`."""
+        r, p, image = self._r, self._p, self._image
+        self._moved[:] = 0.0
+        left, before = self._norm(r), 0.0
+        for iteration in range(self._limit + 1):
+            if left <= goal:
+                return iteration
+            z = self._precondition(r)
+            product = self._dot(r, z)
+            if iteration == 0:
+                p[:] = z
+            else:
+                self._library.next_direction(len(p), ctypes.c_double(product / before), address(z), address(p))
+            self._mult(p, image)
+            curvature = self._dot(p, image)
+            if not (product > 0.0 and curvature > 0.0):  # or NaN
+                break
+            step = ctypes.c_double(product / curvature)
+            square = self._library.advance(len(p), step, *map(address, (p, image, self._moved, r)))
+            left, before = math.sqrt(self._comm.allreduce(square)), product
+        raise PETSc.Error(_NOT_CONVERGED)
+
+    def _remember(self, rhs: FloatArray, u: FloatArray) -> None:
+        """A solution, with the last residual, in place of the oldest one."""
+        np.subtract(rhs, self._r, out=self._image)
+        scale = 1.0 / self._norm(self._image)
+        k, most = self._next, len(self._directions)
+        np.multiply(u, scale, out=self._directions[k])
+        np.multiply(self._image, scale, out=self._images[k], casting="same_kind")
+        self._count, self._next = max(self._count, k + 1), (k + 1) % most
+        of_new = self._comm.allreduce(self._images[: self._count] @ self._images[k])
+        self._gram[k, : self._count] = self._gram[: self._count, k] = of_new
+
+    def _dot(self, a: FloatArray, b: FloatArray) -> float:
+        return float(self._comm.allreduce(float(a @ b)))
+
+    def _norm(self, a: FloatArray) -> float:
+        return math.sqrt(self._dot(a, a))
