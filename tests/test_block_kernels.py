@@ -95,3 +95,27 @@ def test_without_compiler(monkeypatch, tmp_path):
         assert native.kernels() is None
     finally:
         native.kernels.cache_clear()
+
+
+def test_solves_start_from_earlier_solutions():
+    """A combination of earlier right-hand sides costs nothing at their accuracy; older solutions than are kept do."""
+    K = block(4, 0.3).elasticity.K
+    solver = stiffness.IterativeSolver(K)
+    rng, rhs = np.random.default_rng(6), []
+    f, u = K.createVecs()
+    for _ in range(25):
+        f.array[:] = rng.standard_normal(f.getLocalSize())
+        rhs.append(f.array.copy())
+        solver.solve(f, u, 1e-3)
+    costs = []
+    for among in (rhs[5:], rhs[:5]):
+        before = solver.iterations
+        f.array[:] = sum(c * r for c, r in zip(rng.standard_normal(len(among)), among, strict=True))
+        solver.solve(f, u, 1e-2)
+        assert (K * u - f).norm() <= 1.01e-2 * f.norm()
+        costs.append(solver.iterations - before)
+    assert costs[0] == 0 and costs[1] > 0
+    f.array[:] = rhs[-1]
+    solver.solve(f, u)  # to full accuracy, although what is kept of earlier solutions is in single precision
+    assert (K * u - f).norm() <= 2e-11 * f.norm()
+    solver.destroy()

@@ -10,6 +10,7 @@ Vectors of this rank are arrays with room for a few numbers behind their end (`p
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ SHAPES = ((3, 3), (3, 6), (6, 6))
 """Shapes of blocks for which there are kernels."""
 
 _LANES = {3: 4, 6: 8}
+_CHUNK = 20_000  # rows
 _Array = npt.NDArray[Any]
 
 
@@ -38,12 +40,6 @@ def padded(size: int) -> FloatArray:
 def address(array: _Array | None) -> ctypes.c_void_p:
     """The address of an array's first number, for a kernel."""
     return ctypes.c_void_p(None if array is None else array.ctypes.data)
-
-
-def _single(values: _Array) -> npt.NDArray[np.float32]:
-    single = np.zeros(values.size + PADDING, dtype=np.float32)
-    single[: values.size] = values.ravel()
-    return single
 
 
 class _Elsewhere:
@@ -86,16 +82,31 @@ class _Elsewhere:
                 thing.destroy()
 
 
-def own_blocks(matrix: PETSc.Mat, shape: tuple[int, int]) -> scipy.sparse.bsr_matrix:
-    """The entries of this rank's rows in this rank's columns, in blocks."""
-    rows, columns = matrix.getLocalSize()
-    if matrix.comm.size == 1:
-        indptr, indices, values = matrix.getValuesCSR()
-    else:
-        indptr, indices, values = matrix.getDiagonalBlock().getValuesCSR()
-    blocks = scipy.sparse.csr_matrix((values, indices, indptr), shape=(rows, columns)).tobsr(shape)
-    blocks.sort_indices()
-    return blocks
+def _own_blocks(matrix: PETSc.Mat, shape: tuple[int, int]) -> Iterator[tuple[int, scipy.sparse.bsr_matrix]]:
+    """The entries of this rank's rows in this rank's columns, in blocks, by some rows after the other, with the number
+    of the first: PETSc's arrays can only be copied, and a copy of the whole matrix would need as much memory again."""
+    own = matrix if matrix.comm.size == 1 else matrix.getDiagonalBlock()
+    rows, columns = own.getSize()
+    step = shape[0] * max(_CHUNK // shape[0], 1)
+    every = PETSc.IS().createStride(columns, 0, 1, comm=PETSc.COMM_SELF)
+    for first in range(0, max(rows, 1), step):
+        count = min(step, rows - first)
+        here = PETSc.IS().createStride(count, first, 1, comm=PETSc.COMM_SELF)
+        part = own.createSubMatrix(here, every)
+        indptr, indices, values = part.getValuesCSR()
+        blocks = scipy.sparse.csr_matrix((values, indices, indptr), shape=(count, columns)).tobsr(shape)
+        blocks.sort_indices()
+        yield first // shape[0], blocks
+        for thing in (part, here):
+            thing.destroy()
+    every.destroy()
+
+
+def _joined(pointers: list[_Array]) -> npt.NDArray[np.int32]:
+    """Pointers to the rows of parts, as those of the whole."""
+    counts = np.concatenate([np.diff(part) for part in pointers])
+    joined: npt.NDArray[np.int32] = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+    return joined
 
 
 class SymmetricBlocks:
@@ -112,11 +123,21 @@ class SymmetricBlocks:
     """
 
     def __init__(self, library: ctypes.CDLL, matrix: PETSc.Mat, size: int, accurate: bool = False):
-        pointers, columns, blocks = upper_blocks(own_blocks(matrix, (size, size)), 0)
-        self._n, self.size = len(pointers) - 1, size * (len(pointers) - 1)
-        self._pointers, self._columns = pointers.astype(np.int32), columns.astype(np.int32)
-        self._values = _single(blocks)
-        self._low = _single(blocks.ravel() - self._values[: blocks.size]) if accurate else None
+        pointers, columns, high, low = [], [], [], []
+        for first, rows in _own_blocks(matrix, (size, size)):
+            row_pointers, row_columns, blocks = upper_blocks(rows, first)
+            pointers.append(row_pointers)
+            columns.append(row_columns.astype(np.int32))
+            high.append(blocks.ravel().astype(np.float32))
+            if accurate:
+                low.append((blocks.ravel() - high[-1]).astype(np.float32))
+        room = np.zeros(PADDING, dtype=np.float32)
+        self._pointers, self._columns = _joined(pointers), np.concatenate(columns)
+        self._values = np.concatenate([*high, room])
+        high.clear()
+        self._low = np.concatenate([*low, room]) if accurate else None
+        self._n = len(self._pointers) - 1
+        self.size = size * self._n
         self._sums = np.zeros(_LANES[size] * self._n + PADDING)
         self._elsewhere = _Elsewhere(matrix)
         self._right = padded(self.size)
@@ -166,10 +187,12 @@ class BlockInterpolation:
     """
 
     def __init__(self, library: ctypes.CDLL, matrix: PETSc.Mat, shape: tuple[int, int]):
-        blocks = own_blocks(matrix, shape)
-        self._n, self._coarse = blocks.shape[0] // shape[0], blocks.shape[1] // shape[1]
-        self._pointers, self._columns = blocks.indptr.astype(np.int32), blocks.indices.astype(np.int32)
-        self._values = _single(blocks.data)
+        parts = [rows for _, rows in _own_blocks(matrix, shape)]
+        self._pointers = _joined([rows.indptr for rows in parts])
+        self._columns = np.concatenate([rows.indices for rows in parts]).astype(np.int32)
+        room = np.zeros(PADDING, dtype=np.float32)
+        self._values = np.concatenate([*(rows.data.ravel().astype(np.float32) for rows in parts), room])
+        self._n, self._coarse = len(self._pointers) - 1, matrix.getLocalSize()[1] // shape[1]
         self._sums = np.zeros(_LANES[shape[1]] * self._coarse + PADDING)
         self._elsewhere = _Elsewhere(matrix)
         self._prolong, self._restrict = (

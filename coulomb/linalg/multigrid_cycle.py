@@ -21,7 +21,7 @@ from ..arrays import FloatArray
 from .block_matrix import SHAPES, BlockInterpolation, SymmetricBlocks, padded
 from .reductions import Reductions
 
-_SMOOTHED = (0.1, 1.1)  # part of the spectrum that the smoother damps, over its estimated largest eigenvalue
+_SMOOTHED = (0.05, 1.05)  # part of the spectrum that the smoother damps, over its estimated largest eigenvalue, as GAMG
 _LANCZOS = 10  # steps of the estimate
 
 

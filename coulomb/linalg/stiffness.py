@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Protocol
 
-import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -47,14 +46,6 @@ class StiffnessSolver(Protocol):
 
     def destroy(self) -> None:
         """Free its PETSc objects."""
-        ...
-
-
-class StiffnessSolverWithProducts(StiffnessSolver, Protocol):
-    """Solves K u = rhs, and makes products with K in the best format that it has."""
-
-    def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y <- K u, in double precision."""
         ...
 
 
@@ -157,9 +148,6 @@ class DirectSolver:
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         self._ksp.solve(rhs, u)
 
-    def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._ksp.getOperators()[0].mult(u, y)
-
     def destroy(self) -> None:
         self._ksp.destroy()
 
@@ -183,12 +171,6 @@ class _InBlocks:
         iterations = self._cg.solve(rhs.array_r, self._u, tolerance)
         u.array[:] = self._u
         return iterations
-
-    def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y <- K u."""
-        self._u[:] = u.array_r
-        self._cycle.mult(self._u, product := np.empty_like(self._u))
-        y.array[:] = product
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
@@ -237,10 +219,6 @@ class _ByPETSc:
         self._ksp.setTolerances(rtol=tolerance)
         self._ksp.solve(rhs, u)
         return int(self._ksp.getIterationNumber())
-
-    def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y <- K u."""
-        self._blocks.mult(u, y)
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
@@ -314,9 +292,6 @@ class IterativeSolver:
             u.set(0.0)
             return
         self.iterations += self._method.solve(rhs, u, max(tolerance, self.tolerance))
-
-    def mult(self, u: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._method.mult(u, y)
 
     def destroy(self) -> None:
         self._method.destroy()
