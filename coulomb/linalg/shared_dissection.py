@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import connected_components
 
 from ..arrays import FloatArray
@@ -250,6 +249,8 @@ class _Cutting:
 
     def _ranks(self, mine: Nodes, label: Nodes) -> list[int]:
         """The rank in place of each number: so that most rows of K are where they are needed; collective."""
+        from scipy.optimize import linear_sum_assignment  # takes time to load, which a run on one rank need not spend
+
         at = np.array([number for number, _ in self._parts] + [-1] * len(self._fronts), dtype=np.int64)[label[mine]]
         rows = np.array(self._comm.allgather(np.bincount(at[at >= 0], minlength=self._comm.size)))
         chosen = linear_sum_assignment(-rows.T)[1].tolist()

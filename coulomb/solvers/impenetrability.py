@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import scipy.optimize
 import scipy.sparse
 
 from .friction_problem import FrictionProblem
@@ -26,6 +25,8 @@ def contradiction(problem: FrictionProblem, W: Any) -> str:
         problem: The problem, on one rank.
         W: Its compliance, sparse, its columns in any scaling; 0 along the tangents of contacts without friction.
     """
+    from scipy.optimize import linprog  # takes time to load, and few problems have no solution
+
     m, size = problem.A.nodes, float(np.abs(problem.b).max()) or 1.0
     if W.nnz > _LARGEST:
         return ""
@@ -34,7 +35,7 @@ def contradiction(problem: FrictionProblem, W: Any) -> str:
     constraints = scipy.sparse.hstack([-rows, np.ones((m, 1))]).tocsr()
     bounds = [(None, None)] * n + [(None, 1.0)]
     costs = np.append(np.zeros(n), -1.0)
-    found = scipy.optimize.linprog(costs, A_ub=constraints, b_ub=-b_n, bounds=bounds, options={"maxiter": 50 * n})
+    found = linprog(costs, A_ub=constraints, b_ub=-b_n, bounds=bounds, options={"maxiter": 50 * n})
     if found.x is None or found.x[-1] > -_CLEAR:
         return ""
     d = np.maximum(-np.asarray(found.ineqlin.marginals), 0.0)
