@@ -116,6 +116,7 @@ def test_inner_precision_follows_the_papers_rule():
         {"sigma_min": 0.0},
         {"sigma_min": 0.6},
         {"sigma_max": 0.51},
+        {"free": -1},
         {"max_iterations": 0},
     ],
 )
@@ -277,11 +278,12 @@ def test_useless_warm_start_falls_back_to_a_cold_one():
 def test_blocked_warm_start_falls_back_to_a_cold_one(monkeypatch):
     """A warm start forced onto the boundary: its steps block, and the following cold start gives the answer."""
     qp, _ = random_tresca(60, seed=27)
-    start = InteriorPoint().solve(qp)
+    solver = InteriorPoint(free=0, starts=(0.1, 1e3, 1e6))
+    start = solver.solve(qp)
     other = replace(qp, b=-np.roll(qp.b, 7))
-    cold = InteriorPoint().solve(other)
+    cold = solver.solve(other)
     monkeypatch.setattr(ScaledProblem, "distance_from_solution", lambda *_: 1e-6)
-    warm = InteriorPoint().solve(other, start.x, gradient=start.gradient)
+    warm = solver.solve(other, start.x, gradient=start.gradient)
     assert warm.newton_steps > cold.newton_steps and [step.iteration for step in warm.history][-1] == warm.newton_steps
     assert np.linalg.norm(warm.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)
 

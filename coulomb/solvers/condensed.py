@@ -34,7 +34,7 @@ grows with the square of the contact nodes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -199,6 +199,9 @@ class _Condensed:
     def estimate(self, x: FloatArray) -> FloatArray:
         """0: the effect of x beyond the step is in R, not in B y."""
         return np.zeros_like(x)
+
+    def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
+        """A step has no products by A."""
 
     def _stiffen(self) -> None:
         """K + B^T C_d^-1 B: K, and a block per contact node on its diagonal."""

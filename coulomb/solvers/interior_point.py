@@ -39,6 +39,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from .equilibrium import balanced_forces, no_equilibrium, sliding
+from .free_start import free_start
 from .friction_problem import FrictionProblem
 from .newton_systems import NewtonChoice, SchurComplementSystem
 from .results import (
@@ -75,7 +76,9 @@ class InteriorPoint:
         max_iterations: Newton steps of a start before the solver gives up.
         newton: The linear system of a step: SchurComplementSystem (J_SC, P_SC), AugmentedSystem (J_AM, P_AM; without
             slope), CondensedSystem (K with springs in place of A) or DenseSystem (LU, for small problems).
-        starts: theta of one cold start after the other, over rms(A x - b) there, until the steps do not block.
+        free: Largest number of products that a cold start spends on the problem without friction (free_start.py); 0:
+            it is left out.
+        starts: If its steps block, cold starts from equal pressure follow, with this theta over rms(A x - b) there.
         blocked: A step shorter than this, three times in a row, ends a start that is not the last.
         to_boundary: Largest fraction of the distance to the boundary for a step.
         backtrack: The ratio of the step lengths tried.
@@ -106,7 +109,8 @@ class InteriorPoint:
     sigma_max: float = 0.5
     max_iterations: int = 100
     newton: NewtonChoice = field(default_factory=SchurComplementSystem)
-    starts: tuple[float, ...] = (0.1, 1e3, 1e6)
+    free: int = 12
+    starts: tuple[float, ...] = (1e3, 1e6)
     blocked: float = 0.05
     to_boundary: float = 0.99
     backtrack: float = 0.9
@@ -132,6 +136,7 @@ class InteriorPoint:
             ("omega", 0.0 < self.omega < 1.0, "in (0, 1)"),
             ("sigma_min", 0.0 < self.sigma_min <= self.sigma_max, "in (0, sigma_max]"),
             ("sigma_max", self.sigma_max <= 0.5, "at most 1/2"),
+            ("free", self.free >= 0, "at least 0"),
             ("max_iterations", self.max_iterations >= 1, "at least 1"),
             ("starts", len(self.starts) >= 1, "at least one"),
         )
@@ -210,8 +215,11 @@ class _Path:
         """
         results: list[SolverResult] = []
         starts, v = list(self._settings.starts), None if start is None else self._warm(start, gradient)
+        free = self._settings.free
         try:
-            while v is not None or starts:
+            while v is not None or free > 0 or starts:
+                if v is None and free > 0:
+                    v, free = free_start(self._scaled, self._newton, free, self._settings.fresh), 0
                 if v is None:  # equal pressure everywhere, no friction
                     x_n, y = self._scaled.lower + 1.0, np.zeros((self._scaled.nodes, 2))
                     v = self._centred(x_n, y, starts.pop(0))

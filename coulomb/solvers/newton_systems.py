@@ -23,6 +23,7 @@ Rigid motions border the system, [J, -G^T; G, 0]; a constraint preconditioner ma
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -111,6 +112,10 @@ class NewtonSystem(Protocol):
 
     def estimate(self, x: FloatArray) -> FloatArray:
         """Approximate A x (m, 3), without a product."""
+        ...
+
+    def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
+        """Take note of products made elsewhere, pairs of x and A x, each (m, 3)."""
         ...
 
     def destroy(self) -> None:
@@ -238,6 +243,11 @@ class _Krylov(ProductImages):
 
     def estimate(self, x: FloatArray) -> FloatArray:
         return self._A.mult(x)
+
+    def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
+        for x, A_x in pairs:
+            self._A.record(x, A_x)
+        self._A.update()
 
     def destroy(self) -> None:
         self._scaled.keep(self._A.learnt)

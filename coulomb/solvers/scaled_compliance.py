@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..arrays import FloatArray
@@ -100,6 +102,9 @@ class ProductImages:
 
     def corrected(self, A_x: FloatArray, exact: FloatArray) -> FloatArray:
         return exact
+
+    def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
+        """A system without a model of A has no use for them."""
 
     def tighten(self) -> None:
         self._sharper = max(0.1 * self._sharper, _SHARPEST)

@@ -83,6 +83,8 @@ class ScaledProblem:
         lower: Lower bound of x_n, shape (m,).
         law: The scaled law; bound 1 where there is no friction.
         A: The scaled compliance, with G~.
+        free: b~ on the unknowns, shape (m, 3): what the loads without contact forces close of gaps and slips.
+        A_ones: A~ of unit normal forces, shape (m, 3), the product that gave the nominal force.
         e: e~, shape (r,).
     """
 
@@ -100,8 +102,10 @@ class ScaledProblem:
         self._W = np.column_stack([np.ones(self.nodes), unit, unit])
         self._T, G, self.e = self._motions()
         self.A = ScaledCompliance(problem.A, self._W, self._a, self._s, G)
+        self.A_ones: FloatArray = self._W * self._A_e / self._a
         self.lower = np.broadcast_to(np.asarray(problem.lower) / self._s, (self.nodes,))
         self._b = self._W * problem.b.reshape(-1, 3) / (self._a * self._s)
+        self.free: FloatArray = np.where(np.column_stack([self._active, self.frictional]), self._b, 0.0)
 
     def _nominal_force(self) -> float:
         """s > 0 in newtons; one product by A."""
@@ -109,6 +113,7 @@ class ScaledProblem:
         e, A_e = np.zeros((self.nodes, 3)), np.empty(3 * self.nodes)
         e[:, 0] = 1.0
         self.problem.A.mult(e.ravel(), A_e, _ROUGHLY)
+        self._A_e = A_e.reshape(-1, 3)
         least = 0.1 * over.max(np.abs(np.asarray(self.problem.lower)))
         if self.problem.rigid is not None:  # at least the size of the smallest forces that balance the loads
             least = max(least, self.problem.motion_basis.distance(self.problem.rigid.e) / over.norm(e))
@@ -287,9 +292,10 @@ class ScaledProblem:
 
     def projection_step(self, x: FloatArray, w: FloatArray) -> FloatArray:
         """q = x - D^-1 w with w = A x - b and D = diag(A), made isotropic on each disc; a solution has P(q) = x."""
-        return x - w / self._isotropic()
+        return x - w / self.isotropic()
 
-    def _isotropic(self) -> FloatArray:
+    def isotropic(self) -> FloatArray:
+        """diag(A~), made isotropic on each disc, 1 where there is none, shape (m, 3)."""
         d = self.A.diagonal.copy()
         d[:, 1:] = np.where(self.frictional[:, None], 0.5 * (d[:, 1:2] + d[:, 2:3]), 1.0)
         return d
@@ -308,21 +314,25 @@ class ScaledProblem:
         Kanzow and Smale).  A disc: x_t = q_t / (1 + tau) with tau = nu2 / (r d), where
         d tau (r^2 - |q_t|^2 / (1 + tau)^2) = 2 theta.
         """
-        D = self._isotropic()
-        d, d_t = D[:, 0], D[:, 1]
+        d = self.isotropic()[:, 0]
         above = q[:, 0] - self.lower
         root = np.sqrt(above**2 + 4.0 * theta / d)
         with np.errstate(divide="ignore", invalid="ignore"):  # the root without cancellation
             t = np.where(above > 0.0, 0.5 * (above + root), 2.0 * theta / d / (root - above))
         x_n = self.lower + t
-        r, size = self.law.radius(x_n), np.hypot(q[:, 1], q[:, 2])
+        y = self.smoothed_discs(x_n, q[:, 1:], theta)
+        nu = self.over_constraints(np.full((self.nodes, 2), theta), self.slack(x_n, y))
+        return x_n, y, nu
+
+    def smoothed_discs(self, x_n: FloatArray, q_t: FloatArray, theta: float) -> FloatArray:
+        """The part y (m, 2) of `smoothed_projection`, with discs of the radius of x_n (m,), of q_t (m, 2)."""
+        d_t, r, size = self.isotropic()[:, 1], self.law.radius(x_n), np.hypot(q_t[:, 0], q_t[:, 1])
         low = np.maximum(size / r - 1.0, 0.0)
         high = low + 1.0 + 4.0 * theta / (d_t * r**2)
         for _ in range(100):  # bisection: the left-hand side grows with tau between these bounds
             tau = 0.5 * (low + high)
             short = tau * d_t * (r**2 - (size / (1.0 + tau)) ** 2) < 2.0 * theta
             low, high = np.where(short, tau, low), np.where(short, high, tau)
-        y = q[:, 1:] / ((1.0 + high) * r)[:, None]
+        y: FloatArray = q_t / ((1.0 + high) * r)[:, None]
         y[~self.frictional] = 0.0
-        nu = self.over_constraints(np.full((self.nodes, 2), theta), self.slack(x_n, y))
-        return x_n, y, nu
+        return y
