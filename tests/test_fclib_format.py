@@ -102,10 +102,14 @@ def test_bad_files(tmp_path):
         del file["fclib_local/vectors/mu"]
     with h5py.File(tmp_path / "empty.hdf5", "w"):
         pass
+    write_fclib(tmp_path / "beyond.hdf5", small())
+    with h5py.File(tmp_path / "beyond.hdf5", "a") as file:
+        file["fclib_local/W/i"][0] = 100_000
     for name, message in (
         ("none.hdf5", "cannot be read as HDF5"),
         ("text.hdf5", "cannot be read as HDF5"),
         ("small.hdf5", "is not complete"),
+        ("beyond.hdf5", "beyond.hdf5: .*ind"),
         ("empty.hdf5", "neither a group fclib_local nor fclib_global"),
     ):
         with pytest.raises(ValueError, match=message):

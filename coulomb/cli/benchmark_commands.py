@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..ranks import several
+from .benchmark_fclib import fclib
 from .benchmark_output import figures, print_verified, write_csv, write_table, writing
 from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     pass
 
 benchmark = typer.Typer(help="Benchmarks and verification.", no_args_is_help=True)
+benchmark.command()(fclib)
 
 
 @benchmark.command()

@@ -76,6 +76,8 @@ def read_fclib(path: str | Path) -> FCLIBProblem:
         raise ValueError(f"{path}: cannot be read as HDF5: {error}") from None
     except KeyError as error:
         raise ValueError(f"{path}: is not complete: {error.args[0]}") from None
+    except ValueError as error:
+        raise ValueError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
     raise ValueError(f"{path}: has neither a group fclib_local nor fclib_global")
 
 
@@ -86,6 +88,7 @@ def _read_npz(path: Path) -> FCLIBProblem:
             rows = tuple(np.asarray(file[key]) for key in ("W_data", "W_indices", "W_indptr"))
             q, mu = np.asarray(file["q"], dtype=np.float64), np.asarray(file["mu"], dtype=np.float64)
             W = scipy.sparse.csr_matrix(rows, shape=(len(rows[2]) - 1, len(rows[2]) - 1))
+            W.check_format(full_check=True)
     except KeyError as error:
         raise ValueError(f"{path}: is not complete: {error.args[0]}") from None
     except (OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
@@ -122,11 +125,12 @@ def _read_matrix(group: Any) -> Any:
     """x, i, p, m, n, nz: nz = -1 compressed columns, -2 compressed rows, else nz triplets of row i and column p."""
     m, n, nz = (int(np.ravel(group[key][()])[0]) for key in ("m", "n", "nz"))
     x, i, p = (group[key][()] for key in ("x", "i", "p"))
-    if nz == -1:
-        return scipy.sparse.csc_matrix((x, i, p), shape=(m, n)).tocsr()
-    if nz == -2:
-        return scipy.sparse.csr_matrix((x, i, p), shape=(m, n))
-    return scipy.sparse.coo_matrix((x[:nz], (i[:nz], p[:nz])), shape=(m, n)).tocsr()
+    if nz >= 0:
+        return scipy.sparse.coo_matrix((x[:nz], (i[:nz], p[:nz])), shape=(m, n)).tocsr()
+    compressed = scipy.sparse.csc_matrix if nz == -1 else scipy.sparse.csr_matrix
+    matrix = compressed((x, i, p), shape=(m, n))
+    matrix.check_format(full_check=True)  # an index beyond the matrix would end the process
+    return matrix.tocsr()
 
 
 def write_fclib(path: str | Path, problem: FCLIBProblem, r: FloatArray | None = None) -> None:

@@ -216,6 +216,22 @@ def conditioning(csv_file: str | Path) -> Path:
     return _save(figure, csv_file)
 
 
+def fclib_profile(csv_file: str | Path) -> Path:
+    """Performance profile from fclib_profile.csv into the same directory: problems solved within a multiple of the
+    quickest solver's time."""
+    rows = _read_csv(csv_file)
+    figure, (axis,) = _axes(1)
+    ratio = [float(row["ratio"]) for row in rows]
+    for solver in list(rows[0])[1:]:
+        axis.step(ratio, [float(row[solver]) for row in rows], where="post", label=solver)
+    axis.set_xscale("log")
+    axis.set_ylim(0.0, 1.02)
+    axis.set_xlabel("time over that of the quickest solver")
+    axis.set_ylabel("fraction of the problems solved")
+    axis.legend()
+    return _save(figure, csv_file)
+
+
 def _finish(axes: Any, label: str, sizes: Sequence[float]) -> None:
     """A logarithmic axis with ticks at the measured sizes, and the legend beside the last picture."""
     shown = sorted(set(sizes))

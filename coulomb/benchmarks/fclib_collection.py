@@ -1,0 +1,152 @@
+"""A folder of FCLIB problems, or generated ones, by coulomb and by Siconos: a table and a performance profile.
+
+Every solver has a process of its own for every problem, on one thread, and the same limit of processor time.  A
+problem counts as solved if the residual by the collection's measure is at most 1e-8; for Siconos also if it reports
+success at its own tolerance of 1e-8, which is relative to |q|.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..io.fclib import FCLIBProblem, read_fclib
+from .fclib_solvers import OURS, SICONOS, TOLERANCE
+from .rigid_bodies import collection
+
+FLOOR = 0.01
+"""Seconds: shorter times count as this in a performance profile, since they are those of calls, not of solvers."""
+
+RATIOS = tuple(10.0 ** (k / 10.0) for k in range(41))
+"""Times over the quickest solver's at which a performance profile is written, 1 to 10 000."""
+
+_RANK_UP_TO = 2000  # rows of W up to which its rank is computed, by dense algebra
+
+
+class Row(NamedTuple):
+    """A row of fclib.csv.
+
+    Attributes:
+        problem: Its name.
+        contacts: m.
+        rows: Rows of W, 3 m.
+        rank: Of W; None for large ones.
+        friction: Largest coefficient.
+        solver: Its name.
+        seconds: Processor time; the limit where that was reached.
+        residual: By the collection's measure; None without an answer.
+        solved: See above.
+        said: The reason if it was not solved.
+    """
+
+    problem: str
+    contacts: int
+    rows: int
+    rank: int | None
+    friction: float
+    solver: str
+    seconds: float
+    residual: float | None
+    solved: bool
+    said: str
+
+
+Made = tuple[str, Callable[[], FCLIBProblem]]
+
+
+def in_folder(directory: Path) -> list[Made]:
+    """Names and readers of the problems of a folder, .hdf5 and .npz.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    files = sorted(path for path in directory.glob("*") if path.suffix in (".hdf5", ".h5", ".npz"))
+    if not files:
+        raise ValueError(f"{directory}: there are no FCLIB problems there, .hdf5 or .npz")
+    return [(path.name, lambda path=path: read_fclib(path)) for path in files]  # type: ignore[misc]
+
+
+def solvers_here(names: Sequence[str] | None = None) -> list[str]:
+    """The solvers to compare, coulomb first; Siconos' only where it is installed.
+
+    Raises:
+        ValueError: If there is no such solver.
+    """
+    for name in names or ():
+        if name != OURS and name not in SICONOS:
+            raise ValueError(f"there is no solver {name!r}; they are {OURS}, {', '.join(SICONOS)}")
+    chosen = list(SICONOS)[:3] if names is None else [name for name in names if name != OURS]
+    return [OURS, *chosen] if importlib.util.find_spec("siconos") is not None else [OURS]
+
+
+def measure(problems: Iterable[Made], solvers: Sequence[str], limit: float) -> Iterator[Row]:
+    """Rows as they are measured.
+
+    Args:
+        problems: Names and makers.
+        solvers: Names.
+        limit: Seconds of processor time for each.
+
+    Raises:
+        ValueError: If a file cannot be read.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        for name, make in problems:
+            problem, file = make(), Path(folder) / "problem.npz"
+            W = problem.W.tocsr()
+            np.savez(file, W_data=W.data, W_indices=W.indices, W_indptr=W.indptr, q=problem.q, mu=problem.mu)
+            rank = int(np.linalg.matrix_rank(W.toarray(), hermitian=True)) if W.shape[0] <= _RANK_UP_TO else None
+            for solver in solvers:
+                seconds, residual, claimed, said = _in_process(solver, file, limit)
+                solved = residual is not None and (residual <= TOLERANCE or (claimed and solver != OURS))
+                m, friction = len(problem.mu), float(problem.mu.max())
+                yield Row(name, m, 3 * m, rank, friction, solver, seconds, residual, solved, said)
+
+
+def _in_process(solver: str, file: Path, limit: float) -> tuple[float, float | None, bool, str]:
+    """Seconds, residual, whether success was reported, and what was said."""
+    environment = dict(os.environ) | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+    command = [sys.executable, "-m", f"{__package__}.fclib_solvers", solver, str(file), str(limit)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, errors="replace", check=False)
+    if done.returncode < 0:
+        return limit, None, False, f"limit of {limit:g} s"
+    try:
+        report = json.loads(done.stdout.strip().splitlines()[-1])
+    except (IndexError, ValueError):
+        return limit, None, False, f"ended with code {done.returncode}"
+    if report["seconds"] > limit:
+        return limit, None, False, f"limit of {limit:g} s"
+    return report["seconds"], report["residual"], report["claimed"], report["said"]
+
+
+def profile(rows: Sequence[Row]) -> list[tuple[float, ...]]:
+    """The performance profile (E. D. Dolan, J. J. More, 2002): the ratio, and for each solver, in the order of the
+    rows, the fraction of the problems that it solves within this multiple of the quickest solver's time.
+    """
+    names, problems = list(dict.fromkeys(row.solver for row in rows)), list(dict.fromkeys(row.problem for row in rows))
+    times = {(row.problem, row.solver): max(row.seconds, FLOOR) for row in rows if row.solved}
+    best = {p: min((times[p, s] for s in names if (p, s) in times), default=np.inf) for p in problems}
+    return [
+        (
+            ratio,
+            *(
+                sum(times.get((p, s), np.inf) <= ratio * best[p] < np.inf for p in problems) / len(problems)
+                for s in names
+            ),
+        )
+        for ratio in RATIOS
+    ]
+
+
+def generated(seed: int) -> list[Made]:
+    """Problems of `rigid_bodies`."""
+    return list(collection(seed))

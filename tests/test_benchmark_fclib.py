@@ -1,0 +1,110 @@
+"""The benchmark of rigid contact problems: readers, rows, performance profile, and both on the command line."""
+
+import csv
+
+import numpy as np
+import pytest
+from conftest import run_coulomb
+
+from coulomb.benchmarks import fclib_collection, fclib_solvers
+from coulomb.benchmarks.fclib_collection import FLOOR, Row, profile, solvers_here
+from coulomb.benchmarks.rigid_bodies import collection, stack
+from coulomb.io.fclib import read_fclib, write_fclib
+
+
+def save_npz(path, problem, **changes):
+    W = problem.W.tocsr()
+    arrays = {
+        "W_data": W.data,
+        "W_indices": W.indices,
+        "W_indptr": W.indptr,
+        "q": problem.q,
+        "mu": problem.mu,
+    } | changes
+    np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
+
+
+def test_npz_files_are_read(tmp_path):
+    problem = stack(3, 0.5, 1)
+    save_npz(tmp_path / "stack.npz", problem)
+    again = read_fclib(tmp_path / "stack.npz")
+    assert abs(again.W - problem.W).max() == 0.0 and np.array_equal(again.q, problem.q) and again.title == "stack"
+    save_npz(tmp_path / "without.npz", problem, mu=None)
+    save_npz(tmp_path / "short.npz", problem, q=problem.q[:-3])
+    save_npz(tmp_path / "broken.npz", problem, W_indices=problem.W.indices + 1000)
+    (tmp_path / "text.npz").write_text("no")
+    for name, message in (
+        ("without.npz", "is not complete"),
+        ("short.npz", "incompatible shapes"),
+        ("broken.npz", "cannot be read as numpy arrays"),
+        ("text.npz", "cannot be read as numpy arrays"),
+        ("none.npz", "cannot be read as numpy arrays"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read_fclib(tmp_path / name)
+
+
+def test_the_collection_has_half_rank_and_less():
+    names = [name for name, _ in collection()]
+    assert len(names) == len(set(names)) == 47
+    made = dict(collection(1))
+    for name in ("stack-5-F0.7", "wall-3x3-F0.3", "tower-3-F0.3", "walled-10-F0.3", "random-10x15-F0.3", "arch-5-F0.5"):
+        problem = made[name]()
+        W = problem.W.toarray()
+        assert np.linalg.matrix_rank(W, hermitian=True) <= 0.5 * len(W), name
+        assert np.linalg.eigvalsh(W)[0] >= -1e-12 * np.trace(W)
+
+
+def row(problem, solver, seconds, solved=True):
+    return Row(problem, 1, 3, 3, 0.5, solver, seconds, 1e-9, solved, "")
+
+
+def test_profile_by_hand():
+    """a solves p alone, q in four times the time of b; short times, of r, are equal; nothing solves s."""
+    rows = [row("p", "a", 1.0), row("p", "b", 9.0, solved=False), row("q", "a", 4.0), row("q", "b", 1.0)]
+    rows += [
+        row("r", "a", 0.1 * FLOOR),
+        row("r", "b", 0.5 * FLOOR),
+        row("s", "a", 1.0, False),
+        row("s", "b", 1.0, False),
+    ]
+    curve = profile(rows)
+    assert curve[0] == (1.0, 0.5, 0.5) and curve[-1] == (1e4, 0.75, 0.5)
+    assert {line[1] for line in curve if line[0] < 3.98} == {0.5}
+
+
+def test_a_solver_that_takes_too_long_is_ended(tmp_path, monkeypatch):
+    """Its process has a limit of processor time of its own."""
+    save_npz(tmp_path / "p.npz", stack(3, 0.5, 1))
+    monkeypatch.setitem(fclib_collection.__dict__, "__package__", "tests_slow")
+    (tmp_path / "tests_slow").mkdir()
+    endless = "import resource; resource.setrlimit(resource.RLIMIT_CPU, (1, 1))\nwhile True: pass\n"
+    (tmp_path / "tests_slow" / "fclib_solvers.py").write_text(endless)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    found = fclib_collection._in_process("coulomb", tmp_path / "p.npz", 1.0)
+    assert found == (1.0, None, False, "limit of 1 s")
+
+
+def test_siconos_agrees_where_it_is_installed():
+    if len(solvers_here()) == 1:
+        pytest.skip("not installed: siconos comes with Debian's python3-siconos")
+    problem = stack(2, 0.5, 1)
+    found = fclib_solvers.solve(problem, "ADMM")
+    assert found["claimed"] and found["residual"] <= 1e-6
+
+
+def test_command(tmp_path):
+    write_fclib(tmp_path / "stack.hdf5", stack(3, 0.5, 1))
+    done = run_coulomb("benchmark", "fclib", tmp_path, "--solver", "coulomb", "--output", tmp_path / "out")
+    assert done.returncode == 0 and "coulomb solved 1 of 1" in done.stdout, done.stderr
+    (line,) = csv.DictReader((tmp_path / "out" / "fclib.csv").open())
+    assert (line["contacts"], line["rank"], line["solved"]) == ("12", "18", "True")
+    assert float(line["residual"]) <= 1e-8
+    assert (tmp_path / "out" / "fclib_profile.csv").read_text().startswith("ratio,coulomb")
+    for arguments, message in (
+        ((), "give a folder of problems, or --generated SEED"),
+        ((tmp_path / "out",), "there are no FCLIB problems there"),
+        ((tmp_path, "--solver", "magic"), "there is no solver 'magic'"),
+    ):
+        done = run_coulomb("benchmark", "fclib", *arguments)
+        assert done.returncode == 2 and message in done.stderr, done.stderr
