@@ -12,6 +12,9 @@ from petsc4py import PETSc
 _Array = npt.NDArray[Any]
 
 
+_AT_ONCE = 16_384  # blocks, so that intermediate results stay in the cache
+
+
 class NodalRows:
     """The rows of K node by node: coupled nodes, and where their 3 x 3 blocks are among the values.
 
@@ -50,8 +53,11 @@ class NodalRows:
     def scatter(self, chosen: _Array, where: _Array, stride: _Array, memory: _Array) -> None:
         """memory[where + stride i + j] <- entry (i, j) of the chosen blocks."""
         i, j = np.arange(3)[:, None], np.arange(3)
-        source = self._first[chosen][:, None, None] + (self._stride[chosen][:, None, None] * i + j)
-        memory[where[:, None, None] + (stride[:, None, None] * i + j)] = self._values[source]
+        for begin in range(0, len(chosen), _AT_ONCE):
+            some = slice(begin, begin + _AT_ONCE)
+            blocks, at = chosen[some], (slice(None), None, None)
+            source = self._first[blocks][at] + (self._stride[blocks][at] * i + j)
+            memory[where[some][at] + (stride[some][at] * i + j)] = self._values[source]
 
 
 def _whole(indptr: _Array, indices: _Array) -> bool:
