@@ -64,6 +64,19 @@ def test_against_dense_algebra(make, single):
     assert solver.single == single and (solver.refinements > 0) == single
 
 
+@pytest.mark.parametrize("single", [False, True])
+def test_without_nodes_to_eliminate_last(single):
+    """As of a body that nothing touches: its last front is empty."""
+    K = two_bodies().elasticity.K
+    points = np.random.default_rng([6, comm.rank]).random((K.getLocalSize()[0] // 3, 3))  # they determine the work only
+    solver = DistributedMultifrontalSolver(K, points, np.empty(0, np.int64), single)
+    rhs, u = K.createVecs()
+    rhs.array[:] = np.random.default_rng([4, comm.rank]).standard_normal(rhs.getLocalSize())
+    solver.solve(rhs, u)
+    expected = np.linalg.solve(dense(K), everywhere(rhs.array))
+    assert np.linalg.norm(everywhere(u.array) - expected) <= 1e-10 * np.linalg.norm(expected)
+
+
 def test_bodies_are_cut_into_parts_that_are_not_coupled():
     problem = make_block(4)
     K = problem.elasticity.K

@@ -63,7 +63,7 @@ class DistributedFront:
             row: Places of nodes in the front that are not before them, shape (k,).
             entries: Blocks [i, j] of rows of the first and columns of the second (K is symmetric), shape (k, 3, 3).
         """
-        starts = np.array([block.start for block in self._blocks])
+        starts = np.array([block.start for block in self._blocks], dtype=np.int64)
         at = np.searchsorted(starts, 3 * column, side="right") - 1
         height = self.size - starts[at]
         corner = self._offsets[at] + 3 * row - starts[at] + height * (3 * column - starts[at])
