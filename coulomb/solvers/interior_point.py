@@ -25,7 +25,7 @@ With rigid motions of bodies that contact alone holds, w = A x - b - G^T alpha, 
 gradient.
 
 Proved: for F = 0 this is PF for a convex problem. CONVERGED means that the natural residual, computed afresh, is below
-the tolerance. Observed (`coulomb benchmark friction`): 16 to 23 steps from a cold start to 1e-8 for F = 0.1 to 1.5, 2
+the tolerance. Observed (`coulomb benchmark friction`): 11 to 16 steps from a cold start to 1e-8 for F = 0.1 to 1.5, 2
 to 5 FGMRES iterations per step. Not proved for F > 0: that the Newton system is never singular, that a path leads from
 the start to theta = 0, or which of several solutions it finds.
 """
