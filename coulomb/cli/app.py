@@ -20,6 +20,7 @@ from ..ranks import launched
 from ..version import __version__
 from .benchmark_commands import benchmark
 from .case_commands import Changes, check_case, new
+from .cluster_benchmark import cluster
 from .commands_pictures import drawing_soon, register
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks, showing_messages
 from .console import console as _console
@@ -120,6 +121,7 @@ def resume(
 
 app.command("new")(new)
 app.command("check-case")(check_case)
+benchmark.command("cluster")(cluster)
 app.command("convert")(convert)
 
 

@@ -1,0 +1,58 @@
+"""`coulomb benchmark cluster`: what a run asks of MPI on several ranks."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .benchmark_output import write_csv, writing
+from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
+
+
+def cluster(
+    ranks: Annotated[list[int] | None, typer.Option("--ranks", min=1, help="Ranks; repeat.  1, 2, 4, 8.")] = None,
+    per_rank: Annotated[
+        int, typer.Option("--unknowns", min=500, help="Displacement unknowns of the block, per rank.")
+    ] = 10_000,
+    fixed: Annotated[int, typer.Option("--p", min=0, help="Cells per metre, the same on any ranks.")] = 0,
+    directory: Annotated[Path | None, typer.Option("--output", help="For cluster.csv.")] = None,
+) -> None:
+    """Messages, reductions and memory of a rank, per Newton step and multigrid iteration; needs mpicc and mpirun."""
+    from ..benchmarks.cluster import RANKS, Row, cells_per_metre, measure
+
+    refuse_ranks("this benchmark")
+    rows: list[Row] = []
+    fault = ""
+    runs = [(count, fixed or cells_per_metre(count * per_rank)) for count in ranks or RANKS]
+    try:
+        for row in measure(runs):
+            rows.append(row)
+            iteration = (
+                f"{row.messages_per_multigrid_iteration:5.1f} messages, "
+                f"{row.kilobytes_per_multigrid_iteration:6.1f} kB, "
+                f"{row.reductions_per_multigrid_iteration:4.1f} reductions each"
+            )
+            console.print(
+                f"ranks {row.ranks:3d}  p {row.p:3d}  unknowns {row.unknowns:8d}  contact {row.contact:6d}  steps "
+                f"{row.newton_steps:3d}  Krylov {row.krylov:4d}  multigrid {row.multigrid_iterations:5d}: "
+                f"{iteration}  other collectives per step "
+                f"{row.collectives_per_newton_step:5.1f}, largest {row.largest_collective_bytes / 1000:.0f} kB  "
+                f"most over mean: unknowns {row.unknowns_imbalance:.2f}, contact nodes {row.contact_imbalance:.2f}  "
+                f"{row.peak_memory_bytes / 1e6:.0f} MB",
+                soft_wrap=True,
+            )
+    except ValueError as error:
+        errors.print(f"error: {error}", markup=False)
+        raise typer.Exit(BAD_INPUT) from None
+    except RuntimeError as error:  # the rows so far are kept
+        fault = str(error)
+    if directory is not None and rows:
+        with writing(directory):
+            write_csv(directory, "cluster", Row._fields, rows)
+        console.print(f"cluster.csv in {directory}{os.sep}", soft_wrap=True)
+    if fault:
+        errors.print(f"error: {fault}", markup=False)
+        raise typer.Exit(FAILED)
