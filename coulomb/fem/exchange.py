@@ -87,12 +87,12 @@ def owner_of(starts: IntArray, numbers: npt.NDArray[np.integer[Any]]) -> IntArra
 def fetched(
     comm: MPI.Comm, starts: IntArray, numbers: npt.NDArray[np.integer[Any]], rows: npt.NDArray[Any]
 ) -> npt.NDArray[Any]:
-    """Rows of a distributed array by their numbers, shape (k, ...); collective.
+    """Rows of a distributed array by their numbers; collective.
 
     Args:
         comm: The ranks.
         starts: As of `starts_of`.
-        numbers: The rows that this rank needs, shape (k,).
+        numbers: The rows that this rank needs, any shape; the result has it too.
         rows: This rank's rows.
     """
     found: npt.NDArray[Any]
@@ -101,7 +101,7 @@ def fetched(
         return found
     wanted, inverse = np.unique(numbers, return_inverse=True)
     ask = Exchange(comm, owner_of(starts, wanted))
-    found = ask.reply(rows[ask.send(wanted) - starts[comm.rank]])[inverse.ravel()]
+    found = ask.reply(rows[ask.send(wanted) - starts[comm.rank]])[inverse.reshape(numbers.shape)]
     return found
 
 

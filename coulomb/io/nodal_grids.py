@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..fem import compat
 from ..fem.displacement_space import DisplacementSpace
+from ..fem.exchange import fetched, starts_of
 from ..fem.second_order import in_vtk_order, nodes_between
 from .grid_file import FACETS, SOLIDS, GridPart
 
@@ -55,8 +56,9 @@ class FaceGrid:
         cell, columns = space.in_cells(facets)
         nodes = compat.cell_dofs(space.V)[cell[:, None], columns]
         comm = space.domain.comm
-        everyone = np.concatenate(comm.allgather(_global(space, self._nodes)))  # ascending, as nodes are rank by rank
-        cells = np.searchsorted(everyone, _global(space, nodes)).astype(np.int64)
+        position = np.full(len(space.x), -1, dtype=np.int64)  # of this rank's nodes among those of the faces
+        position[self._nodes] = starts_of(comm, len(self._nodes))[comm.rank] + np.arange(len(self._nodes))
+        cells = fetched(comm, starts_of(comm, len(space.x)), _global(space, nodes), position)
         self.grid = GridPart(FACETS[columns.shape[1]], cells, space.x[self._nodes])
 
     def at(self, field: FloatArray) -> FloatArray:
