@@ -44,7 +44,7 @@ def main(p: int, friction: float, tolerance: float) -> None:
             "ranks_without_contact": int(np.sum(contact == 0)),
             "peak_memory_bytes": int(memory.max()),
         }
-        print(json.dumps(found))
+        sys.stdout.write(json.dumps(found) + "\n")
 
 
 main(int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]))
