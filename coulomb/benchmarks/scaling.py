@@ -44,7 +44,8 @@ PROBLEMS = ("block", "two-blocks")
 class Row(NamedTuple):
     """A row of scaling.csv; seconds from the assembled K to the certificate, without mesh, assembly and output.
 
-    The yardstick is one linear solve by PETSc's algebraic multigrid; `linear_seconds` that by multigrid as used here.
+    The yardstick is one linear solve by algebraic multigrid on the matrix, with the same kernels as the contact problem;
+    `linear_seconds` is that by multigrid as used here, which in second order goes to linear elements first.
     """
 
     p: int
@@ -194,8 +195,8 @@ def _yardsticks(body: ContactProblem) -> tuple[float, float]:
 
     Of several bodies the sum of one solve of each: meshes that do not match cannot be glued.
 
-    The first is by algebraic multigrid on the matrix, as PETSc has it; the second in second order by way of linear
-    elements, as contact problems here.
+    The first is by algebraic multigrid on the matrix; the second in second order by way of linear elements, as contact
+    problems here.
     """
     seconds = np.zeros(2)
     for member in body.elasticity.members:
