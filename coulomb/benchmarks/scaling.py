@@ -44,7 +44,7 @@ PROBLEMS = ("block", "two-blocks")
 class Row(NamedTuple):
     """A row of scaling.csv; seconds from the assembled K to the certificate, without mesh, assembly and output.
 
-    The yardstick is one linear solve by algebraic multigrid on the matrix, with the same kernels as the contact problem;
+    The yardstick is one linear solve by algebraic multigrid on the matrix, with the kernels of the contact problem;
     `linear_seconds` is that by multigrid as used here, which in second order goes to linear elements first.
     """
 

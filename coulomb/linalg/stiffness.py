@@ -155,6 +155,7 @@ class DirectSolver:
 _SMOOTHER: dict[str, object] = {"mg_levels_ksp_type": "chebyshev", "mg_levels_pc_type": "jacobi"}
 _GAMG: dict[str, object] = {"pc_type": "gamg", "pc_gamg_threshold": 0.02}
 _SECOND_ORDER_STEPS = 1  # of the smoother in second order; two take 0.9 of the iterations
+_COARSEST: dict[str, object] = {"pc_type": "bjacobi", "sub_pc_type": "lu", "sub_pc_factor_shift_type": "inblocks"}
 _DIRECTIONS = 20  # of earlier solutions from which a solve starts
 _ITERATIONS = 1000  # of a solve, at most
 
@@ -248,10 +249,16 @@ def _in_blocks(K: PETSc.Mat, P: PETSc.Mat | None) -> _InBlocks | None:
     grids = grids_of(pc)
     if P is not None:
         grids.insert(0, Grid(K, P, _SECOND_ORDER_STEPS))
-    coarsest = pc.getMGCoarseSolve()
+    alone = (
+        pc.getMGCoarseSolve().getOperators()[1].duplicate(copy=True)
+    )  # PETSc's own, a product, keeps all finer matrices
+    coarsest = configured_ksp(alone, "preonly", _COARSEST)
+    alone.destroy()
     solver = None
     if library is not None and supported(grids):
         solver = _InBlocks(comm, library, MultigridCycle(library, grids, coarsest))
+    grids.clear()
+    pc.destroy()
     ksp.destroy()  # frees the grids; the coarsest remains
     if P is not None:
         linear.destroy()
