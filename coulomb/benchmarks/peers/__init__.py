@@ -64,7 +64,14 @@ PAIR_PEERS = {
 }
 """On `coulomb.benchmarks.two_blocks`; CalculiX also with penalties, between faces and between nodes and faces."""
 
-PROBLEMS = {"block": PEERS, "two-blocks": PAIR_PEERS}
+HISTORY_PEERS = {
+    OURS: Peer("history_ours", "coulomb", ""),
+    "GetFEM": Peer("history_getfem", "getfem", "Debian's python3-getfem++"),
+    "CalculiX": Peer("history_calculix", "ccx", "Debian's calculix-ccx"),
+}
+"""On the load history of `history`."""
+
+PROBLEMS = {"block": PEERS, "two-blocks": PAIR_PEERS, "history": HISTORY_PEERS}
 
 
 class Row(NamedTuple):
@@ -78,6 +85,8 @@ class Row(NamedTuple):
         iterations: The peer's own.
         force_error: |forces - coulomb's| / |coulomb's| over the contact nodes, coulomb's at tolerance 1e-8.
         figures: Of the two blocks.
+        first_seconds: Of a load history, until the end of its first step; 0 if that is not known.
+        products: Products by A, of coulomb on a load history.
     """
 
     peer: str
@@ -87,6 +96,8 @@ class Row(NamedTuple):
     iterations: int
     force_error: float
     figures: Figures | None = None
+    first_seconds: float = 0.0
+    products: int = 0
 
 
 class Skipped(NamedTuple):
@@ -137,7 +148,7 @@ def _measure(problem: str, sizes: Sequence[int], names: Sequence[str], repeats: 
                     continue
                 ours = ours or run
                 error = force_error(run.points, run.forces, ours.points, ours.forces)
-                yield Row(name, p, run.seconds, run.peak_memory_bytes, run.iterations, error, run.figures)
+                yield Row(name, p, run.seconds, run.peak_memory_bytes, run.iterations, error, *run[5:])
 
 
 def missing(peer: Peer) -> str:
@@ -158,6 +169,8 @@ class _Run(NamedTuple):
     points: FloatArray
     forces: FloatArray
     figures: Figures | None = None
+    first_seconds: float = 0.0
+    products: int = 0
 
 
 def _least(problem: str, name: str, p: int, output: Path, repeats: int) -> _Run | str:

@@ -30,6 +30,8 @@ def main(problem: str, name: str, p: int, output: str) -> dict[str, object]:
         "iterations": answer.iterations,
         "peak_memory_bytes": answer.peak_memory_bytes or peak_memory(),
         "figures": answer.figures,
+        "first_seconds": answer.first_seconds,
+        "products": answer.products,
     }
 
 

@@ -40,6 +40,8 @@ class Answer(NamedTuple):
         forces: On the body at these nodes in newtons, shape (m, 3).
         peak_memory_bytes: Peak memory of a child process that does the work; 0 if this process does it.
         figures: Others that the packages are compared by; those of the two blocks.
+        first_seconds: Of a load history, until the end of its first step; 0 if that is not known.
+        products: Products by A, of coulomb on a load history.
     """
 
     seconds: float
@@ -48,6 +50,8 @@ class Answer(NamedTuple):
     forces: FloatArray
     peak_memory_bytes: int = 0
     figures: Figures | None = None
+    first_seconds: float = 0.0
+    products: int = 0
 
 
 class Unsolved(Exception):

@@ -23,12 +23,13 @@ condensed multipliers the residual vanishes from the first steps on, while the c
 
 
 class Job(NamedTuple):
-    """Results of a deck with one *NODE PRINT.
+    """Results of a deck with one *NODE PRINT per step.
 
     Attributes:
         iterations: Of the equilibrium, in all increments.
         nodes: Numbers of the printed nodes, from 0, shape (k,).
         values: What is printed at the end, shape (k, 3).
+        tables: What is printed at the end of each step.
         peak_memory_bytes: Of the process.
     """
 
@@ -36,10 +37,11 @@ class Job(NamedTuple):
     nodes: npt.NDArray[np.int64]
     values: FloatArray
     peak_memory_bytes: int
+    tables: tuple[FloatArray, ...] = ()
 
 
-def run(deck: Iterable[str]) -> Job:
-    """The results of a deck.
+def run(deck: Iterable[str], steps: int = 1) -> Job:
+    """The results of a deck with so many steps of duration 1.
 
     Raises:
         Unsolved: If CalculiX ends with an error, or before the end of the load.
@@ -49,13 +51,15 @@ def run(deck: Iterable[str]) -> Job:
         (directory / "job.inp").write_text("\n".join([*deck, ""]), encoding="ascii")
         memory = _run(directory)
         increments = [line.split() for line in _lines(directory / "job.sta")[2:]]
-        if float(increments[-1][4]) < 1.0:
-            raise Unsolved(f"not converged: ccx ended at {float(increments[-1][4]):.0%} of the load")
+        if float(increments[-1][4]) < steps:
+            raise Unsolved(f"not converged: ccx ended at {float(increments[-1][4]) / steps:.0%} of the load")
         lines = _lines(directory / "job.dat")
         starts = [k for k, line in enumerate(lines) if "time" in line]
-        table = np.loadtxt(lines[starts[-1] + 1 :], ndmin=2)
+        ends = [*starts[1:], len(lines)]
+        printed = [np.loadtxt(lines[a + 1 : b], ndmin=2) for a, b in zip(starts, ends, strict=True)]
+        table = printed[-1]
     iterations = sum(int(increment[3]) for increment in increments)
-    return Job(iterations, table[:, 0].astype(np.int64) - 1, table[:, 1:], memory)
+    return Job(iterations, table[:, 0].astype(np.int64) - 1, table[:, 1:], memory, tuple(one[:, 1:] for one in printed))
 
 
 def _run(directory: Path) -> int:

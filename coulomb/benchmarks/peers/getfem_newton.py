@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import importlib
 import time
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from ...arrays import FloatArray
 from .answer import FRICTION, LENGTHS, POISSON, TRACTIONS, YOUNG, Answer, Unsolved
 
 TOLERANCE = 1e-9
@@ -27,8 +29,24 @@ CLAMPED, TOP, RIGHT = 1, 2, 3
 
 def solve(p: int) -> Answer:
     """Iterations are Newton's."""
-    gf: Any = importlib.import_module("getfem")
     began = time.perf_counter()
+    model, x, _kept = model_of(p)
+    steps, converged = solved(model, TRACTIONS)
+    forces = forces_of(model)
+    seconds = time.perf_counter() - began
+    if not converged:
+        raise Unsolved(f"not converged in {steps} steps")
+    return Answer(seconds, int(steps), x, forces)
+
+
+def model_of(p: int, incremental: bool = False) -> tuple[Any, Any, Any]:
+    """GetFEM's model with loads 0, its contact nodes (m, 3), and what must live as long as the model.
+
+    Args:
+        p: Cells per metre.
+        incremental: Whether slip counts from the data "before", at first 0, in place of 0.
+    """
+    gf: Any = importlib.import_module("getfem")
     mesh = gf.Mesh("cartesian", *(np.linspace(0.0, length, round(length * p) + 1) for length in LENGTHS))
     for region, direction in ((CLAMPED, (-1, 0, 0)), (TOP, (0, 0, 1)), (RIGHT, (1, 0, 0))):
         mesh.set_region(region, mesh.outer_faces_with_direction(direction, 0.01))
@@ -42,23 +60,30 @@ def solve(p: int) -> Answer:
     model.add_initialized_data("mu", 0.5 / (1.0 + POISSON))
     model.add_isotropic_linearized_elasticity_brick(points, "u", "lambda", "mu")
     for region, face in ((TOP, "top"), (RIGHT, "right")):
-        model.add_initialized_data(face, [value / YOUNG for value in TRACTIONS[face]])
+        model.add_initialized_data(face, [0.0, 0.0, 0.0])
         model.add_source_term_brick(points, "u", face, region)
     model.add_Dirichlet_condition_with_simplification("u", CLAMPED)
-    x = _add_contact(gf, model, space, AUGMENTATION / p)
+    return model, _add_contact(gf, model, space, AUGMENTATION / p, incremental), (mesh, space, points)
 
+
+def solved(model: Any, tractions: Mapping[str, Sequence[float]]) -> tuple[int, bool]:
+    """Newton's method from the model's state under tractions in pascals: its steps, and whether it converged."""
+    for face, traction in tractions.items():
+        model.set_variable(face, [value / YOUNG for value in traction])
     steps, converged = model.solve(
         *("max_res", TOLERANCE, "max_iter", MOST_STEPS, "lsolver", "mumps", "lsearch", "simplest")
     )
+    return int(steps), bool(converged)
+
+
+def forces_of(model: Any) -> FloatArray:
+    """Forces on the body in newtons, shape (m, 3)."""
     normal, tangential = model.variable("normal"), model.variable("tangential").reshape(-1, 2)
-    forces = YOUNG * np.column_stack([tangential, -normal])
-    seconds = time.perf_counter() - began
-    if not converged:
-        raise Unsolved(f"not converged in {steps} steps")
-    return Answer(seconds, int(steps), x, forces)
+    forces: FloatArray = YOUNG * np.column_stack([tangential, -normal])
+    return forces
 
 
-def _add_contact(gf: Any, model: Any, space: Any, augmentation: float) -> Any:
+def _add_contact(gf: Any, model: Any, space: Any, augmentation: float, incremental: bool) -> Any:
     """Contact of the nodes of z = 0 except the clamped ones; their coordinates, shape (m, 3)."""
     nodes = space.basic_dof_nodes()[:, 0::3]
     near = 1e-9
@@ -75,7 +100,12 @@ def _add_contact(gf: Any, model: Any, space: Any, augmentation: float) -> Any:
     model.add_initialized_data("friction", FRICTION)
     model.add_initialized_data("gap", np.zeros(m))
     model.add_initialized_data("alpha", np.ones(m))
+    since: tuple[str, ...] = ()
+    if incremental:
+        model.add_initialized_data("gamma", 1.0)
+        model.add_initialized_data("before", np.zeros(space.nbdof()))
+        since = ("gamma", "before")
     model.add_basic_contact_brick(
-        *("u", "normal", "tangential", "r", normal, tangential, "friction", "gap", "alpha", 1)
+        *("u", "normal", "tangential", "r", normal, tangential, "friction", "gap", "alpha", 1, *since)
     )
     return nodes[:, contact].T
