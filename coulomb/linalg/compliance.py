@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .diagonal_estimate import estimated_diagonal
-from .learnt_columns import LearntColumns
+from .learnt_columns import LearntColumns, turned_diagonal
 from .stiffness import StiffnessSolver
 
 
@@ -66,8 +66,13 @@ class Compliance(Protocol):
 class BodyCompliance(Compliance, Protocol):
     """A = B K^-1 B^T with access to K and B."""
 
-    def rotated(self, B: PETSc.Mat) -> BodyCompliance:
-        """A in other frames, those of another contact matrix B; collective."""
+    def rotated(self, B: PETSc.Mat, turn: FloatArray) -> BodyCompliance:
+        """A in other frames, T A T^T; collective.
+
+        Args:
+            B: The contact matrix in these frames, T times the present one.
+            turn: T, node by node, shape (m, 3, 3).
+        """
         ...
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
@@ -137,11 +142,14 @@ class MatrixFreeCompliance:
         K: The stiffness matrix.
         solver: K^-1.
         probes: Products spent on the diagonal.
+        diagonal: Replaces the estimate of the diagonal, shape (3 m,).
     """
 
     name = "matrix-free"
 
-    def __init__(self, B: PETSc.Mat, K: PETSc.Mat, solver: StiffnessSolver, probes: int = 4):
+    def __init__(
+        self, B: PETSc.Mat, K: PETSc.Mat, solver: StiffnessSolver, probes: int = 4, diagonal: FloatArray | None = None
+    ):
         self.B, self.K, self._solver = B, K, solver
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
@@ -150,7 +158,7 @@ class MatrixFreeCompliance:
         self._rhs = self._u.duplicate()
         self._last = self._u.duplicate()
         self._last.set(0.0)
-        self._diagonal = estimated_diagonal(self, B, K, probes)
+        self._diagonal = estimated_diagonal(self, B, K, probes) if diagonal is None else diagonal
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         self._x.array[:] = x
@@ -193,8 +201,9 @@ class MatrixFreeCompliance:
         """An approximation of K^-1 B^T x for the next x: `mult_incremental` starts there."""
         response.copy(self._last)
 
-    def rotated(self, B: PETSc.Mat) -> MatrixFreeCompliance:
-        return MatrixFreeCompliance(B, self.K, self._solver)
+    def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
+        diagonal = turned_diagonal(self._diagonal, self.learnt, turn)
+        return MatrixFreeCompliance(B, self.K, self._solver, diagonal=diagonal)
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
         """By a correction of K^-1 B^T x of the last products."""

@@ -38,3 +38,21 @@ class LearntColumns:
             )
             after.keep(X, U, self.part)
         return after
+
+
+_LEAST_REST = 0.1  # of the diagonal: what is at least left of it beside the columns
+
+
+def turned_diagonal(diagonal: FloatArray, learnt: LearntColumns, turn: FloatArray) -> FloatArray:
+    """diag(T A T^T) from diag(A) and what is known of A, both of shape (3 m,); T node by node, shape (m, 3, 3).
+
+    Of A ~ diag(rest) + U U^T; exact for T = 1.
+    """
+    before, turned = diagonal.reshape(-1, 3), learnt.turned(turn)
+    known, after = np.zeros_like(before), np.zeros_like(before)
+    if learnt.U is not None and turned.U is not None:
+        known, after = (np.sum(U**2, axis=1).reshape(-1, 3) for U in (learnt.U, turned.U))
+        share = np.min((1.0 - _LEAST_REST) * before / np.where(known > 0.0, known, 1.0), axis=1, initial=1.0)
+        known, after = share[:, None] * known, share[:, None] * after  # an estimate of the diagonal may be too small
+    moved: FloatArray = np.einsum("iab,ib->ia", turn**2, before - known) + after
+    return moved.ravel()

@@ -136,7 +136,7 @@ class SchurCompliance:
             start += len(L)
         return whole
 
-    def rotated(self, B: PETSc.Mat) -> SchurCompliance:
+    def rotated(self, B: PETSc.Mat, turn: FloatArray) -> SchurCompliance:
         return SchurCompliance(B, self._solver, reference=self._reference)
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:

@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 from petsc4py import PETSc
 
+from ..arrays import FloatArray
+from ..fem.contact_frames import inverse_frames
 from ..fem.deformable import Deformable
 from ..fem.surface import ContactSurface
 from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance
@@ -68,6 +70,7 @@ class ContactStiffness:
         self.elasticity, self._reference = elasticity, reference
         self._linear_solver, self._explicit, self._seconds = linear_solver, explicit, seconds
         self.responses, self._many = KeptResponses(elasticity.comm), False
+        self._latest: tuple[ContactSurface, BodyCompliance] | None = None
 
     def expect_many_solves(self) -> None:
         """Factorise K in double precision, if it is factorised with the contact nodes last and has not yet been: then
@@ -111,12 +114,25 @@ class ContactStiffness:
     def compliance(self, surface: ContactSurface, seconds: dict[str, float]) -> BodyCompliance:
         """A = B K^-1 B^T in the frames of a surface of this body, metres per newton; collective.
 
+        What the Krylov methods have found of it in other frames turns with them.
+
         Args:
             surface: The surface.
             seconds: Dictionary to which the wall time of rotating A is added.
         """
         A = self._compliance
-        if surface.free_B is self._reference.free_B:
-            return A
+        before, latest = self._latest or (self._reference, A)
+        if surface.free_B is before.free_B:
+            return latest
         with timed(seconds, "compliance"):
-            return A.rotated(surface.free_B)
+            if surface.free_B is not self._reference.free_B:
+                A = A.rotated(surface.free_B, _turn(self._reference, surface))
+            A.learnt = latest.learnt.turned(_turn(before, surface))
+        self._latest = surface, A
+        return A
+
+
+def _turn(before: ContactSurface, after: ContactSurface) -> FloatArray:
+    """T with frames of `after` = T times frames of `before`, point by point, shape (m, 3, 3)."""
+    turn: FloatArray = after.frames @ inverse_frames(before.frames).transpose(0, 2, 1)
+    return turn

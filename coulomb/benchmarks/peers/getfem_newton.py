@@ -44,7 +44,7 @@ def model_of(p: int, incremental: bool = False) -> tuple[Any, Any, Any]:
 
     Args:
         p: Cells per metre.
-        incremental: Whether slip counts from the data "before", at first 0, in place of 0.
+        incremental: Whether slip counts from minus the data "before", at first 0.
     """
     gf: Any = importlib.import_module("getfem")
     mesh = gf.Mesh("cartesian", *(np.linspace(0.0, length, round(length * p) + 1) for length in LENGTHS))

@@ -1,7 +1,7 @@
 """GetFEM on the load history: Newton's method from the state after the step before, friction by slip increments.
 
-The basic contact brick of `getfem_newton` takes the displacement after the step before as `wt`: its tangential
-displacement is that since then.  K is assembled once; every Newton step factorises the tangent matrix.
+The basic contact brick of `getfem_newton` takes friction against B_T (u + gamma wt): with gamma = 1 and wt minus the
+displacement after the step before, that is the slip since then.  K is assembled once; every Newton step factorises the tangent matrix.
 """
 
 from __future__ import annotations
@@ -26,6 +26,6 @@ def solve(p: int) -> Answer:
             raise Unsolved(f"load step {number} not converged in {steps} steps")
         forces.append(forces_of(model))
         iterations += int(steps)
-        model.set_variable("before", model.variable("u"))
+        model.set_variable("before", -model.variable("u"))
         first = first or time.perf_counter() - began
     return Answer(time.perf_counter() - began, iterations, x, stacked(forces), first_seconds=first)
