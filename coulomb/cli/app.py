@@ -19,6 +19,7 @@ from .. import process
 from ..ranks import launched
 from ..version import __version__
 from .benchmark_commands import benchmark
+from .benchmark_histories import histories
 from .case_commands import Changes, check_case, new
 from .cluster_benchmark import cluster
 from .commands_pictures import drawing_soon, register
@@ -36,6 +37,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+benchmark.command()(histories)
 app.add_typer(benchmark, name="benchmark")
 register(app)
 

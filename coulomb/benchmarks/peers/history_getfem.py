@@ -1,7 +1,8 @@
 """GetFEM on the load history: Newton's method from the state after the step before, friction by slip increments.
 
 The basic contact brick of `getfem_newton` takes friction against B_T (u + gamma wt): with gamma = 1 and wt minus the
-displacement after the step before, that is the slip since then.  K is assembled once; every Newton step factorises the tangent matrix.
+displacement after the step before, that is the slip since then.  K is assembled once; every Newton step factorises the
+tangent matrix.
 """
 
 from __future__ import annotations
