@@ -75,3 +75,13 @@ def test_forces_are_matched_by_place():
     assert force_error(x[order], 1.01 * forces[order], x, forces) == pytest.approx(0.01)
     assert force_error(x + 0.1, forces, x, forces) == np.inf
     assert force_error(x[:-1], forces[:-1], x, forces) == np.inf
+
+
+def test_a_load_history_agrees():
+    """All steps of the history: friction by slip increments."""
+    rows = list(measure([1], problem="history"))
+    assert rows[0].peer == OURS and 0.0 < rows[0].first_seconds < rows[0].seconds and rows[0].products > 0
+    for row in rows[1:]:
+        assert isinstance(row, Row) or "not installed" in row.reason
+        if isinstance(row, Row):
+            assert row.force_error <= 1e-6 and row.iterations >= 24

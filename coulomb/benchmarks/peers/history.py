@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...arrays import FloatArray
@@ -29,6 +31,6 @@ def tractions(time: float) -> dict[str, tuple[float, float, float]]:
     return {face: (dragged(time) * x, dragged(time) * y, pressed(time) * z) for face, (x, y, z) in TRACTIONS.items()}
 
 
-def stacked(forces: list[FloatArray]) -> FloatArray:
+def stacked(forces: Sequence[FloatArray]) -> FloatArray:
     """Forces of all steps, each (m, 3), as one array of a row per node, shape (m, 3 steps)."""
     return np.concatenate(forces, axis=1)
