@@ -20,6 +20,7 @@ from ..ranks import launched
 from ..version import __version__
 from .benchmark_commands import benchmark
 from .benchmark_histories import histories
+from .benchmark_parts import parts
 from .case_commands import Changes, check_case, new
 from .cluster_benchmark import cluster
 from .commands_pictures import drawing_soon, register
@@ -38,6 +39,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 benchmark.command()(histories)
+benchmark.command()(parts)
 app.add_typer(benchmark, name="benchmark")
 register(app)
 

@@ -1,0 +1,11 @@
+SetFactory("OpenCASCADE");
+Point(1)={0,0,0}; Point(2)={60,0,0}; Point(3)={60,0,25}; Point(4)={0,0,10};
+Line(1)={1,2}; Line(2)={2,3}; Line(3)={3,4}; Line(4)={4,1};
+Curve Loop(1)={1,2,3,4}; Plane Surface(1)={1};
+o[]=Extrude{0,30,0}{Surface{1};};
+Physical Volume("steel")={o[1]};
+Physical Surface("sole")={o[2]};
+Physical Surface("back")={o[3]};
+Physical Surface("slope")={o[4]};
+Physical Surface("front")={o[5]};
+Mesh.MeshSizeMax = 4; Mesh.MeshSizeMin=2;
