@@ -42,7 +42,7 @@ def uses(path, *names):
 
 ROOMS = {
     "cli": {"benchmarks", "case", "io", "pictures", "model", "solvers", "linalg", "fem"},
-    "benchmarks": {"io", "model", "solvers", "linalg", "fem"},
+    "benchmarks": {"case", "io", "model", "solvers", "linalg", "fem"},
     "io": {"case", "model", "solvers", "linalg", "fem"},
     "case": {"model", "solvers", "linalg", "fem"},
     "pictures": {"io", "model"},
