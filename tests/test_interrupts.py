@@ -86,7 +86,8 @@ def test_an_interrupted_load_history_continues(tmp_path):
     assert len(files.rows) == 2
     history.run(rubbed(3), files)
     rows = files.rows
-    assert [row["normal_force"] for row in rows] == pytest.approx([row["normal_force"] for row in whole], rel=1e-9)
+    # To the tolerance of the solution, since what was found of A in earlier steps is not in the files.
+    assert [row["normal_force"] for row in rows] == pytest.approx([row["normal_force"] for row in whole], rel=1e-8)
 
 
 def signalled(command, log, number, at):

@@ -10,7 +10,7 @@ stress is linear in u.  Dissipation is taken by the law, x_t . slip >= 0, with t
 difference, the `imbalance`, is the error of the time discretisation and falls with the step size.
 
 A step that fails is halved.  A `Recorder` receives the steps: `coulomb.HistoryFiles` writes each before the next
-begins, and an interrupted history resumes with the same numbers on any number of ranks.
+begins, and an interrupted history resumes with the same figures, to the solution's tolerance, on any number of ranks.
 """
 
 from __future__ import annotations
