@@ -33,7 +33,7 @@ class LearntColumns:
         if self.X is not None and self.U is not None:
             back = np.linalg.inv(turn).transpose(0, 2, 1) if len(turn) else turn
             X, U = (
-                (by @ columns.reshape(len(turn), 3, -1)).reshape(columns.shape)
+                (by @ columns.reshape(len(turn), 3, columns.shape[1])).reshape(columns.shape)
                 for by, columns in ((back, self.X), (turn, self.U))
             )
             after.keep(X, U, self.part)

@@ -19,6 +19,7 @@ from scipy.linalg.blas import daxpy
 
 from ..arrays import FloatArray
 from .block_matrix import address, padded
+from .reductions import Reductions, summed
 
 _RECOMPUTED = 1e-4
 """Tolerance below which the residual at the start is computed by a product, since images of directions are kept in
@@ -53,7 +54,7 @@ class RecycledCG:
         directions: int = 20,
         limit: int = 1000,
     ):
-        self._comm, self._library, self._limit = comm, library, limit
+        self._comm, self._over, self._library, self._limit = comm, Reductions(comm), library, limit
         self._mult, self._precondition = mult, precondition
         self._r, self._p, self._image, self._moved = (padded(size) for _ in range(4))
         self._directions = np.empty((directions, size))
@@ -90,7 +91,7 @@ class RecycledCG:
         k = self._count
         if k == 0 or size == 0.0:
             return
-        products = self._comm.allreduce(self._images[:k] @ (rhs / size).astype(np.float32)).astype(float)
+        products = summed(self._comm, self._images[:k] @ (rhs / size).astype(np.float32))
         sizes, V = np.linalg.eigh(self._gram[:k, :k])
         kept = sizes > _DEPENDENT * sizes[-1]
         c = V[:, kept] @ ((V[:, kept].T @ products) / sizes[kept])
@@ -117,7 +118,7 @@ class RecycledCG:
                 break
             step = ctypes.c_double(product / curvature)
             square = self._library.advance(len(p), step, *map(address, (p, image, self._moved, r)))
-            left, before = math.sqrt(self._comm.allreduce(square)), product
+            left, before = math.sqrt(self._over.sum(square)), product
         raise PETSc.Error(_NOT_CONVERGED)
 
     def _remember(self, rhs: FloatArray, u: FloatArray) -> None:
@@ -128,11 +129,11 @@ class RecycledCG:
         np.multiply(u, scale, out=self._directions[k])
         np.multiply(self._image, scale, out=self._images[k], casting="same_kind")
         self._count, self._next = max(self._count, k + 1), (k + 1) % most
-        of_new = self._comm.allreduce(self._images[: self._count] @ self._images[k])
+        of_new = summed(self._comm, self._images[: self._count] @ self._images[k])
         self._gram[k, : self._count] = self._gram[: self._count, k] = of_new
 
     def _dot(self, a: FloatArray, b: FloatArray) -> float:
-        return float(self._comm.allreduce(float(a @ b)))
+        return self._over.sum(float(a @ b))
 
     def _norm(self, a: FloatArray) -> float:
         return math.sqrt(self._dot(a, a))

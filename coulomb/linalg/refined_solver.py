@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .frontal_factors import NotPositiveDefinite
+from .reductions import Reductions
 
 _log = logging.getLogger(__name__)
 
@@ -184,7 +185,7 @@ class RefinedSolver:
 
     def _dot(self, x: FloatArray, y: FloatArray) -> float:
         """The product of distributed vectors."""
-        return float(self.comm.allreduce(float(x @ y)))
+        return Reductions(self.comm).sum(float(x @ y))
 
     def _report(self, reason: str) -> None:
         if self.comm.rank == 0:

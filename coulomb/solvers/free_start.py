@@ -193,7 +193,9 @@ class _Frictionless:
         """The minimum of the barrier function with the model of A, by Newton's method from x, where the gradient of the
         quadratic part is w; shape (m,)."""
         over, above, theta = self.over, self.x - self._scaled.lower, self.theta
-        U = np.column_stack([self._model.U.reshape(len(w), 3, -1)[:, 0], math.sqrt(self._penalty) * self._G])
+        U = np.column_stack(
+            [self._model.U.reshape(len(w), 3, self._model.U.shape[1])[:, 0], math.sqrt(self._penalty) * self._G]
+        )
         rest, nodes, dx = self._model.rest[:, 0], over.sum(np.ones(len(w))), np.zeros_like(w)
         for _ in range(50):
             r = w + rest * dx + U @ over.total(U.T @ dx) - theta / (above + dx)

@@ -247,7 +247,7 @@ class _Iteration(ProductImages):
         inverse = at.inverse(self._A.rest)
 
         def nodal(r: FloatArray) -> FloatArray:
-            applied: FloatArray = (inverse @ r.reshape(len(r), 3, -1)).reshape(r.shape)
+            applied: FloatArray = (inverse @ r.reshape(len(r), 3, math.prod(r.shape[2:]))).reshape(r.shape)
             return applied
 
         self._at, U = at, self._A.nodal_U(3)
