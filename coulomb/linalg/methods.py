@@ -1,4 +1,7 @@
-"""The choice of solvers for K^-1 and A by size, number of ranks and PETSc's packages, where the user makes none."""
+"""The choice of solvers for K^-1 and A by size, number of ranks and PETSc's packages, where the user makes none.
+
+On one rank it is made by predicted seconds, where the size leaves it open (`undecided`, `predicted_cost`).
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,14 @@ from petsc4py import PETSc
 from .stiffness import DirectSolver, IterativeSolver
 
 DIRECT_UP_TO = 50_000
-"""Displacement unknowns up to which K is factorised by default (measured: docs/measurements.md)."""
+"""Displacement unknowns up to which K is factorised by default where no cost is predicted, as on several ranks
+(measured: docs/measurements.md)."""
+
+PREDICTED_UP_TO = 200_000
+"""Displacement unknowns beyond which K is not factorised by default: the fronts alone would take a second to find."""
+
+_SMALL = (12_000, 3_000)
+"""Displacement and contact unknowns up to which K is factorised in any case."""
 
 EXPLICIT_UP_TO = 10_000
 """Contact unknowns up to which A is formed by default, where K is factorised (measured: docs/measurements.md)."""
@@ -15,10 +25,19 @@ EXPLICIT_UP_TO = 10_000
 LinearSolver = type[DirectSolver] | type[IterativeSolver]
 
 
+def undecided(
+    displacement: int, contact: int, ranks: int, linear_solver: LinearSolver | None, explicit: bool | None
+) -> bool:
+    """Whether the faster method is to be found by predicted seconds; arguments as of `chosen`."""
+    small = displacement <= _SMALL[0] and contact <= _SMALL[1]
+    open_size = contact <= EXPLICIT_UP_TO and displacement <= PREDICTED_UP_TO and not small
+    return ranks == 1 and linear_solver is None and explicit is None and open_size
+
+
 def chosen(
     displacement: int, contact: int, ranks: int, linear_solver: LinearSolver | None, explicit: bool | None
 ) -> tuple[LinearSolver, bool]:
-    """The solver for K, and whether A is formed.
+    """The solver for K by size, and whether A is formed.
 
     A is formed by `multifrontal.MultifrontalSolver` on one rank and by `DistributedMultifrontalSolver` on several.
     Where A is not formed, K is factorised by `multifrontal.MultifrontalSolver` on one rank, and by MUMPS on several,

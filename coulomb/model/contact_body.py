@@ -21,17 +21,21 @@ from ..fem.rigid_motion import RigidMotion, same_place, since_at, spin
 from ..fem.surface import ContactSurface
 from ..fem.unjoined_parts import unjoined_parts
 from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver
-from ..linalg.methods import LinearSolver, chosen
-from ..linalg.multifrontal import MultifrontalSolver
+from ..linalg.methods import LinearSolver, chosen, undecided
+from ..linalg.multifrontal import MultifrontalSolver, predicted_work, symbolic
+from ..linalg.nested_dissection import Front
+from ..linalg.predicted_cost import factorise
 from ..linalg.reductions import Reductions
-from ..linalg.stiffness import DirectSolver, StiffnessSolver
+from ..linalg.stiffness import DirectSolver, IterativeSolver, StiffnessSolver
 from .accumulated import Accumulated
 from .contact import Contact
 from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
 from .evidence import rounding_forces
+from .free_memory import free_memory
 from .probes import LocatedProbes, Part, Probe
 from .rigid_contact import refuse_untouched
+from .slenderness import slenderness_of
 from .state import Before, ContactState
 from .stopwatch import timed
 
@@ -62,7 +66,7 @@ class ContactBody:
         comm: The ranks that share it.
         contacts: The contact faces.
         time: Time of the reference frames in which A is computed; for other frames it is rotated.
-        linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
+        linear_solver: DirectSolver or IterativeSolver for K^-1; by default the one that is predicted to be faster.
         explicit: Whether to form the matrix A; by default chosen by size.
         probes: Points at which displacement, slip and pressure are reported.
 
@@ -108,13 +112,29 @@ class ContactBody:
         for text in (*self.elasticity.contradictions, *(text for pair in pairs for text in pair.remarks)):
             if self.comm.rank == 0:
                 _log.warning("%s", text)
-        self.linear_solver, self.explicit = chosen(
-            self.unknowns["displacement"], self.interface, self.comm.size, linear_solver, explicit
-        )
+        self._fronts: list[Front] | None = None
+        self.linear_solver, self.explicit = self._chosen(linear_solver, explicit)
         self._rounding: tuple[object, float, FloatArray] | None = None
         self._stiffness = ContactStiffness(
-            self.elasticity, self._reference, self.linear_solver, self.explicit, self.seconds
+            self.elasticity, self._reference, self.linear_solver, self.explicit, self.seconds, self._fronts
         )
+
+    def _chosen(self, linear_solver: LinearSolver | None, explicit: bool | None) -> tuple[LinearSolver, bool]:
+        """The solver for K, and whether A is formed; collective.
+
+        Bodies of the user's forms, whose stiffness is assembled when it is needed, are judged by their size.
+        """
+        given = self.unknowns["displacement"], self.interface, self.comm.size, linear_solver, explicit
+        if not undecided(*given) or self.elasticity.forms() is not None:
+            return chosen(*given)
+        with timed(self.seconds, "stiffness"):
+            K = self.elasticity.K
+            fronts = symbolic(K, self.elasticity.x, self._reference.nodes_in_rows)
+            entries, thin = K.getInfo()["nz_used"], slenderness_of(self._reference, self.elasticity)
+            if not factorise(predicted_work(fronts), self.interface, entries, thin, free_memory()):
+                return IterativeSolver, False
+            self._fronts = fronts
+        return DirectSolver, True
 
     @property
     def comm(self) -> MPI.Comm:
@@ -287,5 +307,7 @@ class ContactBody:
         """
         if self._stiffness.elasticity.K is not elasticity.K:
             spent = self.seconds if seconds is None else seconds
-            self._stiffness = ContactStiffness(elasticity, self._reference, self.linear_solver, self.explicit, spent)
+            self._stiffness = ContactStiffness(
+                elasticity, self._reference, self.linear_solver, self.explicit, spent, self._fronts
+            )
         return self._stiffness

@@ -18,6 +18,7 @@ from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver
 from ..linalg.kept_responses import KeptResponses
 from ..linalg.methods import LinearSolver
 from ..linalg.multifrontal import MultifrontalSolver
+from ..linalg.nested_dissection import Front
 from ..linalg.schur_compliance import SchurCompliance
 from ..linalg.stiffness import DirectSolver, StiffnessSolver
 from .stopwatch import timed
@@ -50,6 +51,7 @@ class ContactStiffness:
         linear_solver: The solver class for K^-1.
         explicit: Whether A is formed.
         seconds: Dictionary to which wall times are added.
+        fronts: The result of `symbolic` with the contact nodes last, if it is known.
 
     Attributes:
         elasticity: The body.
@@ -66,8 +68,9 @@ class ContactStiffness:
         linear_solver: LinearSolver,
         explicit: bool,
         seconds: dict[str, float],
+        fronts: list[Front] | None = None,
     ):
-        self.elasticity, self._reference = elasticity, reference
+        self.elasticity, self._reference, self._fronts = elasticity, reference, fronts
         self._linear_solver, self._explicit, self._seconds = linear_solver, explicit, seconds
         self.responses, self._many = KeptResponses(elasticity.comm), False
         self._latest: tuple[ContactSurface, BodyCompliance] | None = None
@@ -86,9 +89,10 @@ class ContactStiffness:
     def _contact_last(self) -> MultifrontalSolver | DistributedMultifrontalSolver:
         """K^-1 with the contact nodes eliminated last, which gives A."""
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
-            kind = MultifrontalSolver if self.elasticity.comm.size == 1 else DistributedMultifrontalSolver
             nodes, single = self._reference.nodes_in_rows, False if self._many else None
-            return kind(self.elasticity.K, self.elasticity.x, nodes, single=single)
+            if self.elasticity.comm.size > 1:
+                return DistributedMultifrontalSolver(self.elasticity.K, self.elasticity.x, nodes, single)
+            return MultifrontalSolver(self.elasticity.K, self.elasticity.x, nodes, single, self._fronts)
 
     @cached_property
     def _any_order(self) -> StiffnessSolver:

@@ -15,13 +15,12 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..fem.named_mesh import volume
 from ..linalg.methods import LinearSolver
-from ..linalg.reductions import Reductions
 from ..linalg.stiffness import DirectSolver, IterativeSolver
 from .free_memory import free_memory
 from .machine import SAME, Slowness
 from .problem import ContactProblem
+from .slenderness import slenderness_of
 
 # bytes
 _BASE = 1.4e8  # per rank without a mesh: Python, DOLFINx, PETSc
@@ -131,14 +130,8 @@ def estimate_of(problem: ContactProblem, slowness: Slowness = SAME) -> Estimate:
 
 
 def slenderness(problem: ContactProblem) -> float:
-    """Square root of the contact area, over volume by contact area: 1.7 for the block, 5 for a plate; collective.
-
-    A thin body deforms far from where it is pressed: path following takes more steps and products there (46 steps and
-    250 products on a bracket of slenderness 5 where the block takes 21 and 90).
-    """
-    over = Reductions(problem.comm)
-    area = over.sum(problem.surface.area)
-    return float(area**1.5) / sum(over.sum(volume(member.body.mesh)) for member in problem.elasticity.members)
+    """Of the bodies of a problem: see `slenderness_of`; collective."""
+    return slenderness_of(problem.surface, problem.elasticity)
 
 
 def refuse_too_large(problem: ContactProblem) -> None:
