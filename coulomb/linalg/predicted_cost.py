@@ -2,7 +2,7 @@
 
 The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`).  The iterations of
 multigrid are not: they grow with the slenderness of the body behind its contact face, and vary by a factor of two to
-five around this rule.  The constants are least squares of relative errors over the block (p = 6 to 24) and eight parts
+five around this rule.  The constants are least squares of relative errors over the block (p = 6 to 24) and seven parts
 with 2 000 to 66 000 unknowns, of processor time on one thread; their ratios matter.  What they are fitted to:
 
     coulomb benchmark parts --method direct --method iterative --clscale 1 --clscale 0.5 --clscale 0.3
@@ -46,7 +46,8 @@ def seconds_multigrid(contact: int, entries: float, slenderness: float) -> float
     """
     constant, entry, unknown = _ITERATION
     iterations = _ITERATIONS * max(slenderness / _BLOCK, 1.0) ** _SLENDER
-    return _SET_UP * entries + iterations * (constant + entry * entries + unknown * contact)
+    seconds: float = _SET_UP * entries + iterations * (constant + entry * entries + unknown * contact)
+    return seconds
 
 
 def factorise(work: Work, contact: int, entries: float, slenderness: float, free: float | None) -> bool:
