@@ -39,13 +39,13 @@ def test_command(tmp_path, fake_gmsh):
     parts.mkdir()
     for name in ("foot.geo", "foot.toml"):
         shutil.copy(PARTS / name, parts)
-    wanted = ("--clscale", 1, "--clscale", 20, "--method", "auto", "--output", tmp_path)
+    wanted = ("--clscale", 0.9, "--clscale", 20, "--method", "auto", "--output", tmp_path)
     done = run_coulomb("benchmark", "parts", parts, *wanted)
     assert done.returncode == 1 and "no volume" in done.stderr and "certificate passed" in done.stdout, done.stderr
     with (tmp_path / "parts.csv").open() as file:
         (row,) = csv.DictReader(file)  # the one before the failure
     assert list(row) == list(Row._fields)
-    assert (row["part"], row["clscale"], row["method"], row["path"]) == ("foot", "1.0", "auto", "direct")
+    assert (row["part"], row["clscale"], row["method"], row["path"]) == ("foot", "0.9", "auto", "direct")
     done = run_coulomb("benchmark", "parts", "--part", "foot", "--clscale", 30)
     assert done.returncode == 1 and "no mesh was made" in done.stderr
 
