@@ -1,6 +1,5 @@
 """`coulomb check` of several bodies and of pairs of faces: what is changed in the files is noticed."""
 
-import csv
 import json
 import shutil
 
@@ -9,6 +8,7 @@ import pytest
 from bodies_runs import TWO
 from check_runs import change, copied, edit, made, put, shown
 from conftest import run_coulomb
+from resumed_rows import rows_of, same_to_the_tolerance
 
 from coulomb.io.field_files import read_grids
 from coulomb.io.history_files import HistoryFiles
@@ -138,13 +138,7 @@ def test_another_order_of_the_faces_of_a_pair_is_the_same_case(tmp_path):
     assert any("facets" in line for step in check(folder).steps for line in step.faults)
 
 
-def rows_of(folder):
-    with (folder / "history.csv").open() as lines:
-        return list(csv.DictReader(lines))
-
-
 def test_a_history_resumes_with_the_same_figures(tmp_path):
-    """To the tolerance of the solution: what its solver has found of A in earlier steps is not in the files."""
     folder = copied(TWO, tmp_path / "run")
     before = rows_of(folder)
     shutil.rmtree(folder / LAST)
@@ -152,19 +146,8 @@ def test_a_history_resumes_with_the_same_figures(tmp_path):
     files = HistoryFiles(folder, resume=True)
     settings.load_history().run(settings.problem(), files)
     after = rows_of(folder)
-    assert len(after) == len(before) and list(after[-1]) == list(before[-1])
-    assert after[0] == before[0]
-    solver = {"outer", "path_following", "krylov", "products", "residual"}
-    names = [name for name in before[-1] if name not in solver and not name.endswith("_balance")]
-    size = {}
-    for name in names:  # components of a vector relative to its largest
-        vector = name.removesuffix("_x").removesuffix("_y").removesuffix("_z")
-        if before[-1][name] not in ("True", "False", ""):
-            size[vector] = max(size.get(vector, 0.0), abs(float(before[-1][name])))
-    for name in names:
-        one, two = before[-1][name], after[-1][name]
-        vector = name.removesuffix("_x").removesuffix("_y").removesuffix("_z")
-        assert one == two or abs(float(one) - float(two)) <= 1e-8 * size[vector], name
+    assert len(after) == len(before) and after[0] == before[0]
+    assert same_to_the_tolerance(before[-1], after[-1])
 
 
 def test_two_ranks_write_what_one_does(tmp_path):

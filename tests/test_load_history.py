@@ -76,7 +76,7 @@ def test_energy():
     for n in (1, 2, 4):
         energies = [step.state.energy for step in LoadHistory(np.linspace(0, 5, 5 * n + 1)[1:]).steps(rubbed())]
         dissipated = np.diff([0.0] + [energy.dissipated for energy in energies])
-        assert np.all(dissipated >= -1e-12 * energies[-1].dissipated)
+        assert np.all(dissipated >= -1e-8 * energies[-1].dissipated)  # zero where nothing slips, to the residual
         imbalance.append(energies[-1].imbalance / energies[-1].dissipated)
     assert abs(imbalance[1]) <= 0.55 * abs(imbalance[0]) and abs(imbalance[2]) <= 0.55 * abs(imbalance[1])
 

@@ -153,7 +153,7 @@ def test_on_ranks(name, ranks, tmp_path):
 
 
 def test_killed_and_resumed(tmp_path):
-    """Killed during a step: the resumed run gives the same numbers."""
+    """Killed during a step: the resumed run gives the same figures, to the solution's tolerance."""
     (tmp_path / "case.toml").write_text(SHOE)
     out = tmp_path / "out"
     command = [sys.executable, "-m", "coulomb", "run", str(tmp_path / "case.toml"), "--output", str(out)]
@@ -170,7 +170,7 @@ def test_killed_and_resumed(tmp_path):
     for ours, expected in zip(rows(out), rows(made(SHOE)), strict=True):
         for column, value in expected.items():
             if "bottom" in column or "energy" in column:
-                assert float(ours[column]) == pytest.approx(float(value), rel=1e-9, abs=1e-12), column
+                assert float(ours[column]) == pytest.approx(float(value), rel=1e-8, abs=1e-12), column
     assert check(out).passed
     case = json.loads((out / "case.json").read_text())
     case["contact"]["rotation"]["angle"][2][1] = 0.5

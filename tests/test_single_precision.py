@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse
 from conftest import make_block
 
-from coulomb import ContactProblem, Material, Spring, Traction, box
+from coulomb import Clamp, Contact, ContactProblem, Material, Spring, Traction, box
 from coulomb.benchmarks.block import block
 from coulomb.linalg import multifrontal
 from coulomb.linalg.frontal_factors import FrontalFactors
@@ -101,6 +101,22 @@ def test_many_accurate_products_are_made_in_double_precision():
     A.mult(x, y)
     assert A.exact
     assert np.linalg.norm(y - A.dense() @ x) <= 1e-12 * np.linalg.norm(y)
+
+
+def test_a_slender_body_is_factorised_in_double_precision_before_the_first_step():
+    """Single precision is judged under contact forces: given up in the course of a solution, it would change A."""
+    problem = ContactProblem(
+        box((20.0, 1.0, 1.0), (40, 2, 2)),
+        Material(2e11, 0.3),
+        [Clamp("left")],
+        Contact("bottom", friction=0.3),
+        [Traction("right", (1e6, 0.0, 0.0))],
+    )
+    solver = solver_of(problem)
+    assert solver.single
+    assert SchurCompliance(problem.surface.free_B, solver).exact
+    stocky = solver_of(block(3))
+    assert not SchurCompliance(block(3).surface.free_B, stocky).exact
 
 
 def test_the_same_answer(monkeypatch):

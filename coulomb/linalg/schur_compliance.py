@@ -67,6 +67,19 @@ class SchurCompliance:
         self._columns = self._rows.T.tocsr()
         self._reference = reference or _Reference(solver)
         self._before: FloatArray = np.zeros(len(last))
+        if reference is None and self._solver.single:
+            self._measure_error()
+
+    def _measure_error(self) -> None:
+        """Factorise in double precision at once, if products by L are not as good as with A.
+
+        The error depends on the forces: that of the free displacement may be 1e-6 where that of contact forces on a
+        slender body is 2e-2, and K factorised anew in the course of a solution changes A.
+        """
+        z = self._forces(np.ones(3 * self.nodes))
+        self._solver.improved(self._solver.contact_forces(z), np.zeros_like(self._reference.u), 0.5)
+        if self._solver.error > _ENOUGH:
+            self._solver.use_double()
 
     def _forces(self, x: FloatArray) -> FloatArray:
         """B^T x on the contact nodes of all ranks, the same on each."""
