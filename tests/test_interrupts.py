@@ -213,7 +213,10 @@ def test_the_log_has_all_messages_and_steps(tmp_path):
 
 def test_errors_are_logged_and_a_full_disk_ends_only_the_log(tmp_path):
     log = tmp_path / "run.log"
-    assert run_coulomb("run", BLOCK, "--set", "contact.face='left'", "--log", log).returncode == 2
+    assert (
+        run_coulomb("run", BLOCK, "--set", "contact.face='left'", "--output", tmp_path / "out", "--log", log).returncode
+        == 2
+    )
     assert "error: contact face 'left' is fully clamped" in log.read_text()
     small = ("--set", "mesh.cells=[6,2,2]", "--set", "output.picture=false", "--output", tmp_path)
     done = run_coulomb("run", BLOCK, *small, "--log", "/dev/full")
