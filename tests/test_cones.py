@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from coulomb.solvers.block_matrix import BlockMatrix
 from coulomb.solvers.cones import (
     determinant,
     product,
@@ -16,6 +15,7 @@ from coulomb.solvers.cones import (
     step_to_boundary,
     times,
 )
+from coulomb.solvers.newton_matrix import NewtonMatrix
 
 RNG = np.random.default_rng(141)
 
@@ -74,11 +74,11 @@ def test_projection_on_friction_cones():
 
 
 @pytest.mark.parametrize("density", [1.0, 0.02], ids=["dense", "sparse"])
-def test_block_matrix(density):
+def test_newton_matrix(density):
     m = 60
     G = scipy.sparse.random(3 * m, 3 * m, density / 3.0, random_state=1, format="csr")
     W = (G @ G.T).tocsr()
-    matrix = BlockMatrix(W)
+    matrix = NewtonMatrix(W)
     assert matrix.dense == (density == 1.0)
     D = RNG.standard_normal((m, 3, 3)) * 10.0 ** RNG.uniform(-4, 4, m)[:, None, None]
     L = RNG.standard_normal((m, 3, 3))

@@ -18,11 +18,11 @@ import typer
 from .. import process
 from ..ranks import launched
 from ..version import __version__
+from .benchmark_cluster import cluster
 from .benchmark_commands import benchmark
 from .benchmark_histories import histories
 from .benchmark_parts import parts
 from .case_commands import Changes, check_case, new
-from .cluster_benchmark import cluster
 from .commands_pictures import drawing_soon, register
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks, showing_messages
 from .console import console as _console

@@ -1,6 +1,6 @@
 """Coulomb friction where A is a matrix without full rank: stacks of rigid bodies, redundant contacts, large friction.
 
-Three methods in turn, on the same Newton matrices W + nodal blocks (block_matrix.py), in the variables of
+Three methods in turn, on the same Newton matrices W + nodal blocks (newton_matrix.py), in the variables of
 cone_problem.py:
 
 1. nonsmooth Newton steps on the natural map from zero, for as long as each of them helps; where few contacts change

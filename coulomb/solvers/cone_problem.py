@@ -15,9 +15,9 @@ import numpy as np
 import scipy.sparse
 
 from ..arrays import FloatArray
-from .block_matrix import BlockMatrix
 from .cones import Projection, cone_residual, project, radius
 from .friction_problem import FrictionProblem
+from .newton_matrix import NewtonMatrix
 
 
 class NaturalMap(NamedTuple):
@@ -60,7 +60,7 @@ class ConeProblem:
         self.W = (scale @ (A / self._a) @ scale).tocsr()
         self.q: FloatArray = -self._S * problem.b.reshape(-1, 3) / (self._a * self._s)
         self._loads = float(np.linalg.norm(problem.b)) / (self._a * self._s)
-        self.matrix, self.products = BlockMatrix(self.W), 0
+        self.matrix, self.products = NewtonMatrix(self.W), 0
         stiffest = np.maximum(self.W.diagonal().reshape(-1, 3).max(axis=1), 1e-3)
         self._rho: FloatArray = (1.0 / stiffest)[:, None]
 

@@ -16,7 +16,7 @@ _SMALL = 90  # rows up to which dense algebra is quicker
 _FULL = 0.25  # of the blocks: a matrix with more is treated as dense
 
 
-class BlockMatrix:
+class NewtonMatrix:
     """M = L W + D with nodal blocks L and D, and its LU factors; W and the pattern stay.
 
     Sparse factors have a symmetric minimum degree order and prefer the diagonal as pivot.  Rows, then columns, are
