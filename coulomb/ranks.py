@@ -7,6 +7,7 @@ something to compute.
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -57,6 +58,22 @@ def several() -> bool:
     """Whether a launcher has started more processes than this one."""
     comm = launched()
     return comm is not None and comm.size > 1
+
+
+def all_arrive(seconds: float) -> bool:
+    """Whether all ranks call this within some seconds; after False the processes can only be aborted.
+
+    The others may be in any collective call, where they would wait for this rank for ever.
+    """
+    comm = launched()
+    if comm is None or comm.size == 1:
+        return True
+    together, until = comm.Ibarrier(), time.monotonic() + seconds
+    while not together.Test():
+        if time.monotonic() > until:
+            return False
+        time.sleep(1e-3)
+    return True
 
 
 def on_rank_0(comm: MPI.Comm | None, action: Callable[[], str]) -> str:

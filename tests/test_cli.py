@@ -115,21 +115,26 @@ def test_bad_input_ends_all_ranks():
     assert done.returncode == 2 and done.stderr.count("error: contact face 'left' is fully clamped") == 1
 
 
-def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path):
-    """The other ranks must not wait for a rank that has failed, nor that for them, as in the writer of the results."""
+@pytest.mark.parametrize("error", ["RuntimeError", "ValueError"])
+def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path, error):
+    """The other ranks must not wait for a rank that has failed, nor that for them, as in the writer of the results.
+
+    A ValueError of all ranks is wrong input; of one it is a crash.
+    """
     script, case = tmp_path / "die.py", tmp_path / "case.toml"
-    case.write_text(SMALL_CASE)
+    case.write_text(SMALL_CASE + "[history]\ntimes = [1.0]\n" * (error == "ValueError"))
     script.write_text(
-        "import sys\nfrom mpi4py import MPI\nfrom coulomb.cli import app as cli\nfrom coulomb.io import output\n"
-        "summary = output.summary\n"
+        "import sys\nfrom mpi4py import MPI\nfrom coulomb.cli import app as cli, console\n"
+        "from coulomb.io import output\n"
+        "console._TOGETHER = 2.0\nsummary = output.summary\n"
         "def failing(solution):\n"
-        "    if MPI.COMM_WORLD.rank == 1:\n        raise RuntimeError('unforeseen')\n"
+        f"    if MPI.COMM_WORLD.rank == 1:\n        raise {error}('unforeseen')\n"
         "    return summary(solution)\n"
         f"output.summary = failing\nsys.argv = ['coulomb', 'run', {str(case)!r}, '--output', {str(tmp_path)!r}]\n"
         "cli.main()\n"
     )
     done = run_python(script, ranks=2, timeout=120)
-    assert done.returncode != 0 and "unforeseen" in done.stderr
+    assert done.returncode == 3 and f"{error}: unforeseen" in done.stderr
 
 
 def test_benchmark_of_the_compliance():

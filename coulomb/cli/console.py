@@ -11,6 +11,9 @@ from rich.console import Console
 
 from .. import ranks
 
+_TOGETHER = 60.0
+"""Seconds within which all ranks find the same input wrong."""
+
 FAILED, BAD_INPUT, CRASHED, INTERRUPTED = 1, 2, 3, 130
 """Exit codes; 0: the answer counts."""
 
@@ -91,10 +94,12 @@ def showing_messages(of_information: Console) -> Iterator[None]:
 
 @contextmanager
 def bad_input() -> Iterator[None]:
-    """Turns a ValueError into its message and exit code 2."""
+    """Turns a ValueError of all ranks into its message and exit code 2; that of a few ranks only is raised."""
     try:
         yield
     except ValueError as error:
+        if not ranks.all_arrive(_TOGETHER):
+            raise
         errors.print(f"error: {error}", markup=False)
         raise typer.Exit(BAD_INPUT) from None
 
