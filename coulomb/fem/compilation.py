@@ -18,30 +18,43 @@ _log = logging.getLogger(__name__)
 SECONDS = 10
 """Approximate time of the compiler for all forms of a run."""
 
+_to_announce = False  # whether the next compilation is to be announced
+
 
 def announce() -> None:
     """Log, once, when a form is needed that is not in FFCx's cache; on the ranks that compile."""
+    global _to_announce
+    _to_announce = True
+
+
+def look_up_by_file() -> None:
+    """Look compiled forms up by their file; called when DOLFINx is imported."""
     from ffcx.codegeneration import jit
 
-    if not hasattr(jit, "get_cached_module"):  # an FFCx of another structure: no announcement
+    if not hasattr(jit, "get_cached_module"):  # an FFCx of another structure
         return
-    look_up, announced = jit.get_cached_module, False
+    look_up = jit.get_cached_module
     known: dict[tuple[str, ...], Any] = {}
 
     def looked_up(name: str, objects: Sequence[str], directory: str | Path, *arguments: Any) -> Any:
-        nonlocal announced
         key = (name, str(directory), *objects)
         if key in known:
             return known[key]
         found = _loaded(name, objects, Path(directory)) or look_up(name, objects, directory, *arguments)
         if found[0] is not None:
             known[key] = found
-        elif not announced:
-            announced = True
-            _log.info("compiling the finite-element forms, once per machine (about %d s)", SECONDS)
+        else:
+            _announce_once()
         return found
 
     jit.get_cached_module = looked_up
+
+
+def _announce_once() -> None:
+    global _to_announce
+    if _to_announce:
+        _to_announce = False
+        _log.info("compiling the finite-element forms, once per machine (about %d s)", SECONDS)
 
 
 def _loaded(name: str, objects: Sequence[str], directory: Path) -> tuple[list[Any], Any] | None:
