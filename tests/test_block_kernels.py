@@ -7,7 +7,8 @@ from petsc4py import PETSc
 
 from coulomb.benchmarks.block import block
 from coulomb.linalg import native, stiffness
-from coulomb.linalg.block_matrix import SHAPES, BlockInterpolation, SymmetricBlocks, padded
+from coulomb.linalg.block_matrix import SHAPES, BlockInterpolation, SymmetricBlocks, in_kernel_blocks, padded
+from coulomb.linalg.petsc_arrays import Entries
 
 pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
 
@@ -68,6 +69,19 @@ def test_block_interpolation(shape):
     for _ in range(2):
         blocks.restrict(r, b)
         assert np.abs(b - P.T @ r).max() <= 1e-5
+
+
+def test_entries_in_any_order():
+    """The blocks of a matrix whose columns do not ascend are those of the same matrix in order."""
+    csr = in_blocks(20, 15, (3, 6), 0.3, np.random.default_rng(1)).tocsr()
+    csr.sort_indices()
+    backwards = [np.concatenate([row[::-1] for row in np.split(a, csr.indptr[1:-1])]) for a in (csr.indices, csr.data)]
+    sorted_, unsorted = (
+        in_kernel_blocks(native.kernels(), Entries(csr.indptr, *arrays), (3, 6), accurate=True)
+        for arrays in ((csr.indices, csr.data), backwards)
+    )
+    for a, b in zip(sorted_, unsorted, strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])

@@ -2,7 +2,9 @@
 
 Values are stored in single precision, half the memory that a product reads; vectors and sums are in double precision.
 A symmetric matrix keeps what single precision rounds off as well, for products as accurate as in double precision.
-Between ranks, the entries in columns of other ranks form a PETSc matrix of their own.
+The entries in columns of other ranks are a matrix of their own, of which only the rows that have such entries are kept.
+While the blocks of a vector that they need come from other ranks (ghost_blocks.py), the product with this rank's own
+columns is made.
 
 Vectors of this rank are arrays with room for a few numbers behind their end (`padded`).
 """
@@ -10,31 +12,25 @@ Vectors of this rank are arrays with room for a few numbers behind their end (`p
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from .nodal_blocks import upper_blocks
+from .ghost_blocks import PADDING, GhostBlocks, padded
+from .petsc_arrays import Entries, own_and_others
 
-PADDING = 8
-"""Numbers behind the end of an array that the kernels may read."""
+__all__ = ["PADDING", "SHAPES", "BlockInterpolation", "SymmetricBlocks", "address", "in_kernel_blocks", "padded"]
 
 SHAPES = ((3, 3), (3, 6), (6, 6))
 """Shapes of blocks for which there are kernels."""
 
 _LANES = {3: 4, 6: 8}
-_CHUNK = 20_000  # rows
 _Array = npt.NDArray[Any]
-
-
-def padded(size: int) -> FloatArray:
-    """A vector of zeros with room behind its end; the room is not part of it."""
-    return np.zeros(size + PADDING)[:size]
 
 
 def address(array: _Array | None) -> ctypes.c_void_p:
@@ -42,71 +38,117 @@ def address(array: _Array | None) -> ctypes.c_void_p:
     return ctypes.c_void_p(None if array is None else array.ctypes.data)
 
 
-class _Elsewhere:
-    """Entries in columns of other ranks, of a matrix with blocks: a PETSc matrix, or nothing."""
+class _Blocks(NamedTuple):
+    """Rows of blocks.
 
-    def __init__(self, matrix: PETSc.Mat):
-        self._matrix: PETSc.Mat | None = None
-        if matrix.comm.size == 1:
-            return
-        indptr, indices, values = matrix.getValuesCSR()
-        first, last = matrix.getOwnershipRangeColumn()
-        other = (indices < first) | (indices >= last)
-        before = np.concatenate([[0], np.cumsum(other)])
-        csr = tuple(array.astype(PETSc.IntType) for array in (before[indptr], indices[other]))
-        self._matrix = PETSc.Mat().createAIJ(matrix.getSizes(), csr=(*csr, values[other]), comm=matrix.comm)
-        self._x, self._y = self._matrix.createVecs()
+    Attributes:
+        pointers: Where the blocks of a row begin, shape (rows + 1,).
+        columns: Columns of blocks.
+        values: In single precision, block after block by rows, padded.
+        low: What single precision rounds off, padded; None if it is not kept.
+    """
 
-    def mult(self, x: FloatArray) -> FloatArray | None:
-        """Its product, to be read before the next one; None if there are no such entries; collective."""
-        if self._matrix is None:
-            return None
-        self._x.array[:] = x
-        self._matrix.mult(self._x, self._y)
-        product: FloatArray = self._y.array_r
-        return product
-
-    def mult_transpose(self, y: FloatArray) -> FloatArray | None:
-        """The product with its transpose, as `mult`."""
-        if self._matrix is None:
-            return None
-        self._y.array[:] = y
-        self._matrix.multTranspose(self._y, self._x)
-        product: FloatArray = self._x.array_r
-        return product
-
-    def destroy(self) -> None:
-        """Free the PETSc objects."""
-        if self._matrix is not None:
-            for thing in (self._matrix, self._x, self._y):
-                thing.destroy()
+    pointers: npt.NDArray[np.int32]
+    columns: npt.NDArray[np.int32]
+    values: npt.NDArray[np.float32]
+    low: npt.NDArray[np.float32] | None
 
 
-def _own_blocks(matrix: PETSc.Mat, shape: tuple[int, int]) -> Iterator[tuple[int, scipy.sparse.bsr_matrix]]:
-    """The entries of this rank's rows in this rank's columns, in blocks, by some rows after the other, with the number
-    of the first: PETSc's arrays can only be copied, and a copy of the whole matrix would need as much memory again."""
-    own = matrix if matrix.comm.size == 1 else matrix.getDiagonalBlock()
-    rows, columns = own.getSize()
-    step = shape[0] * max(_CHUNK // shape[0], 1)
-    every = PETSc.IS().createStride(columns, 0, 1, comm=PETSc.COMM_SELF)
-    for first in range(0, max(rows, 1), step):
-        count = min(step, rows - first)
-        here = PETSc.IS().createStride(count, first, 1, comm=PETSc.COMM_SELF)
-        part = own.createSubMatrix(here, every)
-        indptr, indices, values = part.getValuesCSR()
-        blocks = scipy.sparse.csr_matrix((values, indices, indptr), shape=(count, columns)).tobsr(shape)
-        blocks.sort_indices()
-        yield first // shape[0], blocks
-        for thing in (part, here):
-            thing.destroy()
-    every.destroy()
+def in_kernel_blocks(
+    library: ctypes.CDLL, entries: Entries, shape: tuple[int, int], accurate: bool = False, upper: bool = False
+) -> _Blocks:
+    """Entries in blocks; of an upper triangle the block on the diagonal is first in its row, and always there."""
+    rows = (len(entries.indptr) - 1) // shape[0]
+    indptr, indices = (array.astype(np.int32, copy=False) for array in entries[:2])
+    pointers = np.empty(rows + 1, dtype=np.int32)
+
+    def convert(values: _Array, *out: _Array | None) -> int:
+        arrays = [indptr, indices, values, pointers, *out]
+        return int(library.to_blocks(ctypes.c_long(rows), *shape, int(upper), *map(address, arrays)))
+
+    values = entries.values
+    count = convert(values, None, None, None)
+    if count < 0:  # columns do not ascend
+        csr = scipy.sparse.csr_matrix((values.copy(), indices.copy(), indptr))
+        csr.sort_indices()
+        return in_kernel_blocks(library, Entries(csr.indptr, csr.indices, csr.data), shape, accurate, upper)
+    columns = np.empty(count, dtype=np.int32)
+    high = np.zeros(count * shape[0] * shape[1] + PADDING, dtype=np.float32)
+    low = np.zeros_like(high) if accurate else None
+    convert(values, columns, high, low)
+    return _Blocks(pointers, columns, high, low)
 
 
-def _joined(pointers: list[_Array]) -> npt.NDArray[np.int32]:
-    """Pointers to the rows of parts, as those of the whole."""
-    counts = np.concatenate([np.diff(part) for part in pointers])
-    joined: npt.NDArray[np.int32] = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    return joined
+class _Others:
+    """The entries of a matrix in columns of other ranks; collective.
+
+    Args:
+        library: The kernels.
+        matrix: The whole matrix.
+        entries: Those entries.
+        columns: The numbers of their columns, ascending.
+        shape: Rows and columns of a block.
+        accurate: Whether products are as accurate as in double precision.
+    """
+
+    def __init__(
+        self,
+        library: ctypes.CDLL,
+        matrix: PETSc.Mat,
+        entries: Entries,
+        columns: _Array,
+        shape: tuple[int, int],
+        accurate: bool,
+    ):
+        needed, place = np.unique(columns // shape[1], return_inverse=True)
+        at = (shape[1] * place.reshape(-1) + columns % shape[1]).astype(np.int32)
+        indices = at[entries.indices] if len(entries.indices) else np.empty(0, np.int32)
+        blocks = in_kernel_blocks(library, Entries(entries.indptr, indices, entries.values), shape, accurate)
+        self._rows = np.flatnonzero(np.diff(blocks.pointers)).astype(np.int32)
+        self._pointers = np.append(blocks.pointers[self._rows], blocks.pointers[-1]).astype(np.int32)
+        self._blocks = blocks
+        comm: MPI.Comm = matrix.comm.tompi4py()
+        starts = np.asarray(matrix.getOwnershipRangesColumn()) // shape[1]
+        self.ghosts = GhostBlocks(comm, starts, needed, shape[1])
+        self._sums = np.zeros(_LANES[shape[1]] * len(needed) + PADDING)
+        self._needed = len(needed)
+        self._add, self._restrict = (
+            getattr(library, f"{name}_{shape[0]}_{shape[1]}") for name in ("others", "restrict_to")
+        )
+        self._places = tuple(map(address, (self._rows, self._pointers, blocks.columns, blocks.values)))
+
+    def add(
+        self,
+        factor: float,
+        y: FloatArray,
+        inverse: FloatArray | None = None,
+        x: FloatArray | None = None,
+        accurate: bool = False,
+    ) -> None:
+        """y <- y + factor D^-1 A g, with the blocks g that are being fetched, and the same for x; D^-1 is 1 if there is
+        no `inverse`."""
+        g = self.ghosts.fetched()
+        vectors = address(self._blocks.low if accurate else None), address(g), ctypes.c_double(factor)
+        self._add(len(self._rows), *self._places, *vectors, address(inverse), address(y), address(x))
+
+    def give_restricted(self, r: FloatArray) -> None:
+        """Begin to send A^T r to the ranks of its entries."""
+        rows, *matrix = self._places
+        out = address(self.ghosts.values), address(self._sums)
+        self._restrict(len(self._rows), self._needed, rows, *matrix, address(r), *out)
+        self.ghosts.give()
+
+
+def _others(
+    library: ctypes.CDLL,
+    matrix: PETSc.Mat,
+    entries: Entries | None,
+    columns: _Array,
+    shape: tuple[int, int],
+    accurate: bool = False,
+) -> _Others | None:
+    """None on one rank."""
+    return None if entries is None else _Others(library, matrix, entries, columns, shape, accurate)
 
 
 class SymmetricBlocks:
@@ -123,58 +165,49 @@ class SymmetricBlocks:
     """
 
     def __init__(self, library: ctypes.CDLL, matrix: PETSc.Mat, size: int, accurate: bool = False):
-        pointers, columns, high, low = [], [], [], []
-        for first, rows in _own_blocks(matrix, (size, size)):
-            row_pointers, row_columns, blocks = upper_blocks(rows, first)
-            pointers.append(row_pointers)
-            columns.append(row_columns.astype(np.int32))
-            high.append(blocks.ravel().astype(np.float32))
-            if accurate:
-                low.append((blocks.ravel() - high[-1]).astype(np.float32))
-        room = np.zeros(PADDING, dtype=np.float32)
-        self._pointers, self._columns = _joined(pointers), np.concatenate(columns)
-        self._values = np.concatenate([*high, room])
-        high.clear()
-        self._low = np.concatenate([*low, room]) if accurate else None
-        self._n = len(self._pointers) - 1
-        self.size = size * self._n
-        self._sums = np.zeros(_LANES[size] * self._n + PADDING)
-        self._elsewhere = _Elsewhere(matrix)
-        self._right = padded(self.size)
+        own, others, columns = own_and_others(matrix)
+        self._blocks = in_kernel_blocks(library, own, (size, size), accurate, upper=True)
+        self._others = _others(library, matrix, others, columns, (size, size), accurate)
+        n = len(self._blocks.pointers) - 1
+        self.size = size * n
+        self._sums = np.zeros(_LANES[size] * n + PADDING)
         self._product, self._residual, self._step = (
             getattr(library, f"{name}_{size}_{size}") for name in ("product", "residual", "step")
         )
-        self._matrix = (self._n, address(self._pointers), address(self._columns), address(self._values))
+        self._matrix = (n, *map(address, self._blocks[:3]))
 
     def mult(self, x: FloatArray, y: FloatArray) -> None:
         """y <- K x, in double precision if `accurate`; x padded; collective."""
-        self._product(*self._matrix, address(self._low), address(x), address(y), address(self._sums))
-        other = self._elsewhere.mult(x)
-        if other is not None:
-            y += other
+        if self._others is not None:
+            self._others.ghosts.fetch(x)
+        self._product(*self._matrix, address(self._blocks.low), address(x), address(y), address(self._sums))
+        if self._others is not None:
+            self._others.add(1.0, y, accurate=True)
 
     def residual(self, b: FloatArray, x: FloatArray, r: FloatArray) -> None:
         """r <- b - K x, K in single precision; x padded; collective."""
-        b = self._less_others(b, x)
+        if self._others is not None:
+            self._others.ghosts.fetch(x)
         self._residual(*self._matrix, address(b), address(x), address(r), address(self._sums))
+        if self._others is not None:
+            self._others.add(-1.0, r)
 
     def step(
         self, inverse: FloatArray, b: FloatArray, x: FloatArray, d: FloatArray, first: float, second: float
     ) -> None:
         """d <- first d + second inverse (b - K x), x <- x + d, K in single precision; x padded; collective."""
-        b = self._less_others(b, x)
+        if self._others is not None:
+            self._others.ghosts.fetch(x)
         factors = ctypes.c_double(first), ctypes.c_double(second)
         vectors = (address(vector) for vector in (inverse, b, x, d))
         self._step(*self._matrix, *vectors, *factors, address(self._sums))
-
-    def _less_others(self, b: FloatArray, x: FloatArray) -> FloatArray:
-        """b less the product with the columns of other ranks."""
-        other = self._elsewhere.mult(x)
-        return b if other is None else np.subtract(b, other, out=self._right)
+        if self._others is not None:
+            self._others.add(-second, d, inverse, x)
 
     def destroy(self) -> None:
-        """Free the PETSc objects."""
-        self._elsewhere.destroy()
+        """Free the requests of messages."""
+        if self._others is not None:
+            self._others.ghosts.destroy()
 
 
 class BlockInterpolation:
@@ -187,33 +220,34 @@ class BlockInterpolation:
     """
 
     def __init__(self, library: ctypes.CDLL, matrix: PETSc.Mat, shape: tuple[int, int]):
-        parts = [rows for _, rows in _own_blocks(matrix, shape)]
-        self._pointers = _joined([rows.indptr for rows in parts])
-        self._columns = np.concatenate([rows.indices for rows in parts]).astype(np.int32)
-        room = np.zeros(PADDING, dtype=np.float32)
-        self._values = np.concatenate([*(rows.data.ravel().astype(np.float32) for rows in parts), room])
-        self._n, self._coarse = len(self._pointers) - 1, matrix.getLocalSize()[1] // shape[1]
+        own, others, columns = own_and_others(matrix)
+        self._blocks = in_kernel_blocks(library, own, shape)
+        self._others = _others(library, matrix, others, columns, shape)
+        self._n, self._coarse = len(self._blocks.pointers) - 1, matrix.getLocalSize()[1] // shape[1]
         self._sums = np.zeros(_LANES[shape[1]] * self._coarse + PADDING)
-        self._elsewhere = _Elsewhere(matrix)
         self._prolong, self._restrict = (
             getattr(library, f"{name}_{shape[0]}_{shape[1]}") for name in ("prolong", "restrict_to")
         )
-        self._matrix = (address(self._pointers), address(self._columns), address(self._values))
+        self._matrix = tuple(map(address, self._blocks[:3]))
 
     def prolong(self, e: FloatArray, x: FloatArray) -> None:
         """x <- x + P e; e padded; collective."""
+        if self._others is not None:
+            self._others.ghosts.fetch(e)
         self._prolong(self._n, *self._matrix, address(e), address(x))
-        other = self._elsewhere.mult(e)
-        if other is not None:
-            x += other
+        if self._others is not None:
+            self._others.add(1.0, x)
 
     def restrict(self, r: FloatArray, b: FloatArray) -> None:
         """b <- P^T r; collective."""
-        self._restrict(self._n, self._coarse, *self._matrix, address(r), address(b), address(self._sums))
-        other = self._elsewhere.mult_transpose(r)
-        if other is not None:
-            b += other
+        if self._others is not None:
+            self._others.give_restricted(r)
+        vectors = address(r), address(b), address(self._sums)
+        self._restrict(self._n, self._coarse, None, *self._matrix, *vectors)
+        if self._others is not None:
+            self._others.ghosts.given(b)
 
     def destroy(self) -> None:
-        """Free the PETSc objects."""
-        self._elsewhere.destroy()
+        """Free the requests of messages."""
+        if self._others is not None:
+            self._others.ghosts.destroy()

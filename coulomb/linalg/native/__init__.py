@@ -49,6 +49,7 @@ def _loaded() -> ctypes.CDLL:
             made.replace(library)  # at once: other processes may do the same
     loaded = ctypes.CDLL(str(library))
     loaded.advance.restype = ctypes.c_double
+    loaded.to_blocks.restype = ctypes.c_long
     return loaded
 
 

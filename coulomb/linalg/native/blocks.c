@@ -42,6 +42,51 @@ static inline d8 up8(const float *v) { return __builtin_convertvector(*(const f8
 #define NAME(function) function##_6_6
 #include "blocks.h"
 
+/* The entries of some rows in blocks of br x bc, rows of blocks ascending: their number, and where `out` is not 0 their
+columns and values, what single precision rounds off in `low` where that is not 0.  Of an upper triangle, those before
+the block on the diagonal are left out, and that is always there.  -1 if the columns of a row do not ascend. */
+long to_blocks(long n, int br, int bc, int upper, const int *ptr, const int *col, const double *val, int *pointers,
+               int *out, float *high, float *low)
+{
+    long count = 0;
+    for (long i = 0; i < n; i++) {
+        int at[8], end[8];
+        pointers[i] = (int)count;
+        for (int r = 0; r < br; r++) {
+            at[r] = ptr[br * i + r];
+            end[r] = ptr[br * i + r + 1];
+            for (int k = at[r] + 1; k < end[r]; k++)
+                if (col[k] <= col[k - 1])
+                    return -1;
+            while (upper && at[r] < end[r] && col[at[r]] < bc * i)
+                at[r]++;
+        }
+        for (int first = 1;; first = 0) {
+            int j = 0x7fffffff;
+            for (int r = 0; r < br; r++)
+                if (at[r] < end[r] && col[at[r]] / bc < j)
+                    j = col[at[r]] / bc;
+            if (upper && first)
+                j = (int)i;
+            if (j == 0x7fffffff)
+                break;
+            if (out)
+                out[count] = j;
+            for (int r = 0; r < br; r++)
+                for (; at[r] < end[r] && col[at[r]] < bc * (j + 1); at[r]++)
+                    if (out) {
+                        const long place = (count * br + r) * bc + col[at[r]] - bc * j;
+                        high[place] = (float)val[at[r]];
+                        if (low)
+                            low[place] = (float)(val[at[r]] - high[place]);
+                    }
+            count++;
+        }
+    }
+    pointers[n] = (int)count;
+    return count;
+}
+
 /* x <- x + step p, r <- r - step image; |r|^2. */
 double advance(long n, double step, const double *restrict p, const double *restrict image, double *restrict x,
                double *restrict r)

@@ -119,14 +119,15 @@ void NAME(prolong)(int n, const int *ptr, const int *col, const float *val, cons
     }
 }
 
-/* b <- P^T r, of `columns` blocks. */
-void NAME(restrict_to)(int n, int columns, const int *ptr, const int *col, const float *val, const double *r, double *b,
-                       double *w)
+/* b <- P^T r, of `columns` blocks; P has the rows `rows`, where that is not 0. */
+void NAME(restrict_to)(int n, int columns, const int *rows, const int *ptr, const int *col, const float *val,
+                       const double *r, double *b, double *w)
 {
     for (int i = 0; i < n; i++) {
+        const long at = rows ? rows[i] : i;
         DC R[BR];
         for (int k = 0; k < BR; k++)
-            R[k] = r[(long)BR * i + k] - (DC){0};
+            R[k] = r[BR * at + k] - (DC){0};
         for (long k = ptr[i]; k < ptr[i + 1]; k++) {
             const float *block = val + BR * BC * k;
             DC *wj = (DC *)(w + (long)LC * col[k]), sum = *wj;
@@ -140,6 +141,38 @@ void NAME(restrict_to)(int n, int columns, const int *ptr, const int *col, const
         for (int c = 0; c < BC; c++)
             b[BC * j + c] = w[LC * j + c];
         *(DC *)(w + LC * j) = (DC){0};
+    }
+}
+
+/* y <- y + factor A g, of which A has the rows `rows`, A = val + low, or val where low is 0; with an inverse diagonal
+y <- y + factor D^-1 A g, and the same for x. */
+void NAME(others)(int n, const int *rows, const int *ptr, const int *col, const float *val, const float *low,
+                  const double *g, double factor, const double *inverse, double *y, double *x)
+{
+    for (int i = 0; i < n; i++) {
+        DC sum[BR];
+        for (int r = 0; r < BR; r++)
+            sum[r] = (DC){0};
+        for (long k = ptr[i]; k < ptr[i + 1]; k++) {
+            const DC gj = *(const DC *)(g + (long)BC * col[k]);
+            for (int r = 0; r < BR; r++) {
+                DC row = UP(val + BR * BC * k + BC * r);
+                if (low)
+                    row += UP(low + BR * BC * k + BC * r);
+                sum[r] += row * gj;
+            }
+        }
+        for (int r = 0; r < BR; r++) {
+            const long at = (long)BR * rows[i] + r;
+            double total = 0.0;
+            for (int c = 0; c < BC; c++)
+                total += sum[r][c];
+            if (inverse) {
+                total *= inverse[at];
+                x[at] += factor * total;
+            }
+            y[at] += factor * total;
+        }
     }
 }
 

@@ -1,0 +1,96 @@
+"""The arrays of assembled matrices of PETSc's type AIJ, without copies, which petsc4py does not offer."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+_Array = npt.NDArray[Any]
+
+
+class Entries(NamedTuple):
+    """Rows of this rank in compressed form, ascending in each row; arrays of PETSc, valid while the matrix lives.
+
+    Attributes:
+        indptr: Where the rows begin, shape (rows + 1,).
+        indices: Columns.
+        values: Entries.
+    """
+
+    indptr: _Array
+    indices: _Array
+    values: _Array
+
+
+@functools.cache
+def _petsc() -> ctypes.CDLL:
+    """PETSc's functions: petsc4py's library is linked to PETSc's."""
+    return ctypes.CDLL(PETSc.__file__)
+
+
+def _entries(matrix: ctypes.c_void_p, rows: int) -> Entries:
+    """Of a sequential matrix."""
+    library = _petsc()
+    integer = ctypes.c_int64 if np.dtype(PETSc.IntType).itemsize == 8 else ctypes.c_int32
+    count, done = integer(), ctypes.c_int()
+    indptr, indices, values = (ctypes.c_void_p() for _ in range(3))
+    out = [ctypes.byref(thing) for thing in (count, indptr, indices, done)]
+    _check(library.MatGetRowIJ(matrix, integer(0), 0, 0, *out))
+    _check(library.MatSeqAIJGetArrayRead(matrix, ctypes.byref(values)))
+    pointers = _viewed(indptr, rows + 1, PETSc.IntType)
+    found = Entries(
+        pointers, _viewed(indices, int(pointers[-1]), PETSc.IntType), _viewed(values, int(pointers[-1]), np.float64)
+    )
+    _check(library.MatSeqAIJRestoreArrayRead(matrix, ctypes.byref(values)))
+    _check(library.MatRestoreRowIJ(matrix, integer(0), 0, 0, *out))
+    return found
+
+
+def _viewed(address: ctypes.c_void_p, size: int, dtype: npt.DTypeLike) -> _Array:
+    """An array where PETSc has it."""
+    kind = np.dtype(dtype)
+    if size == 0 or not address.value:
+        return np.empty(0, kind)
+    memory = ctypes.cast(address, ctypes.POINTER(ctypes.c_uint8))
+    return np.ctypeslib.as_array(memory, (size * kind.itemsize,)).view(kind)
+
+
+def _check(error: int) -> None:
+    if error:
+        raise PETSc.Error(error)
+
+
+def own_and_others(matrix: PETSc.Mat) -> tuple[Entries, Entries | None, _Array]:
+    """The entries in this rank's columns, those in the columns of other ranks, and which these columns are.
+
+    Args:
+        matrix: Assembled, of type AIJ.
+
+    Returns:
+        Columns of the first are counted from this rank's first one, those of the second are places in the third, which
+        has the numbers of columns, ascending.  On one rank there is no second.
+    """
+    rows = matrix.getLocalSize()[0]
+    handle = ctypes.c_void_p(matrix.handle)
+    if matrix.getType() == PETSc.Mat.Type.SEQAIJ:
+        return _entries(handle, rows), None, np.empty(0, PETSc.IntType)
+    if matrix.getType() != PETSc.Mat.Type.MPIAIJ:
+        raise ValueError(f"a matrix of PETSc's type {matrix.getType()}, where AIJ was expected")
+    own, others, columns = (ctypes.c_void_p() for _ in range(3))
+    _check(_petsc().MatMPIAIJGetSeqAIJ(handle, *(ctypes.byref(thing) for thing in (own, others, columns))))
+    elsewhere = _entries(others, rows)
+    count = _width(others)
+    return _entries(own, rows), elsewhere, _viewed(columns, count, PETSc.IntType)
+
+
+def _width(matrix: ctypes.c_void_p) -> int:
+    """Columns of a sequential matrix."""
+    integer = ctypes.c_int64 if np.dtype(PETSc.IntType).itemsize == 8 else ctypes.c_int32
+    rows, columns = integer(), integer()
+    _check(_petsc().MatGetSize(matrix, ctypes.byref(rows), ctypes.byref(columns)))
+    return int(columns.value)

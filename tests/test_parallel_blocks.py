@@ -1,0 +1,87 @@
+"""Products in small dense blocks on any number of ranks: run alone, or as `mpirun -n 3 python -m pytest ...`."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from coulomb.linalg import native
+from coulomb.linalg.block_matrix import BlockInterpolation, SymmetricBlocks, padded
+
+COMM = MPI.COMM_WORLD
+pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
+
+
+def in_blocks(rows, columns, shape, density, rng):
+    """A random matrix of dense blocks, the same on all ranks."""
+    pattern = scipy.sparse.random(rows, columns, density, random_state=3)
+    return scipy.sparse.kron(pattern, np.ones(shape)).multiply(
+        rng.standard_normal((rows * shape[0], columns * shape[1]))
+    )
+
+
+def shares(count, size):
+    """First rows of the ranks, in whole blocks; the last rank of several has none."""
+    parts = max(COMM.size - 1, 1)
+    edges = np.append(np.arange(parts + 1) * count // parts, count)[: COMM.size + 1]
+    return size * edges
+
+
+def distributed(matrix, rows, columns):
+    csr = scipy.sparse.csr_matrix(matrix)[rows[COMM.rank] : rows[COMM.rank + 1]]
+    csr.sort_indices()
+    sizes = [(np.diff(edges)[COMM.rank], edges[-1]) for edges in (rows, columns)]
+    petsc = PETSc.Mat().createAIJ(sizes, comm=COMM)
+    petsc.setPreallocationCSR((csr.indptr.astype(PETSc.IntType), csr.indices.astype(PETSc.IntType), csr.data))
+    petsc.assemble()
+    return petsc
+
+
+def part(values, edges):
+    v = padded(edges[COMM.rank + 1] - edges[COMM.rank])
+    v[:] = values[edges[COMM.rank] : edges[COMM.rank + 1]]
+    return v
+
+
+@pytest.mark.parametrize("size", [3, 6])
+def test_symmetric_blocks(size):
+    rng = np.random.default_rng(size)
+    half = in_blocks(40, 40, (size, size), 0.1, rng).tocsr()
+    keep = np.repeat(np.arange(40) != 7, size)  # a row and a column without any entry
+    K = (half + half.T).multiply(np.outer(keep, keep)).tocsr()
+    edges = shares(40, size)
+    matrix = distributed(K, edges, edges)
+    blocks = SymmetricBlocks(native.kernels(), matrix, size, accurate=True)
+    vectors = x, b, inverse, d = rng.standard_normal((4, 40 * size))
+    mine = [part(v, edges) for v in vectors]
+    y, scale = padded(blocks.size), np.abs(K).sum(axis=1).max()
+    for _ in range(2):  # the second time with what the first left behind
+        blocks.mult(mine[0], y)
+        assert np.abs(y - part(K @ x, edges)).max(initial=0.0) <= 1e-13 * scale
+    blocks.residual(mine[1], mine[0], y)
+    assert np.abs(y - part(b - K @ x, edges)).max(initial=0.0) <= 1e-6 * scale
+    direction = 0.3 * d + 0.7 * inverse * (b - K @ x)
+    x_mine, b_mine, inverse_mine, d_mine = mine
+    blocks.step(inverse_mine, b_mine, x_mine, d_mine, 0.3, 0.7)
+    assert np.abs(d_mine - part(direction, edges)).max(initial=0.0) <= 1e-5 * scale
+    assert np.abs(x_mine - part(x + direction, edges)).max(initial=0.0) <= 1e-5 * scale
+    blocks.destroy()
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (3, 6), (6, 6)])
+def test_block_interpolation(shape):
+    rng = np.random.default_rng(shape)
+    P = in_blocks(50, 12, shape, 0.3, rng).tocsr()
+    rows, columns = shares(50, shape[0]), shares(12, shape[1])
+    blocks = BlockInterpolation(native.kernels(), distributed(P, rows, columns), shape)
+    x, r = rng.standard_normal((2, P.shape[0]))
+    e = rng.standard_normal(P.shape[1])
+    mine = part(x, rows)
+    blocks.prolong(part(e, columns), mine)
+    assert np.abs(mine - part(x + P @ e, rows)).max(initial=0.0) <= 1e-5
+    for _ in range(2):
+        b = padded(columns[COMM.rank + 1] - columns[COMM.rank])
+        blocks.restrict(part(r, rows), b)
+        assert np.abs(b - part(P.T @ r, columns)).max(initial=0.0) <= 1e-5
+    blocks.destroy()
