@@ -6,23 +6,19 @@ the update matrices, since the first access to new memory takes about as long as
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg.blas import dsyrk, dtrsm, dtrsv, ssyrk, strsm, strsv
+from scipy.linalg.blas import dsyrk, dtrsm, ssyrk, strsm
 from scipy.linalg.lapack import dpotrf, spotrf
 
 from ..arrays import FloatArray
+from .front_operations import Real, front_operations, split_columns
 from .nested_dissection import Front, Nodes
 from .nodal_blocks import NodalRows
 
-Real = npt.NDArray[Any]
-"""Numbers in single or double precision."""
-
 _ROUTINES = {
-    np.dtype(np.float32): (spotrf, strsm, ssyrk, strsv),
-    np.dtype(np.float64): (dpotrf, dtrsm, dsyrk, dtrsv),
+    np.dtype(np.float32): (spotrf, strsm, ssyrk),
+    np.dtype(np.float64): (dpotrf, dtrsm, dsyrk),
 }
 
 
@@ -52,35 +48,24 @@ class FrontalFactors:
 
     def __init__(self, K: NodalRows, fronts: list[Front], dtype: npt.DTypeLike):
         self._fronts, self.dtype = fronts, np.dtype(dtype)
-        own = 3 * np.array([len(front.own) for front in fronts])
-        border = 3 * np.array([len(front.border) for front in fronts])
-        self.order = np.concatenate([*(front.own for front in fronts), fronts[-1].border])
-        position = np.full(len(K.indptr) - 1, -1)  # of nodes that no front has
-        position[self.order] = np.arange(len(self.order))
-        self._ends = np.cumsum(own)
-        self._borders = [(3 * position[front.border][:, None] + np.arange(3)).ravel() for front in fronts]
-        sizes = own * (own + border)
-        offsets = np.cumsum(sizes) - sizes
-        memory = np.empty(int(sizes.sum()), dtype=self.dtype)
-        memory.fill(0.0)
-        _assemble(K, fronts, position, offsets, memory)
-        self.heads: list[Real] = []
-        self.below: list[Real] = []
-        for at, e, b in zip(offsets, own, border, strict=True):
-            self.heads.append(memory[at : at + e * e].reshape((e, e), order="F"))
-            self.below.append(memory[at + e * e : at + e * (e + b)].reshape((b, e), order="F"))
+        self.order: Nodes = np.concatenate([*(front.own for front in fronts), fronts[-1].border])
+        own, border = (np.array([len(getattr(front, side)) for front in fronts]) for side in ("own", "border"))
+        memory = np.empty(9 * int(np.sum(own * (own + border))), dtype=self.dtype)
+        self._operations = front_operations(fronts, self.order, len(K.indptr) - 1, memory)
+        self._operations.assemble(K)
+        self.heads, self.below = split_columns(memory, own, border)
         with np.errstate(all="ignore"):  # above the diagonal is anything
             self._eliminate()
 
     def _eliminate(self) -> None:
-        potrf, trsm, syrk, _ = _ROUTINES[self.dtype]
-        fronts, updates = self._fronts, dict[int, Real]()
+        potrf, trsm, syrk = _ROUTINES[self.dtype]
+        fronts, updates, operations = self._fronts, dict[int, Real](), self._operations
         whole = {front.children[0]: number for number, front in enumerate(fronts) if _is_update_of_child(fronts, front)}
         stacks = Stacks(fronts, self.dtype)
         for number, (front, head, below) in enumerate(zip(fronts, self.heads, self.below, strict=True)):
             added = () if number in whole.values() else front.children
             for child in added:
-                _add(updates[child], fronts[child], head, below)
+                operations.add_to_columns(updates[child], fronts[child], head, below)
             if len(head):
                 _, failed = potrf(head, lower=1, clean=0, overwrite_a=1)
                 if failed:
@@ -96,30 +81,18 @@ class FrontalFactors:
                 else:
                     update.fill(0.0)
             for child in added:
-                _add_to_update(updates.pop(child), fronts[child], len(head), update)
+                operations.add_to_update(updates.pop(child), fronts[child], len(head), update)
                 stacks.pop(child)
             updates[number] = update
         self.update = updates[len(fronts) - 1]
 
     def forward(self, x: Real) -> None:
         """x <- L^-1 x in the order of elimination, shape (3 k,); on the last border, what remains of x."""
-        trsv = _ROUTINES[self.dtype][3]
-        for head, below, border, end in zip(self.heads, self.below, self._borders, self._ends, strict=True):
-            own = slice(end - len(head), end)
-            if len(head) and x[own].any():  # contact forces act on the last fronts alone
-                x[own] = y = trsv(head, x[own], lower=1)
-                if len(border):
-                    x[border] -= below @ y
+        self._operations.forward(x)
 
     def backward(self, x: Real) -> None:
         """x <- L^-T x in the order of elimination, shape (3 k,), with given x on the last border."""
-        trsv = _ROUTINES[self.dtype][3]
-        parts = zip(self.heads, self.below, self._borders, self._ends, strict=True)
-        for head, below, border, end in reversed(list(parts)):
-            if len(head):
-                own = slice(end - len(head), end)
-                y = x[own] - below.T @ x[border] if len(border) else x[own]
-                x[own] = trsv(head, y, lower=1, trans=1, overwrite_x=1)
+        self._operations.backward(x)
 
     def solve(self, rhs: FloatArray) -> FloatArray:
         """K^-1 rhs, shapes (n, 3), in this precision."""
@@ -186,61 +159,3 @@ def stack_heights(fronts: list[Front]) -> tuple[list[int], tuple[int, int]]:
 def _is_update_of_child(fronts: list[Front], front: Front) -> bool:
     """Whether a front is the last of a body, and the update matrix of its only child is all of it."""
     return front.root and len(front.children) == 1 and len(fronts[front.children[0]].border) == len(front.own)
-
-
-def _assemble(K: NodalRows, fronts: list[Front], position: Nodes, offsets: Nodes, memory: Real) -> None:
-    """Set the entries of K on and below the diagonal, in the order of elimination.
-
-    Args:
-        K: The matrix.
-        fronts: The fronts.
-        position: Place of every node in the order of elimination.
-        offsets: Where the columns of every front begin in `memory`.
-        memory: Zeros.
-    """
-    nodes, number = len(position), np.arange(len(fronts))
-    own = np.array([len(front.own) for front in fronts])
-    borders = np.array([len(front.border) for front in fronts])
-    front_at, ends, begin_of_border = np.repeat(number, own), np.cumsum(own), np.cumsum(borders) - borders
-    keys = nodes * np.repeat(number, borders) + position[np.concatenate([front.border for front in fronts])]
-    column, row = np.repeat(position, np.diff(K.indptr)), position[K.indices]  # K is symmetric: rows as columns
-    chosen = np.flatnonzero(row >= column)
-    column, row = column[chosen], row[chosen]
-    front = front_at[column]
-    e, b = 3 * own[front], 3 * borders[front]
-    column = 3 * (column - ends[front]) + e
-    inside = row < ends[front]
-    where = offsets[front] + np.where(inside, 3 * (row - ends[front]) + e + column * e, e * e + column * b)
-    outside = np.flatnonzero(~inside)
-    place = np.searchsorted(keys, front[outside] * nodes + row[outside]) - begin_of_border[front[outside]]
-    where[outside] += 3 * place
-    height = np.where(inside, e, b)
-    K.scatter(chosen, where, height, memory)
-
-
-def _add(child: Real, front: Front, head: Real, below: Real) -> None:
-    """Add a child's update matrix (a lower triangle on its border) to the parent's own columns, run by run."""
-    own, pieces = len(head), _pieces(front)
-    for k, (rows, to) in enumerate(pieces):
-        if to.start < own:
-            for columns, at in pieces[: k + 1]:
-                head[to, at] += child[rows, columns]
-        else:
-            beyond = slice(to.start - own, to.stop - own)
-            for columns, at in pieces:
-                if at.start >= own:
-                    break
-                below[beyond, at] += child[rows, columns]
-
-
-def _add_to_update(child: Real, front: Front, own: int, update: Real) -> None:
-    """Add the rest of a child's update matrix to that of the parent."""
-    pieces = [(rows, slice(to.start - own, to.stop - own)) for rows, to in _pieces(front) if to.start >= own]
-    for k, (rows, to) in enumerate(pieces):
-        for columns, at in pieces[: k + 1]:
-            update[to, at] += child[rows, columns]
-
-
-def _pieces(front: Front) -> list[tuple[slice, slice]]:
-    runs: Any = (3 * front.runs).tolist()
-    return [(slice(i, i + n), slice(j, j + n)) for i, j, n in runs]

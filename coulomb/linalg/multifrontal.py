@@ -25,7 +25,8 @@ from scipy.linalg.blas import dtrsv, strsv
 from scipy.linalg.lapack import dtrtri, strtri
 
 from ..arrays import FloatArray
-from .frontal_factors import FrontalFactors, Real, stack_heights
+from .front_operations import Real
+from .frontal_factors import FrontalFactors, stack_heights
 from .nested_dissection import Front, Nodes, dissect
 from .nodal_blocks import NodalRows
 from .refined_solver import RefinedSolver

@@ -22,8 +22,11 @@ class NodalRows:
         K: Assembled, 3 rows per node, on one rank; or its blocks.
 
     Attributes:
-        indptr: Where the coupled nodes of every node begin in `indices`.
+        indptr: Where the coupled nodes of every node begin in `indices`, as all of 64 bits.
         indices: Coupled nodes, those of a node ascending.
+        first: Where the block of each pair begins among the values.
+        stride: From the begin of one of its rows to the next.
+        values: The values of K.
     """
 
     def __init__(self, K: PETSc.Mat | scipy.sparse.bsr_matrix):
@@ -34,11 +37,11 @@ class NodalRows:
                 return
             K = nodal_blocks(K)
         K.sort_indices()
-        self.indptr: _Array = K.indptr
-        self.indices: _Array = K.indices
-        self._values: _Array = K.data.ravel()
-        self._first: _Array = 9 * np.arange(len(K.indices))
-        self._stride: _Array = np.full(len(K.indices), 3)
+        self.indptr: _Array = K.indptr.astype(np.int64)
+        self.indices: _Array = K.indices.astype(np.int64)
+        self.values: _Array = np.ascontiguousarray(K.data, dtype=np.float64).ravel()
+        self.first: _Array = 9 * np.arange(len(K.indices))
+        self.stride: _Array = np.full(len(K.indices), 3)
 
     def _take(self, indptr: _Array, indices: _Array, values: _Array) -> None:
         """Rows of which every block is stored wholly."""
@@ -46,9 +49,9 @@ class NodalRows:
         coupled = length // 3
         self.indptr = np.concatenate([[0], np.cumsum(coupled)])
         inside = np.arange(self.indptr[-1]) - np.repeat(self.indptr[:-1], coupled)
-        self._values, self._first = values, np.repeat(indptr[:-1:3], coupled) + 3 * inside
-        self._stride = np.repeat(length, coupled)
-        self.indices = indices[self._first] // 3
+        self.values, self.first = values, np.repeat(indptr[:-1:3].astype(np.int64), coupled) + 3 * inside
+        self.stride = np.repeat(length.astype(np.int64), coupled)
+        self.indices = indices[self.first].astype(np.int64) // 3
 
     def scatter(self, chosen: _Array, where: _Array, stride: _Array, memory: _Array) -> None:
         """memory[where + stride i + j] <- entry (i, j) of the chosen blocks."""
@@ -56,8 +59,8 @@ class NodalRows:
         for begin in range(0, len(chosen), _AT_ONCE):
             some = slice(begin, begin + _AT_ONCE)
             blocks, at = chosen[some], (slice(None), None, None)
-            source = self._first[blocks][at] + (self._stride[blocks][at] * i + j)
-            memory[where[some][at] + (stride[some][at] * i + j)] = self._values[source]
+            source = self.first[blocks][at] + (self.stride[blocks][at] * i + j)
+            memory[where[some][at] + (stride[some][at] * i + j)] = self.values[source]
 
 
 def _whole(indptr: _Array, indices: _Array) -> bool:

@@ -2,7 +2,7 @@
 
 A compiled library is kept in `$XDG_CACHE_HOME/coulomb` (`~/.cache/coulomb`), under a name made of its source, the
 compiler and the processor, since it uses all that this processor can do.  Without a compiler there are no kernels, and
-PETSc does the work.
+PETSc and numpy do the work.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from pathlib import Path
 
 _log = logging.getLogger(__name__)
 
-_SOURCES = tuple(Path(__file__).parent / name for name in ("blocks.c", "blocks.h"))
-_FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
+_COMPILED = tuple(Path(__file__).parent / name for name in ("blocks.c", "fronts.c"))
+_SOURCES = (*_COMPILED, *(source.with_suffix(".h") for source in _COMPILED))
+_FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-shared", "-fPIC")
 _SECONDS = 120  # limit of the compiler's time
 
 
@@ -33,7 +34,7 @@ def kernels() -> ctypes.CDLL | None:
     try:
         return _loaded()
     except (OSError, subprocess.SubprocessError) as error:
-        _log.info("no kernels in C, multigrid is slower: %s", error)
+        _log.info("no kernels in C, factorisation and multigrid are slower: %s", error)
         return None
 
 
@@ -44,7 +45,7 @@ def _loaded() -> ctypes.CDLL:
         library.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=library.parent) as directory:
             made = Path(directory) / library.name
-            command = [*compiler, *_FLAGS, "-o", str(made), str(_SOURCES[0])]
+            command = [*compiler, *_FLAGS, "-o", str(made), *map(str, _COMPILED)]
             subprocess.run(command, check=True, capture_output=True, timeout=_SECONDS)
             made.replace(library)  # at once: other processes may do the same
     loaded = ctypes.CDLL(str(library))
