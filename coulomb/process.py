@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from .ranks import RANK_VARIABLES, start_alone
+from .regular_file import unwritable
 
 _begun = _goes_on = False
 
@@ -155,7 +156,7 @@ def _keep_caches_somewhere() -> None:
     if not os.environ.get("XDG_CACHE_HOME"):  # empty means the working directory to DOLFINx, and unset in the standard
         os.environ.pop("XDG_CACHE_HOME", None)
     cache = os.environ.get("XDG_CACHE_HOME", os.path.join(home, ".cache"))
-    if os.path.isabs(home) and _writable(Path(cache)):
+    if os.path.isabs(home) and not unwritable(Path(cache)):
         return
     try:
         place = _own_directory()
@@ -165,12 +166,6 @@ def _keep_caches_somewhere() -> None:
     os.environ.setdefault("MPLCONFIGDIR", str(place / "matplotlib"))
     if not os.path.isdir(home):
         os.environ["HOME"] = str(place)
-
-
-def _writable(path: Path) -> bool:
-    while not path.exists() and path != path.parent:
-        path = path.parent
-    return path.is_dir() and os.access(path, os.W_OK | os.X_OK)
 
 
 def _own_directory() -> Path:

@@ -1,4 +1,4 @@
-"""Reading of regular files only: reading a pipe or a device might not end."""
+"""Checks of paths: only regular files are read, since a pipe or a device might not end; where can be written."""
 
 from __future__ import annotations
 
@@ -39,3 +39,16 @@ def read_bytes(path: str | Path, most: int | None = None) -> bytes:
     if most is not None and len(found) > most:
         raise OSError(errno.EFBIG, f"it is larger than {most / 1e6:g} MB", str(path))
     return found
+
+
+def unwritable(directory: Path) -> str:
+    """Reason why no files can be written into a directory, which need not exist yet; empty if they can."""
+    place = directory.absolute()
+    try:
+        while not place.exists() and place != place.parent:
+            place = place.parent
+        if not place.is_dir():
+            return f"{place} is no directory"
+    except OSError as error:  # a name that is too long
+        return error.strerror or str(error)
+    return "" if os.access(place, os.W_OK | os.X_OK) else f"no permission to write in {place}"

@@ -18,10 +18,7 @@ import typer
 from .. import process
 from ..ranks import launched
 from ..version import __version__
-from .benchmark_cluster import cluster
 from .benchmark_commands import benchmark
-from .benchmark_histories import histories
-from .benchmark_parts import parts
 from .case_commands import Changes, check_case, new
 from .commands_pictures import drawing_soon, register
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks, showing_messages
@@ -38,8 +35,6 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-benchmark.command()(histories)
-benchmark.command()(parts)
 app.add_typer(benchmark, name="benchmark")
 register(app)
 
@@ -125,7 +120,6 @@ def resume(
 
 app.command("new")(new)
 app.command("check-case")(check_case)
-benchmark.command("cluster")(cluster)
 app.command("convert")(convert)
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .benchmark_output import write_csv, writing
-from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
+from .benchmark_output import line, measuring
+from .console import refuse_ranks
 
 
 def cluster(
@@ -25,9 +24,8 @@ def cluster(
 
     refuse_ranks("this benchmark")
     rows: list[Row] = []
-    fault = ""
     runs = [(count, fixed or cells_per_metre(count * per_rank)) for count in ranks or RANKS]
-    try:
+    with measuring(directory, "cluster", Row._fields, rows, figure=False):
         for row in measure(runs):
             rows.append(row)
             iteration = (
@@ -35,24 +33,11 @@ def cluster(
                 f"{row.kilobytes_per_multigrid_iteration:6.1f} kB, "
                 f"{row.reductions_per_multigrid_iteration:4.1f} reductions each"
             )
-            console.print(
+            line(
                 f"ranks {row.ranks:3d}  p {row.p:3d}  unknowns {row.unknowns:8d}  contact {row.contact:6d}  steps "
                 f"{row.newton_steps:3d}  Krylov {row.krylov:4d}  multigrid {row.multigrid_iterations:5d}: "
                 f"{iteration}  other collectives per step "
                 f"{row.collectives_per_newton_step:5.1f}, largest {row.largest_collective_bytes / 1000:.0f} kB  "
                 f"most over mean: unknowns {row.unknowns_imbalance:.2f}, contact nodes {row.contact_imbalance:.2f}  "
-                f"{row.peak_memory_bytes / 1e6:.0f} MB",
-                soft_wrap=True,
+                f"{row.peak_memory_bytes / 1e6:.0f} MB"
             )
-    except ValueError as error:
-        errors.print(f"error: {error}", markup=False)
-        raise typer.Exit(BAD_INPUT) from None
-    except RuntimeError as error:  # the rows so far are kept
-        fault = str(error)
-    if directory is not None and rows:
-        with writing(directory):
-            write_csv(directory, "cluster", Row._fields, rows)
-        console.print(f"cluster.csv in {directory}{os.sep}", soft_wrap=True)
-    if fault:
-        errors.print(f"error: {fault}", markup=False)
-        raise typer.Exit(FAILED)

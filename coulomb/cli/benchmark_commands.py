@@ -4,103 +4,102 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from ..ranks import several
+from .benchmark_cluster import cluster
 from .benchmark_fclib import fclib
-from .benchmark_output import figures, print_verified, write_csv, write_table, writing
-from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
-
-if TYPE_CHECKING:
-    pass
+from .benchmark_output import (
+    Repeats,
+    Sizes,
+    Tolerance,
+    figures,
+    line,
+    measuring,
+    one_of,
+    print_verified,
+    write_csv,
+    write_table,
+    writing,
+)
+from .benchmark_parts import parts
+from .benchmark_peers import histories, peers
+from .console import FAILED, bad_input, refuse_ranks
 
 benchmark = typer.Typer(help="Benchmarks and verification.", no_args_is_help=True)
-benchmark.command()(fclib)
+for command in (cluster, fclib, histories, parts, peers):
+    benchmark.command()(command)
 
 
 @benchmark.command()
-def compliance(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")] = None,
-) -> None:
+def compliance(sizes: Sizes = None) -> None:
     """Three methods for the compliance A on one rank, seconds: the basis of the default."""
     from ..benchmarks.compliance_formation import measure
 
     refuse_ranks("this benchmark")
-    console.print(
-        "  p  contact    Schur  many right-hand sides  product explicit  matrix-free  difference", soft_wrap=True
-    )
+    line("  p  contact    Schur  many right-hand sides  product explicit  matrix-free  difference")
     for p in sizes or (6, 10, 16):
         row = measure(p)
-        console.print(
+        line(
             f"{row.p:3d}  {row.contact:7d}  {row.schur:7.2f}  {row.right_hand_sides:21.2f}  "
-            f"{row.product_explicit:16.5f}  {row.product_matrix_free:11.5f}  {row.difference:10.1e}",
-            soft_wrap=True,
+            f"{row.product_explicit:16.5f}  {row.product_matrix_free:11.5f}  {row.difference:10.1e}"
         )
 
 
 @benchmark.command()
 def table1(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")] = None,
+    sizes: Sizes = None,
     solver: Annotated[list[str] | None, typer.Option("--solver", help="A column, as KPRGP; repeat.")] = None,
     directory: Annotated[Path | None, typer.Option("--output", help="For table1.csv and table1.png.")] = None,
 ) -> None:
     """Table 1 of the paper: PF and KPRGP on the Tresca block, to the same residual."""
     from ..benchmarks.table1 import PAPER, RESIDUAL, SIZES, Row, measure
 
-    console.print(f"Tresca block to a residual of {RESIDUAL:g}; iterations/products (paper's)", soft_wrap=True)
-    rows = []
-    try:
+    line(f"Tresca block to a residual of {RESIDUAL:g}; iterations/products (paper's)")
+    rows: list[Row] = []
+    with measuring(directory, "table1", Row._fields, rows):
         for row in measure(sizes or SIZES, solver):
             rows.append(row)
             theirs = PAPER.get((row.solver, row.p), "-")
-            console.print(
+            line(
                 f"{row.n:7d}/{row.m:<6d} {row.solver:34s} {row.iterations:6d}/{row.products:<6d} ({theirs:>6s})  "
-                f"{row.seconds:8.2f} s  residual {row.residual:.1e}",
-                markup=False,
-                soft_wrap=True,
+                f"{row.seconds:8.2f} s  residual {row.residual:.1e}"
             )
-    except ValueError as error:
-        errors.print(f"error: {error}", markup=False)
-        raise typer.Exit(BAD_INPUT) from None
-    write_table(directory, "table1", Row._fields, rows)
 
 
 @benchmark.command()
 def friction(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")] = None,
+    sizes: Sizes = None,
     coefficients: Annotated[
         list[float] | None, typer.Option("--friction", min=0.0, help="Friction coefficient; repeat.")
     ] = None,
-    tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-8,
-    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Number of runs; the minimum time counts.")] = 1,
+    tolerance: Tolerance = 1e-8,
+    repeats: Repeats = 1,
     directory: Annotated[Path | None, typer.Option("--output", help="For friction.csv and friction.png.")] = None,
 ) -> None:
     """Methods for Coulomb friction on the block, compared with one Tresca problem solved as in the paper."""
     from ..benchmarks.friction import FRICTION, TRESCA, Row, measure
 
-    console.print(f"Coulomb block to a residual of {tolerance:g}; time over that of one Tresca problem", soft_wrap=True)
+    line(f"Coulomb block to a residual of {tolerance:g}; time over that of one Tresca problem")
     rows: list[Row] = []
-    for row in measure(sizes or (10,), coefficients or FRICTION, tolerance, repeats):
-        rows.append(row)
-        tresca = next(r for r in reversed(rows) if r.method == TRESCA)
-        console.print(
-            f"p {row.p:3d}  F {row.friction:<5g} {row.method:20s} outer {row.outer:3d}  steps {row.path_following:4d}  "
-            f"products {row.products:5d}  Krylov {row.krylov:5d}  {row.seconds:7.2f} s "
-            f"({row.seconds / tresca.seconds:5.2f})  residual {row.residual:.1e}  {row.status}",
-            markup=False,
-            soft_wrap=True,
-        )
-    write_table(directory, "friction", Row._fields, rows)
+    with measuring(directory, "friction", Row._fields, rows):
+        for row in measure(sizes or (10,), coefficients or FRICTION, tolerance, repeats):
+            rows.append(row)
+            tresca = next(r for r in reversed(rows) if r.method == TRESCA)
+            line(
+                f"p {row.p:3d}  F {row.friction:<5g} {row.method:20s} outer {row.outer:3d}  "
+                f"steps {row.path_following:4d}  products {row.products:5d}  Krylov {row.krylov:5d}  "
+                f"{row.seconds:7.2f} s ({row.seconds / tresca.seconds:5.2f})  residual {row.residual:.1e}  {row.status}"
+            )
 
 
 @benchmark.command()
 def scaling(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")] = None,
+    sizes: Sizes = None,
     ranks: Annotated[list[int] | None, typer.Option("--ranks", min=1, help="Ranks to run on; repeat.")] = None,
     coefficient: Annotated[float, typer.Option("--friction", min=0.0)] = 0.3,
-    tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-7,
+    tolerance: Tolerance = 1e-7,
     method: Annotated[str, typer.Option("--method", help="auto, direct or iterative.")] = "auto",
     newton: Annotated[str, typer.Option("--newton", help="Newton systems: recycling or condensed.")] = "recycling",
     start: Annotated[str, typer.Option("--start", help="cold, or coarse: from half as many cells.")] = "cold",
@@ -112,112 +111,46 @@ def scaling(
     """Coulomb friction up to a million unknowns, compared with one linear solve on the same mesh (the yardstick)."""
     from ..benchmarks.scaling import METHODS, NEWTON, PROBLEMS, SIZES, STARTS, Row, exponent, measure
 
-    if several() or method not in METHODS:
-        errors.print(
-            "error: this benchmark runs on one rank, and starts others itself; --method is auto, direct or iterative"
-        )
-        raise typer.Exit(BAD_INPUT)
-    if newton not in NEWTON or start not in STARTS or cell not in ("hexahedron", "tetrahedron"):
-        errors.print(
-            "error: --newton is recycling or condensed, --start is cold or coarse, --cell is hexahedron or tetrahedron",
-            markup=False,
-        )
-        raise typer.Exit(BAD_INPUT)
-    usual = (newton, start, cell, degree) == ("recycling", "cold", "hexahedron", 1)
-    if problem not in PROBLEMS or (problem != "block" and not usual):
-        errors.print("error: --problem is block or two-blocks; --newton, --start, --cell, --degree are for block")
-        raise typer.Exit(BAD_INPUT)
+    refuse_ranks("this benchmark, which starts other ranks itself,")
     rows: list[Row] = []
-    failed = False
-    results = measure(
-        sizes or SIZES, ranks or (1,), coefficient, tolerance, method, newton, start, cell, degree, problem
-    )
-    while True:
-        try:
-            row = next(results)
-        except StopIteration:
-            break
-        except RuntimeError as error:  # the rows so far are kept
-            errors.print(f"error: {error}", markup=False)
-            failed = True
-            break
-        rows.append(row)
-        console.print(
-            f"p {row.p:3d}  unknowns {row.unknowns:8d}  contact {row.contact:6d}  ranks {row.ranks}  "
-            f"steps {row.path_following:3d}  Krylov {row.krylov:4d}  {row.seconds:8.2f} s  yardstick "
-            f"{row.yardstick_seconds:7.2f} s  ratio {row.seconds / row.yardstick_seconds:5.1f}  "
-            f"{f'(linear solve {row.linear_seconds:.2f} s)  ' if degree == 2 else ''}"
-            f"{row.peak_memory_bytes / 2**30:5.2f} GiB  residual {row.residual:.1e}  "
-            f"certificate {'passed' if row.certified else 'FAILED'}",
-            soft_wrap=True,
-        )
-    if len(rows) > 2:
-        console.print(f"seconds grow like unknowns to the power {exponent(rows):.2f}")
-    write_table(directory, "scaling", Row._fields, rows)
-    if failed:
-        raise typer.Exit(FAILED)
+    with measuring(directory, "scaling", Row._fields, rows):
+        one_of("--method", method, METHODS)
+        one_of("--newton", newton, NEWTON)
+        one_of("--start", start, STARTS)
+        one_of("--cell", cell, ("hexahedron", "tetrahedron"))
+        one_of("--problem", problem, PROBLEMS)
+        if problem != "block" and (newton, start, cell, degree) != ("recycling", "cold", "hexahedron", 1):
+            raise ValueError("--newton, --start, --cell and --degree are for block")
+        for row in measure(
+            sizes or SIZES, ranks or (1,), coefficient, tolerance, method, newton, start, cell, degree, problem
+        ):
+            rows.append(row)
+            line(
+                f"p {row.p:3d}  unknowns {row.unknowns:8d}  contact {row.contact:6d}  ranks {row.ranks}  "
+                f"steps {row.path_following:3d}  Krylov {row.krylov:4d}  {row.seconds:8.2f} s  yardstick "
+                f"{row.yardstick_seconds:7.2f} s  ratio {row.seconds / row.yardstick_seconds:5.1f}  "
+                f"{f'(linear solve {row.linear_seconds:.2f} s)  ' if degree == 2 else ''}"
+                f"{row.peak_memory_bytes / 2**30:5.2f} GiB  residual {row.residual:.1e}  "
+                f"certificate {'passed' if row.certified else 'FAILED'}"
+            )
+        if len(rows) > 2:
+            line(f"seconds grow like unknowns to the power {exponent(rows):.2f}")
 
 
 @benchmark.command()
-def estimates(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")] = None,
-) -> None:
+def estimates(sizes: Sizes = None) -> None:
     """Estimates of `coulomb check-case` for the block, compared with measurements."""
     from ..benchmarks.estimates import SIZES, measure
 
     refuse_ranks("this benchmark")
-    console.print(
-        "  p  method                 unknowns  contact   GB expected  measured   s expected  measured", soft_wrap=True
-    )
-    try:
+    line("  p  method                 unknowns  contact   GB expected  measured   s expected  measured")
+    with measuring():
         for row in measure(sizes or SIZES):
-            console.print(
+            line(
                 f"{row.p:3d}  {row.method:21s}  {row.unknowns:8d}  {row.contact:7d}   "
                 f"{row.memory_expected / 1e9:11.2f}  {row.memory_measured / 1e9:8.2f}   "
-                f"{row.seconds_expected:10.1f}  {row.seconds_measured:8.1f}",
-                soft_wrap=True,
+                f"{row.seconds_expected:10.1f}  {row.seconds_measured:8.1f}"
             )
-    except RuntimeError as error:
-        errors.print(f"error: {error}", markup=False)
-        raise typer.Exit(FAILED) from None
-
-
-@benchmark.command()
-def peers(
-    sizes: Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre; repeat.")] = None,
-    names: Annotated[list[str] | None, typer.Option("--peer", help="A peer, as GetFEM; repeat.")] = None,
-    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Runs of each; the minimum time counts.")] = 1,
-    problem: Annotated[str, typer.Option("--problem", help="block, or two-blocks: aluminium on steel.")] = "block",
-    directory: Annotated[Path | None, typer.Option("--output", help="For peers.csv and peers.png.")] = None,
-) -> None:
-    """The block, or two blocks, by coulomb and by other packages, each in a separate process, on one thread."""
-    from ..benchmarks.peers import Row, Skipped, measure
-
-    refuse_ranks("this benchmark")
-    rows: list[Row] = []
-    try:
-        for row in measure(sizes or (10,), names, repeats, problem):
-            if isinstance(row, Skipped):
-                console.print(f"p {row.p:3d}  {row.peer:16s} skipped: {row.reason}", markup=False, soft_wrap=True)
-                continue
-            rows.append(row)
-            ours = next(r for r in rows if r.p == row.p)
-            of_pair = row.figures and (
-                f"  normal {row.figures.normal_force:.4e} N  friction {row.figures.tangential_force:.4e} N  "
-                f"largest slip {row.figures.largest_slip:.4e} m  mean displacement {row.figures.displacement:.4e} m"
-            )
-            console.print(
-                f"p {row.p:3d}  {row.peer:16s} {row.seconds:8.2f} s ({row.seconds / ours.seconds:5.1f})  "
-                f"{row.peak_memory_bytes / 2**30:5.2f} GiB  iterations {row.iterations:4d}  "
-                f"forces differ by {row.force_error:.0e}{of_pair or ''}",
-                markup=False,
-                soft_wrap=True,
-            )
-    except (ValueError, RuntimeError) as error:
-        errors.print(f"error: {error}", markup=False)
-        raise typer.Exit(BAD_INPUT) from None
-    fields = (*Row._fields[:-1], *(rows[0].figures._fields if rows and rows[0].figures else ()))
-    write_table(directory, "peers", fields, [(*row[:-1], *(row.figures or ())) for row in rows])
 
 
 @benchmark.command()
@@ -233,20 +166,17 @@ def elements(
     from ..benchmarks.verification.hertz_elements import ELEMENTS
 
     refuse_ranks("this benchmark")
-    unknown = [name for name in names or () if name not in ELEMENTS]
-    if unknown:
-        errors.print(f"error: there is no element {unknown[0]!r}; they are {', '.join(ELEMENTS)}", markup=False)
-        raise typer.Exit(BAD_INPUT)
-    console.print("element  cells  unknowns  contact points  force error  centre error  processor s", soft_wrap=True)
-    rows = []
-    for row in measure(sizes or SIZES, names or ELEMENTS):
-        rows.append(row)
-        console.print(
-            f"{row.element:7s}  {row.cells:5d}  {row.unknowns:8d}  {row.contact_points:14d}  "
-            f"{row.force_error:11.2%}  {row.centre_error:12.2%}  {row.seconds:11.2f}",
-            soft_wrap=True,
-        )
-    write_table(directory, "elements", Row._fields, rows)
+    rows: list[Row] = []
+    with measuring(directory, "elements", Row._fields, rows):
+        for name in names or ():
+            one_of("--element", name, tuple(ELEMENTS))
+        line("element  cells  unknowns  contact points  force error  centre error  processor s")
+        for row in measure(sizes or SIZES, names or ELEMENTS):
+            rows.append(row)
+            line(
+                f"{row.element:7s}  {row.cells:5d}  {row.unknowns:8d}  {row.contact_points:14d}  "
+                f"{row.force_error:11.2%}  {row.centre_error:12.2%}  {row.seconds:11.2f}"
+            )
 
 
 @benchmark.command()
@@ -265,9 +195,9 @@ def conditioning(
         (s.iteration, s.cond_J_AM, s.cond_J_SC, s.cond_preconditioned_AM, s.cond_preconditioned_SC, s.upper / s.lower)
         for s in spectra
     ]
-    console.print("  ".join(f"{field:>12s}" for field in fields), soft_wrap=True)
+    line("  ".join(f"{field:>12s}" for field in fields))
     for row in rows:
-        console.print("  ".join([f"{row[0]:12d}", *(f"{value:12.3e}" for value in row[1:])]), soft_wrap=True)
+        line("  ".join([f"{row[0]:12d}", *(f"{value:12.3e}" for value in row[1:])]))
     write_table(directory, "conditioning", fields, rows)
 
 
@@ -280,10 +210,10 @@ def verification(
     exceeded."""
     from ..benchmarks.verification import CASES
 
-    unknown = [name for name in names or () if name not in CASES]
-    if several() or unknown:
-        errors.print(f"error: this benchmark runs on one rank; its cases are {', '.join(CASES)}", markup=False)
-        raise typer.Exit(BAD_INPUT)
+    refuse_ranks("this benchmark")
+    with bad_input():
+        for name in names or ():
+            one_of("--case", name, tuple(CASES))
     found = {}
     for name in names or CASES:
         found[name] = CASES[name]()
@@ -303,8 +233,8 @@ def verification(
             for name, verified in found.items():
                 draw(verified.panels, directory / f"{name}.png")
             drawn = f" and {len(found)} pictures"
-        console.print(f"verification.csv{drawn} in {directory}{os.sep}", soft_wrap=True)
+        line(f"verification.csv{drawn} in {directory}{os.sep}")
     failed = sum(not row.passed for verified in found.values() for row in verified.rows)
-    console.print(f"{len(lines) - failed} of {len(lines)} within their tolerance", soft_wrap=True)
+    line(f"{len(lines) - failed} of {len(lines)} within their tolerance")
     if failed:
         raise typer.Exit(FAILED)

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from .benchmark_output import write_csv, write_table
-from .console import BAD_INPUT, console, errors, refuse_ranks
+from .benchmark_output import line, measuring, write_table
+from .console import refuse_ranks
 
 
 def fclib(
@@ -28,34 +28,28 @@ def fclib(
 
     refuse_ranks("this benchmark")
     rows: list[Row] = []
-    try:
+    with measuring(directory, "fclib", Row._fields, rows, figure=False):
         if folder is None and seed is None:
             raise ValueError("give a folder of problems, or --generated SEED")
         problems = ([] if folder is None else in_folder(folder)) + ([] if seed is None else generated(seed))
         problems = [made for made in problems if only in made[0]]
         solvers = solvers_here(names)
         if len(solvers) == 1:
-            console.print("Siconos is not installed here (Debian's python3-siconos): coulomb alone", soft_wrap=True)
-        console.print("contacts  rows of W  rank  friction  solver   seconds  residual  problem", soft_wrap=True)
+            line("Siconos is not installed here (Debian's python3-siconos): coulomb alone")
+        line("contacts  rows of W  rank  friction  solver   seconds  residual  problem")
         for row in measure(problems, solvers, limit):
             rows.append(row)
             residual = "-" if row.residual is None else f"{row.residual:.1e}"
             rank = "-" if row.rank is None else str(row.rank)
             outcome = row.problem if row.solved else f"{row.problem}: not solved, {row.said or 'residual'}"
-            console.print(
+            line(
                 f"{row.contacts:8d}  {row.rows:9d}  {rank:>4}  {row.friction:8.2f}  "
-                f"{row.solver:7s}  {row.seconds:7.3f}  {residual:>8s}  {outcome}",
-                markup=False,
-                soft_wrap=True,
+                f"{row.solver:7s}  {row.seconds:7.3f}  {residual:>8s}  {outcome}"
             )
-    except ValueError as error:
-        errors.print(f"error: {error}", markup=False)
-        raise typer.Exit(BAD_INPUT) from None
     for solver in solvers:
         own = [row for row in rows if row.solver == solver]
         solved = [row for row in own if row.solved]
         slowest = max((row.seconds for row in solved), default=0.0)
-        console.print(f"{solver:7s} solved {len(solved)} of {len(own)}, the slowest in {slowest:.2f} s", soft_wrap=True)
-    if directory is not None and rows:
-        write_csv(directory, "fclib", Row._fields, rows)
+        line(f"{solver:7s} solved {len(solved)} of {len(own)}, the slowest in {slowest:.2f} s")
+    if rows:
         write_table(directory, "fclib_profile", ("ratio", *solvers), profile(rows))

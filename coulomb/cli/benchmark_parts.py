@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from .benchmark_output import write_csv
-from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
+from .benchmark_output import Tolerance, line, measuring, one_of
+from .console import refuse_ranks
 
 
 def parts(
@@ -23,7 +23,7 @@ def parts(
     methods: Annotated[
         list[str] | None, typer.Option("--method", help="direct, iterative or auto; repeat; by default all.")
     ] = None,
-    tolerance: Annotated[float, typer.Option("--tolerance", min=1e-12, help="Coulomb residual to stop at.")] = 1e-8,
+    tolerance: Tolerance = 1e-8,
     directory: Annotated[Path | None, typer.Option("--output", help="For parts.csv.")] = None,
 ) -> None:
     """Parts with bores and open faces, meshed by gmsh: K factorised, by multigrid, and as chosen; one thread."""
@@ -31,31 +31,17 @@ def parts(
 
     refuse_ranks("this benchmark")
     rows: list[Row] = []
-    failed = False
-    try:
+    with measuring(directory, "parts", Row._fields, rows, figure=False):
         for method in methods or ():
-            if method not in METHODS:
-                raise ValueError(f"--method is direct, iterative or auto, not {method!r}")
+            one_of("--method", method, METHODS)
         for row in measure(parts_in(folder, names), scales or SCALES, methods or METHODS, tolerance):
             rows.append(row)
             ratio = over_better(row, rows)
-            console.print(
+            line(
                 f"{row.part:10s} x {row.clscale:<5g} unknowns {row.unknowns:7d}  contact {row.contact:6d}  "
                 f"open {row.open:5d} stick {row.stick:5d} slip {row.slip:5d}  "
                 f"{row.method if row.method == row.path else f'{row.method}: {row.path}':15s}  "
                 f"steps {row.path_following:3d}  products {row.products:5d}  {row.seconds:8.2f} s, of the processor "
                 f"{row.processor_seconds:8.2f} s{'' if ratio is None else f' ({ratio:.2f} of the faster)'}  "
-                f"residual {row.residual:.1e}  certificate {'passed' if row.certified else 'FAILED'}",
-                markup=False,
-                soft_wrap=True,
+                f"residual {row.residual:.1e}  certificate {'passed' if row.certified else 'FAILED'}"
             )
-    except ValueError as error:
-        errors.print(f"error: {error}", markup=False)
-        raise typer.Exit(BAD_INPUT) from None
-    except RuntimeError as error:  # the rows so far are kept
-        errors.print(f"error: {error}", markup=False)
-        failed = True
-    if directory is not None and rows:
-        write_csv(directory, "parts", Row._fields, rows)
-    if failed:
-        raise typer.Exit(FAILED)

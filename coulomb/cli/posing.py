@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from mpi4py import MPI
@@ -16,6 +15,7 @@ from ..model.estimate import estimate_of, gigabytes, refuse_too_large, refuse_to
 from ..model.machine import measure
 from ..model.problem import ContactProblem
 from ..ranks import on_rank_0
+from ..regular_file import unwritable
 from .console import errors
 from .time_left import about
 
@@ -63,19 +63,7 @@ def refuse_unwritable(target: Path, comm: MPI.Comm) -> None:
         ValueError: On every rank, if the directory or its parent is not a directory or not writable.
     """
 
-    def fault() -> str:
-        place = target.absolute()
-        while not place.exists() and place != place.parent:
-            place = place.parent
-        if not place.is_dir():
-            return f"{place} is no directory"
-        return "" if os.access(place, os.W_OK | os.X_OK) else f"no permission to write in {place}"
-
-    try:
-        found = on_rank_0(comm, fault)
-    except OSError as error:  # a name that is too long
-        found = error.strerror or str(error)
-    if found:
+    if found := on_rank_0(comm, lambda: unwritable(target)):
         raise ValueError(f"output {target}: cannot be written: {found}; choose another (--output)")
 
 
