@@ -3,10 +3,21 @@
 import numpy as np
 import pytest
 from conftest import STEEL
+from mesh_files import BoxFile
 from test_elasticity import solve
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, DirectSolver, Elasticity, Spring, Traction
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    DirectSolver,
+    Elasticity,
+    IterativeSolver,
+    Material,
+    Spring,
+    Traction,
+)
 from coulomb.io.summary import summary
 
 
@@ -89,3 +100,25 @@ def test_wrong_springs(make, message):
 
 def sprung(*springs):
     return Elasticity(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), STEEL, [], springs=springs)
+
+
+def test_multigrid_knows_rigid_motions_of_a_soft_part_that_is_held(tmp_path):
+    """Layers of materials 1e3 apart on soft springs: forces K r of a motion r of the whole body along x give r back as
+    soon if the edges of both layers are held along y."""
+    BoxFile((1.0, 2.0, 2.0), (4, 6, 6), interface=0.5).write(tmp_path / "layers.msh")
+    mesh, materials = (
+        coulomb.read_mesh(tmp_path / "layers.msh"),
+        {"soft": Material(2e8, 0.3), "stiff": Material(2e11, 0.3)},
+    )
+    iterations = []
+    for clamps in ([], [Clamp("front", "y")]):
+        elasticity = Elasticity(mesh, materials, clamps, springs=[Spring("right", 1e4)])
+        solver, (rhs, u) = IterativeSolver(elasticity.K), elasticity.K.createVecs()
+        motion = np.tile([1.0, 0.0, 0.0], len(elasticity.x))
+        u.array[:] = motion
+        elasticity.K.mult(u, rhs)
+        u.set(0.0)
+        solver.solve(rhs, u, 1e-3)
+        assert u.array == pytest.approx(motion, abs=1e-3)
+        iterations.append(solver.iterations)
+    assert iterations[1] <= 2 * iterations[0]

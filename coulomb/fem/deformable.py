@@ -212,8 +212,8 @@ class SingleBody(HeldSpace, Deformable):
 
     @property
     @abstractmethod
-    def mean_diagonal(self) -> float:
-        """The entry of K for held components, N/m: the mean diagonal of the free directions."""
+    def held_diagonal(self) -> FloatArray:
+        """The entry of K for held components, N/m: the mean diagonal of the node without supports, shape (k, 1)."""
 
     @property
     def members(self) -> tuple[Member, ...]:
@@ -243,5 +243,5 @@ class SingleBody(HeldSpace, Deformable):
         if self.mesh.comm.allreduce(bool(np.any(loading.prescribed)), op=MPI.LOR):
             g = loading.prescribed
             load = load - self.internal_force(g) + self.spring_force(g)
-        f.array[:] = (self.free_part(load) + self.mean_diagonal * loading.prescribed).ravel()
+        f.array[:] = (self.free_part(load) + self.held_diagonal * loading.prescribed).ravel()
         return f

@@ -56,7 +56,7 @@ class Elasticity(LoadedBody, SingleBody):
         trial = ufl.TrialFunction(self.V)
         self._K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * self._dx))
         self._add_springs()
-        self._K, self._mean_diagonal = self.eliminated(self._K)
+        self._K, self._held_diagonal = self.eliminated(self._K)
 
     @property
     def K(self) -> PETSc.Mat:
@@ -65,9 +65,9 @@ class Elasticity(LoadedBody, SingleBody):
         return self._K
 
     @property
-    def mean_diagonal(self) -> float:
-        """The entry of K for held components, N/m: the mean diagonal of the free directions."""
-        return self._mean_diagonal
+    def held_diagonal(self) -> FloatArray:
+        """The entry of K for held components, N/m: the mean diagonal of the node without supports, shape (k, 1)."""
+        return self._held_diagonal
 
     @property
     def anchoring(self) -> FloatArray:

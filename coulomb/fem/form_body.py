@@ -34,7 +34,7 @@ class _Stiffness:
     Attributes:
         values: The values.
         K: The matrix with held directions eliminated.
-        mean_diagonal: Its entry for held components.
+        held_diagonal: Its entry for held components, shape (k, 1).
         ground: Nodal forces of the rigid modes; None if they are rounding errors.
         diagonal: Of the matrix of a alone, N/m, shape (k, 3).
         free: The rigid motions that neither a nor held directions resist.
@@ -43,7 +43,7 @@ class _Stiffness:
 
     values: FormValues
     K: PETSc.Mat
-    mean_diagonal: float
+    held_diagonal: FloatArray
     ground: FloatArray | None
     diagonal: FloatArray
     free: FreeMotions
@@ -129,9 +129,9 @@ class Body(SingleBody):
         return self._stiffness.K
 
     @property
-    def mean_diagonal(self) -> float:
-        """The entry of K for held components."""
-        return self._stiffness.mean_diagonal
+    def held_diagonal(self) -> FloatArray:
+        """The entry of K for held components, shape (k, 1)."""
+        return self._stiffness.held_diagonal
 
     @property
     def free(self) -> FreeMotions:
@@ -260,8 +260,8 @@ class Body(SingleBody):
         diagonal.array[:] += anchoring.ravel()
         K.setDiagonal(diagonal)
         diagonal.destroy()
-        K, mean = self.eliminated(K)
-        return _Stiffness(values, K, mean, ground if np.max(sizes) > noise else None, alone, free, anchoring)
+        K, held = self.eliminated(K)
+        return _Stiffness(values, K, held, ground if np.max(sizes) > noise else None, alone, free, anchoring)
 
 
 def _signature(form: Any) -> str | None:

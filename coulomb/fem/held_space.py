@@ -52,41 +52,48 @@ class HeldSpace(DisplacementSpace, HeldNodes):
         inside[self.nodes_of(compat.mesh.exterior_facet_indices(self.domain.topology))] = False
         return inside & along_axes, along_axes, everywhere
 
-    def eliminated(self, K: PETSc.Mat) -> tuple[PETSc.Mat, float]:
+    def eliminated(self, K: PETSc.Mat) -> tuple[PETSc.Mat, FloatArray]:
         """The stiffness with the held directions eliminated, and rigid body modes for multigrid; collective.
 
         With P, the projector onto the free directions of the nodes, K becomes P K P + m (I - P): where a component is
-        held, its row and column are zero except for the diagonal.  The number m is the mean diagonal of the free
-        directions: a 1 there would disturb multigrid and all scales.
+        held, its row and column are zero except for the diagonal.  The numbers m are means of the diagonal of the
+        node: a 1 there would disturb multigrid and all scales.  So would the same number at all nodes if one material
+        is much stiffer than another: multigrid takes the coupling of two nodes for weak where it is small beside their
+        diagonals, nodes that are held along one direction in the softer material are then on no coarser grid, and
+        motions of the body as a whole are not either.
 
         Args:
             K: The stiffness of the free body, N/m, block size 3; it is changed, or destroyed.
 
         Returns:
-            The matrix, and m.
+            The matrix, and m, shape (k, 1).
 
         Raises:
             ValueError: On every rank, if every direction of every node is held.
         """
         comm = self.mesh.comm
+        if comm.allreduce(3 * self._owned - self.held.number, op=MPI.SUM) == 0:
+            raise ValueError("the supports hold every node of the body: there is nothing to compute; use a finer mesh")
+        diagonal = K.getDiagonal()
+        mean: FloatArray = diagonal.array_r.reshape(-1, 3).mean(axis=1, keepdims=True)
+        diagonal.destroy()
+        typical = comm.allreduce(float(mean.sum()), op=MPI.SUM) / comm.allreduce(len(mean), op=MPI.SUM)
+        mean = np.where(mean > 0.0, mean, typical)  # forms may vanish where everything is held
         if comm.allreduce(bool(np.any(self.held.oblique)), op=MPI.LOR):
             K = self._projected(K)
-        diagonal = K.getDiagonal()
-        free = diagonal.array[~self.fixed.ravel()]
-        count = comm.allreduce(3 * self._owned - self.held.number, op=MPI.SUM)
-        if count == 0:
-            raise ValueError("the supports hold every node of the body: there is nothing to compute; use a finer mesh")
-        mean = float(comm.allreduce(float(free.sum()), op=MPI.SUM) / count)
-        diagonal.destroy()
         first = K.getOwnershipRange()[0]
         rows = (first + np.flatnonzero(self.fixed)).astype(PETSc.IntType)
         K.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        K.zeroRowsColumns(rows, diag=mean)
+        K.zeroRowsColumns(rows, diag=1.0)
+        diagonal = K.getDiagonal()
+        diagonal.array[self.fixed.ravel()] = np.broadcast_to(mean, self.fixed.shape)[self.fixed]
+        K.setDiagonal(diagonal)
+        diagonal.destroy()
         oblique = self.held.oblique
         for node, block in zip(self.held.nodes[oblique], self.held.projector[oblique], strict=True):
             along = ~self.fixed[node]
             at = (first + 3 * node + np.flatnonzero(along)).astype(PETSc.IntType)
-            K.setValues(at, at, mean * block[np.ix_(along, along)], addv=PETSc.InsertMode.ADD)
+            K.setValues(at, at, mean[node] * block[np.ix_(along, along)], addv=PETSc.InsertMode.ADD)
         K.assemble()
         K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         K.setOption(PETSc.Mat.Option.SPD, True)
