@@ -1,5 +1,8 @@
 """Products in small dense blocks, in C, against scipy's; multigrid with them against PETSc's."""
 
+import ctypes
+import gc
+
 import numpy as np
 import pytest
 import scipy.sparse
@@ -133,3 +136,43 @@ def test_solves_start_from_earlier_solutions():
     solver.solve(f, u)  # to full accuracy, although what is kept of earlier solutions is in single precision
     assert (K * u - f).norm() <= 2e-11 * f.norm()
     solver.destroy()
+
+
+def bytes_in_use():
+    """Of this process's heap, by glibc."""
+    names = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost".split()
+    info = type("mallinfo2", (ctypes.Structure,), {"_fields_": [(name, ctypes.c_size_t) for name in names]})
+    call = ctypes.CDLL(None).mallinfo2
+    call.restype = info
+    gc.collect()
+    now = call()
+    return now.uordblks + now.hblkhd
+
+
+def array_bytes(thing, seen):
+    """Of all arrays that an object of ours holds."""
+    if id(thing) in seen or isinstance(thing, (type, PETSc.Object)):
+        return 0
+    seen[id(thing)] = thing
+    if isinstance(thing, np.ndarray):
+        return thing.nbytes if thing.base is None else array_bytes(thing.base, seen)
+    parts = thing if isinstance(thing, (list, tuple)) else getattr(thing, "__dict__", {}).values()
+    return sum(array_bytes(part, seen) for part in parts)
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_what_the_set_up_needs_is_freed(cell, degree):
+    """Multigrid holds its own arrays and the coarsest grid, and K is referred to as often as before: neither GAMG's
+    grids, nearly twice as many bytes as K, nor the linear elements of second order remain."""
+    problem = block(8 // degree, 0.3, cell, degree)
+    K = problem.elasticity.K
+    stiffness.IterativeSolver(K).destroy()  # loads modules, and the space of linear elements
+    before, references = bytes_in_use(), K.refcount
+    solver = stiffness.IterativeSolver(K)
+    held, own = bytes_in_use() - before, array_bytes(solver, {})
+    assert own > 0.5 * K.getInfo()["nz_used"] * 12  # the count sees the blocks
+    assert held <= own + 200_000
+    assert K.refcount == references
+    solver.destroy()
+    del solver
+    assert bytes_in_use() <= before + 200_000

@@ -217,9 +217,13 @@ class BlockInterpolation:
         library: The kernels.
         matrix: Assembled; the rows and columns of a block on one rank.
         shape: Rows and columns of a block, one of SHAPES.
+
+    Attributes:
+        shape: The argument.
     """
 
     def __init__(self, library: ctypes.CDLL, matrix: PETSc.Mat, shape: tuple[int, int]):
+        self.shape = shape
         own, others, columns = own_and_others(matrix)
         self._blocks = in_kernel_blocks(library, own, shape)
         self._others = _others(library, matrix, others, columns, shape)

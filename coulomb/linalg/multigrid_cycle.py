@@ -52,21 +52,31 @@ def grids_of(pc: PETSc.PC, steps: int = 2) -> list[Grid]:
     return [Grid(pc.getMGSmoother(k).getOperators()[1], pc.getMGInterpolation(k), steps) for k in levels]
 
 
-class _Level:
-    """A grid with its smoother: Chebyshev's iteration with the diagonal."""
+class Level:
+    """A grid in blocks with its smoother: Chebyshev's iteration with the diagonal.
 
-    def __init__(self, library: ctypes.CDLL, grid: Grid, finest: bool):
-        size, comm = grid.shape[0], grid.K.comm.tompi4py()
-        self.blocks = SymmetricBlocks(library, grid.K, size, accurate=finest)
-        self.interpolation = BlockInterpolation(library, grid.P, grid.shape)
-        diagonal = grid.K.getDiagonal()
+    Args:
+        library: The kernels.
+        K: The matrix; not kept.
+        interpolation: From the next coarser grid.
+        steps: Steps of the smoother before and after the coarser grids.
+        finest: Whether products by K are as accurate as in double precision.
+    """
+
+    def __init__(
+        self, library: ctypes.CDLL, K: PETSc.Mat, interpolation: BlockInterpolation, steps: int, finest: bool = False
+    ):
+        comm = K.comm.tompi4py()
+        self.blocks = SymmetricBlocks(library, K, interpolation.shape[0], accurate=finest)
+        self.interpolation = interpolation
+        diagonal = K.getDiagonal()
         values = diagonal.array_r
         self._inverse: FloatArray = 1.0 / np.where(values > 0.0, values, 1.0)  # 0: an aggregate with fewer motions
         diagonal.destroy()
         self.b, self.x, self._d, self._r = (padded(self.blocks.size) for _ in range(4))
         largest = self._largest_eigenvalue(comm)
         low, high = (part * largest for part in _SMOOTHED)
-        self._factors = _chebyshev(0.5 * (high + low), 0.5 * (high - low), grid.steps)
+        self._factors = _chebyshev(0.5 * (high + low), 0.5 * (high - low), steps)
 
     def _largest_eigenvalue(self, comm: MPI.Comm) -> float:
         """Of D^-1 K, by CG with a random right-hand side, which is Lanczos' method; a little too small."""
@@ -132,16 +142,15 @@ class MultigridCycle:
     """A preconditioner for K on the first of some grids.
 
     Args:
-        library: The kernels.
-        grids: The grids, finest first; their blocks must be `supported`.
+        levels: The grids that have a coarser one, finest first.
         coarsest: The solver on the coarsest grid.
 
     Attributes:
         size: Unknowns of this rank on the finest grid.
     """
 
-    def __init__(self, library: ctypes.CDLL, grids: list[Grid], coarsest: PETSc.KSP):
-        self._levels = [_Level(library, grid, k == 0) for k, grid in enumerate(grids)]
+    def __init__(self, levels: list[Level], coarsest: PETSc.KSP):
+        self._levels = levels
         self._coarsest, self.size = coarsest, self._levels[0].blocks.size
         self._coarse_b, self._coarse_x = coarsest.getOperators()[1].createVecs()
         self._right, self._error = padded(self._coarse_b.getLocalSize()), padded(self._coarse_x.getLocalSize())

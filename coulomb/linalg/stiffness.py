@@ -11,8 +11,8 @@ from typing import Protocol
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from .block_matrix import padded
-from .multigrid_cycle import Grid, MultigridCycle, grids_of, supported
+from .block_matrix import BlockInterpolation, padded
+from .multigrid_cycle import Grid, Level, MultigridCycle, grids_of, supported
 from .native import kernels
 from .nodal_blocks import symmetric_blocks
 from .recycled_cg import RecycledCG
@@ -240,29 +240,46 @@ def _in_blocks(K: PETSc.Mat, P: PETSc.Mat | None) -> _InBlocks | None:
     library = kernels()  # compiled by the first rank, if at all
     if comm.rank == 0:
         comm.Barrier()
-    if not comm.allreduce(library is not None, op=MPI.LAND):
+    everywhere = comm.allreduce(library is not None, op=MPI.LAND)
+    if library is None or not everywhere:
         return None
+    cycle = _cycle(library, K, P)
+    return None if cycle is None else _InBlocks(comm, library, cycle)
+
+
+def _cycle(library: ctypes.CDLL, K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle | None:
+    """Multigrid on the grids of PETSc's GAMG, converted to blocks; None if there are no kernels for its blocks.
+
+    GAMG holds nearly twice as much memory as K, mostly factors of products: the finest grid is converted when they are
+    freed.
+    """
     linear = K if P is None else _linear(K, P)
-    with _options("", {"matptap_via": "rap"} if comm.size == 1 else {}):  # two thirds of the time of PETSc's choice
+    with _options("", {"matptap_via": "rap"} if K.comm.size == 1 else {}):  # two thirds of the time of PETSc's choice
         ksp = configured_ksp(linear, "preonly", _GAMG | _SMOOTHER)
     pc = ksp.getPC()
     grids = grids_of(pc)
     if P is not None:
         grids.insert(0, Grid(K, P, _SECOND_ORDER_STEPS))
-    alone = (
-        pc.getMGCoarseSolve().getOperators()[1].duplicate(copy=True)
-    )  # PETSc's own, a product, keeps all finer matrices
-    coarsest = configured_ksp(alone, "preonly", _COARSEST)
-    alone.destroy()
-    solver = None
-    if library is not None and supported(grids):
-        solver = _InBlocks(comm, library, MultigridCycle(library, grids, coarsest))
+    finest, known = Grid(K, grids[0].P, grids[0].steps), supported(grids)
+    if known:
+        coarser = [_converted(library, grid) for grid in grids[1:]]
+        alone = pc.getMGCoarseSolve().getOperators()[1].duplicate(copy=True)  # PETSc's keeps all finer matrices
+        coarsest = configured_ksp(alone, "preonly", _COARSEST)
+        alone.destroy()
     grids.clear()
     pc.destroy()
-    ksp.destroy()  # frees the grids; the coarsest remains
+    ksp.destroy()
     if P is not None:
         linear.destroy()
-    return solver
+    if not known:
+        return None
+    levels = [_converted(library, finest, finest=True), *coarser]
+    finest.P.destroy()  # by the last reference to it, PETSc would wait for its collection of garbage
+    return MultigridCycle(levels, coarsest)
+
+
+def _converted(library: ctypes.CDLL, grid: Grid, finest: bool = False) -> Level:
+    return Level(library, grid.K, BlockInterpolation(library, grid.P, grid.shape), grid.steps, finest)
 
 
 class IterativeSolver:
