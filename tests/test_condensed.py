@@ -16,6 +16,7 @@ from coulomb import (
 )
 from coulomb.case.case import Case
 from coulomb.solvers.friction_problem import FrictionProblem
+from coulomb.solvers.newton_systems import NewtonEquations
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
 from coulomb.solvers.steps import newton_step
 
@@ -173,7 +174,8 @@ def test_memory_of_condensed_systems():
     K = problem.elasticity.K
     system.start(np.ones((m, 3)), 0.1)
     v = Iterate(np.ones(m), np.zeros((m, 2)), np.ones((m, 2)), np.zeros((m, 3)))
-    system.solve(scaled.linearize(v), np.ones((m, 3)), np.zeros((m, 2)), np.ones((m, 3)), 0.1, np.inf)
+    r = np.ones((m, 3))
+    system.solve(NewtonEquations(scaled.linearize(v), r, np.zeros((m, 2)), r, 0.1, np.inf))
     assert system._stiffened.getInfo()["nz_used"] == K.getInfo()["nz_used"]
     arrays = [value for value in vars(system).values() if isinstance(value, np.ndarray)]
     assert arrays and max(array.size for array in arrays) == 9 * m

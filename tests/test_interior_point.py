@@ -22,6 +22,7 @@ from coulomb.fem.surface import interpolated_forces
 from coulomb.linalg.low_rank import LowRankUpdate
 from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.linearization import NodalInverse
+from coulomb.solvers.newton_systems import NewtonEquations
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
 from coulomb.solvers.steps import newton_step
 
@@ -80,7 +81,7 @@ def test_both_systems_solve_the_same(scaled):
     r1, r2 = rng.standard_normal((NODES, 3)), rng.standard_normal((NODES, 2)) * np.minimum(at.D22, 1.0)
     r1[2, 1:] = r2[2, 1] = 0.0
     systems = [kind.system(scaled.A, True) for kind in (DenseSystem(), SchurComplementSystem())]
-    dense, krylov = (s.solve(at, r1, r2, scaled.weight(v.x_n), 1e-13, np.inf) for s in systems)
+    dense, krylov = (s.solve(NewtonEquations(at, r1, r2, scaled.weight(v.x_n), 1e-13, np.inf)) for s in systems)
     for name in ("dx", "dnu", "A_dx"):
         value, other = getattr(dense, name), getattr(krylov, name)
         assert np.allclose(other, value, rtol=1e-7, atol=1e-9 * np.abs(value).max())
@@ -102,7 +103,7 @@ def test_tolerances_are_of_weighted_rows(scaled):
     M = schur_matrix(A, at)
     for tolerance, cap in ((1e-3, np.inf), (1e-1, 1e-4)):
         system = SchurComplementSystem(rank=0).system(scaled.A, True)
-        step = system.solve(at, r1, r2, W, tolerance, cap)
+        step = system.solve(NewtonEquations(at, r1, r2, W, tolerance, cap))
         left = np.linalg.norm(W * (r1 - (M @ step.dx.ravel()).reshape(NODES, 3)))
         aim = min(tolerance * np.linalg.norm(W * r1), cap)
         assert 1e-4 * aim <= left <= (1 + 1e-9) * aim  # as accurate as required, and not much more
@@ -116,7 +117,7 @@ def test_preconditioner_is_the_inverse_it_claims_to_be(scaled):
     newton = SchurComplementSystem().system(scaled.A, True)
     rhs = np.random.default_rng(73).standard_normal((NODES, 3))
     rhs[2, 1:] = 0.0
-    newton.solve(at, rhs, np.zeros((NODES, 2)), np.ones((NODES, 3)), 1e-3, np.inf)
+    newton.solve(NewtonEquations(at, rhs, np.zeros((NODES, 2)), np.ones((NODES, 3)), 1e-3, np.inf))
     U = newton._A.nodal_U(3)
     U[2, 1:] = 0.0
     apply = LowRankUpdate(MPI.COMM_SELF, NodalInverse(at, newton._A.rest), U)

@@ -10,6 +10,7 @@ from coulomb.benchmarks.table1 import PAPER, measure
 from coulomb.linalg.low_rank import LowRankApproximation
 from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.linearization import Linearization
+from coulomb.solvers.newton_systems import NewtonEquations
 from coulomb.solvers.scaled_compliance import ScaledCompliance
 
 NODES = 12
@@ -84,11 +85,11 @@ def test_theorem_1_holds_with_the_approximation(A):
     newton = AugmentedSystem().system(ScaledCompliance(dense_compliance(A), np.ones((NODES, 3)), 1.0, 1.0), False)
     r1, r2 = rng.standard_normal((NODES, 3)), np.zeros((NODES, 2))
     r1[4, 1:] = 0.0
-    first = newton.solve(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf)
-    again = newton.solve(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf)
+    first = newton.solve(NewtonEquations(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf))
+    again = newton.solve(NewtonEquations(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf))
     assert again.iterations < 0.7 * first.iterations  # the same system, with its approximation
     stand_in = newton._A.U @ newton._A.U.T + np.diag(newton._A.rest.ravel())
-    newton.solve(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf)  # preconditioned with it
+    newton.solve(NewtonEquations(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf))  # preconditioned with it
     P, J = augmented_matrix(stand_in, at), augmented_matrix(A, at)
     e = np.eye(5 * NODES)  # node by node in the solver, constraints behind the forces in the matrix
     own = [5 * i + k for i in range(NODES) for k in range(3)] + [5 * i + k for i in range(NODES) for k in (3, 4)]

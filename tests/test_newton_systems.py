@@ -9,6 +9,7 @@ from conftest import dense_compliance, random_spd
 from coulomb import AugmentedSystem, DenseSystem, SchurComplementSystem
 from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.linearization import Linearization
+from coulomb.solvers.newton_systems import NewtonEquations
 from coulomb.solvers.scaled_compliance import ScaledCompliance
 
 NODES = 9
@@ -58,7 +59,7 @@ def test_solves_the_newton_system(kind, system):
     J = np.block([[J11, J12], [J12.T, -D22]])
     exact = np.linalg.solve(J, np.concatenate([r1.ravel(), r2.ravel()]))
     newton, compliance = make(kind, A)
-    step = newton.solve(at, r1, r2, ONE, 1e-13, np.inf)
+    step = newton.solve(NewtonEquations(at, r1, r2, ONE, 1e-13, np.inf))
     newton.destroy()
     dx, dnu = exact[: 3 * NODES].reshape(-1, 3), exact[3 * NODES :].reshape(-1, 2)
     assert np.allclose(step.dx, dx, rtol=1e-8, atol=1e-10 * np.abs(dx).max())
@@ -74,7 +75,7 @@ def test_dense_system_and_its_matrix(system):
     assert np.array_equal(augmented_matrix(A, at), J)
     exact = np.linalg.solve(J, np.concatenate([r1.ravel(), r2.ravel()]))
     newton, compliance = make(DenseSystem(), A)
-    step = newton.solve(at, r1, r2, ONE, 0.1, np.inf)
+    step = newton.solve(NewtonEquations(at, r1, r2, ONE, 0.1, np.inf))
     assert compliance.products == 3 * NODES and step.iterations == 0
     assert np.allclose(step.dx.ravel(), exact[: 3 * NODES], rtol=1e-8, atol=1e-12 * np.abs(exact).max())
     assert np.allclose(step.dnu.ravel(), exact[3 * NODES :], rtol=1e-6, atol=1e-9 * np.abs(exact).max())
@@ -88,7 +89,7 @@ def test_both_systems_make_the_same_iterates(system):
         steps = []
         for kind in (AugmentedSystem(rank=0), SchurComplementSystem(rank=0)):
             newton, _ = make(kind, A)
-            steps.append(newton.solve(at, r1, r2, ONE, tolerance, np.inf))
+            steps.append(newton.solve(NewtonEquations(at, r1, r2, ONE, tolerance, np.inf)))
             newton.destroy()
         am, sc = steps
         assert am.iterations == sc.iterations
@@ -104,14 +105,14 @@ def test_preconditioners_are_the_papers(system):
     r1[4, 1:], r2[4, 1] = 0.0, 0.0
 
     newton, _ = make(AugmentedSystem(rank=0), A)
-    newton.solve(at, r1, r2, ONE, 0.5, np.inf)
+    newton.solve(NewtonEquations(at, r1, r2, ONE, 0.5, np.inf))
     z = newton._preconditioner(np.hstack([r1, r2]))
     exact = np.linalg.solve(np.block([[J11, J12], [J12.T, -D22]]), np.concatenate([r1.ravel(), r2.ravel()]))
     assert np.allclose(z[:, :3].ravel(), exact[: 3 * NODES], rtol=1e-9, atol=1e-12)
     assert np.allclose(z[:, 3:].ravel(), exact[3 * NODES :], rtol=1e-9, atol=1e-9 * np.abs(exact).max())
 
     newton, _ = make(SchurComplementSystem(rank=0), A)
-    newton.solve(at, r1, r2, ONE, 0.5, np.inf)
+    newton.solve(NewtonEquations(at, r1, r2, ONE, 0.5, np.inf))
     exact = np.linalg.solve(J11 + J12 @ np.linalg.solve(D22, J12.T), r1.ravel())
     assert np.allclose(newton._preconditioner(r1).ravel(), exact, rtol=1e-9, atol=1e-12)
 
@@ -125,7 +126,7 @@ def test_preconditioners_do_not_cancel(kind):
     y *= 0.9999999 / np.linalg.norm(y, axis=1)[:, None]
     at = Linearization(*ZERO_ONE, np.full(NODES, 0.3), y, np.full((NODES, 2), 1e-14), np.ones(NODES, dtype=bool))
     newton, _ = make(kind, A)
-    newton.solve(at, np.ones((NODES, 3)), np.zeros((NODES, 2)), ONE, 0.5, np.inf)
+    newton.solve(NewtonEquations(at, np.ones((NODES, 3)), np.zeros((NODES, 2)), ONE, 0.5, np.inf))
     r = rng.standard_normal((NODES, 3))
     z = newton._preconditioner(np.hstack([r, np.zeros((NODES, newton._block - 3))]))[:, :3]
     newton.destroy()
@@ -145,6 +146,6 @@ def test_cap_bounds_the_residual(system):
     J11, J12, D22 = dense_blocks(A, at)
     newton, _ = make(SchurComplementSystem(rank=0), A)
     cap = 1e-5 * np.linalg.norm(r1)
-    step = newton.solve(at, r1, r2, ONE, 0.9, cap)
+    step = newton.solve(NewtonEquations(at, r1, r2, ONE, 0.9, cap))
     rhs = r1.ravel() + J12 @ np.linalg.solve(D22, r2.ravel())
     assert np.linalg.norm(rhs - (J11 + J12 @ np.linalg.solve(D22, J12.T)) @ step.dx.ravel()) <= 1.0001 * cap

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -13,7 +12,7 @@ from ..solvers.dense_system import augmented_matrix
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.interior_point import InteriorPoint
 from ..solvers.linearization import Linearization
-from ..solvers.newton_systems import AugmentedSystem, NewtonStep, NewtonSystem
+from ..solvers.newton_systems import AugmentedSystem, NewtonEquations, NewtonStep, NewtonSystem
 from ..solvers.scaled_compliance import ScaledCompliance
 from ..solvers.scaled_problem import ScaledProblem
 
@@ -65,9 +64,9 @@ def measure(qp: FrictionProblem, solver: InteriorPoint | None = None) -> list[Sp
             system = super().system(A, sloped)
             solve = system.solve
 
-            def recorded(at: Linearization, *rest: Any) -> NewtonStep:
-                seen.append(at)
-                return solve(at, *rest)
+            def recorded(wanted: NewtonEquations) -> NewtonStep:
+                seen.append(wanted.at)
+                return solve(wanted)
 
             system.solve = recorded  # type: ignore[method-assign, assignment]
             return system

@@ -44,9 +44,8 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from ..linalg.stiffness import configured_ksp
-from .linearization import Linearization, NodalInverse
-from .newton_systems import NewtonStep, NewtonSystem
-from .rigid_motions import NO_MOTION
+from .linearization import NodalInverse
+from .newton_systems import NewtonEquations, NewtonStep, NewtonSystem
 from .scaled_compliance import ScaledCompliance
 
 
@@ -166,17 +165,9 @@ class _Condensed:
 
     # --- a step -------------------------------------------------------------------------------------------------
 
-    def solve(
-        self,
-        at: Linearization,
-        r1: FloatArray,
-        r2: FloatArray,
-        weight: FloatArray,
-        tolerance: float,
-        cap: float,
-        r3: FloatArray = NO_MOTION,
-    ) -> NewtonStep:
+    def solve(self, wanted: NewtonEquations) -> NewtonStep:
         """The step; its accuracy depends on R (module docstring); weight, tolerance and cap are not used."""
+        at, r1, r2 = wanted.at, wanted.r1, wanted.r2
         r = r1 + at.J12(r2 / at.D22)
         self._spring = NodalInverse(at, self._least)
         self._stiffen()

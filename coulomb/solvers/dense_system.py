@@ -10,8 +10,7 @@ import scipy.linalg
 
 from ..arrays import FloatArray
 from .linearization import Linearization
-from .newton_systems import NewtonStep, NewtonSystem
-from .rigid_motions import NO_MOTION
+from .newton_systems import NewtonEquations, NewtonStep, NewtonSystem
 from .scaled_compliance import ProductImages, ScaledCompliance
 
 
@@ -36,17 +35,9 @@ class _Dense(ProductImages):
             raise ValueError("dense Newton systems work on one rank; use a Krylov one: solver.newton of the case file")
         self._A: FloatArray = np.array([A.mult(e.reshape(-1, 3)).ravel() for e in np.eye(3 * A.nodes)]).T
 
-    def solve(
-        self,
-        at: Linearization,
-        r1: FloatArray,
-        r2: FloatArray,
-        weight: FloatArray,
-        tolerance: float,
-        cap: float,
-        r3: FloatArray = NO_MOTION,
-    ) -> NewtonStep:
+    def solve(self, wanted: NewtonEquations) -> NewtonStep:
         """The step to rounding accuracy; weight, tolerance and cap are not used."""
+        at, r1, r2, r3 = wanted.at, wanted.r1, wanted.r2, wanted.r3
         J = self._bordered(augmented_matrix(self._A, at))
         rows = 1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=1))
         columns = 1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=0))
@@ -75,17 +66,9 @@ class _Dense(ProductImages):
 class _DenseSchur(_Dense):
     """J_SC by LU: with slope J_AM is as accurate, and takes three times as long (block, p = 10, F = 0.3)."""
 
-    def solve(
-        self,
-        at: Linearization,
-        r1: FloatArray,
-        r2: FloatArray,
-        weight: FloatArray,
-        tolerance: float,
-        cap: float,
-        r3: FloatArray = NO_MOTION,
-    ) -> NewtonStep:
+    def solve(self, wanted: NewtonEquations) -> NewtonStep:
         """The step to rounding accuracy; weight, tolerance and cap are not used."""
+        at, r1, r2, r3 = wanted.at, wanted.r1, wanted.r2, wanted.r3
         rhs = r1 + at.J12(r2 / at.D22)
         rhs[~at.frictional, 1:] = 0.0
         M = self._bordered(schur_matrix(self._A, at))

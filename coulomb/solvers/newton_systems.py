@@ -57,6 +57,30 @@ class NewtonStep(NamedTuple):
     dalpha: FloatArray = NO_MOTION
 
 
+class NewtonEquations(NamedTuple):
+    """The equations of a step and the accuracy of its solution.
+
+    |W residual| <= min(tolerance |W right-hand side|, cap), residual and right-hand side those of J_SC.
+
+    Attributes:
+        at: The linearisation.
+        r1: Shape (m, 3).
+        r2: Shape (m, 2).
+        weight: W, of the rows, shape (m, 3); 1 if no node has a slope.
+        tolerance: Relative tolerance.
+        cap: Absolute tolerance.
+        r3: What lacks for equilibrium along the rigid motions, shape (r,).
+    """
+
+    at: Linearization
+    r1: FloatArray
+    r2: FloatArray
+    weight: FloatArray
+    tolerance: float
+    cap: float
+    r3: FloatArray = NO_MOTION
+
+
 class NewtonSystem(Protocol):
     """Solves the systems of all steps; made once per problem."""
 
@@ -87,27 +111,8 @@ class NewtonSystem(Protocol):
         """Make inexact products ten times as accurate from now on."""
         ...
 
-    def solve(
-        self,
-        at: Linearization,
-        r1: FloatArray,
-        r2: FloatArray,
-        weight: FloatArray,
-        tolerance: float,
-        cap: float,
-        r3: FloatArray = NO_MOTION,
-    ) -> NewtonStep:
-        """Solve to |W residual| <= min(tolerance |W right-hand side|, cap), residual and right-hand side those of J_SC.
-
-        Args:
-            at: The linearisation.
-            r1: Shape (m, 3).
-            r2: Shape (m, 2).
-            weight: W, of the rows, shape (m, 3); 1 if no node has a slope.
-            tolerance: Relative tolerance.
-            cap: Absolute tolerance.
-            r3: What lacks for equilibrium along the rigid motions, shape (r,).
-        """
+    def solve(self, wanted: NewtonEquations) -> NewtonStep:
+        """The step, as accurate as it is wanted."""
         ...
 
     def estimate(self, x: FloatArray) -> FloatArray:
@@ -259,16 +264,8 @@ class _Krylov(ProductImages):
 class _SchurComplement(_Krylov):
     """J_SC with P_SC."""
 
-    def solve(
-        self,
-        at: Linearization,
-        r1: FloatArray,
-        r2: FloatArray,
-        weight: FloatArray,
-        tolerance: float,
-        cap: float,
-        r3: FloatArray = NO_MOTION,
-    ) -> NewtonStep:
+    def solve(self, wanted: NewtonEquations) -> NewtonStep:
+        at, r1, r2, weight, tolerance, cap, r3 = wanted
         self._at, self._weight = at, weight
         rhs = r1 + at.J12(r2 / at.D22)
         size = self._norm(weight * rhs)
@@ -284,24 +281,18 @@ class _SchurComplement(_Krylov):
 class _Augmented(_Krylov):
     """J_AM with P_AM, without slope."""
 
-    def solve(
-        self,
-        at: Linearization,
-        r1: FloatArray,
-        r2: FloatArray,
-        weight: FloatArray,
-        tolerance: float,
-        cap: float,
-        r3: FloatArray = NO_MOTION,
-    ) -> NewtonStep:
-        self._at = at
+    def solve(self, wanted: NewtonEquations) -> NewtonStep:
+        self._at = at = wanted.at
+        r1, r2 = wanted.r1, wanted.r2
         self._D11 = self._A.rest + np.column_stack([np.zeros_like(at.h), at.h, at.h])
         self._D11[~at.frictional, 1:] = 1.0
         self._S22 = at.D22 + np.column_stack([1.0 / self._D11[:, 0], np.sum(at.y**2 / self._D11[:, 1:], axis=1)])
         guess = np.hstack([np.zeros_like(r1), -r2 / at.D22])
         size = self._norm(r1 - at.J12(guess[:, 3:]))
         rhs = np.hstack([r1, r2])
-        unknowns, A_dx, dalpha, iterations = self._solve(self._nodal_inverse, rhs, guess, size, tolerance, cap, r3)
+        unknowns, A_dx, dalpha, iterations = self._solve(
+            self._nodal_inverse, rhs, guess, size, wanted.tolerance, wanted.cap, wanted.r3
+        )
         return NewtonStep(unknowns[:, :3], unknowns[:, 3:], A_dx, iterations, dalpha)
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from ..arrays import FloatArray
-from .newton_systems import NewtonSystem
+from .newton_systems import NewtonEquations, NewtonSystem
 from .scaled_problem import Iterate, ScaledProblem, Step
 
 
@@ -46,7 +46,7 @@ def newton_step(
     if scaled.sloped:
         cap = min(cap, settings.gradient_share * scaled.infeasibility(v))
     weight, r3 = scaled.weight(v.x_n), scaled.out_of_balance(v)
-    step = newton.solve(at, r1, r2, weight, tolerance, scaled.from_rms(cap), r3)
+    step = newton.solve(NewtonEquations(at, r1, r2, weight, tolerance, scaled.from_rms(cap), r3))
     dx, dy = step.dx, at.dy(step.dx)
     A_bend: FloatArray | float = 0.0
     if scaled.sloped:
