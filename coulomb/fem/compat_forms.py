@@ -2,12 +2,48 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
+import cffi
 import numpy as np
 
 from ..arrays import FloatArray
 from .compat import basix, coordinate_element, cpp, fem, functionspace, mesh, ufl
+
+
+class CellKernel(NamedTuple):
+    """What FFCx has compiled for the integral of a form over a cell.
+
+    Attributes:
+        address: Of its function `tabulate_tensor`.
+        constants: Of the form, packed.
+        coefficients: Of every cell of this rank, packed, shape (cells, width).
+    """
+
+    address: int
+    constants: FloatArray
+    coefficients: FloatArray
+
+
+def cell_kernel(form: Any) -> CellKernel | None:
+    """The kernel of a form with one integral over all cells and no other; None if it has others, or is not found."""
+    ufcx = getattr(form, "ufcx_form", None)
+    compiled = getattr(form, "_cpp_object", form)
+    if ufcx is None or [kind.name for kind in compiled.integral_types] != ["cell"]:
+        return None
+    integrals: Any
+    if hasattr(ufcx, "form_integrals"):  # from 0.7 on
+        count, integrals = int(ufcx.form_integral_offsets[1]), ufcx.form_integrals
+    elif callable(getattr(ufcx, "integrals", None)):
+        count, integrals = int(ufcx.num_integrals(0)), ufcx.integrals(0)
+    else:
+        return None
+    function = getattr(integrals[0], "tabulate_tensor_float64", None) if count == 1 else None
+    if not function:
+        return None
+    address = int(cffi.FFI().cast("uintptr_t", function))
+    coefficients = next(iter(cpp.fem.pack_coefficients(compiled).values()))
+    return CellKernel(address, packed_constants(form), coefficients)
 
 
 def is_compiled(form: Any) -> bool:

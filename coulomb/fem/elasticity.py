@@ -9,8 +9,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from . import compat
 from .body import strain
+from .cell_assembly import assembled_matrix
 from .compat import fem, ufl
 from .deformable import SingleBody
 from .loaded_body import LoadedBody
@@ -54,7 +54,8 @@ class Elasticity(LoadedBody, SingleBody):
             *(gravity, gravity_amplitude, thermal),
         )
         trial = ufl.TrialFunction(self.V)
-        self._K = compat.assemble_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * self._dx))
+        form = fem.form(ufl.inner(self._stress(trial), strain(self._test)) * self._dx)
+        self._K = assembled_matrix(form, self.V)
         self._add_springs()
         self._K, self._held_diagonal = self.eliminated(self._K)
 

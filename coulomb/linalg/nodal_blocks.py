@@ -9,6 +9,8 @@ import numpy.typing as npt
 import scipy.sparse
 from petsc4py import PETSc
 
+from .petsc_arrays import own_and_others
+
 _Array = npt.NDArray[Any]
 
 
@@ -19,7 +21,7 @@ class NodalRows:
     """The rows of K node by node: coupled nodes, and where their 3 x 3 blocks are among the values.
 
     Args:
-        K: Assembled, 3 rows per node, on one rank; or its blocks.
+        K: Assembled, 3 rows per node, on one rank; or its blocks.  Its values are used where they are.
 
     Attributes:
         indptr: Where the coupled nodes of every node begin in `indices`, as all of 64 bits.
@@ -31,9 +33,9 @@ class NodalRows:
 
     def __init__(self, K: PETSc.Mat | scipy.sparse.bsr_matrix):
         if isinstance(K, PETSc.Mat):
-            indptr, indices, values = K.getValuesCSR()
-            if _whole(indptr, indices):
-                self._take(indptr, indices, values)
+            stored = own_and_others(K)[0]
+            if _whole(stored.indptr, stored.indices):
+                self._take(*stored)
                 return
             K = nodal_blocks(K)
         K.sort_indices()
