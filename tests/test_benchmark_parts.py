@@ -6,7 +6,7 @@ import shutil
 import pytest
 from conftest import ROOT, run_coulomb
 
-from coulomb.benchmarks.real_parts import PARTS, Row, over_better, parts_in, run
+from coulomb.benchmarks.real_parts import PARTS, Failure, Row, over_better, parts_in, run
 
 MESH = ROOT / "demos" / "foot.msh"
 
@@ -28,7 +28,7 @@ def fake_gmsh(tmp_path, monkeypatch):
     """A program that copies a mesh to where gmsh would write it; mesh sizes above 10 make it fail."""
     program = tmp_path / "bin" / "gmsh"
     program.parent.mkdir()
-    copy = f'[ "$4" = 20 ] && {{ echo no volume >&2; exit 1; }}; [ "$4" = 30 ] || cp {MESH} "$6"'
+    copy = f'[ "$1" = - ] && exit; [ "$4" = 20 ] && {{ echo no volume >&2; exit 1; }}; [ "$4" = 30 ] || cp {MESH} "$6"'
     program.write_text(f"#!/bin/sh\n{copy}\n")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(program.parent), prepend=":")
@@ -39,15 +39,16 @@ def test_command(tmp_path, fake_gmsh):
     parts.mkdir()
     for name in ("foot.geo", "foot.toml"):
         shutil.copy(PARTS / name, parts)
-    wanted = ("--clscale", 0.9, "--clscale", 20, "--method", "auto", "--output", tmp_path)
+    wanted = ("--clscale", 20, "--clscale", 0.9, "--method", "auto", "--output", tmp_path)
     done = run_coulomb("benchmark", "parts", parts, *wanted)
     assert done.returncode == 1 and "no volume" in done.stderr and "certificate passed" in done.stdout, done.stderr
     with (tmp_path / "parts.csv").open() as file:
-        (row,) = csv.DictReader(file)  # the one before the failure
+        (row,) = csv.DictReader(file)  # the one after the failure
     assert list(row) == list(Row._fields)
     assert (row["part"], row["clscale"], row["method"], row["path"]) == ("foot", "0.9", "auto", "direct")
-    done = run_coulomb("benchmark", "parts", "--part", "foot", "--clscale", 30)
-    assert done.returncode == 1 and "no mesh was made" in done.stderr
+    (parts / "foot.toml").write_text((parts / "foot.toml").read_text().replace('"seat"', '"bolt"'))
+    done = run_coulomb("benchmark", "parts", parts, "--clscale", 30, "--clscale", 0.9, "--method", "direct")
+    assert done.returncode == 1 and "no mesh was made" in done.stderr and "bolt" in done.stderr, done.stderr
 
 
 def test_every_part_has_a_case_and_a_geometry():
@@ -74,3 +75,4 @@ def test_the_ratio_is_to_the_faster_method():
     auto = rows[0]._replace(method="auto", processor_seconds=3.0)
     assert over_better(auto, [*rows, auto]) == 1.5
     assert over_better(rows[0], rows) is None and over_better(auto, [rows[0], auto]) is None
+    assert over_better(auto, [rows[0], Failure("a", 1.0, "iterative", "it did not end"), auto]) == 0.75

@@ -1,7 +1,9 @@
 """Parts with bores, thin walls and open contact faces, by both methods for K: steps, seconds, and the chosen method.
 
 Six parts come with the package, as geometry for gmsh (parts/*.geo) and a case file each (parts/*.toml); a directory of
-others may be given.  gmsh makes a mesh of each for every factor of its mesh sizes.
+others may be given.  gmsh makes a mesh of each for every factor of its mesh sizes, and joins its volumes where they
+have nodes at the same place (two extruded surfaces with a common curve, for instance), unless the case has pairs of
+faces.
 
 Every run has a process of its own (`python -m coulomb.benchmarks.real_parts CASE MESH METHOD TOLERANCE`).
 """
@@ -30,6 +32,8 @@ from ..solvers.results import NotConverged
 PARTS = Path(__file__).parent / "parts"
 METHODS = ("direct", "iterative", "auto")
 SCALES = (1.0, 0.5)
+LIMIT = 120.0
+"""Seconds after which a run is ended."""
 
 
 class Row(NamedTuple):
@@ -59,6 +63,22 @@ class Row(NamedTuple):
     certified: bool
 
 
+class Failure(NamedTuple):
+    """A run without a row: a mesh that cannot be made, a case that is refused, or a run that did not end.
+
+    Attributes:
+        part: Name of the part.
+        clscale: Factor of its mesh sizes.
+        method: Of METHODS; empty if there is no mesh.
+        reason: What happened.
+    """
+
+    part: str
+    clscale: float
+    method: str
+    reason: str
+
+
 def parts_in(directory: Path | None, names: Sequence[str] | None = None) -> list[Path]:
     """The geometries to mesh, NAME.geo with a case file NAME.toml beside it.
 
@@ -80,19 +100,23 @@ def parts_in(directory: Path | None, names: Sequence[str] | None = None) -> list
 
 
 def measure(
-    parts: Sequence[Path], scales: Sequence[float], methods: Sequence[str], tolerance: float = 1e-8
-) -> Iterator[Row]:
-    """Rows as they are measured.
+    parts: Sequence[Path],
+    scales: Sequence[float],
+    methods: Sequence[str],
+    tolerance: float = 1e-8,
+    limit: float = LIMIT,
+) -> Iterator[Row | Failure]:
+    """Rows, or failures, as they are measured.
 
     Args:
         parts: The geometries, see `parts_in`.
         scales: Factors of all mesh sizes of a geometry.
         methods: Of METHODS.
         tolerance: Coulomb residual to stop at.
+        limit: Seconds after which a run is ended.
 
     Raises:
-        ValueError: If the program gmsh is not installed.
-        RuntimeError: If a part cannot be meshed or solved, with the error output.
+        ValueError: If the program gmsh is not installed, or a case file is wrong.
     """
     gmsh = shutil.which("gmsh")
     if gmsh is None:
@@ -101,29 +125,55 @@ def measure(
     environment["OMP_NUM_THREADS"] = "1"
     with tempfile.TemporaryDirectory() as directory:
         for part in parts:
+            case = part.with_suffix(".toml")
+            joined = all(contact.against is None for contact in read_case(case).contacts.values())
             for scale in scales:
                 mesh = Path(directory) / f"{part.stem}-{scale:g}.msh"
-                _done(f"gmsh on {part}", [gmsh, "-3", str(part), "-clscale", f"{scale:g}", "-o", str(mesh)])
-                if not mesh.is_file():
-                    raise RuntimeError(f"gmsh on {part}: no mesh was made")
+                try:
+                    _mesh(gmsh, part, scale, mesh, joined)
+                except RuntimeError as failure:
+                    yield Failure(part.stem, scale, "", str(failure))
+                    continue
                 for method in methods:
                     command = [sys.executable, "-m", "coulomb.benchmarks.real_parts"]
-                    command += [str(part.with_suffix(".toml")), str(mesh), method, str(tolerance)]
-                    said = _done(f"{part.stem} with mesh sizes times {scale:g}", command, environment)
+                    command += [str(case), str(mesh), method, str(tolerance)]
+                    try:
+                        said = _done(command, environment, limit)
+                    except RuntimeError as failure:
+                        yield Failure(part.stem, scale, method, str(failure))
+                        continue
                     row = Row(**json.loads(said.strip().splitlines()[-1]))
                     yield row._replace(part=part.stem, clscale=scale)
                 mesh.unlink()
 
 
-def _done(what: str, command: list[str], environment: dict[str, str] | None = None) -> str:
+def _mesh(gmsh: str, part: Path, scale: float, mesh: Path, joined: bool) -> None:
+    """Write a mesh of a part, with one node in place of several at the same place if it is to be joined.
+
+    Raises:
+        RuntimeError: If gmsh fails or writes nothing.
+    """
+    _done([gmsh, "-3", str(part), "-clscale", f"{scale:g}", "-o", str(mesh)])
+    if not mesh.is_file():
+        raise RuntimeError("no mesh was made by gmsh")
+    if joined:
+        commands = mesh.with_suffix(".geo")
+        commands.write_text(f'Merge "{mesh}";\nCoherence Mesh;\nSave "{mesh}";\n')
+        _done([gmsh, "-", str(commands)])
+
+
+def _done(command: list[str], environment: dict[str, str] | None = None, limit: float | None = None) -> str:
     """The output of a program.
 
     Raises:
-        RuntimeError: If it fails, with the end of its error output.
+        RuntimeError: If it fails, with the end of its error output, or does not end within the limit, seconds.
     """
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=limit)
+    except subprocess.TimeoutExpired:
+        raise RuntimeError(f"it did not end within {limit:g} s") from None
     if done.returncode != 0:
-        raise RuntimeError(f"{what}: {(done.stderr.strip() or done.stdout.strip())[-2000:]}")
+        raise RuntimeError((done.stderr.strip() or done.stdout.strip())[-2000:])
     return done.stdout
 
 
@@ -168,12 +218,19 @@ def run(case: Path, mesh: Path, method: str, tolerance: float) -> Row:
     )
 
 
-def over_better(row: Row, rows: Sequence[Row]) -> float | None:
-    """Processor seconds of a run with the chosen method over those of the faster method; None unless both were run."""
-    same = {other.method: other.processor_seconds for other in rows if other[:2] == row[:2] and other.method != "auto"}
-    return row.processor_seconds / min(same.values()) if row.method == "auto" and len(same) == 2 else None
+def over_better(row: Row, results: Sequence[Row | Failure]) -> float | None:
+    """Processor seconds of a run with the chosen method over those of the faster method; None unless both were tried
+    and one has ended."""
+    same = [other for other in results if other[:2] == row[:2] and other.method in METHODS[:2]]
+    seconds = [other.processor_seconds for other in same if isinstance(other, Row)]
+    if row.method != "auto" or len(same) < 2 or not seconds:
+        return None
+    return row.processor_seconds / min(seconds)
 
 
 if __name__ == "__main__":
-    sys.stdout.write(json.dumps(run(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], float(sys.argv[4]))._asdict()))
-    sys.stdout.write("\n")
+    try:
+        _row = run(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], float(sys.argv[4]))
+    except ValueError as error:
+        sys.exit(str(error))
+    sys.stdout.write(json.dumps(_row._asdict()) + "\n")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from .benchmark_output import Tolerance, line, measuring, one_of
-from .console import refuse_ranks
+from .console import FAILED, errors, refuse_ranks
 
 
 def parts(
@@ -24,19 +24,25 @@ def parts(
         list[str] | None, typer.Option("--method", help="direct, iterative or auto; repeat; by default all.")
     ] = None,
     tolerance: Tolerance = 1e-8,
+    limit: Annotated[float, typer.Option("--limit", min=1.0, help="Seconds after which a run is ended.")] = 120.0,
     directory: Annotated[Path | None, typer.Option("--output", help="For parts.csv.")] = None,
 ) -> None:
     """Parts with bores and open faces, meshed by gmsh: K factorised, by multigrid, and as chosen; one thread."""
-    from ..benchmarks.real_parts import METHODS, SCALES, Row, measure, over_better, parts_in
+    from ..benchmarks.real_parts import METHODS, SCALES, Failure, Row, measure, over_better, parts_in
 
     refuse_ranks("this benchmark")
     rows: list[Row] = []
+    failures: list[Failure] = []
     with measuring(directory, "parts", Row._fields, rows, figure=False):
         for method in methods or ():
             one_of("--method", method, METHODS)
-        for row in measure(parts_in(folder, names), scales or SCALES, methods or METHODS, tolerance):
+        for row in measure(parts_in(folder, names), scales or SCALES, methods or METHODS, tolerance, limit):
+            if isinstance(row, Failure):
+                failures.append(row)
+                errors.print(f"{row.part} x {row.clscale:g} {row.method}: {row.reason}", markup=False, soft_wrap=True)
+                continue
             rows.append(row)
-            ratio = over_better(row, rows)
+            ratio = over_better(row, [*rows, *failures])
             line(
                 f"{row.part:10s} x {row.clscale:<5g} unknowns {row.unknowns:7d}  contact {row.contact:6d}  "
                 f"open {row.open:5d} stick {row.stick:5d} slip {row.slip:5d}  "
@@ -45,3 +51,5 @@ def parts(
                 f"{row.processor_seconds:8.2f} s{'' if ratio is None else f' ({ratio:.2f} of the faster)'}  "
                 f"residual {row.residual:.1e}  certificate {'passed' if row.certified else 'FAILED'}"
             )
+    if failures:
+        raise typer.Exit(FAILED)
