@@ -1,10 +1,12 @@
 """The block by coulomb and its peers: the installed ones agree, the others are omitted and reported."""
 
+import subprocess
+
 import numpy as np
 import pytest
 
 from coulomb.benchmarks import peers
-from coulomb.benchmarks.peers import OURS, PEERS, Row, Skipped, force_error, measure, missing
+from coulomb.benchmarks.peers import OURS, PEERS, SECOND_ORDER_PEERS, Row, Skipped, force_error, measure, missing
 
 AGREEMENT = dict.fromkeys(PEERS, 1e-6)
 
@@ -37,6 +39,27 @@ def test_agrees(name, measured):
     assert isinstance(row, Row), row
     assert row.force_error <= AGREEMENT[name]
     assert row.seconds > 0.0 and row.iterations > 0 and row.peak_memory_bytes > 1e7
+
+
+def test_siconos_agrees_in_second_order():
+    if reason := missing(SECOND_ORDER_PEERS["Siconos ADMM"]):
+        pytest.skip(reason)
+    ours, theirs = measure([2], ["Siconos ADMM"], problem="second-order")
+    assert ours.force_error == 0.0 and 0.0 < theirs.force_error <= 1e-6
+
+
+def test_threads_are_those_asked_for(monkeypatch):
+    seen = []
+
+    def run(command, env, **_):
+        seen.append(env["OMP_NUM_THREADS"])
+        return subprocess.CompletedProcess(command, 1, "", "no answer")
+
+    monkeypatch.setattr(peers.subprocess, "run", run)
+    for threads in (1, 3):
+        with pytest.raises(RuntimeError, match="no answer"):
+            list(measure([2], [OURS], threads=threads))
+    assert seen == ["1", "3"]
 
 
 def test_the_shortest_time_counts(monkeypatch):

@@ -61,6 +61,13 @@ def test_other_codes_agree():
     assert all(0.85 < share < 0.95 for share in carried)  # the spring takes the rest
 
 
+def test_siconos_agrees_with_the_same_matrices():
+    if reason := missing(PAIR_PEERS["Siconos ADMM"]):
+        pytest.skip(reason)
+    ours, theirs = measure([2], ["Siconos ADMM"], problem="two-blocks")
+    assert theirs.figures == pytest.approx(ours.figures, rel=1e-6) and theirs.force_error < 1e-6
+
+
 def test_unknown_problems_are_refused():
     with pytest.raises(ValueError, match="two-blocks"):
         measure([2], problem="three-blocks")

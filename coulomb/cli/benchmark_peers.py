@@ -19,10 +19,14 @@ def peers(
     sizes: Sizes = None,
     names: Peers = None,
     repeats: Repeats = 1,
-    problem: Annotated[str, typer.Option("--problem", help="block, or two-blocks: aluminium on steel.")] = "block",
+    problem: Annotated[
+        str,
+        typer.Option("--problem", help="block, two-blocks: aluminium on steel, or second-order: 10-node tetrahedra."),
+    ] = "block",
+    threads: Annotated[int, typer.Option("--threads", min=1, help="Of every package, at most.")] = 1,
     directory: Annotated[Path | None, typer.Option("--output", help="For peers.csv and peers.png.")] = None,
 ) -> None:
-    """The block, or two blocks, by coulomb and by other packages, each in a separate process, on one thread."""
+    """The block, or two blocks, by coulomb and by other packages, each in a separate process."""
     from ..benchmarks.peers import Row, measure
     from ..benchmarks.peers.answer import Figures
 
@@ -32,7 +36,7 @@ def peers(
     with measuring(directory, "peers", [*fields, *(Figures._fields if problem == "two-blocks" else ())], rows):
         if problem == "history":
             raise ValueError("the load history is another benchmark: coulomb benchmark histories")
-        for row, ratio in _beside_ours(measure(sizes or (10,), names, repeats, problem)):
+        for row, ratio in _beside_ours(measure(sizes or (10,), names, repeats, problem, threads)):
             rows.append([getattr(row, name) for name in fields] + list(row.figures or ()))
             of_pair = row.figures and (
                 f"  normal {row.figures.normal_force:.4e} N  friction {row.figures.tangential_force:.4e} N  "

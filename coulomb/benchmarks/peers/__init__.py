@@ -57,12 +57,19 @@ PEERS = {
 _CALCULIX = ("pair_calculix", "ccx", "Debian's calculix-ccx")
 PAIR_PEERS = {
     OURS: Peer("pair_ours", "coulomb", ""),
+    "Siconos ADMM": Peer("siconos_admm", "siconos", "Debian's python3-siconos", function="solve_pair"),
     "GetFEM": Peer("pair_getfem", "getfem", "Debian's python3-getfem++"),
     "CalculiX mortar": Peer(*_CALCULIX, function="solve_mortar"),
     "CalculiX faces": Peer(*_CALCULIX, function="solve_faces"),
     "CalculiX nodes": Peer(*_CALCULIX, function="solve_nodes"),
 }
 """On `coulomb.benchmarks.two_blocks`; CalculiX also with penalties, between faces and between nodes and faces."""
+
+SECOND_ORDER_PEERS = {
+    OURS: Peer("ours", "coulomb", "", function="solve_second_order"),
+    "Siconos ADMM": Peer("siconos_admm", "siconos", "Debian's python3-siconos", function="solve_second_order"),
+}
+"""On the block of 10-node tetrahedra."""
 
 HISTORY_PEERS = {
     OURS: Peer("history_ours", "coulomb", ""),
@@ -71,7 +78,12 @@ HISTORY_PEERS = {
 }
 """On the load history of `history`."""
 
-PROBLEMS = {"block": PEERS, "two-blocks": PAIR_PEERS, "history": HISTORY_PEERS}
+PROBLEMS = {
+    "block": PEERS,
+    "two-blocks": PAIR_PEERS,
+    "second-order": SECOND_ORDER_PEERS,
+    "history": HISTORY_PEERS,
+}
 
 
 class Row(NamedTuple):
@@ -109,7 +121,11 @@ class Skipped(NamedTuple):
 
 
 def measure(
-    sizes: Iterable[int], names: Sequence[str] | None = None, repeats: int = 1, problem: str = "block"
+    sizes: Iterable[int],
+    names: Sequence[str] | None = None,
+    repeats: int = 1,
+    problem: str = "block",
+    threads: int = 1,
 ) -> Iterator[Row | Skipped]:
     """Rows as they are measured; coulomb's row, with which the others are compared, is the first.
 
@@ -118,6 +134,7 @@ def measure(
         names: Names of the problem's peers, by default all; coulomb is always included.
         repeats: How often each is run; the minimum time counts.
         problem: In PROBLEMS.
+        threads: Of every package, at most.
 
     Raises:
         ValueError: If there is no such problem, or it has no such peer.
@@ -130,17 +147,21 @@ def measure(
     for name in chosen:
         if name not in peers:
             raise ValueError(f"there is no peer {name!r}; the peers are {', '.join(peers)}")
-    return _measure(problem, list(sizes), [OURS] + [name for name in chosen if name != OURS], repeats)
+    return _measure(problem, list(sizes), [OURS] + [name for name in chosen if name != OURS], repeats, threads)
 
 
-def _measure(problem: str, sizes: Sequence[int], names: Sequence[str], repeats: int) -> Iterator[Row | Skipped]:
+def _measure(
+    problem: str, sizes: Sequence[int], names: Sequence[str], repeats: int, threads: int
+) -> Iterator[Row | Skipped]:
     peers = PROBLEMS[problem]
     with tempfile.TemporaryDirectory() as directory:
         for p in sizes:
             ours: _Run | None = None
             for name in names:
+                run: _Run | str
                 output = Path(directory) / "answer.npz"
-                run = missing(peers[name]) or _beyond(peers[name], p) or _least(problem, name, p, output, repeats)
+                run = missing(peers[name]) or _beyond(peers[name], p)
+                run = run or _least(problem, name, p, output, repeats, threads)
                 if isinstance(run, str):
                     if name == OURS:
                         raise RuntimeError(f"p = {p}: {run}")
@@ -173,23 +194,23 @@ class _Run(NamedTuple):
     products: int = 0
 
 
-def _least(problem: str, name: str, p: int, output: Path, repeats: int) -> _Run | str:
+def _least(problem: str, name: str, p: int, output: Path, repeats: int, threads: int) -> _Run | str:
     """The fastest of several runs, or the reason why one of them failed."""
-    best = _run(problem, name, p, output)
+    best = _run(problem, name, p, output, threads)
     for _ in range(repeats - 1):
         if isinstance(best, str):
             break
-        again = _run(problem, name, p, output)
+        again = _run(problem, name, p, output, threads)
         best = again if isinstance(again, str) else min(best, again, key=lambda run: run.seconds)
     return best
 
 
-def _run(problem: str, name: str, p: int, output: Path) -> _Run | str:
+def _run(problem: str, name: str, p: int, output: Path, threads: int = 1) -> _Run | str:
     """The answer of one peer in a separate process, or the reason why there is none."""
     output.unlink(missing_ok=True)
     launcher = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX", "PRTE")
     environment = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
-    environment |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"), "1")
+    environment |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"), str(threads))
     command = [sys.executable, "-m", "coulomb.benchmarks.peers", problem, name, str(p), str(output)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, errors="replace", check=False)
     said = done.stdout.strip().splitlines()[-1:]

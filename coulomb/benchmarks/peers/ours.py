@@ -3,18 +3,34 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
+from ...model.problem import ContactProblem
 from ..block import block
 from .answer import Answer, Unsolved, on_body
 
 TOLERANCE = 1e-8
 
 
+def second_order(p: int) -> ContactProblem:
+    """The block of 10-node tetrahedra, 6 per cube of edge 1/p."""
+    return block(p, cell="tetrahedron", degree=2)
+
+
 def solve(p: int) -> Answer:
-    """Iterations are path-following steps."""
-    block(1).solve(TOLERANCE)  # compiles and warms up
+    """The block of hexahedra; iterations are path-following steps."""
+    return _solve(block, p)
+
+
+def solve_second_order(p: int) -> Answer:
+    """The block of 10-node tetrahedra."""
+    return _solve(second_order, p)
+
+
+def _solve(make: Callable[[int], ContactProblem], p: int) -> Answer:
+    make(1).solve(TOLERANCE)  # compiles and warms up
     began = time.perf_counter()
-    problem = block(p)
+    problem = make(p)
     solution = problem.solve(TOLERANCE)
     seconds = time.perf_counter() - began
     if not solution.certificate.passed:

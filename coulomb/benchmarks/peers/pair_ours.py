@@ -7,6 +7,7 @@ import time
 from scipy.spatial import cKDTree
 
 from ...arrays import FloatArray
+from ...model.problem import ContactProblem
 from ..two_blocks import BLOCKS, grid, two_blocks
 from .answer import Answer, Unsolved
 from .ours import TOLERANCE
@@ -22,9 +23,14 @@ def solve(p: int) -> Answer:
     seconds = time.perf_counter() - began
     if not solution.certificate.passed:
         raise Unsolved("its answer was not certified")
+    return answer_of(problem, p, solution.displacement, seconds, solution.result.newton_steps)
+
+
+def answer_of(problem: ContactProblem, p: int, displacement: FloatArray, seconds: float, iterations: int) -> Answer:
+    """The answer of displacements of the problem's nodes in metres, shape (k, 3)."""
     u: dict[str, FloatArray] = {}
     for member in problem.elasticity.members:
         points = grid(BLOCKS[member.name], p).points
         _, own = cKDTree(problem.elasticity.x[member.nodes]).query(points)
-        u[member.name] = solution.displacement[member.nodes][own]
-    return answer(p, u["lower"], u["upper"], seconds, solution.result.newton_steps)
+        u[member.name] = displacement[member.nodes][own]
+    return answer(p, u["lower"], u["upper"], seconds, iterations)

@@ -7,13 +7,19 @@ from __future__ import annotations
 
 import importlib
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import scipy.sparse
 
+from ...arrays import FloatArray
+from ...model.problem import ContactProblem
 from ..block import block
+from ..two_blocks import two_blocks
 from .answer import Answer, Unsolved, on_body
+from .ours import second_order
+from .pair_ours import answer_of
 from .sparse import free_system
 
 TOLERANCE = 1e-8
@@ -21,27 +27,52 @@ TOLERANCE = 1e-8
 
 
 def solve(p: int) -> Answer:
-    """Iterations are ADMM's."""
-    sn: Any = importlib.import_module("siconos.numerics")
-    free_system(block(1))  # compiles and warms up
+    """The block of hexahedra; iterations are ADMM's."""
+    return _solve(block, p)
+
+
+def solve_second_order(p: int) -> Answer:
+    """The block of 10-node tetrahedra, with contact at vertices."""
+    return _solve(second_order, p)
+
+
+def _solve(make: Callable[[int], ContactProblem], p: int) -> Answer:
+    _solved(make(1))  # compiles and warms up
     began = time.perf_counter()
-    problem = block(p)
+    problem = make(p)
+    _, x, iterations = _solved(problem)
+    forces = on_body(problem, x)
+    return Answer(time.perf_counter() - began, iterations, problem.surface.x, forces)
+
+
+def solve_pair(p: int) -> Answer:
+    """The two blocks."""
+    _solved(two_blocks(2))
+    began = time.perf_counter()
+    problem = two_blocks(p)
+    u, _, iterations = _solved(problem)
+    return answer_of(problem, p, u, time.perf_counter() - began, iterations)
+
+
+def _solved(problem: ContactProblem) -> tuple[FloatArray, FloatArray, int]:
+    """Displacements (k, 3), contact forces (3 m,), and iterations."""
+    sn: Any = importlib.import_module("siconos.numerics")
     K, B, f, c = free_system(problem)
     k, size = K.diagonal().mean(), np.abs(f).max()
     contact = sn.GlobalFrictionContactProblem(3)
     contact.numberOfContacts = len(problem.law.friction)
     contact.M, contact.H = _long(K / k), _long(-B.T)
     contact.q, contact.b, contact.mu = f / size, c * k / size, problem.law.friction
-    r, u, v = np.zeros_like(c), np.zeros_like(c), np.zeros_like(f)
+    r, w, v = np.zeros_like(c), np.zeros_like(c), np.zeros_like(f)
     options = sn.SolverOptions(sn.SICONOS_GLOBAL_FRICTION_3D_ADMM)
     options.dparam[sn.SICONOS_DPARAM_TOL] = TOLERANCE
-    status = sn.gfc3d_driver(contact, r, u, v, options)
-    forces = on_body(problem, r * size)
-    seconds = time.perf_counter() - began
+    status = sn.gfc3d_driver(contact, r, w, v, options)
     iterations, residual = int(options.iparam[sn.SICONOS_IPARAM_ITER_DONE]), options.dparam[sn.SICONOS_DPARAM_RESIDU]
     if status != 0:
         raise Unsolved(f"not converged in {iterations} iterations, residual {residual:.1e}")
-    return Answer(seconds, iterations, problem.surface.x, forces)
+    u = np.zeros(problem.elasticity.fixed.shape)
+    u[~problem.elasticity.fixed] = v * (size / k)
+    return u, r * size, iterations
 
 
 def _long(matrix: Any) -> Any:
