@@ -139,12 +139,7 @@ def test_a_slow_machine_takes_longer():
         assert thrice.memory == once.memory
 
 
-def test_mumps_is_needed_on_several_ranks_alone(monkeypatch):
-    monkeypatch.setattr(
-        "coulomb.linalg.methods.PETSc", type("P", (), {"Sys": type("S", (), {"hasExternalPackage": lambda _: False})})
-    )
-    with pytest.raises(ValueError, match="without MUMPS"):
-        chosen(100, 30, 2, DirectSolver, False)
+def test_factorised_without_forming_the_compliance():
     assert chosen(40_000, 10_001, 1, None, None) == (DirectSolver, False)
     problem = make_block(2, linear_solver=DirectSolver, explicit=False)
     assert "nested dissection" in problem.body.stiffness_method

@@ -18,6 +18,7 @@ from .frontal_factors import FrontalFactors, NotPositiveDefinite
 from .multifrontal import predicted_work
 from .nested_dissection import Front, Nodes, dissect_part
 from .nodal_blocks import NodalRows
+from .reductions import Reductions
 from .shared_dissection import Part, SharedDissection
 
 
@@ -101,7 +102,7 @@ def operations(comm: MPI.Comm, dissection: SharedDissection, parts: list[LocalPa
     mine = sum(predicted_work(part.fronts).operations for part in parts)
     own, border = (np.array([3.0 * len(getattr(f, side)) for f in dissection.fronts]) for side in ("own", "border"))
     shared = own**3 / 3 + own**2 * border + own * border**2
-    return float(comm.allreduce(mine) + shared.sum())
+    return Reductions(comm).sum(mine) + float(shared.sum())
 
 
 class DistributedFactors:
@@ -161,7 +162,7 @@ class DistributedFactors:
         self._refuse(failed)
 
     def _refuse(self, failed: bool) -> None:
-        if self.comm.allreduce(failed, op=MPI.LOR):
+        if Reductions(self.comm).any(failed):
             raise NotPositiveDefinite("a pivot on one of the ranks")
 
     def _add_entries(self, columns: DistributedFront, entries: Entries) -> None:
@@ -197,7 +198,7 @@ class DistributedFactors:
     def solve(self, rhs: FloatArray) -> FloatArray:
         """K^-1 rhs in this precision, of this rank's nodes, shapes (k, 3)."""
         comm = self.comm
-        size = float(comm.allreduce(float(np.max(np.abs(rhs), initial=0.0)), op=MPI.MAX)) or 1.0
+        size = Reductions(comm).max(np.abs(rhs)) or 1.0
         x = np.zeros((len(self._dissection.label), 3), dtype=self.dtype)
         received = np.empty((len(self._here), 3), dtype=self.dtype)
         sent = (rhs[self._out] / size).astype(self.dtype)

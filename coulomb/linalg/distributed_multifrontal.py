@@ -19,6 +19,7 @@ from .front_blocks import column_ranks
 from .multifrontal import SINGLE_FROM
 from .nested_dissection import Nodes
 from .nodal_blocks import nodal_blocks
+from .reductions import concatenated
 from .refined_solver import RefinedSolver
 from .shared_dissection import dissect_shared
 
@@ -47,12 +48,11 @@ class DistributedMultifrontalSolver(RefinedSolver):
     ):
         super().__init__(K)
         comm = self.comm
-        self._owned = np.array(comm.allgather(len(points)))
+        self._owned = concatenated(comm, np.array([len(points)]))
         self._first = int(self._owned[: comm.rank].sum())
-        self._points = np.empty((int(self._owned.sum()), 3))
-        comm.Allgatherv(np.ascontiguousarray(points), (self._points, 3 * self._owned))
+        self._points: FloatArray = concatenated(comm, points)
         is_last = np.zeros(len(self._points), dtype=bool)
-        is_last[np.concatenate(comm.allgather(last.astype(np.int64)))] = True
+        is_last[concatenated(comm, last.astype(np.int64))] = True
         blocks = nodal_blocks(K)
         self._dissection = dissect_shared(comm, blocks, self._first, self._points, is_last)
         roots = [front.own for front in self._dissection.fronts if front.root]
@@ -84,7 +84,8 @@ class DistributedMultifrontalSolver(RefinedSolver):
         rank = self._eliminating_ranks()[row[needed]]
         order = needed[np.argsort(rank, kind="stable")]
         counts = np.bincount(rank, minlength=comm.size)
-        incoming = np.array(comm.alltoall(counts.tolist()))
+        incoming = np.empty_like(counts)
+        comm.Alltoall(counts, incoming)
         pairs = np.empty((int(incoming.sum()), 2), dtype=np.int64)
         values = np.empty((len(pairs), 3, 3))
         outgoing = np.column_stack([row[order], column[order]])

@@ -1,11 +1,9 @@
-"""The choice of solvers for K^-1 and A by size, number of ranks and PETSc's packages, where the user makes none.
+"""The choice of solvers for K^-1 and A by size and number of ranks, where the user makes none.
 
 On one rank it is made by predicted seconds, where the size leaves it open (`undecided`, `predicted_cost`).
 """
 
 from __future__ import annotations
-
-from petsc4py import PETSc
 
 from .stiffness import DirectSolver, IterativeSolver
 
@@ -39,9 +37,9 @@ def chosen(
 ) -> tuple[LinearSolver, bool]:
     """The solver for K by size, and whether A is formed.
 
-    A is formed by `multifrontal.MultifrontalSolver` on one rank and by `DistributedMultifrontalSolver` on several.
-    Where A is not formed, K is factorised by `multifrontal.MultifrontalSolver` on one rank, and by MUMPS on several,
-    there only if the user chooses it: each solve waits for all ranks several times.
+    K is factorised by `multifrontal.MultifrontalSolver` on one rank and by `DistributedMultifrontalSolver` on several,
+    whether A is formed or not; where it is not, on several ranks only if the user chooses it: each solve waits for all
+    ranks several times.
 
     Args:
         displacement: Displacement unknowns, over all ranks.
@@ -51,8 +49,7 @@ def chosen(
         explicit: The user's choice, if any.
 
     Raises:
-        ValueError: If A is to be formed without a factorisation of K, or if K is to be factorised by MUMPS and PETSc
-            was built without it.
+        ValueError: If A is to be formed without a factorisation of K.
     """
     if explicit and linear_solver is IterativeSolver:
         raise ValueError(
@@ -64,10 +61,4 @@ def chosen(
         linear_solver = DirectSolver if explicit or small else IterativeSolver
     if explicit is None:
         explicit = linear_solver is DirectSolver and contact <= EXPLICIT_UP_TO
-    if ranks > 1 and linear_solver is DirectSolver and not explicit and not PETSc.Sys.hasExternalPackage("mumps"):
-        raise ValueError(
-            "this PETSc was built without MUMPS, which factorises K where A is not formed on several ranks: leave "
-            'solver.linear_solver and solver.compliance at "auto", or use a PETSc with MUMPS (coulomb info lists its '
-            "packages)"
-        )
     return linear_solver, explicit

@@ -1,4 +1,4 @@
-"""Sums, norms and extreme values over the contact nodes of all ranks.
+"""Sums, norms, extreme values and concatenations of arrays over all ranks.
 
 Each is one collective call on buffers: mpi4py's calls on objects send each as a message of its own along a tree.
 """
@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -20,6 +22,15 @@ def summed(comm: MPI.Comm, v: FloatArray) -> FloatArray:
     if comm.size > 1:
         comm.Allreduce(MPI.IN_PLACE, total, op=MPI.SUM)
     return total
+
+
+def concatenated(comm: MPI.Comm, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The rows (k, ...) of all ranks one after the other, on every rank; collective."""
+    counts = np.empty(comm.size, dtype=np.int64)
+    comm.Allgather(np.array([rows.size], dtype=np.int64), counts)
+    whole = np.empty((int(counts.sum()) // max(int(np.prod(rows.shape[1:])), 1), *rows.shape[1:]), dtype=rows.dtype)
+    comm.Allgatherv(np.ascontiguousarray(rows), (whole, counts))
+    return whole
 
 
 @dataclass(frozen=True)
@@ -67,8 +78,11 @@ class Reductions:
         """Smallest entry; NaN if any entry is, +inf if there is none."""
         return -self.max(-np.asarray(v))
 
-    def all(self, condition: bool) -> bool:
-        return bool(self.comm.allreduce(bool(condition), op=MPI.LAND))
+    def all(self, condition: bool | np.bool_) -> bool:
+        return not self.any(not condition)
+
+    def any(self, condition: bool | np.bool_) -> bool:
+        return self.sum(float(condition)) > 0.0
 
     def _gathered(self, *values: float) -> FloatArray:
         """Numbers of all ranks, shape (ranks, numbers): MPI's extremes are undefined for NaN."""

@@ -167,7 +167,7 @@ class RefinedSolver:
 
     def _product(self, u: FloatArray) -> FloatArray:
         """K u, shapes (n,)."""
-        if not self.comm.allreduce(bool(np.any(u)), op=MPI.LOR):
+        if not Reductions(self.comm).any(np.any(u)):
             return np.zeros_like(u)
         x, y = self._vectors
         x.array[:] = u

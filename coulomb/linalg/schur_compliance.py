@@ -14,6 +14,7 @@ from .compliance import MatrixFreeCompliance
 from .distributed_multifrontal import DistributedMultifrontalSolver
 from .learnt_columns import LearntColumns
 from .multifrontal import MultifrontalSolver, inverse_factor
+from .reductions import Reductions
 
 SchurSolver = MultifrontalSolver | DistributedMultifrontalSolver
 
@@ -155,7 +156,7 @@ class SchurCompliance:
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
         z, known = self._forces(x), self._reference
         if self.exact:
-            if self.comm.allreduce(bool(np.all(np.isfinite(free))), op=MPI.LAND):
+            if Reductions(self.comm).all(np.all(np.isfinite(free))):
                 # forces on contact nodes need no forward substitution
                 return free - self._solver.improved(self._solver.contact_forces(z), np.zeros_like(free), 0.0)[0]
             return self._solver.improved(f.array_r - self._solver.contact_forces(z), np.zeros_like(free), 0.0)[0]

@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..arrays import FloatArray
 from .nested_dissection import LEAF, Nodes, along_space, halves, large_parts
+from .reductions import concatenated
 
 
 @dataclass(frozen=True)
@@ -228,7 +229,7 @@ class _Cutting:
         row, column = self._graph
         later = label[column] > label[row]
         mine = np.unique(label[row[later]] * k + column[later])
-        coupled = np.unique(np.concatenate(self._comm.allgather(mine)))
+        coupled = np.unique(concatenated(self._comm, mine))
         ends = np.searchsorted(coupled, np.arange(len(own) + 1) * k)
         direct = [coupled[a:b] % k for a, b in pairwise(ends)]
         borders: list[Nodes] = []
@@ -252,6 +253,7 @@ class _Cutting:
         from scipy.optimize import linear_sum_assignment  # takes time to load, which a run on one rank need not spend
 
         at = np.array([number for number, _ in self._parts] + [-1] * len(self._fronts), dtype=np.int64)[label[mine]]
-        rows = np.array(self._comm.allgather(np.bincount(at[at >= 0], minlength=self._comm.size)))
+        counts = np.bincount(at[at >= 0], minlength=self._comm.size)
+        rows = concatenated(self._comm, counts[None])
         chosen = linear_sum_assignment(-rows.T)[1].tolist()
         return [int(rank) for rank in chosen]

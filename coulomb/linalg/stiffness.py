@@ -110,7 +110,8 @@ def _linear(K: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
 
 
 class DirectSolver:
-    """Cholesky factorisation by MUMPS, on all ranks.
+    """Cholesky factorisation by MUMPS, on all ranks; where a contact problem is to be solved with this class, it takes
+    that by nested dissection instead (`multifrontal`, `distributed_multifrontal`).
 
     Args:
         K: Symmetric positive definite, assembled.
@@ -139,11 +140,6 @@ class DirectSolver:
     def factor(self) -> PETSc.Mat:
         """The factored matrix, for many right-hand sides at once (MatMatSolve)."""
         return self._ksp.getPC().getFactorMatrix()
-
-    @property
-    def negative_pivots(self) -> int:
-        """0 if K is positive definite."""
-        return int(self.factor.getMumpsInfog(12))
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         self._ksp.solve(rhs, u)

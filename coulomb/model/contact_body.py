@@ -74,7 +74,7 @@ class ContactBody:
         contacts: The contact faces; of pairs of deformable faces with the slave as face.
         chosen: Which face of every pair is the slave, in words.
         elasticity: K, loads and supports.
-        linear_solver: The solver class for K^-1 (DirectSolver includes MultifrontalSolver: see `stiffness_method`).
+        linear_solver: The solver class for K^-1 (DirectSolver: by nested dissection, see `stiffness_method`).
         explicit: Whether A is formed.
         probes: The probes, found in the mesh.
         seconds: Wall time of assembly, factorisation and A so far.
@@ -283,8 +283,8 @@ class ContactBody:
 
     @property
     def stiffness_method(self) -> str:
-        """Name of the solver for K^-1; if A is formed, of the one that gives the Schur complement as well."""
-        if self.explicit or (self.comm.size == 1 and self.linear_solver is DirectSolver):
+        """Name of the solver for K^-1."""
+        if self.linear_solver is DirectSolver:
             return (MultifrontalSolver if self.comm.size == 1 else DistributedMultifrontalSolver).method
         return self.linear_solver.name
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
@@ -89,22 +91,24 @@ class ContactStiffness:
     def _contact_last(self) -> MultifrontalSolver | DistributedMultifrontalSolver:
         """K^-1 with the contact nodes eliminated last, which gives A."""
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
-            nodes, single = self._reference.nodes_in_rows, False if self._many else None
-            if self.elasticity.comm.size > 1:
-                return DistributedMultifrontalSolver(self.elasticity.K, self.elasticity.x, nodes, single)
-            return MultifrontalSolver(self.elasticity.K, self.elasticity.x, nodes, single, self._fronts)
+            return self._factorised(self._reference.nodes_in_rows, self._fronts)
 
     @cached_property
     def _any_order(self) -> StiffnessSolver:
         """K^-1 where A is not formed."""
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
-            if self._linear_solver is DirectSolver and self.elasticity.comm.size == 1:
-                no_nodes, single = np.empty(0, dtype=np.int64), False if self._many else None
-                return MultifrontalSolver(self.elasticity.K, self.elasticity.x, no_nodes, single)
-            solver = self._linear_solver(self.elasticity.K)
-            if isinstance(solver, DirectSolver) and self.elasticity.forms() is not None and solver.negative_pivots:
-                raise ValueError(f"{solver.negative_pivots} pivots are negative")
-            return solver
+            if self._linear_solver is DirectSolver:
+                return self._factorised(np.empty(0, dtype=np.int64), None)
+            return self._linear_solver(self.elasticity.K)
+
+    def _factorised(
+        self, last: npt.NDArray[np.integer[Any]], fronts: list[Front] | None
+    ) -> MultifrontalSolver | DistributedMultifrontalSolver:
+        """K^-1 with these nodes eliminated last; the fronts are of one rank."""
+        K, x, single = self.elasticity.K, self.elasticity.x, False if self._many else None
+        if self.elasticity.comm.size > 1:
+            return DistributedMultifrontalSolver(K, x, last, single)
+        return MultifrontalSolver(K, x, last, single, fronts)
 
     @cached_property
     def _compliance(self) -> BodyCompliance:

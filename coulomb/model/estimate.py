@@ -26,7 +26,7 @@ from .slenderness import slenderness_of
 _BASE = 1.4e8  # per rank without a mesh: Python, DOLFINx, PETSc
 _BODY = 2.5e3  # per displacement unknown: mesh, K, multigrid, fields
 _MULTIGRID = 600.0  # per displacement unknown: K in blocks, the last solutions
-_FACTOR = 215.0  # over n^(4/3): the factor of K by MUMPS
+_FACTOR = 215.0  # over n^(4/3): the factor of K where A is not formed
 _FRONTS = 260.0  # the same by nested dissection, including memory of fronts not yet reused
 _DENSE = 12.0  # over m^2: the Schur complement and the inverse of its factor
 
