@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 import typer.main
 import typer.testing
-from conftest import run_coulomb, run_python
+from conftest import ROOT, run_coulomb, run_python
 from test_pipes_and_signals import CASE, certified, shell
 
 from coulomb.case.case import read_case
@@ -88,6 +89,7 @@ def test_a_history_onto_a_small_disk_keeps_its_steps():
     [
         ("export case.toml small/file", 1),
         ("new block small/file", 2),
+        ("convert part.msh small/file.xdmf", 1),
         ("plot out --save small/file.png", 1),
         ("report out --save small/file", 1),
         ("benchmark friction --p 2 --friction 0.3 --output small/file", 1),
@@ -96,6 +98,7 @@ def test_a_history_onto_a_small_disk_keeps_its_steps():
 def test_a_file_onto_a_full_disk(command, code):
     if "out --save" in command:
         assert run_coulomb("run", "case.toml", "--quiet").returncode == 0
+    shutil.copy(ROOT / "demos" / "foot.msh", "part.msh")
     with disk("16k"):
         Path("small/filler").write_bytes(bytes(16_384 if "new" in command else 12_000))
         done = run_coulomb(*command.split(), process="export" in command)  # HDF5 cannot close its file in a process

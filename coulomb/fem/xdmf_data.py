@@ -216,8 +216,11 @@ def _form(item: ElementTree.Element) -> str:
 
 
 def _place(path: str, item: ElementTree.Element) -> tuple[str, str]:
-    name, _, inside = (item.text or "").strip().partition(":")
-    return str(Path(path).parent / name), inside
+    text = (item.text or "").strip()
+    name, found, inside = text.rpartition(":/")  # the name of a file may have a colon
+    if not found:
+        name, _, inside = text.partition(":")
+    return str(Path(path).parent / name), f"/{inside}" if found else inside
 
 
 def _opened(path: str, item: ElementTree.Element) -> h5py.File:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import errno
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -23,14 +23,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from ..fem.hdf5_target import HDF5Target
 from .field_files import WHOLE, data_of, function_at, mesh_at
-
-SOLIDS = {4: "Tetrahedron", 8: "Hexahedron", 10: "Tetrahedron_10", 27: "Hexahedron_27"}
-"""XDMF's names of cells by the number of their nodes."""
-
-FACETS = {3: "Triangle", 4: "Quadrilateral", 6: "Triangle_6", 9: "Quadrilateral_9"}
-"""XDMF's names of facets by the number of their nodes."""
-
 
 KINDS = {1: "Scalar", 3: "Vector", 6: "Tensor6", 9: "Tensor"}
 """XDMF's names of fields by the number of values per point or cell."""
@@ -114,7 +108,7 @@ def _written(comm: MPI.Comm, path: Path, tables: Mapping[str, npt.NDArray[Any]],
     what went wrong.  What the other ranks send is received in any case: they wait until it is."""
     parts = (mine if rank == 0 else comm.recv(source=rank) for mine in tables.values() for rank in range(comm.size))
     try:
-        target = _Target(path)
+        target = HDF5Target(path)
         with h5py.File(target, "w") as file:
             for (name, mine), size in zip(tables.items(), sizes, strict=True):
                 data, row = file.create_dataset(name, (size, mine.shape[1]), mine.dtype), 0
@@ -131,50 +125,6 @@ def _written(comm: MPI.Comm, path: Path, tables: Mapping[str, npt.NDArray[Any]],
 
 def _in_words(path: Path, error: Exception) -> str:
     return f"{path.name}: {getattr(error, 'strerror', None) or str(error) or repr(error)}"
-
-
-class _Target:
-    """A file to which HDF5 writes.  Errors are kept for the end: with one HDF5 could neither close the file nor end the
-    process."""
-
-    def __init__(self, path: Path):
-        self._file, self._fault = path.open("w+b", buffering=0), ""
-
-    def write(self, data: Any) -> int:
-        view = memoryview(data).cast("B")
-        done = 0
-        while done < len(view) and not self._fault:
-            done += self._attempt(lambda: self._file.write(view[done:])) or 0  # noqa: B023
-        return len(view)
-
-    def read(self, size: int) -> bytes:
-        found = self._attempt(lambda: self._file.read(size)) or b""
-        return bytes(found).ljust(size, b"\0")  # what could not be written is missing
-
-    def seek(self, *place: int) -> int:
-        return self._file.seek(*place)
-
-    def tell(self) -> int:
-        return self._file.tell()
-
-    def truncate(self, size: int) -> int:
-        self._attempt(lambda: self._file.truncate(size))
-        return size
-
-    def flush(self) -> None:
-        """Nothing is buffered."""
-
-    def close(self) -> str:
-        """Close the file; what went wrong since it was opened, or nothing."""
-        self._attempt(self._file.close)
-        return self._fault
-
-    def _attempt(self, action: Callable[[], Any]) -> Any:
-        try:
-            return action()
-        except OSError as error:
-            self._fault = self._fault or error.strerror or str(error)
-            return None
 
 
 def groups_of(names: Sequence[str]) -> tuple[str, ...]:

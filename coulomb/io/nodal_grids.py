@@ -13,7 +13,8 @@ from ..fem import compat
 from ..fem.displacement_space import DisplacementSpace
 from ..fem.exchange import fetched, starts_of
 from ..fem.second_order import in_vtk_order, nodes_between
-from .grid_file import FACETS, SOLIDS, GridPart
+from ..fem.xdmf_writing import FACETS, SOLIDS
+from .grid_file import GridPart
 
 
 def body_grid(space: DisplacementSpace) -> GridPart:

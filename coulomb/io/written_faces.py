@@ -15,9 +15,9 @@ from ..arrays import FloatArray
 from ..fem.joined_mesh import SEPARATOR
 from ..fem.lagrange import facet_columns
 from ..fem.mesh_groups import corners_of, local_facets
+from ..fem.xdmf_writing import FACETS
 from .field_files import BESIDE, OPPOSITE, data_of, grids_of, read_fields, refuse_misnamed
 from .field_names import ON_FACE, ON_OPPOSITE, VECTORS_ON_FACE
-from .grid_file import FACETS
 from .matched_points import numbers
 from .run_directory import SOLUTION
 from .written_bodies import Fields, WrittenBodies, WrittenBody, fits
