@@ -17,15 +17,20 @@ def solved(problem, solver=None):
     return solve_coulomb(problem.W, -problem.q, problem.mu, solver)
 
 
+NO_SWEEPS = ConeInteriorPoint(sweeps=False)
+
+
+@pytest.mark.parametrize("solver", [None, NO_SWEEPS], ids=["auto", "no sweeps"])
 @pytest.mark.parametrize(
     "problem",
     [stack(8, 2.0, 3), tower(3, 0.3, 1), arch(9, 0.8, 1), walled(20, 1.0, 2), scattered(10, 60, 0.7, 2)],
     ids=lambda problem: problem.title,
 )
-def test_generated_problems(problem):
+def test_generated_problems(problem, solver):
     """To 1e-8 by the collection's measure; most forces are not unique."""
-    result = solved(problem)
-    assert result.status is Status.CONVERGED and result.method == "auto: cone interior point"
+    result = solved(problem, solver)
+    assert result.status is Status.CONVERGED
+    assert result.method == ("cone interior point" if solver else "auto: cone interior point")
     assert problem.residual(result.x) <= 1e-8
 
 
@@ -66,7 +71,7 @@ def test_no_forces_keep_a_body_between_closing_walls():
 def test_work_is_limited_by_counts():
     problem = scattered(10, 60, 0.7, 2)
     with pytest.raises(NotConverged, match=r"\(max_iterations\), above .* 4 factorisations") as failure:
-        solved(problem, ConeInteriorPoint(systems=4))
+        solved(problem, ConeInteriorPoint(systems=4, sweeps=False))
     result = failure.value.result
     assert result.newton_steps == 4 and problem.residual(result.x) == pytest.approx(result.residual, rel=1e-6)
     with pytest.raises(NotConverged, match=r"of at most 1\.0e"):
@@ -87,7 +92,7 @@ def test_forces_without_bound_are_no_answer():
 
 def test_progress_interrupts():
     with pytest.raises(NotConverged) as failure:
-        solve = ConeInteriorPoint().solve
+        solve = NO_SWEEPS.solve
         matrix = _compliance(stack(3, 0.5, 1).W)
         problem = coulomb.FrictionProblem.coulomb(matrix, -stack(3, 0.5, 1).q, np.full(12, 0.5))
         solve(problem, progress=lambda at: at.path_following == 2)
@@ -106,12 +111,14 @@ def test_same_answer_as_the_krylov_method_where_forces_are_unique():
     rng = np.random.default_rng(142)
     G = rng.standard_normal((90, 90))
     A, b = scipy.sparse.csr_matrix(G @ G.T / 90 + 0.1 * np.eye(90)), rng.standard_normal(90)
-    x, y = (solve_coulomb(A, b, 0.4, solver).x for solver in (None, Automatic()))
-    assert np.linalg.norm(x - y) <= 1e-6 * np.linalg.norm(y)
+    x, y, z = (solve_coulomb(A, b, 0.4, solver).x for solver in (None, Automatic(), NO_SWEEPS))
+    assert max(np.linalg.norm(x - y), np.linalg.norm(z - y)) <= 1e-6 * np.linalg.norm(y)
 
 
 def test_start_from_the_answer_takes_no_path():
     problem = stack(5, 0.7, 2)
-    x = solved(problem).x
+    x = solved(problem, NO_SWEEPS).x
     friction = coulomb.FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
-    assert ConeInteriorPoint().solve(friction, x).newton_steps <= 1
+    assert NO_SWEEPS.solve(friction, x).newton_steps <= 1
+    again = ConeInteriorPoint().solve(friction, x)
+    assert again.newton_steps == 0 and again.products == 1

@@ -91,14 +91,15 @@ class MatrixCompliance:
 
     Args:
         matrix: Symmetric positive definite, 3 rows per contact node, those of a node on one rank.
+        rows: This rank's rows in scipy's compressed format, if they are at hand.
     """
 
     name = "matrix"
     exact = True
     matrix_free: MatrixFreeCompliance | None = None
 
-    def __init__(self, matrix: PETSc.Mat):
-        self.matrix = matrix
+    def __init__(self, matrix: PETSc.Mat, rows: Any = None):
+        self.matrix, self._rows = matrix, rows
         self.comm: MPI.Comm = matrix.getComm().tompi4py()
         self.nodes = matrix.getLocalSize()[0] // 3
         self.products, self.learnt = 0, LearntColumns()
@@ -125,7 +126,9 @@ class MatrixCompliance:
         return rows
 
     def sparse(self) -> Any:
-        """This rank's rows as a sparse matrix, shape (3 m, all columns)."""
+        """This rank's rows as a sparse matrix, shape (3 m, all columns); not to be changed."""
+        if self._rows is not None:
+            return self._rows
         if self.matrix.getType() in (PETSc.Mat.Type.SEQDENSE, PETSc.Mat.Type.MPIDENSE, PETSc.Mat.Type.DENSE):
             return scipy.sparse.csr_matrix(self.dense())
         indptr, indices, data = self.matrix.getValuesCSR()

@@ -63,6 +63,8 @@ class Reductions:
         if here > 0.0 and math.isfinite(here):
             w = v / here
             square = float(np.vdot(w, w))
+        if self.comm.size == 1:
+            return here * math.sqrt(square) if math.isfinite(here) and here > 0.0 else here
         largest, squares = self._gathered(here, square).T
         size = float(np.max(largest))
         if not size > 0.0 or not math.isfinite(size):  # all entries are zero, or one is not finite
@@ -82,7 +84,7 @@ class Reductions:
         return not self.any(not condition)
 
     def any(self, condition: bool | np.bool_) -> bool:
-        return self.sum(float(condition)) > 0.0
+        return bool(condition) if self.comm.size == 1 else self.sum(float(condition)) > 0.0
 
     def _gathered(self, *values: float) -> FloatArray:
         """Numbers of all ranks, shape (ranks, numbers): MPI's extremes are undefined for NaN."""

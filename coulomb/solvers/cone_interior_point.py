@@ -1,9 +1,9 @@
 """Coulomb friction where A is a matrix without full rank: stacks of rigid bodies, redundant contacts, large friction.
 
-Three methods in turn, on the same Newton matrices W + nodal blocks (newton_matrix.py), in the variables of
-cone_problem.py:
+Sweeps of Gauss-Seidel's method first, as many as promise to be quicker than what follows (gauss_seidel.py).  Then three
+methods in turn, on the same Newton matrices W + nodal blocks (newton_matrix.py), in the variables of cone_problem.py:
 
-1. nonsmooth Newton steps on the natural map from zero, for as long as each of them helps; where few contacts change
+1. nonsmooth Newton steps on the natural map from there, for as long as each of them helps; where few contacts change
    their state this is all;
 2. the interior-point path (cone_path.py) until the natural map is small, then nonsmooth Newton steps from there: they
    end in a solution to rounding accuracy, also where forces are not unique or contacts are at the edge between two
@@ -18,7 +18,7 @@ below the tolerance, and the collection's own as well (cones.cone_residual): the
 a compliance without full rank does not bound.
 
 Work is limited by counts, not by time, so that a result can be repeated: floating-point operations of the
-factorisations.
+factorisations, and sweeps.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ from ..arrays import FloatArray
 from ..linalg.compliance import MatrixCompliance
 from .anderson import Anderson
 from .cone_path import ConePath, ConeStep
-from .cone_problem import ConeProblem
+from .cone_problem import ConeProblem, Scales, answer
 from .cones import radius
 from .friction_problem import FrictionProblem
+from .gauss_seidel import Sweeps, swept
 from .impenetrability import contradiction
 from .results import (
     Goal,
@@ -61,6 +62,7 @@ class ConeInteriorPoint:
 
     Attributes:
         tolerance: Residual at which to stop, the larger of `FrictionProblem.residual` and `cones.cone_residual`.
+        sweeps: Gauss-Seidel sweeps; whether they come first.
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
         convex: Convex problems with given slip.
@@ -74,6 +76,7 @@ class ConeInteriorPoint:
     """
 
     tolerance: float = 1e-8
+    sweeps: bool = True
     newton: int = 12
     path: int = 80
     convex: int = 40
@@ -128,8 +131,16 @@ class ConeInteriorPoint:
                 "as a matrix on one rank; use Automatic()"
             )
         goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
-        run = _Run(self, problem, ConeProblem(problem, problem.A.sparse()), goal, progress)
-        return run.follow(start)
+        A, scales = problem.A.sparse(), Scales.of(problem)
+        sweeps = swept(problem, A, scales, goal.tolerance, start) if self.sweeps else None
+        if sweeps is not None and sweeps.residual <= goal.tolerance:
+            x = problem.completed(sweeps.x)
+            gradient = problem.gradient(x)
+            residual = scales.residual(problem, x, gradient)
+            if goal.reached(residual, x):
+                return answer(self.name, problem, goal, x, gradient, residual, Status.STAGNATED, sweeps.made)
+        run = _Run(self, problem, ConeProblem(problem, A, scales), scales, goal, progress)
+        return run.follow(start, sweeps)
 
 
 class _Ended(Exception):
@@ -152,20 +163,26 @@ class _Run:
         settings: ConeInteriorPoint,
         problem: FrictionProblem,
         cones: ConeProblem,
+        scales: Scales,
         goal: Goal,
         progress: ProgressCallback | None,
     ):
-        self._settings, self._problem, self._cones, self._goal = settings, problem, cones, goal
+        self._settings, self._problem, self._cones, self._scales = settings, problem, cones, scales
+        self._goal, self._sweeps = goal, 0
         self._progress, self._products = progress, problem.A.products
         self._history: list[InteriorPointStep] = []
         self._best: tuple[float, FloatArray] = (math.inf, np.zeros(3 * cones.contacts))
         self._convex = 0
 
-    def follow(self, start: FloatArray | None) -> SolverResult:
-        """The three methods in turn."""
+    def follow(self, start: FloatArray | None, swept: Sweeps | None) -> SolverResult:
+        """The three methods in turn, from the sweeps' end if there were any."""
         status, why = Status.STAGNATED, ""
+        if swept is not None:
+            start, self._sweeps = swept.x, swept.made
         self._X = np.zeros_like(self._cones.q) if start is None else self._cones.scaled(start)
         try:
+            if swept is not None and self._progress is not None and self._progress(Progress(0, 0, swept.residual)):
+                raise _Ended(Status.INTERRUPTED)
             self._newton(self._X, self._settings.newton)
             self._follow_path()
             why = contradiction(self._problem, self._cones.W)
@@ -190,18 +207,13 @@ class _Run:
     def _judged(self, X: FloatArray) -> float:
         """The residual of an answer; ends the run if it is small enough."""
         x = self._problem.completed(self._cones.forces(X))
-        residual = self._residual(x, self._problem.gradient(x))
+        residual = self._scales.residual(self._problem, x, self._problem.gradient(x))
         if residual < self._best[0]:
             self._best = (residual, x)
         if self._goal.reached(residual, x):
             self._best = (residual, x)
             raise _Ended
         return residual
-
-    def _residual(self, x: FloatArray, gradient: FloatArray) -> float:
-        """The larger of the natural and the cone residual."""
-        natural = self._problem.residual(x, gradient)
-        return max(natural, self._cones.residual(x, gradient, self._problem.law.friction))
 
     def _recorded(self, X: FloatArray, size: float, step: ConeStep | None = None, alpha: float = 1.0) -> None:
         """Record a step; ends the run if it is interrupted, or if all work has been spent."""
@@ -303,20 +315,11 @@ class _Run:
         """The best answer, judged afresh."""
         problem, x = self._problem, self._best[1]
         gradient = problem.gradient(x)
-        residual = self._residual(x, gradient)
-        w = gradient.reshape(-1, 3)
-        result = SolverResult(
-            x=x,
-            gradient=gradient,
-            slip_bound=problem.slip_bound(x),
-            multipliers=np.column_stack([np.maximum(w[:, 0], 0.0), np.hypot(w[:, 1], w[:, 2])]),
-            status=self._goal.verdict(residual, x, status),
-            outer_steps=self._convex,
-            newton_steps=len(self._history),
-            products=problem.A.products - self._products + self._cones.products,
-            residual=residual,
-            history=tuple(self._history),
-            method=self._settings.name,
+        residual = self._scales.residual(problem, x, gradient)
+        products = self._sweeps + problem.A.products - self._products + self._cones.products
+        result = answer(self._settings.name, problem, self._goal, x, gradient, residual, status, products)
+        result = replace(
+            result, outer_steps=self._convex, newton_steps=len(self._history), history=tuple(self._history)
         )
         if result.status is Status.CONVERGED:
             return result

@@ -18,6 +18,7 @@ from ..arrays import FloatArray
 from .cones import Projection, cone_residual, project, radius
 from .friction_problem import FrictionProblem
 from .newton_matrix import NewtonMatrix
+from .results import Goal, SolverResult, Status
 
 
 class NaturalMap(NamedTuple):
@@ -36,12 +37,77 @@ class NaturalMap(NamedTuple):
     projection: Projection
 
 
+class Scales(NamedTuple):
+    """What takes the units from a problem, and its measure of an answer.
+
+    Attributes:
+        compliance: a, the mean diagonal of A, metres per newton.
+        force: s, of which the largest |b| is the displacement a s, newtons.
+        loads: |b| / (a s).
+    """
+
+    compliance: float
+    force: float
+    loads: float
+
+    @classmethod
+    def of(cls, problem: FrictionProblem) -> Scales:
+        """Those of a problem on one rank."""
+        a, largest = problem.mean_diagonal, float(np.abs(problem.b).max())
+        s = largest / a or 1.0
+        return cls(a, s, float(np.linalg.norm(problem.b)) / (a * s))
+
+    def residual(self, problem: FrictionProblem, x: FloatArray, gradient: FloatArray) -> float:
+        """The larger of the natural residual and the collection's, of forces x in newtons with A x - b in metres."""
+        r, u = x.reshape(-1, 3) / self.force, gradient.reshape(-1, 3) / (self.compliance * self.force)
+        return max(problem.residual(x, gradient), cone_residual(r, u, problem.law.friction, self.loads))
+
+
+def answer(
+    name: str,
+    problem: FrictionProblem,
+    goal: Goal,
+    x: FloatArray,
+    gradient: FloatArray,
+    residual: float,
+    otherwise: Status,
+    products: int,
+) -> SolverResult:
+    """The result with some forces.
+
+    Args:
+        name: The solver's.
+        problem: The problem.
+        goal: Decides on the status.
+        x: Forces in newtons, shape (3 m,).
+        gradient: A x - b in metres, shape (3 m,), computed afresh.
+        residual: Of both.
+        otherwise: The status if they do not pass.
+        products: Products by A so far.
+    """
+    w = gradient.reshape(-1, 3)
+    return SolverResult(
+        x=x,
+        gradient=gradient,
+        slip_bound=problem.slip_bound(x),
+        multipliers=np.stack([np.maximum(w[:, 0], 0.0), radius(w)], axis=1),
+        status=goal.verdict(residual, x, otherwise),
+        outer_steps=0,
+        newton_steps=0,
+        products=products,
+        residual=residual,
+        history=(),
+        method=name,
+    )
+
+
 class ConeProblem:
     """A problem with Coulomb friction in these variables, on one rank.
 
     Args:
         problem: Coulomb's law without cohesion, lower bounds 0, no rigid motions.
         A: Its compliance as a sparse matrix.
+        scales: Its units.
 
     Attributes:
         contacts: m.
@@ -51,15 +117,14 @@ class ConeProblem:
         products: Products by W so far.
     """
 
-    def __init__(self, problem: FrictionProblem, A: Any):
+    def __init__(self, problem: FrictionProblem, A: Any, scales: Scales):
         friction = problem.law.friction
         self.contacts = len(friction)
-        self._a, self._s = problem.mean_diagonal, float(np.abs(problem.b).max()) / problem.mean_diagonal or 1.0
+        self._a, self._s, self._loads = scales
         self._S = np.column_stack([np.ones_like(friction), friction, friction])
         scale = scipy.sparse.diags(self._S.ravel())
         self.W = (scale @ (A / self._a) @ scale).tocsr()
         self.q: FloatArray = -self._S * problem.b.reshape(-1, 3) / (self._a * self._s)
-        self._loads = float(np.linalg.norm(problem.b)) / (self._a * self._s)
         self.matrix, self.products = NewtonMatrix(self.W), 0
         stiffest = np.maximum(self.W.diagonal().reshape(-1, 3).max(axis=1), 1e-3)
         self._rho: FloatArray = (1.0 / stiffest)[:, None]
@@ -72,11 +137,6 @@ class ConeProblem:
         """Forces in newtons (3 m,) as X (m, 3); 0 along the tangents of contacts without friction."""
         X: FloatArray = x.reshape(-1, 3) / (self._s * np.where(self._S > 0.0, self._S, 1.0))
         return np.where(self._S > 0.0, X, 0.0)
-
-    def residual(self, x: FloatArray, gradient: FloatArray, friction: FloatArray) -> float:
-        """The cone residual of forces x in newtons with A x - b in metres, both of shape (3 m,)."""
-        r, u = x.reshape(-1, 3) / self._s, gradient.reshape(-1, 3) / (self._a * self._s)
-        return cone_residual(r, u, friction, self._loads)
 
     def w(self, X: FloatArray) -> FloatArray:
         """W X + q, shape (m, 3)."""

@@ -108,12 +108,13 @@ def _for_each(name: str, values: Any, nodes: int) -> FloatArray:
 
 
 def _compliance(A: Any) -> Compliance:
+    sparse = None
     if isinstance(A, PETSc.Mat):
         matrix = A
     elif scipy.sparse.issparse(A):
-        matrix = _square(scipy.sparse.csr_matrix(A, dtype=np.float64))
-        rows = (matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType), matrix.data)
-        matrix = PETSc.Mat().createAIJ(matrix.shape, csr=rows, comm=MPI.COMM_SELF)
+        sparse = _square(scipy.sparse.csr_matrix(A, dtype=np.float64))
+        rows = (sparse.indptr.astype(PETSc.IntType), sparse.indices.astype(PETSc.IntType), sparse.data)
+        matrix = PETSc.Mat().createAIJ(sparse.shape, csr=rows, comm=MPI.COMM_SELF)
     else:
         dense = np.asfortranarray(_square(_numbers("A", A)))
         matrix = PETSc.Mat().createDense(dense.shape, array=dense, comm=MPI.COMM_SELF)
@@ -126,7 +127,7 @@ def _compliance(A: Any) -> Compliance:
         raise ValueError("A has entries that are not finite")
     if not matrix.isSymmetric(1e-8 * size):
         raise ValueError("A must be symmetric")
-    compliance = MatrixCompliance(matrix)
+    compliance = MatrixCompliance(matrix, sparse)
     diagonal = compliance.diagonal()
     zero = np.flatnonzero(diagonal == 0.0)
     first = matrix.getOwnershipRange()[0]

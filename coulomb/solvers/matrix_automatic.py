@@ -22,7 +22,7 @@ _DEFINITE = 1e-8  # smallest eigenvalue of a definite A, over the mean diagonal
 
 @dataclass(frozen=True)
 class MatrixAutomatic:
-    """`ConeInteriorPoint` for Coulomb's law if A is small, sparse, or not clearly positive definite; else `Automatic`.
+    """`ConeInteriorPoint` without cohesion if A is small, sparse, or not clearly positive definite; else `Automatic`.
 
     The cone method factorises sparse matrices, or small dense ones, needs no full rank, and ends after a given amount
     of work; where it fails the problem is refused, with the reason.  With a large, dense and definite A, that of an
@@ -53,7 +53,7 @@ class MatrixAutomatic:
     ) -> SolverResult:
         """Solve a problem with friction; arguments and errors as those of `Solver.solve`."""
         cones = ConeInteriorPoint(self.tolerance)
-        if cones.suits(problem) and problem.sloped and _for_cones(problem.A):
+        if cones.suits(problem) and _for_cones(problem.A):
             result = cones.solve(problem, start, tolerance=tolerance, progress=progress)
             return replace(result, method=f"auto: {result.method}")
         return Automatic(self.tolerance).solve(

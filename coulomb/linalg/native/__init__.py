@@ -25,4 +25,5 @@ def kernels() -> ctypes.CDLL | None:
         _log.info("no kernels in C, factorisation and multigrid are slower: %s", error)
         return None
     library.advance.restype = ctypes.c_double
+    library.to_blocks.restype = ctypes.c_long
     return library

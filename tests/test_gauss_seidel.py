@@ -1,0 +1,106 @@
+"""Gauss-Seidel sweeps in C: one contact by formulas, what they leave to the other methods, and work without them."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+from coulomb import FrictionProblem, NotConverged, Status, solve_coulomb
+from coulomb.benchmarks.rigid_bodies import spheres, stack
+from coulomb.io.fclib import FCLIBProblem
+from coulomb.solvers import gauss_seidel
+from coulomb.solvers.cone_interior_point import ConeInteriorPoint
+from coulomb.solvers.general import _compliance
+
+pytestmark = pytest.mark.skipif(gauss_seidel._kernel() is None, reason="no C compiler")
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 0.8, 5.0])
+def test_one_contact_by_hand(friction):
+    """diag(2, 4, 4), free velocity (-3, 0.8, -0.6): r_n = 1.5; friction |0.25 v_t| = 0.25, or F r_n, against v_t."""
+    q = np.array([-3.0, 0.8, -0.6])
+    result = solve_coulomb(np.diag([2.0, 4.0, 4.0]), -q, friction)
+    size = min(0.25, 1.5 * friction)
+    assert np.allclose(result.x, [1.5, -0.8 * size, 0.6 * size], atol=1e-12)
+    assert (result.newton_steps, result.products) == (0, 1)
+    assert np.array_equal(solve_coulomb(np.diag([2.0, 4.0, 4.0]), np.array([-1.0, 5.0, 0.0]), friction).x, np.zeros(3))
+
+
+def test_friction_along_the_slip_is_no_root():
+    """A start with the friction reversed, where friction and slip are parallel as well, and have the same sign."""
+    A, b = _compliance(np.diag([2.0, 4.0, 4.0])), np.array([3.0, -0.8, 0.6])
+    problem = FrictionProblem.coulomb(A, b, np.array([0.1]))
+    result = ConeInteriorPoint().solve(problem, np.array([1.5, 0.12, -0.09]))
+    assert np.allclose(result.x, [1.5, -0.12, 0.09], atol=1e-12) and (result.newton_steps, result.products) == (0, 1)
+
+
+def test_one_contact_of_any_compliance_by_the_law():
+    """Open, or closed and sticking, or slipping against the friction: to rounding, in one or two sweeps."""
+    rng, slipped = np.random.default_rng(7), 0
+    for _ in range(300):
+        G, q, F = rng.standard_normal((3, 3)), rng.standard_normal(3), rng.choice([0.1, 0.5, 1.0])
+        A = G @ G.T + 0.3 * np.eye(3)
+        r = solve_coulomb(A, -q, F).x
+        u = A @ r + q
+        if q[0] >= 0.0:
+            assert not r.any()
+            continue
+        size, slip = np.hypot(r[1], r[2]), np.hypot(u[1], u[2])
+        assert r[0] > 0.0 and abs(u[0]) < 1e-8 and size <= F * r[0] * (1.0 + 1e-8)
+        if slip > 1e-7:
+            slipped += 1
+            assert size == pytest.approx(F * r[0], rel=1e-7) and r[1:] @ u[1:] == pytest.approx(-size * slip, rel=1e-7)
+    assert slipped > 50
+
+
+def test_same_forces_in_other_units_and_orders_of_entries():
+    problem = spheres(8, 0.3, 1)
+    first = solve_coulomb(problem.W, -problem.q, problem.mu)
+    again = solve_coulomb(1e6 * problem.W, -1e-3 * problem.q, problem.mu)
+    assert np.allclose(1e9 * again.x, first.x, atol=1e-6 * abs(first.x).max())
+    W = scipy.sparse.csr_matrix(problem.W)
+    order = np.concatenate([range(b - 1, a - 1, -1) for a, b in zip(W.indptr, W.indptr[1:], strict=False)])
+    turned = scipy.sparse.csr_matrix((W.data[order], W.indices[order].astype(np.int64), W.indptr), shape=W.shape)
+    third = solve_coulomb(turned, -problem.q, problem.mu)
+    assert np.allclose(third.x, first.x, atol=1e-6 * abs(first.x).max())
+    assert (first.newton_steps, again.newton_steps, third.newton_steps) == (0, 0, 0)
+
+
+def test_a_singular_block_of_the_diagonal():
+    """W of rank 2 at a contact that sticks: one combination of the tangential forces is not determined."""
+    t = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0]])
+    problem = FCLIBProblem(scipy.sparse.csr_matrix(t.T @ t), np.array([-1.0, 0.2, 0.2]), np.array([0.9]))
+    result = solve_coulomb(problem.W, -problem.q, problem.mu)
+    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
+    assert result.x[0] == pytest.approx(1.0) and result.x[1:].sum() == pytest.approx(-0.2)
+
+
+def test_known_slip_is_left_to_the_other_methods():
+    """Zero rows along both tangents: friction at its bound against the slip -b_t of (3, 4)."""
+    result = solve_coulomb(np.diag([2.0, 0.0, 0.0]), np.array([4.0, -3.0, -4.0]), 0.5)
+    assert np.allclose(result.x, [2.0, -0.6, -0.8], atol=1e-8)
+
+
+def test_sweeps_end_where_they_do_not_pay():
+    """A stack of eight cubes, on which they would take seconds: given up early, and solved by the other methods."""
+    problem = stack(8, 1.0, 2)
+    result = solve_coulomb(problem.W, -problem.q, problem.mu)
+    assert result.newton_steps > 0 and problem.residual(result.x) <= 1e-8
+
+
+def test_interrupted_after_the_sweeps():
+    problem, seen = stack(8, 1.0, 2), []
+
+    class Stopped(ConeInteriorPoint):
+        def solve(self, problem, start=None, **rest):
+            return super().solve(problem, start, progress=lambda at: seen.append(at) or True)
+
+    with pytest.raises(NotConverged) as failure:
+        solve_coulomb(problem.W, -problem.q, problem.mu, Stopped())
+    assert failure.value.result.status is Status.INTERRUPTED and [at.path_following for at in seen] == [0]
+
+
+def test_same_answer_without_a_compiler(monkeypatch):
+    problem = spheres(8, 0.3, 1)
+    monkeypatch.setattr(gauss_seidel, "_kernel", lambda: None)
+    result = solve_coulomb(problem.W, -problem.q, problem.mu)
+    assert result.newton_steps > 0 and problem.residual(result.x) <= 1e-8
