@@ -42,7 +42,9 @@ def compiled_library(name: str, sources: Sequence[Path], headers: Sequence[Path]
         with tempfile.TemporaryDirectory(dir=library.parent) as directory:
             made = Path(directory) / library.name
             command = [*compiler, *_FLAGS, "-o", str(made), *map(str, sources), "-lm"]
-            subprocess.run(command, check=True, capture_output=True, timeout=_SECONDS)
+            with_threads = subprocess.run([*command, "-fopenmp"], check=False, capture_output=True, timeout=_SECONDS)
+            if with_threads.returncode != 0:  # a compiler without the library of OpenMP
+                subprocess.run(command, check=True, capture_output=True, timeout=_SECONDS)
             made.replace(library)  # at once: other processes may do the same
     return ctypes.CDLL(str(library))
 

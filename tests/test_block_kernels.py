@@ -9,7 +9,7 @@ import scipy.sparse
 from petsc4py import PETSc
 
 from coulomb.benchmarks.block import block
-from coulomb.linalg import native, stiffness
+from coulomb.linalg import block_matrix, native, recycled_cg, stiffness
 from coulomb.linalg.block_matrix import SHAPES, BlockInterpolation, SymmetricBlocks, in_kernel_blocks, padded
 from coulomb.linalg.petsc_arrays import Entries
 
@@ -36,8 +36,16 @@ def vector(values):
     return v
 
 
+@pytest.fixture(params=[1, 2, 5])
+def team(monkeypatch, request):
+    """Threads of a kernel, however small the matrix."""
+    monkeypatch.setattr(block_matrix, "threads", lambda: request.param)
+    monkeypatch.setattr(block_matrix, "_ALONE", 0)
+    return request.param
+
+
 @pytest.mark.parametrize("size", [3, 6])
-def test_symmetric_blocks(size):
+def test_symmetric_blocks(size, team):
     rng = np.random.default_rng(size)
     half = in_blocks(40, 40, (size, size), 0.1, rng).tocsr()
     keep = np.repeat(np.arange(40) != 7, size)  # a row and a column without any entry
@@ -61,7 +69,7 @@ def test_symmetric_blocks(size):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_block_interpolation(shape):
+def test_block_interpolation(shape, team):
     rng = np.random.default_rng(shape)
     P = in_blocks(50, 12, shape, 0.3, rng).tocsr()
     blocks = BlockInterpolation(native.kernels(), petsc(P), shape)
@@ -102,6 +110,32 @@ def test_multigrid_as_petsc_has_it(monkeypatch, cell, degree):
         iterations.append(solver.iterations)
         solver.destroy()
     assert abs(iterations[0] - iterations[1]) <= 2
+
+
+def test_threads_change_rounding_only(monkeypatch):
+    """Of multigrid as a whole, with more threads than there are processors too."""
+    K = block(6, 0.3).elasticity.K
+    f, u = K.createVecs()
+    f.array[:] = np.random.default_rng(5).standard_normal(f.getLocalSize())
+    answers, iterations = [], []
+    for count in (1, 3):
+        for module in (block_matrix, recycled_cg):
+            monkeypatch.setattr(module, "threads", lambda count=count: count)
+            monkeypatch.setattr(module, "_ALONE", 0)
+        solver = stiffness.IterativeSolver(K, tolerance=1e-8)
+        solver.solve(f, u)
+        answers.append(u.array.copy())
+        iterations.append(solver.iterations)
+        solver.destroy()
+    assert iterations[0] == iterations[1]
+    assert 0.0 < np.linalg.norm(answers[1] - answers[0]) <= 1e-10 * np.linalg.norm(answers[0])
+
+
+@pytest.mark.parametrize(("given", "count"), [("", 1), ("1", 1), ("2,1", 2), ("64", 3), ("many", 1), ("0", 1)])
+def test_threads_are_those_of_the_environment(monkeypatch, given, count):
+    monkeypatch.setenv("OMP_NUM_THREADS", given)
+    monkeypatch.setattr(native.os, "sched_getaffinity", lambda _: {0, 1, 2})
+    assert native.threads.__wrapped__() == count
 
 
 def test_without_compiler(monkeypatch, tmp_path):

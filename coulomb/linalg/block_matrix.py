@@ -12,6 +12,7 @@ Vectors of this rank are arrays with room for a few numbers behind their end (`p
 from __future__ import annotations
 
 import ctypes
+import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .ghost_blocks import PADDING, GhostBlocks, padded
+from .native import threads
 from .petsc_arrays import Entries, own_and_others
 
 __all__ = ["PADDING", "SHAPES", "BlockInterpolation", "SymmetricBlocks", "address", "in_kernel_blocks", "padded"]
@@ -30,6 +32,7 @@ SHAPES = ((3, 3), (3, 6), (6, 6))
 """Shapes of blocks for which there are kernels."""
 
 _LANES = {3: 4, 6: 8}
+_ALONE = 20_000  # blocks below which one thread takes less time than several
 _Array = npt.NDArray[Any]
 
 
@@ -135,7 +138,7 @@ class _Others:
         """Begin to send A^T r to the ranks of its entries."""
         rows, *matrix = self._places
         out = address(self.ghosts.values), address(self._sums)
-        self._restrict(len(self._rows), self._needed, rows, *matrix, address(r), *out)
+        self._restrict(len(self._rows), self._needed, 1, rows, *matrix, address(r), *out)
         self.ghosts.give()
 
 
@@ -149,6 +152,19 @@ def _others(
 ) -> _Others | None:
     """None on one rank."""
     return None if entries is None else _Others(library, matrix, entries, columns, shape, accurate)
+
+
+def _shares(blocks: _Blocks, team: int) -> tuple[npt.NDArray[np.int32] | None, int]:
+    """How threads share the rows of an upper triangle, as `shared` in native/blocks.h has it, and how many rows have
+    further sums; None for one thread."""
+    pointers, columns = blocks.pointers, blocks.columns
+    if team == 1 or len(columns) < _ALONE:
+        return None, 0
+    begin = np.searchsorted(pointers, np.arange(1, team) * (len(columns) / team))
+    begin = np.concatenate([[0], begin, [len(pointers) - 1]])
+    parts = (columns[pointers[a] : pointers[b]] for a, b in itertools.pairwise(begin))
+    reach = np.maximum([1 + part.max(initial=-1) for part in parts], begin[1:])
+    return np.concatenate([[team], begin, reach]).astype(np.int32), int((reach - begin[1:]).sum())
 
 
 class SymmetricBlocks:
@@ -170,11 +186,12 @@ class SymmetricBlocks:
         self._others = _others(library, matrix, others, columns, (size, size), accurate)
         n = len(self._blocks.pointers) - 1
         self.size = size * n
-        self._sums = np.zeros(_LANES[size] * n + PADDING)
+        self._shares, beyond = _shares(self._blocks, threads())
+        self._sums = np.zeros(_LANES[size] * (n + beyond) + PADDING)
         self._product, self._residual, self._step = (
             getattr(library, f"{name}_{size}_{size}") for name in ("product", "residual", "step")
         )
-        self._matrix = (n, *map(address, self._blocks[:3]))
+        self._matrix = (n, address(self._shares), *map(address, self._blocks[:3]))
 
     def mult(self, x: FloatArray, y: FloatArray) -> None:
         """y <- K x, in double precision if `accurate`; x padded; collective."""
@@ -228,7 +245,8 @@ class BlockInterpolation:
         self._blocks = in_kernel_blocks(library, own, shape)
         self._others = _others(library, matrix, others, columns, shape)
         self._n, self._coarse = len(self._blocks.pointers) - 1, matrix.getLocalSize()[1] // shape[1]
-        self._sums = np.zeros(_LANES[shape[1]] * self._coarse + PADDING)
+        self._threads = threads() if len(self._blocks.columns) >= _ALONE else 1
+        self._sums = np.zeros(_LANES[shape[1]] * self._coarse * self._threads + PADDING)
         self._prolong, self._restrict = (
             getattr(library, f"{name}_{shape[0]}_{shape[1]}") for name in ("prolong", "restrict_to")
         )
@@ -238,7 +256,7 @@ class BlockInterpolation:
         """x <- x + P e; e padded; collective."""
         if self._others is not None:
             self._others.ghosts.fetch(e)
-        self._prolong(self._n, *self._matrix, address(e), address(x))
+        self._prolong(self._n, self._threads, *self._matrix, address(e), address(x))
         if self._others is not None:
             self._others.add(1.0, x)
 
@@ -247,7 +265,7 @@ class BlockInterpolation:
         if self._others is not None:
             self._others.give_restricted(r)
         vectors = address(r), address(b), address(self._sums)
-        self._restrict(self._n, self._coarse, None, *self._matrix, *vectors)
+        self._restrict(self._n, self._coarse, self._threads, None, *self._matrix, *vectors)
         if self._others is not None:
             self._others.ghosts.given(b)
 

@@ -19,11 +19,14 @@ from scipy.linalg.blas import daxpy
 
 from ..arrays import FloatArray
 from .block_matrix import address, padded
+from .native import threads
 from .reductions import Reductions, summed
 
 _RECOMPUTED = 1e-4
 """Tolerance below which the residual at the start is computed by a product, since images of directions are kept in
 single precision."""
+
+_ALONE = 50_000  # unknowns below which one thread takes less time than several
 
 _NOT_CONVERGED = 91  # PETSc's number of this error
 
@@ -61,6 +64,7 @@ class RecycledCG:
         self._images = np.empty((directions, size), dtype=np.float32)
         self._gram: FloatArray = np.zeros((directions, directions))
         self._count, self._next = 0, 0
+        self._threads = threads() if size >= _ALONE else 1
 
     @property
     def residual(self) -> FloatArray:
@@ -111,13 +115,15 @@ class RecycledCG:
             if iteration == 0:
                 p[:] = z
             else:
-                self._library.next_direction(len(p), ctypes.c_double(product / before), address(z), address(p))
+                self._library.next_direction(
+                    len(p), self._threads, ctypes.c_double(product / before), address(z), address(p)
+                )
             self._mult(p, image)
             curvature = self._dot(p, image)
             if not (product > 0.0 and curvature > 0.0):  # or NaN
                 break
             step = ctypes.c_double(product / curvature)
-            square = self._library.advance(len(p), step, *map(address, (p, image, self._moved, r)))
+            square = self._library.advance(len(p), self._threads, step, *map(address, (p, image, self._moved, r)))
             left, before = math.sqrt(self._over.sum(square)), product
         raise PETSc.Error(_NOT_CONVERGED)
 

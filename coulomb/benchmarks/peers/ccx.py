@@ -64,7 +64,7 @@ def run(deck: Iterable[str], steps: int = 1) -> Job:
 
 def _run(directory: Path) -> int:
     """ccx on job.inp; its peak memory in bytes."""
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    environment = {"OMP_NUM_THREADS": "1"} | os.environ
     memory, log = 0, directory / "log"
     with log.open("w", encoding="utf-8") as file:
         process = subprocess.Popen(

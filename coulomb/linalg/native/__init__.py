@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import logging
+import os
 import subprocess
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from ...compiled import compiled_library
 _log = logging.getLogger(__name__)
 
 _SOURCES = tuple(Path(__file__).parent / name for name in ("blocks.c", "fronts.c"))
+_MOST_THREADS = 64  # MOST_THREADS of blocks.c
 _HEADERS = tuple(source.with_suffix(".h") for source in _SOURCES)
 
 
@@ -27,3 +29,12 @@ def kernels() -> ctypes.CDLL | None:
     library.advance.restype = ctypes.c_double
     library.to_blocks.restype = ctypes.c_long
     return library
+
+
+@functools.cache
+def threads() -> int:
+    """Threads of a kernel: as many as OMP_NUM_THREADS says, but no more than there are processors; 1 if it is unset, so
+    that ranks do not compete."""
+    first = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(int(first), processors, _MOST_THREADS)) if first.isdigit() else 1

@@ -5,6 +5,16 @@ typedef float f8 __attribute__((vector_size(32), aligned(4), may_alias));
 typedef double d4 __attribute__((vector_size(32), aligned(8), may_alias));
 typedef double d8 __attribute__((vector_size(64), aligned(8), may_alias));
 
+#define MOST_THREADS 64
+#ifdef _OPENMP
+#include <omp.h>
+#define THREAD omp_get_thread_num()
+#define TEAM omp_get_num_threads()
+#else /* one after the other */
+#define THREAD 0
+#define TEAM 1
+#endif
+
 #ifdef __AVX__ /* compilers convert a vector in two halves if they are not told otherwise */
 #include <immintrin.h>
 static inline d4 up4(const float *v) { return (d4)_mm256_cvtps_pd(_mm_loadu_ps(v)); }
@@ -87,9 +97,8 @@ long to_blocks(long n, int br, int bc, int upper, const int *ptr, const int *col
     return count;
 }
 
-/* x <- x + step p, r <- r - step image; |r|^2. */
-double advance(long n, double step, const double *restrict p, const double *restrict image, double *restrict x,
-               double *restrict r)
+static double advanced(long n, double step, const double *restrict p, const double *restrict image,
+                       double *restrict x, double *restrict r)
 {
     d8 squares = {0};
     long i = 0;
@@ -110,9 +119,24 @@ double advance(long n, double step, const double *restrict p, const double *rest
     return total;
 }
 
-/* p <- z + factor p. */
-void next_direction(long n, double factor, const double *restrict z, double *restrict p)
+/* x <- x + step p, r <- r - step image; |r|^2, added up by threads in their order. */
+double advance(long n, int threads, double step, const double *p, const double *image, double *x, double *r)
 {
+    double squares[MOST_THREADS], total = 0.0;
+#pragma omp parallel for schedule(static) num_threads(threads) if (threads > 1)
+    for (int t = 0; t < threads; t++) {
+        const long from = 8 * (n / 8 * t / threads), to = t + 1 < threads ? 8 * (n / 8 * (t + 1) / threads) : n;
+        squares[t] = advanced(to - from, step, p + from, image + from, x + from, r + from);
+    }
+    for (int t = 0; t < threads; t++)
+        total += squares[t];
+    return total;
+}
+
+/* p <- z + factor p. */
+void next_direction(long n, int threads, double factor, const double *restrict z, double *restrict p)
+{
+#pragma omp parallel for schedule(static) num_threads(threads) if (threads > 1)
     for (long i = 0; i < n; i++)
         p[i] = z[i] + factor * p[i];
 }

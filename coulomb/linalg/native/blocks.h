@@ -14,12 +14,30 @@ Of a symmetric matrix the upper triangle is given, in every row the block on the
 rows below: x_i may be changed then. */
 enum NAME(mode) { NAME(PRODUCT), NAME(RESIDUAL), NAME(STEP) };
 
-static inline __attribute__((always_inline)) void NAME(symmetric)(
-    const enum NAME(mode) mode, const int split, int n, const int *restrict ptr, const int *restrict col,
-    const float *restrict val, const float *restrict low, const double *restrict inverse, const double *b, double *x,
-    double *y, double first, double second, double *restrict w)
+/* What becomes of row `at` of K x. */
+static inline __attribute__((always_inline)) void NAME(finish)(
+    const enum NAME(mode) mode, long at, double total, const double *restrict inverse, const double *b, double *x,
+    double *y, double first, double second)
 {
-    for (int i = 0; i < n; i++) {
+    if (mode == NAME(PRODUCT))
+        y[at] = total;
+    else if (mode == NAME(RESIDUAL))
+        y[at] = b[at] - total;
+    else {
+        y[at] = first * y[at] + second * inverse[at] * (b[at] - total);
+        x[at] += y[at];
+    }
+}
+
+/* Rows begin to end.  Their parts of rows from `end` on go to `beyond`, if it is `shared` work.  Rows before `held` are
+not finished: what is known of them is left in w. */
+static inline __attribute__((always_inline)) void NAME(symmetric)(
+    const enum NAME(mode) mode, const int split, const int shared, int begin, int held, int end,
+    const int *restrict ptr, const int *restrict col, const float *restrict val, const float *restrict low,
+    const double *restrict inverse, const double *b, double *x, double *y, double first, double second,
+    double *restrict w, double *restrict beyond)
+{
+    for (int i = begin; i < end; i++) {
         DC X[BR], sum[BR];
         const double *xi = x + BR * i;
         for (int r = 0; r < BR; r++) {
@@ -27,7 +45,7 @@ static inline __attribute__((always_inline)) void NAME(symmetric)(
             sum[r] = (DC){0};
         }
         long k = ptr[i];
-        const long end = ptr[i + 1];
+        const long last = ptr[i + 1];
         const DC own = *(const DC *)xi;
         for (int r = 0; r < BR; r++) {
             DC row = UP(val + BR * BC * k + BC * r);
@@ -35,11 +53,11 @@ static inline __attribute__((always_inline)) void NAME(symmetric)(
                 row += UP(low + BR * BC * k + BC * r);
             sum[r] = row * own;
         }
-        for (k++; k < end; k++) {
+        for (k++; k < last; k++) {
             const float *block = val + BR * BC * k;
             const long j = col[k];
             const DC xj = *(const DC *)(x + BC * j);
-            DC *wj = (DC *)(w + LC * j), below = *wj;
+            DC *wj = (DC *)((shared && j >= end ? beyond : w) + LC * j), below = *wj;
             __builtin_prefetch(block + 768);
             if (split)
                 __builtin_prefetch(low + BR * BC * k + 768);
@@ -56,49 +74,89 @@ static inline __attribute__((always_inline)) void NAME(symmetric)(
             double total = w[LC * i + r];
             for (int c = 0; c < BC; c++)
                 total += sum[r][c];
-            const long at = (long)BR * i + r;
-            if (mode == NAME(PRODUCT))
-                y[at] = total;
-            else if (mode == NAME(RESIDUAL))
-                y[at] = b[at] - total;
-            else {
-                y[at] = first * y[at] + second * inverse[at] * (b[at] - total);
-                x[at] += y[at];
-            }
+            if (shared && i < held)
+                w[LC * i + r] = total;
+            else
+                NAME(finish)(mode, (long)BR * i + r, total, inverse, b, x, y, first, second);
         }
-        *(DC *)(w + LC * i) = (DC){0};
+        if (!(shared && i < held))
+            *(DC *)(w + LC * i) = (DC){0};
+    }
+}
+
+/* All rows, by threads where there are `shares`: their number, where the rows of each begin and the last end, and the
+number after the last column of each.  A thread adds to rows of later ones in an array of its own, behind those of w;
+the rows to which earlier threads add, which still need x there, are finished when all have come so far. */
+static inline __attribute__((always_inline)) void NAME(shared)(
+    const enum NAME(mode) mode, const int split, int n, const int *shares, const int *restrict ptr,
+    const int *restrict col, const float *restrict val, const float *restrict low, const double *restrict inverse,
+    const double *b, double *x, double *y, double first, double second, double *w)
+{
+    if (!shares) {
+        NAME(symmetric)(mode, split, 0, 0, 0, n, ptr, col, val, low, inverse, b, x, y, first, second, w, w);
+        return;
+    }
+    const int count = shares[0], *begin = shares + 1, *reach = shares + 2 + count;
+    double *beyond[MOST_THREADS];
+    int held[MOST_THREADS];
+    long place = n;
+    for (int t = 0, most = 0; t < count; t++) {
+        held[t] = most < begin[t + 1] ? most : begin[t + 1];
+        beyond[t] = w + LC * (place - begin[t + 1]);
+        place += reach[t] - begin[t + 1];
+        most = reach[t] > most ? reach[t] : most;
+    }
+#pragma omp parallel num_threads(count)
+    {
+        for (int t = THREAD; t < count; t += TEAM)
+            NAME(symmetric)(mode, split, 1, begin[t], held[t], begin[t + 1], ptr, col, val, low, inverse, b, x, y,
+                            first, second, w, beyond[t]);
+#pragma omp barrier
+        for (int t = THREAD; t < count; t += TEAM)
+            for (long i = begin[t]; i < held[t]; i++) {
+                DC total = *(DC *)(w + LC * i);
+                *(DC *)(w + LC * i) = (DC){0};
+                for (int s = 0; s < t; s++)
+                    if (i < reach[s]) {
+                        total += *(DC *)(beyond[s] + LC * i);
+                        *(DC *)(beyond[s] + LC * i) = (DC){0};
+                    }
+                for (int r = 0; r < BR; r++)
+                    NAME(finish)(mode, BR * i + r, total[r], inverse, b, x, y, first, second);
+            }
     }
 }
 
 /* y <- K x, K = val + low, or val where low is 0. */
-void NAME(product)(int n, const int *ptr, const int *col, const float *val, const float *low, double *x, double *y,
-                   double *w)
+void NAME(product)(int n, const int *shares, const int *ptr, const int *col, const float *val, const float *low,
+                   double *x, double *y, double *w)
 {
     if (low)
-        NAME(symmetric)(NAME(PRODUCT), 1, n, ptr, col, val, low, 0, 0, x, y, 0.0, 0.0, w);
+        NAME(shared)(NAME(PRODUCT), 1, n, shares, ptr, col, val, low, 0, 0, x, y, 0.0, 0.0, w);
     else
-        NAME(symmetric)(NAME(PRODUCT), 0, n, ptr, col, val, 0, 0, 0, x, y, 0.0, 0.0, w);
+        NAME(shared)(NAME(PRODUCT), 0, n, shares, ptr, col, val, 0, 0, 0, x, y, 0.0, 0.0, w);
 }
 
 /* y <- b - K x. */
-void NAME(residual)(int n, const int *ptr, const int *col, const float *val, const double *b, double *x, double *y,
-                    double *w)
+void NAME(residual)(int n, const int *shares, const int *ptr, const int *col, const float *val, const double *b,
+                    double *x, double *y, double *w)
 {
-    NAME(symmetric)(NAME(RESIDUAL), 0, n, ptr, col, val, 0, 0, b, x, y, 0.0, 0.0, w);
+    NAME(shared)(NAME(RESIDUAL), 0, n, shares, ptr, col, val, 0, 0, b, x, y, 0.0, 0.0, w);
 }
 
 /* A step of Chebyshev's iteration: d <- first d + second D^-1 (b - K x), x <- x + d. */
-void NAME(step)(int n, const int *ptr, const int *col, const float *val, const double *inverse, const double *b,
-                double *x, double *d, double first, double second, double *w)
+void NAME(step)(int n, const int *shares, const int *ptr, const int *col, const float *val, const double *inverse,
+                const double *b, double *x, double *d, double first, double second, double *w)
 {
-    NAME(symmetric)(NAME(STEP), 0, n, ptr, col, val, 0, inverse, b, x, d, first, second, w);
+    NAME(shared)(NAME(STEP), 0, n, shares, ptr, col, val, 0, inverse, b, x, d, first, second, w);
 }
 
 #endif
 
 /* x <- x + P e. */
-void NAME(prolong)(int n, const int *ptr, const int *col, const float *val, const double *e, double *x)
+void NAME(prolong)(int n, int threads, const int *ptr, const int *col, const float *val, const double *e, double *x)
 {
+#pragma omp parallel for schedule(static) num_threads(threads) if (threads > 1)
     for (int i = 0; i < n; i++) {
         DC sum[BR];
         for (int r = 0; r < BR; r++)
@@ -119,28 +177,39 @@ void NAME(prolong)(int n, const int *ptr, const int *col, const float *val, cons
     }
 }
 
-/* b <- P^T r, of `columns` blocks; P has the rows `rows`, where that is not 0. */
-void NAME(restrict_to)(int n, int columns, const int *rows, const int *ptr, const int *col, const float *val,
-                       const double *r, double *b, double *w)
+/* b <- P^T r, of `columns` blocks; P has the rows `rows`, where that is not 0.  Every thread has sums of its own. */
+void NAME(restrict_to)(int n, int columns, int threads, const int *rows, const int *ptr, const int *col,
+                       const float *val, const double *r, double *b, double *w)
 {
-    for (int i = 0; i < n; i++) {
-        const long at = rows ? rows[i] : i;
-        DC R[BR];
-        for (int k = 0; k < BR; k++)
-            R[k] = r[BR * at + k] - (DC){0};
-        for (long k = ptr[i]; k < ptr[i + 1]; k++) {
-            const float *block = val + BR * BC * k;
-            DC *wj = (DC *)(w + (long)LC * col[k]), sum = *wj;
-            __builtin_prefetch(block + 768);
-            for (int row = 0; row < BR; row++)
-                sum += UP(block + BC * row) * R[row];
-            *wj = sum;
+#pragma omp parallel num_threads(threads) if (threads > 1)
+    {
+#pragma omp for schedule(static)
+        for (int i = 0; i < n; i++) {
+            double *own = w + (long)LC * columns * THREAD;
+            const long at = rows ? rows[i] : i;
+            DC R[BR];
+            for (int k = 0; k < BR; k++)
+                R[k] = r[BR * at + k] - (DC){0};
+            for (long k = ptr[i]; k < ptr[i + 1]; k++) {
+                const float *block = val + BR * BC * k;
+                DC *wj = (DC *)(own + (long)LC * col[k]), sum = *wj;
+                __builtin_prefetch(block + 768);
+                for (int row = 0; row < BR; row++)
+                    sum += UP(block + BC * row) * R[row];
+                *wj = sum;
+            }
         }
-    }
-    for (long j = 0; j < columns; j++) {
-        for (int c = 0; c < BC; c++)
-            b[BC * j + c] = w[LC * j + c];
-        *(DC *)(w + LC * j) = (DC){0};
+#pragma omp for schedule(static)
+        for (long j = 0; j < columns; j++) {
+            DC sum = {0};
+            for (int t = 0; t < threads; t++) {
+                DC *of_thread = (DC *)(w + (long)LC * (columns * (long)t + j));
+                sum += *of_thread;
+                *of_thread = (DC){0};
+            }
+            for (int c = 0; c < BC; c++)
+                b[BC * j + c] = sum[c];
+        }
     }
 }
 
