@@ -7,7 +7,7 @@ import pytest
 from conftest import run_coulomb
 
 from coulomb.benchmarks import fclib_collection, fclib_solvers
-from coulomb.benchmarks.fclib_collection import FLOOR, Row, profile, solvers_here
+from coulomb.benchmarks.fclib_collection import Row, above, measure, profile, solvers_here
 from coulomb.benchmarks.rigid_bodies import collection, stack
 from coulomb.io.fclib import read_fclib, write_fclib
 
@@ -32,12 +32,22 @@ def test_npz_files_are_read(tmp_path):
     save_npz(tmp_path / "without.npz", problem, mu=None)
     save_npz(tmp_path / "short.npz", problem, q=problem.q[:-3])
     save_npz(tmp_path / "broken.npz", problem, W_indices=problem.W.indices + 1000)
+    save_npz(tmp_path / "nan.npz", problem, q=problem.q * np.nan)
+    save_npz(tmp_path / "infinite.npz", problem, W_data=problem.W.tocsr().data * np.inf)
+    save_npz(tmp_path / "negative.npz", problem, mu=np.where(np.arange(12) == 5, -0.1, problem.mu))
+    save_npz(tmp_path / "crooked.npz", problem, W_data=np.arange(1.0, 1.0 + problem.W.nnz))
+    save_npz(tmp_path / "empty.npz", problem, W_data=[], W_indices=[], W_indptr=[0], q=[], mu=[])
     (tmp_path / "text.npz").write_text("no")
     for name, message in (
         ("without.npz", "is not complete"),
         ("short.npz", "incompatible shapes"),
         ("broken.npz", "cannot be read as numpy arrays"),
         ("text.npz", "cannot be read as numpy arrays"),
+        ("nan.npz", "q has entries that are not finite"),
+        ("infinite.npz", "W has entries that are not finite"),
+        ("negative.npz", "friction of contact 5 is -0.1; it must be >= 0"),
+        ("crooked.npz", "W is not symmetric"),
+        ("empty.npz", "has no contacts"),
         ("none.npz", "cannot be read as numpy arrays"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -60,17 +70,36 @@ def row(problem, solver, seconds, solved=True):
 
 
 def test_profile_by_hand():
-    """a solves p alone, q in four times the time of b; short times, of r, are equal; nothing solves s."""
+    """a solves p alone, q in four times the time of b, r in a tenth; nothing solves s."""
     rows = [row("p", "a", 1.0), row("p", "b", 9.0, solved=False), row("q", "a", 4.0), row("q", "b", 1.0)]
-    rows += [
-        row("r", "a", 0.1 * FLOOR),
-        row("r", "b", 0.5 * FLOOR),
-        row("s", "a", 1.0, False),
-        row("s", "b", 1.0, False),
-    ]
+    rows += [row("r", "a", 1e-4), row("r", "b", 1e-3), row("s", "a", 1.0, False), row("s", "b", 1.0, False)]
     curve = profile(rows)
-    assert curve[0] == (1.0, 0.5, 0.5) and curve[-1] == (1e4, 0.75, 0.5)
+    assert curve[0] == (1.0, 0.5, 0.25) and curve[-1] == (1e4, 0.75, 0.5)
     assert {line[1] for line in curve if line[0] < 3.98} == {0.5}
+    assert {line[2] for line in curve if line[0] < 9.9} == {0.25} and above(curve) == [0.0]
+    with_floor = profile(rows, floor=2e-3, within=6.0)
+    assert with_floor[0] == (1.0, 0.5, 0.5) and with_floor[-1][1:] == (0.75, 0.5) and with_floor[-1][0] < 6.0
+    swapped = [(ratio, b, a) for ratio, a, b in curve]
+    assert above(swapped) == [1e4]
+
+
+def test_a_solver_is_ended_after_a_multiple_of_the_quickest(monkeypatch):
+    """2 s, not solved, then 0.5 s: limits of 60 s, 60 s and 10 x 0.5 s; of 0.01 s at least one second."""
+    limits, seconds = [], iter([2.0, 0.5, 0.01, 9.0])
+
+    def run(solver, file, limit):
+        limits.append(limit)
+        return next(seconds), 1e-9 if len(limits) > 1 else 1.0, True, ""
+
+    monkeypatch.setattr(fclib_collection, "_in_process", run)
+    problems = [("p", lambda: stack(2, 0.5, 1))]
+    assert [row.solved for row in measure(problems, ["coulomb", "a", "b", "c"], 60.0, 10.0)] == [
+        False,
+        True,
+        True,
+        True,
+    ]
+    assert limits == [60.0, 60.0, 5.0, 1.0]
 
 
 def test_a_solver_that_takes_too_long_is_ended(tmp_path, monkeypatch):
@@ -101,8 +130,10 @@ def test_command(tmp_path):
     assert (line["contacts"], line["rank"], line["solved"]) == ("12", "18", "True")
     assert float(line["residual"]) <= 1e-8
     assert (tmp_path / "out" / "fclib_profile.csv").read_text().startswith("ratio,coulomb")
+    assert "solved within a multiple" in done.stdout and (tmp_path / "out" / "fclib_profile_1ms.csv").is_file()
     for arguments, message in (
         ((), "give a folder of problems, or --generated SEED"),
+        ((tmp_path / "missing",), "there is no such directory"),
         ((tmp_path / "out",), "there are no FCLIB problems there"),
         ((tmp_path, "--solver", "magic"), "there is no solver 'magic'"),
     ):

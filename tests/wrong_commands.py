@@ -106,13 +106,6 @@ COMMANDS = (
     ),
     Wrong("check on two ranks", ("check", "."), r"coulomb check runs on one rank", alone=None),
     Wrong(
-        "fclib without a file",
-        ("fclib", "none.hdf5"),
-        r"none\.hdf5: cannot be read",
-        alone=True,
-        library="cannot be read",
-    ),
-    Wrong(
         "export of Tresca friction",
         ("export", "case.toml", "out.hdf5", "--set", "contact={face='bottom',slip_stress=1e6}"),
         r"FCLIB's problems have Coulomb's law; this case has a cohesion or a slip stress",

@@ -20,6 +20,7 @@ from wrong_input import BLOCK, case, comm, said
 from wrong_loads import LOADS
 from wrong_materials import MATERIALS
 from wrong_probes import PROBES
+from wrong_rigid import RIGID
 from wrong_supports import SUPPORTS
 
 from coulomb.cli import app as cli
@@ -36,6 +37,7 @@ TABLE = {
     "Several bodies": SEVERAL,
     "Contact": [*CONTACT, *GAPS],
     "Probes": PROBES,
+    "Rigid bodies": RIGID,
     "Machine": RESOURCES,
     "Commands": COMMANDS,
 }

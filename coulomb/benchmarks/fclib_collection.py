@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import math
 import os
 import subprocess
 import sys
@@ -22,9 +23,6 @@ import numpy as np
 from ..io.fclib import FCLIBProblem, read_fclib
 from .fclib_solvers import OURS, SICONOS, TOLERANCE
 from .rigid_bodies import collection
-
-FLOOR = 0.01
-"""Seconds: shorter times count as this in a performance profile, since they are those of calls, not of solvers."""
 
 RATIOS = tuple(10.0 ** (k / 10.0) for k in range(41))
 """Times over the quickest solver's at which a performance profile is written, 1 to 10 000."""
@@ -67,8 +65,10 @@ def in_folder(directory: Path) -> list[Made]:
     """Names and readers of the problems of a folder, .hdf5 and .npz.
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If there is no such folder, or none in it.
     """
+    if not directory.is_dir():
+        raise ValueError(f"{directory}: there is no such directory")
     files = sorted(path for path in directory.glob("*") if path.suffix in (".hdf5", ".h5", ".npz"))
     if not files:
         raise ValueError(f"{directory}: there are no FCLIB problems there, .hdf5 or .npz")
@@ -88,13 +88,15 @@ def solvers_here(names: Sequence[str] | None = None) -> list[str]:
     return [OURS, *chosen] if importlib.util.find_spec("siconos") is not None else [OURS]
 
 
-def measure(problems: Iterable[Made], solvers: Sequence[str], limit: float) -> Iterator[Row]:
+def measure(problems: Iterable[Made], solvers: Sequence[str], limit: float, within: float = math.inf) -> Iterator[Row]:
     """Rows as they are measured.
 
     Args:
         problems: Names and makers.
         solvers: Names.
         limit: Seconds of processor time for each.
+        within: A solver is also ended after this many times the time of the quickest one before it on the problem, at
+            least a second: a performance profile does not need more for ratios up to this.
 
     Raises:
         ValueError: If a file cannot be read.
@@ -105,9 +107,12 @@ def measure(problems: Iterable[Made], solvers: Sequence[str], limit: float) -> I
             W = problem.W.tocsr()
             np.savez(file, W_data=W.data, W_indices=W.indices, W_indptr=W.indptr, q=problem.q, mu=problem.mu)
             rank = int(np.linalg.matrix_rank(W.toarray(), hermitian=True)) if W.shape[0] <= _RANK_UP_TO else None
+            quickest = math.inf
             for solver in solvers:
-                seconds, residual, claimed, said = _in_process(solver, file, limit)
+                allowed = min(limit, max(1.0, within * quickest))
+                seconds, residual, claimed, said = _in_process(solver, file, allowed)
                 solved = residual is not None and (residual <= TOLERANCE or (claimed and solver != OURS))
+                quickest = min(quickest, seconds if solved else math.inf)
                 m, friction = len(problem.mu), float(problem.mu.max())
                 yield Row(name, m, 3 * m, rank, friction, solver, seconds, residual, solved, said)
 
@@ -128,12 +133,17 @@ def _in_process(solver: str, file: Path, limit: float) -> tuple[float, float | N
     return report["seconds"], report["residual"], report["claimed"], report["said"]
 
 
-def profile(rows: Sequence[Row]) -> list[tuple[float, ...]]:
+def profile(rows: Sequence[Row], floor: float = 0.0, within: float = math.inf) -> list[tuple[float, ...]]:
     """The performance profile (E. D. Dolan, J. J. More, 2002): the ratio, and for each solver, in the order of the
     rows, the fraction of the problems that it solves within this multiple of the quickest solver's time.
+
+    Args:
+        rows: Of all problems and solvers.
+        floor: Seconds; shorter times count as this.
+        within: Largest ratio.
     """
     names, problems = list(dict.fromkeys(row.solver for row in rows)), list(dict.fromkeys(row.problem for row in rows))
-    times = {(row.problem, row.solver): max(row.seconds, FLOOR) for row in rows if row.solved}
+    times = {(row.problem, row.solver): max(row.seconds, floor) for row in rows if row.solved}
     best = {p: min((times[p, s] for s in names if (p, s) in times), default=np.inf) for p in problems}
     return [
         (
@@ -144,7 +154,13 @@ def profile(rows: Sequence[Row]) -> list[tuple[float, ...]]:
             ),
         )
         for ratio in RATIOS
+        if ratio <= within
     ]
+
+
+def above(curve: Sequence[Sequence[float]]) -> list[float]:
+    """The largest ratio at which a solver's curve is above that of the first, for each of the others; 0 if at none."""
+    return [max((line[0] for line in curve if line[k] > line[1]), default=0.0) for k in range(2, len(curve[0]))]
 
 
 def generated(seed: int) -> list[Made]:

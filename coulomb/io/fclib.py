@@ -25,6 +25,8 @@ from ..arrays import FloatArray
 from ..regular_file import refuse_irregular
 from ..solvers.cones import cone_residual
 
+_ASYMMETRIC = 1e-6  # over the largest entry: files have W to fewer digits than numbers have
+
 
 @dataclass(frozen=True)
 class FCLIBProblem:
@@ -93,11 +95,11 @@ def _read_npz(path: Path) -> FCLIBProblem:
         raise ValueError(f"{path}: is not complete: {error.args[0]}") from None
     except (OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path}: cannot be read as numpy arrays: {error}") from None
-    return _checked(str(path), W, q, mu, path.stem)
+    return _checked(str(path), _symmetric(str(path), W), q, mu, path.stem)
 
 
 def _read_local(group: Any) -> FCLIBProblem:
-    return _problem(group, _read_matrix(group["W"]), group["vectors/q"][()])
+    return _problem(group, _symmetric(group.file.filename, _read_matrix(group["W"])), group["vectors/q"][()])
 
 
 def _read_global(group: Any) -> FCLIBProblem:
@@ -118,7 +120,22 @@ def _problem(group: Any, W: Any, q: FloatArray) -> FCLIBProblem:
 def _checked(name: str, W: Any, q: FloatArray, mu: FloatArray, title: str) -> FCLIBProblem:
     if mu.ndim != 1 or W.shape != (3 * len(mu), 3 * len(mu)) or q.shape != (3 * len(mu),):
         raise ValueError(f"{name}: W {W.shape}, q {q.shape} and mu {mu.shape} have incompatible shapes")
+    if not len(mu):
+        raise ValueError(f"{name}: the problem has no contacts")
+    for what, values in (("W", W.data), ("q", q), ("mu", mu)):
+        if not np.isfinite(values).all():
+            raise ValueError(f"{name}: {what} has entries that are not finite")
+    if (negative := np.flatnonzero(mu < 0.0)).size:
+        k = int(negative[0])
+        raise ValueError(f"{name}: the coefficient of friction of contact {k} is {mu[k]:g}; it must be >= 0")
     return FCLIBProblem(0.5 * (W + W.T), q, mu, title)
+
+
+def _symmetric(name: str, W: Any) -> Any:
+    """W, if it is symmetric; that of a global problem is not asked, since M may be stored as it is assembled."""
+    if W.nnz and W.shape[0] == W.shape[1] and abs(W - W.T).max() > _ASYMMETRIC * abs(W).max():
+        raise ValueError(f"{name}: W is not symmetric")
+    return W
 
 
 def _read_matrix(group: Any) -> Any:

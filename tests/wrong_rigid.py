@@ -1,0 +1,93 @@
+"""Wrong contact problems of rigid bodies, in FCLIB's formats: rows of the table of wrong_inputs.py."""
+
+import h5py
+import numpy as np
+from wrong_input import Wrong
+
+from coulomb.benchmarks.rigid_bodies import stack
+from coulomb.io.fclib import write_fclib
+
+
+def saved(**changes):
+    """problem.npz, a stack of two cubes, with some arrays changed."""
+
+    def prepare():
+        problem = stack(2, 0.5, 1)
+        arrays = {"W_data": problem.W.data, "W_indices": problem.W.indices, "W_indptr": problem.W.indptr}
+        np.savez("problem.npz", **(arrays | {"q": problem.q, "mu": problem.mu} | changes))
+
+    return prepare
+
+
+def without_law():
+    write_fclib("problem.hdf5", stack(2, 0.5, 1))
+    with h5py.File("problem.hdf5", "a") as file:
+        del file["fclib_local/vectors/mu"]
+
+
+def strange():
+    with h5py.File("problem.hdf5", "w") as file:
+        file["mesh/nodes"] = np.zeros((4, 3))
+
+
+NPZ, HDF5 = ("fclib", "problem.npz"), ("fclib", "problem.hdf5")
+_CONTACTS = 8
+
+RIGID = tuple(
+    Wrong(what, arguments, message, prepare, alone=True, library=library)
+    for what, arguments, message, prepare, library in (
+        (
+            "a file that does not exist",
+            ("fclib", "none.hdf5"),
+            r"none\.hdf5: cannot be read",
+            saved(),
+            "cannot be read",
+        ),
+        ("a file of another kind", ("fclib", "case.toml"), r"case\.toml: cannot be read", saved(), "cannot be read"),
+        ("an HDF5 file of another kind", HDF5, r"problem\.hdf5: has neither a group fclib_local", strange, ""),
+        ("an HDF5 file without friction", HDF5, r"problem\.hdf5: is not complete: ", without_law, "is not complete"),
+        ("q of the wrong length", NPZ, r"q \(3,\) and mu \(8,\) have incompatible shapes", saved(q=np.ones(3)), ""),
+        (
+            "NaN in q",
+            NPZ,
+            r"problem\.npz: q has entries that are not finite",
+            saved(q=np.full(3 * _CONTACTS, np.nan)),
+            "",
+        ),
+        (
+            "negative friction",
+            NPZ,
+            r"the coefficient of friction of contact 1 is -0\.2; it must be >= 0",
+            saved(mu=np.array([0.5, -0.2, *[0.5] * (_CONTACTS - 2)])),
+            "",
+        ),
+        (
+            "a benchmark of a directory that does not exist",
+            ("benchmark", "fclib", "collection"),
+            r"collection: there is no such directory",
+            saved(),
+            "",
+        ),
+        (
+            "a benchmark of a directory without problems",
+            ("benchmark", "fclib", "."),
+            r"there are no FCLIB problems there, \.hdf5 or \.npz",
+            lambda: None,
+            "",
+        ),
+        (
+            "a benchmark of a damaged problem",
+            ("benchmark", "fclib", ".", "--solver", "coulomb"),
+            r"problem\.npz: mu has entries that are not finite",
+            saved(mu=np.full(_CONTACTS, np.inf)),
+            "",
+        ),
+        (
+            "a benchmark of an unknown solver",
+            ("benchmark", "fclib", ".", "--solver", "PATH"),
+            r"there is no solver 'PATH'; they are coulomb, NSGS",
+            saved(),
+            "",
+        ),
+    )
+)
