@@ -37,25 +37,37 @@ RIGID = tuple(
     Wrong(what, arguments, message, prepare, alone=True, library=library)
     for what, arguments, message, prepare, library in (
         (
-            "a file that does not exist",
+            "a problem that does not exist",
             ("fclib", "none.hdf5"),
             r"none\.hdf5: cannot be read",
             saved(),
             "cannot be read",
         ),
-        ("a file of another kind", ("fclib", "case.toml"), r"case\.toml: cannot be read", saved(), "cannot be read"),
-        ("an HDF5 file of another kind", HDF5, r"problem\.hdf5: has neither a group fclib_local", strange, ""),
-        ("an HDF5 file without friction", HDF5, r"problem\.hdf5: is not complete: ", without_law, "is not complete"),
+        (
+            "a problem in a file of another kind",
+            ("fclib", "case.toml"),
+            r"case\.toml: cannot be read",
+            saved(),
+            "cannot be read",
+        ),
+        (
+            "a problem in an HDF5 file of another kind",
+            HDF5,
+            r"problem\.hdf5: has neither a group fclib_local",
+            strange,
+            "",
+        ),
+        ("a problem without friction", HDF5, r"problem\.hdf5: is not complete: ", without_law, "is not complete"),
         ("q of the wrong length", NPZ, r"q \(3,\) and mu \(8,\) have incompatible shapes", saved(q=np.ones(3)), ""),
         (
-            "NaN in q",
+            "NaN in the free velocities",
             NPZ,
             r"problem\.npz: q has entries that are not finite",
             saved(q=np.full(3 * _CONTACTS, np.nan)),
             "",
         ),
         (
-            "negative friction",
+            "a contact with negative friction",
             NPZ,
             r"the coefficient of friction of contact 1 is -0\.2; it must be >= 0",
             saved(mu=np.array([0.5, -0.2, *[0.5] * (_CONTACTS - 2)])),
