@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from coulomb.benchmarks.block import block
 from coulomb.linalg import block_matrix, native, recycled_cg, stiffness
-from coulomb.linalg.block_matrix import SHAPES, BlockInterpolation, SymmetricBlocks, in_kernel_blocks, padded
+from coulomb.linalg.block_matrix import SHAPES, BlockInterpolation, SymmetricBlocks, address, in_kernel_blocks, padded
 from coulomb.linalg.petsc_arrays import Entries
 
 pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
@@ -170,6 +170,36 @@ def test_solves_start_from_earlier_solutions():
     solver.solve(f, u)  # to full accuracy, although what is kept of earlier solutions is in single precision
     assert (K * u - f).norm() <= 2e-11 * f.norm()
     solver.destroy()
+
+
+def test_nearly_equal_solutions_are_no_start_that_is_worse_than_none():
+    """Directions that are dependent to the rounding of single precision."""
+    K = block(4, 0.3).elasticity.K
+    solver = stiffness.IterativeSolver(K)
+    rng = np.random.default_rng(7)
+    f, u = K.createVecs()
+    first = rng.standard_normal(f.getLocalSize())
+    costs = []
+    for _ in range(12):
+        f.array[:] = first + 1e-5 * rng.standard_normal(len(first))
+        before = solver.iterations
+        solver.solve(f, u, 3e-7)
+        assert (K * u - f).norm() <= 3.03e-7 * f.norm()
+        costs.append(solver.iterations - before)
+    assert costs[0] > 10 and max(costs[1:]) <= 6
+    solver.destroy()
+
+
+@pytest.mark.parametrize("n", [5, 8, 21])
+def test_vectors_of_conjugate_gradients(n):
+    """Also of sizes that are no multiples of a vector register."""
+    library, rng = native.kernels(), np.random.default_rng(n)
+    p, image, x, r, z = (vector(rng.standard_normal(n)) for _ in range(5))
+    moved, left, direction = x + 0.3 * p, r - 0.3 * image, z + 0.7 * p
+    square = library.advance(n, ctypes.c_double(0.3), *map(address, (p, image, x, r)))
+    assert square == pytest.approx(left @ left) and np.allclose(x, moved) and np.allclose(r, left)
+    library.next_direction(n, ctypes.c_double(0.7), address(z), address(p))
+    assert np.allclose(p, direction)
 
 
 def bytes_in_use():

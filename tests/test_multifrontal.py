@@ -1,5 +1,7 @@
 """Nested dissection and the multifrontal factorisation, against their documented properties and dense algebra."""
 
+import functools
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -9,6 +11,7 @@ from petsc4py import PETSc
 
 from coulomb import Clamp, Contact, ContactProblem, DirectSolver, Material, box, join, moved
 from coulomb.benchmarks.block import block
+from coulomb.linalg import frontal_factors, multifrontal
 from coulomb.linalg.multifrontal import MultifrontalSolver
 from coulomb.linalg.nested_dissection import dissect
 
@@ -175,3 +178,38 @@ def test_same_residual_as_mumps_where_stiffnesses_differ():
         errors.append(np.abs(r.array / scale.array).max())
     assert errors[0] <= 10.0 * errors[1] + 1e-12
     assert K.norm(PETSc.NormType.INFINITY) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("edges", "last"),
+    [
+        ([(0, 1), (1, 2), (2, 3), (3, 4), (4, 5)], [3, 4, 5]),  # some of the last nodes are coupled with last ones only
+        # two parts with no separator between them, below one that has
+        ([(0, 1), (2, 3), (1, 4), (3, 4), (4, 5), (5, 6), (6, 7), (8, 0), (8, 2), (8, 7)], [8]),
+    ],
+)
+@pytest.mark.parametrize("single", [False, True])
+def test_small_graphs(edges, last, single, monkeypatch):
+    """Against dense algebra, with fronts of a node or two; forces of any size, which single precision cannot have."""
+    monkeypatch.setattr(multifrontal, "dissect", functools.partial(dissect, leaf=1))
+    count = 1 + max(map(max, edges))
+    graph = np.eye(count)
+    graph[tuple(np.array(edges).T)] = graph[tuple(np.array(edges).T[::-1])] = 1.0
+    random = np.random.default_rng(8).standard_normal((3 * count, 3 * count))
+    K = (random + random.T) * np.kron(graph, np.ones((3, 3))) + 30.0 * np.eye(3 * count)
+    csr = scipy.sparse.csr_matrix(K)
+    matrix = PETSc.Mat().createAIJ(K.shape, csr=(csr.indptr, csr.indices, csr.data), bsize=3, comm=PETSc.COMM_SELF)
+    points = np.column_stack([np.arange(count), np.zeros((count, 2))]).astype(float)
+    with monkeypatch.context() as patch:  # memory is what it was before
+        patch.setattr(frontal_factors.np, "empty", lambda shape, dtype=float, **_: np.full(shape, 7.0, dtype))
+        solver = MultifrontalSolver(matrix, points, np.array(last), single)
+    f, u = matrix.createVecs()
+    for size in (1.0, 1e60, 1e-60):
+        f.array[:] = size * random[0]
+        solver.solve(f, u)
+        assert np.allclose(u.array, size * np.linalg.solve(K, random[0]), rtol=1e-11, atol=1e-13 * size)
+    rows = (3 * solver.last[:, None] + np.arange(3)).ravel()
+    L = np.tril(scipy.linalg.block_diag(*solver.schur_factors))
+    inverse = np.linalg.inv(K)[np.ix_(rows, rows)]
+    assert np.allclose(L @ L.T @ inverse, np.eye(len(rows)), atol=1e-5 if single else 1e-12)
+    assert solver.single == single

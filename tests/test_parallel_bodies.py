@@ -11,6 +11,7 @@ from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box, joi
 from coulomb.fem.elasticity import Elasticity
 from coulomb.fem.facet_patch import facet_patch
 from coulomb.fem.joined_bodies import JoinedBodies
+from coulomb.fem.mortar import RINGS
 from coulomb.fem.near_facets import near_pair
 from coulomb.fem.pair import pair_of
 from coulomb.linalg.stiffness import IterativeSolver
@@ -134,6 +135,45 @@ def test_facets_far_away_stay_on_their_ranks():
     near = near_pair(*patches, (upper.numbering.local, lower.numbering.local), comm)
     for every, face in ((120, near.slave), (160, near.master)):
         assert len(face.patch) <= every / comm.size + (0 if comm.size == 1 else 0.35 * every)
+
+
+def nodes_of(patch):
+    """The corners of facets, rounded, as tuples."""
+    return [frozenset(map(tuple, np.round(corners, 9))) for corners in patch.x]
+
+
+def test_what_a_rank_needs_of_a_pair():
+    """On curved faces, of which one rank has the largest sagitta and another the least distance: as one rank has it."""
+
+    def found(comm):
+        def place(x):
+            return x + np.array([0.0 * x[0], 0.0 * x[0], 0.02 * x[0] ** 4])
+
+        lower = Elasticity(box((2.0, 1.0, 0.5), (18, 3, 1), comm=comm, place=place), STEEL, [Clamp("left")])
+        upper = box(
+            (2.0, 1.0, 0.3), (40, 14, 1), comm=comm, place=lambda x: place(0.99 * x) + np.array([[0.0], [0.0], [0.6]])
+        )
+        upper = Elasticity(upper, STEEL, [Clamp("left")])
+        patches = facet_patch(upper, upper.mesh.faces["bottom"]), facet_patch(lower, lower.mesh.faces["top"])
+        return near_pair(*patches, (upper.numbering.local, lower.numbering.local), comm)
+
+    one, mine = found(MPI.COMM_SELF), found(MPI.COMM_WORLD)
+    for whole, near in ((one.slave, mine.slave), (one.master, mine.master)):
+        assert near.largest_sagitta == pytest.approx(whole.largest_sagitta, rel=1e-9) and whole.largest_sagitta > 1e-4
+        sagittas = dict(zip(nodes_of(whole.patch), whole.sagittas, strict=True))
+        for facet, sagitta in zip(nodes_of(near.patch), near.sagittas, strict=True):
+            assert sagitta == pytest.approx(sagittas[facet], abs=1e-12)
+    assert mine.search.reach == pytest.approx(one.search.reach) and mine.search.depth == pytest.approx(one.search.depth)
+    assert (mine.size, mine.extent) == pytest.approx((one.size, one.extent))
+    first, last = mine.owned
+    patch = mine.slave.patch
+    wanted = {tuple(x) for x in np.round(patch.x[(patch.nodes >= first) & (patch.nodes < last)], 9)}
+    every, facets = set(nodes_of(one.slave.patch)), set()
+    for _ in range(1 + RINGS):
+        facets = {facet for facet in every if facet & wanted}
+        wanted = wanted.union(*facets)
+    assert set(nodes_of(patch)) == facets
+    assert len(nodes_of(patch)) == len(facets)
 
 
 def test_a_face_against_itself_and_foundations_of_pairs_are_refused():

@@ -17,6 +17,7 @@ from coulomb.cli.app import app
 from coulomb.fem import compat, xdmf_format
 from coulomb.fem.box_faces import BOX_FACES
 from coulomb.fem.compat import io
+from coulomb.fem.exchange import Slabs
 from coulomb.fem.inspection import inspect
 from coulomb.fem.mesh_groups import corners_of
 from coulomb.fem.meshes import read_file
@@ -126,3 +127,18 @@ def test_faces_inside_the_body_are_refused(folder):
     mesh = coulomb.read_mesh(folder / "part.xdmf")
     message = same_error(lambda: Elasticity(mesh, STEEL, [Clamp("inside")]))
     assert f"lies inside the body with {len(file.interface)} of its {len(file.interface)} facets" in message
+
+
+def test_slabs_near_points():
+    """All slabs that begin or end within a distance, and the own one; points of all ranks are shared evenly."""
+    x = np.random.default_rng([3, comm.rank]).random((300, 3)) * np.array([1.0, 5.0, 2.0])
+    slabs = Slabs(comm, x)
+    mine = np.bincount(slabs.of(x), minlength=comm.size)
+    assert np.all(np.abs(comm.allreduce(mine) - 300) <= 60)
+    there = slabs.of(x + np.array([0.0, 1e9, 0.0]))
+    assert np.all(there == comm.size - 1) and not slabs.of(x - np.array([0.0, 1e9, 0.0])).any()
+    point, slab = slabs.near(x, 0.7)
+    found = set(zip(point.tolist(), slab.tolist(), strict=True))
+    for shift in (-0.7, -0.3, 0.0, 0.3, 0.7):
+        assert found >= set(enumerate(slabs.of(x + np.array([0.0, shift, 0.0])).tolist()))
+    assert len(point) == len(found) and np.all(np.abs(slab - slabs.of(x)[point]) <= max(1, comm.size // 4))

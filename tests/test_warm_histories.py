@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from conftest import dense_compliance, random_spd
+from mpi4py import MPI
 
 from coulomb import (
     Automatic,
@@ -161,8 +162,6 @@ def test_a_certificate_that_refuses_is_never_converged():
 
 
 def test_combinations_of_loads_need_no_solve():
-    from mpi4py import MPI
-
     rng = np.random.default_rng(0)
     K, loads, calls = random_spd(9, 1e3, rng), rng.standard_normal((3, 9)), []
     kept = KeptResponses(MPI.COMM_SELF)
@@ -177,3 +176,23 @@ def test_combinations_of_loads_need_no_solve():
     for f in [loads[0], 2.0 * loads[0], loads[1], loads[0] - 3.0 * loads[1], loads[2] + loads[0]]:
         np.testing.assert_allclose(response(f), np.linalg.solve(K, f), rtol=1e-11)
     assert len(calls) == 3
+
+
+def test_loads_of_nearly_one_pattern_lose_no_digits():
+    """What is prescribed besides must fit too; loads that differ little are not kept beside each other."""
+    rng = np.random.default_rng(1)
+    K = random_spd(9, 1e3, rng)
+    f, g = rng.standard_normal((2, 9))
+    held = np.where(np.arange(9) < 2, 1.0, 0.0)
+    for other, something in ((f + 1e-7 * g, 1.0), (f + 1e-7 * g, 0.0), (f + 0.05 * g, 1.0)):
+        kept, calls = KeptResponses(MPI.COMM_SELF), []
+
+        def response(load, prescribed, kept=kept, calls=calls):
+            calls.append(load)
+            return kept.response(load, prescribed, lambda: np.linalg.solve(K, load) + 2.0 * prescribed)
+
+        for load, amount in ((f, 1.0), (other, 1.0), (f, 3.0), (f - 2.0 * other, 1.0), (g - f, -1.0), (g, 0.0)):
+            prescribed = something * amount * held
+            expected = np.linalg.solve(K, load) + 2.0 * prescribed
+            error = np.abs(response(load, prescribed) - expected).max()
+            assert error <= 1e-12 * np.abs(expected).max()
