@@ -6,7 +6,8 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from coulomb.linalg import native
+from coulomb.benchmarks.block import block
+from coulomb.linalg import native, stiffness
 from coulomb.linalg.block_matrix import BlockInterpolation, SymmetricBlocks, padded
 
 COMM = MPI.COMM_WORLD
@@ -85,3 +86,20 @@ def test_block_interpolation(shape):
         blocks.restrict(part(r, rows), b)
         assert np.abs(b - part(P.T @ r, columns)).max(initial=0.0) <= 1e-5
     blocks.destroy()
+
+
+def test_coarse_grids_that_every_rank_has(monkeypatch):
+    """Multigrid makes the same iterations wherever its coarse grids are."""
+    K = block(4).elasticity.K
+    f, u = K.createVecs()
+    f.array[:] = np.sin(np.arange(*K.getOwnershipRange()))
+    iterations = []
+    for most in (0, 200, 10**9):
+        monkeypatch.setattr(stiffness, "REPLICATED_UP_TO", most)
+        solver = stiffness.IterativeSolver(K, tolerance=1e-10)
+        u.set(0.0)
+        solver.solve(f, u)
+        assert (K * u - f).norm() <= 2e-10 * f.norm()
+        iterations.append(solver.iterations)
+        solver.destroy()
+    assert max(iterations) - min(iterations) <= 1 and max(iterations) <= 30

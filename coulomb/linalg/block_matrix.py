@@ -237,6 +237,7 @@ class BlockInterpolation:
 
     Attributes:
         shape: The argument.
+        columns: Unknowns of this rank on the coarse grid.
     """
 
     def __init__(self, library: ctypes.CDLL, matrix: PETSc.Mat, shape: tuple[int, int]):
@@ -244,7 +245,8 @@ class BlockInterpolation:
         own, others, columns = own_and_others(matrix)
         self._blocks = in_kernel_blocks(library, own, shape)
         self._others = _others(library, matrix, others, columns, shape)
-        self._n, self._coarse = len(self._blocks.pointers) - 1, matrix.getLocalSize()[1] // shape[1]
+        self.columns = int(matrix.getLocalSize()[1])
+        self._n, self._coarse = len(self._blocks.pointers) - 1, self.columns // shape[1]
         self._threads = threads() if len(self._blocks.columns) >= _ALONE else 1
         self._sums = np.zeros(_LANES[shape[1]] * self._coarse * self._threads + PADDING)
         self._prolong, self._restrict = (

@@ -19,6 +19,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .block_matrix import SHAPES, BlockInterpolation, SymmetricBlocks, padded
+from .coarse_grids import CoarseSolver
 from .reductions import Reductions
 
 _SMOOTHED = (0.05, 1.05)  # part of the spectrum that the smoother damps, over its estimated largest eigenvalue, as GAMG
@@ -143,17 +144,16 @@ class MultigridCycle:
 
     Args:
         levels: The grids that have a coarser one, finest first.
-        coarsest: The solver on the coarsest grid.
+        coarsest: The solver on the grid after them.
 
     Attributes:
         size: Unknowns of this rank on the finest grid.
     """
 
-    def __init__(self, levels: list[Level], coarsest: PETSc.KSP):
+    def __init__(self, levels: list[Level], coarsest: CoarseSolver):
         self._levels = levels
         self._coarsest, self.size = coarsest, self._levels[0].blocks.size
-        self._coarse_b, self._coarse_x = coarsest.getOperators()[1].createVecs()
-        self._right, self._error = padded(self._coarse_b.getLocalSize()), padded(self._coarse_x.getLocalSize())
+        self._right = padded(self._levels[-1].interpolation.columns)
 
     def __call__(self, r: FloatArray) -> FloatArray:
         """A cycle for r, from zero; to be read before the next one; collective."""
@@ -171,12 +171,11 @@ class MultigridCycle:
         level.smooth_from_zero()
         level.restrict(self._right if last else self._levels[k + 1].b)
         if last:
-            self._coarse_b.array[:] = self._right
-            self._coarsest.solve(self._coarse_b, self._coarse_x)
-            self._error[:] = self._coarse_x.array_r
+            error = self._coarsest(self._right)
         else:
             self._cycle(k + 1)
-        level.interpolation.prolong(self._error if last else self._levels[k + 1].x, level.x)
+            error = self._levels[k + 1].x
+        level.interpolation.prolong(error, level.x)
         level.smooth()
 
     def destroy(self) -> None:
@@ -184,8 +183,6 @@ class MultigridCycle:
         for level in self._levels:
             level.destroy()
         self._coarsest.destroy()
-        self._coarse_b.destroy()
-        self._coarse_x.destroy()
 
 
 def supported(grids: list[Grid]) -> bool:

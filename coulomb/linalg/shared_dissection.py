@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import connected_components, min_weight_full_bipartite_matching
 
 from ..arrays import FloatArray
 from .nested_dissection import LEAF, Nodes, along_space, halves, large_parts
@@ -250,10 +250,9 @@ class _Cutting:
 
     def _ranks(self, mine: Nodes, label: Nodes) -> list[int]:
         """The rank in place of each number: so that most rows of K are where they are needed; collective."""
-        from scipy.optimize import linear_sum_assignment  # takes time to load, which a run on one rank need not spend
-
         at = np.array([number for number, _ in self._parts] + [-1] * len(self._fronts), dtype=np.int64)[label[mine]]
         counts = np.bincount(at[at >= 0], minlength=self._comm.size)
         rows = concatenated(self._comm, counts[None])
-        chosen = linear_sum_assignment(-rows.T)[1].tolist()
+        of_numbers = scipy.sparse.csr_matrix(rows.T + 1)  # scipy.optimize would take as long to load as all the rest
+        chosen = min_weight_full_bipartite_matching(of_numbers, maximize=True)[1].tolist()
         return [int(rank) for rank in chosen]

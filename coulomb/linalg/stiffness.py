@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from .block_matrix import BlockInterpolation, padded
+from .coarse_grids import REPLICATED_UP_TO, CoarseSolver, ExactSolver, Replicated, whole
 from .multigrid_cycle import Grid, Level, MultigridCycle, grids_of, supported
 from .native import kernels
 from .nodal_blocks import symmetric_blocks
@@ -258,10 +259,9 @@ def _cycle(library: ctypes.CDLL, K: PETSc.Mat, P: PETSc.Mat | None) -> Multigrid
         grids.insert(0, Grid(K, P, _SECOND_ORDER_STEPS))
     finest, known = Grid(K, grids[0].P, grids[0].steps), supported(grids)
     if known:
-        coarser = [_converted(library, grid) for grid in grids[1:]]
-        alone = pc.getMGCoarseSolve().getOperators()[1].duplicate(copy=True)  # PETSc's keeps all finer matrices
-        coarsest = configured_ksp(alone, "preonly", _COARSEST)
-        alone.destroy()
+        large = 1 + sum(K.comm.size == 1 or grid.K.getSize()[0] > REPLICATED_UP_TO for grid in grids[1:])
+        coarser = [_converted(library, grid) for grid in grids[1:large]]
+        coarsest = _coarsest(library, grids[large:], pc.getMGCoarseSolve().getOperators()[1])
     grids.clear()
     pc.destroy()
     ksp.destroy()
@@ -272,6 +272,28 @@ def _cycle(library: ctypes.CDLL, K: PETSc.Mat, P: PETSc.Mat | None) -> Multigrid
     levels = [_converted(library, finest, finest=True), *coarser]
     finest.P.destroy()  # by the last reference to it, PETSc would wait for its collection of garbage
     return MultigridCycle(levels, coarsest)
+
+
+def _coarsest(library: ctypes.CDLL, grids: list[Grid], last: PETSc.Mat) -> CoarseSolver:
+    """The solver for the rest of a cycle; on several ranks each has these grids, and the last matrix, as a whole.
+
+    PETSc's matrices keep those from which they were made: here are copies.
+    """
+    if last.comm.size == 1:
+        copies = [last.duplicate(copy=True)]
+    else:
+        copies = [whole(matrix) for grid in grids for matrix in (grid.K, grid.P)] + [whole(last)]
+    levels = [
+        Level(library, copies[2 * k], BlockInterpolation(library, copies[2 * k + 1], grid.shape), grid.steps)
+        for k, grid in enumerate(grids)
+    ]
+    solver: CoarseSolver = ExactSolver(configured_ksp(copies[-1], "preonly", _COARSEST))
+    for matrix in copies:
+        matrix.destroy()
+    if levels:
+        solver = MultigridCycle(levels, solver)
+    size = (grids[0].K if grids else last).getLocalSize()[0]
+    return solver if last.comm.size == 1 else Replicated(last.comm.tompi4py(), size, solver)
 
 
 def _converted(library: ctypes.CDLL, grid: Grid, finest: bool = False) -> Level:
