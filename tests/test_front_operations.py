@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse
 
 from coulomb.benchmarks.block import block
-from coulomb.linalg import front_operations, native
+from coulomb.linalg import front_operations, native, nested_dissection
 from coulomb.linalg.frontal_factors import FrontalFactors
 from coulomb.linalg.nested_dissection import dissect, dissect_part
 from coulomb.linalg.nodal_blocks import NodalRows, nodal_blocks
@@ -51,3 +51,24 @@ def test_c_and_numpy_have_the_same_factors_and_solutions(monkeypatch, what, dtyp
             getattr(in_c, step)(x)
             getattr(by_numpy, step)(y)
             assert np.abs(x - y).max() <= limit * np.abs(y).max()
+
+
+def test_c_and_python_cut_alike(monkeypatch):
+    """Also obliquely, two bodies that are not coupled, and many nodes in one place."""
+    problem = block(4, cell="tetrahedron")
+    K, x = nodal_blocks(problem.elasticity.K), problem.elasticity.x
+    graph = scipy.sparse.csr_matrix((np.ones(len(K.indices)), K.indices, K.indptr), shape=(len(x),) * 2)
+    pair = scipy.sparse.block_diag([graph, graph], format="csr")
+    rng = np.random.default_rng(5)
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    for places in ((x + 0.1 * rng.random(x.shape)) @ turn, np.round(x), rng.random(x.shape)):
+        points, last = np.vstack([x, places + 9.0]), np.arange(3, 2 * len(x), 7)
+        found = []
+        for library in (native.kernels(), None):
+            monkeypatch.setattr(nested_dissection, "kernels", lambda library=library: library)
+            found.append(dissect(pair, points, last, leaf=9))
+        assert len(found[0]) == len(found[1]) > 20
+        for ours, theirs in zip(*found, strict=True):
+            assert ours.children == theirs.children and ours.root == theirs.root
+            for name in ("own", "border", "runs"):
+                assert np.array_equal(getattr(ours, name), getattr(theirs, name))

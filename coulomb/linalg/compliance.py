@@ -75,6 +75,11 @@ class BodyCompliance(Compliance, Protocol):
         """
         ...
 
+    def known_product(self, x: FloatArray) -> FloatArray | None:
+        """A x in metres, shape (3 m,), as accurate as any product, if it takes no solve with K; else None; not counted;
+        collective."""
+        ...
+
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
         """K^-1 (f - B^T x) in metres, this rank's part, shape (n,); collective.
 
@@ -207,6 +212,10 @@ class MatrixFreeCompliance:
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
         diagonal = turned_diagonal(self._diagonal, self.learnt, turn)
         return MatrixFreeCompliance(B, self.K, self._solver, diagonal=diagonal)
+
+    def known_product(self, x: FloatArray) -> FloatArray | None:
+        """None."""
+        return None
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
         """By a correction of K^-1 B^T x of the last products."""

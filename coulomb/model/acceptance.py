@@ -58,15 +58,33 @@ class Acceptance:
         problem, over = self._problem, Reductions(self._problem.comm)
         last = self._last
         if last is None or not over.all(np.array_equal(last[0], x) and np.array_equal(last[1], alpha)):
-            u = problem.moved(self._displacement(x), alpha)
-            with timed(problem.seconds, "displacement"):
-                force = settled(problem, x, u)
-                if not over.all(np.array_equal(force, x)):
-                    u = problem.moved(problem.displacement(force), alpha)
+            force, u = self._settled_by_product(x, alpha) or self._settled_by_displacement(x, alpha)
             with timed(problem.seconds, "certificate"):
                 last = (x.copy(), alpha.copy(), Judged(force, u, judge(problem.evidence(force, u, problem.before))))
             self._last = last
         return last[2]
+
+    def _settled_by_product(self, x: FloatArray, alpha: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """The forces with exact zeros, and their displacement; None if a product by A does not decide the zeros."""
+        problem, over = self._problem, Reductions(self._problem.comm)
+        with timed(problem.seconds, "displacement"):
+            closed = problem.known_closure(x, alpha)
+            if closed is None:
+                return None
+            force = settled(problem, x, closed)
+            u = problem.moved(problem.displacement(force), alpha)
+            same = np.array_equal(settled(problem, x, problem.closure(u)), force)
+        return (force, u) if over.all(same) else None
+
+    def _settled_by_displacement(self, x: FloatArray, alpha: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The forces with exact zeros, and their displacement."""
+        problem, over = self._problem, Reductions(self._problem.comm)
+        u = problem.moved(self._displacement(x), alpha)
+        with timed(problem.seconds, "displacement"):
+            force = settled(problem, x, problem.closure(u))
+            if not over.all(np.array_equal(force, x)):
+                u = problem.moved(problem.displacement(force), alpha)
+        return force, u
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """A x - b in metres of the forces x in newtons, shapes (3 m,): remaining gap and slip, before free motions;

@@ -170,6 +170,21 @@ class PosedProblem:
         closed[:, 1:][np.abs(closed[:, 1:]) <= _ROUNDING * size[:, None]] = 0.0
         return closed
 
+    def known_closure(self, x: FloatArray, alpha: FloatArray) -> FloatArray | None:
+        """`closure` of the displacement under forces x (3 m,) in newtons, moved by alpha, if it takes no solve with K;
+        None otherwise, and where slips are prescribed; collective."""
+        if self.surface.free_B is not self.surface.B:
+            return None
+        product = self.A.known_product(x)
+        if product is None:
+            return None
+        closed = self.b - product
+        if self.rigid is not None and len(alpha):
+            closed += self.rigid.displacement(alpha)
+        closed = closed.reshape(-1, 3)
+        closed[:, 0] += self.surface.gap
+        return closed
+
     @cached_property
     def mean_compliance(self) -> float:
         """Mean of diag(A) in metres per newton."""

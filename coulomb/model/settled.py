@@ -36,35 +36,35 @@ SMALL = 1e-6
 """Fraction of the norm of all contact forces: the largest residual that can be requested."""
 
 
-def settled(problem: PosedProblem, x: FloatArray, u: FloatArray) -> FloatArray:
+def settled(problem: PosedProblem, x: FloatArray, closed: FloatArray) -> FloatArray:
     """Contact forces of a solver in newtons, shape (3 m,), with exact zeros; collective.
 
     Args:
         problem: The contact problem.
         x: The forces, node by node (n, t1, t2), shape (3 m,).
-        u: The displacement under these forces, this rank's nodes, metres, shape (k, 3).
+        closed: `PosedProblem.closure` of the displacement under these forces, metres, shape (m, 3).
     """
     over, force = Reductions(problem.comm), x.reshape(-1, 3).copy()
     normal, small = force[:, 0], SMALL * over.norm(x)
-    gap = problem.surface.gap - problem.closure(u)[:, 0]
+    gap = problem.surface.gap - closed[:, 0]
     grazing = np.abs(normal) <= OPEN_BELOW * max(over.max(normal), 0.0)
     opened = (np.abs(normal) <= small) & (problem.mean_compliance * normal <= gap)
     normal[grazing | opened] = 0.0
     frictionless = (problem.slip_bound(force.ravel()) == 0.0) & (np.hypot(force[:, 1], force[:, 2]) <= small)
     force[frictionless, 1:] = 0.0
     if problem.surface.free_B is not problem.surface.B:
-        _settle_friction_on_supports(problem, force, u)
+        _settle_friction_on_supports(problem, force, closed[:, 1:])
         _settle_wedged(problem, force)
     return force.ravel()
 
 
-def _settle_friction_on_supports(problem: PosedProblem, force: FloatArray, u: FloatArray) -> None:
+def _settle_friction_on_supports(problem: PosedProblem, force: FloatArray, slip: FloatArray) -> None:
     """Set friction (m, 2) at nodes whose slip is prescribed, or has a prescribed component of 0; collective.
 
     Friction v, along t1 and t2, acts on the support alone if P (t1, t2)^T v = 0, P the projection on the free
     directions of the node.
     """
-    surface, slip = problem.surface, problem.closure(u)[:, 1:]
+    surface = problem.surface
     free = row_products(surface.free_B, surface.points)[:, 1:, 1:]
     sizes, directions = np.linalg.eigh(free)
     v = directions[:, :, 0]
