@@ -97,6 +97,8 @@ class ContactPoints:
         Args:
             held: The held directions of this rank's nodes.
         """
+        if self.nodal:
+            return held.projector_at(self.nodes)
         square = self.weights.multiply(self.weights).tocsr()
         square = scipy.sparse.diags(1.0 / np.asarray(square.sum(axis=1)).ravel()) @ square
         projectors = held.projector_at(np.arange(held.count)).reshape(-1, 9)

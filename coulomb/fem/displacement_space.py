@@ -50,6 +50,7 @@ class DisplacementSpace:
         self._owned = self.V.dofmap.index_map.size_local
         self.x = self._coordinates()
         self._integrals: dict[tuple[str, bytes], FloatArray] = {}
+        self._on_each_cell: dict[tuple[int, ...], Any] = {}
 
     @property
     def comm(self) -> MPI.Comm:
@@ -248,7 +249,9 @@ class DisplacementSpace:
     def _on_cells(self, values: FloatArray, name: str) -> Any:
         """Function that is constant on every cell, from this rank's own cells: numbers (c,), or rows (c, n)."""
         width = values.shape[1:]
-        function = fem.Function(compat.functionspace(self.domain, 0, width, family="DG"), name=name)
+        if width not in self._on_each_cell:
+            self._on_each_cell[width] = compat.functionspace(self.domain, 0, width, family="DG")
+        function = fem.Function(self._on_each_cell[width], name=name)
         cells = compat.cell_dofs(function.function_space)[: len(values), 0]
         function.x.array.reshape(-1, *width)[cells] = values
         function.x.scatter_forward()

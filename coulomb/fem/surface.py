@@ -27,6 +27,9 @@ Normals = Literal["foundation", "body"]
 _NEARLY_HELD = 1e-2
 """Length of the free part of a normal below which a contact node would move a hundred times its gap to close it."""
 
+_RAY_ROUNDING = 1e-16
+"""Steps along a ray that are shorter than this part of the way have only rounding errors."""
+
 _RAY_STEPS = 20
 """Maximum Newton steps along a ray, far more than needed for a ray that meets the foundation."""
 
@@ -288,8 +291,11 @@ def way_along(n: FloatArray, x: FloatArray, distance: FloatArray, foundation: Ri
         point = x + way[:, None] * n
         slope = -np.einsum("ki,ki->k", n, foundation.normal(point))
         missed |= slope <= 0.1
-        way += np.where(missed, 0.0, foundation.signed_distance(point) / np.where(missed, 1.0, slope))
+        step = np.where(missed, 0.0, foundation.signed_distance(point) / np.where(missed, 1.0, slope))
+        way += step
         missed |= np.abs(way) > 10.0 * size
+        if not np.any(np.abs(step) > _RAY_ROUNDING * np.abs(way)):  # at once on a plane
+            break
     left = np.abs(foundation.signed_distance(x + way[:, None] * n)) if len(x) else way
     return np.where(missed | (left > 1e-8 * size + 1e-300), tangent, way)
 

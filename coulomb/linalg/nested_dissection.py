@@ -282,9 +282,16 @@ def runs_of(places: Nodes, own: int) -> Nodes:
     """Ascending places as runs (first, its place, length), split where they leave the parent's own nodes."""
     if len(places) == 0:
         return np.empty((0, 3), dtype=np.int64)
-    crossing = (places[:-1] < own) & (places[1:] >= own)
-    first = np.concatenate([[0], np.flatnonzero((np.diff(places) != 1) | crossing) + 1])
-    return np.column_stack([first, places[first], np.diff(first, append=len(places))])
+    cut = places[1:] != places[:-1] + 1
+    border = int(np.searchsorted(places, own))
+    if 0 < border < len(places):
+        cut[border - 1] = True
+    runs = np.empty((1 + np.count_nonzero(cut), 3), dtype=np.int64)
+    runs[0, 0], runs[1:, 0] = 0, np.flatnonzero(cut) + 1
+    runs[:, 1] = places[runs[:, 0]]
+    runs[:-1, 2] = runs[1:, 0] - runs[:-1, 0]
+    runs[-1, 2] = len(places) - runs[-1, 0]
+    return runs
 
 
 def along_space(nodes: Nodes, points: FloatArray) -> Nodes:

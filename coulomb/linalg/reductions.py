@@ -40,9 +40,13 @@ class Reductions:
     comm: MPI.Comm
 
     def sum(self, v: FloatArray | float) -> float:
+        if self.comm.size == 1:
+            return float(np.add.reduce(v, axis=None))
         return float(summed(self.comm, np.array([np.sum(v)]))[0])
 
     def dot(self, v: FloatArray, w: FloatArray) -> float:
+        if self.comm.size == 1:
+            return float(np.vdot(v, w))
         return float(summed(self.comm, np.array([np.vdot(v, w)]))[0])
 
     def total(self, v: FloatArray) -> FloatArray:
@@ -58,7 +62,7 @@ class Reductions:
     def norm(self, *arrays: FloatArray) -> float:
         """Euclidean norm of one array, or of several together, safe from overflow and underflow of the squares."""
         v = arrays[0] if len(arrays) == 1 else np.concatenate([v.ravel() for v in arrays])
-        here = float(np.max(np.abs(v))) if np.size(v) else 0.0
+        here = float(np.maximum.reduce(np.abs(v), axis=None)) if np.size(v) else 0.0
         square = 0.0
         if here > 0.0 and math.isfinite(here):
             w = v / here
@@ -73,7 +77,9 @@ class Reductions:
 
     def max(self, v: FloatArray) -> float:
         """Largest entry; NaN if any entry is, -inf if there is none."""
-        local = float(np.max(v)) if np.size(v) else -math.inf
+        local = float(np.maximum.reduce(v, axis=None)) if np.size(v) else -math.inf
+        if self.comm.size == 1:
+            return local
         return float(np.max(self._gathered(local)))
 
     def min(self, v: FloatArray) -> float:

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, side_by_side, squares
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class Linearization:
     @cached_property
     def k(self) -> FloatArray:
         """F (1 + |y|^2)/2, how fast the slack of the disc grows with x_n, shape (m,)."""
-        widening: FloatArray = 0.5 * self.slope * (1.0 + np.sum(self.y**2, axis=1))
+        widening: FloatArray = 0.5 * self.slope * (1.0 + squares(self.y))
         return widening
 
     @cached_property
     def _disc(self) -> FloatArray:
         """Derivative of -z2 along dx_n, dx_t1, dx_t2, shape (m, 3); 0 without friction."""
-        rows: FloatArray = np.column_stack([-self.k, self.y]) * self.frictional[:, None]
+        rows = side_by_side(-self.k, self.y[:, 0], self.y[:, 1]) * self.frictional[:, None]
         return rows
 
     @cached_property

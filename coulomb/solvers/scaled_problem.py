@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, side_by_side, squares
 from .friction_problem import FrictionProblem
 from .laws import FrictionLaw
 from .linearization import Linearization
@@ -92,6 +92,7 @@ class ScaledProblem:
         self.problem, self._over, self.sloped = problem, problem.reductions, problem.sloped
         self.nodes, self.frictional = problem.A.nodes, problem.frictional
         self._active = np.column_stack([np.ones(self.nodes, dtype=bool), self.frictional])
+        self._all_active, self._ones = bool(self.frictional.all()), np.ones(self.nodes)
         self._constraints = self._over.sum(self._active.astype(float))
         self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
         self._a, self._s = problem.mean_diagonal, self._nominal_force()
@@ -146,14 +147,17 @@ class ScaledProblem:
 
     def smallest_product(self, nu: FloatArray, z: FloatArray) -> float:
         """Smallest nu_i z_i of all constraints."""
-        return self._over.min((nu * z)[self._active])
+        products = nu * z
+        return self._over.min(products if self._all_active else products[self._active])
 
     def on_constraints(self, values: FloatArray) -> FloatArray:
         """`values` (m, 2) where there is a constraint, 0 where there is no disc."""
-        return np.where(self._active, values, 0.0)
+        return values if self._all_active else np.where(self._active, values, 0.0)
 
     def over_constraints(self, values: FloatArray, divisor: FloatArray, otherwise: float = 0.0) -> FloatArray:
         """values / divisor (m, 2) where there is a constraint, `otherwise` where there is no disc."""
+        if self._all_active:
+            return values / divisor
         quotient: FloatArray = values / np.where(self._active, divisor, 1.0)
         return np.where(self._active, quotient, otherwise)
 
@@ -181,12 +185,13 @@ class ScaledProblem:
 
     def forces(self, x_n: FloatArray, y: FloatArray) -> FloatArray:
         """x = (x_n, r y), shape (m, 3)."""
-        return np.column_stack([x_n, self.law.radius(x_n)[:, None] * y])
+        r = self.law.radius(x_n)
+        return side_by_side(x_n, r * y[:, 0], r * y[:, 1])
 
     def slack(self, x_n: FloatArray, y: FloatArray) -> FloatArray:
         """z, shape (m, 2); 0 where there is no constraint."""
-        disc = 0.5 * self.law.radius(x_n) * (1.0 - np.sum(y**2, axis=1))
-        return self.on_constraints(np.column_stack([x_n - self.lower, disc]))
+        disc = 0.5 * self.law.radius(x_n) * (1.0 - squares(y))
+        return self.on_constraints(side_by_side(x_n - self.lower, disc))
 
     def gradient(self, v: Iterate) -> FloatArray:
         """(w_n - nu1, w_t + nu2 y) on the unknowns, shape (m, 3)."""
@@ -195,7 +200,8 @@ class ScaledProblem:
             r -= self.A.G @ v.alpha
         r[:, 0] -= v.nu[:, 0]
         r[:, 1:] += v.nu[:, 1:] * v.y
-        r[~self.frictional, 1:] = 0.0
+        if not self._all_active:
+            r[~self.frictional, 1:] = 0.0
         return r
 
     def out_of_balance(self, v: Iterate) -> FloatArray:
@@ -230,18 +236,18 @@ class ScaledProblem:
         """Weights of the rows, shape (m, 3): 1 for gaps, min(r, 1) for slips, which is 1 where there is no slope;
         open nodes get no weight if friction is proportional to pressure."""
         t = np.minimum(self.law.radius(x_n), 1.0)
-        return np.column_stack([np.ones(self.nodes), t, t])
+        return side_by_side(self._ones, t, t)
 
     def distance_to_boundary(self, v: Iterate, dx_n: FloatArray, dy: FloatArray, dnu: FloatArray) -> float:
         """Largest alpha with x_n + alpha dx_n >= lower, |y + alpha dy| <= 1, nu + alpha dnu >= 0; inf if there is none.
 
         On a disc with room = 1 - |y|^2, it is the positive root, computed without cancellation.
         """
-        room = 1.0 - np.sum(v.y**2, axis=1)
+        room = 1.0 - squares(v.y)
         with np.errstate(divide="ignore", invalid="ignore"):
             bound = np.where(dx_n < 0.0, -(v.x_n - self.lower) / dx_n, math.inf)
             multiplier = np.where(dnu < 0.0, -v.nu / dnu, math.inf)[self._active]
-            squared, outward = np.sum(dy**2, axis=1), np.sum(dy * v.y, axis=1)
+            squared, outward = squares(dy), dy[:, 0] * v.y[:, 0] + dy[:, 1] * v.y[:, 1]
             disc = (room / (outward + np.sqrt(outward**2 + squared * room)))[self.frictional & (squared > 0.0)]
         return self._over.min(np.concatenate([bound, multiplier, disc]))
 

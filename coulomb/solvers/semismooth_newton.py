@@ -48,6 +48,10 @@ from .scaled_compliance import ProductImages, ScaledCompliance
 class SemismoothNewton:
     """The semismooth Newton method as a value.
 
+    It is not among the public names of `coulomb`: without a start near the answer it fails on most problems, and it
+    has no safeguard.  `Automatic`, the default of `LoadHistory`, takes it where it is useful, from the second load step
+    on, with the interior-point method as its safeguard.
+
     Attributes:
         tolerance: Natural residual at which to stop (`FrictionProblem.residual`).
         max_iterations: Newton steps before it gives up.
