@@ -298,8 +298,8 @@ def along_space(nodes: Nodes, points: FloatArray) -> Nodes:
     """The nodes ordered by halves, quarters and so on along their longest extents."""
     library = kernels()
     if library is not None:
-        ordered, x = nodes.astype(np.int64), np.ascontiguousarray(points, dtype=np.float64)
-        given = (ctypes.c_void_p(array.ctypes.data) for array in (ordered, x))
+        ordered, places = nodes.astype(np.int64), np.ascontiguousarray(points, dtype=np.float64)
+        given = (ctypes.c_void_p(array.ctypes.data) for array in (ordered, places))
         if not library.order_along_space(ctypes.c_long(len(nodes)), *given, ctypes.c_long(_BLOCK)):
             return ordered
     if len(nodes) <= _BLOCK:

@@ -34,7 +34,8 @@ _RESIDUAL = 1e-7
 class SchurCompliance:
     """A = B S^-1 B^T with S = L L^T the Schur complement of K on the contact nodes, a block per body.
 
-    A product takes two solves with the dense triangles L, which cost what a product with the dense A would.
+    A product takes two solves with the dense triangles L, which cost what a product with the dense A would; with the
+    inverse of S, half as much: it is formed where there are many (`MultifrontalSolver.schur_solve`).
 
     With L in single precision such a product has an error, `MultifrontalSolver.error`, and more accurate ones are
     solves with K.  Those of a sequence of iterates are sums, A x = A x' + A (x - x'): the first term accurate, with
