@@ -8,7 +8,9 @@ import pytest
 import scipy.sparse
 from petsc4py import PETSc
 
+from coulomb import Clamp, Material, box
 from coulomb.benchmarks.block import block
+from coulomb.fem.elasticity import Elasticity
 from coulomb.linalg import block_matrix, native, recycled_cg, stiffness
 from coulomb.linalg.block_matrix import SHAPES, BlockInterpolation, SymmetricBlocks, address, in_kernel_blocks, padded
 from coulomb.linalg.petsc_arrays import Entries
@@ -110,6 +112,17 @@ def test_multigrid_as_petsc_has_it(monkeypatch, cell, degree):
         iterations.append(solver.iterations)
         solver.destroy()
     assert abs(iterations[0] - iterations[1]) <= 2
+
+
+def test_a_mesh_that_has_one_grid():
+    """So small that it has no coarser one."""
+    K = Elasticity(box((1.0, 1.0, 1.0), (1, 1, 1)), Material(1e9, 0.3), [Clamp("left")]).K
+    f, u = K.createVecs()
+    f.array[:] = np.arange(f.getLocalSize())
+    solver = stiffness.IterativeSolver(K)
+    solver.solve(f, u)
+    assert (K * u - f).norm() <= 1e-10 * f.norm()
+    solver.destroy()
 
 
 def test_threads_change_rounding_only(monkeypatch):

@@ -257,8 +257,9 @@ def _cycle(library: ctypes.CDLL, K: PETSc.Mat, P: PETSc.Mat | None) -> Multigrid
     grids = grids_of(pc)
     if P is not None:
         grids.insert(0, Grid(K, P, _SECOND_ORDER_STEPS))
-    finest, known = Grid(K, grids[0].P, grids[0].steps), supported(grids)
+    known = supported(grids)  # not where the mesh is so small that there is one grid
     if known:
+        finest = Grid(K, grids[0].P, grids[0].steps)
         large = 1 + sum(K.comm.size == 1 or grid.K.getSize()[0] > REPLICATED_UP_TO for grid in grids[1:])
         coarser = [_converted(library, grid) for grid in grids[1:large]]
         coarsest = _coarsest(library, grids[large:], pc.getMGCoarseSolve().getOperators()[1])
