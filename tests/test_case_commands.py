@@ -215,7 +215,7 @@ def test_force_runs_where_memory_seems_too_small(tmp_path):
     script = tmp_path / "poor.py"
     script.write_text(
         "import sys\nfrom coulomb.cli import app as cli\n"
-        "from coulomb.model import estimate\nestimate.free_memory = lambda: 1e6\n"
+        "from coulomb.model import free_memory\nfree_memory.free_memory = lambda: 1e6\n"
         "sys.argv = ['coulomb', *sys.argv[1:]]\ncli.main()\n"
     )
     command = (

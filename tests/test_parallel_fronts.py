@@ -1,5 +1,7 @@
 """Factorisation with fronts shared by the ranks: run alone, or as `mpirun -n 3 python -m pytest ...`."""
 
+import math
+
 import numpy as np
 import pytest
 import scipy.sparse
@@ -8,11 +10,23 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from test_parallel import everywhere, same_error
 
-from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box, join, moved
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    DirectSolver,
+    IterativeSolver,
+    Material,
+    Traction,
+    box,
+    join,
+    moved,
+)
 from coulomb.benchmarks.block import block
-from coulomb.linalg import blas, shared_dissection
-from coulomb.linalg.distributed_multifrontal import DistributedMultifrontalSolver
+from coulomb.linalg import blas, distributed_multifrontal, methods, shared_dissection
+from coulomb.linalg.distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic
 from coulomb.linalg.schur_compliance import SchurCompliance
+from coulomb.model import contact_body
 
 comm = MPI.COMM_WORLD
 
@@ -87,7 +101,7 @@ def test_bodies_are_cut_into_parts_that_are_not_coupled():
     problem = make_block(4)
     K = problem.elasticity.K
     solver = DistributedMultifrontalSolver(K, problem.elasticity.x, problem.surface.nodes_in_rows)
-    found = solver._dissection
+    found = solver._symbolic.dissection
     assert sorted(part.rank for part in found.parts) == list(range(comm.size))
     assert np.array_equal(
         np.sort(np.concatenate([one.own for one in (*found.parts, *found.fronts)])), range(len(found.label))
@@ -131,6 +145,39 @@ def test_the_default_is_shared_on_several_ranks():
     expected = alone.force_on_body[np.lexsort(alone.problem.surface.x.round(9).T)]
     assert np.linalg.norm(forces - expected) <= 1e-8 * np.linalg.norm(expected)
     assert together.certificate.passed
+
+
+def test_work_of_the_ranks_together():
+    """Operations and bytes as of the factors that are made; no rank has more than all, or less than its share."""
+    problem = make_block(4)
+    nodes = problem.surface.nodes_in_rows
+    found = SharedSymbolic(problem.elasticity.K, problem.elasticity.x, nodes)
+    work = found.work()
+    assert comm.allgather(work) == [work] * comm.size
+    assert work.operations / comm.size <= work.longest <= work.operations
+    solver = DistributedMultifrontalSolver(problem.elasticity.K, problem.elasticity.x, nodes, True, found)
+    kept = [part._factors.heads for part in solver._factors._parts]
+    parts = comm.allreduce(sum(head.nbytes for heads in kept for head in heads))
+    assert parts + 4 * (3 * len(solver.last)) ** 2 <= work.bytes  # and the separators
+    if comm.size > 1:
+        assert work.longest < work.operations
+
+
+@pytest.mark.parametrize("direct", [True, False])
+def test_the_ranks_choose_together_by_predicted_seconds(monkeypatch, direct):
+    """All as the first one, and with the fronts that were found."""
+    monkeypatch.setattr(methods, "_SMALL", (0, 0))
+    monkeypatch.setattr(contact_body, "factorise", lambda *_: direct == (comm.rank == 0))
+    body = make_block(3).body
+    assert body.explicit is direct and body.linear_solver is (DirectSolver if direct else IterativeSolver)
+    monkeypatch.undo()
+    monkeypatch.setattr(methods, "_SMALL", (0, 0))
+    monkeypatch.setattr(contact_body, "least_room", lambda _: math.inf if direct else 0.0)
+    problem = make_block(3)
+    assert problem.body.explicit is direct
+    if direct:
+        monkeypatch.setattr(distributed_multifrontal, "dissect_shared", lambda *_: pytest.fail("dissected again"))
+        assert problem.solve().certificate.passed
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -15,10 +15,10 @@ from .blas import Real
 from .distributed_front import DistributedFront
 from .front_blocks import Block, Update, column_ranks
 from .frontal_factors import FrontalFactors, NotPositiveDefinite
-from .multifrontal import predicted_work
+from .multifrontal import Work, predicted_work
 from .nested_dissection import Front, Nodes, dissect_part
 from .nodal_blocks import NodalRows
-from .reductions import Reductions
+from .reductions import Reductions, summed
 from .shared_dissection import Part, SharedDissection
 
 
@@ -97,12 +97,17 @@ def local_parts(comm: MPI.Comm, dissection: SharedDissection, entries: Entries, 
     return [LocalPart(part, entries, points) for part in dissection.parts if part.rank == comm.rank]
 
 
-def operations(comm: MPI.Comm, dissection: SharedDissection, parts: list[LocalPart]) -> float:
-    """Additions and multiplications of a factorisation, of all ranks together; collective."""
-    mine = sum(predicted_work(part.fronts).operations for part in parts)
+def shared_work(comm: MPI.Comm, dissection: SharedDissection, parts: list[LocalPart]) -> Work:
+    """What a factorisation takes, without doing it, the same on all ranks; collective."""
+    each = [predicted_work(part.fronts) for part in parts]
+    mine, kept = float(sum(work.operations for work in each)), float(sum(work.bytes for work in each))
     own, border = (np.array([3.0 * len(getattr(f, side)) for f in dissection.fronts]) for side in ("own", "border"))
     shared = own**3 / 3 + own**2 * border + own * border**2
-    return Reductions(comm).sum(mine) + float(shared.sum())
+    ranks = np.array([len(front.ranks) for front in dissection.fronts])
+    total, memory = summed(comm, np.array([mine, kept]))
+    longest = Reductions(comm).max(np.array([mine])) + float(np.sum(shared / ranks))
+    fronts = 4.0 * float(np.sum(own * (own + border)) + np.max(border**2, initial=0.0))
+    return Work(float(total + shared.sum()), float(memory) + fronts, longest)
 
 
 class DistributedFactors:

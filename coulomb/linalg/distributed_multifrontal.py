@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from .distributed_factors import DistributedFactors, Entries, LocalPart, local_parts, operations
+from .distributed_factors import DistributedFactors, Entries, LocalPart, local_parts, shared_work
 from .front_blocks import column_ranks
-from .multifrontal import SINGLE_FROM
+from .multifrontal import SINGLE_FROM, Work
 from .nested_dissection import Nodes
 from .nodal_blocks import nodal_blocks
 from .reductions import concatenated
@@ -24,61 +25,55 @@ from .refined_solver import RefinedSolver
 from .shared_dissection import dissect_shared
 
 
-class DistributedMultifrontalSolver(RefinedSolver):
-    """Cholesky factorisation of K on several ranks, some of its nodes last; all calls are collective.
+class SharedSymbolic:
+    """What is known of a factorisation on several ranks before it is made; collective.
 
     Args:
         K: Symmetric positive definite, assembled, 3 rows per node, those of a node on one rank.
         points: Coordinates of this rank's nodes, shape (k, 3).
         last: Nodes to eliminate last, by global number; those of all ranks together.
-        single: Whether to factorise in single precision; by default where it is faster.
 
     Attributes:
-        last: The same nodes on every rank, in the order of `schur_solve`, body after body.
-
-    Raises:
-        ValueError: On every rank, if K is not positive definite.
+        comm: The ranks.
+        owned: Number of nodes of each rank.
+        first: Number of this rank's first node.
+        dissection: Parts of the bodies, and the fronts above.
     """
 
-    method = "direct (nested dissection, shared fronts)"
-    _factors: DistributedFactors
-
-    def __init__(
-        self, K: PETSc.Mat, points: FloatArray, last: npt.NDArray[np.integer[Any]], single: bool | None = None
-    ):
-        super().__init__(K)
+    def __init__(self, K: PETSc.Mat, points: FloatArray, last: npt.NDArray[np.integer[Any]]):
+        self._K = K
+        self.comm: MPI.Comm = K.getComm().tompi4py()
         comm = self.comm
-        self._owned = concatenated(comm, np.array([len(points)]))
-        self._first = int(self._owned[: comm.rank].sum())
+        self.owned = concatenated(comm, np.array([len(points)]))
+        self.first = int(self.owned[: comm.rank].sum())
         self._points: FloatArray = concatenated(comm, points)
         is_last = np.zeros(len(self._points), dtype=bool)
         is_last[concatenated(comm, last.astype(np.int64))] = True
         blocks = nodal_blocks(K)
-        self._dissection = dissect_shared(comm, blocks, self._first, self._points, is_last)
-        roots = [front.own for front in self._dissection.fronts if front.root]
-        self.last: Nodes = np.concatenate([np.empty(0, np.int64), *roots])
-        mine = (self.last >= self._first) & (self.last < self._first + len(points))
-        self._mine = np.flatnonzero(np.repeat(mine, 3))
-        self._at = (3 * (self.last[mine] - self._first)[:, None] + np.arange(3)).ravel()
+        self.dissection = dissect_shared(comm, blocks, self.first, self._points, is_last)
         self._ready: tuple[Entries, list[LocalPart]] | None = self._prepared(blocks)
-        if single is None:
-            single = operations(comm, self._dissection, self._ready[1]) >= SINGLE_FROM
-        self._factorise(single)
-        self._ready = None  # it is large
+
+    @property
+    def prepared(self) -> tuple[Entries, list[LocalPart]]:
+        """The rows of K that this rank needs, and its parts of the bodies; collective after `forget`."""
+        return self._ready or self._prepared(nodal_blocks(self._K))
+
+    def forget(self) -> None:
+        """Free `prepared`, which is large."""
+        self._ready = None
+
+    def work(self) -> Work:
+        """What a factorisation takes; collective."""
+        return shared_work(self.comm, self.dissection, self.prepared[1])
 
     def _prepared(self, blocks: scipy.sparse.bsr_matrix) -> tuple[Entries, list[LocalPart]]:
-        """What a factorisation needs."""
         entries = self._redistributed(blocks)
-        return entries, local_parts(self.comm, self._dissection, entries, self._points)
-
-    def _factorised_in(self, dtype: npt.DTypeLike) -> DistributedFactors:
-        entries, parts = self._ready or self._prepared(nodal_blocks(self._K))
-        return DistributedFactors(self.comm, self._dissection, parts, entries, self._owned, dtype)
+        return entries, local_parts(self.comm, self.dissection, entries, self._points)
 
     def _redistributed(self, blocks: scipy.sparse.bsr_matrix) -> Entries:
         """The entries of K that this rank eliminates, row by row."""
-        comm, label = self.comm, self._dissection.label
-        mine = np.arange(self._first, self._first + len(blocks.indptr) - 1)
+        comm, label = self.comm, self.dissection.label
+        mine = np.arange(self.first, self.first + len(blocks.indptr) - 1)
         row, column = np.repeat(mine, np.diff(blocks.indptr)), blocks.indices
         needed = np.flatnonzero(label[column] >= label[row])
         rank = self._eliminating_ranks()[row[needed]]
@@ -95,12 +90,59 @@ class DistributedMultifrontalSolver(RefinedSolver):
 
     def _eliminating_ranks(self) -> Nodes:
         """The rank that needs the row of each node."""
-        rank = np.empty(len(self._dissection.label), dtype=np.int64)
-        for part in self._dissection.parts:
+        rank = np.empty(len(self.dissection.label), dtype=np.int64)
+        for part in self.dissection.parts:
             rank[part.own] = part.rank
-        for front in self._dissection.fronts:
+        for front in self.dissection.fronts:
             rank[front.own] = column_ranks(front)
         return rank
+
+
+class DistributedMultifrontalSolver(RefinedSolver):
+    """Cholesky factorisation of K on several ranks, some of its nodes last; all calls are collective.
+
+    Args:
+        K: Symmetric positive definite, assembled, 3 rows per node, those of a node on one rank.
+        points: Coordinates of this rank's nodes, shape (k, 3).
+        last: Nodes to eliminate last, by global number; those of all ranks together.
+        single: Whether to factorise in single precision; by default where it is faster.
+        symbolic: Of the same K, points and nodes, if it is known.
+
+    Attributes:
+        last: The same nodes on every rank, in the order of `schur_solve`, body after body.
+
+    Raises:
+        ValueError: On every rank, if K is not positive definite.
+    """
+
+    method = "direct (nested dissection, shared fronts)"
+    _factors: DistributedFactors
+
+    def __init__(
+        self,
+        K: PETSc.Mat,
+        points: FloatArray,
+        last: npt.NDArray[np.integer[Any]],
+        single: bool | None = None,
+        symbolic: SharedSymbolic | None = None,
+    ):
+        super().__init__(K)
+        self._symbolic = symbolic or SharedSymbolic(K, points, last)
+        first = self._symbolic.first
+        roots = [front.own for front in self._symbolic.dissection.fronts if front.root]
+        self.last: Nodes = np.concatenate([np.empty(0, np.int64), *roots])
+        mine = (self.last >= first) & (self.last < first + len(points))
+        self._mine = np.flatnonzero(np.repeat(mine, 3))
+        self._at = (3 * (self.last[mine] - first)[:, None] + np.arange(3)).ravel()
+        if single is None:
+            single = self._symbolic.work().operations >= SINGLE_FROM
+        self._factorise(single)
+        self._symbolic.forget()
+
+    def _factorised_in(self, dtype: npt.DTypeLike) -> DistributedFactors:
+        entries, parts = self._symbolic.prepared
+        dissection, owned = self._symbolic.dissection, self._symbolic.owned
+        return DistributedFactors(self.comm, dissection, parts, entries, owned, dtype)
 
     def contact_part(self, u: FloatArray) -> FloatArray:
         """Displacements of the nodes `last`, shape (3 last,), the same on all ranks, of this rank's, shape (n,)."""

@@ -1,6 +1,6 @@
 """The choice of solvers for K^-1 and A by size and number of ranks, where the user makes none.
 
-On one rank it is made by predicted seconds, where the size leaves it open (`undecided`, `predicted_cost`).
+It is made by predicted seconds where the size leaves it open (`undecided`, `predicted_cost`).
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from .stiffness import DirectSolver, IterativeSolver
 
 DIRECT_UP_TO = 50_000
-"""Displacement unknowns up to which K is factorised by default where no cost is predicted, as on several ranks
+"""Displacement unknowns up to which K is factorised by default where no cost is predicted, as of the user's forms
 (measured: docs/measurements.md)."""
 
 PREDICTED_UP_TO = 200_000
@@ -23,13 +23,11 @@ EXPLICIT_UP_TO = 10_000
 LinearSolver = type[DirectSolver] | type[IterativeSolver]
 
 
-def undecided(
-    displacement: int, contact: int, ranks: int, linear_solver: LinearSolver | None, explicit: bool | None
-) -> bool:
+def undecided(displacement: int, contact: int, linear_solver: LinearSolver | None, explicit: bool | None) -> bool:
     """Whether the faster method is to be found by predicted seconds; arguments as of `chosen`."""
     small = displacement <= _SMALL[0] and contact <= _SMALL[1]
     open_size = contact <= EXPLICIT_UP_TO and displacement <= PREDICTED_UP_TO and not small
-    return ranks == 1 and linear_solver is None and explicit is None and open_size
+    return linear_solver is None and explicit is None and open_size
 
 
 def chosen(

@@ -45,12 +45,12 @@ class Work(NamedTuple):
     Attributes:
         operations: Additions and multiplications together.
         bytes: Memory of factors and update matrices, in single precision; in double precision twice as much.
-        fronts: Number of fronts, each of which has an overhead of about 0.1 ms.
+        longest: Operations of the rank that has most to do; on one rank all.
     """
 
     operations: float
     bytes: float
-    fronts: int
+    longest: float
 
 
 def predicted_work(fronts: list[Front]) -> Work:
@@ -59,7 +59,7 @@ def predicted_work(fronts: list[Front]) -> Work:
     border = 3.0 * np.array([len(front.border) for front in fronts])
     operations = float(np.sum(own**3 / 3 + own**2 * border + own * border**2))
     entries = float(np.sum(own * (own + border))) + sum(stack_heights(fronts)[1])
-    return Work(operations, 4.0 * entries, len(fronts))
+    return Work(operations, 4.0 * entries, operations)
 
 
 def symbolic(K: PETSc.Mat, points: FloatArray, last: npt.NDArray[np.integer[Any]]) -> list[Front]:

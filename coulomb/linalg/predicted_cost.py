@@ -1,4 +1,4 @@
-"""Which is faster on one rank, K factorised or multigrid: processor seconds predicted before either is begun.
+"""Which is faster, K factorised or multigrid: processor seconds predicted before either is begun.
 
 The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`).  The iterations of
 multigrid are not: they grow with the slenderness of the body behind its contact face, and vary by a factor of two to
@@ -10,6 +10,8 @@ with 2 000 to 66 000 unknowns, of processor time on one thread; their ratios mat
 """
 
 from __future__ import annotations
+
+import math
 
 from .multifrontal import SINGLE_FROM, Work
 
@@ -23,34 +25,44 @@ _ITERATIONS = 350.0  # of the block
 _SLENDER = 0.9  # they grow with this power of the slenderness
 _BLOCK = 1.7  # slenderness of the block
 
+_FACTOR_RANKS = 0.75  # speed-up of everything but the operations of the fronts: ranks to this power; 1.7 on two
+_MULTIGRID_RANKS = 0.5  # of multigrid and its path following; 1.4 on two
 
-def seconds_direct(work: Work, contact: int, entries: float) -> float:
+
+def seconds_direct(work: Work, contact: int, entries: float, ranks: int = 1) -> float:
     """With K factorised and the Schur complement on the contact nodes, to the certificate.
 
     Args:
         work: What the factorisation takes.
         contact: Displacements on which contact forces act.
         entries: Entries of K.
+        ranks: Number of ranks.
     """
     constant, square, byte = _FACTORED
-    return _OPERATION * work.operations + _ENTRY * entries + constant + square * contact**2 + byte * work.bytes
+    shared = _ENTRY * entries + square * contact**2 + byte * work.bytes
+    seconds: float = _OPERATION * work.longest + constant + shared / ranks**_FACTOR_RANKS
+    return seconds
 
 
-def seconds_multigrid(contact: int, entries: float, slenderness: float) -> float:
+def seconds_multigrid(contact: int, entries: float, slenderness: float, ranks: int = 1) -> float:
     """With products by multigrid, to the certificate.
 
     Args:
         contact: Displacements on which contact forces act.
         entries: Entries of K.
         slenderness: Width of the contact face over the thickness of the body behind it.
+        ranks: Number of ranks.
     """
     constant, entry, unknown = _ITERATION
     iterations = _ITERATIONS * max(slenderness / _BLOCK, 1.0) ** _SLENDER
-    seconds: float = _SET_UP * entries + iterations * (constant + entry * entries + unknown * contact)
+    shared = _SET_UP * entries + iterations * (entry * entries + unknown * contact)
+    seconds: float = iterations * constant + shared / ranks**_MULTIGRID_RANKS
     return seconds
 
 
-def factorise(work: Work, contact: int, entries: float, slenderness: float, free: float | None) -> bool:
+def factorise(
+    work: Work, contact: int, entries: float, slenderness: float, free: float = math.inf, ranks: int = 1
+) -> bool:
     """Whether K should be factorised: it fits into the memory, and takes no longer than multigrid.
 
     Args:
@@ -58,9 +70,9 @@ def factorise(work: Work, contact: int, entries: float, slenderness: float, free
         contact: Displacements on which contact forces act.
         entries: Entries of K.
         slenderness: Width of the contact face over the thickness of the body behind it.
-        free: Free memory in bytes; None if it is unknown.
+        free: Free memory in bytes, of all ranks.
+        ranks: Number of ranks.
     """
     needed = work.bytes * (1.0 if work.operations >= SINGLE_FROM else 2.0)
-    if free is not None and needed > free:
-        return False
-    return seconds_direct(work, contact, entries) <= seconds_multigrid(contact, entries, slenderness)
+    multigrid = seconds_multigrid(contact, entries, slenderness, ranks)
+    return needed <= free and seconds_direct(work, contact, entries, ranks) <= multigrid

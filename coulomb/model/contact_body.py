@@ -11,6 +11,7 @@ from itertools import repeat
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..fem.deformable import Deformable
@@ -20,7 +21,7 @@ from ..fem.pair import Pair
 from ..fem.rigid_motion import RigidMotion, same_place, since_at, spin
 from ..fem.surface import ContactSurface
 from ..fem.unjoined_parts import unjoined_parts
-from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver
+from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic
 from ..linalg.methods import LinearSolver, chosen, undecided
 from ..linalg.multifrontal import MultifrontalSolver, predicted_work, symbolic
 from ..linalg.nested_dissection import Front
@@ -32,7 +33,7 @@ from .contact import Contact
 from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
 from .evidence import rounding_forces
-from .free_memory import free_memory
+from .free_memory import least_room
 from .probes import LocatedProbes, Part, Probe
 from .rigid_contact import refuse_untouched
 from .slenderness import slenderness_of
@@ -112,28 +113,32 @@ class ContactBody:
         for text in (*self.elasticity.contradictions, *(text for pair in pairs for text in pair.remarks)):
             if self.comm.rank == 0:
                 _log.warning("%s", text)
-        self._fronts: list[Front] | None = None
+        self._symbolic: list[Front] | SharedSymbolic | None = None
         self.linear_solver, self.explicit = self._chosen(linear_solver, explicit)
         self._rounding: tuple[object, float, FloatArray] | None = None
         self._stiffness = ContactStiffness(
-            self.elasticity, self._reference, self.linear_solver, self.explicit, self.seconds, self._fronts
+            self.elasticity, self._reference, self.linear_solver, self.explicit, self.seconds, self._symbolic
         )
 
     def _chosen(self, linear_solver: LinearSolver | None, explicit: bool | None) -> tuple[LinearSolver, bool]:
-        """The solver for K, and whether A is formed; collective.
+        """The solver for K, and whether A is formed, the same on all ranks; collective.
 
         Bodies of the user's forms, whose stiffness is assembled when it is needed, are judged by their size.
         """
-        given = self.unknowns["displacement"], self.interface, self.comm.size, linear_solver, explicit
-        if not undecided(*given) or self.elasticity.forms() is not None:
-            return chosen(*given)
+        comm, m = self.comm, self.interface
+        n = self.unknowns["displacement"]
+        if not undecided(n, m, linear_solver, explicit) or self.elasticity.forms() is not None:
+            return chosen(n, m, comm.size, linear_solver, explicit)
         with timed(self.seconds, "stiffness"):
-            K = self.elasticity.K
-            fronts = symbolic(K, self.elasticity.x, self._reference.nodes_in_rows)
-            entries, thin = K.getInfo()["nz_used"], slenderness_of(self._reference, self.elasticity)
-            if not factorise(predicted_work(fronts), self.interface, entries, thin, free_memory()):
+            K, x, nodes = self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows
+            found = symbolic(K, x, nodes) if comm.size == 1 else SharedSymbolic(K, x, nodes)
+            work = found.work() if isinstance(found, SharedSymbolic) else predicted_work(found)
+            entries = K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
+            thin = slenderness_of(self._reference, self.elasticity)
+            direct = factorise(work, m, entries, thin, least_room(comm), comm.size)
+            if not comm.bcast(direct):  # sums over the ranks may differ by rounding errors
                 return IterativeSolver, False
-            self._fronts = fronts
+            self._symbolic = found
         return DirectSolver, True
 
     @property
@@ -308,6 +313,6 @@ class ContactBody:
         if self._stiffness.elasticity.K is not elasticity.K:
             spent = self.seconds if seconds is None else seconds
             self._stiffness = ContactStiffness(
-                elasticity, self._reference, self.linear_solver, self.explicit, spent, self._fronts
+                elasticity, self._reference, self.linear_solver, self.explicit, spent, self._symbolic
             )
         return self._stiffness

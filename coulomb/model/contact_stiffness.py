@@ -16,7 +16,7 @@ from ..fem.contact_frames import inverse_frames
 from ..fem.deformable import Deformable
 from ..fem.surface import ContactSurface
 from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance
-from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver
+from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic
 from ..linalg.kept_responses import KeptResponses
 from ..linalg.methods import LinearSolver
 from ..linalg.multifrontal import MultifrontalSolver
@@ -53,7 +53,7 @@ class ContactStiffness:
         linear_solver: The solver class for K^-1.
         explicit: Whether A is formed.
         seconds: Dictionary to which wall times are added.
-        fronts: The result of `symbolic` with the contact nodes last, if it is known.
+        symbolic: The fronts of K with the contact nodes last, if they are known; on several ranks `SharedSymbolic`.
 
     Attributes:
         elasticity: The body.
@@ -70,9 +70,9 @@ class ContactStiffness:
         linear_solver: LinearSolver,
         explicit: bool,
         seconds: dict[str, float],
-        fronts: list[Front] | None = None,
+        symbolic: list[Front] | SharedSymbolic | None = None,
     ):
-        self.elasticity, self._reference, self._fronts = elasticity, reference, fronts
+        self.elasticity, self._reference, self._symbolic = elasticity, reference, symbolic
         self._linear_solver, self._explicit, self._seconds = linear_solver, explicit, seconds
         self.responses, self._many = KeptResponses(elasticity.comm), False
         self._latest: tuple[ContactSurface, BodyCompliance] | None = None
@@ -91,7 +91,7 @@ class ContactStiffness:
     def _contact_last(self) -> MultifrontalSolver | DistributedMultifrontalSolver:
         """K^-1 with the contact nodes eliminated last, which gives A."""
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
-            return self._factorised(self._reference.nodes_in_rows, self._fronts)
+            return self._factorised(self._reference.nodes_in_rows, self._symbolic)
 
     @cached_property
     def _any_order(self) -> StiffnessSolver:
@@ -102,13 +102,14 @@ class ContactStiffness:
             return self._linear_solver(self.elasticity.K)
 
     def _factorised(
-        self, last: npt.NDArray[np.integer[Any]], fronts: list[Front] | None
+        self, last: npt.NDArray[np.integer[Any]], symbolic: list[Front] | SharedSymbolic | None
     ) -> MultifrontalSolver | DistributedMultifrontalSolver:
-        """K^-1 with these nodes eliminated last; the fronts are of one rank."""
+        """K^-1 with these nodes eliminated last; what is known of that before."""
         K, x, single = self.elasticity.K, self.elasticity.x, False if self._many else None
         if self.elasticity.comm.size > 1:
-            return DistributedMultifrontalSolver(K, x, last, single)
-        return MultifrontalSolver(K, x, last, single, fronts)
+            shared = symbolic if isinstance(symbolic, SharedSymbolic) else None
+            return DistributedMultifrontalSolver(K, x, last, single, shared)
+        return MultifrontalSolver(K, x, last, single, symbolic if isinstance(symbolic, list) else None)
 
     @cached_property
     def _compliance(self) -> BodyCompliance:

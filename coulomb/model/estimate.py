@@ -17,7 +17,7 @@ from petsc4py import PETSc
 
 from ..linalg.methods import LinearSolver
 from ..linalg.stiffness import DirectSolver, IterativeSolver
-from .free_memory import free_memory
+from .free_memory import least_room
 from .machine import SAME, Slowness
 from .problem import ContactProblem
 from .slenderness import slenderness_of
@@ -143,8 +143,7 @@ def refuse_too_large(problem: ContactProblem) -> None:
     comm, size, nodes = problem.comm, problem.unknowns, _nodes_of_cell(problem)
     n, m = size["displacement"], problem.body.interface
     needed = estimate_of(problem).memory
-    share = _share_of_node(comm)
-    fits = _least_room(comm, share)
+    fits = least_room(comm)
     if needed <= fits:
         return
     methods = "K factorised" if problem.body.linear_solver is DirectSolver else "multigrid"
@@ -174,7 +173,7 @@ def refuse_too_many_cells(cells: tuple[int, int, int], degree: int, comm: MPI.Co
         ValueError: On every rank.
     """
     unknowns = _unknowns(cells, degree)
-    needed, fits = _BASE * comm.size + _BODY * unknowns, _least_room(comm, _share_of_node(comm))
+    needed, fits = _BASE * comm.size + _BODY * unknowns, least_room(comm)
     if needed > fits:
         raise ValueError(
             f"too little memory: a mesh of {_counted(cells, degree)} has {unknowns} displacement "
@@ -217,18 +216,3 @@ def _counted(cells: tuple[int, int, int], degree: int) -> str:
 
 def gigabytes(size: float) -> str:
     return f"{size / 1e9:.2g} GB" if size < 99.5e9 else f"{size / 1e9:.0f} GB"
-
-
-def _share_of_node(comm: MPI.Comm) -> float:
-    """The fraction of all ranks that runs on this rank's node; collective."""
-    node = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    here: int = node.size
-    node.Free()
-    return here / float(comm.size)
-
-
-def _least_room(comm: MPI.Comm, share: float) -> float:
-    """The memory that all ranks together may take until some node is full, bytes; inf if it is unknown."""
-    free = free_memory()
-    mine = float("inf") if free is None else free / share
-    return float(comm.allreduce(mine, op=MPI.MIN))

@@ -1,8 +1,10 @@
-"""Free memory of this node, by the kernel and the limits of its control groups."""
+"""Free memory of this node and of all nodes together, by the kernel and the limits of its control groups."""
 
 from __future__ import annotations
 
 from pathlib import Path
+
+from mpi4py import MPI
 
 _PROC, _GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 
@@ -24,6 +26,16 @@ def free_memory(proc: Path = _PROC, groups: Path = _GROUPS) -> float | None:
             found += _rooms(root, path, limit, usage, "total_inactive_file")
     known = [value for value in found if value is not None]
     return min(known) if known else None
+
+
+def least_room(comm: MPI.Comm) -> float:
+    """The memory that all ranks together may take until some node is full, bytes; inf if it is unknown; collective."""
+    node = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    share = node.size / float(comm.size)
+    node.Free()
+    free = free_memory()
+    mine = float("inf") if free is None else free / share
+    return float(comm.allreduce(mine, op=MPI.MIN))
 
 
 def _available(path: Path) -> float | None:
