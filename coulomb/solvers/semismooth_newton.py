@@ -58,8 +58,9 @@ class SemismoothNewton:
         patience: Steps without a residual below `falls` times the best before it gives up.
         falls: See `patience`.
         forcing: Largest relative residual of a Newton system; it falls with the residual of the problem.
-        rank: Columns of the low-rank approximation of A in the preconditioner.
-        updated_from: Krylov iterations of a step from which on the approximation is brought up to date.
+        rank: Columns of the low-rank approximation of A in the preconditioner, with exact products and where a product
+            is a solve: with fewer a step takes less time and needs a few more products.
+        updated_from: Krylov iterations of a step from which on the approximation is brought up to date, likewise.
         product: If a product is a solve, its accuracy at iterates, relative to the change, and the best in a Krylov
             method.
         finer: With exact products, steps are computed to this part of the tolerance, and a start is an answer only
@@ -74,8 +75,8 @@ class SemismoothNewton:
     patience: int = 4
     falls: float = 0.9
     forcing: float = 0.1
-    rank: int = 100
-    updated_from: int = 12
+    rank: tuple[int, int] = (60, 100)
+    updated_from: tuple[int, int] = (16, 12)
     product: float = 1e-3
     finer: float = 1e-3
 
@@ -142,7 +143,11 @@ class _Iteration(ProductImages):
         d = self._scaled.diagonal
         lower = np.broadcast_to(np.asarray(problem.lower, dtype=np.float64), (m,))
         self._equations = ContactEquations(problem.law, lower, problem.frictional, d[:, 0], 0.5 * (d[:, 1] + d[:, 2]))
-        self._A = LowRankApproximation(problem.A.comm, d, settings.rank, problem.A.exact, known=self._scaled.known())
+        costly = 0 if problem.A.exact else 1
+        self._updated_from = settings.updated_from[costly]
+        self._A = LowRankApproximation(
+            problem.A.comm, d, settings.rank[costly], problem.A.exact, known=self._scaled.known()
+        )
         self._constraints = Constraints(problem.A.comm, G)
         self._accuracy = settings.forcing
         self._finer = settings.finer if problem.A.exact else 1.0
@@ -265,7 +270,7 @@ class _Iteration(ProductImages):
         enough = max(share * size, least * over.norm(x))
         self._accuracy = min(max(enough / size, settings.product), settings.forcing) if size > 0.0 else settings.forcing
         dx, moved, dalpha, iterations = self._krylov.solve(-at.value, np.zeros_like(x), enough, r3)
-        if iterations >= settings.updated_from or self._A.U.shape[1] == 0:
+        if iterations >= self._updated_from or self._A.U.shape[1] == 0:
             self._A.update()
         return dx, self._constraints.without(moved, -dalpha), dalpha, iterations
 
