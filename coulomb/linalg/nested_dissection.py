@@ -189,7 +189,7 @@ class _TreeInC(_Tree):
         count, first = len(nodes), len(self.own)
         if count == 0:
             return ()
-        given, own, counts, below = (np.empty(size * count, dtype=np.int64) for size in (1, 1, 1, 2))
+        given, own, counts, below = (np.empty(size * count, dtype=np.int64) for size in (1, 1, 2, 4))  # some are empty
         given[:] = nodes
         arrays = (self._ptr, self._col, self.points)
         made = self._dissect(

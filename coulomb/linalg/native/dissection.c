@@ -196,7 +196,8 @@ static long grow(Tree *tree, long n, long *nodes, int *place)
 }
 
 /* Separators of n of `all` nodes in the order of elimination; their number, or -1 without memory.  `own` has room for n
-nodes, `counts` for n numbers and `children` for 2 n; nodes are reordered. */
+nodes, `counts` for 2 n numbers and `children` for 4 n: parts that are not coupled have an empty separator; nodes are
+reordered. */
 long dissect_nodes(long all, long n, long *nodes, const long *ptr, const long *col, const double *points, long leaf,
                    long *own, long *counts, long *children)
 {
