@@ -174,10 +174,11 @@ class SuccessiveTresca:
             g = self._without_negligible(np.maximum(anderson.next(g, misfit, damping), 0.0), g, over)
         assert best is not None
         _, last, g = best
-        residual = problem.residual(last.x, problem.gradient(last.x, last.rigid))
+        gradient = problem.gradient(last.x, last.rigid)
+        residual = problem.residual(last.x, gradient)
         result = SolverResult(
             x=last.x,
-            gradient=last.gradient,
+            gradient=gradient,
             slip_bound=np.where(problem.known_slip, problem.slip_bound(last.x), g),
             multipliers=last.multipliers,
             status=goal.verdict(residual, last.x, status, last.rigid),
