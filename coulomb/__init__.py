@@ -6,6 +6,7 @@ min 1/2 x^T A x - b^T x   subject to   x_n >= 0,  |x_t| <= g,   with g = F x_n a
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
@@ -13,6 +14,10 @@ from typing import TYPE_CHECKING
 
 from .model import writing
 from .version import __version__
+
+# Read when the library of OpenMP is loaded.  Threads that wait in busy loops, its default, make products of multigrid
+# ten times as slow where other programs need the processors too.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 if TYPE_CHECKING:
     from .fem.body import Material

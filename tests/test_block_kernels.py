@@ -2,6 +2,7 @@
 
 import ctypes
 import gc
+import os
 
 import numpy as np
 import pytest
@@ -110,6 +111,9 @@ def test_multigrid_as_petsc_has_it(monkeypatch, cell, degree):
         solver.solve(f, u)
         assert (K * u - f).norm() <= 2e-11 * f.norm()
         iterations.append(solver.iterations)
+        product = f.duplicate()
+        solver.multiply(u, product)
+        assert (K * u - product).norm() <= 1e-14 * K.norm() * u.norm()
         solver.destroy()
     assert abs(iterations[0] - iterations[1]) <= 2
 
@@ -149,6 +153,7 @@ def test_threads_are_those_of_the_environment(monkeypatch, given, count):
     monkeypatch.setenv("OMP_NUM_THREADS", given)
     monkeypatch.setattr(native.os, "sched_getaffinity", lambda _: {0, 1, 2})
     assert native.threads.__wrapped__() == count
+    assert os.environ["OMP_WAIT_POLICY"] == "passive"  # of the library of OpenMP, set before it is loaded
 
 
 def test_without_compiler(monkeypatch, tmp_path):

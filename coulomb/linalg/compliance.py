@@ -181,7 +181,7 @@ class MatrixFreeCompliance:
         self._x.array[:] = x
         self.B.multTranspose(self._x, self._rhs)
         size = self._rhs.norm()
-        self.K.mult(self._last, self._u)
+        self._solver.multiply(self._last, self._u)
         self._rhs.axpy(-1.0, self._u)
         left = self._rhs.norm()
         if left > self._solver.tolerance * size:

@@ -165,6 +165,10 @@ class RefinedSolver:
                 self._error = left if math.isinf(self._error) else max(self._error, left)
         return None
 
+    def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
+        """product <- K u."""
+        self._K.mult(u, product)
+
     def _product(self, u: FloatArray) -> FloatArray:
         """K u, shapes (n,)."""
         if not Reductions(self.comm).any(np.any(u)):

@@ -45,6 +45,10 @@ class StiffnessSolver(Protocol):
         """u <- K^-1 rhs, to |K u - rhs| <= max(tolerance, the solver's tolerance) |rhs|."""
         ...
 
+    def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
+        """product <- K u, in double precision."""
+        ...
+
     def destroy(self) -> None:
         """Free its PETSc objects."""
         ...
@@ -145,6 +149,9 @@ class DirectSolver:
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         self._ksp.solve(rhs, u)
 
+    def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
+        self._ksp.getOperators()[0].mult(u, product)
+
     def destroy(self) -> None:
         self._ksp.destroy()
 
@@ -169,6 +176,11 @@ class _InBlocks:
         iterations = self._cg.solve(rhs.array_r, self._u, tolerance)
         u.array[:] = self._u
         return iterations
+
+    def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
+        """product <- K u."""
+        self._u[:] = u.array_r
+        self._cycle.mult(self._u, product.array)
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
@@ -217,6 +229,10 @@ class _ByPETSc:
         self._ksp.setTolerances(rtol=tolerance)
         self._ksp.solve(rhs, u)
         return int(self._ksp.getIterationNumber())
+
+    def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
+        """product <- K u."""
+        self._blocks.mult(u, product)
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
@@ -335,6 +351,9 @@ class IterativeSolver:
             u.set(0.0)
             return
         self.iterations += self._method.solve(rhs, u, max(tolerance, self.tolerance))
+
+    def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
+        self._method.multiply(u, product)
 
     def destroy(self) -> None:
         self._method.destroy()
