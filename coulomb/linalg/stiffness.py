@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import itertools
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from typing import Protocol
 
 from mpi4py import MPI
@@ -16,9 +13,8 @@ from .coarse_grids import REPLICATED_UP_TO, CoarseSolver, ExactSolver, Replicate
 from .multigrid_cycle import Grid, Level, MultigridCycle, grids_of, supported
 from .native import kernels
 from .nodal_blocks import symmetric_blocks
+from .petsc_options import configured_ksp, petsc_options
 from .recycled_cg import RecycledCG
-
-_prefixes = (f"coulomb_{number}_" for number in itertools.count())
 
 
 class StiffnessSolver(Protocol):
@@ -52,49 +48,6 @@ class StiffnessSolver(Protocol):
     def destroy(self) -> None:
         """Free its PETSc objects."""
         ...
-
-
-@contextmanager
-def _options(prefix: str, values: Mapping[str, object]) -> Iterator[None]:
-    """Set PETSc options under a prefix, and remove them afterwards."""
-    database = PETSc.Options(prefix)
-    for key, value in values.items():
-        database[key] = value
-    try:
-        yield
-    finally:
-        for key in values:
-            database.delValue(key)
-
-
-def configured_ksp(
-    K: PETSc.Mat,
-    ksp_type: str,
-    values: Mapping[str, object],
-    operator: PETSc.Mat | None = None,
-    prepare: Callable[[PETSc.PC], None] | None = None,
-) -> PETSc.KSP:
-    """A KSP set up with the given options only; they are removed from PETSc's database afterwards.
-
-    Args:
-        K: The matrix of which the preconditioner is made.
-        ksp_type: PETSc's name of the method.
-        values: The options, without prefix.
-        operator: The matrix of the system, if it is not K.
-        prepare: Called with the preconditioner before the options are set.
-    """
-    prefix = next(_prefixes)
-    ksp = PETSc.KSP().create(K.comm)
-    ksp.setOperators(K if operator is None else operator, K)
-    ksp.setType(ksp_type)
-    ksp.setErrorIfNotConverged(True)
-    ksp.setOptionsPrefix(prefix)
-    if prepare is not None:
-        prepare(ksp.getPC())
-    with _options(prefix, values):
-        ksp.setFromOptions()
-        ksp.setUp()
-    return ksp
 
 
 def _linear(K: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
@@ -267,7 +220,9 @@ def _cycle(library: ctypes.CDLL, K: PETSc.Mat, P: PETSc.Mat | None) -> Multigrid
     freed.
     """
     linear = K if P is None else _linear(K, P)
-    with _options("", {"matptap_via": "rap"} if K.comm.size == 1 else {}):  # two thirds of the time of PETSc's choice
+    with petsc_options(
+        "", {"matptap_via": "rap"} if K.comm.size == 1 else {}
+    ):  # two thirds of the time of PETSc's choice
         ksp = configured_ksp(linear, "preonly", _GAMG | _SMOOTHER)
     pc = ksp.getPC()
     grids = grids_of(pc)

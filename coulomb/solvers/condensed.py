@@ -42,8 +42,8 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
+from ..linalg.petsc_options import configured_ksp
 from ..linalg.reductions import Reductions
-from ..linalg.stiffness import configured_ksp
 from .linearization import NodalInverse
 from .newton_systems import NewtonEquations, NewtonStep, NewtonSystem
 from .scaled_compliance import ScaledCompliance
