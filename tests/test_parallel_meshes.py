@@ -142,3 +142,13 @@ def test_slabs_near_points():
     for shift in (-0.7, -0.3, 0.0, 0.3, 0.7):
         assert found >= set(enumerate(slabs.of(x + np.array([0.0, shift, 0.0])).tolist()))
     assert len(point) == len(found) and np.all(np.abs(slab - slabs.of(x)[point]) <= max(1, comm.size // 4))
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_ranks_without_cells(cell, degree):
+    """One hexahedron, or six tetrahedra, on any number of ranks."""
+    mesh = coulomb.box((1.0, 1.0, 1.0), (1, 1, 1), cell, degree=degree)
+    body = Elasticity(mesh, STEEL, [Clamp("left")])
+    for name in AREAS:
+        assert comm.allreduce(body.area_of(mesh.faces[name]).sum()) == pytest.approx(1.0, rel=1e-12), name

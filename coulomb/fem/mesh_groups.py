@@ -30,7 +30,7 @@ def local_facets(domain: Any, groups: Mapping[str, IntArray]) -> dict[str, npt.N
     comm = domain.comm
     domain.topology.create_connectivity(2, 3)
     boundary = np.sort(mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
-    in_file = np.asarray(domain.geometry.input_global_indices)
+    in_file = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)  # without cells: empty, of any type
     mine = np.sort(in_file[corners_of(domain, boundary)], axis=1)
     largest = max(comm.allgather(int(max((rows.max(initial=0) for rows in (mine, *groups.values())), default=0))))
     hubs = even_starts(comm.size, largest + 1)
@@ -58,7 +58,9 @@ def local_cells(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -
     member = np.zeros((last - first, len(groups)), dtype=bool)
     for column, numbers in enumerate(groups.values()):
         member[Exchange(comm, owner_of(starts, numbers)).send(numbers) - first, column] = True
-    original = np.asarray(domain.topology.original_cell_index)[: domain.topology.index_map(3).size_local]
+    original = np.asarray(domain.topology.original_cell_index, dtype=np.int64)[
+        : domain.topology.index_map(3).size_local
+    ]
     here = fetched(comm, starts, original, member) if groups else member
     return {name: np.flatnonzero(here[:, column]).astype(np.int32) for column, name in enumerate(groups)}
 

@@ -40,12 +40,12 @@ def parts_of(domain: Any, path: str) -> tuple[int, FloatArray]:
     if parts == 1:
         return 1, np.empty((0, 3))
     rows = compat.cell_geometry(domain)[:own]
-    numbers = np.asarray(domain.geometry.input_global_indices)
+    numbers = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)
     shared = _hinges(numbers[rows], part, comm)
     bad = np.any(shared, axis=1)
     place = None
     if np.any(bad):
-        original = np.asarray(topology.original_cell_index)[:own]
+        original = np.asarray(topology.original_cell_index, dtype=np.int64)[:own]
         first = np.flatnonzero(bad)[np.argmin(original[bad])]
         place = (int(original[first]), domain.geometry.x[rows[first]].mean(axis=0))
     seen = comm.allgather((int(bad.sum()), own, place))
@@ -88,7 +88,8 @@ def _components(domain: Any, own: int) -> tuple[int, IntArray]:
     of_single = np.empty(len(at), dtype=np.int64)
     of_single[facet] = cell
     rows = np.sort(
-        np.asarray(domain.geometry.input_global_indices)[corners_of(domain, single.astype(np.int32))], axis=1
+        np.asarray(domain.geometry.input_global_indices, dtype=np.int64)[corners_of(domain, single.astype(np.int32))],
+        axis=1,
     )
     hubs = even_starts(comm.size, 1 + max(comm.allgather(int(rows.max(initial=0)))))
     exchange = Exchange(comm, owner_of(hubs, rows[:, 0]))
