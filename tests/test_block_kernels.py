@@ -208,15 +208,16 @@ def test_nearly_equal_solutions_are_no_start_that_is_worse_than_none():
     solver.destroy()
 
 
+@pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("n", [5, 8, 21])
-def test_vectors_of_conjugate_gradients(n):
+def test_vectors_of_conjugate_gradients(n, threads):
     """Also of sizes that are no multiples of a vector register."""
     library, rng = native.kernels(), np.random.default_rng(n)
     p, image, x, r, z = (vector(rng.standard_normal(n)) for _ in range(5))
     moved, left, direction = x + 0.3 * p, r - 0.3 * image, z + 0.7 * p
-    square = library.advance(n, ctypes.c_double(0.3), *map(address, (p, image, x, r)))
+    square = library.advance(n, threads, ctypes.c_double(0.3), *map(address, (p, image, x, r)))
     assert square == pytest.approx(left @ left) and np.allclose(x, moved) and np.allclose(r, left)
-    library.next_direction(n, ctypes.c_double(0.7), address(z), address(p))
+    library.next_direction(n, threads, ctypes.c_double(0.7), address(z), address(p))
     assert np.allclose(p, direction)
 
 
