@@ -31,7 +31,7 @@ def cluster(
             iteration = (
                 f"{row.messages_per_multigrid_iteration:5.1f} messages, "
                 f"{row.kilobytes_per_multigrid_iteration:6.1f} kB, "
-                f"{row.reductions_per_multigrid_iteration:4.1f} reductions each"
+                f"{row.collectives_per_multigrid_iteration:4.1f} reductions each"
             )
             line(
                 f"ranks {row.ranks:3d}  p {row.p:3d}  unknowns {row.unknowns:8d}  contact {row.contact:6d}  steps "

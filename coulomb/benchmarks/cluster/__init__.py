@@ -42,7 +42,7 @@ class Row(NamedTuple):
     multigrid_iterations: int
     messages_per_multigrid_iteration: float
     kilobytes_per_multigrid_iteration: float
-    reductions_per_multigrid_iteration: float
+    collectives_per_multigrid_iteration: float
     collectives_per_newton_step: float
     largest_collective_bytes: int
     mesh_collectives: int
@@ -117,13 +117,13 @@ def _row(ranks: int, p: int, friction: float, tolerance: float, library: Path) -
         file.unlink()
     messages, sent, reductions, others, largest = np.moveaxis(table, 2, 0).max(axis=1)
     linear, inner = found.pop("linear_iterations"), found["multigrid_iterations"]
-    per_iteration = reductions[LINEAR] / linear
+    per_iteration = (reductions[LINEAR] + others[LINEAR]) / linear
     return Row(
         ranks=ranks,
         p=p,
         messages_per_multigrid_iteration=messages[LINEAR] / linear,
         kilobytes_per_multigrid_iteration=sent[LINEAR] / linear / 1000.0,
-        reductions_per_multigrid_iteration=per_iteration,
+        collectives_per_multigrid_iteration=per_iteration,
         collectives_per_newton_step=(reductions[SOLVE] + others[SOLVE] - inner * per_iteration) / found["newton_steps"],
         largest_collective_bytes=int(largest[SOLVE]),
         mesh_collectives=int(reductions[MESH] + others[MESH]),
