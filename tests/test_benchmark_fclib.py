@@ -56,7 +56,7 @@ def test_npz_files_are_read(tmp_path):
 
 def test_the_collection_has_half_rank_and_less():
     names = [name for name, _ in collection()]
-    assert len(names) == len(set(names)) == 47
+    assert len(names) == len(set(names)) == 55
     made = dict(collection(1))
     for name in ("stack-5-F0.7", "wall-3x3-F0.3", "tower-3-F0.3", "walled-10-F0.3", "random-10x15-F0.3", "arch-5-F0.5"):
         problem = made[name]()

@@ -4,13 +4,15 @@
 
 M is the diagonal of masses and moments of inertia, v the velocities of the bodies without contact, u the relative
 velocities at the contacts, r the impulses.  Like the collections of rigid bodies (FCLIB): stacks, walls, towers of
-planks, arches, piles of spheres, bodies with random points of contact, and bodies between walls.  As q is in the range
+planks, arches, masonry, chains, capsules, piles of spheres, bodies with random points of contact, and bodies between
+walls.  As q is in the range
 of W, and u = 0 is permitted, there is always a solution; forces are mostly not unique.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -138,20 +140,61 @@ def tower(levels: int, friction: float, seed: int, push: float = 0.1) -> FCLIBPr
     return _boxes(f"tower of {levels}", np.array(centres), np.array(sizes), friction, push, rng)
 
 
-def arch(stones: int, friction: float, seed: int, push: float = 0.05) -> FCLIBProblem:
-    """A semicircular arch of wedge-shaped stones."""
+def arch(stones: int, friction: float, seed: int, push: float = 0.05, across: int = 2) -> FCLIBProblem:
+    """A semicircular arch of wedge-shaped stones, with this many contacts in each direction of a joint."""
     rng, angles = np.random.default_rng(seed), np.linspace(0.0, np.pi, stones + 1)
     middle = 0.5 * (angles[1:] + angles[:-1])
     centres = 4.5 * np.column_stack([np.cos(middle), np.zeros(stones), np.sin(middle)])
     points = []
     for k, angle in enumerate(angles):
         outward, normal = np.array([np.cos(angle), 0.0, np.sin(angle)]), np.array([-np.sin(angle), 0.0, np.cos(angle)])
-        for distance in (4.0, 5.0):
-            for y in (-0.5, 0.5):
+        for distance in np.linspace(4.0, 5.0, across):
+            for y in np.linspace(-0.5, 0.5, across):
                 p = distance * outward + np.array([0.0, y, 0.0])
                 points.append(TouchPoint(k - 1, k, p, normal) if k < stones else TouchPoint(-1, k - 1, p, -normal))
     inverse = np.tile([1.0, 1.0, 1.0, 5.0, 5.0, 5.0], (stones, 1))
     return assembled(f"arch of {stones}", centres, inverse, _falling(stones, push, rng), points, friction)
+
+
+def masonry(stones: int, across: int, friction: float, seed: int) -> FCLIBProblem:
+    """An arch with many contacts per joint, as of bridges and aqueducts: W has a small part of its full rank."""
+    problem = arch(stones, friction, seed, across=across)
+    return replace(problem, title=f"masonry of {stones}, {across} x {across} contacts per joint")
+
+
+def chain(links: int, friction: float, seed: int, push: float = 0.3) -> FCLIBProblem:
+    """A hanging chain: each link lies in the one above it, with one to three contacts."""
+    rng = np.random.default_rng(seed)
+    centres = np.column_stack([np.zeros((links, 2)), -1.4 * np.arange(links)])
+    points = []
+    for k in range(links):
+        for _ in range(int(rng.integers(1, 4))):
+            place = centres[k] + np.array([*rng.uniform(-0.2, 0.2, 2), 0.7])
+            points.append(TouchPoint(k - 1 if k else _GROUND, k, place, np.array([*rng.uniform(-0.8, 0.8, 2), 1.0])))
+    inverse = np.tile([1.0, 1.0, 1.0, 3.0, 3.0, 8.0], (links, 1))
+    return assembled(f"chain of {links}", centres, inverse, _falling(links, push, rng), points, friction)
+
+
+def capsules(layers: int, across: int, friction: float, seed: int, push: float = 0.3) -> FCLIBProblem:
+    """Capsules in layers, crosswise and side by side: a contact at every crossing, and one with each neighbour."""
+    rng, middle = np.random.default_rng(seed), 0.5 * (across - 1)
+    centres, points = np.zeros((layers * across, 3)), []
+    for k in range(layers):
+        along = k % 2
+        for i in range(across):
+            body = k * across + i
+            centres[body] = [middle if along == 0 else i, i if along == 0 else middle, k + 0.5]
+            for j in range(across) if k else (0, across - 1):
+                place = np.array([j, i, k] if along == 0 else [i, j, k], dtype=float)
+                normal = np.array([*rng.uniform(-0.1, 0.1, 2), 1.0])
+                points.append(TouchPoint((k - 1) * across + j if k else _GROUND, body, place, normal))
+            if i:
+                place, normal = centres[body].copy(), np.eye(3)[1 - along]
+                place += rng.uniform(-0.5, 0.5) * np.eye(3)[along] - 0.5 * normal
+                points.append(TouchPoint(body - 1, body, place, normal))
+    inverse = np.ones((len(centres), 6)) * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
+    title = f"capsules {layers} x {across}"
+    return assembled(title, centres, inverse, _falling(len(centres), push, rng), points, friction)
 
 
 def spheres(count: int, friction: float, seed: int, push: float = 0.3) -> FCLIBProblem:
@@ -246,11 +289,14 @@ _KINDS: tuple[tuple[str, Callable[..., FCLIBProblem], tuple[tuple[float, ...], .
         ((10, 15, 0.3), (20, 30, 1.0), (40, 40, 0.5), (60, 90, 2.0), (100, 120, 0.8), (200, 300, 1.5)),
     ),
     ("arch", arch, ((5, 0.5), (9, 0.8), (15, 1.5), (31, 0.6))),
+    ("masonry", masonry, ((10, 4, 0.8), (20, 5, 0.8), (40, 6, 0.5))),
+    ("chain", chain, ((4, 0.3), (11, 0.3))),
+    ("capsules", capsules, ((4, 4, 0.7), (8, 5, 0.7), (12, 8, 0.3))),
 )
 
 
 def collection(seed: int = 0) -> Iterator[tuple[str, Callable[[], FCLIBProblem]]]:
-    """Names and makers of 47 problems of 10 to 1800 contacts, friction 0.3 to 2.
+    """Names and makers of 55 problems of 7 to 1800 contacts, friction 0.3 to 2.
 
     Args:
         seed: Of all random numbers; another one makes other problems of the same kinds.

@@ -23,7 +23,7 @@ def fclib(
         Path | None, typer.Argument(help="Folder of problems in FCLIB's format, .hdf5 and .npz.", metavar="[DIRECTORY]")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option("--generated", min=0, help="Also 47 generated problems; the seed of their numbers.")
+        int | None, typer.Option("--generated", min=0, help="Also 55 generated problems; the seed of their numbers.")
     ] = None,
     names: Annotated[list[str] | None, typer.Option("--solver", help="NSGS, NSN_AC, ADMM or DSFP; repeat.")] = None,
     only: Annotated[str, typer.Option("--only", help="Problems with this in their name.")] = "",
