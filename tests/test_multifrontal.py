@@ -152,6 +152,11 @@ def test_bodies_are_factorised_by_themselves():
     x, y = np.random.default_rng(5).standard_normal(len(dense)), np.empty(len(dense))
     A.mult(x, y)
     assert np.linalg.norm(y - dense @ x) <= 1e-10 * np.linalg.norm(y)
+    assert not solver._inverses
+    for _ in range(20):  # 150/8: from the 19th solve on by the inverse of each body's Schur complement
+        A.mult(x, y)
+        assert np.linalg.norm(y - dense @ x) <= 1e-10 * np.linalg.norm(y)
+    assert len(solver._inverses) == 2
 
 
 def test_a_matrix_that_is_not_positive_definite():
