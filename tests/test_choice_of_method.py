@@ -1,21 +1,27 @@
 """K factorised or multigrid by predicted seconds, on one rank."""
 
 import pytest
-from conftest import make_block
+from conftest import ROOT, make_block
 
 from coulomb import DirectSolver, IterativeSolver
+from coulomb.benchmarks.real_parts import PARTS
+from coulomb.benchmarks.two_blocks import two_blocks
+from coulomb.case.case import read_case
 from coulomb.linalg import multifrontal
 from coulomb.linalg.methods import EXPLICIT_UP_TO, PREDICTED_UP_TO, undecided
 from coulomb.linalg.multifrontal import Work, predicted_work, symbolic
 from coulomb.linalg.predicted_cost import factorise, seconds_direct, seconds_multigrid
 from coulomb.model import contact_body
 from coulomb.model.estimate import slenderness
+from coulomb.model.slenderness import contrast_of
 
 MEASURED = {  # operations, bytes, contact unknowns, entries of K, slenderness; the faster method (processor time)
     "block, p = 10": ((3.8e9, 4.1e7), 990, 7.9e5, 1.6, True),
     "block, p = 24": ((5.4e11, 1.2e9), 5400, 1.04e7, 1.6, False),
     "plate of 12 354 unknowns": ((5.3e10, 2.0e8), 5115, 4.3e5, 21.4, True),
     "wedge of 12 351 unknowns": ((7.6e9, 6.3e7), 1743, 4.9e5, 2.4, True),
+    "half ring of 16 899 unknowns": ((2.8e10, 1.4e8), 3915, 6.6e5, 6.4, False),
+    "plate of 18 597 unknowns": ((1.4e11, 3.9e8), 7137, 6.6e5, 21.7, False),
     "half ring of 65 676 unknowns": ((5.1e11, 9.9e8), 10_353, 2.7e6, 6.3, False),
 }
 
@@ -28,13 +34,16 @@ def test_the_faster_method_where_both_were_measured(name):
 
 def test_what_decides():
     work, entries = Work(1e10, 1e8, 1e10), 1e6
-    assert factorise(work, 1000, entries, 1.7) and factorise(work, 1000, entries, 1.7, 1e8)
-    assert not factorise(work, 1000, entries, 1.7, 0.9e8)  # does not fit into the memory
-    assert not factorise(Work(1e8, 1e6, 1e8), 30, 1e4, 1.7, 1.9e6)  # in double precision it takes twice as much
+    assert factorise(work, 1000, entries, 1.7) and factorise(work, 1000, entries, 1.7, 1.0, 1e8)
+    assert not factorise(work, 1000, entries, 1.7, 1.0, 0.9e8)  # does not fit into the memory
+    assert not factorise(Work(1e8, 1e6, 1e8), 30, 1e4, 1.7, 1.0, 1.9e6)  # in double precision it takes twice as much
     assert not factorise(work._replace(longest=1e12), 1000, entries, 1.7)
-    assert factorise(work._replace(longest=1e12), 1000, entries, 100.0)  # multigrid takes long on a thin body
+    assert factorise(work._replace(longest=3e11), 1000, entries, 100.0)  # multigrid takes long on a thin body
     assert not factorise(work, 10_000, entries, 1.7)  # the Schur complement of wide contact faces is expensive
-    assert seconds_direct(work, 1000, entries) > 1.2e-11 * 1e10
+    slow = work._replace(longest=1e12)
+    assert factorise(slow, 1000, entries, 1.7, 1e3) and not factorise(slow, 1000, entries, 1.7, 1e3, 1.9e8)
+    assert 0.5 * seconds_direct(work, 1000) < seconds_direct(work, 1000, 2) < seconds_direct(work, 1000)
+    assert seconds_direct(work, 1000) > 1.2e-11 * 1e10
     assert seconds_multigrid(1000, entries, 0.5) == seconds_multigrid(1000, entries, 1.7)
 
 
@@ -64,8 +73,15 @@ def test_the_choice_is_made_once(monkeypatch, direct):
     monkeypatch.setattr(multifrontal, "_fronts_of", lambda *_: pytest.fail("dissected again"))
     problem = make_block(3)
     entries = problem.elasticity.K.getInfo()["nz_used"]
-    assert asked == [(predicted_work(fronts), problem.body.interface, entries, slenderness(problem), 7.0, 1)]
+    assert asked == [(predicted_work(fronts), problem.body.interface, entries, slenderness(problem), 1.0, 7.0, 1)]
     assert problem.body.linear_solver is (DirectSolver if direct else IterativeSolver)
     assert problem.body.explicit is direct
     assert problem.solve().certificate.passed
     assert not make_block(3, linear_solver=IterativeSolver).body.explicit and len(asked) == 1
+
+
+def test_contrast_of_the_materials_of_a_body():
+    """Not of one body to another; a body of the tutorial has rubber and steel."""
+    foot = read_case(PARTS / "foot.toml", [f'mesh.file="{ROOT / "demos" / "foot.msh"}"']).problem()
+    assert contrast_of(foot.elasticity) == pytest.approx(2.1e11 / 2e7)
+    assert contrast_of(two_blocks(2).elasticity) == 1.0

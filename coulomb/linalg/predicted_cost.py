@@ -1,9 +1,11 @@
 """Which is faster, K factorised or multigrid: processor seconds predicted before either is begun.
 
-The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`).  The iterations of
-multigrid are not: they grow with the slenderness of the body behind its contact face, and vary by a factor of two to
-five around this rule.  The constants are least squares of relative errors over the block (p = 6 to 24) and seven parts
-with 2 000 to 66 000 unknowns, of processor time on one thread; their ratios matter.  What they are fitted to:
+The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`), but not whether it
+has to be repeated in double precision, at three times the cost.  The iterations of multigrid are not known: they grow
+with the slenderness of the body behind its contact face, and vary by a factor of two to three around this rule.  Where
+a body has materials far apart they may be beyond any use, and it is factorised if that fits into the memory.  The
+constants are least squares over the block (p = 6 to 24) and seven parts with 2 000 to 75 000 unknowns, of processor
+time on one thread; their ratios matter.  What they are fitted to:
 
     coulomb benchmark parts --method direct --method iterative --clscale 1 --clscale 0.5 --clscale 0.3
     coulomb benchmark scaling --method direct --p 10 --p 16 --p 24                 # and --method iterative
@@ -15,31 +17,31 @@ import math
 
 from .multifrontal import SINGLE_FROM, Work
 
-_OPERATION = 1.25e-11  # seconds per operation of the factorisation, in single precision
-_ENTRY = 1.55e-7  # per entry of K: symbolic factorisation, entries to the fronts
-_FACTORED = (0.048, 2.8e-8, 4.1e-9)  # path following: constant, per square of contact unknowns, per byte of the factors
+_OPERATION = 1.3e-11  # seconds per operation of the factorisation, in single precision
+_FACTORED = (0.042, 3.7e-8, 5.1e-9)  # the rest: constant, per square of contact unknowns, per byte of the factors
 
 _SET_UP = 1.9e-7  # multigrid, per entry of K
-_ITERATION = (3.5e-4, 1.46e-9, 1.3e-7)  # constant, per entry of K, per contact unknown
-_ITERATIONS = 350.0  # of the block
-_SLENDER = 0.9  # they grow with this power of the slenderness
+_ITERATION = (2.6e-4, 1.67e-9, 1.47e-7)  # constant, per entry of K, per contact unknown
+_ITERATIONS = 328.0  # of the block
+_SLENDER = 0.61  # they grow with this power of the slenderness
 _BLOCK = 1.7  # slenderness of the block
+
+_CONTRAST = 100.0  # of Young's moduli in a body, beyond which multigrid is avoided
 
 _FACTOR_RANKS = 0.75  # speed-up of everything but the operations of the fronts: ranks to this power; 1.7 on two
 _MULTIGRID_RANKS = 0.5  # of multigrid and its path following; 1.4 on two
 
 
-def seconds_direct(work: Work, contact: int, entries: float, ranks: int = 1) -> float:
+def seconds_direct(work: Work, contact: int, ranks: int = 1) -> float:
     """With K factorised and the Schur complement on the contact nodes, to the certificate.
 
     Args:
         work: What the factorisation takes.
         contact: Displacements on which contact forces act.
-        entries: Entries of K.
         ranks: Number of ranks.
     """
     constant, square, byte = _FACTORED
-    shared = _ENTRY * entries + square * contact**2 + byte * work.bytes
+    shared = square * contact**2 + byte * work.bytes
     seconds: float = _OPERATION * work.longest + constant + shared / ranks**_FACTOR_RANKS
     return seconds
 
@@ -61,7 +63,13 @@ def seconds_multigrid(contact: int, entries: float, slenderness: float, ranks: i
 
 
 def factorise(
-    work: Work, contact: int, entries: float, slenderness: float, free: float = math.inf, ranks: int = 1
+    work: Work,
+    contact: int,
+    entries: float,
+    slenderness: float,
+    contrast: float = 1.0,
+    free: float = math.inf,
+    ranks: int = 1,
 ) -> bool:
     """Whether K should be factorised: it fits into the memory, and takes no longer than multigrid.
 
@@ -70,9 +78,13 @@ def factorise(
         contact: Displacements on which contact forces act.
         entries: Entries of K.
         slenderness: Width of the contact face over the thickness of the body behind it.
+        contrast: Largest over smallest Young's modulus in a body.
         free: Free memory in bytes, of all ranks.
         ranks: Number of ranks.
     """
-    needed = work.bytes * (1.0 if work.operations >= SINGLE_FROM else 2.0)
+    far_apart = contrast > _CONTRAST
+    single = work.operations >= SINGLE_FROM and not far_apart
+    if work.bytes * (1.0 if single else 2.0) > free:
+        return False
     multigrid = seconds_multigrid(contact, entries, slenderness, ranks)
-    return needed <= free and seconds_direct(work, contact, entries, ranks) <= multigrid
+    return far_apart or seconds_direct(work, contact, ranks) <= multigrid

@@ -1,8 +1,11 @@
-"""The slenderness of bodies behind their contact faces, on which the iterations of multigrid depend."""
+"""Slenderness and contrast of bodies, on which the iterations of multigrid depend."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..fem.deformable import Deformable
+from ..fem.materials import by_group
 from ..fem.named_mesh import volume
 from ..fem.surface import ContactSurface
 from ..linalg.reductions import Reductions
@@ -17,3 +20,17 @@ def slenderness_of(surface: ContactSurface, elasticity: Deformable) -> float:
     over = Reductions(elasticity.comm)
     area = over.sum(surface.area)
     return float(area**1.5) / sum(over.sum(volume(member.body.mesh)) for member in elasticity.members)
+
+
+def contrast_of(elasticity: Deformable) -> float:
+    """Largest over smallest Young's modulus in a body, of several bodies the largest contrast; 1 of the user's forms.
+
+    A foot of rubber under steel, 1e4 times as stiff, takes 800 multigrid iterations at 7 272 unknowns, and does not end
+    at 18 504.
+    """
+    contrasts = [1.0]
+    for member in elasticity.members:
+        if member.body.materials is not None:
+            young = np.concatenate([np.atleast_1d(material.young) for _, material in by_group(member.body.materials)])
+            contrasts.append(float(young.max() / young.min()))
+    return max(contrasts)
