@@ -107,6 +107,11 @@ CASE_FILES = (
         r'solver\.newton = "dense" works on one rank',
         alone=None,
     ),
+    Wrong(
+        "condensed Newton systems of a body that contact alone holds",
+        run("clamp=[]", "solver.newton='condensed'"),
+        r'solver\.newton = "condensed" needs bodies that supports hold',
+    ),
 )
 
 MATERIALS_AND_LOADS = (

@@ -127,6 +127,10 @@ class Case(Table):
             small_strain=small_strain or self.small_strain,
             probes=[table.probe() for table in self.probe],
         )
+        if condensed and problem.rigid is not None:
+            raise ValueError(
+                'solver.newton = "condensed" needs bodies that supports hold: leave it at "recycling", or add a clamp'
+            )
         regions = {f"{key}.region.{k}": region for key, t in self.contacts.items() for k, region in enumerate(t.region)}
         for key, region in regions.items():
             if not comm.allreduce(int(np.sum(region.holds(problem.surface.x.T))), op=MPI.SUM):
