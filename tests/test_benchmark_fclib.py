@@ -136,6 +136,7 @@ def test_command(tmp_path):
         ((tmp_path / "missing",), "there is no such directory"),
         ((tmp_path / "out",), "there are no FCLIB problems there"),
         ((tmp_path, "--solver", "magic"), "there is no solver 'magic'"),
+        ((tmp_path, "--only", "zzz"), "--only zzz: no problem has this in its name"),
     ):
         done = run_coulomb("benchmark", "fclib", *arguments)
         assert done.returncode == 2 and message in done.stderr, done.stderr

@@ -108,6 +108,7 @@ def test_bad_files(tmp_path):
     for name, message in (
         ("none.hdf5", "cannot be read as HDF5"),
         ("text.hdf5", "cannot be read as HDF5"),
+        ("", "cannot be read as HDF5: it is a directory$"),
         ("small.hdf5", "is not complete"),
         ("beyond.hdf5", "beyond.hdf5: .*ind"),
         ("empty.hdf5", "neither a group fclib_local nor fclib_global"),

@@ -46,6 +46,8 @@ def fclib(
             raise ValueError("give a folder of problems, or --generated SEED")
         problems = ([] if folder is None else in_folder(folder)) + ([] if seed is None else generated(seed))
         problems = [made for made in problems if only in made[0]]
+        if not problems:
+            raise ValueError(f"--only {only}: no problem has this in its name")
         solvers = solvers_here(names)
         if len(solvers) == 1 and names is None:
             line("Siconos is not installed here (Debian's python3-siconos): coulomb alone")

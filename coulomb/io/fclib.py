@@ -75,7 +75,8 @@ def read_fclib(path: str | Path) -> FCLIBProblem:
                 if group in file:
                     return reader(file[group])
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read as HDF5: {error}") from None
+        reason = "it is a directory" if Path(path).is_dir() else error.strerror or error
+        raise ValueError(f"{path}: cannot be read as HDF5: {reason}") from None
     except KeyError as error:
         raise ValueError(f"{path}: is not complete: {error.args[0]}") from None
     except ValueError as error:
