@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from coulomb import AugmentedSystem, InteriorPoint
 from coulomb.benchmarks.table1 import PAPER, measure
-from coulomb.linalg.low_rank import LowRankApproximation
+from coulomb.linalg.low_rank import LowRankApproximation, LowRankUpdate
 from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.linearization import Linearization
 from coulomb.solvers.newton_systems import NewtonEquations
@@ -44,6 +44,34 @@ def test_approximation_is_below_A_and_exact_on_its_directions(A):
     assert np.allclose(nystrom @ X.T, A @ X.T, rtol=1e-8, atol=1e-8)
     assert np.linalg.eigvalsh(A - nystrom).min() >= -1e-10 * np.linalg.norm(A, 2)
     assert np.allclose(recycled.rest.ravel(), np.maximum(np.diag(A - nystrom), 0.2 * np.diag(A)))
+
+
+def model_of(recycled):
+    """The approximation as a matrix, column by column."""
+    return np.column_stack([recycled.mult(e.reshape(-1, 3)).ravel() for e in np.eye(3 * NODES)])
+
+
+def test_what_stands_in_for_A_is_A_on_all_pairs_and_positive_definite(A):
+    """And its inverse, with nodal springs, from that of the nodal part: also where the springs are zero."""
+    rng = np.random.default_rng(68)
+    X = rng.standard_normal((10, 3 * NODES))
+    recycled = approximated_by(A, X, 100, exact=True)
+    model = model_of(recycled)
+    assert np.allclose(model @ X.T, A @ X.T, rtol=1e-8, atol=1e-8)
+    assert np.allclose(model, model.T) and np.linalg.eigvalsh(model).min() > 0.0
+    fewer = approximated_by(A, X, 6, exact=True)  # without the pairs that are left out
+    assert np.allclose(model_of(fewer) @ fewer._X, fewer.U, rtol=1e-8, atol=1e-8)
+    frictional = np.arange(NODES) != 3
+    kept = np.setdiff1d(np.arange(3 * NODES), [10, 11])
+    for springs in (np.zeros((NODES, 3)), 10.0 ** rng.uniform(-6, 6, (NODES, 3))):
+        nodal = recycled.rest + springs
+        columns = recycled.nodal_columns(3, frictional)
+        inverse = LowRankUpdate(MPI.COMM_SELF, lambda r, nodal=nodal: (r.T / nodal.T).T, columns, recycled.signs)
+        z = rng.standard_normal((NODES, 3)) / (1.0 + springs)
+        z[3, 1:] = 0.0
+        r = (model + np.diag(springs.ravel()))[:, kept] @ z.ravel()[kept]
+        r[[10, 11]] = 0.0
+        assert np.allclose(inverse(r.reshape(-1, 3)), z, rtol=1e-6, atol=1e-9)
 
 
 def test_a_rigid_motion_in_the_approximation_leaves_a_small_rest():
@@ -88,7 +116,7 @@ def test_theorem_1_holds_with_the_approximation(A):
     first = newton.solve(NewtonEquations(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf))
     again = newton.solve(NewtonEquations(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf))
     assert again.iterations < 0.7 * first.iterations  # the same system, with its approximation
-    stand_in = newton._A.U @ newton._A.U.T + np.diag(newton._A.rest.ravel())
+    stand_in = model_of(newton._A)
     newton.solve(NewtonEquations(at, r1, r2, np.ones((NODES, 3)), 1e-8, np.inf))  # preconditioned with it
     P, J = augmented_matrix(stand_in, at), augmented_matrix(A, at)
     e = np.eye(5 * NODES)  # node by node in the solver, constraints behind the forces in the matrix

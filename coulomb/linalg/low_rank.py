@@ -1,19 +1,26 @@
 """A low-rank approximation of A from products already made, to precondition the steps to come.
 
 Every Krylov iteration of a path-following step makes a pair (x, A x).  From pairs X, Y = A X follows Nyström's
-approximation Y (X^T Y)^-1 Y^T <= A, and with the diagonal of the rest an approximation of A for the preconditioners,
+approximation Y (X^T Y)^-1 Y^T <= A, U U^T once X^T A X = 1, and with D, the diagonal of the rest, an approximation of A
+for the preconditioners,
 
-    A ~ diag(d) + U U^T,    d = diag(A - U U^T) > 0,
+    A ~ D - V V^T + U U^T,    D = diag(A - U U^T) > 0,    V = D X (X^T D X)^-1/2,
 
-in place of the paper's diag(A).  A is the same in every step, only the nodal part of J changes: products of one step
-serve all later ones.  A compliance is well suited: its few large eigenvalues, the smooth motions of the body, are
-found first by a Krylov method and are not in diag(A).  (Z. Frangella, J. A. Tropp, M. Udell: Randomized Nyström
-preconditioning, SIAM J. Matrix Anal. Appl. 44, 2023, for the approximation and its bounds, there with random X.)
+in place of the paper's diag(A).  It is symmetric positive definite, and on the span of X it is A itself, as D - V V^T
+is zero there: what a Krylov method has found once, it need not find again.  (It is the block form of the update of
+Broyden, Fletcher, Goldfarb and Shanno for D; S. Gratton, A. Sartenaer, J. Tshimanga: On a class of limited memory
+preconditioners for large scale linear systems with multiple right-hand sides, SIAM J. Optim. 21, 2011.  D + U U^T,
+without V, takes a quarter more products; it is kept where products are inexact.) A is the same in every step, only
+the nodal part of J changes: products of one step serve all later ones.  A compliance is well suited: its few large
+eigenvalues, the smooth motions of the body, are found first by a Krylov method and are not in diag(A).  (Z.
+Frangella, J. A. Tropp, M. Udell: Randomized Nyström preconditioning, SIAM J. Matrix Anal. Appl. 44, 2023, for U U^T
+and its bounds, there with random X.)
 """
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -25,19 +32,23 @@ _RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are roundi
 
 
 class LowRankApproximation:
-    """A as diag(rest) + U U^T, from pairs (x, A x).
+    """A as diag(rest) - V V^T + U U^T, from pairs (x, A x).
 
     Args:
         comm: The ranks of A.
         diagonal: diag(A) or an estimate of it, shape (m, 3), this rank's nodes.
         rank: Columns of U to keep, at most; 0 keeps diag(A).
-        exact: Whether products are exact; only then is the part of A outside U measured from new pairs.
+        exact: Whether products are exact; only then is the part of A outside U measured from new pairs, and D as it
+            stands replaced on the span of X: what inexact products show there of small A is their error, and without D
+            a body on soft springs is not solved (tests/test_inexact_products.py).
         least_rest: The rest is at least this part of diag(A), as far as A is not yet in U.
-        known: Columns with which to begin; None if there are none.
+        known: Columns with which to begin; None if there are none; the same on all ranks, and then it is collective.
 
     Attributes:
         rest: Shape (m, 3), positive.
         U: Shape (3 m, r), r <= rank.
+        columns: U and V side by side, shape (3 m, s).
+        signs: Of their products, 1 for U, -1 for V, shape (s,).
     """
 
     def __init__(
@@ -55,10 +66,12 @@ class LowRankApproximation:
         self._X: FloatArray = np.empty((diagonal.size, 0))
         self._new_part = 1.0
         self.U: FloatArray = np.empty((diagonal.size, 0))
+        self.columns: FloatArray = self.U
+        self.signs: FloatArray = np.empty(0)
         self.rest: FloatArray = diagonal
         if known is not None and known.X is not None and known.U is not None and rank > 0:
-            self._X, self.U, self._new_part = known.X[:, :rank], known.U[:, :rank], known.part
-            self._set_rest()
+            self._X, self._new_part = known.X[:, :rank], known.part
+            self._set(known.U[:, :rank])
 
     @property
     def learnt(self) -> LearntColumns:
@@ -95,12 +108,20 @@ class LowRankApproximation:
         X, Y = X @ T, Y @ T
         size, V = np.linalg.eigh(self._gram(Y, Y))
         V = np.ascontiguousarray(V[:, ::-1][:, : self._rank])  # of a reversed view products take ten times as long
-        self._X, self.U = X @ V, Y @ V
-        self._set_rest()
+        self._X = X @ V
+        self._set(Y @ V)
 
-    def _set_rest(self) -> None:
-        rest = self._diagonal - np.sum(self.U**2, axis=1).reshape(-1, 3)
+    def _set(self, U: FloatArray) -> None:
+        """U = A X, the rest and V; collective."""
+        rest = self._diagonal - np.sum(U**2, axis=1).reshape(-1, 3)
         self.rest = np.maximum(rest, self._least_rest * self._new_part * self._diagonal)
+        V: FloatArray = np.empty((len(U), 0))
+        if self._exact:
+            DX = self.rest.reshape(-1, 1) * self._X
+            V = DX @ _inverse_root(self._gram(self._X, DX))
+        self.columns = np.hstack([U, V])
+        self.U = self.columns[:, : U.shape[1]]
+        self.signs = np.repeat([1.0, -1.0], [U.shape[1], V.shape[1]])
 
     def _unknown(self, X: FloatArray, Y: FloatArray) -> float:
         """Size of A on the new part of the pairs (X, Y) relative to diag(A); unchanged without a new part.
@@ -115,15 +136,21 @@ class LowRankApproximation:
         return float(max(size / diagonal, 1e-4)) if diagonal > 1e-6 * whole else self._new_part
 
     def mult(self, x: FloatArray) -> FloatArray:
-        """(diag(rest) + U U^T) x, shapes (m, 3); collective."""
-        low_rank: FloatArray = self.U @ summed(self._comm, self.U.T @ x.ravel())
+        """(diag(rest) - V V^T + U U^T) x, shapes (m, 3); collective."""
+        low_rank: FloatArray = self.columns @ (self.signs * summed(self._comm, self.columns.T @ x.ravel()))
         return self.rest * x + low_rank.reshape(x.shape)
 
-    def nodal_U(self, block: int) -> FloatArray:
-        """U with zeros for the unknowns behind the three of x, shape (m, block, r); a copy."""
-        U = np.zeros((len(self._diagonal), block, self.U.shape[1]))
-        U[:, :3] = self.U.reshape(len(U), 3, -1) if U.size else 0.0
-        return U
+    def nodal_columns(self, block: int, frictional: npt.NDArray[np.bool_]) -> FloatArray:
+        """`columns`, shape (m, block, s), with zeros for the unknowns behind the three of x, and for friction except at
+        the nodes `frictional`, shape (m,); not to be changed."""
+        m, s = len(self._diagonal), self.columns.shape[1]
+        nodal: FloatArray = self.columns.reshape(m, 3, s)
+        if block == 3 and np.all(frictional):
+            return nodal
+        padded = np.zeros((m, block, s))
+        padded[:, :3] = nodal
+        padded[~frictional, 1:3] = 0.0
+        return padded
 
     def _gram(self, X: FloatArray, Y: FloatArray) -> FloatArray:
         """X^T Y over all ranks, symmetrised."""
@@ -133,21 +160,24 @@ class LowRankApproximation:
 
 
 class LowRankUpdate:
-    """(P0 + V U^T)^-1 from P0^-1, by Woodbury's formula: P0^-1 - P0^-1 V (1 + U^T P0^-1 V)^-1 U^T P0^-1.
+    """(P0 + V S U^T)^-1 from P0^-1, by Woodbury's formula: P0^-1 - P0^-1 V (S + U^T P0^-1 V)^-1 U^T P0^-1, S = S^-1.
 
     Args:
         comm: The ranks.
         nodal_inverse: P0^-1 on (m, block, ...), nodal, perhaps unsymmetric.
         U: Shape (m, block, r).
+        signs: Diagonal of S, each 1 or -1, shape (r,).
         V: Shape (m, block, r); by default U.
     """
 
-    def __init__(self, comm: MPI.Comm, nodal_inverse: NodalMap, U: FloatArray, V: FloatArray | None = None):
+    def __init__(
+        self, comm: MPI.Comm, nodal_inverse: NodalMap, U: FloatArray, signs: FloatArray, V: FloatArray | None = None
+    ):
         self._comm, self._nodal_inverse = comm, nodal_inverse
         r = U.shape[2]
         self._U = U.reshape(U.shape[0] * U.shape[1], r)
         self._PU = nodal_inverse(U if V is None else V).reshape(self._U.shape)
-        self._core: FloatArray = np.linalg.inv(np.eye(r) + summed(comm, self._U.T @ self._PU))
+        self._core: FloatArray = np.linalg.inv(np.diag(signs) + summed(comm, self._U.T @ self._PU))
 
     def __call__(self, r: FloatArray) -> FloatArray:
         """The inverse applied to r (m, block) or (m, block, columns); collective."""

@@ -8,10 +8,10 @@ start minimises, over normal forces only, the barrier function whose minimisers 
 
 so that a node with a large free gap begins with theta over its gap as pressure and the gap as its multiplier, and the
 nodes that the free motion pushes into the foundation share the load.  The minimum is sought with one product per
-iteration: with A replaced by what the products so far have shown of it, diag(rest) + U U^T (low_rank.py), it is found
-by Newton's method without any product.  A product along the line to it makes the search along this line exact, and
-adds a column to U.  Three products suffice on a block that is pressed down, 6 to 12 on parts that open.  All of them
-are passed on to the Newton systems, which would otherwise make them in their first steps.
+iteration: with A replaced by what the products so far have shown of it (low_rank.py), it is found by Newton's method
+without any product.  A product along the line to it makes the search along this line exact, and is another of those
+that the replacement reproduces.  Three suffice on a block that is pressed down, 6 to 12 on parts that open.  All are
+passed on to the Newton systems, which would otherwise make them in their first steps.
 
 Friction follows from the slip that these forces leave: at each node that of the smoothed projection onto its disc with
 diag(A), all of it scaled by the factor that minimises the objective, since nodes that stick together are much more
@@ -193,14 +193,14 @@ class _Frictionless:
         """The minimum of the barrier function with the model of A, by Newton's method from x, where the gradient of the
         quadratic part is w; shape (m,)."""
         over, above, theta = self.over, self.x - self._scaled.lower, self.theta
-        U = np.column_stack(
-            [self._model.U.reshape(len(w), 3, self._model.U.shape[1])[:, 0], math.sqrt(self._penalty) * self._G]
-        )
+        columns = self._model.nodal_columns(3, np.ones(len(w), dtype=bool))[:, 0]
+        U = np.column_stack([columns, math.sqrt(self._penalty) * self._G])
+        signs = np.append(self._model.signs, np.ones(self._G.shape[1]))
         rest, nodes, dx = self._model.rest[:, 0], over.sum(np.ones(len(w))), np.zeros_like(w)
         for _ in range(50):
-            r = w + rest * dx + U @ over.total(U.T @ dx) - theta / (above + dx)
+            r = w + rest * dx + U @ (signs * over.total(U.T @ dx)) - theta / (above + dx)
             h = rest + theta / (above + dx) ** 2
-            inverse = LowRankUpdate(over.comm, lambda r, h=h: (r.T / h).T, U[:, None])  # type: ignore[misc]
+            inverse = LowRankUpdate(over.comm, lambda r, h=h: (r.T / h).T, U[:, None], signs)  # type: ignore[misc]
             step = -inverse(r[:, None])[:, 0]
             decrement = -over.dot(r, step)
             with np.errstate(divide="ignore", invalid="ignore"):

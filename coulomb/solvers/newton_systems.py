@@ -6,17 +6,17 @@ A step eliminates dz and leaves, with two multipliers per contact node (lineariz
     [J21  -D22 ] [dnu] = [r2]
 
 J_AM is this matrix, P_AM the same with A replaced by its diagonal; J_SC and P_SC are their Schur complements J11 + J12
-D22^-1 J21 and D11 + J12 D22^-1 J21.  Both preconditioners are nodal.  With a rank, diag(rest) + U U^T from the products
-of earlier steps (low_rank.py) replaces diag(A): Theorem 1 holds for it as well, and the eigenvalues that are not 1 are
-closer together.
+D22^-1 J21 and D11 + J12 D22^-1 J21.  Both preconditioners are nodal.  With a rank, diag(rest) - V V^T + U U^T from the
+products of earlier steps (low_rank.py) replaces diag(A): Theorem 1 holds for it as well, and the eigenvalues that are
+not 1 are closer together.
 
 Without slope J_SC is positive definite and J_AM symmetric; both are solved by CG.  CG on J_AM, started at dx = 0,
 dnu = -D22^-1 r2, is CG on J_SC (Theorem 1 and what follows it): the second block of the residual is zero at the start
 and stays so, and on such residuals P_AM^-1 acts as P_SC^-1.
 
 With slope J_SC is unsymmetric and solved by FGMRES, preconditioned from the right.  P is triangular by nodal blocks,
-plus U U^T: J_SC P^-1 - 1 = (A - rest - U U^T) P^-1, so the quality of P is that of the approximation of A, independent
-of friction.
+plus U U^T - V V^T: J_SC P^-1 - 1 = (A - rest + V V^T - U U^T) P^-1, so the quality of P is that of the approximation of
+A, independent of friction.
 
 Rigid motions border the system, [J, -G^T; G, 0]; a constraint preconditioner made of P eliminates them (border.py).
 """
@@ -224,9 +224,8 @@ class _Krylov(ProductImages):
         r3: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
         """Unknowns (m, block), A dx (m, 3), dalpha (r,) and iterations, to min(tolerance |(size, r3)|, cap)."""
-        U = self._A.nodal_U(self._block)
-        U[~self._at.frictional, 1:3] = 0.0
-        self._preconditioner = LowRankUpdate(self._comm, inverse, U)
+        columns = self._A.nodal_columns(self._block, self._at.frictional)
+        self._preconditioner = LowRankUpdate(self._comm, inverse, columns, self._A.signs)
         self._bordered = ConstraintPreconditioner(self._preconditioner, self._constraints, self._block)
         self._accuracy = self._sharper * min(max(tolerance, self._product[0]), self._product[1])
         size = float(np.hypot(size, np.linalg.norm(r3))) if len(r3) else size

@@ -7,9 +7,9 @@ their surface anew.  It has no safeguard of its own: if the residual does not fa
 the interior-point method.  CONVERGED is earned as there, by the natural residual computed afresh with the most accurate
 product, and by the certificate.
 
-The Newton systems are solved by FGMRES with products by A, preconditioned by the nodal derivative with A ~ diag(rest) +
-U U^T (low_rank.py) in place of A; U is that of earlier steps of the history.  With rigid motions w = A x - b - G^T
-alpha, and G x = e are further equations.
+The Newton systems are solved by FGMRES with products by A, preconditioned by the nodal derivative with A ~ diag(rest) -
+V V^T + U U^T (low_rank.py) in place of A; U is that of earlier steps of the history.  With rigid motions w = A x - b -
+G^T alpha, and G x = e are further equations.
 
 Which of several solutions of a Coulomb problem it finds is not known, as for the interior-point method; it stays near
 the start.
@@ -259,10 +259,9 @@ class _Iteration(ProductImages):
             applied: FloatArray = (inverse @ r.reshape(len(r), 3, math.prod(r.shape[2:]))).reshape(r.shape)
             return applied
 
-        self._at, U = at, self._A.nodal_U(3)
-        self._bordered = ConstraintPreconditioner(
-            LowRankUpdate(self._scaled.comm, nodal, U, at.Q @ U), self._constraints, 3, at.Q @ self._scaled.G
-        )
+        self._at, U = at, self._A.nodal_columns(3, np.ones(len(x), dtype=bool))
+        low_rank = LowRankUpdate(self._scaled.comm, nodal, U, self._A.signs, at.Q @ U)
+        self._bordered = ConstraintPreconditioner(low_rank, self._constraints, 3, at.Q @ self._scaled.G)
         r3 = NO_MOTION if not len(self._e) else self._e - self._scaled.resultant(x)
         size = math.hypot(over.norm(at.value), float(np.linalg.norm(r3)))
         share = min(settings.forcing, max(residual, 1e-6))
