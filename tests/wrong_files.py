@@ -184,12 +184,12 @@ RESOURCES = (
         run("mesh.cells=[24,8,8]", "solver={linear_solver='direct', compliance='matrix-free'}"),
         r"too little memory: 5832 displacement and 648 contact unknowns \(K factorised, A matrix-free\) need about "
         r"0\.\d+ GB, and 0\.\d+ GB are free; take .*solver\.linear_solver = \"iterative\".* GB\), a coarser mesh",
-        patch=memory(1.7e8 if comm.size == 1 else 3.1e8),
+        patch=memory(1.6e8 if comm.size == 1 else 3.0e8),
     ),
     Wrong(
         "a mesh beyond any memory",
         run("mesh.cells=[3000,1000,1000]"),
-        r"a mesh of 3000 x 1000 x 1000 cells has 9021\d{6} displacement unknowns, which need at least 22553 GB, and "
+        r"a mesh of 3000 x 1000 x 1000 cells has 9021\d{6} displacement unknowns, which need at least 2074\d GB, and "
         r"16 GB are free; take fewer cells",
         patch=memory(1.6e10),
     ),

@@ -24,21 +24,21 @@ from .slenderness import slenderness_of
 
 # bytes
 _BASE = 1.4e8  # per rank without a mesh: Python, DOLFINx, PETSc
-_BODY = 2.5e3  # per displacement unknown: mesh, K, multigrid, fields
+_BODY = 2.3e3  # per displacement unknown: mesh, K, multigrid, fields
 _MULTIGRID = 600.0  # per displacement unknown: K in blocks, the last solutions
-_FACTOR = 215.0  # over n^(4/3): the factor of K where A is not formed
-_FRONTS = 260.0  # the same by nested dissection, including memory of fronts not yet reused
-_DENSE = 12.0  # over m^2: the Schur complement and the inverse of its factor
+_FACTOR = 104.0  # over n^(4/3): the factor of K in single precision; in double twice as much
+_FRONTS = 132.0  # the same with the contact nodes last, including memory of fronts not yet reused
+_DENSE = 6.0  # over m^2: the Schur complement and the inverse of its factor
 
 # seconds on one core of the reference machine (machine.py)
-_START = 1.0  # Python, DOLFINx, PETSc
+_START = 0.5  # Python, DOLFINx, PETSc
 _STEP = 0.14  # per load step of any size: files, rows, sums
-_FIELDS = 3e-5  # over n: assembly, certificate, output
-_FACTORISE = 7e-10  # over n^2
-_COMPLEMENT = 2.7e-11  # over m^3: the Schur complement and its factor
-_DENSE_STEPS = 1e-7  # over m^2: path following with A formed
-_FACTOR_STEPS = 4e-6  # over n^(4/3): path following if a product is a solve with the factor
-_MULTIGRID_STEPS = 9e-6  # over n^1.2: path following if it is a multigrid solve
+_FIELDS = 1.2e-5  # over n: assembly, certificate, output
+_FACTORISE = 1.5e-10  # over n^2
+_COMPLEMENT = 2.0e-11  # over m^3: the Schur complement and its factor
+_DENSE_STEPS = 1.8e-7  # over m^2: path following with A formed
+_FACTOR_STEPS = 1.75e-6  # over n^(4/3): path following if a product is a solve with the factor
+_MULTIGRID_STEPS = 4.7e-6  # over n^1.2: path following if it is a multigrid solve
 _SPEED_UP = 0.75  # exponent of the speed-up over ranks: 1.7 on two
 
 _PICTURE = (1.3, 5e-6)  # picture.png: constant, and over n

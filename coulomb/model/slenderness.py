@@ -1,4 +1,4 @@
-"""Slenderness and contrast of bodies, on which the iterations of multigrid depend."""
+"""Slenderness and contrast of bodies, on which the use of multigrid depends."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def slenderness_of(surface: ContactSurface, elasticity: Deformable) -> float:
 def contrast_of(elasticity: Deformable) -> float:
     """Largest over smallest Young's modulus in a body, of several bodies the largest contrast; 1 of the user's forms.
 
-    A foot of rubber under steel, 1e4 times as stiff, takes 800 multigrid iterations at 7 272 unknowns, and does not end
-    at 18 504.
+    With multigrid, path following of a foot of rubber under steel, 1e4 times as stiff, stalls at a residual of 2e-8 at
+    18 504 unknowns.
     """
     contrasts = [1.0]
     for member in elasticity.members:
