@@ -176,8 +176,11 @@ def running_away(problem: PosedProblem, result: SolverResult) -> str:
     left = rigid.e - held
     known = (problem.displacement(result.x), problem.surface.gap, problem.slip_origin, problem.motions)
     usual = sum(over.max(np.append(np.abs(values), 0.0)) for values in known)
+    seen = result.equilibrium
     if len(result.rigid) == rigid.count and max(map(_size, free.of(result.rigid))) > _AWAY * usual:
         motion, least = result.rigid, _AWAY * usual
+    elif seen is not None and len(seen.direction) == rigid.count:  # the solver has seen in which direction it slides
+        motion, least = seen.direction, 0.1 * max(map(_size, free.of(seen.direction)))
     elif float(np.abs(left).max()) > _UNBALANCED * float(np.abs(rigid.e).max()):
         motion, least = left, 0.1 * max(map(_size, free.of(left)))
     else:
