@@ -188,7 +188,7 @@ def test_a_signal_while_it_loads(number, library):
 @pytest.mark.parametrize("command", ["check-case", "run"])
 def test_a_signal_before_there_is_something_to_keep(number, command):
     """Mesh, assembly, factorisation: immediate end without a message."""
-    arguments = [command, "case.toml", "--set", "mesh.cells=[60,20,20]", "--log", "log"]
+    arguments = [command, "case.toml", "--set", "mesh.cells=[90,30,30]", "--log", "log"]
     watched = Watched(*(arguments if command == "run" else arguments[:-2])).mapped("libdolfinx")
     time.sleep(1.0)
     code, _, errors = watched.signalled(number)
