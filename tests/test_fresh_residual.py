@@ -86,6 +86,8 @@ def test_coulomb_by_multigrid(name):
     problem, A, b = block("coulomb")
     result = COULOMB[name].solve(problem.friction_problem)
     is_fresh(result, A, b, problem.mean_compliance, lambda x_n: 0.3 * np.maximum(x_n, 0.0), 1e-10)
+    own = problem.friction_problem.residual(result.x, result.gradient)
+    assert own == pytest.approx(result.residual, rel=1e-6)  # of the forces and the gradient that are returned
 
 
 @pytest.mark.parametrize("name", [name for name in QP if name not in FORMED | DEAR])
