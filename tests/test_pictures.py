@@ -209,6 +209,13 @@ def test_ticks_are_round(limits):
     assert min(abs(np.log10(step / nice) % 1.0 - whole) for nice in (1, 2, 5) for whole in (0, 1)) < 1e-9
 
 
+def test_legend_counts_nodes_in_words():
+    figure = Figure()
+    sheet.legend(figure, {"open": 12, "stick": 0, "slip": 1, "no contact point": 0}, (0.5, 0.5))
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["open: 12 nodes", "stick: 0 nodes", "slip: 1 node"]
+
+
 # --- the process that draws --------------------------------------------------------------------------------
 
 

@@ -50,7 +50,7 @@ if np.dtype(PETSc.ScalarType).kind != "f":
 logging.getLogger().addFilter(lambda record: record.levelno > logging.INFO)  # 0.5's JIT logs the compiler's lines
 for _name in ("JIT_OPTIONS", "JIT_PARAMETERS"):  # wait a minute for another process that compiles the same form
     getattr(dolfinx.jit, f"DOLFINX_DEFAULT_{_name}", {})["timeout"] = (60, "")
-look_up_by_file()
+look_up_by_file(dolfinx.jit)
 
 
 def functionspace(domain: Any, degree: int, shape: tuple[int, ...] = (), family: str = "Lagrange") -> Any:

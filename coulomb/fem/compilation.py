@@ -9,6 +9,10 @@ from __future__ import annotations
 import importlib.machinery
 import importlib.util
 import logging
+import os
+import shlex
+import shutil
+import sysconfig
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -27,8 +31,17 @@ def announce() -> None:
     _to_announce = True
 
 
-def look_up_by_file() -> None:
-    """Look compiled forms up by their file; called when DOLFINx is imported."""
+class NoCompiler(ValueError):
+    """A form is to be compiled, and there is no C compiler."""
+
+
+def look_up_by_file(dolfinx_jit: Any) -> None:
+    """Look compiled forms up by their file, and raise `NoCompiler` where one that is not there cannot be compiled;
+    called when DOLFINx is imported.
+
+    Args:
+        dolfinx_jit: The module `dolfinx.jit`.
+    """
     from ffcx.codegeneration import jit
 
     if not hasattr(jit, "get_cached_module"):  # an FFCx of another structure
@@ -40,7 +53,10 @@ def look_up_by_file() -> None:
         key = (name, str(directory), *objects)
         if key in known:
             return known[key]
-        found = _loaded(name, objects, Path(directory)) or look_up(name, objects, directory, *arguments)
+        found = _loaded(name, objects, Path(directory))
+        if found is None:
+            _refuse_without_compiler()  # before FFCx leaves a file for which other processes wait
+            found = look_up(name, objects, directory, *arguments)
         if found[0] is not None:
             known[key] = found
         else:
@@ -48,6 +64,27 @@ def look_up_by_file() -> None:
         return found
 
     jit.get_cached_module = looked_up
+    compiled = dolfinx_jit.ffcx_jit
+
+    def explained(*arguments: Any, **options: Any) -> Any:
+        try:
+            return compiled(*arguments, **options)
+        except RuntimeError as error:
+            if str(error).startswith("Failed just-in-time compilation"):  # on several ranks, on all of them
+                _refuse_without_compiler()
+            raise
+
+    dolfinx_jit.ffcx_jit = explained
+
+
+def _refuse_without_compiler() -> None:
+    """As setuptools chooses the compiler."""
+    compiler = os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc"
+    if shutil.which((shlex.split(compiler) or [""])[0]) is None:
+        raise NoCompiler(
+            f"the finite-element forms of this case have to be compiled, once per machine, which needs a C compiler: "
+            f"{compiler} is not there; apt-get install gcc, or set CC to another compiler"
+        )
 
 
 def _announce_once() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...io.field_files import Block
 from .files import Run
-from .units import quantity
+from .units import in_nodes, quantity
 
 _CELLS = {
     **{"Hexahedron": "hexahedra", "Tetrahedron": "tetrahedra"},
@@ -29,6 +29,9 @@ def bodies_and_meshes(run: Run) -> list[tuple[str, str]]:
         count = (block.cells.stop - block.cells.start) // block.pieces
         facts += [
             (f"body{of}", " × ".join(quantity(length, "m") for length in np.ptp(points, axis=0))),
-            (f"mesh{of and f' of{of}'}", f"{count} {_CELLS.get(block.kind, block.kind)}{source}, {len(points)} nodes"),
+            (
+                f"mesh{of and f' of{of}'}",
+                f"{count} {_CELLS.get(block.kind, block.kind)}{source}, {in_nodes(len(points))}",
+            ),
         ]
     return facts

@@ -13,7 +13,7 @@ from .bodies import bodies_and_meshes
 from .files import Run
 from .given import in_time, number_at, rows_and_after, supports_and_loads
 from .scene import friction_in_words, zone_counts
-from .units import in_seconds, number, quantity, vector
+from .units import in_nodes, in_seconds, number, quantity, vector
 
 Facts = list[tuple[str, str]]
 
@@ -71,7 +71,7 @@ def _of_fields(run: Run) -> Facts:
     load, held = body.fields.get("load"), body.fields.get("held")
     facts: Facts = []
     if held is not None:
-        facts.append(("prescribed displacements", f"{np.count_nonzero(np.any(held > 0.0, axis=1))} nodes held"))
+        facts.append(("prescribed displacements", f"{in_nodes(np.count_nonzero(np.any(held > 0.0, axis=1)))} held"))
     if load is not None:
         facts.append(("loads", f"{vector(load.sum(axis=0).tolist(), 'N')} in all"))
     return facts
@@ -82,7 +82,7 @@ def _contact(run: Run) -> Facts:
     contacts = given if isinstance(given, list) else [given]
     faces = (run.summary.get("totals") or {}).get("faces") or [contact.get("face", "") for contact in contacts]
     named = f"contact {'faces' if len(faces) > 1 else 'face'}"
-    facts = [(named, f"{', '.join(faces)}; {run.summary['nodes']['contact']} contact nodes")]
+    facts = [(named, f"{', '.join(faces)}; {in_nodes(run.summary['nodes']['contact'], 'contact')}")]
     changing = [contact for contact in contacts if _changing_friction(contact, "")]
     facts.append(("friction law in the last step" if changing else "friction", friction_in_words(run.summary)))
     for contact in contacts if run.case is not None else ():

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ..plotting import ZONES
 from .scene import Shot
 from .shown_fields import Field
-from .units import scale_of
+from .units import in_nodes, scale_of
 
 Pixels = npt.NDArray[np.uint8]
 
@@ -106,7 +106,7 @@ def legend(figure: Any, zones: dict[str, int], middle: tuple[float, float], colu
     from matplotlib.patches import Patch
 
     patches = [
-        Patch(facecolor=colour, edgecolor=EDGE, linewidth=0.6, label=f"{name}: {zones[name]} nodes")
+        Patch(facecolor=colour, edgecolor=EDGE, linewidth=0.6, label=f"{name}: {in_nodes(zones[name])}")
         for name, colour in ZONES.values()
         if zones[name] or name != ZONES[3][0]
     ]

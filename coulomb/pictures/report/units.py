@@ -57,6 +57,11 @@ def quantity(value: float | None, unit: str = "", digits: int = 4) -> str:
     return f"{number(value / factor, digits)}{NARROW}{prefixed}" if prefixed else number(value, digits)
 
 
+def in_nodes(count: int, kind: str = "") -> str:
+    """A number of nodes: 1 node, 12 contact nodes."""
+    return f"{count} {kind}{' ' if kind else ''}{'node' if count == 1 else 'nodes'}"
+
+
 def in_seconds(value: float, digits: int = 4) -> str:
     """A time of a history or of a run in seconds, without prefixes: 0.25 s."""
     return f"{number(value, digits)}{NARROW}s"
