@@ -26,6 +26,7 @@ from coulomb import (
 )
 from coulomb.linalg.kept_responses import KeptResponses
 from coulomb.linalg.learnt_columns import LearntColumns, turned_diagonal
+from coulomb.linalg.low_rank import LowRankApproximation
 from coulomb.solvers.contact_equations import ContactEquations
 from coulomb.solvers.laws import FrictionLaw
 from coulomb.solvers.semismooth_newton import SemismoothNewton
@@ -62,6 +63,19 @@ def test_a_fine_history_takes_few_newton_steps(steps):
 
 def test_a_step_that_repeats_its_load_takes_at_most_one(steps):
     assert newton(steps)[6] <= 1
+
+
+def test_the_approximation_of_A_is_made_anew_only_where_it_changes(steps, monkeypatch):
+    """It and its products stay from load step to load step; frames that turn make a new one (below)."""
+    made = []
+    original = LowRankApproximation._set
+    monkeypatch.setattr(LowRankApproximation, "_set", lambda self, U: (made.append(self), original(self, U)))
+    counts = [
+        (step.solution.result.products, len(made)) for step in LoadHistory([1.0, 2.0, 3.0, 4.0, 5.0]).steps(fine())
+    ]
+    assert [products for products, _ in counts] == [step.solution.result.products for step in steps[:5]]
+    first, *later = (number for _, number in counts)
+    assert len({id(one) for one in made[first:]}) == 1 and later[-1] - first <= 4
 
 
 def test_answers_are_those_of_the_interior_point_method(steps):

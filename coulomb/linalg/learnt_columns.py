@@ -16,16 +16,18 @@ class LearntColumns:
         X: Forces in newtons, shape (3 m, r), this rank's rows; None as long as nothing is known.
         U: Displacements in metres, shape (3 m, r).
         part: Size of A outside U over its diagonal, in (0, 1].
+        prepared: The approximation of A made of them, which a later problem with the same A takes as it is; else None.
     """
 
     def __init__(self) -> None:
         self.X: FloatArray | None = None
         self.U: FloatArray | None = None
         self.part = 1.0
+        self.prepared: object | None = None
 
-    def keep(self, X: FloatArray, U: FloatArray, part: float) -> None:
+    def keep(self, X: FloatArray, U: FloatArray, part: float, prepared: object | None = None) -> None:
         """Replace what is known."""
-        self.X, self.U, self.part = X, U, part
+        self.X, self.U, self.part, self.prepared = X, U, part, prepared
 
     def turned(self, turn: FloatArray) -> LearntColumns:
         """The same for A' = T A T^T with T node by node, shape (m, 3, 3): U' = T U, X' = T^-T X."""

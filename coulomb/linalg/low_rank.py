@@ -26,7 +26,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from .border import NodalMap
 from .learnt_columns import LearntColumns
-from .reductions import summed
+from .reductions import Reductions, summed
 
 _RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are rounding
 
@@ -69,6 +69,7 @@ class LowRankApproximation:
         self.columns: FloatArray = self.U
         self.signs: FloatArray = np.empty(0)
         self.rest: FloatArray = diagonal
+        self._weighted_gram: FloatArray | None = None
         if known is not None and known.X is not None and known.U is not None and rank > 0:
             self._X, self._new_part = known.X[:, :rank], known.part
             self._set(known.U[:, :rank])
@@ -80,6 +81,15 @@ class LowRankApproximation:
         if self.U.shape[1] > 0:
             known.keep(self._X, self.U, self._new_part)
         return known
+
+    def fits(self, diagonal: FloatArray, rank: int, exact: bool) -> bool:
+        """Whether it was made with these arguments; collective."""
+        same = self._rank == rank and self._exact == exact and np.array_equal(self._diagonal, diagonal)
+        return Reductions(self._comm).all(same)
+
+    def forget_new(self) -> None:
+        """Discard the products recorded since the last update."""
+        self._new.clear()
 
     @property
     def new(self) -> int:
@@ -122,6 +132,14 @@ class LowRankApproximation:
         self.columns = np.hstack([U, V])
         self.U = self.columns[:, : U.shape[1]]
         self.signs = np.repeat([1.0, -1.0], [U.shape[1], V.shape[1]])
+        self._weighted_gram = None
+
+    @property
+    def weighted_gram(self) -> FloatArray:
+        """C^T D^-1 C of the columns C, shape (s, s); collective after a change."""
+        if self._weighted_gram is None:
+            self._weighted_gram = self._gram(self.columns, self.columns / self.rest.reshape(-1, 1))
+        return self._weighted_gram
 
     def _unknown(self, X: FloatArray, Y: FloatArray) -> float:
         """Size of A on the new part of the pairs (X, Y) relative to diag(A); unchanged without a new part.
@@ -160,23 +178,20 @@ class LowRankApproximation:
 
 
 class LowRankUpdate:
-    """(P0 + V S U^T)^-1 from P0^-1, by Woodbury's formula: P0^-1 - P0^-1 V (S + U^T P0^-1 V)^-1 U^T P0^-1, S = S^-1.
+    """(P0 + U S U^T)^-1 from P0^-1, by Woodbury's formula: P0^-1 - P0^-1 U (S + U^T P0^-1 U)^-1 U^T P0^-1, S = S^-1.
 
     Args:
         comm: The ranks.
         nodal_inverse: P0^-1 on (m, block, ...), nodal, perhaps unsymmetric.
         U: Shape (m, block, r).
         signs: Diagonal of S, each 1 or -1, shape (r,).
-        V: Shape (m, block, r); by default U.
     """
 
-    def __init__(
-        self, comm: MPI.Comm, nodal_inverse: NodalMap, U: FloatArray, signs: FloatArray, V: FloatArray | None = None
-    ):
+    def __init__(self, comm: MPI.Comm, nodal_inverse: NodalMap, U: FloatArray, signs: FloatArray):
         self._comm, self._nodal_inverse = comm, nodal_inverse
         r = U.shape[2]
         self._U = U.reshape(U.shape[0] * U.shape[1], r)
-        self._PU = nodal_inverse(U if V is None else V).reshape(self._U.shape)
+        self._PU = nodal_inverse(U).reshape(self._U.shape)
         self._core: FloatArray = np.linalg.inv(np.diag(signs) + summed(comm, self._U.T @ self._PU))
 
     def __call__(self, r: FloatArray) -> FloatArray:

@@ -70,11 +70,12 @@ class ScaledCompliance:
         scaled.keep(root * learnt.X / W, W * learnt.U / root, learnt.part)
         return scaled
 
-    def keep(self, found: LearntColumns) -> None:
-        """Keep the columns found by a Newton system, scaled, for problems to come."""
+    def keep(self, found: LearntColumns, prepared: object | None = None) -> None:
+        """Keep the columns found by a Newton system, scaled, for problems to come, and the approximation `prepared` of
+        them in the variables of this problem."""
         if found.X is not None and found.U is not None:
             root, W = np.sqrt(self.a), self.W.reshape(-1, 1)
-            self.A.learnt.keep(W * found.X / root, root * found.U / W, found.part)
+            self.A.learnt.keep(W * found.X / root, root * found.U / W, found.part, prepared)
 
     def image(self, displacement: FloatArray) -> FloatArray:
         """Displacements A x in metres (3 m,), as A~ x~."""

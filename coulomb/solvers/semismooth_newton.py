@@ -27,8 +27,9 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from ..linalg.border import ConstraintPreconditioner, Constraints
 from ..linalg.krylov import CarryingKrylov
-from ..linalg.low_rank import LowRankApproximation, LowRankUpdate
+from ..linalg.low_rank import LowRankApproximation
 from .contact_equations import ContactDerivative, ContactEquations
+from .contact_preconditioner import ContactPreconditioner
 from .friction_problem import FrictionProblem
 from .results import (
     Goal,
@@ -145,12 +146,17 @@ class _Iteration(ProductImages):
         self._equations = ContactEquations(problem.law, lower, problem.frictional, d[:, 0], 0.5 * (d[:, 1] + d[:, 2]))
         costly = 0 if problem.A.exact else 1
         self._updated_from = settings.updated_from[costly]
-        self._A = LowRankApproximation(
-            problem.A.comm, d, settings.rank[costly], problem.A.exact, known=self._scaled.known()
-        )
+        self._A = self._approximation(settings.rank[costly])
         self._constraints = Constraints(problem.A.comm, G)
         self._accuracy = settings.forcing
         self._finer = settings.finer if problem.A.exact else 1.0
+
+    def _approximation(self, rank: int) -> LowRankApproximation:
+        """That of the problem before, if A has stayed as it was; else from what is known of A; collective."""
+        A, d, known = self._problem.A, self._scaled.diagonal, self._problem.A.learnt.prepared
+        if isinstance(known, LowRankApproximation) and known.fits(d, rank, A.exact):
+            return known
+        return LowRankApproximation(A.comm, d, rank, A.exact, known=self._scaled.known())
 
     def run(self, starts: FloatArray) -> SolverResult:
         """From the best of the starts (c, 3 m) to the answer, or to where the residual stalls; collective."""
@@ -171,7 +177,8 @@ class _Iteration(ProductImages):
         try:
             return self._steps(*self._best(starts))
         finally:
-            self._scaled.keep(self._A.learnt)
+            self._A.forget_new()
+            self._scaled.keep(self._A.learnt, self._A)
             self._krylov.free()
 
     def _best(self, starts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -253,14 +260,8 @@ class _Iteration(ProductImages):
     ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
         """The step: dx, A dx, dalpha, and its Krylov iterations."""
         settings, over = self._settings, self._over
-        inverse = at.inverse(self._A.rest)
-
-        def nodal(r: FloatArray) -> FloatArray:
-            applied: FloatArray = (inverse @ r.reshape(len(r), 3, math.prod(r.shape[2:]))).reshape(r.shape)
-            return applied
-
-        self._at, U = at, self._A.nodal_columns(3, np.ones(len(x), dtype=bool))
-        low_rank = LowRankUpdate(self._scaled.comm, nodal, U, self._A.signs, at.Q @ U)
+        self._at = at
+        low_rank = ContactPreconditioner(self._scaled.comm, at, self._A)
         self._bordered = ConstraintPreconditioner(low_rank, self._constraints, 3, at.Q @ self._scaled.G)
         r3 = NO_MOTION if not len(self._e) else self._e - self._scaled.resultant(x)
         size = math.hypot(over.norm(at.value), float(np.linalg.norm(r3)))

@@ -1,0 +1,55 @@
+"""The preconditioner of the semismooth Newton method against its matrix; which approximation later steps keep."""
+
+import numpy as np
+import pytest
+from conftest import random_spd
+from mpi4py import MPI
+
+from coulomb.linalg.low_rank import LowRankApproximation
+from coulomb.solvers.contact_equations import ContactEquations
+from coulomb.solvers.contact_preconditioner import ContactPreconditioner
+from coulomb.solvers.laws import FrictionLaw
+
+NODES = 20
+
+
+def equations(rng):
+    """At forces of which some are open, some stick and some slip."""
+    law = FrictionLaw(np.zeros(NODES), np.full(NODES, 0.4))
+    ones = np.ones(NODES)
+    of = ContactEquations(law, np.zeros(NODES), ones > 0.0, rng.uniform(1.0, 2.0, NODES), rng.uniform(1.0, 2.0, NODES))
+    x, w = rng.uniform(0.0, 2.0, (NODES, 3)), rng.uniform(-1.0, 1.0, (NODES, 3))
+    x[:5, 1:], w[:5] = 0.0, 0.0
+    w[5:8, 0] = 10.0
+    at = of.at(x, w)
+    assert set(at.status) == {0, 1, 2}
+    return at
+
+
+@pytest.mark.parametrize("columns", [0, 12])
+def test_it_is_the_inverse_with_the_approximation_in_place_of_A(columns):
+    rng = np.random.default_rng(5)
+    A, at = random_spd(3 * NODES, 1e3, rng), equations(rng)
+    known = LowRankApproximation(MPI.COMM_SELF, np.diag(A).reshape(-1, 3).copy(), 100, exact=True)
+    for _ in range(2):  # once more, after the columns have changed
+        for x in rng.standard_normal((columns, 3 * NODES)):
+            known.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
+        known.update()
+        model = np.column_stack([known.mult(e.reshape(-1, 3)).ravel() for e in np.eye(3 * NODES)])
+        M = np.zeros((3 * NODES, 3 * NODES))
+        for i in range(NODES):
+            rows = slice(3 * i, 3 * i + 3)
+            M[rows] = at.Q[i] @ model[rows]
+            M[rows, rows] += at.P[i]
+        r = rng.standard_normal((NODES, 3, 2))
+        inverse = ContactPreconditioner(MPI.COMM_SELF, at, known)
+        expected = np.linalg.solve(M, r.reshape(-1, 2)).reshape(r.shape)
+        np.testing.assert_allclose(inverse(r), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+        np.testing.assert_allclose(inverse(r[:, :, 0]), expected[:, :, 0], atol=1e-9 * np.abs(expected).max())
+
+
+def test_an_approximation_is_taken_again_only_for_the_same_A():
+    d = np.arange(1.0, 7.0).reshape(2, 3)
+    known = LowRankApproximation(MPI.COMM_SELF, d, 60, exact=True)
+    assert known.fits(d.copy(), 60, True)
+    assert not known.fits(2.0 * d, 60, True) and not known.fits(d, 61, True) and not known.fits(d, 60, False)
