@@ -11,15 +11,34 @@ from conftest import dense_compliance, random_spd
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from coulomb import Automatic, DenseSystem, FrictionProblem, InteriorPoint, NotConverged, Status, SuccessiveTresca
+from coulomb import (
+    Automatic,
+    DenseSystem,
+    FrictionProblem,
+    InteriorPoint,
+    NotConverged,
+    Status,
+    SuccessiveTresca,
+    solve_coulomb,
+)
 
 EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "90"))
+
+
+class ByArrays:
+    """`solve_coulomb`, which does all in C where the sweeps converge."""
+
+    def solve(self, problem):
+        return solve_coulomb(problem.A.dense(), problem.b, problem.law.friction)
+
+
 SOLVERS = {
     "auto": Automatic(1e-8),
     "interior point": InteriorPoint(1e-8),
     "interior point, dense": InteriorPoint(1e-8, newton=DenseSystem()),
     "successive Tresca": SuccessiveTresca(1e-8, max_iterations=30),
     "plain": SuccessiveTresca(1e-8, memory=0, damping=1.0, max_iterations=20),
+    "arrays": ByArrays(),
 }
 
 
@@ -59,7 +78,14 @@ def coulomb_residual(A, b, friction, x):
     return 0.0 if total == 0.0 else np.sqrt(total) / np.linalg.norm(x)
 
 
-GIVING_UP = {"auto": 0.1, "interior point": 0.2, "interior point, dense": 0.25, "successive Tresca": 0.1, "plain": 0.25}
+GIVING_UP = {
+    "auto": 0.1,
+    "interior point": 0.2,
+    "interior point, dense": 0.25,
+    "successive Tresca": 0.1,
+    "plain": 0.25,
+    "arrays": 0.1,
+}
 """Permitted share of failures of a solver, about twice the actual one: a third of the problems are rank-deficient, with
 loads that a body without rigid motions would not have, and may have no solution."""
 

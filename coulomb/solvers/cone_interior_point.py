@@ -130,15 +130,26 @@ class ConeInteriorPoint:
                 f"the {self.name} method is for Coulomb's law without cohesion, lower bounds and rigid motions, with A "
                 "as a matrix on one rank; use Automatic()"
             )
+        tolerance = self.tolerance if tolerance is None else tolerance
+        first = None if start is None else np.ascontiguousarray(start, dtype=np.float64)
+        sweeps = swept(problem.A.sparse(), problem.b, problem.law.friction, tolerance, first) if self.sweeps else None
+        return self.after(problem, sweeps, start, tolerance=tolerance, progress=progress)
+
+    def after(
+        self,
+        problem: FrictionProblem,
+        sweeps: Sweeps | None,
+        start: FloatArray | None = None,
+        *,
+        tolerance: float | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> SolverResult:
+        """As `solve`, after some sweeps for a problem that suits the method, from `start` if there were none."""
+        assert isinstance(problem.A, MatrixCompliance)
         goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
+        if sweeps is not None and goal.reached(sweeps.residual, sweeps.x):
+            return sweeps.result(self.name, goal)
         A, scales = problem.A.sparse(), Scales.of(problem)
-        sweeps = swept(problem, A, scales, goal.tolerance, start) if self.sweeps else None
-        if sweeps is not None and sweeps.residual <= goal.tolerance:
-            x = problem.completed(sweeps.x)
-            gradient = problem.gradient(x)
-            residual = scales.residual(problem, x, gradient)
-            if goal.reached(residual, x):
-                return answer(self.name, problem, goal, x, gradient, residual, Status.STAGNATED, sweeps.made)
         run = _Run(self, problem, ConeProblem(problem, A, scales), scales, goal, progress)
         return run.follow(start, sweeps)
 

@@ -16,6 +16,7 @@ from ..arrays import FloatArray
 from ..linalg.compliance import Compliance, MatrixCompliance
 from ..linalg.reductions import Reductions
 from .friction_problem import FrictionProblem, Solver
+from .gauss_seidel import Sweeps
 from .interior_point import InteriorPoint
 from .laws import FrictionLaw
 from .matrix_automatic import MatrixAutomatic
@@ -83,11 +84,17 @@ def solve_coulomb(
         ValueError: As `solve_tresca`.
         NotConverged: If the Coulomb residual stays above the solver's tolerance.
     """
+    sweeps: Sweeps | None = None
+    if solver is None and rigid is None and isinstance(cohesion, float | int) and cohesion == 0:
+        found = MatrixAutomatic().swept(A, b, friction)
+        if isinstance(found, SolverResult):
+            return found
+        sweeps = found
     compliance = _compliance(A)
     coefficient = _for_each("friction", friction, compliance.nodes)
     law = FrictionLaw(_for_each("cohesion", cohesion, compliance.nodes), coefficient)
     problem = FrictionProblem(compliance, _numbers("b", b), law, rigid=_motions(rigid))
-    return (solver or MatrixAutomatic()).solve(problem)
+    return MatrixAutomatic().solve(problem, sweeps=sweeps) if solver is None else solver.solve(problem)
 
 
 def _motions(rigid: RigidMotions | None) -> RigidMotions | None:
@@ -97,7 +104,7 @@ def _motions(rigid: RigidMotions | None) -> RigidMotions | None:
 def _numbers(name: str, values: Any) -> FloatArray:
     try:
         return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be made of numbers") from None
 
 
@@ -125,7 +132,7 @@ def _compliance(A: Any) -> Compliance:
         raise ValueError(f"A must be square with three rows per contact on its rank, but is {rows} x {columns}")
     if not np.isfinite(size):
         raise ValueError("A has entries that are not finite")
-    if not matrix.isSymmetric(1e-8 * size):
+    if not (matrix.isSymmetric(1e-8 * size) if sparse is None else abs(sparse - sparse.T).max() <= 1e-8 * size):
         raise ValueError("A must be symmetric")
     compliance = MatrixCompliance(matrix, sparse)
     diagonal = compliance.diagonal()

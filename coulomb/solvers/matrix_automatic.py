@@ -7,16 +7,19 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse
 
 from ..arrays import FloatArray
 from ..linalg.compliance import MatrixCompliance
 from .automatic import Automatic
 from .cone_interior_point import ConeInteriorPoint
 from .friction_problem import FrictionProblem
-from .results import ProgressCallback, SolverResult, check_constants
+from .gauss_seidel import Sweeps, swept
+from .results import Goal, ProgressCallback, SolverResult, check_constants
 
 _FEW = 150  # contacts up to which the cone method is the quicker one, whatever A
 _SPARSE = 0.25  # of the entries
+_BY_SWEEPS = f"auto: {ConeInteriorPoint.name}"
 _DEFINITE = 1e-8  # smallest eigenvalue of a definite A, over the mean diagonal
 
 
@@ -50,15 +53,56 @@ class MatrixAutomatic:
         gradient: FloatArray | None = None,
         tolerance: float | None = None,
         progress: ProgressCallback | None = None,
+        sweeps: Sweeps | None = None,
     ) -> SolverResult:
-        """Solve a problem with friction; arguments and errors as those of `Solver.solve`."""
+        """Solve a problem with friction; arguments and errors as those of `Solver.solve`.
+
+        Args:
+            sweeps: Those that `swept` has made for the problem.
+        """
         cones = ConeInteriorPoint(self.tolerance)
-        if cones.suits(problem) and _for_cones(problem.A):
-            result = cones.solve(problem, start, tolerance=tolerance, progress=progress)
+        if cones.suits(problem) and (sweeps is not None or _for_cones(problem.A)):
+            if sweeps is None:
+                result = cones.solve(problem, start, tolerance=tolerance, progress=progress)
+            else:
+                result = cones.after(problem, sweeps, tolerance=tolerance, progress=progress)
             return replace(result, method=f"auto: {result.method}")
         return Automatic(self.tolerance).solve(
             problem, start, gradient=gradient, tolerance=tolerance, progress=progress
         )
+
+    def swept(self, A: Any, b: Any, friction: Any) -> SolverResult | Sweeps | None:
+        """The answer by sweeps, or what they reached; None where they are not tried, or an argument is not plain.
+
+        All that a valid problem has to satisfy is checked, but not said: None for whatever does not.
+
+        Args:
+            A: As for `solve_coulomb`.
+            b: Likewise.
+            friction: Likewise.
+        """
+        few = 3 * _FEW
+        if type(A) is np.ndarray:
+            if A.ndim != 2 or len(A) > few:
+                return None
+        elif scipy.sparse.issparse(A):
+            if A.shape[0] > few and A.nnz > _SPARSE * A.shape[0] ** 2:
+                return None
+            if A.format != "csr" or A.dtype != np.float64:
+                A = scipy.sparse.csr_matrix(A, dtype=np.float64)
+        else:
+            return None
+        try:
+            b = np.ascontiguousarray(b, dtype=np.float64)
+            friction = np.asarray(friction, dtype=np.float64, order="C")
+            if friction.ndim == 0:
+                friction = float(friction)
+        except (TypeError, ValueError, OverflowError):
+            return None
+        sweeps = swept(A, b, friction, self.tolerance)
+        if sweeps is None or not sweeps.residual <= self.tolerance:
+            return sweeps
+        return sweeps.result(_BY_SWEEPS, Goal(self.tolerance, None))
 
 
 def _for_cones(A: Any) -> bool:

@@ -1,125 +1,193 @@
 /* Nonsmooth Gauss-Seidel sweeps for Coulomb's law: u = W r + q, contact by contact (n, t1, t2), 0 <= u_n _|_ r_n >= 0,
    |r_t| <= F r_n, r_t opposes u_t.  M. Jean, J. J. Moreau: Unilaterality and dry friction in the dynamics of rigid body
-   collections (1992).  The problem of one contact is solved directly: open, stick, or slip along the direction at which
-   slip and friction oppose each other, the root of a trigonometric polynomial. */
+   collections (1992).  The displacements u are kept up to date: a contact whose force does not change costs nothing
+   but a look at it. */
 
-#include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
-#define ANGLES 32 /* at which a root is searched where Newton's method finds none */
+#include "one_contact.h"
+
+#define SYMMETRIC 1e-8 /* largest difference of two entries that should be equal, over the Frobenius norm */
+
+/* Microseconds, orders of magnitude: of a sweep, for each contact and block; of a step of the path that follows, at
+   least and for each contact, or each operation where it is dense; and its number of steps. */
+static const double SWEEP = 0.1, CONTACT = 0.07, BLOCK = 0.004, STEP = 600.0, STEP_CONTACT = 8.0, STEP_WORK = 2e-4,
+                    STEPS = 25.0;
+static const double TRIAL = 0.1; /* of the work of the path: sweeps that are made in any case */
+
+typedef double v4 __attribute__((vector_size(32))); /* of which three are used */
+
+/* A as given: compressed rows, in any order and with entries that are to be added, or dense, then indptr is NULL, with
+   strides in numbers. */
+struct given {
+    long m, entries;
+    const int *indptr, *indices;
+    const double *data, *b;
+    long row, column;
+};
 
 struct system {
     long m;
-    long *first;       /* blocks of each row, without the diagonal one */
-    long *column;
-    double (*block)[9];
-    double (*own)[9];  /* blocks of the diagonal, ... */
-    double (*inverse)[9]; /* ... their inverses, of own + proximal 1, ... */
-    double *proximal;  /* ... 0 where they are regular */
-    const double *q, *F;
+    long *first; /* blocks of each row of 3 x 3 blocks, the diagonal one as well */
+    int *column;
+    v4 (*block)[3]; /* their rows, over the mean diagonal */
+    struct contact *contact;
+    v4 *u, *r, *q;
 };
 
-static int inverted(const double *d, double *out)
+/* The blocks of rows 3 i to 3 i + 2 of A, from number `begin` on; their end, or -1 if an entry is outside.
+   place[j] is the last block of column j, if it is at least `begin`. */
+static long blocks_of_row(struct system *s, const struct given *A, long i, long begin, int *place)
 {
-    const double a = d[4] * d[8] - d[5] * d[7], b = d[5] * d[6] - d[3] * d[8], c = d[3] * d[7] - d[4] * d[6];
-    const double det = d[0] * a + d[1] * b + d[2] * c, size = d[0] * d[4] * d[8];
-    if (!(det > 1e-9 * size))
-        return 0;
-    out[0] = a / det, out[1] = (d[2] * d[7] - d[1] * d[8]) / det, out[2] = (d[1] * d[5] - d[2] * d[4]) / det;
-    out[3] = b / det, out[4] = (d[0] * d[8] - d[2] * d[6]) / det, out[5] = (d[2] * d[3] - d[0] * d[5]) / det;
-    out[6] = c / det, out[7] = (d[1] * d[6] - d[0] * d[7]) / det, out[8] = (d[0] * d[4] - d[1] * d[3]) / det;
+    long count = begin;
+    if (A->indptr == NULL) {
+        const double *data = A->data + 3 * i * A->row;
+        for (long j = 0; j < A->m; j++, count++) {
+            s->column[count] = j;
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 4; b++)
+                    s->block[count][a][b] = b < 3 ? data[a * A->row + (3 * j + b) * A->column] : 0.0;
+        }
+        return count;
+    }
+    for (int a = 0; a < 3; a++) {
+        const long end = A->indptr[3 * i + a + 1];
+        long j = -1, here = 0;
+        if (A->indptr[3 * i + a] < 0 || end > A->entries)
+            return -1;
+        for (long k = A->indptr[3 * i + a]; k < end; k++) {
+            const unsigned column = A->indices[k];
+            if (column >= 3 * (unsigned)A->m)
+                return -1;
+            if (column / 3 != j) {
+                j = column / 3;
+                if (place[j] < begin) {
+                    place[j] = count;
+                    s->column[count] = j;
+                    memset(s->block[count++], 0, sizeof s->block[0]);
+                }
+                here = place[j];
+            }
+            s->block[here][a][column - 3 * j] += A->data[k];
+        }
+    }
+    return count;
+}
+
+/* Whether blocks are equal to those on the other side of the diagonal, to a difference; a block without a counterpart
+   is not.  Workspace: m + 1 and twice as many numbers as there are blocks. */
+static int symmetric(const struct system *s, double difference, int *place, long *after, int *across, int *row)
+{
+    const long m = s->m, *first = s->first;
+    memset(after, 0, (m + 1) * sizeof *after);
+    for (long k = 0; k < first[m]; k++)
+        after[s->column[k] + 1]++;
+    for (long j = 0; j < m; j++) {
+        if (after[j + 1] != first[j + 1] - first[j]) /* blocks of column and row j */
+            return 0;
+        after[j + 1] += after[j];
+    }
+    for (long i = 0; i < m; i++)
+        for (long k = first[i]; k < first[i + 1]; k++) {
+            const long at = after[s->column[k]]++;
+            across[at] = k, row[at] = i;
+        }
+    for (long j = 0; j < m; j++) { /* those of column j are now numbers first[j] to first[j + 1] of across */
+        for (long k = first[j]; k < first[j + 1]; k++)
+            place[s->column[k]] = k;
+        for (long k = first[j]; k < first[j + 1]; k++) {
+            const long here = place[row[k]];
+            if (here < first[j] || here >= first[j + 1])
+                return 0;
+            const v4 *B = s->block[here], *C = s->block[across[k]];
+            if (row[k] <= j)
+                for (int a = 0; a < 3; a++)
+                    for (int b = 0; b < 3; b++)
+                        if (!(fabs(B[a][b] - C[b][a]) <= difference))
+                            return 0;
+        }
+    }
     return 1;
 }
 
-/* Whether slip along d is a root, after some Newton steps: friction F r_n d, slip -s d with s >= 0. */
-static int slipping(const double *W, const double *v, double F, double *d, double *r)
+/* Blocks of W = A / a and of each contact; the mean diagonal a, or 0 if A is not finite, symmetric and of a positive
+   diagonal. */
+static double prepare(struct system *s, const struct given *A, int *place, long *after, int *across, int *row)
 {
-    for (int step = 0; step < 20; step++) {
-        const double p0 = -d[1], p1 = d[0];
-        const double n = W[0] + F * (W[1] * d[0] + W[2] * d[1]);
-        const double t0 = W[1] + F * (W[4] * d[0] + W[5] * d[1]), t1 = W[2] + F * (W[5] * d[0] + W[8] * d[1]);
-        const double vp = v[1] * p0 + v[2] * p1, vd = v[1] * d[0] + v[2] * d[1];
-        const double g = n * vp - v[0] * (t0 * p0 + t1 * p1);
-        const double pWp = W[4] * p0 * p0 + 2.0 * W[5] * p0 * p1 + W[8] * p1 * p1;
-        const double slope = F * (W[1] * p0 + W[2] * p1) * vp - n * vd
-                             - v[0] * (F * pWp - (t0 * d[0] + t1 * d[1]));
-        double turn = -g / slope;
-        if (!(fabs(turn) < 1e6))
-            return 0;
-        if (fabs(turn) < 1e-12 || step == 19) {
-            if (!(n > 0.0) || fabs(turn) > 1e-6)
-                return 0;
-            const double normal = -v[0] / n;
-            if (vd + normal * (t0 * d[0] + t1 * d[1]) > 0.0) /* slip along the friction */
-                return 0;
-            r[0] = normal, r[1] = F * normal * d[0], r[2] = F * normal * d[1];
-            return 1;
+    const long m = s->m;
+    double squares = 0.0, trace = 0.0;
+    for (long j = 0; j < m; j++)
+        place[j] = -1;
+    s->first[0] = 0;
+    for (long i = 0; i < m; i++) {
+        const long begin = s->first[i], end = blocks_of_row(s, A, i, begin, place);
+        if (end < 0)
+            return 0.0;
+        v4 sum = {0.0, 0.0, 0.0, 0.0};
+        for (long k = begin; k < end; k++) {
+            for (int a = 0; a < 3; a++)
+                sum += s->block[k][a] * s->block[k][a];
+            if (s->column[k] == i)
+                for (int a = 0; a < 9; a++)
+                    s->contact[i].own[a] = s->block[k][a / 3][a % 3];
         }
-        if (fabs(turn) > 0.5)
-            turn = turn > 0.0 ? 0.5 : -0.5;
-        const double e0 = d[0] + turn * p0, e1 = d[1] + turn * p1, size = sqrt(e0 * e0 + e1 * e1);
-        d[0] = e0 / size, d[1] = e1 / size;
+        squares += sum[0] + sum[1] + sum[2];
+        s->first[i + 1] = end;
+        for (int a = 0; a < 9; a += 4) {
+            if (!(s->contact[i].own[a] > 0.0))
+                return 0.0;
+            trace += s->contact[i].own[a];
+        }
     }
-    return 0;
+    if (!(squares < 1e300 && symmetric(s, SYMMETRIC * sqrt(squares), place, after, across, row)))
+        return 0.0;
+    const double a = trace / (3.0 * m), scale = 1.0 / a;
+    if (!(a > 0.0 && a < 1e300 && scale < 1e300))
+        return 0.0;
+    for (long k = 0; k < s->first[m]; k++)
+        for (int c = 0; c < 3; c++)
+            s->block[k][c] *= scale;
+    for (long i = 0; i < m; i++) {
+        struct contact *here = s->contact + i;
+        for (int k = 0; k < 9; k++)
+            here->own[k] *= scale;
+        if (!inverted(here->own, here->inverse)) {
+            double moved[9];
+            memcpy(moved, here->own, sizeof moved);
+            here->proximal = 1e-3 * (moved[0] + moved[4] + moved[8]);
+            for (int k = 0; k < 9; k += 4)
+                moved[k] += here->proximal;
+            if (!inverted(moved, here->inverse))
+                return 0.0;
+        }
+    }
+    return a;
 }
 
-/* The forces r of one contact with the free velocity v; unchanged if none is found. */
-static void one_contact(const struct system *s, long i, const double *v, double *r)
+/* u += W[:, i] d, by symmetry with the rows of i. */
+static inline void moved(const struct system *s, long i, v4 d)
 {
-    const double *W = s->own[i], *V = s->inverse[i], F = s->F[i], weight = s->proximal[i];
-    if (v[0] >= 0.0) {
-        r[0] = r[1] = r[2] = 0.0;
-        return;
-    }
-    if (F == 0.0) {
-        r[0] = -v[0] / W[0], r[1] = r[2] = 0.0;
-        return;
-    }
-    const double y[3] = {weight * r[0] - v[0], weight * r[1] - v[1], weight * r[2] - v[2]};
-    const double x[3] = {V[0] * y[0] + V[1] * y[1] + V[2] * y[2], V[3] * y[0] + V[4] * y[1] + V[5] * y[2],
-                         V[6] * y[0] + V[7] * y[1] + V[8] * y[2]};
-    if (x[0] >= 0.0 && x[1] * x[1] + x[2] * x[2] <= F * F * x[0] * x[0]) {
-        memcpy(r, x, sizeof x);
-        return;
-    }
-    double d[2] = {r[1], r[2]}, size = sqrt(d[0] * d[0] + d[1] * d[1]);
-    if (!(size > 0.0))
-        d[0] = x[0] > 0.0 ? x[1] : -v[1], d[1] = x[0] > 0.0 ? x[2] : -v[2], size = sqrt(d[0] * d[0] + d[1] * d[1]);
-    if (size > 0.0) {
-        d[0] /= size, d[1] /= size;
-        if (slipping(W, v, F, d, r))
-            return;
-    }
-    for (int k = 0; k < ANGLES; k++) {
-        d[0] = cos(2.0 * M_PI * k / ANGLES), d[1] = sin(2.0 * M_PI * k / ANGLES);
-        if (slipping(W, v, F, d, r))
-            return;
-    }
+    const v4 n = {d[0], d[0], d[0], d[0]}, t1 = {d[1], d[1], d[1], d[1]}, t2 = {d[2], d[2], d[2], d[2]};
+    for (long k = s->first[i]; k < s->first[i + 1]; k++)
+        s->u[s->column[k]] += s->block[k][0] * n + s->block[k][1] * t1 + s->block[k][2] * t2;
 }
 
-static void free_velocity(const struct system *s, long i, const double *r, double *v)
+static void refresh(const struct system *s)
 {
-    memcpy(v, s->q + 3 * i, 3 * sizeof *v);
-    for (long k = s->first[i]; k < s->first[i + 1]; k++) {
-        const double *B = s->block[k], *x = r + 3 * s->column[k];
-        v[0] += B[0] * x[0] + B[1] * x[1] + B[2] * x[2];
-        v[1] += B[3] * x[0] + B[4] * x[1] + B[5] * x[2];
-        v[2] += B[6] * x[0] + B[7] * x[1] + B[8] * x[2];
-    }
+    memcpy(s->u, s->q, s->m * sizeof *s->u);
+    for (long i = 0; i < s->m; i++)
+        if (s->r[i][0] != 0.0 || s->r[i][1] != 0.0 || s->r[i][2] != 0.0)
+            moved(s, i, s->r[i]);
 }
 
 /* |r - P(r - (u + F |u_t| n))| / (1 + |q|), P the projection on the cones, and |r - P'(r - u)| / |r|, P' with the discs
    of r: the larger one. */
-static double residual(const struct system *s, const double *r, double loads)
+static double residual(const struct system *s, double loads)
 {
     double cone = 0.0, natural = 0.0, size = 0.0;
     for (long i = 0; i < s->m; i++) {
-        double u[3];
-        const double *x = r + 3 * i, F = s->F[i], *W = s->own[i];
-        free_velocity(s, i, r, u);
-        for (int k = 0; k < 3; k++)
-            u[k] += W[3 * k] * x[0] + W[3 * k + 1] * x[1] + W[3 * k + 2] * x[2];
+        const v4 x = s->r[i], u = s->u[i];
+        const double F = s->contact[i].F;
         const double y[3] = {x[0] - u[0] - F * sqrt(u[1] * u[1] + u[2] * u[2]), x[1] - u[1], x[2] - u[2]};
         const double t = sqrt(y[1] * y[1] + y[2] * y[2]), n = x[0] - u[0], bound = F * fmax(x[0], 0.0);
         double p[3] = {y[0], y[1], y[2]};
@@ -136,112 +204,139 @@ static double residual(const struct system *s, const double *r, double loads)
         }
     }
     const double first = sqrt(cone) / (1.0 + loads), second = natural > 0.0 ? sqrt(natural / size) : 0.0;
-    return fmax(first, second);
-}
-
-static int prepare(struct system *s, long m, const int *indptr, const int *indices, const double *data, double scale)
-{
-    long *place = malloc(m * sizeof *place), count = 0;
-    if (place == NULL)
-        return 0;
-    for (long j = 0; j < m; j++)
-        place[j] = -1;
-    for (long i = 0; i < m; i++) {
-        const long start = count;
-        double *own = s->own[i];
-        memset(own, 0, sizeof s->own[i]);
-        for (int a = 0; a < 3; a++)
-            for (long k = indptr[3 * i + a]; k < indptr[3 * i + a + 1]; k++) {
-                const long j = indices[k] / 3;
-                const int b = indices[k] % 3;
-                if (j == i) {
-                    own[3 * a + b] += data[k] * scale;
-                    continue;
-                }
-                if (place[j] < start) {
-                    place[j] = count;
-                    s->column[count] = j;
-                    memset(s->block[count++], 0, sizeof s->block[0]);
-                }
-                s->block[place[j]][3 * a + b] += data[k] * scale;
-            }
-        s->first[i + 1] = count;
-        if (!(own[0] > 0.0 && own[4] > 0.0 && own[8] > 0.0)) {
-            free(place);
-            return 0;
-        }
-        s->proximal[i] = 0.0;
-        if (!inverted(own, s->inverse[i])) {
-            double moved[9];
-            memcpy(moved, own, sizeof moved);
-            s->proximal[i] = 1e-3 * (own[0] + own[4] + own[8]);
-            for (int k = 0; k < 9; k += 4)
-                moved[k] += s->proximal[i];
-            inverted(moved, s->inverse[i]);
-        }
-    }
-    free(place);
-    return 1;
+    return first > second || first != first ? first : second;
 }
 
 /* Sweeps over all contacts, forwards and backwards in turn, until the residual is at most tolerance, or until the
-   allowance is spent or will not do at the rate observed.
-
-   The matrix has compressed rows with at most `blocks` blocks of 3 x 3; W is scale times it.  r (3 m) is start and
-   answer.  A sweep costs `cost` of the allowance, of which a first part, `trial`, is spent in any case.  report: the
-   last residual and the rate per sweep.  Returns the number of sweeps; -1 without memory, or if a diagonal entry is not
-   positive. */
-long gauss_seidel(long m, long blocks, const int *indptr, const int *indices, const double *data, double scale,
-                  const double *q, const double *F, double tolerance, double cost, double trial, double allowance,
-                  double *r, double *report)
+   allowance is spent or will not do at the rate observed; the last residual. */
+static double sweep(struct system *s, double tolerance, double loads, double allowance, double cost, long *sweeps)
 {
-    const long doubles = 9 * (blocks + 2 * m) + m, longs = m + 1 + blocks;
-    double *memory = malloc(doubles * sizeof *memory);
-    long *index = malloc(longs * sizeof *index), sweeps = 0;
-    if (memory == NULL || index == NULL) {
-        free(memory), free(index);
-        return -1;
-    }
-    struct system s = {.m = m, .q = q, .F = F};
-    s.block = (double(*)[9])memory, s.own = s.block + blocks, s.inverse = s.own + m;
-    s.proximal = (double *)(s.inverse + m);
-    s.first = index, s.column = index + m + 1, s.first[0] = 0;
-    if (!prepare(&s, m, indptr, indices, data, scale)) {
-        free(memory), free(index);
-        return -1;
-    }
-    double loads = 0.0, size = 1e300, before = 1e300, rate = 1.0;
-    for (long k = 0; k < 3 * m; k++)
-        loads += q[k] * q[k];
-    loads = sqrt(loads);
-    long judged = 0, pause = 1;
-    while (1) {
+    double size = 1e300, before = 1e300;
+    long judged = 0, next = 1;
+    for (*sweeps = 0;;) {
         double change = 0.0;
-        for (long k = 0; k < m; k++) {
-            const long i = sweeps % 2 ? m - 1 - k : k;
-            double v[3], old[3], *x = r + 3 * i;
-            memcpy(old, x, sizeof old);
-            free_velocity(&s, i, r, v);
-            one_contact(&s, i, v, x);
-            for (int c = 0; c < 3; c++)
-                change += (x[c] - old[c]) * (x[c] - old[c]);
+        for (long k = 0; k < s->m; k++) {
+            const long i = *sweeps % 2 ? s->m - 1 - k : k;
+            const struct contact *here = s->contact + i;
+            const double *W = here->own;
+            const v4 old = s->r[i], u = s->u[i];
+            if (old[0] == 0.0 && u[0] >= 0.0 && old[1] == 0.0 && old[2] == 0.0)
+                continue;
+            double v[3], r[3] = {old[0], old[1], old[2]};
+            for (int a = 0; a < 3; a++)
+                v[a] = u[a] - (W[3 * a] * r[0] + W[3 * a + 1] * r[1] + W[3 * a + 2] * r[2]);
+            one_contact(here, v, r);
+            const v4 new = {r[0], r[1], r[2], 0.0}, d = new - old;
+            const double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+            if (square == 0.0)
+                continue;
+            s->r[i] = new;
+            moved(s, i, d);
+            change += square;
         }
-        sweeps++;
+        ++*sweeps;
         if (!(change < 1e300))
-            break;
-        if (sweeps < judged + pause && sqrt(change) > tolerance)
+            return 1e300;
+        if (*sweeps < next && sqrt(change) > tolerance)
             continue;
-        size = residual(&s, r, loads);
-        if (!(size > tolerance))
-            break;
-        rate = before < 1e300 ? pow(size / before, 1.0 / (sweeps - judged)) : 1.0;
-        before = size, judged = sweeps;
-        pause = pause < 16 ? 2 * pause : 16;
+        size = residual(s, loads);
+        if (!(size > tolerance)) {
+            refresh(s);
+            size = residual(s, loads);
+        }
+        if (!(size > tolerance) || change == 0.0)
+            return size;
+        const double rate = before < 1e300 ? pow(size / before, 1.0 / (*sweeps - judged)) : 1.0;
+        before = size, judged = *sweeps;
         const double left = rate < 1.0 ? log(tolerance / size) / log(rate) : 1e300;
-        if (sweeps * cost > trial && (sweeps + left) * cost > allowance)
-            break;
+        if (*sweeps * cost > TRIAL * allowance && (*sweeps + left) * cost > allowance)
+            return size;
+        next = *sweeps + (long)fmin(fmin(fmax(ceil(left), 1.0), judged), 16.0);
     }
-    report[0] = size, report[1] = rate;
-    free(memory), free(index);
+}
+
+/* Forces x, gradient A x - b from the entries of A as given, bounds F x_n and multipliers, and in s->r and s->u what
+   the residual is computed from. */
+static void answered(struct system *s, const struct given *A, double a, double force, double *x)
+{
+    const long m = s->m;
+    double *gradient = x + 3 * m, *bound = gradient + 3 * m, *multipliers = bound + m;
+    for (long i = 0; i < m; i++)
+        for (int c = 0; c < 3; c++)
+            x[3 * i + c] = s->r[i][c] * force;
+    for (long i = 0; i < 3 * m; i++) {
+        double sum = 0.0;
+        if (A->indptr == NULL)
+            for (long j = 0; j < 3 * m; j++)
+                sum += A->data[i * A->row + j * A->column] * x[j];
+        else
+            for (long k = A->indptr[i]; k < A->indptr[i + 1]; k++)
+                sum += A->data[k] * x[A->indices[k]];
+        gradient[i] = sum - A->b[i];
+        s->r[i / 3][i % 3] = x[i] / force, s->u[i / 3][i % 3] = gradient[i] / (a * force);
+    }
+    for (long i = 0; i < m; i++) {
+        const double *w = gradient + 3 * i;
+        bound[i] = s->contact[i].F * fmax(x[3 * i], 0.0);
+        multipliers[2 * i] = fmax(w[0], 0.0), multipliers[2 * i + 1] = sqrt(w[1] * w[1] + w[2] * w[2]);
+    }
+}
+
+/* Forces by sweeps, with every check of the arguments that a correct problem passes.
+
+   A (3 m x 3 m) has compressed rows with `entries` entries, or is dense with the strides row and column (indptr NULL);
+   b (3 m); F (m), or NULL for the number friction; start (3 m), or NULL for 0.  out, 2 + 9 m numbers: the residual after
+   the sweeps, and computed afresh from A as given; forces, gradient, bounds of friction, multipliers (2 m).  Returns
+   the number of sweeps; -1 if something is wrong, or not suitable: the arguments, or the memory. */
+long gauss_seidel(long m, long entries, const int *indptr, const int *indices, const double *data, long row,
+                  long column, const double *b, const double *F, double friction, const double *start,
+                  double tolerance, double *out)
+{
+    const struct given A = {m, entries, indptr, indices, data, b, row, column};
+    const long blocks = indptr == NULL || entries > m * m ? m * m : entries;
+    const size_t bytes = blocks * (sizeof(v4[3]) + 3 * sizeof(int)) + 3 * m * sizeof(v4) + m * sizeof(struct contact)
+                         + 2 * (m + 1) * sizeof(long) + m * sizeof(int);
+    char *memory = aligned_alloc(32, (bytes + 31) / 32 * 32);
+    if (memory == NULL)
+        return -1;
+    struct system s = {.m = m, .block = (v4(*)[3])memory};
+    s.u = (v4 *)(s.block + blocks), s.r = s.u + m, s.q = s.r + m;
+    s.contact = (struct contact *)(s.q + m), s.first = (long *)(s.contact + m);
+    memset(s.contact, 0, m * sizeof *s.contact);
+    long *after = s.first + m + 1, sweeps = -1;
+    s.column = (int *)(after + m + 1);
+    int *across = s.column + blocks, *rows = across + blocks, *place = rows + blocks;
+    double largest = 0.0, loads = 0.0;
+    for (long i = 0; i < m; i++) {
+        const double here = F == NULL ? friction : F[i];
+        s.contact[i].F = here;
+        if (!(here >= 0.0 && here < 1e100))
+            goto end;
+        for (int c = 0; c < 3; c++) {
+            if (!(fabs(b[3 * i + c]) < 1e300))
+                goto end;
+            largest = fmax(largest, fabs(b[3 * i + c]));
+        }
+    }
+    const double a = prepare(&s, &A, place, after, across, rows), force = largest > 0.0 ? largest / a : 1.0;
+    if (!(a > 0.0 && force > 1e-290 && force < 1e290 && a * force > 1e-290 && a * force < 1e290))
+        goto end;
+    const v4 zero = {0.0, 0.0, 0.0, 0.0};
+    for (long i = 0; i < m; i++) {
+        s.q[i] = s.r[i] = zero;
+        for (int c = 0; c < 3; c++) {
+            s.q[i][c] = -b[3 * i + c] / (a * force), loads += s.q[i][c] * s.q[i][c];
+            s.r[i][c] = start == NULL ? 0.0 : start[3 * i + c] / force;
+        }
+    }
+    loads = sqrt(loads);
+    refresh(&s);
+    const double fill = s.first[m], dense = 18.0 * m * m * m;
+    const double path = STEPS * (STEP + (m <= 30 || fill > 0.25 * m * m ? STEP_WORK * dense : STEP_CONTACT * m));
+    out[0] = sweep(&s, 0.999 * tolerance, loads, path, SWEEP + CONTACT * m + BLOCK * fill, &sweeps);
+    answered(&s, &A, a, force, out + 2);
+    out[1] = residual(&s, loads);
+end:
+    free(memory);
     return sweeps;
 }
