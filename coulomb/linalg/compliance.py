@@ -12,7 +12,13 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from .diagonal_estimate import estimated_diagonal
 from .learnt_columns import LearntColumns, turned_diagonal
+from .reductions import Reductions
 from .stiffness import StiffnessSolver
+
+
+_DISPLACED = 1e-8
+"""Accuracy of a displacement, relative to all forces: products by K in it have rounding errors that are not much
+smaller, and it is refined by forces that are assembled anew (`refined`)."""
 
 
 class Compliance(Protocol):
@@ -81,7 +87,7 @@ class BodyCompliance(Compliance, Protocol):
         ...
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
-        """K^-1 (f - B^T x) in metres, this rank's part, shape (n,); collective.
+        """K^-1 (f - B^T x) in metres, this rank's part, shape (n,), to be refined; collective.
 
         Args:
             x: Contact forces in newtons, shape (3 m,).
@@ -166,6 +172,7 @@ class MatrixFreeCompliance:
         self._rhs = self._u.duplicate()
         self._last = self._u.duplicate()
         self._last.set(0.0)
+        self._accurate: FloatArray | None = None
         self._diagonal = estimated_diagonal(self, B, K, probes) if diagonal is None else diagonal
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
@@ -178,18 +185,24 @@ class MatrixFreeCompliance:
 
     def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         """K v = B^T x for v by a correction of the last v."""
+        self._follow(x, tolerance, self._solver.tolerance)
+        self._accurate = x.copy() if tolerance == 0.0 else None
+        self.B.mult(self._last, self._x)
+        y[:] = self._x.array_r
+        self.products += 1
+
+    def _follow(self, x: FloatArray, change: float, whole: float) -> None:
+        """The last K^-1 B^T x corrected for another x, to an accuracy relative to the change or to the whole."""
         self._x.array[:] = x
         self.B.multTranspose(self._x, self._rhs)
         size = self._rhs.norm()
         self._solver.multiply(self._last, self._u)
         self._rhs.axpy(-1.0, self._u)
         left = self._rhs.norm()
-        if left > self._solver.tolerance * size:
-            self._solver.solve(self._rhs, self._u, max(tolerance, self._solver.tolerance * size / left))
+        if left > whole * size:
+            self._solver.solve(self._rhs, self._u, max(change, whole * size / left))
             self._last.axpy(1.0, self._u)
-        self.B.mult(self._last, self._x)
-        y[:] = self._x.array_r
-        self.products += 1
+            self._accurate = None
 
     @property
     def exact(self) -> bool:
@@ -208,18 +221,25 @@ class MatrixFreeCompliance:
     def guess(self, response: PETSc.Vec) -> None:
         """An approximation of K^-1 B^T x for the next x: `mult_incremental` starts there."""
         response.copy(self._last)
+        self._accurate = None
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
         diagonal = turned_diagonal(self._diagonal, self.learnt, turn)
         return MatrixFreeCompliance(B, self.K, self._solver, diagonal=diagonal)
 
     def known_product(self, x: FloatArray) -> FloatArray | None:
-        """None."""
-        return None
+        """That of the last most accurate product, if x is the same."""
+        last = self._accurate
+        if not Reductions(self.comm).all(last is not None and np.array_equal(last, x)):
+            return None
+        self.B.mult(self._last, self._x)
+        product: FloatArray = self._x.array_r.copy()
+        return product
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
         """By a correction of K^-1 B^T x of the last products."""
-        changed: FloatArray = free - self.response(x).array_r
+        self._follow(x, 0.0, _DISPLACED)
+        changed: FloatArray = free - self._last.array_r
         return changed
 
     def diagonal(self) -> FloatArray:

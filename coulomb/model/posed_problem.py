@@ -33,6 +33,9 @@ from .stopwatch import timed
 _ROUNDING = 2.0**-48
 """Slip below this part of the displacements of which it is the difference is a rounding error."""
 
+_BEFORE_REFINEMENT = 1e-8
+"""Residual of a solve with K that is refined: products by K have rounding errors of 1e-11 of the resultant forces."""
+
 
 class PosedProblem:
     """A body in a state, u = K^-1 (f - B^T x) + R alpha with the contact forces x, which obey |x_t| <= c a + F x_n.
@@ -214,7 +217,7 @@ class PosedProblem:
         def solved() -> FloatArray:
             u = self.elasticity.K.createVecRight()
             with explained(self.elasticity):
-                solver.solve(self.f, u)
+                solver.solve(self.f, u, _BEFORE_REFINEMENT if solver.tolerance > 0.0 else 0.0)
             values = self._with_prescribed(u.array.reshape(-1, 3))
             u.destroy()
             if solver.tolerance > 0.0:  # errors of a factorised K cancel with those of A, from the same factors

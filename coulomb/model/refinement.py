@@ -25,7 +25,10 @@ BALANCED = 1e-13
 """Resultant force and moment of the residual, and 1e-2 of its norm, relative to the forces on the body."""
 
 _ACCURACY = 1e-6
-"""Relative residual of a correction: few more digits are left to gain by each."""
+"""Least relative residual of a correction: few more digits are left to gain by each."""
+
+_BEYOND = 0.1
+"""Part of BALANCED at which a correction aims: its residual is not distributed like the one before."""
 
 _MOST = 4
 """Maximum number of corrections."""
@@ -69,7 +72,8 @@ def refined(
         for _ in range(_MOST):
             if not BALANCED < size < math.inf:
                 break
-            changed = u + elasticity.free_part(_solved(elasticity.K, solver, residual))
+            accuracy = min(max(_BEYOND * BALANCED / size, _ACCURACY), _BEYOND)
+            changed = u + elasticity.free_part(_solved(elasticity.K, solver, residual, accuracy))
             after, smaller = left_over(changed)
             if not smaller < size:
                 break
@@ -79,13 +83,13 @@ def refined(
     return u
 
 
-def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray) -> FloatArray:
-    """K^-1 of a residual (k, 3), this rank's part."""
+def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray, accuracy: float) -> FloatArray:
+    """K^-1 of a residual (k, 3), this rank's part, to a relative residual."""
     rhs, change = K.createVecs()
     rhs.array[:] = residual.ravel()
     size = float(rhs.norm()) or 1.0  # scaled: solves start from combinations of earlier solutions of like size
     rhs.scale(1.0 / size)
-    solver.solve(rhs, change, _ACCURACY)
+    solver.solve(rhs, change, accuracy)
     values: FloatArray = size * change.array_r.reshape(-1, 3)
     rhs.destroy()
     change.destroy()
