@@ -193,13 +193,14 @@ class SymmetricBlocks:
         )
         self._matrix = (n, address(self._shares), *map(address, self._blocks[:3]))
 
-    def mult(self, x: FloatArray, y: FloatArray) -> None:
-        """y <- K x, in double precision if `accurate`; x padded; collective."""
+    def mult(self, x: FloatArray, y: FloatArray, accurate: bool = True) -> None:
+        """y <- K x, in double precision if `accurate`, here and in the matrix; x padded; collective."""
         if self._others is not None:
             self._others.ghosts.fetch(x)
-        self._product(*self._matrix, address(self._blocks.low), address(x), address(y), address(self._sums))
+        low = self._blocks.low if accurate else None
+        self._product(*self._matrix, address(low), address(x), address(y), address(self._sums))
         if self._others is not None:
-            self._others.add(1.0, y, accurate=True)
+            self._others.add(1.0, y, accurate=accurate)
 
     def residual(self, b: FloatArray, x: FloatArray, r: FloatArray) -> None:
         """r <- b - K x, K in single precision; x padded; collective."""

@@ -15,7 +15,6 @@ from .learnt_columns import LearntColumns, turned_diagonal
 from .reductions import Reductions
 from .stiffness import StiffnessSolver
 
-
 _DISPLACED = 1e-8
 """Accuracy of a displacement, relative to all forces: products by K in it have rounding errors that are not much
 smaller, and it is refined by forces that are assembled anew (`refined`)."""

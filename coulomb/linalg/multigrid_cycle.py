@@ -117,6 +117,11 @@ class Level:
         for factors in self._factors:
             self.blocks.step(self._inverse, self.b, self.x, self._d, *factors)
 
+    def rounding(self, x: FloatArray) -> float:
+        """The square of this rank's 2^-24 diag(K) x."""
+        forces = np.divide(x, self._inverse, out=self._d)
+        return 2.0**-48 * float(forces @ forces)
+
     def restrict(self, coarse: FloatArray) -> None:
         """coarse <- P^T (b - K x)."""
         self.blocks.residual(self.b, self.x, self._r)
@@ -165,6 +170,14 @@ class MultigridCycle:
     def mult(self, x: FloatArray, y: FloatArray) -> None:
         """y <- K x, as accurate as in double precision; x padded; collective."""
         self._levels[0].blocks.mult(x, y)
+
+    def mult_roughly(self, x: FloatArray, y: FloatArray) -> None:
+        """y <- K x in single precision; x padded; collective."""
+        self._levels[0].blocks.mult(x, y, accurate=False)
+
+    def rounding(self, x: FloatArray) -> float:
+        """The square of this rank's part of a bound of the error of `mult_roughly`: two to three times as large."""
+        return self._levels[0].rounding(x)
 
     def _cycle(self, k: int) -> None:
         level, last = self._levels[k], k + 1 == len(self._levels)

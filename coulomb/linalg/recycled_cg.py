@@ -11,6 +11,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -26,6 +27,10 @@ _RECOMPUTED = 1e-4
 """Tolerance below which the residual at the start is computed by a product, since images of directions are kept in
 single precision."""
 
+_ROUGH = 1e-3
+"""Rounding errors of products in single precision over the tolerance of a solve, at its start, below which its
+iterations use them; at its end they may be ten times as large."""
+
 _ALONE = 50_000  # unknowns below which one thread takes less time than several
 
 _NOT_CONVERGED = 91  # PETSc's number of this error
@@ -33,8 +38,23 @@ _NOT_CONVERGED = 91  # PETSc's number of this error
 _DEPENDENT = 1e-8  # part of the largest eigenvalue of the directions' Gram matrix below which they are dependent
 
 
+class RoughProducts(Protocol):
+    """K in single precision; vectors of this rank, padded (block_matrix.py)."""
+
+    def mult_roughly(self, x: FloatArray, y: FloatArray) -> None:
+        """y <- K x; collective."""
+        ...
+
+    def rounding(self, x: FloatArray) -> float:
+        """The square of this rank's part of a bound of the error of that product."""
+        ...
+
+
 class RecycledCG:
     """K u = rhs for many right-hand sides, by conjugate gradients.
+
+    A solve to a few digits only, not the first, uses products in single precision, which read half as much, where their
+    rounding errors are small beside its tolerance.
 
     Args:
         comm: The ranks.
@@ -45,6 +65,7 @@ class RecycledCG:
             collective.
         directions: Directions kept, at most.
         limit: Iterations of a solve, at most.
+        rough: Products in single precision; None if there are none.
     """
 
     def __init__(
@@ -56,9 +77,10 @@ class RecycledCG:
         precondition: Callable[[FloatArray], FloatArray],
         directions: int = 20,
         limit: int = 1000,
+        rough: RoughProducts | None = None,
     ):
         self._comm, self._over, self._library, self._limit = comm, Reductions(comm), library, limit
-        self._mult, self._precondition = mult, precondition
+        self._mult, self._precondition, self._rough = mult, precondition, rough
         self._r, self._p, self._image, self._moved = (padded(size) for _ in range(4))
         self._directions = np.empty((directions, size))
         self._images = np.empty((directions, size), dtype=np.float32)
@@ -80,14 +102,35 @@ class RecycledCG:
         size = self._norm(rhs)
         self._start(rhs, u, size)
         if tolerance < _RECOMPUTED:
-            self._p[:] = u
-            self._mult(self._p, self._image)
-            np.subtract(rhs, self._image, out=self._r)
-        iterations = self._iterate(tolerance * size)
+            self._recompute(rhs, u)
+        left, rounding = self._sizes(self._r, u)
+        rough = self._rough is not None and self._count > 0 and tolerance >= _RECOMPUTED
+        rough = rough and rounding <= _ROUGH * tolerance * size
+        iterations = self._iterate(left, tolerance * size, rough)
         if iterations > 0:
             daxpy(self._moved, u)
-            self._remember(rhs, u)
+            np.subtract(rhs, self._r, out=self._image)
+            image, rounding = self._sizes(self._image, u)
+            if rough and rounding > 10.0 * _ROUGH * tolerance * size:
+                self._recompute(rhs, u)
+                iterations += self._iterate(self._norm(self._r), tolerance * size, False)
+                daxpy(self._moved, u)
+                np.subtract(rhs, self._r, out=self._image)
+                image = self._norm(self._image)
+            self._remember(u, image)
         return iterations
+
+    def _recompute(self, rhs: FloatArray, u: FloatArray) -> None:
+        """r <- rhs - K u."""
+        self._p[:] = u
+        self._mult(self._p, self._image)
+        np.subtract(rhs, self._image, out=self._r)
+
+    def _sizes(self, r: FloatArray, u: FloatArray) -> tuple[float, float]:
+        """|r|, and a bound of the rounding errors of a product in single precision by u."""
+        rounding = 0.0 if self._rough is None else self._rough.rounding(u)
+        square, rounding = summed(self._comm, np.array([float(r @ r), rounding]))
+        return math.sqrt(square), math.sqrt(rounding)
 
     def _start(self, rhs: FloatArray, u: FloatArray, size: float) -> None:
         """u <- the best combination of the directions, r <- its residual."""
@@ -102,11 +145,12 @@ class RecycledCG:
         u[:] = (size * c) @ self._directions[:k]
         self._r -= size * (c.astype(np.float32) @ self._images[:k])
 
-    def _iterate(self, goal: float) -> int:
-        """moved <- K^-1 r approximately, r <- the residual that is left, with a norm of at most `goal`."""
+    def _iterate(self, left: float, goal: float, rough: bool) -> int:
+        """moved <- K^-1 r approximately, r, whose norm is `left`, <- the residual that is left, at most `goal`."""
         r, p, image = self._r, self._p, self._image
+        mult = self._rough.mult_roughly if rough and self._rough is not None else self._mult
         self._moved[:] = 0.0
-        left, before = self._norm(r), 0.0
+        before = 0.0
         for iteration in range(self._limit + 1):
             if left <= goal:
                 return iteration
@@ -118,7 +162,7 @@ class RecycledCG:
                 self._library.next_direction(
                     len(p), self._threads, ctypes.c_double(product / before), address(z), address(p)
                 )
-            self._mult(p, image)
+            mult(p, image)
             curvature = self._dot(p, image)
             if not (product > 0.0 and curvature > 0.0):  # or NaN
                 break
@@ -127,10 +171,9 @@ class RecycledCG:
             left, before = math.sqrt(self._over.sum(square)), product
         raise PETSc.Error(_NOT_CONVERGED)
 
-    def _remember(self, rhs: FloatArray, u: FloatArray) -> None:
-        """A solution, with the last residual, in place of the oldest one."""
-        np.subtract(rhs, self._r, out=self._image)
-        scale = 1.0 / self._norm(self._image)
+    def _remember(self, u: FloatArray, size: float) -> None:
+        """A solution and its image, which has this norm, in place of the oldest one."""
+        scale = 1.0 / size
         k, most = self._next, len(self._directions)
         np.multiply(u, scale, out=self._directions[k])
         np.multiply(self._image, scale, out=self._images[k], casting="same_kind")

@@ -122,7 +122,7 @@ class _InBlocks:
 
     def __init__(self, comm: MPI.Comm, library: ctypes.CDLL, cycle: MultigridCycle):
         self._cycle, self._u = cycle, padded(cycle.size)
-        self._cg = RecycledCG(comm, library, cycle.size, cycle.mult, cycle, _DIRECTIONS, _ITERATIONS)
+        self._cg = RecycledCG(comm, library, cycle.size, cycle.mult, cycle, _DIRECTIONS, _ITERATIONS, cycle)
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float) -> int:
         """u <- K^-1 rhs; iterations."""
