@@ -16,7 +16,7 @@ class LearntColumns:
         X: Forces in newtons, shape (3 m, r), this rank's rows; None as long as nothing is known.
         U: Displacements in metres, shape (3 m, r).
         part: Size of A outside U over its diagonal, in (0, 1].
-        prepared: The approximation of A made of them, which a later problem with the same A takes as it is; else None.
+        prepared: What was made of them, which a later problem with the same A takes as it is; else None.
     """
 
     def __init__(self) -> None:

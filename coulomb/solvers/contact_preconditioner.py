@@ -5,8 +5,9 @@ With C = (U, V) and S the signs of their products, M = P + Q (D + C S C^T) has b
     M^-1 = N^-1 - R C (S + C^T R C)^-1 C^T N^-1,    N = P + Q D,    R = N^-1 Q,
 
 N and R nodal.  R = D^-1 where a node sticks, and in the row of the normal force of every closed node: there P = 0.  So
-C^T R C is C^T D^-1 C, which stays from step to step, and a product with the other rows of C: a third of the work where
-a third of the nodes slip.
+C^T R C is C^T D^-1 C, which stays from step to step, and a product with the other rows of C; or it is that of the point
+before, and a product with the rows that have changed since.  Nodes where P and Q have changed by less than `_CHANGED`
+keep theirs: what they do to the iterations is small beside what the approximation of A does.
 """
 
 from __future__ import annotations
@@ -14,48 +15,85 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from ..arrays import FloatArray
 from ..linalg.low_rank import LowRankApproximation
-from ..linalg.reductions import summed
+from ..linalg.reductions import Reductions, summed
 from .contact_equations import ContactDerivative
+
+_CHANGED = 0.03
+"""Change of P, and of Q D, of a node from which on its part is replaced."""
 
 _ROUNDING = 1e-13
 """Entries of R D - 1 below this are rounding errors."""
 
+_LARGE = 1e3
+"""Entries of R D above this leave rounding errors in the sums, which are then made anew."""
+
 
 class ContactPreconditioner:
-    """M^-1 at one point; collective, as every application.
+    """M^-1 at one point after the other; collective, as every application.
 
     Args:
         comm: The ranks.
-        at: The equations and their derivative.
         A: The approximation of A, not to be changed as long as this is used.
+
+    Attributes:
+        A: The argument.
     """
 
-    def __init__(self, comm: MPI.Comm, at: ContactDerivative, A: LowRankApproximation):
-        self._comm, self._columns = comm, A.columns
-        self._inverse = at.inverse(A.rest)
-        s = A.columns.shape[1]
-        if s == 0:
+    def __init__(self, comm: MPI.Comm, A: LowRankApproximation):
+        self._comm, self.A, m = comm, A, len(A.rest)
+        self._D, self._weighted = A.rest, (A.columns / A.rest.reshape(-1, 1)).reshape(m, 3, A.columns.shape[1])
+        self._P: FloatArray = np.full((m, 3, 3), np.inf)
+        self._QD: FloatArray = np.zeros((m, 3, 3))
+        self._N_inverse: FloatArray = np.zeros((m, 3, 3))
+        self._R: FloatArray = np.zeros((m, 3, 3))
+        self._RD: FloatArray = np.zeros((m, 3, 3))
+        self._core: FloatArray | None = None
+
+    def move(self, at: ContactDerivative) -> None:
+        """To a point: the equations and their derivative there; collective."""
+        QD = at.Q * self._D[:, None, :]
+        with np.errstate(invalid="ignore"):
+            size = np.maximum(np.abs(at.P - self._P), np.abs(QD - self._QD)).max(axis=(1, 2))
+        new = np.flatnonzero(~(size <= _CHANGED))  # nan is a change
+        self._P[new], self._QD[new] = at.P[new], QD[new]
+        self._N_inverse[new] = np.linalg.inv(at.P[new] + QD[new])
+        R = self._N_inverse[new] @ at.Q[new]
+        RD = R * self._D[new][:, None, :]
+        if self.A.columns.shape[1]:
+            self._replace(new, RD)
+        self._R[new], self._RD[new] = R, RD
+
+    def _replace(self, new: npt.NDArray[np.intp], RD: FloatArray) -> None:
+        """C^T R C with R D of the nodes `new`, and its factors."""
+        over, one, before = Reductions(self._comm), np.eye(3), self._core
+        if before is not None and not over.any(len(new) > 0):
             return
-        self._R: FloatArray = self._inverse @ at.Q
-        change = self._R * A.rest[:, None, :] - np.eye(3)  # R D - 1
+        change, after = RD - self._RD[new], self._RD.copy()
+        large = bool(np.any(np.abs(after[new]) > _LARGE))
+        after[new] = RD
+        others = np.flatnonzero(np.any(np.abs(after - one) > _ROUNDING, axis=(1, 2)))
+        if before is None or over.any(large or len(others) <= len(new)):
+            new, change, before = others, after[others] - one, np.diag(self.A.signs) + self.A.weighted_gram
+        s = self.A.columns.shape[1]
         rows = np.flatnonzero(np.any(np.abs(change) > _ROUNDING, axis=2).ravel())
-        weighted = (A.columns / A.rest.reshape(-1, 1)).reshape(-1, 3, s)
-        changed = (change @ weighted).reshape(-1, s)[rows]
-        core = np.diag(A.signs) + A.weighted_gram + summed(comm, A.columns[rows].T @ changed)
-        self._factors, self._pivots, _ = dgetrf(core)  # a singular one gives no numbers, and the method ends
+        changed = (change @ self._weighted[new]).reshape(-1, s)[rows]
+        seen = self.A.columns.reshape(-1, 3, s)[new].reshape(-1, s)[rows]
+        self._core = before + summed(self._comm, seen.T @ changed)
+        self._factors, self._pivots, _ = dgetrf(self._core)  # a singular one gives no numbers: the method ends
 
     def __call__(self, r: FloatArray) -> FloatArray:
         """M^-1 applied to r (m, 3) or (m, 3, columns); collective."""
-        count = math.prod(r.shape[2:])
-        z = self._inverse @ r.reshape(len(r), 3, count)
-        if self._columns.shape[1] > 0:
-            seen = summed(self._comm, self._columns.T @ z.reshape(len(self._columns), count))
+        C, count = self.A.columns, math.prod(r.shape[2:])
+        z = self._N_inverse @ r.reshape(len(r), 3, count)
+        if C.shape[1] > 0:
+            seen = summed(self._comm, C.T @ z.reshape(len(C), count))
             known = dgetrs(self._factors, self._pivots, seen)[0]
-            z -= self._R @ (self._columns @ known).reshape(z.shape)
+            z -= self._R @ (C @ known).reshape(z.shape)
         applied: FloatArray = z.reshape(r.shape)
         return applied

@@ -146,17 +146,18 @@ class _Iteration(ProductImages):
         self._equations = ContactEquations(problem.law, lower, problem.frictional, d[:, 0], 0.5 * (d[:, 1] + d[:, 2]))
         costly = 0 if problem.A.exact else 1
         self._updated_from = settings.updated_from[costly]
-        self._A = self._approximation(settings.rank[costly])
+        self._inverse = self._prepared(settings.rank[costly])
+        self._A = self._inverse.A
         self._constraints = Constraints(problem.A.comm, G)
         self._accuracy = settings.forcing
         self._finer = settings.finer if problem.A.exact else 1.0
 
-    def _approximation(self, rank: int) -> LowRankApproximation:
+    def _prepared(self, rank: int) -> ContactPreconditioner:
         """That of the problem before, if A has stayed as it was; else from what is known of A; collective."""
         A, d, known = self._problem.A, self._scaled.diagonal, self._problem.A.learnt.prepared
-        if isinstance(known, LowRankApproximation) and known.fits(d, rank, A.exact):
+        if isinstance(known, ContactPreconditioner) and known.A.fits(d, rank, A.exact):
             return known
-        return LowRankApproximation(A.comm, d, rank, A.exact, known=self._scaled.known())
+        return ContactPreconditioner(A.comm, LowRankApproximation(A.comm, d, rank, A.exact, known=self._scaled.known()))
 
     def run(self, starts: FloatArray) -> SolverResult:
         """From the best of the starts (c, 3 m) to the answer, or to where the residual stalls; collective."""
@@ -178,7 +179,7 @@ class _Iteration(ProductImages):
             return self._steps(*self._best(starts))
         finally:
             self._A.forget_new()
-            self._scaled.keep(self._A.learnt, self._A)
+            self._scaled.keep(self._A.learnt, self._inverse)
             self._krylov.free()
 
     def _best(self, starts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -261,8 +262,8 @@ class _Iteration(ProductImages):
         """The step: dx, A dx, dalpha, and its Krylov iterations."""
         settings, over = self._settings, self._over
         self._at = at
-        low_rank = ContactPreconditioner(self._scaled.comm, at, self._A)
-        self._bordered = ConstraintPreconditioner(low_rank, self._constraints, 3, at.Q @ self._scaled.G)
+        self._inverse.move(at)
+        self._bordered = ConstraintPreconditioner(self._inverse, self._constraints, 3, at.Q @ self._scaled.G)
         r3 = NO_MOTION if not len(self._e) else self._e - self._scaled.resultant(x)
         size = math.hypot(over.norm(at.value), float(np.linalg.norm(r3)))
         share = min(settings.forcing, max(residual, 1e-6))
@@ -272,6 +273,7 @@ class _Iteration(ProductImages):
         dx, moved, dalpha, iterations = self._krylov.solve(-at.value, np.zeros_like(x), enough, r3)
         if iterations >= self._updated_from or self._A.U.shape[1] == 0:
             self._A.update()
+            self._inverse = ContactPreconditioner(self._scaled.comm, self._A)
         return dx, self._constraints.without(moved, -dalpha), dalpha, iterations
 
     def _motion(self, alpha: FloatArray) -> FloatArray:
