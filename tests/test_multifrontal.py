@@ -14,6 +14,7 @@ from coulomb.benchmarks.block import block
 from coulomb.linalg import frontal_factors, multifrontal
 from coulomb.linalg.multifrontal import MultifrontalSolver
 from coulomb.linalg.nested_dissection import dissect
+from coulomb.linalg.schur_compliance import SchurCompliance
 
 
 def grid(*counts):
@@ -153,10 +154,14 @@ def test_bodies_are_factorised_by_themselves():
     A.mult(x, y)
     assert np.linalg.norm(y - dense @ x) <= 1e-10 * np.linalg.norm(y)
     assert not solver._inverses
-    for _ in range(20):  # 150/8: from the 19th solve on by the inverse of each body's Schur complement
-        A.mult(x, y)
-        assert np.linalg.norm(y - dense @ x) <= 1e-10 * np.linalg.norm(y)
-    assert len(solver._inverses) == 2
+    many = MultifrontalSolver(K, problem.elasticity.x, np.sort(solver.last), many=True)
+    for also in (solver, many):
+        A = SchurCompliance(problem.surface.free_B, also)
+        assert np.allclose(A.diagonal(), np.diag(dense), rtol=1e-9) and len(also._halves) == (2 if also is many else 0)
+        for _ in range(20):  # 150/8: from the 19th solve on by the inverse of each body's Schur complement
+            A.mult(x, y)
+            assert np.linalg.norm(y - dense @ x) <= 1e-10 * np.linalg.norm(y)
+        assert len(also._inverses) == 2 and not also._halves
 
 
 def test_a_matrix_that_is_not_positive_definite():

@@ -109,7 +109,8 @@ class ContactStiffness:
         if self.elasticity.comm.size > 1:
             shared = symbolic if isinstance(symbolic, SharedSymbolic) else None
             return DistributedMultifrontalSolver(K, x, last, single, shared)
-        return MultifrontalSolver(K, x, last, single, symbolic if isinstance(symbolic, list) else None)
+        known = symbolic if isinstance(symbolic, list) else None
+        return MultifrontalSolver(K, x, last, single, known, self._many)
 
     @cached_property
     def _compliance(self) -> BodyCompliance:

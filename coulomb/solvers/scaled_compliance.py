@@ -71,8 +71,8 @@ class ScaledCompliance:
         return scaled
 
     def keep(self, found: LearntColumns, prepared: object | None = None) -> None:
-        """Keep the columns found by a Newton system, scaled, for problems to come, and what was `prepared` of them in the
-        variables of this problem."""
+        """Keep the columns found by a Newton system, scaled, for problems to come; and what was `prepared` of them, in
+        the variables of this problem."""
         if found.X is not None and found.U is not None:
             root, W = np.sqrt(self.a), self.W.reshape(-1, 1)
             self.A.learnt.keep(W * found.X / root, root * found.U / W, found.part, prepared)
