@@ -85,6 +85,16 @@ class BodyCompliance(Compliance, Protocol):
         collective."""
         ...
 
+    def under_load(self, f: PETSc.Vec, free: FloatArray) -> None:
+        """The load and K^-1 f of the problem to which the products to come belong, so that A x - b is as accurate as
+        the displacement under both allows; collective.
+
+        Args:
+            f: Load in newtons; not to be changed afterwards.
+            free: K^-1 f in metres, this rank's part, shape (n,); not to be changed afterwards.
+        """
+        ...
+
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
         """K^-1 (f - B^T x) in metres, this rank's part, shape (n,), to be refined; collective.
 
@@ -172,6 +182,8 @@ class MatrixFreeCompliance:
         self._last = self._u.duplicate()
         self._last.set(0.0)
         self._accurate: FloatArray | None = None
+        self._load: PETSc.Vec | None = None
+        self._free: FloatArray = self._u.array.copy()
         self._diagonal = estimated_diagonal(self, B, K, probes) if diagonal is None else diagonal
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
@@ -182,19 +194,40 @@ class MatrixFreeCompliance:
         y[:] = self._x.array_r
         self.products += 1
 
+    def under_load(self, f: PETSc.Vec, free: FloatArray) -> None:
+        """Compute A x of iterates as B (K^-1 f - u) from now on, u the displacement under loads and contact forces.
+
+        Where soft springs hold the body, f and B^T x alone move it far, and together hardly: rounding errors of K u are
+        then those of the small displacement, and errors of K^-1 f cancel in A x - b.
+        """
+        if f is self._load:
+            return
+        self._accurate = None
+        self._last.array[:] = free - (self._free - self._last.array_r)
+        self._load, self._free = f, free
+
     def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
-        """K v = B^T x for v by a correction of the last v."""
+        """B (K^-1 f - u), K u = f - B^T x, for u by a correction of the last u; f is 0 before `under_load`."""
         self._follow(x, tolerance, self._solver.tolerance)
         self._accurate = x.copy() if tolerance == 0.0 else None
-        self.B.mult(self._last, self._x)
-        y[:] = self._x.array_r
+        y[:] = self._last_product()
         self.products += 1
 
+    def _last_product(self) -> FloatArray:
+        """A x of the last displacement; to be read before the next product."""
+        self._u.array[:] = self._free - self._last.array_r
+        self.B.mult(self._u, self._x)
+        product: FloatArray = self._x.array_r
+        return product
+
     def _follow(self, x: FloatArray, change: float, whole: float) -> None:
-        """The last K^-1 B^T x corrected for another x, to an accuracy relative to the change or to the whole."""
-        self._x.array[:] = x
+        """The last displacement corrected for another x, to an accuracy relative to the change or to the whole of the
+        contact forces."""
+        self._x.array[:] = -x
         self.B.multTranspose(self._x, self._rhs)
         size = self._rhs.norm()
+        if self._load is not None:
+            self._rhs.axpy(1.0, self._load)
         self._solver.multiply(self._last, self._u)
         self._rhs.axpy(-1.0, self._u)
         left = self._rhs.norm()
@@ -213,13 +246,14 @@ class MatrixFreeCompliance:
         return self
 
     def response(self, x: FloatArray, tolerance: float = 0.0) -> PETSc.Vec:
-        """K^-1 B^T x, its change to a relative accuracy; by a correction of the last one; not to be changed."""
+        """K^-1 B^T x, its change to a relative accuracy; by a correction of the last one; to be read before the next
+        product."""
         self.mult_incremental(x, np.empty_like(x), tolerance)
-        return self._last
+        return self._u
 
     def guess(self, response: PETSc.Vec) -> None:
         """An approximation of K^-1 B^T x for the next x: `mult_incremental` starts there."""
-        response.copy(self._last)
+        self._last.array[:] = self._free - response.array_r
         self._accurate = None
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
@@ -231,15 +265,13 @@ class MatrixFreeCompliance:
         last = self._accurate
         if not Reductions(self.comm).all(last is not None and np.array_equal(last, x)):
             return None
-        self.B.mult(self._last, self._x)
-        product: FloatArray = self._x.array_r.copy()
-        return product
+        return self._last_product().copy()
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
         """By a correction of K^-1 B^T x of the last products."""
         self._follow(x, 0.0, _DISPLACED)
-        changed: FloatArray = free - self._last.array_r
-        return changed
+        u: FloatArray = self._last.array_r.copy()
+        return u if free is self._free else free - (self._free - u)
 
     def diagonal(self) -> FloatArray:
         return self._diagonal

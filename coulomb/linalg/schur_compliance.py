@@ -166,6 +166,9 @@ class SchurCompliance:
         accurate = known.rest <= _REST * float(np.linalg.norm(z)) and np.array_equal(z, known.z)
         return self._rows @ known.contact_part if accurate else None
 
+    def under_load(self, f: PETSc.Vec, free: FloatArray) -> None:
+        """Products by the factors do not depend on the load."""
+
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
         z, known = self._forces(x), self._reference
         if self.exact:

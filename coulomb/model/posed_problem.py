@@ -201,7 +201,7 @@ class PosedProblem:
     def displacement(self, x: FloatArray) -> FloatArray:
         """K^-1 (f - B^T x) in metres, before free motions, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,);
         collective."""
-        u = self.A.displacement(x, self.f, self._free_displacement.ravel()).reshape(-1, 3)
+        u = self.A.displacement(x, self.f, self._free_part).reshape(-1, 3)
         return self._refined(self._with_prescribed(u), -self.nodal_contact_force(x))
 
     def moved(self, u: FloatArray, alpha: FloatArray) -> FloatArray:
@@ -226,6 +226,11 @@ class PosedProblem:
 
         with timed(self.seconds, "displacement"):
             return self.stiffness.responses.response(self.f.array_r, self.loading.prescribed, solved)
+
+    @cached_property
+    def _free_part(self) -> FloatArray:
+        """`_free_displacement`, shape (3 k,)."""
+        return self._free_displacement.ravel()
 
     def _with_prescribed(self, u: FloatArray) -> FloatArray:
         """u with exactly the prescribed displacements, which a solver holds to its tolerance only; shapes (k, 3)."""
@@ -256,6 +261,7 @@ class PosedProblem:
     @property
     def friction_problem(self) -> FrictionProblem:
         """A, b and the law, without the body."""
+        self.A.under_load(self.f, self._free_part)
         return FrictionProblem(self.A, self.b, self.law, rigid=self.rigid)
 
     def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
