@@ -8,6 +8,7 @@ from coulomb import Clamp, Elasticity, Material, OrthotropicMaterial, box
 from coulomb.fem import cell_assembly, compat
 from coulomb.fem.body import strain
 from coulomb.fem.compat import fem
+from coulomb.fem.hexahedral_forces import HexahedralForces
 from coulomb.fem.native import kernels
 
 pytestmark = pytest.mark.skipif(kernels() is None, reason="no C compiler")
@@ -53,3 +54,27 @@ def test_cells_that_are_alike_but_of_other_materials():
     values = cell_assembly.assembled_matrix(form, body.V).getValuesCSR()[2]
     body._mu.x.array[:] = body._mu.x.array[0]
     assert np.abs(values - cell_assembly.assembled_matrix(form, body.V).getValuesCSR()[2]).max() > 0.1 * values.max()
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_internal_forces_are_those_of_the_form(mirrored):
+    """On hexahedra that are all different, of several materials; 45 cells, so that the last vector is not full."""
+    mesh = box((1.0, 1.1, 1.3), (5, 3, 3))
+    x, rng = mesh.domain.geometry.x, np.random.default_rng(7)
+    x[:] += 0.03 * rng.standard_normal(x.shape)
+    x[:, 0] *= -1.0 if mirrored else 1.0
+    body, _ = form_on(mesh, STEEL)
+    for constant in (body._mu, body._lame):
+        constant.x.array[:] *= rng.integers(1, 4, len(constant.x.array))
+    body._forces = HexahedralForces(kernels(), body.V, body._mu, body._lame)
+    u = 1e-3 * rng.standard_normal(body.x.shape)
+    ours = body.internal_force(u)
+    theirs = body._assemble(body._internal_form)
+    assert np.abs(ours - theirs).max() <= 1e-13 * np.abs(theirs).max()
+    spin = np.cross([0.1, -0.2, 0.3], body.x) + 0.5  # a rigid motion strains nothing
+    assert np.abs(body.internal_force(spin)).max() <= 1e-13 * STEEL.young
+
+
+def test_other_cells_take_the_form():
+    for cell, degree, material in (("tetrahedron", 1, STEEL), ("hexahedron", 2, STEEL), ("hexahedron", 1, PLY)):
+        assert form_on(box((1.0, 1.0, 1.0), (1, 1, 1), cell, degree=degree), material)[0]._forces is None

@@ -15,6 +15,7 @@ from . import compat
 from .cell_materials import CellMaterials
 from .compat import fem, ufl
 from .displacement_space import DisplacementSpace
+from .hexahedral_forces import hexahedral_forces
 from .orthotropic import PAIRS, UPPER
 
 LOCKING_ABOVE = 0.49
@@ -81,6 +82,7 @@ class ElasticBody(DisplacementSpace):
         self._thermal_energy = None if thermal is None else self._on_cells(thermal[1], "thermal_energy")
         self._u = fem.Function(self.V, name="displacement")
         self._last_force: tuple[FloatArray, FloatArray] | None = None
+        self._forces = None if stiffness is not None else hexahedral_forces(self.V, self._mu, self._lame)
         self._internal_form = fem.form(ufl.inner(self._stress(self._u), strain(self._test)) * self._dx)
 
     def internal_force(self, u: FloatArray) -> FloatArray:
@@ -92,7 +94,11 @@ class ElasticBody(DisplacementSpace):
         if self._last_force is None or not self._same(u, self._last_force[0]):
             self._u.x.array[: 3 * self._owned] = u.ravel()
             self._u.x.scatter_forward()
-            self._last_force = u.copy(), self._assemble(self._internal_form)
+            if self._forces is None:
+                force = self._assemble(self._internal_form)
+            else:
+                force = self._added(self._forces(self._u.x.array), self._internal_form)
+            self._last_force = u.copy(), force
         return self._last_force[1].copy()
 
     def _same(self, u: FloatArray, last: FloatArray) -> bool:

@@ -240,7 +240,19 @@ class DisplacementSpace:
         return x
 
     def _assemble(self, form: Any) -> FloatArray:
-        vector = fem.petsc.assemble_vector(form)
+        return self._summed(fem.petsc.assemble_vector(form))
+
+    def _added(self, part: FloatArray, form: Any) -> FloatArray:
+        """What the cells of all ranks add at this rank's nodes, shape (k, 3), from what its own add there and at its
+        ghosts, shape (n,); a form has the same layout."""
+        if self.comm.size == 1:
+            return part.reshape(-1, 3)
+        vector = fem.petsc.create_vector(form)
+        with vector.localForm() as local:
+            local.array[:] = part
+        return self._summed(vector)
+
+    def _summed(self, vector: PETSc.Vec) -> FloatArray:
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         values: FloatArray = vector.array.reshape(-1, 3).copy()
         vector.destroy()

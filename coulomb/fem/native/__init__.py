@@ -1,4 +1,4 @@
-"""Kernels in C for the assembly of K; without a compiler DOLFINx and PETSc do it."""
+"""Kernels in C for the assembly of K and for internal forces; without a compiler DOLFINx and PETSc do it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _log = logging.getLogger(__name__)
 def kernels() -> ctypes.CDLL | None:
     """The compiled kernels; None without a compiler, and if the environment has COULOMB_KERNELS=0."""
     try:
-        return compiled_library("assembly", [Path(__file__).parent / "assembly.c"])
+        return compiled_library("assembly", [Path(__file__).parent / name for name in ("assembly.c", "forces.c")])
     except (OSError, subprocess.SubprocessError) as error:
         _log.info("no kernels in C, assembly is slower: %s", error)
         return None
