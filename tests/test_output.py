@@ -9,7 +9,7 @@ import pytest
 import pyvista
 from conftest import make_block, solved_block
 
-from coulomb import SuccessiveTresca
+from coulomb import Clamp, Contact, ContactProblem, Material, SuccessiveTresca, box
 from coulomb.io import output
 from coulomb.io.field_files import read_grid
 from coulomb.io.summary import summary
@@ -18,6 +18,9 @@ from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 from coulomb.pictures import apart
 from coulomb.pictures.picture_of_run import write_with_picture
 from coulomb.pictures.plotting import ZONES
+from coulomb.pictures.report.files import read_run
+from coulomb.pictures.report.scene import Look, shoot
+from coulomb.pictures.report.shown_fields import named
 
 
 @pytest.fixture(scope="module")
@@ -164,3 +167,15 @@ def test_read_grid_reads_what_was_written(run):
     assert grid.cell == "Quadrilateral" and grid.cells.shape == (108, 4) and grid.points.shape == (133, 3)
     with h5py.File(directory / "contact.h5") as file:
         assert np.array_equal(file["Function/pressure/0"][()].ravel(), grid.fields["pressure"])
+
+
+def test_a_body_of_one_cell_has_pictures(tmp_path):
+    """Its fields on cells have one value."""
+    problem = ContactProblem(
+        box((1.0, 1.0, 1.0), (1, 1, 1)), Material(1e9, 0.3), [Clamp("top")], Contact("bottom", 0.3)
+    )
+    problem.solve().write(tmp_path)
+    fields = read_grid(tmp_path / "solution.xdmf").fields
+    assert fields["von_mises_stress"].shape == (1,) and fields["displacement"].shape == (8, 3)
+    shot = shoot(read_run(tmp_path).steps[0], Look(named("von_mises_stress"), (0.0, 1.0), 1.0, "iso"), (60, 60))
+    assert shot.pixels[:, :, 3].any()

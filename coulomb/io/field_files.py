@@ -148,8 +148,13 @@ def _read(path: Path, grid: ElementTree.Element) -> Grid:
 
     topology, geometry = grid.find("Topology"), grid.find("Geometry")
     assert topology is not None and geometry is not None
-    fields = {str(attribute.get("Name")): np.squeeze(data(attribute)) for attribute in grid.findall("Attribute")}
+    fields = {str(attribute.get("Name")): _flat(data(attribute)) for attribute in grid.findall("Attribute")}
     return Grid(str(topology.get("TopologyType")), data(topology), data(geometry), fields)
+
+
+def _flat(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Scalars (k, 1) as (k,), also where k is 1; others as they are."""
+    return values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
 
 
 def read_fields(
@@ -170,7 +175,7 @@ def read_fields(
             if _function(name, group) not in file:
                 raise ValueError(f"{path}: has no field {name!r}{f' in {group}' if group else ''}: {OLD}")
             values = np.array(dataset(file, name, group), dtype=np.float64)
-            fields[name] = values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
+            fields[name] = _flat(values)
     if points.ndim != 2 or points.shape[1] != 3 or not len(cells) or not 0 <= cells.min() <= cells.max() < len(points):
         raise ValueError(f"{path}: its mesh is damaged")
     return points, cells, fields
