@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 from coulomb.io.field_files import grids_of, read_fields, read_grids, read_series, refuse_misnamed
 from coulomb.io.grid_file import GridFields, GridPart, groups_of, write_grids
-from coulomb.io.output import write_series
+from coulomb.io.output import Series
 
 CUBE = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
 HEXAHEDRON = GridPart("Hexahedron", np.array([[0, 1, 3, 2, 4, 5, 7, 6]]), CUBE)
@@ -41,9 +41,10 @@ def test_grids_are_read_by_their_names(tmp_path):
 def test_pyvista_reads_them_and_their_series(tmp_path):
     pyvista = pytest.importorskip("pyvista")
     steps = [(f"steps/{number:04d}", float(number)) for number in (1, 2)]
-    for directory, time in steps:
+    series = Series(tmp_path, "solution.xdmf")
+    for k, (directory, time) in enumerate(steps):
         written(tmp_path / directory / "solution.xdmf", time)
-    write_series(tmp_path, "solution.xdmf", steps)
+        series.write([name for name, _ in steps[: k + 1]])
     assert read_series(tmp_path / "solution.xdmf") == steps
     assert pyvista.read(tmp_path / "steps" / "0001" / "solution.xdmf").keys() == list(NAMES)
     reader = pyvista.get_reader(tmp_path / "solution.xdmf")
@@ -54,6 +55,16 @@ def test_pyvista_reads_them_and_their_series(tmp_path):
         assert [block.get_cell(0).type.name for block in blocks] == ["HEXAHEDRON", "TETRA"]
         for block in blocks:
             assert np.allclose(block.point_data["displacement"], time * block.points) and "young" in block.cell_data
+
+
+def test_a_series_reads_each_step_once(tmp_path):
+    """Reading all again after each step takes time that grows with the square of their number."""
+    series, first = Series(tmp_path, "solution.xdmf"), written(tmp_path / "1" / "solution.xdmf", 1.0)
+    series.write(["1"])
+    first.unlink()
+    written(tmp_path / "2" / "solution.xdmf", 2.0)
+    series.write(["1", "2"])
+    assert read_series(tmp_path / "solution.xdmf") == [("1", 1.0), ("2", 2.0)]
 
 
 def test_groups_differ_whatever_the_names_are():

@@ -50,6 +50,7 @@ class HistoryFiles:
         self.directory = RunDirectory(Path(directory))
         self.rows: list[dict[str, Any]] = []
         self._resume, self._case = resume, case
+        self._series = [output.Series(self.directory.path, name) for name in FIELDS]
         self._start = 0.0
         self._history: Entries = {}
         self._seconds: Mapping[str, float] = {}
@@ -144,8 +145,8 @@ class HistoryFiles:
             # nan is null in the summary of a step, which a resumed run reads: an empty field in both
             writer.writerows({name: "" if value != value else value for name, value in row.items()} for row in rows)
         os.replace(partial, folder.history)
-        for name in FIELDS:
-            output.write_series(folder.path, name, [(step_place(row["step"]), row["time"]) for row in rows])
+        for series in self._series:
+            series.write([step_place(row["step"]) for row in rows])
         contents = {
             "steps": len(rows),
             "time": rows[-1]["time"],

@@ -147,31 +147,49 @@ def refuse_full_disk(problem: PosedProblem, target: Path, times: int = 1) -> Non
     on_rank_0(problem.comm, look)
 
 
-def write_series(folder: Path, name: str, steps: Sequence[tuple[str, float]]) -> None:
-    """A time series DIRECTORY/`name` that refers to the files `name` of the steps; on one rank.
+class Series:
+    """The time series of the steps' files of one name, on one rank.
+
+    The part of each step is read once: reading those of all steps again after each would take time that grows with
+    their number, more than a second per step after some hundred.
 
     Args:
         folder: Where the series goes.
         name: Name of the XDMF files.
-        steps: Directory of each step relative to `folder`, and its time.
     """
-    root = ElementTree.Element("Xdmf", Version="3.0")
-    series = ElementTree.SubElement(
-        ElementTree.SubElement(root, "Domain"), "Grid", Name="steps", GridType="Collection", CollectionType="Temporal"
-    )
-    for directory, _ in steps:
-        domain = ElementTree.parse(folder / directory / name).getroot().find("Domain")
+
+    def __init__(self, folder: Path, name: str):
+        self._folder, self._name = folder, name
+        self._parts: dict[str, str] = {}
+
+    def write(self, steps: Sequence[str]) -> None:
+        """Write FOLDER/NAME, which refers to the files of the steps.
+
+        Args:
+            steps: Directory of each step relative to the folder.
+        """
+        for step in steps:
+            if step not in self._parts:
+                self._parts[step] = self._part(step)
+        partial = self._folder / f".{self._name}"
+        with partial.open("w", encoding="utf-8") as file:
+            file.write("<?xml version='1.0' encoding='utf-8'?>\n<Xdmf Version=\"3.0\">\n  <Domain>\n")
+            file.write('    <Grid Name="steps" GridType="Collection" CollectionType="Temporal">\n')
+            file.writelines(self._parts[step] for step in steps)
+            file.write("    </Grid>\n  </Domain>\n</Xdmf>")
+        os.replace(partial, self._folder / self._name)
+
+    def _part(self, step: str) -> str:
+        domain = ElementTree.parse(self._folder / step / self._name).getroot().find("Domain")
         assert domain is not None
         grid = domain.find("Grid")
         assert grid is not None
         for item in grid.iter("DataItem"):
             if item.get("Format") == "HDF":
-                item.text = f"{directory}/{(item.text or '').strip()}"
-        series.append(grid)
-    ElementTree.indent(root)
-    partial = folder / f".{name}"
-    ElementTree.ElementTree(root).write(partial, encoding="utf-8", xml_declaration=True)
-    os.replace(partial, folder / name)
+                item.text = f"{step}/{(item.text or '').strip()}"
+        ElementTree.indent(grid, level=3)
+        grid.tail = None
+        return f"      {ElementTree.tostring(grid, encoding='unicode')}\n"
 
 
 def _write_history(history: tuple[OuterStep, ...] | tuple[QPStep, ...], path: Path) -> None:
