@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 
+from coulomb.solvers import block_pattern
 from coulomb.solvers.cones import (
     determinant,
     product,
@@ -92,3 +93,30 @@ def test_newton_matrix(density):
     assert matrix.factorisations == 2 and matrix.work > 0.0
     singular = np.zeros((m, 3, 3))
     assert not matrix.factorise(singular, singular)
+    assert not matrix.factorise(np.full((m, 3, 3), np.nan))
+
+
+@pytest.mark.skipif(block_pattern._kernels() is None, reason="no C compiler")
+def test_columns_of_blocks_in_c_and_by_numpy(monkeypatch):
+    """In both orders; a contact whose block of W is zero has one of D all the same."""
+    m = 60
+    G = scipy.sparse.random(3 * m, 3 * m, 0.007, random_state=2, format="lil")
+    G[30:33] = 0.0
+    W = (G @ G.T).tocsr()
+    D, L, right = RNG.standard_normal((m, 3, 3)), RNG.standard_normal((m, 3, 3)), RNG.standard_normal((m, 3))
+    answers = []
+    for _ in range(2):
+        matrix = NewtonMatrix(W)
+        assert not matrix.dense
+        for rows in (None, L, None):
+            assert matrix.factorise(D, rows)
+            pattern = matrix._pattern
+            data, r, c = pattern.entries(D, rows)
+            x = matrix.solve(right)
+            answers += [data, r, c, x, np.append(pattern.indptr, pattern.indices)]
+            whole = scipy.sparse.block_diag(D) + (W if rows is None else scipy.sparse.block_diag(rows) @ W)
+            assert np.linalg.norm(whole @ x.ravel() - right.ravel()) <= 1e-9 * np.linalg.norm(right)
+        monkeypatch.setattr(block_pattern, "_kernels", lambda: None)
+    half = len(answers) // 2
+    for ours, theirs in zip(answers[:half], answers[half:], strict=True):
+        assert np.allclose(ours, theirs, rtol=1e-10, atol=1e-12)

@@ -11,6 +11,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from ..arrays import FloatArray
+from .block_pattern import BlockPattern
 
 _SMALL = 90  # rows up to which dense algebra is quicker
 _FULL = 0.25  # of the blocks: a matrix with more is treated as dense
@@ -19,8 +20,9 @@ _FULL = 0.25  # of the blocks: a matrix with more is treated as dense
 class NewtonMatrix:
     """M = L W + D with nodal blocks L and D, and its LU factors; W and the pattern stay.
 
-    Sparse factors have a symmetric minimum degree order and prefer the diagonal as pivot.  Rows, then columns, are
-    first scaled to a largest entry of 1: the blocks of open and of closed contacts differ by many orders of magnitude.
+    Sparse factors have a symmetric minimum degree order, found at the first factorisation, and prefer the diagonal as
+    pivot.  Rows, then columns, are first scaled to a largest entry of 1: the blocks of open and of closed contacts
+    differ by many orders of magnitude.
 
     Args:
         W: Symmetric, sparse, shape (3 m, 3 m).
@@ -33,11 +35,8 @@ class NewtonMatrix:
     def __init__(self, W: Any):
         self._rows = W.shape[0]
         m = self._rows // 3
-        diagonal = scipy.sparse.bsr_matrix((np.zeros((m, 3, 3)), np.arange(m), np.arange(m + 1)), shape=W.shape)
-        diagonal.data[:] = 1.0
         self.W = W.tocsr()
-        pattern = (scipy.sparse.bsr_matrix(abs(self.W), blocksize=(3, 3)) + diagonal).tobsr((3, 3))
-        pattern.sort_indices()
+        pattern = _with_diagonal(self.W.tobsr((3, 3)))
         self.factorisations, self.work = 0, 2.0 / 3.0 * self._rows**3
         self.dense = self._rows <= _SMALL or len(pattern.indices) > _FULL * m**2
         self._lu: Any = None
@@ -46,25 +45,7 @@ class NewtonMatrix:
             at = 3 * np.arange(m)[:, None, None]
             self._at = (at + np.arange(3)[:, None], at + np.arange(3))
         else:
-            self._prepare(pattern)
-
-    def _prepare(self, pattern: Any) -> None:
-        """Blocks of W row by row, where those of the diagonal are, and the order of their entries in columns."""
-        indptr, indices, count = pattern.indptr, pattern.indices, len(pattern.indices)
-        self._first, self._row = indptr[:-1], np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
-        self._diagonal = np.flatnonzero(indices == self._row)
-        i, j = 3 * self._row[:, None, None] + np.arange(3)[:, None], 3 * indices[:, None, None] + np.arange(3)
-        i, j = (np.broadcast_to(k, (count, 3, 3)).ravel() for k in (i, j))
-        self._order = np.lexsort((i, j))
-        self._indices = i[self._order].astype(np.int32)
-        self._column = j[self._order]
-        self._indptr = np.searchsorted(self._column, np.arange(self._rows + 1)).astype(np.int32)
-        entries = scipy.sparse.csr_matrix(self.W)
-        entries.sort_indices()
-        rows = np.repeat(np.arange(self._rows), np.diff(entries.indptr))
-        blocks = np.searchsorted(self._row * self._rows + indices, rows // 3 * self._rows + entries.indices // 3)
-        self._blocks: FloatArray = np.zeros((count, 3, 3))
-        self._blocks[blocks, rows % 3, entries.indices % 3] = entries.data
+            self._pattern = BlockPattern(pattern)
 
     def factorise(self, D: FloatArray, L: FloatArray | None = None) -> bool:
         """Factorise L W + D, both of shape (m, 3, 3); whether it is regular.
@@ -91,26 +72,23 @@ class NewtonMatrix:
         return bool(np.all(np.diagonal(self._lu[0]) != 0.0))
 
     def _factorise_sparse(self, D: FloatArray, L: FloatArray | None) -> bool:
-        M = self._blocks.copy() if L is None else L[self._row] @ self._blocks
-        M[self._diagonal] += D
-        with np.errstate(divide="ignore", invalid="ignore"):
-            self._r = 1.0 / np.maximum.reduceat(np.abs(M).max(axis=2), self._first, axis=0).ravel()
-            M *= self._r.reshape(-1, 3)[self._row][:, :, None]
-            data = M.ravel()[self._order]
-            self._c = 1.0 / np.maximum.reduceat(np.abs(data), self._indptr[:-1])
-            data *= self._c[self._column]
+        pattern = self._pattern
+        data, self._r, self._c = pattern.entries(D, L)
         if not np.isfinite(data).all():
             return False
-        matrix = scipy.sparse.csc_matrix((data, self._indices, self._indptr), shape=(self._rows, self._rows))
+        matrix = scipy.sparse.csc_matrix((data, pattern.indices, pattern.indptr), shape=(self._rows, self._rows))
+        order = "MMD_AT_PLUS_A" if pattern.order is None else "NATURAL"
         try:
             self._lu = scipy.sparse.linalg.splu(
-                matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options={"SymmetricMode": True}
+                matrix, permc_spec=order, diag_pivot_thresh=0.01, options={"SymmetricMode": True}
             )
         except RuntimeError:  # exactly singular
             return False
-        if self.factorisations == 1:
+        self._order = pattern.order
+        if self._order is None:
             below, right = np.diff(self._lu.L.indptr) - 1, np.bincount(self._lu.U.indices, minlength=self._rows)
             self.work = 2.0 * float(below @ right)
+            pattern.reorder(np.argsort(self._lu.perm_c))
         return True
 
     def solve(self, right: FloatArray) -> FloatArray:
@@ -118,7 +96,27 @@ class NewtonMatrix:
         r = self._r * right.ravel()
         if self.dense:
             x = scipy.linalg.lu_solve(self._lu, r, trans=1, check_finite=False)
-        else:
+        elif self._order is None:
             x = self._lu.solve(r)
+        else:
+            x = np.empty_like(r)
+            x[self._order] = self._lu.solve(r[self._order])
         solution: FloatArray = (self._c * x).reshape(right.shape)
         return solution
+
+
+def _with_diagonal(blocks: Any) -> Any:
+    """A block matrix with columns in order and all blocks of the diagonal, zeros where there were none."""
+    m = blocks.shape[0] // 3
+    blocks.sort_indices()
+    rows = np.repeat(np.arange(m), np.diff(blocks.indptr))
+    missing = np.setdiff1d(np.arange(m), rows[rows == blocks.indices])
+    if not len(missing):
+        return blocks
+    indptr = np.searchsorted(missing, np.arange(m + 1))
+    ones = scipy.sparse.bsr_matrix((np.ones((len(missing), 3, 3)), missing, indptr), shape=blocks.shape)
+    blocks = (blocks + ones).tobsr((3, 3))
+    blocks.sort_indices()
+    rows = np.repeat(np.arange(m), np.diff(blocks.indptr))
+    blocks.data[(rows == blocks.indices) & np.isin(rows, missing)] = 0.0
+    return blocks

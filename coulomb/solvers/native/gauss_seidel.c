@@ -9,10 +9,9 @@
 
 #define SYMMETRIC 1e-8 /* largest difference of two entries that should be equal, over the Frobenius norm */
 
-/* Microseconds, orders of magnitude: of a sweep, for each contact and block; of a step of the path that follows, at
-   least and for each contact, or each operation where it is dense; and its number of steps. */
-static const double SWEEP = 0.1, CONTACT = 0.07, BLOCK = 0.004, STEP = 600.0, STEP_CONTACT = 8.0, STEP_WORK = 2e-4,
-                    STEPS = 25.0;
+/* Microseconds, orders of magnitude: of a sweep, for each contact and block; of the path that follows, at least and for
+   each block, or each operation of one factorisation where it is dense. */
+static const double SWEEP = 0.1, CONTACT = 0.07, BLOCK = 0.004, PATH = 15000.0, PATH_BLOCK = 6.0, PATH_WORK = 5.6e-4;
 static const double TRIAL = 0.1; /* of the work of the path: sweeps that are made in any case */
 
 typedef double v4 __attribute__((vector_size(32))); /* of which three are used */
@@ -332,7 +331,7 @@ long gauss_seidel(long m, long entries, const int *indptr, const int *indices, c
     loads = sqrt(loads);
     refresh(&s);
     const double fill = s.first[m], dense = 18.0 * m * m * m;
-    const double path = STEPS * (STEP + (m <= 30 || fill > 0.25 * m * m ? STEP_WORK * dense : STEP_CONTACT * m));
+    const double path = PATH + (m <= 30 || fill > 0.25 * m * m ? PATH_WORK * dense : PATH_BLOCK * fill);
     out[0] = sweep(&s, 0.999 * tolerance, loads, path, SWEEP + CONTACT * m + BLOCK * fill, &sweeps);
     answered(&s, &A, a, force, out + 2);
     out[1] = residual(&s, loads);
