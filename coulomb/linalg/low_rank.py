@@ -10,14 +10,17 @@ in place of the paper's diag(A).  It is symmetric positive definite, and on the 
 is zero there: what a Krylov method has found once, it need not find again.  (It is the block form of the update of
 Broyden, Fletcher, Goldfarb and Shanno for D; S. Gratton, A. Sartenaer, J. Tshimanga: On a class of limited memory
 preconditioners for large scale linear systems with multiple right-hand sides, SIAM J. Optim. 21, 2011.  D + U U^T,
-without V, takes a quarter more products; it is kept where products are inexact.) A is the same in every step, only
-the nodal part of J changes: products of one step serve all later ones.  A compliance is well suited: its few large
-eigenvalues, the smooth motions of the body, are found first by a Krylov method and are not in diag(A).  (Z.
-Frangella, J. A. Tropp, M. Udell: Randomized Nyström preconditioning, SIAM J. Matrix Anal. Appl. 44, 2023, for U U^T
-and its bounds, there with random X.)
+without V, takes a quarter more products.)  Inexact products show too small an A in some directions; there nine tenths
+of D are replaced in path following (`replaced`), and the approximation is A plus a tenth of D.  A is the same in every
+step, only the nodal part of J changes: products of one step serve all later ones.  A compliance is well suited: its few
+large eigenvalues, the smooth motions of the body, are found first by a Krylov method and are not in diag(A).  (Z.
+Frangella, J. A. Tropp, M. Udell: Randomized Nyström preconditioning, SIAM J. Matrix Anal. Appl. 44, 2023, for U U^T and
+its bounds, there with random X.)
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +30,9 @@ from ..arrays import FloatArray
 from .border import NodalMap
 from .learnt_columns import LearntColumns
 from .reductions import Reductions, summed
+
+REPLACED = 0.9
+"""Part of D that is replaced on the span of inexact products in path following (docs/measurements.md)."""
 
 _RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are rounding
 
@@ -38,9 +44,10 @@ class LowRankApproximation:
         comm: The ranks of A.
         diagonal: diag(A) or an estimate of it, shape (m, 3), this rank's nodes.
         rank: Columns of U to keep, at most; 0 keeps diag(A).
-        exact: Whether products are exact; only then is the part of A outside U measured from new pairs, and D as it
-            stands replaced on the span of X: what inexact products show there of small A is their error, and without D
-            a body on soft springs is not solved (tests/test_inexact_products.py).
+        exact: Whether products are exact; only then is the part of A outside U measured from new pairs, and all of D
+            replaced on the span of X: what inexact products show there of small A is their error, and without D a body
+            on soft springs is not solved (tests/test_inexact_products.py).
+        replaced: Part of D that is replaced there if products are not exact, at least 0 and below 1.
         least_rest: The rest is at least this part of diag(A), as far as A is not yet in U.
         known: Columns with which to begin; None if there are none; the same on all ranks, and then it is collective.
 
@@ -57,11 +64,12 @@ class LowRankApproximation:
         diagonal: FloatArray,
         rank: int,
         exact: bool,
+        replaced: float = 0.0,
         least_rest: float = 0.2,
         known: LearntColumns | None = None,
     ):
         self._comm, self._diagonal, self._rank, self._exact = comm, diagonal, rank, exact
-        self._least_rest = least_rest
+        self._replaced, self._least_rest = 1.0 if exact else replaced, least_rest
         self._new: list[tuple[FloatArray, FloatArray]] = []
         self._X: FloatArray = np.empty((diagonal.size, 0))
         self._new_part = 1.0
@@ -126,9 +134,9 @@ class LowRankApproximation:
         rest = self._diagonal - np.sum(U**2, axis=1).reshape(-1, 3)
         self.rest = np.maximum(rest, self._least_rest * self._new_part * self._diagonal)
         V: FloatArray = np.empty((len(U), 0))
-        if self._exact:
+        if self._replaced > 0.0:
             DX = self.rest.reshape(-1, 1) * self._X
-            V = DX @ _inverse_root(self._gram(self._X, DX))
+            V = math.sqrt(self._replaced) * (DX @ _inverse_root(self._gram(self._X, DX)))
         self.columns = np.hstack([U, V])
         self.U = self.columns[:, : U.shape[1]]
         self.signs = np.repeat([1.0, -1.0], [U.shape[1], V.shape[1]])

@@ -31,7 +31,7 @@ import math
 import numpy as np
 
 from ..arrays import FloatArray
-from ..linalg.low_rank import LowRankApproximation, LowRankUpdate
+from ..linalg.low_rank import REPLACED, LowRankApproximation, LowRankUpdate
 from ..linalg.reductions import Reductions
 from .newton_systems import NewtonSystem
 from .scaled_problem import Iterate, ScaledProblem
@@ -100,7 +100,7 @@ class _Frictionless:
     def __init__(self, scaled: ScaledProblem, accuracy: float):
         self.over = Reductions(scaled.A.comm)
         self._scaled, self._accuracy = scaled, accuracy
-        self._model = LowRankApproximation(scaled.A.comm, scaled.A.diagonal, 1000, scaled.A.A.exact)
+        self._model = LowRankApproximation(scaled.A.comm, scaled.A.diagonal, 1000, scaled.A.A.exact, REPLACED)
         self._G: FloatArray = scaled.A.G[:, 0]
         self._nearest = -scaled.A.resultant(scaled.free)  # the motion that comes nearest to the free gaps and slips
         carried = self.over.dot(scaled.A_ones[:, 0], np.ones(scaled.nodes))

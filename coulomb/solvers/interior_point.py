@@ -25,9 +25,9 @@ With rigid motions of bodies that contact alone holds, w = A x - b - G^T alpha, 
 gradient.
 
 Proved: for F = 0 this is PF for a convex problem. CONVERGED means that the natural residual, computed afresh, is below
-the tolerance. Observed (`coulomb benchmark friction`): 11 to 16 steps from a cold start to 1e-8 for F = 0.1 to 1.5, 2
-to 5 FGMRES iterations per step. Not proved for F > 0: that the Newton system is never singular, that a path leads from
-the start to theta = 0, or which of several solutions it finds.
+the tolerance. Observed (docs/measurements.md): 11 to 23 steps from a cold start to 1e-8, 2 to 5 FGMRES iterations each.
+Not proved for F > 0: that the Newton system is never singular, that a path leads from the start to theta = 0, or which
+of several solutions it finds.
 """
 
 from __future__ import annotations
@@ -82,7 +82,8 @@ class InteriorPoint:
         blocked: A step shorter than this, three times in a row, ends a start that is not the last.
         to_boundary: Largest fraction of the distance to the boundary for a step.
         backtrack: The ratio of the step lengths tried.
-        gradient_share: With slope, the residual of a Newton system is at most this fraction of the gradient.
+        gradient_share: With slope, the residual of a Newton system is at most this part of the gradient, and
+        solved_share: this one where a product is a solve by multigrid.
         fresh: If products are inexact, accuracy of A x at a new iterate relative to its change.
         growth: Inexact products become ten times as accurate after a step of length alpha from which the gradient is
             more than 1 + growth alpha times as large: their errors outweigh it, as where dx is large and A dx small.
@@ -115,7 +116,8 @@ class InteriorPoint:
     to_boundary: float = 0.99
     backtrack: float = 0.9
     gradient_share: float = 0.3
-    fresh: float = 0.03
+    solved_share: float = 0.1
+    fresh: float = 0.01
     growth: float = 0.5
     wait: float = 3.0
     wait_max: float = 0.9
@@ -208,11 +210,7 @@ class _Path:
         self._history: list[InteriorPointStep] = []
 
     def follow(self, start: FloatArray | None, gradient: FloatArray | None) -> SolverResult:
-        """One start after another, each farther inside, until the steps do not block.
-
-        If a start is far from equilibrium and too close to the boundary, its steps are blocked, and it recovers slowly
-        or never; a start far inside costs a few more steps.
-        """
+        """One start after another, each farther inside: near the boundary steps may block, far inside they are more."""
         results: list[SolverResult] = []
         starts, v = list(self._settings.starts), None if start is None else self._warm(start, gradient)
         free = self._settings.free

@@ -33,7 +33,7 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from ..linalg.border import ConstraintPreconditioner, Constraints, NodalMap
 from ..linalg.krylov import CarryingKrylov
-from ..linalg.low_rank import LowRankApproximation, LowRankUpdate
+from ..linalg.low_rank import REPLACED, LowRankApproximation, LowRankUpdate
 from ..linalg.reductions import Reductions
 from .linearization import Linearization, NodalInverse, disc_inverse, like
 from .rigid_motions import NO_MOTION
@@ -190,7 +190,7 @@ class _Krylov(ProductImages):
     def __init__(self, A: ScaledCompliance, rank: int, product: tuple[float, float], block: int, sloped: bool) -> None:
         super().__init__(A)
         self._comm, self._product, self._accuracy = A.comm, product, 0.0
-        self._A = LowRankApproximation(A.comm, A.diagonal, rank, A.A.exact, known=A.known())
+        self._A = LowRankApproximation(A.comm, A.diagonal, rank, A.A.exact, REPLACED, known=A.known())
         self._block = block
         self._weight: FloatArray = np.ones((A.nodes, block))
 

@@ -29,6 +29,9 @@ class StepSettings(Protocol):
     @property
     def gradient_share(self) -> float: ...
 
+    @property
+    def solved_share(self) -> float: ...
+
 
 def newton_step(
     settings: StepSettings,
@@ -44,7 +47,9 @@ def newton_step(
     r2 = scaled.on_constraints(scaled.slack(v.x_n, v.y) - scaled.over_constraints(np.full_like(v.nu, target), v.nu))
     cap = beta * target
     if scaled.sloped:
-        cap = min(cap, settings.gradient_share * scaled.infeasibility(v))
+        A = scaled.A.A
+        solved = A.matrix_free is not None and not A.exact
+        cap = min(cap, (settings.solved_share if solved else settings.gradient_share) * scaled.infeasibility(v))
     weight, r3 = scaled.weight(v.x_n), scaled.out_of_balance(v)
     step = newton.solve(NewtonEquations(at, r1, r2, weight, tolerance, scaled.from_rms(cap), r3))
     dx, dy = step.dx, at.dy(step.dx)
