@@ -115,6 +115,7 @@ class ConeProblem:
         q: -S b / (a s), shape (m, 3).
         matrix: Newton systems with W.
         products: Products by W so far.
+        rho: Forces over displacements, of each contact, shape (m, 1).
     """
 
     def __init__(self, problem: FrictionProblem, A: Any, scales: Scales):
@@ -127,7 +128,7 @@ class ConeProblem:
         self.q: FloatArray = -self._S * problem.b.reshape(-1, 3) / (self._a * self._s)
         self.matrix, self.products = NewtonMatrix(self.W), 0
         stiffest = np.maximum(self.W.diagonal().reshape(-1, 3).max(axis=1), 1e-3)
-        self._rho: FloatArray = (1.0 / stiffest)[:, None]
+        self.rho: FloatArray = (1.0 / stiffest)[:, None]
 
     def forces(self, X: FloatArray) -> FloatArray:
         """X (m, 3) in newtons, shape (3 m,)."""
@@ -149,7 +150,7 @@ class ConeProblem:
         w = self.w(X)
         z = w.copy()
         z[:, 0] += radius(w)
-        projection = project(X - self._rho * z)
+        projection = project(X - self.rho * z)
         value = X - projection.point
         return NaturalMap(value, float(np.linalg.norm(value) / (1.0 + self._loads)), w, projection)
 
@@ -163,7 +164,7 @@ class ConeProblem:
         slip = radius(at.w)
         E = np.tile(np.eye(3), (self.contacts, 1, 1))
         E[:, 0, 1:] = at.w[:, 1:] / np.where(slip > 0.0, slip, 1.0)[:, None]
-        L = self._rho[:, :, None] * (G @ E)
+        L = self.rho[:, :, None] * (G @ E)
         if not self.matrix.factorise(np.eye(3) - G + proximal * L, L):
             return None
         step = -self.matrix.solve(at.value)

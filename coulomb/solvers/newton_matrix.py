@@ -91,6 +91,15 @@ class NewtonMatrix:
             pattern.reorder(np.argsort(self._lu.perm_c))
         return True
 
+    def sign(self) -> float:
+        """The sign of the determinant of the last matrix."""
+        if self.dense:
+            lu, pivots = self._lu
+            odd, diagonal = np.count_nonzero(pivots != np.arange(len(pivots))), np.diagonal(lu)
+        else:
+            odd, diagonal = _transpositions(self._lu.perm_r) + _transpositions(self._lu.perm_c), self._lu.U.diagonal()
+        return float((-1.0) ** int(odd + np.count_nonzero(diagonal < 0.0)))
+
     def solve(self, right: FloatArray) -> FloatArray:
         """The solution for a right-hand side (m, 3), with the last factors."""
         r = self._r * right.ravel()
@@ -120,3 +129,14 @@ def _with_diagonal(blocks: Any) -> Any:
     rows = np.repeat(np.arange(m), np.diff(blocks.indptr))
     blocks.data[(rows == blocks.indices) & np.isin(rows, missing)] = 0.0
     return blocks
+
+
+def _transpositions(permutation: Any) -> int:
+    """Their number in a permutation: its length less its cycles."""
+    after, seen, cycles = permutation.tolist(), bytearray(len(permutation)), 0
+    for first in range(len(after)):
+        if not seen[first]:
+            cycles, k = cycles + 1, first
+            while not seen[k]:
+                seen[k], k = 1, after[k]
+    return len(after) - cycles

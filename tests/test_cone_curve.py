@@ -1,0 +1,72 @@
+"""The curve of smoothed problems: its derivative, its orientation, and problems that the other methods do not solve."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+from coulomb import FrictionProblem, NotConverged, Status, solve_coulomb
+from coulomb.benchmarks.rigid_bodies import capsules, stack
+from coulomb.solvers.cone_curve import ConeCurve, CurvePoint
+from coulomb.solvers.cone_interior_point import ConeInteriorPoint
+from coulomb.solvers.cone_problem import ConeProblem, Scales
+from coulomb.solvers.cones import product, times
+from coulomb.solvers.general import _compliance
+from coulomb.solvers.newton_matrix import NewtonMatrix
+
+
+def cones(problem):
+    friction = FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
+    return ConeProblem(friction, friction.A.sparse(), Scales.of(friction))
+
+
+@pytest.mark.parametrize("problem", [stack(10, 2.0, 1203), capsules(4, 4, 0.7, 800)], ids=lambda problem: problem.title)
+def test_problems_on_which_the_path_is_blocked(problem):
+    """The curve turns; without it neither the path nor convex problems lead to an answer."""
+    result = solve_coulomb(problem.W, -problem.q, problem.mu)
+    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
+    with pytest.raises(NotConverged):
+        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(curve=0, convex=4))
+
+
+@pytest.mark.parametrize("log", [-0.5, -4.0])
+def test_derivative_along_the_curve(log):
+    """Of G by V, through the Newton matrix, and by log tau: central differences; X o Z = tau^2 e / rho."""
+    problem, rng = cones(stack(3, 0.7, 1)), np.random.default_rng(2)
+    V, dV, h = rng.standard_normal((12, 3)), rng.standard_normal((12, 3)), 1e-6
+    at = CurvePoint(problem, V, log)
+    expected = np.zeros((12, 3))
+    expected[:, 0] = at.tau**2
+    assert np.allclose(product(at.X, problem.rho * at.Z), expected, atol=1e-14)
+    by_log = (CurvePoint(problem, V, log + h).G - CurvePoint(problem, V, log - h).G) / (2 * h)
+    assert np.allclose(at.G_log, by_log, atol=1e-8)
+    by_V = (CurvePoint(problem, V + h * dV, log).G - CurvePoint(problem, V - h * dV, log).G) / (2 * h)
+    dX = (CurvePoint(problem, V + h * dV, log).X - CurvePoint(problem, V - h * dV, log).X) / (2 * h)
+    image = (problem.W @ dX.ravel()).reshape(-1, 3) + times(at.newton_blocks(), dX)
+    assert np.allclose(-image, by_V, atol=1e-6 * np.abs(by_V).max())
+    assert np.allclose(at.unknowns(dX), dV, atol=1e-6)
+
+
+@pytest.mark.parametrize("contacts", [5, 60], ids=["dense", "sparse"])
+@pytest.mark.parametrize("seed", range(4))
+def test_sign_of_the_determinant(contacts, seed):
+    rng = np.random.default_rng(seed)
+    W = scipy.sparse.diags([1.0, -0.3, -0.3], [0, 7, -7], shape=(3 * contacts, 3 * contacts)).tocsr()
+    matrix, D = NewtonMatrix(W), rng.standard_normal((contacts, 3, 3))
+    assert matrix.factorise(D) and matrix.dense == (contacts == 5)
+    full = W.toarray()
+    for k in range(contacts):
+        full[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += D[k]
+    assert matrix.sign() == np.linalg.slogdet(full)[0]
+    assert matrix.factorise(D) and matrix.sign() == np.linalg.slogdet(full)[0]  # in the order of the first
+
+
+def test_the_curve_starts_with_a_convex_problem_and_turns():
+    """The determinant is positive at tau = 1, log tau increases on a part of the curve, and it ends at tau = 0."""
+    curve = ConeCurve(cones(stack(10, 2.0, 1203)))
+    at, logs = curve.start(), [0.0]
+    assert at.tau == 1.0 and np.abs(at.G).max() < 0.1
+    while at is not None and len(logs) < 60:
+        at = curve.step(at)
+        if at is not None:
+            logs.append(at.log)
+    assert max(np.diff(logs)) > 0.0 and min(logs) < np.log(1e-5)
