@@ -24,6 +24,7 @@ from coulomb import (
     Traction,
     box,
 )
+from coulomb.fem.contact_matrix import KeptMatrix, contact_matrix, rows_of
 from coulomb.linalg.kept_responses import KeptResponses
 from coulomb.linalg.learnt_columns import LearntColumns, turned_diagonal
 from coulomb.linalg.low_rank import LowRankApproximation
@@ -105,6 +106,20 @@ def test_learnt_columns_turn_with_the_frames(solver):
             assert np.linalg.norm(y - U[:, 0]) <= 1e-9 * np.linalg.norm(y)
         columns.append(X.shape[1])
     assert 20 < columns[0] <= columns[1] <= columns[2]
+
+
+def test_matrix_of_the_evidence_is_that_of_its_points_and_frames(steps):
+    """Kept as long as both stay; another face, frames that turn, or fewer points make a new one."""
+    problem = steps[0].solution.problem
+    points, frames, kept = problem.surface.points, problem.surface.frames, KeptMatrix()
+    u = np.random.default_rng(8).standard_normal(problem.elasticity.x.shape)
+    turned, some = frames[:, [1, 2, 0]], np.arange(len(frames)) > 3
+    before = None
+    for where, axes in ((points, frames), (points, turned), (points.only(some), turned[some]), (points, frames)):
+        B = kept.of(where, axes)
+        assert B is not before and kept.of(dataclasses.replace(where), axes.copy()) is B
+        np.testing.assert_array_equal(rows_of(B, u), rows_of(contact_matrix(where, axes), u))
+        before = B
 
 
 def test_columns_and_diagonal_turn():

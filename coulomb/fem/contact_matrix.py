@@ -36,6 +36,30 @@ def contact_matrix(points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
     return _distributed(local, points)
 
 
+class KeptMatrix:
+    """The `contact_matrix` of points that are nodes, made anew only where nodes or frames have changed."""
+
+    def __init__(self) -> None:
+        self._last: tuple[ContactPoints, FloatArray, PETSc.Mat] | None = None
+
+    def of(self, points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
+        """That of some points in their frames, not to be changed or destroyed; collective."""
+        if self._last is None or not points.space.comm.allreduce(self._same(points, frames), op=MPI.LAND):
+            self._last = points, frames.copy(), contact_matrix(points, frames)
+        return self._last[2]
+
+    def _same(self, points: ContactPoints, frames: FloatArray) -> bool:
+        assert self._last is not None
+        before, there, _ = self._last
+        if points is not before:
+            for one in (points, before):
+                if not one.nodal or one.opposite is not None or one.mirrored is not None:
+                    return False
+            if points.space is not before.space or not np.array_equal(points.nodes, before.nodes):
+                return False
+        return np.array_equal(frames, there)
+
+
 def _blocks(weights: scipy.sparse.csr_matrix, frames: FloatArray) -> scipy.sparse.csr_matrix:
     """Weights (m, nodes) times the rows of frames (m, 3, 3), shape (3 m, 3 nodes)."""
     axes = np.arange(3)

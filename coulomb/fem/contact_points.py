@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
@@ -113,6 +114,8 @@ class ContactPoints:
 
     def only(self, which: npt.NDArray[np.bool_]) -> ContactPoints:
         """Some of the points, in their order."""
+        if np.all(which):
+            return self
         return replace(
             self,
             nodes=self.nodes[which],
@@ -149,7 +152,16 @@ def among_all(weights: scipy.sparse.csr_matrix, member: Member, whole: Deformabl
 
 
 def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
-    """The contact points of boundary facets, in the order of their nodes; collective."""
+    """The contact points of boundary facets, in the order of their nodes; those of a face are kept, since the evidence
+    of every load step asks for them; collective."""
+    key = facets.tobytes()
+    if not space.comm.allreduce(key in space.points_of_faces, op=MPI.LAND):
+        space.points_of_faces[key] = _contact_points(space, facets)
+    kept: ContactPoints = space.points_of_faces[key]
+    return kept
+
+
+def _contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
     if space.positive:
         nodes = space.nodes_of(facets)
         return ContactPoints(space, nodes, space.area_of(facets)[nodes], nodal_weights(space, nodes), True)
@@ -165,6 +177,8 @@ def nodal_weights(space: DisplacementSpace, nodes: npt.NDArray[np.int32]) -> sci
 
 def joined_points(parts: Sequence[ContactPoints]) -> ContactPoints:
     """The contact points of several faces, in their order."""
+    if len(parts) == 1:
+        return parts[0]
     opposite = None
     if any(part.opposite is not None for part in parts):
         none = [scipy.sparse.csr_matrix(part.weights.shape) for part in parts]

@@ -42,6 +42,7 @@ class DisplacementSpace:
         V: The argument.
         domain: Its DOLFINx mesh.
         x: Coordinates of this rank's nodes, the block dofs of V that it owns, in metres, shape (k, 3).
+        points_of_faces: The `contact_points` of faces, by their facets.
     """
 
     def __init__(self, V: Any):
@@ -51,6 +52,8 @@ class DisplacementSpace:
         self.x = self._coordinates()
         self._integrals: dict[tuple[str, bytes], FloatArray] = {}
         self._on_each_cell: dict[tuple[int, ...], Any] = {}
+        self._nodes_of: dict[bytes, npt.NDArray[np.int32]] = {}
+        self.points_of_faces: dict[bytes, Any] = {}
 
     @property
     def comm(self) -> MPI.Comm:
@@ -90,9 +93,11 @@ class DisplacementSpace:
 
     def nodes_of(self, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
         """This rank's nodes on boundary facets of any rank, sorted."""
-        dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
-        owned: npt.NDArray[np.int32] = dofs[dofs < self._owned].astype(np.int32)
-        return owned
+        key = facets.tobytes()
+        if not self.comm.allreduce(key in self._nodes_of, op=MPI.LAND):
+            dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
+            self._nodes_of[key] = dofs[dofs < self._owned].astype(np.int32)
+        return self._nodes_of[key].copy()
 
     def in_cells(self, facets: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
         """The cells of those boundary facets that this rank owns, ascending, shape (f,), and which nodes of its cell

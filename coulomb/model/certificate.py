@@ -108,7 +108,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     along = (force[:, 1] * slip[:, 0] + force[:, 2] * slip[:, 1])[compared]
     angle = over.max(np.degrees(np.arctan2(across, along)))
     held = e.held.held_part(e.displacement - e.prescribed) / scales.length
-    balance, drift, parts = rigid_balance(e, np.array(outer), scales.length)
+    balance, drift, parts = rigid_balance(e, np.array(outer), scales.length, scales.turnover)
     each = ", of every body" if e.bodies else f", of each of {parts} components" if parts > 1 else ""
     sums = f"loads, springs, reactions, contact: forces and moments add to zero{each}"
     remaining = np.column_stack([e.gap - e.closure[:, 0], -e.closure[:, 1:]])  # A x - b

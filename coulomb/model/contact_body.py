@@ -14,6 +14,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
+from ..fem.contact_matrix import KeptMatrix
 from ..fem.deformable import Deformable
 from ..fem.named_mesh import NamedMesh
 from ..fem.obstacles import RigidFoundation
@@ -79,6 +80,7 @@ class ContactBody:
         explicit: Whether A is formed.
         probes: The probes, found in the mesh.
         seconds: Wall time of assembly, factorisation and A so far.
+        kept_matrix: The contact matrix of the evidence.
 
     Raises:
         ValueError: On every rank, if the input is inconsistent.
@@ -116,6 +118,7 @@ class ContactBody:
         self._symbolic: list[Front] | SharedSymbolic | None = None
         self.linear_solver, self.explicit = self._chosen(linear_solver, explicit)
         self._rounding: tuple[object, float, FloatArray] | None = None
+        self.kept_matrix = KeptMatrix()
         self._stiffness = ContactStiffness(
             self.elasticity, self._reference, self.linear_solver, self.explicit, self.seconds, self._symbolic
         )

@@ -53,7 +53,7 @@ def gather_evidence(
     frames, gap, cohesion, friction, carried = (
         np.concatenate(part) for part in zip(*(face[1:] for face in faces), strict=True)
     )
-    B, nodes = contact_matrix(points, frames), points.nodes
+    B, nodes = body.kept_matrix.of(points, frames), points.nodes
 
     number = np.full(len(u), -1)
     number[nodes] = np.arange(len(nodes))
@@ -79,7 +79,6 @@ def gather_evidence(
     else:
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
     closed = closure(rows_of(B, u), origin)
-    B.destroy()
     bound = FrictionLaw(cohesion, friction).radius(force[:, 0])
     return Evidence(
         comm=body.comm,

@@ -20,6 +20,7 @@ from ..arrays import FloatArray
 from ..fem.deformable import Deformable, Loading
 from ..linalg.reductions import Reductions
 from ..linalg.stiffness import StiffnessSolver
+from .rigid_balance import lengths
 
 BALANCED = 1e-13
 """Resultant force and moment of the residual, and 1e-2 of its norm, relative to the forces on the body."""
@@ -61,7 +62,7 @@ def refined(
         residual, reaction = elasticity.free_part(imbalance), elasticity.held_part(imbalance)
         outer = (loading.load, spring, on_body, reaction)
         sums = over.total(np.concatenate([residual.sum(axis=0), np.cross(arms, residual).sum(axis=0)]))
-        scale = np.max([over.sum(np.linalg.norm(part, axis=1)) for part in outer])
+        scale = np.max([over.sum(lengths(part)) for part in outer])
         length = np.max([over.norm(part) for part in outer])
         return residual, float(
             np.max([np.max(np.abs(sums)) / (scale or 1.0), 1e-2 * over.norm(residual) / (length or 1.0)])

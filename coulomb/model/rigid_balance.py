@@ -23,7 +23,7 @@ _OF_ALL = 1e-3
 """The forces on a component are judged by no less than this part of those on all."""
 
 
-def rigid_balance(e: Evidence, outer: FloatArray, length: float) -> tuple[float, float, int]:
+def rigid_balance(e: Evidence, outer: FloatArray, length: float, turnover: float) -> tuple[float, float, int]:
     """Imbalance of three forces and three moments of every component; for free rigid motions, relative to the springs.
 
     A rigid motion causes no internal force, except in an elastic foundation that is part of the internal forces.  If no
@@ -36,15 +36,15 @@ def rigid_balance(e: Evidence, outer: FloatArray, length: float) -> tuple[float,
         e: Evidence; of the contact only the forces at the nodes are used.
         outer: Loads, forces of springs, reactions, contact forces on the body in newtons, shape (4, k, 3).
         length: Scale of displacements in metres.
+        turnover: Sum of the magnitudes of the outer forces of all nodes, at least the effect of rounding, newtons.
 
     Returns:
         Largest of six sums over the sum of all forces, and the largest imbalance of a free motion over its spring
         forces, of all components; and their number; collective.
     """
     over = Reductions(e.comm)
-    turnover = worst(sum(over.sum(lengths(part)) for part in outer), ROUNDING * over.sum(lengths(e.rounding)))
     parts = _parts(e, over)
-    found = [_of_part(e, here, outer, length, _OF_ALL * turnover) for here in parts]
+    found = [_of_part(e, here, outer, length, turnover) for here in parts]
     return worst(*(balance for balance, _ in found)), worst(*(drift for _, drift in found)), len(parts)
 
 
@@ -59,17 +59,17 @@ def _parts(e: Evidence, over: Reductions) -> list[npt.NDArray[np.bool_]]:
 
 
 def _of_part(
-    e: Evidence, here: npt.NDArray[np.bool_], outer: FloatArray, length: float, least: float
+    e: Evidence, here: npt.NDArray[np.bool_], outer: FloatArray, length: float, turnover: float
 ) -> tuple[float, float]:
-    """The same of one component, whose forces are judged by no less than `least`."""
+    """The same of one component: no forces of its own judge it that are less than a part of `turnover`."""
     over = Reductions(e.comm)
     if over.all(bool(np.all(here))):
-        x, u, spring, held, rounding = e.x, e.displacement, e.spring, e.held, e.rounding
+        x, u, spring, held = e.x, e.displacement, e.spring, e.held
     else:
-        x, u, spring, rounding = (of[here] for of in (e.x, e.displacement, e.spring, e.rounding))
-        outer, held = outer[:, here], e.held.of(here)
+        x, u, spring, outer, held = e.x[here], e.displacement[here], e.spring[here], outer[:, here], e.held.of(here)
+        own = worst(sum(over.sum(lengths(part)) for part in outer), ROUNDING * over.sum(lengths(e.rounding[here])))
+        turnover = worst(own, _OF_ALL * turnover)
     count, modes = over.sum(float(len(x))), rigid_modes(x, e.comm)
-    turnover = worst(sum(over.sum(lengths(part)) for part in outer), ROUNDING * over.sum(lengths(rounding)), least)
     rows = modes.reshape(-1, modes.shape[2])  # products of matrices take a tenth of the time of sums over nodes
     sums = rows.T @ outer.sum(axis=0).ravel()
     ground = None if e.ground is None else of_part(e.ground, e.x, here, e.comm)

@@ -13,6 +13,7 @@ keep theirs: what they do to the iterations is small beside what the approximati
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -47,13 +48,18 @@ class ContactPreconditioner:
 
     def __init__(self, comm: MPI.Comm, A: LowRankApproximation):
         self._comm, self.A, m = comm, A, len(A.rest)
-        self._D, self._weighted = A.rest, (A.columns / A.rest.reshape(-1, 1)).reshape(m, 3, A.columns.shape[1])
+        self._D: FloatArray = A.rest
         self._P: FloatArray = np.full((m, 3, 3), np.inf)
         self._QD: FloatArray = np.zeros((m, 3, 3))
         self._N_inverse: FloatArray = np.zeros((m, 3, 3))
         self._R: FloatArray = np.zeros((m, 3, 3))
         self._RD: FloatArray = np.zeros((m, 3, 3))
         self._core: FloatArray | None = None
+
+    @cached_property
+    def _weighted(self) -> FloatArray:
+        """D^-1 C, node by node, shape (m, 3, s)."""
+        return (self.A.columns / self._D.reshape(-1, 1)).reshape(*self._D.shape, self.A.columns.shape[1])
 
     def move(self, at: ContactDerivative) -> None:
         """To a point: the equations and their derivative there; collective."""
