@@ -7,6 +7,7 @@ import os
 import numpy as np
 import pytest
 import scipy.sparse
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from coulomb import Clamp, Material, box
@@ -188,6 +189,21 @@ def test_solves_start_from_earlier_solutions():
     solver.solve(f, u)  # to full accuracy, although what is kept of earlier solutions is in single precision
     assert (K * u - f).norm() <= 2e-11 * f.norm()
     solver.destroy()
+
+
+@pytest.mark.parametrize("unit", [1e-60, 1e60])
+def test_earlier_solutions_are_used_in_any_unit(unit):
+    """Their images are kept in single precision, which ends at 1e-38 and 1e38."""
+    K = np.diag(np.arange(1.0, 31.0))
+
+    def mult(x, y):
+        y[:] = K @ x
+
+    cg = recycled_cg.RecycledCG(MPI.COMM_SELF, native.kernels(), 30, mult, lambda r: r.copy())
+    rhs, u = unit * np.random.default_rng(8).standard_normal(30), np.empty(30)
+    assert cg.solve(rhs, u, 1e-3) > 3 and cg.solve(-0.7 * rhs, u, 1e-2) == 0
+    assert np.linalg.norm(K @ u + 0.7 * rhs) <= 1e-2 * np.linalg.norm(rhs)
+    assert cg.solve(0.0 * rhs, u, 1e-2) == 0 and not u.any()
 
 
 def test_nearly_equal_solutions_are_no_start_that_is_worse_than_none():

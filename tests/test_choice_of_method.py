@@ -8,7 +8,7 @@ from coulomb.benchmarks.real_parts import PARTS
 from coulomb.benchmarks.two_blocks import two_blocks
 from coulomb.case.case import read_case
 from coulomb.linalg import multifrontal
-from coulomb.linalg.methods import EXPLICIT_UP_TO, PREDICTED_UP_TO, undecided
+from coulomb.linalg.methods import EXPLICIT_UP_TO, PREDICTED_UP_TO, chosen, undecided
 from coulomb.linalg.multifrontal import Work, predicted_work, symbolic
 from coulomb.linalg.predicted_cost import factorise, seconds_direct, seconds_multigrid
 from coulomb.model import contact_body
@@ -48,6 +48,9 @@ def test_what_decides():
     assert 0.5 * seconds_direct(work, 1000) < seconds_direct(work, 1000, 2) < seconds_direct(work, 1000)
     assert seconds_direct(work, 1000) > 1.2e-11 * 1e10
     assert seconds_multigrid(1000, entries, 0.5) == seconds_multigrid(1000, entries, 1.7)
+    small = Work(0.0, 1e12, 0.0)  # where the constants are small: 1.7 and 1.4 times as fast on two ranks
+    assert seconds_direct(small, 1) / seconds_direct(small, 1, 2) == pytest.approx(1.7, abs=0.03)
+    assert seconds_multigrid(1, 1e12, 1.7) / seconds_multigrid(1, 1e12, 1.7, 2) == pytest.approx(1.4, abs=0.03)
 
 
 def test_where_the_size_leaves_it_open():
@@ -57,6 +60,8 @@ def test_where_the_size_leaves_it_open():
         assert not undecided(*numbers, None, None)
     assert not undecided(20_000, 3_000, DirectSolver, None)
     assert not undecided(20_000, 3_000, None, False)
+    wide = (40_000, EXPLICIT_UP_TO + 2)  # A is too large to be formed, and on several ranks solves wait for each other
+    assert chosen(*wide, 1, None, None) == (DirectSolver, False) and chosen(*wide, 2, None, None)[0] is IterativeSolver
 
 
 @pytest.mark.parametrize("direct", [True, False])

@@ -7,6 +7,7 @@ import coulomb
 from coulomb import Clamp, Elasticity, Material, Pressure, Spring, SymmetryPlane, TotalForce, Traction
 from coulomb.fem.distributed_bodies import distributed_bodies, made
 from coulomb.fem.loaded_body import LoadedBody
+from coulomb.fem.temperature import ThermalLoad
 
 STEEL, RUBBER = Material(2e11, 0.3, 7800.0, 1e-5), Material(1e7, 0.4, 1000.0, 1e-4)
 HELD = [Clamp("lower:left", "xy"), SymmetryPlane("upper:right"), Clamp("lower:bottom"), Clamp("upper:left")]
@@ -25,8 +26,12 @@ def test_everything_reaches_its_body(mesh):
     springs = [Spring("lower:top", 5.0)]
     given = distributed_bodies(
         *(mesh, {"lower:core": RUBBER, "upper": STEEL}, HELD, loads, {"upper": (0.0, 7.0, 0.0)}, springs),
+        body_force_amplitude=0.5,
         gravity=(0.0, 0.0, -10.0),
+        gravity_amplitude=3.0,
         temperature={"lower": 20.0},
+        reference_temperature=5.0,
+        temperature_amplitude=4.0,
     )
     lower, upper = given["lower"], given["upper"]
     assert lower.materials == {"core": RUBBER} and upper.materials is STEEL
@@ -36,12 +41,14 @@ def test_everything_reaches_its_body(mesh):
     assert lower.tractions == [Pressure("right", 2.0)] and lower.springs == [Spring("top", 5.0)]
     assert loads[0].face == "upper:top" and HELD[0].face == "lower:left", "the user's own are changed"
     assert upper.body_force == (0.0, 7.0, 0.0) and not any(lower.body_force) and lower.gravity == upper.gravity
-    assert lower.thermal.temperature == 20.0 and upper.thermal is None
+    assert lower.thermal == ThermalLoad(20.0, 5.0, 4.0) and upper.thermal is None
 
     bodies = made(LoadedBody, given)
     force = {name: bodies[name].comm.allreduce(body.at(0.0).load.sum(axis=0)) for name, body in bodies.items()}
-    assert force["upper"] == pytest.approx([2.0 + 3.0, 2.0 * 7.0, -2.0 * 7800.0 * 10.0])  # formula: area, volume 2
-    assert force["lower"] == pytest.approx([-2.0, 0.0, -1000.0 * 10.0], abs=1e-9)
+    assert force["upper"] == pytest.approx(
+        [2.0 + 3.0, 0.5 * 2.0 * 7.0, -3.0 * 2.0 * 7800.0 * 10.0]
+    )  # formula: area, volume 2
+    assert force["lower"] == pytest.approx([-2.0, 0.0, -3.0 * 1000.0 * 10.0], abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,14 @@ def test_round_trip(tmp_path):
         assert np.allclose(file["solution/u"][()], problem.W @ np.arange(9.0) + problem.q)
 
 
+def test_a_problem_in_the_plane_is_refused(tmp_path):
+    write_fclib(tmp_path / "plane.hdf5", small())
+    with h5py.File(tmp_path / "plane.hdf5", "a") as file:
+        file["fclib_local/spacedim"][0] = 2
+    with pytest.raises(ValueError, match=r"plane\.hdf5: the problem has 2 dimensions, not 3"):
+        read_fclib(tmp_path / "plane.hdf5")
+
+
 @pytest.mark.parametrize("storage", ["triplet", "csr"])
 def test_other_storages(tmp_path, storage):
     problem = small()

@@ -9,6 +9,7 @@ from coulomb.benchmarks.rigid_bodies import spheres, stack
 from coulomb.io.fclib import FCLIBProblem
 from coulomb.solvers import gauss_seidel
 from coulomb.solvers.cone_interior_point import ConeInteriorPoint
+from coulomb.solvers.cone_problem import Scales
 from coulomb.solvers.general import _compliance
 
 pytestmark = pytest.mark.skipif(gauss_seidel._kernel() is None, reason="no C compiler")
@@ -72,6 +73,53 @@ def test_a_singular_block_of_the_diagonal():
     result = solve_coulomb(problem.W, -problem.q, problem.mu)
     assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
     assert result.x[0] == pytest.approx(1.0) and result.x[1:].sum() == pytest.approx(-0.2)
+
+
+def test_a_singular_block_takes_few_sweeps():
+    """The term that makes it regular is small against the block, and forces of the sweep before are beside it."""
+    t = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0]])
+    found = gauss_seidel.swept(t.T @ t, np.array([1.0, -0.2, -0.2]), 0.9, 1e-10)
+    assert found.residual <= 1e-10 and found.made <= 8
+
+
+def test_open_contacts_without_friction_and_slip_have_no_residual():
+    found = gauss_seidel.swept(np.eye(6), np.array([1.0, 0.0, 0.0, -0.3, 0.0, 0.0]), 0.0, 1e-12)
+    assert np.array_equal(found.x, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]) and (found.residual, found.made) == (0.0, 1)
+
+
+def two_contacts(coupling, tolerance):
+    """Sweeps for two closed contacts without friction, whose normal displacements are coupled."""
+    W = np.eye(6)
+    W[0, 3] = W[3, 0] = coupling
+    return gauss_seidel.swept(W, np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0]), 0.0, tolerance)
+
+
+def test_sweeps_go_forwards_and_backwards():
+    """Their rate is the coupling; in one direction it would be its square.  1e-12 is 0.6^54."""
+    found = two_contacts(0.6, 1e-12)
+    assert np.allclose(found.x[[0, 3]], 1.0 / 1.6, atol=1e-11) and 45 <= found.made <= 60
+
+
+def test_sweeps_end_where_their_rate_will_not_do():
+    """700 000 would be needed, ten times as many as are allowed; a tenth of these is made in any case."""
+    found = two_contacts(1.0 - 1e-5, 1e-8)
+    assert found.residual > 1e-8 and 2000 <= found.made <= 12_000
+
+
+def test_the_residual_is_the_larger_of_both_measures():
+    """The natural residual, relative to the forces, and the collection's, relative to the loads; after one sweep."""
+    larger = []
+    for size in (1e-3, 30.0):
+        rng = np.random.default_rng(9)
+        G, start = rng.standard_normal((30, 30)), np.abs(rng.standard_normal(30))
+        A, b = G @ G.T + np.eye(30), rng.standard_normal(30)
+        problem = FrictionProblem.coulomb(_compliance(A), b, np.full(10, 0.4))
+        found = gauss_seidel.swept(A, b, 0.4, 1e9, size * start)
+        w = A @ found.x - b
+        assert found.made == 1
+        assert found.residual == pytest.approx(Scales.of(problem).residual(problem, found.x, w), rel=1e-9)
+        larger.append(found.residual > problem.residual(found.x, w) * (1.0 + 1e-9))
+    assert larger == [False, True]
 
 
 def test_known_slip_is_left_to_the_other_methods():

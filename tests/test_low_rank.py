@@ -85,6 +85,10 @@ def test_a_rigid_motion_in_the_approximation_leaves_a_small_rest():
         for x in X[1:]:  # the error of U is measured on new pairs
             recycled.record(x.reshape(-1, 3), (soft @ x).reshape(-1, 3))
         recycled.update()
+        known = recycled.learnt.part
+        recycled.record(whole.reshape(-1, 3), (soft @ whole).reshape(-1, 3))  # a pair without a new part says nothing
+        recycled.update()
+        assert recycled.learnt.part == known
         part = recycled.rest.ravel() / np.diag(soft)
         assert np.all(part >= least * 0.99) and np.all(part <= (1e-3 if exact else 0.21)), part
 
@@ -97,6 +101,20 @@ def test_truncation_keeps_the_largest_and_its_pairs(A):
         recycled.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
     recycled.update()
     assert np.allclose(np.sort(np.linalg.svd(recycled.U, compute_uv=False) ** 2), values[-6:])
+
+
+def test_pairs_of_very_different_sizes_are_all_kept(A):
+    X = np.random.default_rng(69).standard_normal((4, 3 * NODES)) * np.array([[1.0], [1e-7], [1e7], [1.0]])
+    model = model_of(approximated_by(A, X, 100, exact=True))
+    assert np.allclose(model @ (X / np.abs(X).max(axis=1)[:, None]).T, A @ (X / np.abs(X).max(axis=1)[:, None]).T)
+
+
+def test_an_approximation_fits_its_own_arguments_only(A):
+    recycled, diagonal = approximated_by(A, [], 5), np.diag(A).reshape(-1, 3)
+    assert recycled.fits(diagonal.copy(), 5, False)
+    other = diagonal.copy()
+    other[3, 1] *= 1.5
+    assert not (recycled.fits(other, 5, False) or recycled.fits(diagonal, 6, False) or recycled.fits(diagonal, 5, True))
 
 
 def test_theorem_1_holds_with_the_approximation(A):

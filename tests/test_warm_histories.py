@@ -141,6 +141,13 @@ def test_columns_and_diagonal_turn():
     np.testing.assert_allclose(
         turned_diagonal(np.diag(A), learnt.turned(turn * 0 + np.eye(3)), turn * 0 + np.eye(3)), np.diag(A)
     )
+    low = 0.3 * np.diag(A)  # an estimate of the diagonal below what the columns have: a tenth of it stays as rest
+    assert np.all(turned_diagonal(low, whole, turn) > 0.0)
+    np.testing.assert_allclose(turned_diagonal(low, whole, turn * 0 + np.eye(3)), low)
+    left = turned_diagonal(low, whole, turn).reshape(4, 3) - 0.9 * 0.3 / 0.85 * np.sum(
+        whole.turned(turn).U.reshape(4, 3, 12) ** 2, axis=2
+    )
+    np.testing.assert_allclose(left, 0.1 * (turn**2 @ low.reshape(4, 3, 1))[..., 0], rtol=1e-9)
 
 
 def test_equations_have_their_derivative():

@@ -143,7 +143,7 @@ class RecycledCG:
         kept = sizes > _DEPENDENT * sizes[-1]
         c = V[:, kept] @ ((V[:, kept].T @ products) / sizes[kept])
         u[:] = (size * c) @ self._directions[:k]
-        self._r -= size * (c.astype(np.float32) @ self._images[:k])
+        self._r -= np.multiply(c.astype(np.float32) @ self._images[:k], size, dtype=np.float64)
 
     def _iterate(self, left: float, goal: float, rough: bool) -> int:
         """moved <- K^-1 r approximately, r, whose norm is `left`, <- the residual that is left, at most `goal`."""

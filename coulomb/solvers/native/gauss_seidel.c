@@ -190,7 +190,7 @@ static double residual(const struct system *s, double loads)
         const double y[3] = {x[0] - u[0] - F * sqrt(u[1] * u[1] + u[2] * u[2]), x[1] - u[1], x[2] - u[2]};
         const double t = sqrt(y[1] * y[1] + y[2] * y[2]), n = x[0] - u[0], bound = F * fmax(x[0], 0.0);
         double p[3] = {y[0], y[1], y[2]};
-        if (t > F * y[0]) {
+        if (t > F * y[0] || y[0] < 0.0) {
             const double normal = fmax(y[0] + F * t, 0.0) / (1.0 + F * F), along = t > 0.0 ? F * normal / t : 0.0;
             p[0] = normal, p[1] = along * y[1], p[2] = along * y[2];
         }
