@@ -55,6 +55,19 @@ def test_wrong_input_is_named_in_every_format(A, b, friction, message, kind):
         return  # scipy's constructors refuse it themselves
     with pytest.raises(ValueError, match=message):
         solve_coulomb(kind(A), b, friction)
+    if isinstance(b, np.ndarray):  # all contacts open: an answer that no entry of A changes
+        with pytest.raises(ValueError, match=message):
+            solve_coulomb(kind(A), -b, friction)
+
+
+@pytest.mark.parametrize("pairs", [[(0, 1)], [(0, 1), (1, 2), (2, 0)], [(1, 0), (2, 1), (0, 2), (1, 2)]])
+def test_a_block_on_one_side_of_the_diagonal_alone(pairs):
+    A = np.eye(9)
+    for i, j in pairs:
+        A[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = 0.1
+    for kind in (np.asarray, scipy.sparse.csr_matrix):
+        with pytest.raises(ValueError, match="A must be symmetric"):
+            solve_coulomb(kind(A), -np.ones(9), 0.3)
 
 
 @pytest.mark.parametrize("A", [np.array(3.0), np.ones(9), np.ones((3, 3, 3)), "stiff", None, [[1.0, {}]]])

@@ -120,6 +120,9 @@ def _compliance(A: Any) -> Compliance:
         matrix = A
     elif scipy.sparse.issparse(A):
         sparse = _square(scipy.sparse.csr_matrix(A, dtype=np.float64))
+        if not sparse.has_canonical_format:  # else PETSc does not add up entries of the same place
+            sparse = sparse.copy()
+            sparse.sum_duplicates()
         rows = (sparse.indptr.astype(PETSc.IntType), sparse.indices.astype(PETSc.IntType), sparse.data)
         matrix = PETSc.Mat().createAIJ(sparse.shape, csr=rows, comm=MPI.COMM_SELF)
     else:
