@@ -71,6 +71,9 @@ class DirectSolver:
     """Cholesky factorisation by MUMPS, on all ranks; where a contact problem is to be solved with this class, it takes
     that by nested dissection instead (`multifrontal`, `distributed_multifrontal`).
 
+    Beside being the name of that choice it solves K u = f without contact, as an independent factorisation: for the
+    verification, the matrices that other programs get, and tests of `multifrontal`.
+
     Args:
         K: Symmetric positive definite, assembled.
     """

@@ -17,6 +17,9 @@ Coulomb's law is not associated: a sliding contact does not open, whereas on alp
 there are no forces in equilibrium, Coulomb's problem has no solution.  The converse does not hold: a body between two
 walls could be held by any squeezing force, but if nothing squeezes it, the loads drag it along.  Then steps block while
 alpha grows along the motion; `sliding` recognises that.
+
+`limit_load` asks a similar question and does not serve here: its forces are extreme ones, zero at most nodes, whereas
+the forces found here are where the interior-point method begins; nor does it solve problems with lower bounds.
 """
 
 from __future__ import annotations

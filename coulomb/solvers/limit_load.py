@@ -9,6 +9,9 @@ The set is described from inside by extreme resultants, as many as needed: a lin
 gives y, and each node its extreme force along y, in closed form; when none is better than those known, the distance is
 exact (column generation; Dantzig and Wolfe 1960).  The programme has as many rows as there are motions.
 
+The barrier method of `equilibrium` does not serve here: it bounds forces by a multiple of the mean one and decides to
+1e-9 of a nominal force, whereas amounts are reported here, with forces as large as they need to be.
+
 scipy.optimize takes 20 ms to load, and is needed only where contact alone holds a body.
 """
 
