@@ -7,8 +7,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from coulomb.benchmarks.block import block
-from coulomb.linalg import native, stiffness
-from coulomb.linalg.block_matrix import BlockInterpolation, SymmetricBlocks, padded
+from coulomb.linalg import multigrid_grids, native, stiffness
+from coulomb.linalg.block_matrix import BlockInterpolation, SymmetricBlocks, distributed_blocks, padded
+from coulomb.linalg.petsc_arrays import distributed_entries
 
 COMM = MPI.COMM_WORLD
 pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
@@ -53,7 +54,7 @@ def test_symmetric_blocks(size):
     K = (half + half.T).multiply(np.outer(keep, keep)).tocsr()
     edges = shares(40, size)
     matrix = distributed(K, edges, edges)
-    blocks = SymmetricBlocks(native.kernels(), matrix, size, accurate=True)
+    blocks = SymmetricBlocks(native.kernels(), distributed_entries(matrix), size, accurate=True)
     vectors = x, b, inverse, d = rng.standard_normal((4, 40 * size))
     mine = [part(v, edges) for v in vectors]
     y, scale = padded(blocks.size), np.abs(K).sum(axis=1).max()
@@ -75,7 +76,9 @@ def test_block_interpolation(shape):
     rng = np.random.default_rng(shape)
     P = in_blocks(50, 12, shape, 0.3, rng).tocsr()
     rows, columns = shares(50, shape[0]), shares(12, shape[1])
-    blocks = BlockInterpolation(native.kernels(), distributed(P, rows, columns), shape)
+    matrix = distributed(P, rows, columns)
+    converted = distributed_blocks(native.kernels(), distributed_entries(matrix), shape)
+    blocks = BlockInterpolation(native.kernels(), converted, shape)
     x, r = rng.standard_normal((2, P.shape[0]))
     e = rng.standard_normal(P.shape[1])
     mine = part(x, rows)
@@ -95,7 +98,7 @@ def test_coarse_grids_that_every_rank_has(monkeypatch):
     f.array[:] = np.sin(np.arange(*K.getOwnershipRange()))
     iterations = []
     for most in (0, 200, 10**9):
-        monkeypatch.setattr(stiffness, "REPLICATED_UP_TO", most)
+        monkeypatch.setattr(multigrid_grids, "REPLICATED_UP_TO", most)
         solver = stiffness.IterativeSolver(K, tolerance=1e-10)
         u.set(0.0)
         solver.solve(f, u)

@@ -19,14 +19,24 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .ghost_blocks import PADDING, GhostBlocks, padded
 from .native import threads
-from .petsc_arrays import Entries, own_and_others
+from .petsc_arrays import DistributedEntries, Entries
 
-__all__ = ["PADDING", "SHAPES", "BlockInterpolation", "SymmetricBlocks", "address", "in_kernel_blocks", "padded"]
+__all__ = [
+    "PADDING",
+    "SHAPES",
+    "BlockInterpolation",
+    "Blocks",
+    "DistributedBlocks",
+    "SymmetricBlocks",
+    "address",
+    "distributed_blocks",
+    "in_kernel_blocks",
+    "padded",
+]
 
 SHAPES = ((3, 3), (3, 6), (6, 6))
 """Shapes of blocks for which there are kernels."""
@@ -41,7 +51,7 @@ def address(array: _Array | None) -> ctypes.c_void_p:
     return ctypes.c_void_p(None if array is None else array.ctypes.data)
 
 
-class _Blocks(NamedTuple):
+class Blocks(NamedTuple):
     """Rows of blocks.
 
     Attributes:
@@ -59,7 +69,7 @@ class _Blocks(NamedTuple):
 
 def in_kernel_blocks(
     library: ctypes.CDLL, entries: Entries, shape: tuple[int, int], accurate: bool = False, upper: bool = False
-) -> _Blocks:
+) -> Blocks:
     """Entries in blocks; of an upper triangle the block on the diagonal is first in its row, and always there."""
     rows = (len(entries.indptr) - 1) // shape[0]
     indptr, indices = (array.astype(np.int32, copy=False) for array in entries[:2])
@@ -79,42 +89,64 @@ def in_kernel_blocks(
     high = np.zeros(count * shape[0] * shape[1] + PADDING, dtype=np.float32)
     low = np.zeros_like(high) if accurate else None
     convert(values, columns, high, low)
-    return _Blocks(pointers, columns, high, low)
+    return Blocks(pointers, columns, high, low)
+
+
+class DistributedBlocks(NamedTuple):
+    """Rows of this rank of a distributed matrix in blocks.
+
+    Attributes:
+        comm: The ranks.
+        own: Blocks in this rank's columns.
+        others: Blocks in columns of other ranks, as places in `needed`; None on one rank.
+        needed: Numbers of columns of other ranks, ascending.
+        starts: Number of the first column of each rank, and of all columns, shape (ranks + 1,).
+    """
+
+    comm: MPI.Comm
+    own: Blocks
+    others: Blocks | None
+    needed: _Array
+    starts: _Array
+
+
+def distributed_blocks(
+    library: ctypes.CDLL,
+    entries: DistributedEntries,
+    shape: tuple[int, int],
+    accurate: bool = False,
+    upper: bool = False,
+) -> DistributedBlocks:
+    """Entries in blocks, the rows and columns of a block on one rank; of this rank's columns the upper triangle if
+    `upper`, with what single precision rounds off if `accurate`."""
+    needed, place = np.unique(entries.columns // shape[1], return_inverse=True)
+    own, others = in_kernel_blocks(library, entries.own, shape, accurate, upper), None
+    if entries.others is not None:
+        at = (shape[1] * place.reshape(-1) + entries.columns % shape[1]).astype(np.int32)
+        indptr, indices, values = entries.others
+        indices = at[indices] if len(indices) else np.empty(0, np.int32)
+        others = in_kernel_blocks(library, Entries(indptr, indices, values), shape, accurate)
+    return DistributedBlocks(entries.comm, own, others, needed, entries.starts // shape[1])
 
 
 class _Others:
-    """The entries of a matrix in columns of other ranks; collective.
+    """The blocks of a matrix in columns of other ranks; collective.
 
     Args:
         library: The kernels.
-        matrix: The whole matrix.
-        entries: Those entries.
-        columns: The numbers of their columns, ascending.
+        matrix: The matrix, on several ranks.
         shape: Rows and columns of a block.
-        accurate: Whether products are as accurate as in double precision.
     """
 
-    def __init__(
-        self,
-        library: ctypes.CDLL,
-        matrix: PETSc.Mat,
-        entries: Entries,
-        columns: _Array,
-        shape: tuple[int, int],
-        accurate: bool,
-    ):
-        needed, place = np.unique(columns // shape[1], return_inverse=True)
-        at = (shape[1] * place.reshape(-1) + columns % shape[1]).astype(np.int32)
-        indices = at[entries.indices] if len(entries.indices) else np.empty(0, np.int32)
-        blocks = in_kernel_blocks(library, Entries(entries.indptr, indices, entries.values), shape, accurate)
+    def __init__(self, library: ctypes.CDLL, matrix: DistributedBlocks, shape: tuple[int, int]):
+        blocks = matrix.others
+        assert blocks is not None
         self._rows = np.flatnonzero(np.diff(blocks.pointers)).astype(np.int32)
         self._pointers = np.append(blocks.pointers[self._rows], blocks.pointers[-1]).astype(np.int32)
         self._blocks = blocks
-        comm: MPI.Comm = matrix.comm.tompi4py()
-        starts = np.asarray(matrix.getOwnershipRangesColumn()) // shape[1]
-        self.ghosts = GhostBlocks(comm, starts, needed, shape[1])
-        self._sums = np.zeros(_LANES[shape[1]] * len(needed) + PADDING)
-        self._needed = len(needed)
+        self._needed = len(matrix.needed)
+        self.ghosts = GhostBlocks(matrix.comm, matrix.starts, matrix.needed, shape[1])
+        self._sums = np.zeros(_LANES[shape[1]] * self._needed + PADDING)
         self._add, self._restrict = (
             getattr(library, f"{name}_{shape[0]}_{shape[1]}") for name in ("others", "restrict_to")
         )
@@ -142,19 +174,12 @@ class _Others:
         self.ghosts.give()
 
 
-def _others(
-    library: ctypes.CDLL,
-    matrix: PETSc.Mat,
-    entries: Entries | None,
-    columns: _Array,
-    shape: tuple[int, int],
-    accurate: bool = False,
-) -> _Others | None:
+def _others(library: ctypes.CDLL, matrix: DistributedBlocks, shape: tuple[int, int]) -> _Others | None:
     """None on one rank."""
-    return None if entries is None else _Others(library, matrix, entries, columns, shape, accurate)
+    return None if matrix.others is None else _Others(library, matrix, shape)
 
 
-def _shares(blocks: _Blocks, team: int) -> tuple[npt.NDArray[np.int32] | None, int]:
+def _shares(blocks: Blocks, team: int) -> tuple[npt.NDArray[np.int32] | None, int]:
     """How threads share the rows of an upper triangle, as `shared` in native/blocks.h has it, and how many rows have
     further sums; None for one thread."""
     pointers, columns = blocks.pointers, blocks.columns
@@ -172,7 +197,7 @@ class SymmetricBlocks:
 
     Args:
         library: The kernels.
-        matrix: Symmetric, assembled; the rows of a block on one rank.
+        matrix: Symmetric; the rows of a block on one rank.
         size: Rows of a block, 3 or 6.
         accurate: Whether `mult` is as accurate as in double precision, for which it keeps twice as many numbers.
 
@@ -180,18 +205,25 @@ class SymmetricBlocks:
         size: Rows of this rank.
     """
 
-    def __init__(self, library: ctypes.CDLL, matrix: PETSc.Mat, size: int, accurate: bool = False):
-        own, others, columns = own_and_others(matrix)
-        self._blocks = in_kernel_blocks(library, own, (size, size), accurate, upper=True)
-        self._others = _others(library, matrix, others, columns, (size, size), accurate)
+    def __init__(self, library: ctypes.CDLL, matrix: DistributedEntries, size: int, accurate: bool = False):
+        blocks = distributed_blocks(library, matrix, (size, size), accurate, upper=True)
+        self._blocks, self._others = blocks.own, _others(library, blocks, (size, size))
         n = len(self._blocks.pointers) - 1
-        self.size = size * n
+        self.size, self._width = size * n, size
         self._shares, beyond = _shares(self._blocks, threads())
         self._sums = np.zeros(_LANES[size] * (n + beyond) + PADDING)
         self._product, self._residual, self._step = (
             getattr(library, f"{name}_{size}_{size}") for name in ("product", "residual", "step")
         )
         self._matrix = (n, address(self._shares), *map(address, self._blocks[:3]))
+
+    @property
+    def diagonal(self) -> FloatArray:
+        """In single precision, shape (size,)."""
+        at = np.arange(self._width)
+        blocks = self._blocks.values[:-PADDING].reshape(-1, self._width, self._width)
+        diagonal: FloatArray = blocks[self._blocks.pointers[:-1, None], at, at].astype(np.float64).ravel()
+        return diagonal
 
     def mult(self, x: FloatArray, y: FloatArray, accurate: bool = True) -> None:
         """y <- K x, in double precision if `accurate`, here and in the matrix; x padded; collective."""
@@ -233,7 +265,7 @@ class BlockInterpolation:
 
     Args:
         library: The kernels.
-        matrix: Assembled; the rows and columns of a block on one rank.
+        matrix: P.
         shape: Rows and columns of a block, one of SHAPES.
 
     Attributes:
@@ -241,12 +273,10 @@ class BlockInterpolation:
         columns: Unknowns of this rank on the coarse grid.
     """
 
-    def __init__(self, library: ctypes.CDLL, matrix: PETSc.Mat, shape: tuple[int, int]):
+    def __init__(self, library: ctypes.CDLL, matrix: DistributedBlocks, shape: tuple[int, int]):
         self.shape = shape
-        own, others, columns = own_and_others(matrix)
-        self._blocks = in_kernel_blocks(library, own, shape)
-        self._others = _others(library, matrix, others, columns, shape)
-        self.columns = int(matrix.getLocalSize()[1])
+        self._blocks, self._others = matrix.own, _others(library, matrix, shape)
+        self.columns = shape[1] * int(np.diff(matrix.starts)[matrix.comm.rank])
         self._n, self._coarse = len(self._blocks.pointers) - 1, self.columns // shape[1]
         self._threads = threads() if len(self._blocks.columns) >= _ALONE else 1
         self._sums = np.zeros(_LANES[shape[1]] * self._coarse * self._threads + PADDING)

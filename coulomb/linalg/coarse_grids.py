@@ -9,15 +9,26 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+import scipy.linalg
+import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.linalg.lapack import dpotrs
 
 from ..arrays import FloatArray
 from .ghost_blocks import padded
+from .petsc_arrays import Entries
+from .petsc_options import configured_ksp
 from .reductions import concatenated
 
 REPLICATED_UP_TO = 1500
 """Unknowns of all ranks up to which each rank has a grid as a whole."""
+
+
+DENSE_UP_TO = 500
+"""Unknowns up to which there is no coarser grid: a matrix of so few is nearly full."""
+
+_FACTORISED: dict[str, object] = {"pc_type": "lu", "pc_factor_shift_type": "inblocks"}
 
 
 class CoarseSolver(Protocol):
@@ -32,16 +43,44 @@ class CoarseSolver(Protocol):
         ...
 
 
-class ExactSolver:
-    """On the coarsest grid.
+class DenseSolver:
+    """On a small coarsest grid.
 
     Args:
-        ksp: The solver.
+        K: Its matrix, on one rank, positive definite.
+
+    Raises:
+        LinAlgError: If it is not, to rounding.
     """
 
-    def __init__(self, ksp: PETSc.KSP):
-        self._ksp = ksp
-        self._b, self._x = ksp.getOperators()[1].createVecs()
+    def __init__(self, K: Entries):
+        n = len(K.indptr) - 1
+        dense = scipy.sparse.csr_matrix((K.values, K.indices, K.indptr), shape=(n, n)).toarray(order="F")
+        self._factor = scipy.linalg.cholesky(dense, lower=True, overwrite_a=True, check_finite=False)
+        self._solution = padded(n)
+
+    def __call__(self, r: FloatArray) -> FloatArray:
+        self._solution[:] = dpotrs(self._factor, r, lower=1)[0]
+        return self._solution
+
+    def destroy(self) -> None:
+        """It has no PETSc objects."""
+
+
+class SparseSolver:
+    """On a coarsest grid of any size.
+
+    Args:
+        K: Its matrix, on one rank; not kept.
+    """
+
+    def __init__(self, K: Entries):
+        n = len(K.indptr) - 1
+        csr = tuple(array.astype(PETSc.IntType) for array in K[:2])
+        matrix = PETSc.Mat().createAIJ((n, n), csr=(*csr, K.values), comm=PETSc.COMM_SELF)
+        self._ksp = configured_ksp(matrix, "preonly", _FACTORISED)
+        matrix.destroy()
+        self._b, self._x = self._ksp.getOperators()[1].createVecs()
         self._solution = padded(self._x.getLocalSize())
 
     def __call__(self, r: FloatArray) -> FloatArray:
@@ -53,6 +92,16 @@ class ExactSolver:
     def destroy(self) -> None:
         for thing in (self._ksp, self._b, self._x):
             thing.destroy()
+
+
+def exact_solver(K: Entries) -> CoarseSolver:
+    """Of the coarsest grid."""
+    if len(K.indptr) <= DENSE_UP_TO:
+        try:
+            return DenseSolver(K)
+        except scipy.linalg.LinAlgError:  # rigid motions that nothing but rounding holds
+            pass
+    return SparseSolver(K)
 
 
 class Replicated:
@@ -78,13 +127,3 @@ class Replicated:
 
     def destroy(self) -> None:
         self._solver.destroy()
-
-
-def whole(matrix: PETSc.Mat) -> PETSc.Mat:
-    """A distributed matrix as one that each rank has for itself; collective."""
-    comm: MPI.Comm = matrix.comm.tompi4py()
-    indptr, *entries = matrix.getValuesCSR()
-    lengths = concatenated(comm, np.diff(indptr))
-    pointers = np.concatenate([[0], np.cumsum(lengths)]).astype(PETSc.IntType)
-    csr = (pointers, *(concatenated(comm, part) for part in entries))
-    return PETSc.Mat().createAIJ(matrix.getSize(), csr=csr, comm=PETSc.COMM_SELF)

@@ -1,4 +1,4 @@
-"""A V-cycle of multigrid with the grids that PETSc's GAMG made, in blocks of single precision (block_matrix.py).
+"""A V-cycle of multigrid in blocks of single precision (block_matrix.py).
 
 A cycle is limited by memory bandwidth.  Here its matrices are a quarter to a half of PETSc's, a step of the smoother
 reads them once and does all else that it has to do on the way, and the first step of a cycle, from zero, does not read
@@ -10,47 +10,19 @@ from __future__ import annotations
 
 import ctypes
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from .block_matrix import SHAPES, BlockInterpolation, SymmetricBlocks, padded
+from .block_matrix import BlockInterpolation, SymmetricBlocks, padded
 from .coarse_grids import CoarseSolver
+from .petsc_arrays import DistributedEntries
 from .reductions import Reductions
 
 _SMOOTHED = (0.05, 1.05)  # part of the spectrum that the smoother damps, over its estimated largest eigenvalue, as GAMG
 _LANCZOS = 10  # steps of the estimate
-
-
-@dataclass(frozen=True)
-class Grid:
-    """A grid of multigrid with a coarser one.
-
-    Attributes:
-        K: Its matrix.
-        P: Interpolation from the next coarser grid.
-        steps: Steps of the smoother before and after the coarser grids.
-    """
-
-    K: PETSc.Mat
-    P: PETSc.Mat
-    steps: int = 2
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of a block of P."""
-        rows, columns = self.P.getBlockSizes()
-        return int(rows), int(columns)
-
-
-def grids_of(pc: PETSc.PC, steps: int = 2) -> list[Grid]:
-    """The grids of PETSc's multigrid that have a coarser one, finest first."""
-    levels = range(pc.getMGLevels() - 1, 0, -1)
-    return [Grid(pc.getMGSmoother(k).getOperators()[1], pc.getMGInterpolation(k), steps) for k in levels]
 
 
 class Level:
@@ -59,32 +31,33 @@ class Level:
     Args:
         library: The kernels.
         K: The matrix; not kept.
-        interpolation: From the next coarser grid.
+        size: Rows of a block.
         steps: Steps of the smoother before and after the coarser grids.
         finest: Whether products by K are as accurate as in double precision.
+
+    Attributes:
+        blocks: K.
+        inverse: Of the diagonal of K.
+        largest: Estimated eigenvalue of D^-1 K.
+        interpolation: From the next coarser grid; set when that is known.
     """
 
-    def __init__(
-        self, library: ctypes.CDLL, K: PETSc.Mat, interpolation: BlockInterpolation, steps: int, finest: bool = False
-    ):
-        comm = K.comm.tompi4py()
-        self.blocks = SymmetricBlocks(library, K, interpolation.shape[0], accurate=finest)
-        self.interpolation = interpolation
-        diagonal = K.getDiagonal()
-        values = diagonal.array_r
-        self._inverse: FloatArray = 1.0 / np.where(values > 0.0, values, 1.0)  # 0: an aggregate with fewer motions
-        diagonal.destroy()
+    interpolation: BlockInterpolation
+
+    def __init__(self, library: ctypes.CDLL, K: DistributedEntries, size: int, steps: int = 2, finest: bool = False):
+        self.blocks = SymmetricBlocks(library, K, size, accurate=finest)
+        self.inverse: FloatArray = 1.0 / self.blocks.diagonal
         self.b, self.x, self._d, self._r = (padded(self.blocks.size) for _ in range(4))
-        largest = self._largest_eigenvalue(comm)
-        low, high = (part * largest for part in _SMOOTHED)
+        self.largest = self._largest_eigenvalue(K.comm)
+        low, high = (part * self.largest for part in _SMOOTHED)
         self._factors = _chebyshev(0.5 * (high + low), 0.5 * (high - low), steps)
 
     def _largest_eigenvalue(self, comm: MPI.Comm) -> float:
         """Of D^-1 K, by CG with a random right-hand side, which is Lanczos' method; a little too small."""
         over, n = Reductions(comm), self.blocks.size
         r, p, image = padded(n), padded(n), padded(n)
-        r[:] = np.random.default_rng([1618, comm.rank]).standard_normal(n) / np.sqrt(self._inverse)
-        z = self._inverse * r
+        r[:] = np.random.default_rng([1618, comm.rank]).standard_normal(n) / np.sqrt(self.inverse)
+        z = self.inverse * r
         p[:] = z
         size = over.dot(r, z)
         diagonal, beside, alpha, beta = [], [], 1.0, 0.0
@@ -93,7 +66,7 @@ class Level:
             before, alpha = alpha, size / over.dot(p, image)
             diagonal.append(1.0 / alpha + beta / before)
             r -= alpha * image
-            z = self._inverse * r
+            z = self.inverse * r
             new = over.dot(r, z)
             beta, size = new / size, new
             if size <= 0.0:
@@ -106,20 +79,20 @@ class Level:
     def smooth_from_zero(self) -> None:
         """x from 0."""
         (_, second), *others = self._factors
-        np.multiply(self._inverse, self.b, out=self._d)
+        np.multiply(self.inverse, self.b, out=self._d)
         self._d *= second
         self.x[:] = self._d
         for factors in others:
-            self.blocks.step(self._inverse, self.b, self.x, self._d, *factors)
+            self.blocks.step(self.inverse, self.b, self.x, self._d, *factors)
 
     def smooth(self) -> None:
         """x from x."""
         for factors in self._factors:
-            self.blocks.step(self._inverse, self.b, self.x, self._d, *factors)
+            self.blocks.step(self.inverse, self.b, self.x, self._d, *factors)
 
     def rounding(self, x: FloatArray) -> float:
         """The square of this rank's 2^-24 diag(K) x."""
-        forces = np.divide(x, self._inverse, out=self._d)
+        forces = np.divide(x, self.inverse, out=self._d)
         return 2.0**-48 * float(forces @ forces)
 
     def restrict(self, coarse: FloatArray) -> None:
@@ -128,7 +101,7 @@ class Level:
         self.interpolation.restrict(self._r, coarse)
 
     def destroy(self) -> None:
-        """Free the PETSc objects."""
+        """Free the requests of messages."""
         self.blocks.destroy()
         self.interpolation.destroy()
 
@@ -145,59 +118,56 @@ def _chebyshev(theta: float, delta: float, steps: int) -> list[tuple[float, floa
 
 
 class MultigridCycle:
-    """A preconditioner for K on the first of some grids.
+    """A preconditioner for K on a grid.
 
     Args:
-        levels: The grids that have a coarser one, finest first.
-        coarsest: The solver on the grid after them.
+        level: The grid, with its interpolation.
+        coarser: The solver on the next one.
+        again: Whether a call makes a second cycle for the residual of the first (W-cycle), for a coarse grid: there it
+            takes little time, and the finer grid then needs fewer iterations.
 
     Attributes:
-        size: Unknowns of this rank on the finest grid.
+        size: Unknowns of this rank.
     """
 
-    def __init__(self, levels: list[Level], coarsest: CoarseSolver):
-        self._levels = levels
-        self._coarsest, self.size = coarsest, self._levels[0].blocks.size
-        self._right = padded(self._levels[-1].interpolation.columns)
+    def __init__(self, level: Level, coarser: CoarseSolver, again: bool = False):
+        self._level, self._coarser, self._again = level, coarser, again
+        self.size = level.blocks.size
+        self._right = padded(level.interpolation.columns)
+        self._sum, self._left = (padded(self.size if again else 0) for _ in range(2))
 
     def __call__(self, r: FloatArray) -> FloatArray:
-        """A cycle for r, from zero; to be read before the next one; collective."""
-        finest = self._levels[0]
-        finest.b = r
-        self._cycle(0)
-        return finest.x
+        """Cycles for r, from zero; to be read before the next call; collective."""
+        level = self._level
+        self._cycle(r)
+        if self._again:
+            self._sum[:] = level.x
+            level.blocks.residual(r, level.x, self._left)
+            self._cycle(self._left)
+            level.x += self._sum
+        return level.x
+
+    def _cycle(self, r: FloatArray) -> None:
+        level = self._level
+        level.b = r
+        level.smooth_from_zero()
+        level.restrict(self._right)
+        level.interpolation.prolong(self._coarser(self._right), level.x)
+        level.smooth()
 
     def mult(self, x: FloatArray, y: FloatArray) -> None:
-        """y <- K x, as accurate as in double precision; x padded; collective."""
-        self._levels[0].blocks.mult(x, y)
+        """y <- K x, as accurate as in double precision on the finest grid; x padded; collective."""
+        self._level.blocks.mult(x, y)
 
     def mult_roughly(self, x: FloatArray, y: FloatArray) -> None:
         """y <- K x in single precision; x padded; collective."""
-        self._levels[0].blocks.mult(x, y, accurate=False)
+        self._level.blocks.mult(x, y, accurate=False)
 
     def rounding(self, x: FloatArray) -> float:
         """The square of this rank's part of a bound of the error of `mult_roughly`: two to three times as large."""
-        return self._levels[0].rounding(x)
-
-    def _cycle(self, k: int) -> None:
-        level, last = self._levels[k], k + 1 == len(self._levels)
-        level.smooth_from_zero()
-        level.restrict(self._right if last else self._levels[k + 1].b)
-        if last:
-            error = self._coarsest(self._right)
-        else:
-            self._cycle(k + 1)
-            error = self._levels[k + 1].x
-        level.interpolation.prolong(error, level.x)
-        level.smooth()
+        return self._level.rounding(x)
 
     def destroy(self) -> None:
-        """Free the PETSc objects."""
-        for level in self._levels:
-            level.destroy()
-        self._coarsest.destroy()
-
-
-def supported(grids: list[Grid]) -> bool:
-    """Whether there are kernels for the blocks of these grids; the same on all ranks."""
-    return len(grids) > 0 and all(grid.shape in SHAPES for grid in grids)
+        """Free the requests of messages and the PETSc objects."""
+        self._level.destroy()
+        self._coarser.destroy()

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 
 _Array = npt.NDArray[Any]
@@ -25,6 +26,30 @@ class Entries(NamedTuple):
     indptr: _Array
     indices: _Array
     values: _Array
+
+
+class DistributedEntries(NamedTuple):
+    """Rows of this rank of a distributed matrix.
+
+    Attributes:
+        comm: The ranks.
+        own: Entries in this rank's columns, counted from its first one.
+        others: Entries in columns of other ranks, as places in `columns`; None on one rank.
+        columns: Numbers of columns of other ranks, ascending.
+        starts: Number of the first column of each rank, and of all columns, shape (ranks + 1,).
+    """
+
+    comm: MPI.Comm
+    own: Entries
+    others: Entries | None
+    columns: _Array
+    starts: _Array
+
+
+def distributed_entries(matrix: PETSc.Mat) -> DistributedEntries:
+    """Of an assembled matrix of type AIJ; its arrays, valid while it lives."""
+    starts = np.asarray(matrix.getOwnershipRangesColumn())
+    return DistributedEntries(matrix.comm.tompi4py(), *own_and_others(matrix), starts)
 
 
 @functools.cache

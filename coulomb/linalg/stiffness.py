@@ -8,12 +8,12 @@ from typing import Protocol
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from .block_matrix import BlockInterpolation, padded
-from .coarse_grids import REPLICATED_UP_TO, CoarseSolver, ExactSolver, Replicated, whole
-from .multigrid_cycle import Grid, Level, MultigridCycle, grids_of, supported
+from .block_matrix import padded
+from .multigrid_cycle import MultigridCycle
+from .multigrid_grids import SECOND_ORDER_STEPS, multigrid
 from .native import kernels
 from .nodal_blocks import symmetric_blocks
-from .petsc_options import configured_ksp, petsc_options
+from .petsc_options import configured_ksp
 from .recycled_cg import RecycledCG
 
 
@@ -114,8 +114,6 @@ class DirectSolver:
 
 _SMOOTHER: dict[str, object] = {"mg_levels_ksp_type": "chebyshev", "mg_levels_pc_type": "jacobi"}
 _GAMG: dict[str, object] = {"pc_type": "gamg", "pc_gamg_threshold": 0.02}
-_SECOND_ORDER_STEPS = 1  # of the smoother in second order; two take 0.9 of the iterations
-_COARSEST: dict[str, object] = {"pc_type": "bjacobi", "sub_pc_type": "lu", "sub_pc_factor_shift_type": "inblocks"}
 _DIRECTIONS = 20  # of earlier solutions from which a solve starts
 _ITERATIONS = 1000  # of a solve, at most
 
@@ -174,7 +172,7 @@ class _ByPETSc:
             pc.getMGCoarseSolve().setOperators(linear, linear)
             pc.getMGSmoother(1).setOperators(self._blocks, K)
 
-        krylov |= {"mg_levels_ksp_max_it": _SECOND_ORDER_STEPS, "mg_coarse_ksp_type": "preonly"}
+        krylov |= {"mg_levels_ksp_max_it": SECOND_ORDER_STEPS, "mg_coarse_ksp_type": "preonly"}
         krylov |= {f"mg_coarse_{key}": value for key, value in (_GAMG | _SMOOTHER).items()}
         ksp = configured_ksp(K, "cg", krylov, self._blocks, prepare)
         linear.destroy()  # the KSP has a reference
@@ -197,11 +195,12 @@ class _ByPETSc:
 
 
 def _in_blocks(K: PETSc.Mat, P: PETSc.Mat | None) -> _InBlocks | None:
-    """CG and multigrid in C; None if some rank has no kernels, or blocks of other sizes; collective.
+    """CG and multigrid in C; None if some rank has no kernels, or the mesh is so small that there is one grid;
+    collective.
 
     Args:
         K: The stiffness matrix.
-        P: Interpolation of linear displacements in second order, on whose grid GAMG then begins.
+        P: Interpolation of linear displacements in second order.
     """
     comm = K.comm.tompi4py()
     if comm.rank > 0:
@@ -212,67 +211,8 @@ def _in_blocks(K: PETSc.Mat, P: PETSc.Mat | None) -> _InBlocks | None:
     everywhere = comm.allreduce(library is not None, op=MPI.LAND)
     if library is None or not everywhere:
         return None
-    cycle = _cycle(library, K, P)
+    cycle = multigrid(library, K, P)
     return None if cycle is None else _InBlocks(comm, library, cycle)
-
-
-def _cycle(library: ctypes.CDLL, K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle | None:
-    """Multigrid on the grids of PETSc's GAMG, converted to blocks; None if there are no kernels for its blocks.
-
-    GAMG holds nearly twice as much memory as K, mostly factors of products: the finest grid is converted when they are
-    freed.
-    """
-    linear = K if P is None else _linear(K, P)
-    with petsc_options(
-        "", {"matptap_via": "rap"} if K.comm.size == 1 else {}
-    ):  # two thirds of the time of PETSc's choice
-        ksp = configured_ksp(linear, "preonly", _GAMG | _SMOOTHER)
-    pc = ksp.getPC()
-    grids = grids_of(pc)
-    if P is not None:
-        grids.insert(0, Grid(K, P, _SECOND_ORDER_STEPS))
-    known = supported(grids)  # not where the mesh is so small that there is one grid
-    if known:
-        finest = Grid(K, grids[0].P, grids[0].steps)
-        large = 1 + sum(K.comm.size == 1 or grid.K.getSize()[0] > REPLICATED_UP_TO for grid in grids[1:])
-        coarser = [_converted(library, grid) for grid in grids[1:large]]
-        coarsest = _coarsest(library, grids[large:], pc.getMGCoarseSolve().getOperators()[1])
-    grids.clear()
-    pc.destroy()
-    ksp.destroy()
-    if P is not None:
-        linear.destroy()
-    if not known:
-        return None
-    levels = [_converted(library, finest, finest=True), *coarser]
-    finest.P.destroy()  # by the last reference to it, PETSc would wait for its collection of garbage
-    return MultigridCycle(levels, coarsest)
-
-
-def _coarsest(library: ctypes.CDLL, grids: list[Grid], last: PETSc.Mat) -> CoarseSolver:
-    """The solver for the rest of a cycle; on several ranks each has these grids, and the last matrix, as a whole.
-
-    PETSc's matrices keep those from which they were made: here are copies.
-    """
-    if last.comm.size == 1:
-        copies = [last.duplicate(copy=True)]
-    else:
-        copies = [whole(matrix) for grid in grids for matrix in (grid.K, grid.P)] + [whole(last)]
-    levels = [
-        Level(library, copies[2 * k], BlockInterpolation(library, copies[2 * k + 1], grid.shape), grid.steps)
-        for k, grid in enumerate(grids)
-    ]
-    solver: CoarseSolver = ExactSolver(configured_ksp(copies[-1], "preonly", _COARSEST))
-    for matrix in copies:
-        matrix.destroy()
-    if levels:
-        solver = MultigridCycle(levels, solver)
-    size = (grids[0].K if grids else last).getLocalSize()[0]
-    return solver if last.comm.size == 1 else Replicated(last.comm.tompi4py(), size, solver)
-
-
-def _converted(library: ctypes.CDLL, grid: Grid, finest: bool = False) -> Level:
-    return Level(library, grid.K, BlockInterpolation(library, grid.P, grid.shape), grid.steps, finest)
 
 
 class IterativeSolver:

@@ -1,32 +1,6 @@
 /* The kernels of blocks.h for blocks of 3 x 3, 3 x 6 and 6 x 6: nodes, and aggregates of nodes with six rigid motions. */
 
-typedef float f4 __attribute__((vector_size(16), aligned(4), may_alias));
-typedef float f8 __attribute__((vector_size(32), aligned(4), may_alias));
-typedef double d4 __attribute__((vector_size(32), aligned(8), may_alias));
-typedef double d8 __attribute__((vector_size(64), aligned(8), may_alias));
-
-#define MOST_THREADS 64
-#ifdef _OPENMP
-#include <omp.h>
-#define THREAD omp_get_thread_num()
-#define TEAM omp_get_num_threads()
-#else /* one after the other */
-#define THREAD 0
-#define TEAM 1
-#endif
-
-#ifdef __AVX__ /* compilers convert a vector in two halves if they are not told otherwise */
-#include <immintrin.h>
-static inline d4 up4(const float *v) { return (d4)_mm256_cvtps_pd(_mm_loadu_ps(v)); }
-#else
-static inline d4 up4(const float *v) { return __builtin_convertvector(*(const f4 *)v, d4); }
-#endif
-
-#ifdef __AVX512F__
-static inline d8 up8(const float *v) { return (d8)_mm512_cvtps_pd(_mm256_loadu_ps(v)); }
-#else
-static inline d8 up8(const float *v) { return __builtin_convertvector(*(const f8 *)v, d8); }
-#endif
+#include "lanes.h"
 
 #define BR 3
 #define BC 3

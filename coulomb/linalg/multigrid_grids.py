@@ -1,0 +1,79 @@
+"""The grids of multigrid: from K, and in second order by way of linear displacements, to one that is factorised.
+
+On several ranks the small grids are on each rank as a whole, and their coarser ones are made there.
+"""
+
+from __future__ import annotations
+
+import ctypes
+
+from petsc4py import PETSc
+
+from ..arrays import FloatArray, side_by_side
+from .block_matrix import BlockInterpolation, distributed_blocks
+from .coarse_grids import DENSE_UP_TO, REPLICATED_UP_TO, CoarseSolver, Replicated, exact_solver
+from .coarsening import coarser, galerkin, with_diagonal
+from .multigrid_cycle import Level, MultigridCycle
+from .petsc_arrays import DistributedEntries, distributed_entries
+from .reductions import concatenated
+from .whole_blocks import WholeBlocks, whole
+
+SECOND_ORDER_STEPS = 1
+"""Steps of the smoother in second order; two take 0.9 of the iterations."""
+
+_STALLED = 0.7  # unknowns over those of the finer grid from which on ranks have a grid as a whole
+
+
+def multigrid(library: ctypes.CDLL, K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle | None:
+    """Multigrid for K; None if the mesh is so small that there is one grid; collective.
+
+    Args:
+        library: The kernels.
+        K: Symmetric positive definite, three rows per node, with a near-nullspace of six rigid motions.
+        P: In second order the interpolation of linear displacements, with the motions of these.
+    """
+    matrix = distributed_entries(K)
+    if P is None:
+        return _cycle(library, matrix, 3, _motions(K), finest=True)
+    level = Level(library, matrix, 3, SECOND_ORDER_STEPS, finest=True)
+    blocks = distributed_blocks(library, distributed_entries(P), (3, 3))
+    level.interpolation = BlockInterpolation(library, blocks, (3, 3))
+    linear = with_diagonal(galerkin(library, WholeBlocks(library, matrix, 3), blocks, 3))
+    return MultigridCycle(level, _solver(library, linear, 3, _motions(P)))
+
+
+def _motions(matrix: PETSc.Mat) -> FloatArray:
+    """Its near-nullspace, shape (rows of this rank, 6)."""
+    return side_by_side(*(vector.array_r for vector in matrix.getNearNullSpace().getVecs()))
+
+
+def _cycle(
+    library: ctypes.CDLL, matrix: DistributedEntries, size: int, motions: FloatArray, finest: bool = False
+) -> MultigridCycle | None:
+    """On a grid with its coarser ones; None if there are none."""
+    level = Level(library, matrix, size, finest=finest)
+    found = coarser(library, matrix, size, motions, level.inverse, level.largest)
+    if found is None:
+        level.blocks.destroy()
+        return None
+    level.interpolation = BlockInterpolation(library, found.P, (size, found.motions.shape[1]))
+    stalled = found.matrix.starts[-1] > _STALLED * matrix.starts[-1]
+    return MultigridCycle(level, _solver(library, found.matrix, 6, found.motions, stalled), again=size == 6)
+
+
+def _solver(
+    library: ctypes.CDLL, matrix: DistributedEntries, size: int, motions: FloatArray, stalled: bool = False
+) -> CoarseSolver:
+    """For a coarse grid; `stalled` if aggregates, each of one rank, have become hardly fewer."""
+    unknowns = int(matrix.starts[-1])
+    cycle = None
+    if matrix.others is None:
+        if unknowns > DENSE_UP_TO:
+            cycle = _cycle(library, matrix, size, motions)
+        return exact_solver(matrix.own) if cycle is None else cycle
+    if unknowns > REPLICATED_UP_TO and not stalled:
+        cycle = _cycle(library, matrix, size, motions)
+    if cycle is None:
+        solver = _solver(library, whole(matrix), size, concatenated(matrix.comm, motions))
+        return Replicated(matrix.comm, len(motions), solver)
+    return cycle

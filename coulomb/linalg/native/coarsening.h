@@ -1,0 +1,251 @@
+/* From a grid to a coarser one; included with BR, BC, LC, DC, UP and NAME as blocks.h. */
+
+#if BC == 6
+
+/* What K says about its nodes, from a part of its rows: norm[i] <- the square of the block on the diagonal (where
+`norm` is not 0), and loose[r] <- 1 where row r has an entry beside the diagonal; both are 0 before. */
+void NAME(examine)(int n, int threads, const int *ptr, const int *col, const double *val, double *norm,
+                   unsigned char *loose)
+{
+#pragma omp parallel for schedule(static) num_threads(threads) if (threads > 1)
+    for (int i = 0; i < n; i++) {
+        const long length = BR * (long)(ptr[i + 1] - ptr[i]);
+        const double *row = val + BR * BR * (long)ptr[i];
+        int own = -1;
+        for (int k = ptr[i]; norm && k < ptr[i + 1]; k++)
+            if (col[k] == i)
+                own = k - ptr[i];
+        for (int r = 0; r < BR; r++, row += length) {
+            double off = 0.0, sum = 0.0;
+            for (long at = 0; at < length; at++)
+                off += fabs(row[at]);
+            if (own >= 0) {
+                off = 0.0;
+                for (long at = 0; at < length; at++)
+                    off += at == BR * own + r ? 0.0 : fabs(row[at]);
+                for (int c = 0; c < BR; c++)
+                    sum += row[BR * own + c] * row[BR * own + c];
+                norm[i] += sum;
+            }
+            if (off > 0.0)
+                loose[BR * i + r] = 1;
+        }
+    }
+}
+
+/* strong[k] <- whether block k is not small beside the diagonals, by Frobenius norms: more than `part` of the geometric
+mean of those. */
+void NAME(strength)(int n, int threads, const int *ptr, const int *col, const double *val, const double *norm,
+                    double part, unsigned char *strong)
+{
+    const double square = part * part;
+#pragma omp parallel for schedule(static) num_threads(threads) if (threads > 1)
+    for (int i = 0; i < n; i++) {
+        const long length = BR * (long)(ptr[i + 1] - ptr[i]);
+        for (int k = ptr[i]; k < ptr[i + 1]; k++) {
+            const double *block = val + BR * BR * (long)ptr[i] + BR * (k - ptr[i]);
+            double sum = 0.0;
+            for (int r = 0; r < BR; r++)
+                for (int c = 0; c < BR; c++)
+                    sum += block[length * r + c] * block[length * r + c];
+            strong[k] = col[k] != i && sum > 0.0 && sum > square * sqrt(norm[i] * norm[col[k]]);
+        }
+    }
+}
+
+/* modes, (BR n, 6) by rows, <- orthonormal columns on each aggregate, and R, 6 x 6 per aggregate, with modes = new modes R;
+R is 0 before.  Rows that are not loose become 0, and so do columns that depend on earlier ones. */
+void NAME(orthonormal)(int aggregates, int threads, const int *begin, const int *members, const unsigned char *loose,
+                       double *modes, double *R)
+{
+#pragma omp parallel num_threads(threads) if (threads > 1)
+    {
+        long most = 0;
+        for (int a = 0; a < aggregates; a++)
+            most = begin[a + 1] - begin[a] > most ? begin[a + 1] - begin[a] : most;
+        double *Q = malloc(sizeof(double) * (6 * BR * most + 1));
+#pragma omp for schedule(dynamic, 64)
+        for (int a = 0; a < aggregates; a++) {
+            const long m = BR * (long)(begin[a + 1] - begin[a]);
+            double *own = R + 36 * (long)a;
+            for (long s = 0; s < m; s++) {
+                const long row = BR * (long)members[begin[a] + s / BR] + s % BR;
+                for (int c = 0; c < 6; c++)
+                    Q[m * c + s] = loose[row] ? modes[6 * row + c] : 0.0;
+            }
+            for (int c = 0; c < 6; c++) {
+                double *q = Q + m * c, size = 0.0, left = 0.0;
+                for (long s = 0; s < m; s++)
+                    size += q[s] * q[s];
+                for (int twice = 0; twice < 2; twice++)
+                    for (int e = 0; e < c; e++) {
+                        const double *p = Q + m * e;
+                        double dot = 0.0;
+                        for (long s = 0; s < m; s++)
+                            dot += p[s] * q[s];
+                        for (long s = 0; s < m; s++)
+                            q[s] -= dot * p[s];
+                        own[6 * e + c] += dot;
+                    }
+                for (long s = 0; s < m; s++)
+                    left += q[s] * q[s];
+                const double norm = sqrt(left), inverse = left > 1e-16 * size ? 1.0 / norm : 0.0;
+                own[6 * c + c] = inverse > 0.0 ? norm : 0.0;
+                for (long s = 0; s < m; s++)
+                    q[s] *= inverse;
+            }
+            for (long s = 0; s < m; s++) {
+                const long row = BR * (long)members[begin[a] + s / BR] + s % BR;
+                for (int c = 0; c < 6; c++)
+                    modes[6 * row + c] = Q[m * c + s];
+            }
+        }
+        free(Q);
+    }
+}
+
+/* P <- P0 - S K P0, of which `pointers` are known: columns of a row ascending, values in single precision.  P0 has a
+block of BR x 6 per node, in the column `aggregates`; S is diagonal; `count` the number of columns. */
+void NAME(smoothed)(int n, int threads, const int *ptr, const int *col, const double *val, const int *ghost_ptr,
+                    const int *ghost_col, const double *ghost_val, const int *aggregates, int count, const double *P0,
+                    const double *S, const int *pointers, int *columns, float *values)
+{
+#pragma omp parallel num_threads(threads) if (threads > 1)
+    {
+        int *seen = malloc(sizeof(int) * (count + 1)), *place = malloc(sizeof(int) * (count + 1)), most = 0;
+        memset(seen, -1, sizeof(int) * (count + 1));
+        for (int i = 0; i < n; i++)
+            most = pointers[i + 1] - pointers[i] > most ? pointers[i + 1] - pointers[i] : most;
+        DC *sum = aligned_alloc(64, sizeof(DC) * (BR * (long)most + 1));
+#pragma omp for schedule(static)
+        for (int i = 0; i < n; i++) {
+            int *own = columns + pointers[i], found = 0;
+            for (int part = 0; part < (ghost_ptr ? 2 : 1); part++) {
+                const int *p = part ? ghost_ptr : ptr, *c = part ? ghost_col : col;
+                for (int k = p[i]; k < p[i + 1]; k++) {
+                    const int a = aggregates[c[k] + (part ? n : 0)];
+                    if (a >= 0 && seen[a] != i) {
+                        seen[a] = i;
+                        own[found++] = a;
+                    }
+                }
+            }
+            qsort(own, found, sizeof(int), ascending);
+            for (int f = 0; f < found; f++)
+                place[own[f]] = f;
+            for (long s = 0; s < BR * (long)found; s++)
+                sum[s] = (DC){0};
+            for (int part = 0; part < (ghost_ptr ? 2 : 1); part++) {
+                const int *p = part ? ghost_ptr : ptr, *c = part ? ghost_col : col;
+                const double *v = part ? ghost_val : val;
+                const long length = BR * (long)(p[i + 1] - p[i]);
+                for (int k = p[i]; k < p[i + 1]; k++) {
+                    const long j = c[k] + (part ? n : 0);
+                    if (aggregates[j] < 0)
+                        continue;
+                    const double *block = v + BR * BR * (long)p[i] + BR * (k - p[i]);
+                    DC *to = sum + BR * (long)place[aggregates[j]], row[BR];
+                    for (int c2 = 0; c2 < BR; c2++)
+                        row[c2] = *(const DC *)(P0 + 6 * (BR * j + c2));
+                    for (int r = 0; r < BR; r++)
+                        for (int c2 = 0; c2 < BR; c2++)
+                            to[r] += block[length * r + c2] * row[c2];
+                }
+            }
+            for (int f = 0; f < found; f++)
+                for (int r = 0; r < BR; r++)
+                    for (int c = 0; c < 6; c++)
+                        values[BR * 6 * ((long)pointers[i] + f) + 6 * r + c] =
+                            (float)((own[f] == aggregates[i] ? P0[6 * (BR * (long)i + r) + c] : 0.0) -
+                                    S[BR * (long)i + r] * sum[BR * f + r][c]);
+        }
+        free(seen);
+        free(place);
+        free(sum);
+    }
+}
+
+#endif
+
+/* P^T K P, of which pointers and columns are known (product_pattern, also of the arguments), block after block. */
+void NAME(galerkin)(int n, int nodes, int coarse, int wide, int threads, int most, const int *begin, const int *rows,
+                    const int *places, const int *ptr, const int *col, const double *val, const int *ghost_ptr,
+                    const int *ghost_col, const double *ghost_val, const int *p_ptr, const int *p_col,
+                    const float *p_val, const int *pointers, const int *columns, double *values)
+{
+#pragma omp parallel num_threads(threads) if (threads > 1)
+    {
+        int *place = malloc(sizeof(int) * ((long)nodes + wide + most + 1)), *touched = place + nodes;
+        int *at = touched + most, widest = 0;
+        memset(place, -1, sizeof(int) * nodes);
+        for (int row = 0; row < coarse; row++)
+            widest = pointers[row + 1] - pointers[row] > widest ? pointers[row + 1] - pointers[row] : widest;
+        DC *W = aligned_alloc(64, sizeof(DC) * (BR * (long)most + BC * (long)widest + 1)), *A = W + BR * (long)most;
+#pragma omp for schedule(dynamic, 16)
+        for (int row = 0; row < coarse; row++) {
+            int count = 0;
+            for (int t = begin[row]; t < begin[row + 1]; t++) { /* W = P^T K of this row, columns of blocks */
+                const int i = rows[t];
+                DC own[BR];
+                for (int r = 0; r < BR; r++)
+                    own[r] = UP(p_val + BR * BC * (long)places[t] + BC * r);
+                for (int part = 0; part < (ghost_ptr ? 2 : 1); part++) {
+                    const int *p = part ? ghost_ptr : ptr, *c = part ? ghost_col : col;
+                    const double *v = (part ? ghost_val : val) + BR * BR * (long)p[i];
+                    const long length = BR * (long)(p[i + 1] - p[i]);
+                    for (int k = p[i]; k < p[i + 1]; k++, v += BR) {
+                        const int j = c[k] + (part ? n : 0);
+                        if (place[j] < 0) {
+                            place[j] = count;
+                            touched[count] = j;
+                            for (int b = 0; b < BR; b++)
+                                W[BR * (long)count + b] = (DC){0};
+                            count++;
+                        }
+                        DC *w = W + BR * (long)place[j];
+                        for (int b = 0; b < BR; b++) {
+                            DC sum = w[b];
+                            for (int r = 0; r < BR; r++)
+                                sum += v[length * r + b] * own[r];
+                            w[b] = sum;
+                        }
+                    }
+                }
+            }
+            const int first = pointers[row], width = pointers[row + 1] - first;
+            for (int f = 0; f < width; f++)
+                at[columns[first + f]] = f;
+            for (long s = 0; s < BC * (long)width; s++)
+                A[s] = (DC){0};
+            for (int s = 0; s < count; s++) {
+                const int j = touched[s];
+                const double *w = (const double *)(W + BR * (long)s);
+                place[j] = -1;
+                for (int k = p_ptr[j]; k < p_ptr[j + 1]; k++) {
+                    DC *to = A + BC * (long)at[p_col[k]], row_of[BR];
+                    for (int b = 0; b < BR; b++)
+                        row_of[b] = UP(p_val + BR * BC * (long)k + BC * b);
+                    for (int a = 0; a < BC; a++) {
+                        DC sum = to[a];
+                        for (int b = 0; b < BR; b++)
+                            sum += w[LC * b + a] * row_of[b];
+                        to[a] = sum;
+                    }
+                }
+            }
+            for (long f = 0; f < width; f++)
+                for (int a = 0; a < BC; a++)
+                    for (int c = 0; c < BC; c++)
+                        values[BC * BC * (first + f) + BC * a + c] = A[BC * f + a][c];
+        }
+        free(place);
+        free(W);
+    }
+}
+
+#undef BR
+#undef BC
+#undef LC
+#undef UP
+#undef DC
+#undef NAME
