@@ -33,7 +33,7 @@ class Level:
         K: The matrix; not kept.
         size: Rows of a block.
         steps: Steps of the smoother before and after the coarser grids.
-        finest: Whether products by K are as accurate as in double precision.
+        accurate: Whether products by K are as accurate as in double precision.
 
     Attributes:
         blocks: K.
@@ -44,8 +44,8 @@ class Level:
 
     interpolation: BlockInterpolation
 
-    def __init__(self, library: ctypes.CDLL, K: DistributedEntries, size: int, steps: int = 2, finest: bool = False):
-        self.blocks = SymmetricBlocks(library, K, size, accurate=finest)
+    def __init__(self, library: ctypes.CDLL, K: DistributedEntries, size: int, steps: int = 2, accurate: bool = False):
+        self.blocks = SymmetricBlocks(library, K, size, accurate)
         self.inverse: FloatArray = 1.0 / self.blocks.diagonal
         self.b, self.x, self._d, self._r = (padded(self.blocks.size) for _ in range(4))
         self.largest = self._largest_eigenvalue(K.comm)
@@ -124,7 +124,8 @@ class MultigridCycle:
         level: The grid, with its interpolation.
         coarser: The solver on the next one.
         again: Whether a call makes a second cycle for the residual of the first (W-cycle), for a coarse grid: there it
-            takes little time, and the finer grid then needs fewer iterations.
+            takes little time, and the finer grid then needs fewer iterations.  The residual has to be accurate: on
+            soft springs the first cycle makes large rigid motions.
 
     Attributes:
         size: Unknowns of this rank.
@@ -142,7 +143,8 @@ class MultigridCycle:
         self._cycle(r)
         if self._again:
             self._sum[:] = level.x
-            level.blocks.residual(r, level.x, self._left)
+            level.blocks.mult(level.x, self._left)
+            np.subtract(r, self._left, out=self._left)
             self._cycle(self._left)
             level.x += self._sum
         return level.x
@@ -156,7 +158,7 @@ class MultigridCycle:
         level.smooth()
 
     def mult(self, x: FloatArray, y: FloatArray) -> None:
-        """y <- K x, as accurate as in double precision on the finest grid; x padded; collective."""
+        """y <- K x, as accurate as in double precision if the level is accurate; x padded; collective."""
         self._level.blocks.mult(x, y)
 
     def mult_roughly(self, x: FloatArray, y: FloatArray) -> None:

@@ -35,7 +35,7 @@ def multigrid(library: ctypes.CDLL, K: PETSc.Mat, P: PETSc.Mat | None) -> Multig
     matrix = distributed_entries(K)
     if P is None:
         return _cycle(library, matrix, 3, _motions(K), finest=True)
-    level = Level(library, matrix, 3, SECOND_ORDER_STEPS, finest=True)
+    level = Level(library, matrix, 3, SECOND_ORDER_STEPS, accurate=True)
     blocks = distributed_blocks(library, distributed_entries(P), (3, 3))
     level.interpolation = BlockInterpolation(library, blocks, (3, 3))
     linear = with_diagonal(galerkin(library, WholeBlocks(library, matrix, 3), blocks, 3))
@@ -51,7 +51,7 @@ def _cycle(
     library: ctypes.CDLL, matrix: DistributedEntries, size: int, motions: FloatArray, finest: bool = False
 ) -> MultigridCycle | None:
     """On a grid with its coarser ones; None if there are none."""
-    level = Level(library, matrix, size, finest=finest)
+    level = Level(library, matrix, size, accurate=finest or size == 6)
     found = coarser(library, matrix, size, motions, level.inverse, level.largest)
     if found is None:
         level.blocks.destroy()

@@ -164,6 +164,10 @@ class RecycledCG:
                 )
             mult(p, image)
             curvature = self._dot(p, image)
+            if rough and not curvature > 0.0:  # rounding errors of a motion that is hardly held
+                rough, mult = False, self._mult
+                mult(p, image)
+                curvature = self._dot(p, image)
             if not (product > 0.0 and curvature > 0.0):  # or NaN
                 break
             step = ctypes.c_double(product / curvature)
