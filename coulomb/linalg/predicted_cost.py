@@ -2,8 +2,8 @@
 
 The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`), but not whether it
 has to be repeated in double precision, at three times the cost.  The iterations of multigrid are not known: they grow
-with the slenderness of the body behind its contact face, and vary by a factor of two to three around this rule.  Where
-a body has materials far apart they may be beyond any use, and it is factorised if that fits into the memory.  The
+with the slenderness of the body behind its contact face, and vary by a factor of two to three around this rule.  Of a
+body on soft springs they are ten to forty times as many, and it is factorised if that fits into the memory.  The
 constants are least squares over the block (p = 6 to 24) and seven parts with 2 000 to 75 000 unknowns, of processor
 time on one thread; their ratios matter.  What they are fitted to:
 
@@ -27,7 +27,6 @@ _SLENDER = 0.67  # they grow with this power of the slenderness
 _BLOCK = 1.7  # slenderness of the block
 
 _AGAIN = 1.1  # time of the factorisation as expected over that in single precision, which may have to be repeated
-_CONTRAST = 100.0  # of Young's moduli in a body, beyond which multigrid is avoided
 
 _FACTOR_RANKS = 0.75  # speed-up of everything but the operations of the fronts: ranks to this power; 1.7 on two
 _MULTIGRID_RANKS = 0.5  # of multigrid and its path following; 1.4 on two
@@ -68,7 +67,7 @@ def factorise(
     contact: int,
     entries: float,
     slenderness: float,
-    contrast: float = 1.0,
+    soft: bool = False,
     free: float = math.inf,
     ranks: int = 1,
 ) -> bool:
@@ -79,13 +78,12 @@ def factorise(
         contact: Displacements on which contact forces act.
         entries: Entries of K.
         slenderness: Width of the contact face over the thickness of the body behind it.
-        contrast: Largest over smallest Young's modulus in a body.
+        soft: Whether soft springs alone hold the body.
         free: Free memory in bytes, of all ranks.
         ranks: Number of ranks.
     """
-    far_apart = contrast > _CONTRAST
-    single = work.operations >= SINGLE_FROM and not far_apart
+    single = work.operations >= SINGLE_FROM and not soft
     if work.bytes * (1.0 if single else 2.0) > free:
         return False
     multigrid = seconds_multigrid(contact, entries, slenderness, ranks)
-    return far_apart or _AGAIN * seconds_direct(work, contact, ranks) <= multigrid
+    return soft or _AGAIN * seconds_direct(work, contact, ranks) <= multigrid

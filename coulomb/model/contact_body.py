@@ -37,7 +37,7 @@ from .evidence import rounding_forces
 from .free_memory import least_room
 from .probes import LocatedProbes, Part, Probe
 from .rigid_contact import refuse_untouched
-from .slenderness import contrast_of, slenderness_of
+from .slenderness import on_soft_springs, slenderness_of
 from .state import Before, ContactState
 from .stopwatch import timed
 
@@ -138,7 +138,8 @@ class ContactBody:
             work = found.work() if isinstance(found, SharedSymbolic) else predicted_work(found)
             entries = K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
             thin = slenderness_of(self._reference, self.elasticity)
-            direct = factorise(work, m, entries, thin, contrast_of(self.elasticity), least_room(comm), comm.size)
+            soft = on_soft_springs(self.elasticity)
+            direct = factorise(work, m, entries, thin, soft, least_room(comm), comm.size)
             if not comm.bcast(direct):  # sums over the ranks may differ by rounding errors
                 return IterativeSolver, False
             self._symbolic = found
