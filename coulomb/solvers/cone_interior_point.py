@@ -47,7 +47,7 @@ class ConeInteriorPoint:
         sweeps: Gauss-Seidel sweeps; whether they come first.
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
-        curve: Steps along the curve of smoothed problems.
+        curve: Steps along each of two curves of smoothed problems.
         convex: Convex problems with given slip.
         proximal: Proximal term of the nonsmooth Newton matrix, over the mean diagonal of A and the size of the natural
             map.
@@ -62,7 +62,7 @@ class ConeInteriorPoint:
     sweeps: bool = True
     newton: int = 12
     path: int = 80
-    curve: int = 1000
+    curve: int = 500
     convex: int = 40
     proximal: float = 0.1
     work: float = 2e11

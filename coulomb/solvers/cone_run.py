@@ -25,6 +25,7 @@ _LEAST, _LARGEST = 1e-11, 1e-3  # proximal term
 _FULL = 1e-9  # and of steps of full length
 _NEAR = 1e-2  # size of the natural map at which the path is left for Newton steps, ...
 _NEARER = 0.1  # and factor by which it decreases before they are tried again
+_WEIGHTS = (0.1, 1.0)  # of curves, one after the other
 _STALLED = 15  # steps of the path without progress after which it ends
 
 
@@ -98,7 +99,8 @@ class ConeRun:
             if why:
                 status = Status.NO_EQUILIBRIUM
             else:
-                self._follow_curve()
+                for weight in _WEIGHTS:
+                    self._follow_curve(weight)
                 self._successive_slips()
         except Ended as end:
             status = end.status
@@ -192,9 +194,9 @@ class ConeRun:
             self._newton(last.X, 2 * self._limits.newton, patient=True)
             self._judged(last.X)
 
-    def _follow_curve(self) -> None:
+    def _follow_curve(self, weight: float) -> None:
         """The curve of smoothed problems, with Newton steps where it has come near a solution."""
-        curve, near = ConeCurve(self._cones), _NEAR
+        curve, near = ConeCurve(self._cones, weight), _NEAR
         at = curve.start()
         for _ in range(self._limits.curve):
             at = curve.step(at) if at is not None else None
