@@ -100,6 +100,11 @@ class LowRankApproximation:
         self._new.clear()
 
     @property
+    def exact(self) -> bool:
+        """Whether products are exact."""
+        return self._exact
+
+    @property
     def new(self) -> int:
         """Number of products recorded since the last update."""
         return len(self._new)

@@ -6,8 +6,9 @@ With C = (U, V) and S the signs of their products, M = P + Q (D + C S C^T) has b
 
 N and R nodal.  R = D^-1 where a node sticks, and in the row of the normal force of every closed node: there P = 0.  So
 C^T R C is C^T D^-1 C, which stays from step to step, and a product with the other rows of C; or it is that of the point
-before, and a product with the rows that have changed since.  Nodes where P and Q have changed by less than `_CHANGED`
-keep theirs: what they do to the iterations is small beside what the approximation of A does.
+before, and a product with the rows that have changed since.  Where products are exact, and so cheap that these sums
+count, nodes where P and Q have changed by less than `_CHANGED` keep theirs: what they do to the iterations is small
+beside what the approximation of A does.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ class ContactPreconditioner:
 
     def __init__(self, comm: MPI.Comm, A: LowRankApproximation):
         self._comm, self.A, m = comm, A, len(A.rest)
+        self._changed = _CHANGED if A.exact else 0.0
         self._D: FloatArray = A.rest
         self._P: FloatArray = np.full((m, 3, 3), np.inf)
         self._QD: FloatArray = np.zeros((m, 3, 3))
@@ -66,7 +68,7 @@ class ContactPreconditioner:
         QD = at.Q * self._D[:, None, :]
         with np.errstate(invalid="ignore"):
             size = np.maximum(np.abs(at.P - self._P), np.abs(QD - self._QD)).max(axis=(1, 2))
-        new = np.flatnonzero(~(size <= _CHANGED))  # nan is a change
+        new = np.flatnonzero(~(size <= self._changed))  # nan is a change
         self._P[new], self._QD[new] = at.P[new], QD[new]
         self._N_inverse[new] = np.linalg.inv(at.P[new] + QD[new])
         R = self._N_inverse[new] @ at.Q[new]
