@@ -16,8 +16,10 @@ from .model import writing
 from .version import __version__
 
 # Read when the library of OpenMP is loaded.  Threads that wait in busy loops, its default, make products of multigrid
-# ten times as slow where other programs need the processors too.
+# ten times as slow where other programs need the processors too.  With GNU's library they look a thousand times, for
+# some microseconds, before they sleep: to be woken takes longer than many products do.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+os.environ.setdefault("GOMP_SPINCOUNT", "1000")
 
 if TYPE_CHECKING:
     from .fem.body import Material

@@ -166,6 +166,7 @@ def test_threads_are_those_of_the_environment(monkeypatch, given, count):
     monkeypatch.setattr(native.os, "sched_getaffinity", lambda _: {0, 1, 2})
     assert native.threads.__wrapped__() == count
     assert os.environ["OMP_WAIT_POLICY"] == "passive"  # of the library of OpenMP, set before it is loaded
+    assert os.environ["GOMP_SPINCOUNT"] == "1000"
 
 
 def test_without_compiler(monkeypatch, tmp_path):

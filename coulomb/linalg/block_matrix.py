@@ -42,7 +42,7 @@ SHAPES = ((3, 3), (3, 6), (6, 6))
 """Shapes of blocks for which there are kernels."""
 
 _LANES = {3: 4, 6: 8}
-_ALONE = 20_000  # blocks below which one thread takes less time than several
+_ALONE = 180_000  # entries below which one thread takes less time than several
 _Array = npt.NDArray[Any]
 
 
@@ -179,11 +179,16 @@ def _others(library: ctypes.CDLL, matrix: DistributedBlocks, shape: tuple[int, i
     return None if matrix.others is None else _Others(library, matrix, shape)
 
 
+def _team(blocks: Blocks) -> int:
+    """Threads for a matrix."""
+    return threads() if len(blocks.values) >= _ALONE else 1
+
+
 def _shares(blocks: Blocks, team: int) -> tuple[npt.NDArray[np.int32] | None, int]:
     """How threads share the rows of an upper triangle, as `shared` in native/blocks.h has it, and how many rows have
     further sums; None for one thread."""
     pointers, columns = blocks.pointers, blocks.columns
-    if team == 1 or len(columns) < _ALONE:
+    if team == 1:
         return None, 0
     begin = np.searchsorted(pointers, np.arange(1, team) * (len(columns) / team))
     begin = np.concatenate([[0], begin, [len(pointers) - 1]])
@@ -203,6 +208,7 @@ class SymmetricBlocks:
 
     Attributes:
         size: Rows of this rank.
+        threads: Of its products.
     """
 
     def __init__(self, library: ctypes.CDLL, matrix: DistributedEntries, size: int, accurate: bool = False):
@@ -210,7 +216,8 @@ class SymmetricBlocks:
         self._blocks, self._others = blocks.own, _others(library, blocks, (size, size))
         n = len(self._blocks.pointers) - 1
         self.size, self._width = size * n, size
-        self._shares, beyond = _shares(self._blocks, threads())
+        self.threads = _team(self._blocks)
+        self._shares, beyond = _shares(self._blocks, self.threads)
         self._sums = np.zeros(_LANES[size] * (n + beyond) + PADDING)
         self._product, self._residual, self._step = (
             getattr(library, f"{name}_{size}_{size}") for name in ("product", "residual", "step")
@@ -278,7 +285,7 @@ class BlockInterpolation:
         self._blocks, self._others = matrix.own, _others(library, matrix, shape)
         self.columns = shape[1] * int(np.diff(matrix.starts)[matrix.comm.rank])
         self._n, self._coarse = len(self._blocks.pointers) - 1, self.columns // shape[1]
-        self._threads = threads() if len(self._blocks.columns) >= _ALONE else 1
+        self._threads = _team(self._blocks)
         self._sums = np.zeros(_LANES[shape[1]] * self._coarse * self._threads + PADDING)
         self._prolong, self._restrict = (
             getattr(library, f"{name}_{shape[0]}_{shape[1]}") for name in ("prolong", "restrict_to")

@@ -16,7 +16,7 @@ import scipy.linalg
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .block_matrix import BlockInterpolation, SymmetricBlocks, padded
+from .block_matrix import BlockInterpolation, SymmetricBlocks, address, padded
 from .coarse_grids import CoarseSolver
 from .petsc_arrays import DistributedEntries
 from .reductions import Reductions
@@ -47,6 +47,7 @@ class Level:
     def __init__(self, library: ctypes.CDLL, K: DistributedEntries, size: int, steps: int = 2, accurate: bool = False):
         self.blocks = SymmetricBlocks(library, K, size, accurate)
         self.inverse: FloatArray = 1.0 / self.blocks.diagonal
+        self._from_zero = library.from_zero
         self.b, self.x, self._d, self._r = (padded(self.blocks.size) for _ in range(4))
         self.largest = self._largest_eigenvalue(K.comm)
         low, high = (part * self.largest for part in _SMOOTHED)
@@ -79,9 +80,8 @@ class Level:
     def smooth_from_zero(self) -> None:
         """x from 0."""
         (_, second), *others = self._factors
-        np.multiply(self.inverse, self.b, out=self._d)
-        self._d *= second
-        self.x[:] = self._d
+        vectors = map(address, (self.inverse, self.b, self._d, self.x))
+        self._from_zero(ctypes.c_long(len(self.x)), self.blocks.threads, ctypes.c_double(second), *vectors)
         for factors in others:
             self.blocks.step(self.inverse, self.b, self.x, self._d, *factors)
 

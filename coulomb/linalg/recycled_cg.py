@@ -86,7 +86,7 @@ class RecycledCG:
         self._images = np.empty((directions, size), dtype=np.float32)
         self._gram: FloatArray = np.zeros((directions, directions))
         self._count, self._next = 0, 0
-        self._threads = threads() if size >= _ALONE else 1
+        self._threads, self._length = threads() if size >= _ALONE else 1, ctypes.c_long(size)
 
     @property
     def residual(self) -> FloatArray:
@@ -134,16 +134,26 @@ class RecycledCG:
 
     def _start(self, rhs: FloatArray, u: FloatArray, size: float) -> None:
         """u <- the best combination of the directions, r <- its residual."""
-        u[:], self._r[:] = 0.0, rhs
+        self._r[:] = rhs
         k = self._count
         if k == 0 or size == 0.0:
+            u[:] = 0.0
             return
-        products = summed(self._comm, self._images[:k] @ (rhs / size).astype(np.float32))
+        products = self._projected(rhs) / size
         sizes, V = np.linalg.eigh(self._gram[:k, :k])
         kept = sizes > _DEPENDENT * sizes[-1]
         c = V[:, kept] @ ((V[:, kept].T @ products) / sizes[kept])
-        u[:] = (size * c) @ self._directions[:k]
-        self._r -= np.multiply(c.astype(np.float32) @ self._images[:k], size, dtype=np.float64)
+        factors = np.ascontiguousarray(size * c)
+        self._library.combine(
+            *(self._length, self._threads, k, address(factors)),
+            *(address(self._directions), address(self._images), address(u), address(self._r)),
+        )
+
+    def _projected(self, r: FloatArray) -> FloatArray:
+        """The inner products of r with the images of all ranks, shape (count,)."""
+        products = np.empty(self._count)
+        self._library.project(*(self._length, self._threads, self._count), *map(address, (self._images, r, products)))
+        return summed(self._comm, products)
 
     def _iterate(self, left: float, goal: float, rough: bool) -> int:
         """moved <- K^-1 r approximately, r, whose norm is `left`, <- the residual that is left, at most `goal`."""
@@ -160,7 +170,7 @@ class RecycledCG:
                 p[:] = z
             else:
                 self._library.next_direction(
-                    len(p), self._threads, ctypes.c_double(product / before), address(z), address(p)
+                    self._length, self._threads, ctypes.c_double(product / before), address(z), address(p)
                 )
             mult(p, image)
             curvature = self._dot(p, image)
@@ -171,7 +181,7 @@ class RecycledCG:
             if not (product > 0.0 and curvature > 0.0):  # or NaN
                 break
             step = ctypes.c_double(product / curvature)
-            square = self._library.advance(len(p), self._threads, step, *map(address, (p, image, self._moved, r)))
+            square = self._library.advance(self._length, self._threads, step, *map(address, (p, image, self._moved, r)))
             left, before = math.sqrt(self._over.sum(square)), product
         raise PETSc.Error(_NOT_CONVERGED)
 
@@ -179,10 +189,10 @@ class RecycledCG:
         """A solution and its image, which has this norm, in place of the oldest one."""
         scale = 1.0 / size
         k, most = self._next, len(self._directions)
-        np.multiply(u, scale, out=self._directions[k])
-        np.multiply(self._image, scale, out=self._images[k], casting="same_kind")
+        into = address(self._directions[k]), address(self._images[k])
+        self._library.keep(self._length, self._threads, ctypes.c_double(scale), address(u), address(self._image), *into)
         self._count, self._next = max(self._count, k + 1), (k + 1) % most
-        of_new = summed(self._comm, self._images[: self._count] @ self._images[k])
+        of_new = scale * self._projected(self._image)
         self._gram[k, : self._count] = self._gram[: self._count, k] = of_new
 
     def _dot(self, a: FloatArray, b: FloatArray) -> float:

@@ -13,7 +13,9 @@ from ...compiled import compiled_library
 
 _log = logging.getLogger(__name__)
 
-_SOURCES = tuple(Path(__file__).parent / name for name in ("blocks.c", "coarsening.c", "dissection.c", "fronts.c"))
+_SOURCES = tuple(
+    Path(__file__).parent / name for name in ("blocks.c", "coarsening.c", "dissection.c", "fronts.c", "vectors.c")
+)
 _HEADERS = tuple(Path(__file__).parent / name for name in ("blocks.h", "coarsening.h", "fronts.h", "lanes.h"))
 _MOST_THREADS = 64  # MOST_THREADS of lanes.h
 
