@@ -6,7 +6,7 @@ import scipy.sparse
 
 import coulomb
 from coulomb import Automatic, NotConverged, Status, solve_coulomb
-from coulomb.benchmarks.rigid_bodies import TouchPoint, arch, assembled, scattered, stack, tower, walled
+from coulomb.benchmarks.rigid_bodies import TouchPoint, arch, assembled, random_rank, scattered, stack, tower, walled
 from coulomb.solvers.cone_interior_point import ConeInteriorPoint
 from coulomb.solvers.general import _compliance
 
@@ -88,6 +88,16 @@ def test_forces_without_bound_are_no_answer():
         with pytest.raises(NotConverged) as failure:
             solve_coulomb(problem.W, -q, problem.mu, solver)
         assert failure.value.result.status is not Status.CONVERGED
+
+
+def test_convex_problems_where_the_path_ends_early():
+    """Four steps of the path are too few; four convex problems with given slip, of four steps each, are enough."""
+    problem = random_rank(10, 20, 0.4, 1)
+    result = solved(problem, ConeInteriorPoint(sweeps=False, newton=1, path=4))
+    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
+    assert 1 <= result.outer_steps <= 8 and result.products > result.newton_steps == len(result.history)
+    with pytest.raises(NotConverged, match="and 1 convex problems"):
+        solved(problem, ConeInteriorPoint(sweeps=False, newton=1, path=4, convex=1))
 
 
 def test_progress_interrupts():
