@@ -27,6 +27,7 @@ WRONG = [
     (changed(0, 1, 0.2 + 5e-8), np.ones(3), 0.3, "A must be symmetric"),
     (changed(0, 1, -0.2), np.ones(3), 0.3, "A must be symmetric"),
     (changed(1, 1, -1.0), np.ones(3), 0.3, "A must be positive definite, but has a diagonal entry"),
+    (np.diag([3.0, -2.0, -2.0]), np.ones(3), 0.3, "A must be positive definite, but has a diagonal entry"),
     (changed(0, 0, 0.0), np.ones(3), 0.3, "A must be positive definite, but has a diagonal entry"),
     (np.ones((3, 6)), np.ones(3), 0.3, r"A must be square with three rows per contact, but has shape \(3, 6\)"),
     (np.eye(4), np.ones(4), 0.3, r"A must be square with three rows per contact, but has shape \(4, 4\)"),
