@@ -273,8 +273,8 @@ def array_bytes(thing, seen):
 
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
 def test_what_the_set_up_needs_is_freed(cell, degree):
-    """Multigrid holds its own arrays and the coarsest grid, and K is referred to as often as before: neither GAMG's
-    grids, nearly twice as many bytes as K, nor the linear elements of second order remain."""
+    """Multigrid holds its own arrays, and K is referred to as often as before: neither matrices of the grids nor the
+    linear elements of second order remain."""
     problem = block(8 // degree, 0.3, cell, degree)
     K = problem.elasticity.K
     stiffness.IterativeSolver(K).destroy()  # loads modules, and the space of linear elements

@@ -88,6 +88,7 @@ def test_benchmark_scaling(tmp_path):
     for row in rows:
         assert float(row["residual"]) <= 1e-7 and row["certified"] == "True"
         assert 5e7 < int(row["peak_memory_bytes"]) < 1e9 and float(row["yardstick_seconds"]) > 0.0
+        assert float(row["petsc_seconds"]) > 0.0
     assert (tmp_path / "scaling.png").stat().st_size > 10_000
     done = run_coulomb("benchmark", "scaling", "--method", "magic")
     assert done.returncode == 2 and "--method is auto, direct or iterative" in done.stderr

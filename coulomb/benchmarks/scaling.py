@@ -18,12 +18,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..fem.deformable import Member
 from ..fem.elasticity import Clamp, Elasticity
 from ..fem.surface import interpolated_forces
 from ..io.peak_memory import peak_memory
+from ..linalg.petsc_options import configured_ksp
 from ..linalg.stiffness import DirectSolver, IterativeSolver
 from ..model.problem import ContactProblem
 from ..ranks import ALONE
@@ -41,11 +43,15 @@ STARTS = ("cold", "coarse")
 PROBLEMS = ("block", "two-blocks")
 
 
+_PETSC: dict[str, object] = {"pc_type": "gamg", "ksp_rtol": 1e-8, "ksp_norm_type": "unpreconditioned"}
+
+
 class Row(NamedTuple):
     """A row of scaling.csv; seconds from the assembled K to the certificate, without mesh, assembly and output.
 
     The yardstick is one linear solve by algebraic multigrid on the matrix, with the kernels of the contact problem;
-    `linear_seconds` is that by multigrid as used here, which in second order goes to linear elements first.
+    `linear_seconds` is that by multigrid as used here, which in second order goes to linear elements first, and
+    `petsc_seconds` that by PETSc alone, as without this package: CG with GAMG on the rigid body modes.
     """
 
     p: int
@@ -68,6 +74,7 @@ class Row(NamedTuple):
     degree: int = 1
     linear_seconds: float = 0.0
     problem: str = "block"
+    petsc_seconds: float = 0.0
 
 
 def measure(
@@ -160,7 +167,7 @@ def run(
     comm.barrier()
     seconds = time.perf_counter() - began
     result = solution.result
-    return Row(
+    row = Row(
         p=p,
         unknowns=body.unknowns["displacement"],
         contact=body.unknowns["contact"],
@@ -182,6 +189,8 @@ def run(
         linear_seconds=linear,
         problem=problem,
     )
+    del solution  # and after the peak of memory has been read
+    return row._replace(petsc_seconds=sum(_by_petsc(body, member) for member in body.elasticity.members))
 
 
 def _coarse_forces(coarse: ContactProblem, tolerance: float, body: ContactProblem) -> FloatArray:
@@ -204,8 +213,9 @@ def _yardsticks(body: ContactProblem) -> tuple[float, float]:
     return float(seconds[0]), float(seconds[1])
 
 
-def _of_one_body(body: ContactProblem, member: Member) -> tuple[float, float]:
-    """The seconds of one body, with its supports and its contact faces held, without springs."""
+def _held(body: ContactProblem, member: Member) -> tuple[Elasticity, PETSc.Mat, PETSc.Vec, PETSc.Vec]:
+    """One body with its supports and its contact faces held, without springs: K without the interpolation of linear
+    elements, its load and a vector for the displacement."""
     elastic = member.body
     assert isinstance(elastic, Elasticity) and elastic.materials is not None
     touching = {face for contact in body.body.contacts for face in (contact.face, contact.against)}
@@ -213,8 +223,14 @@ def _of_one_body(body: ContactProblem, member: Member) -> tuple[float, float]:
     held = Elasticity(elastic.mesh, elastic.materials, [*elastic.supports, *clamps])
     f, u = held.K.createVecs()
     f.array[:] = held.free_part(body.loading.load[member.nodes]).ravel()
-    alone = held.K.copy()  # without the interpolation of linear elements
+    alone = held.K.copy()
     alone.setNearNullSpace(held.K.getNearNullSpace())
+    return held, alone, f, u
+
+
+def _of_one_body(body: ContactProblem, member: Member) -> tuple[float, float]:
+    """The seconds of one body."""
+    held, alone, f, u = _held(body, member)
     seconds = []
     for K in (alone, held.K) if held.degree == 2 else (alone,):
         u.set(0.0)
@@ -229,6 +245,20 @@ def _of_one_body(body: ContactProblem, member: Member) -> tuple[float, float]:
     for vector in (f, u):
         vector.destroy()
     return seconds[0], seconds[-1]
+
+
+def _by_petsc(body: ContactProblem, member: Member) -> float:
+    """Seconds of the same solve by PETSc."""
+    held, alone, f, u = _held(body, member)
+    body.comm.barrier()
+    began = time.perf_counter()
+    ksp = configured_ksp(alone, "cg", _PETSC)
+    ksp.solve(f, u)
+    body.comm.barrier()
+    seconds = time.perf_counter() - began
+    for thing in (ksp, alone, held.K, f, u):
+        thing.destroy()
+    return seconds
 
 
 def exponent(rows: Sequence[Row]) -> float:

@@ -129,6 +129,7 @@ def scaling(
                 f"p {row.p:3d}  unknowns {row.unknowns:8d}  contact {row.contact:6d}  ranks {row.ranks}  "
                 f"steps {row.path_following:3d}  Krylov {row.krylov:4d}  {row.seconds:8.2f} s  yardstick "
                 f"{row.yardstick_seconds:7.2f} s  ratio {row.seconds / row.yardstick_seconds:5.1f}  "
+                f"(PETSc alone {row.petsc_seconds:.2f} s, {row.seconds / row.petsc_seconds:.1f})  "
                 f"{f'(linear solve {row.linear_seconds:.2f} s)  ' if degree == 2 else ''}"
                 f"{row.peak_memory_bytes / 2**30:5.2f} GiB  residual {row.residual:.1e}  "
                 f"certificate {'passed' if row.certified else 'FAILED'}"
