@@ -109,6 +109,7 @@ class Sloppy:
 
     name = "sloppy"
     exact = False
+    matrix_free = None
 
     def __init__(self, A, once=(0, 0.0)):
         self._A, self._once = A, once

@@ -99,7 +99,7 @@ def scaling(
     sizes: Sizes = None,
     ranks: Annotated[list[int] | None, typer.Option("--ranks", min=1, help="Ranks to run on; repeat.")] = None,
     coefficient: Annotated[float, typer.Option("--friction", min=0.0)] = 0.3,
-    tolerance: Tolerance = 1e-7,
+    tolerance: Tolerance = 1e-8,
     method: Annotated[str, typer.Option("--method", help="auto, direct or iterative.")] = "auto",
     newton: Annotated[str, typer.Option("--newton", help="Newton systems: recycling or condensed.")] = "recycling",
     start: Annotated[str, typer.Option("--start", help="cold, or coarse: from half as many cells.")] = "cold",

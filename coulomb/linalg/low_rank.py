@@ -151,8 +151,15 @@ class LowRankApproximation:
     def weighted_gram(self) -> FloatArray:
         """C^T D^-1 C of the columns C, shape (s, s); collective after a change."""
         if self._weighted_gram is None:
-            self._weighted_gram = self._gram(self.columns, self.columns / self.rest.reshape(-1, 1))
+            self._weighted_gram = self._gram(self.columns, self.weighted_columns)
         return self._weighted_gram
+
+    @property
+    def weighted_columns(self) -> FloatArray:
+        """D^-1 C, shape (3 m, s); 0 in rows of A that are 0 as all of their displacements are prescribed."""
+        D = self.rest.reshape(-1, 1)
+        weighted: FloatArray = np.divide(self.columns, D, out=np.zeros_like(self.columns), where=D > 0.0)
+        return weighted
 
     def _unknown(self, X: FloatArray, Y: FloatArray) -> float:
         """Size of A on the new part of the pairs (X, Y) relative to diag(A); unchanged without a new part.

@@ -235,7 +235,7 @@ class IterativeSolver:
         PETSc.Error: From solve, if 1000 iterations are not enough.
     """
 
-    name = "iterative (CG, GAMG)"
+    name = "iterative (CG, multigrid)"
     exact = False
 
     def __init__(self, K: PETSc.Mat, tolerance: float = 1e-11):

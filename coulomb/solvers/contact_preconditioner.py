@@ -61,7 +61,7 @@ class ContactPreconditioner:
     @cached_property
     def _weighted(self) -> FloatArray:
         """D^-1 C, node by node, shape (m, 3, s)."""
-        return (self.A.columns / self._D.reshape(-1, 1)).reshape(*self._D.shape, self.A.columns.shape[1])
+        return self.A.weighted_columns.reshape(*self._D.shape, self.A.columns.shape[1])
 
     def move(self, at: ContactDerivative) -> None:
         """To a point: the equations and their derivative there; collective."""
