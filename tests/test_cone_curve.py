@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse
 
 from coulomb import FrictionProblem, NotConverged, Status, solve_coulomb
-from coulomb.benchmarks.rigid_bodies import capsules, stack
+from coulomb.benchmarks.rigid_bodies import capsules, scattered, stack
 from coulomb.solvers.cone_curve import ConeCurve, CurvePoint
 from coulomb.solvers.cone_interior_point import ConeInteriorPoint
 from coulomb.solvers.cone_problem import ConeProblem, Scales
@@ -26,6 +26,16 @@ def test_problems_on_which_the_path_is_blocked(problem):
     assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
     with pytest.raises(NotConverged):
         solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(curve=0, convex=4))
+
+
+def test_the_curve_leaves_work_to_convex_problems():
+    """A long curve, with many turns, spends at most half of the work; convex problems and another curve the rest."""
+    problem = scattered(30, 120, 2.0, 703)
+    with pytest.raises(NotConverged, match=r"\(max_iterations\)") as failure:
+        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(work=4e9))
+    result = failure.value.result
+    assert result.outer_steps >= 1
+    assert problem.residual(result.x) == pytest.approx(result.residual, rel=1e-6)
 
 
 @pytest.mark.parametrize("log", [-0.5, -4.0])

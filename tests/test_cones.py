@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from coulomb.solvers import block_pattern
+from coulomb.solvers import block_pattern, newton_matrix
 from coulomb.solvers.cones import (
     determinant,
     product,
@@ -90,10 +90,26 @@ def test_newton_matrix(density):
         assert matrix.factorise(D, rows)
         x = matrix.solve(right)
         assert np.linalg.norm(whole @ x.ravel() - right.ravel()) <= 1e-9 * np.linalg.norm(right)
-    assert matrix.factorisations == 2 and matrix.work > 0.0
+    assert matrix.factorisations == 2 and matrix.operations > 0.0
     singular = np.zeros((m, 3, 3))
     assert not matrix.factorise(singular, singular)
     assert not matrix.factorise(np.full((m, 3, 3), np.nan))
+
+
+def test_operations_of_sparse_factors():
+    """One contact touches all others, which are eliminated first: a column with k entries below the diagonal, 5, 4, 3
+    of each, 2, 1 and 0 of the last, takes 2 k (k + 1); also if the first matrix had none but its diagonal blocks."""
+    m = 60
+    touches = np.eye(m)
+    touches[0] = touches[:, 0] = 1.0
+    W = np.kron(touches, np.ones((3, 3))) * RNG.uniform(0.5, 1.0, (3 * m, 3 * m))
+    matrix, D = NewtonMatrix(scipy.sparse.csr_matrix(W + W.T)), 10.0 * np.eye(3) + RNG.uniform(0.5, 1.0, (m, 3, 3))
+    D[0] += 1000.0 * np.eye(3)
+    assert matrix.factorise(D, np.zeros((m, 3, 3))) and not matrix.dense
+    for rows in (None, D):
+        before = matrix.operations
+        assert matrix.factorise(D, rows)
+        assert matrix.operations - before == pytest.approx(124.0 * (m - 1) + 16.0 + newton_matrix._OVERHEAD * m, abs=1)
 
 
 @pytest.mark.skipif(block_pattern._kernels() is None, reason="no C compiler")

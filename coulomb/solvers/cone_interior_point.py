@@ -12,7 +12,8 @@ cone_problem.py:
 3. where the path ends elsewhere: the curve of smoothed problems (cone_curve.py), with Newton steps as after the path;
    it turns where the path is blocked;
 4. convex problems with given slip, s <- |Z_t(s)|, with Anderson acceleration and Newton steps after each.  The slip of
-   each is unique whatever the rank of A, unlike the forces on which successive Tresca iterates.
+   each is unique whatever the rank of A, unlike the forces on which successive Tresca iterates.  Where they fail,
+   another curve.
 
 Proved: a fixed point of the slip is a solution; the curve has one at its end, in general position and if forces stay
 bounded.  Not proved: that the path leads to one, that the fixed point attracts, or how long the curve is.  CONVERGED
@@ -20,7 +21,8 @@ means that the natural residual, computed afresh, is below the tolerance, and th
 (cones.cone_residual): the first is relative to the forces, which a compliance without full rank does not bound.
 
 Work is limited by counts, not by time, so that a result can be repeated: floating-point operations of the
-factorisations, and sweeps.
+factorisations with an estimate for the rest, and sweeps.  The first curve, and the convex problems, spend at most half
+of what is left when they begin.
 """
 
 from __future__ import annotations
@@ -47,11 +49,12 @@ class ConeInteriorPoint:
         sweeps: Gauss-Seidel sweeps; whether they come first.
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
-        curve: Steps along each of two curves of smoothed problems.
+        curve: Steps along a curve of smoothed problems; half as many before the convex problems, all on another curve
+            after them.
         convex: Convex problems with given slip.
         proximal: Proximal term of the nonsmooth Newton matrix, over the mean diagonal of A and the size of the natural
             map.
-        work: Floating-point operations of all factorisations, an estimate.
+        work: Floating-point operations of all factorisations, and of what takes as long; an estimate.
         systems: Their number.
 
     Raises:

@@ -25,7 +25,6 @@ _LEAST, _LARGEST = 1e-11, 1e-3  # proximal term
 _FULL = 1e-9  # and of steps of full length
 _NEAR = 1e-2  # size of the natural map at which the path is left for Newton steps, ...
 _NEARER = 0.1  # and factor by which it decreases before they are tried again
-_WEIGHTS = (0.1, 1.0)  # of curves, one after the other
 _STALLED = 15  # steps of the path without progress after which it ends
 
 
@@ -48,10 +47,10 @@ class Limits(NamedTuple):
         name: The method's, for results and messages.
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
-        curve: Steps along the curve of smoothed problems.
+        curve: Steps along a curve of smoothed problems, half as many before the convex problems, all after them.
         convex: Convex problems with given slip.
         proximal: Proximal term of the nonsmooth Newton matrix.
-        work: Floating-point operations of all factorisations.
+        work: Floating-point operations of all factorisations, and what takes as long.
         systems: Their number.
     """
 
@@ -99,9 +98,9 @@ class ConeRun:
             if why:
                 status = Status.NO_EQUILIBRIUM
             else:
-                for weight in _WEIGHTS:
-                    self._follow_curve(weight)
-                self._successive_slips()
+                self._follow_curve(0.1, self._limits.curve // 2, self._half_of_the_rest())
+                self._successive_slips(self._half_of_the_rest())
+                self._follow_curve(1.0, self._limits.curve, math.inf)
         except Ended as end:
             status = end.status
         if self._best[0] == math.inf:
@@ -136,8 +135,7 @@ class ConeRun:
         self._history.append(InteriorPointStep(number, size, 0, theta, sigma, alpha, gradient, 0.0))
         if self._progress is not None and self._progress(Progress(self._convex, number, size)):
             raise Ended(Status.INTERRUPTED)
-        spent = matrix.factorisations * matrix.work
-        if spent > self._limits.work or matrix.factorisations >= self._limits.systems:
+        if matrix.operations > self._limits.work or matrix.factorisations >= self._limits.systems:
             raise Ended(Status.MAX_ITERATIONS)
 
     def _newton(self, X: FloatArray, limit: int, patient: bool = False) -> FloatArray:
@@ -194,13 +192,19 @@ class ConeRun:
             self._newton(last.X, 2 * self._limits.newton, patient=True)
             self._judged(last.X)
 
-    def _follow_curve(self, weight: float) -> None:
-        """The curve of smoothed problems, with Newton steps where it has come near a solution."""
+    def _half_of_the_rest(self) -> float:
+        """Operations at which a method that begins now has spent half of what is left, so that another one follows."""
+        return 0.5 * (self._cones.matrix.operations + self._limits.work)
+
+    def _follow_curve(self, weight: float, limit: int, enough: float) -> None:
+        """The curve of smoothed problems, with Newton steps where it has come near a solution, until this many
+        operations have been spent.
+        """
         curve, near = ConeCurve(self._cones, weight), _NEAR
         at = curve.start()
-        for _ in range(self._limits.curve):
+        for _ in range(limit):
             at = curve.step(at) if at is not None else None
-            if at is None:
+            if at is None or self._cones.matrix.operations > enough:
                 break
             size = self._cones.natural_map(at.X).size
             self._recorded(at.X, size, ConeStep(at.X, at.Z, at.tau**2, float(np.linalg.norm(at.G)), 0.0, curve.h))
@@ -224,11 +228,13 @@ class ConeRun:
             if size <= self._goal.residual:
                 self._judged(X)
 
-    def _successive_slips(self) -> None:
-        """Convex problems with given slip until it repeats itself."""
+    def _successive_slips(self, enough: float) -> None:
+        """Convex problems with given slip until it repeats itself, or this many operations have been spent."""
         slip: FloatArray = np.zeros(self._cones.contacts)
         anderson, change = Anderson(5, self._problem.reductions), 1.0
         for number in range(1, self._limits.convex + 1):
+            if self._cones.matrix.operations > enough:
+                return
             self._convex = number
             at = self._solved(slip, max(1e-2 * change**2, 1e-9))
             if at is None:
@@ -269,7 +275,7 @@ class ConeRun:
         message = why or (
             f"the {self._limits.name} method ended with a residual of {residual:.1e} after {len(self._history)} "
             f"Newton steps and {self._convex} convex problems ({result.status.value}), {self._goal.missed(residual)}; "
-            f"{matrix.factorisations} factorisations, {matrix.factorisations * matrix.work:.1e} of at most "
+            f"{matrix.factorisations} factorisations, {matrix.operations:.1e} of at most "
             f"{self._limits.work:.1e} operations"
         )
         raise NotConverged(message, replace(result, message=message))

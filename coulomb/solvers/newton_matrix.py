@@ -15,6 +15,7 @@ from .block_pattern import BlockPattern
 
 _SMALL = 90  # rows up to which dense algebra is quicker
 _FULL = 0.25  # of the blocks: a matrix with more is treated as dense
+_OVERHEAD = 1e5  # of a system per contact, in operations of a factorisation that take as long
 
 
 class NewtonMatrix:
@@ -29,7 +30,8 @@ class NewtonMatrix:
 
     Attributes:
         factorisations: Their number so far.
-        work: Floating-point operations of one factorisation; of a sparse one as measured at the first.
+        operations: Floating-point operations of all of them, with as many for the rest of each system as take as long.
+            Those of sparse factors are counted once and go with the square of their entries.
     """
 
     def __init__(self, W: Any):
@@ -37,7 +39,8 @@ class NewtonMatrix:
         m = self._rows // 3
         self.W = W.tocsr()
         pattern = _with_diagonal(self.W.tobsr((3, 3)))
-        self.factorisations, self.work = 0, 2.0 / 3.0 * self._rows**3
+        self.factorisations, self.operations = 0, 0.0
+        self._work, self._entries, self._counted = 2.0 / 3.0 * self._rows**3, 1, False
         self.dense = self._rows <= _SMALL or len(pattern.indices) > _FULL * m**2
         self._lu: Any = None
         if self.dense:
@@ -55,11 +58,13 @@ class NewtonMatrix:
             L: Factors of the rows of W; None for 1.
         """
         self.factorisations += 1
+        self.operations += _OVERHEAD * self._rows / 3
         return self._factorise_dense(D, L) if self.dense else self._factorise_sparse(D, L)
 
     def _factorise_dense(self, D: FloatArray, L: FloatArray | None) -> bool:
         M = self._W.copy() if L is None else (L @ self._W.reshape(len(L), 3, -1)).reshape(self._W.shape)
         M[self._at] += D
+        self.operations += self._work
         with np.errstate(divide="ignore", invalid="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
             self._r = 1.0 / np.abs(M).max(axis=1)
@@ -85,10 +90,13 @@ class NewtonMatrix:
         except RuntimeError:  # exactly singular
             return False
         self._order = pattern.order
-        if self._order is None:
+        if self._order is None or not (self._counted or L is not None):
             below, right = np.diff(self._lu.L.indptr) - 1, np.bincount(self._lu.U.indices, minlength=self._rows)
-            self.work = 2.0 * float(below @ right)
+            self._work, self._entries = 2.0 * float(below @ right), self._lu.nnz
+            self._counted = L is None  # L has many zeros, which take time but are left out of these factors
+        if self._order is None:
             pattern.reorder(np.argsort(self._lu.perm_c))
+        self.operations += self._work * (self._lu.nnz / self._entries) ** 2
         return True
 
     def sign(self) -> float:
