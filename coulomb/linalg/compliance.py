@@ -14,6 +14,7 @@ from .diagonal_estimate import estimated_diagonal
 from .learnt_columns import LearntColumns, turned_diagonal
 from .reductions import Reductions
 from .stiffness import StiffnessSolver
+from .unsolved import Unsolved
 
 _DISPLACED = 1e-8
 """Accuracy of a displacement, relative to all forces: products by K in it have rounding errors that are not much
@@ -166,6 +167,9 @@ class MatrixFreeCompliance:
         solver: K^-1.
         probes: Products spent on the diagonal.
         diagonal: Replaces the estimate of the diagonal, shape (3 m,).
+
+    Attributes:
+        latest: The x of the last `mult_incremental` or `displacement` that did not fail, shape (3 m,); or None.
     """
 
     name = "matrix-free"
@@ -182,6 +186,7 @@ class MatrixFreeCompliance:
         self._last = self._u.duplicate()
         self._last.set(0.0)
         self._accurate: FloatArray | None = None
+        self.latest: FloatArray | None = None
         self._load: PETSc.Vec | None = None
         self._free: FloatArray = self._u.array.copy()
         self._diagonal = estimated_diagonal(self, B, K, probes) if diagonal is None else diagonal
@@ -202,19 +207,20 @@ class MatrixFreeCompliance:
         """
         if f is self._load:
             return
-        self._accurate = None
+        self._accurate = self.latest = None
         self._last.array[:] = free - (self._free - self._last.array_r)
         self._load, self._free = f, free
 
     def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         """B (K^-1 f - u), K u = f - B^T x, for u by a correction of the last u; f is 0 before `under_load`."""
         self._follow(x, tolerance, self._solver.tolerance)
-        self._accurate = x.copy() if tolerance == 0.0 else None
-        y[:] = self._last_product()
+        self.latest = x.copy()
+        self._accurate = self.latest if tolerance == 0.0 else None
+        y[:] = self.latest_product()
         self.products += 1
 
-    def _last_product(self) -> FloatArray:
-        """A x of the last displacement; to be read before the next product."""
+    def latest_product(self) -> FloatArray:
+        """A x of `latest`; to be read before the next product."""
         self._u.array[:] = self._free - self._last.array_r
         self.B.mult(self._u, self._x)
         product: FloatArray = self._x.array_r
@@ -254,7 +260,7 @@ class MatrixFreeCompliance:
     def guess(self, response: PETSc.Vec) -> None:
         """An approximation of K^-1 B^T x for the next x: `mult_incremental` starts there."""
         self._last.array[:] = self._free - response.array_r
-        self._accurate = None
+        self._accurate = self.latest = None
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
         diagonal = turned_diagonal(self._diagonal, self.learnt, turn)
@@ -265,11 +271,17 @@ class MatrixFreeCompliance:
         last = self._accurate
         if not Reductions(self.comm).all(last is not None and np.array_equal(last, x)):
             return None
-        return self._last_product().copy()
+        return self.latest_product().copy()
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
-        """By a correction of K^-1 B^T x of the last products."""
-        self._follow(x, 0.0, _DISPLACED)
+        """By a correction of K^-1 B^T x of the last products; if that fails, with what it reached: the certificate
+        judges it."""
+        try:
+            self._follow(x, 0.0, _DISPLACED)
+            self.latest = x.copy()
+        except Unsolved:
+            self._last.axpy(1.0, self._u)
+            self._accurate = self.latest = None
         u: FloatArray = self._last.array_r.copy()
         return u if free is self._free else free - (self._free - u)
 

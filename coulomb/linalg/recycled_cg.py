@@ -15,13 +15,13 @@ from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 from scipy.linalg.blas import daxpy
 
 from ..arrays import FloatArray
 from .block_matrix import address, padded
 from .native import threads
 from .reductions import Reductions, summed
+from .unsolved import Unsolved
 
 _RECOMPUTED = 1e-4
 """Tolerance below which the residual at the start is computed by a product, since images of directions are kept in
@@ -32,8 +32,6 @@ _ROUGH = 1e-3
 iterations use them; at its end they may be ten times as large."""
 
 _ALONE = 50_000  # unknowns below which one thread takes less time than several
-
-_NOT_CONVERGED = 91  # PETSc's number of this error
 
 _DEPENDENT = 1e-8  # part of the largest eigenvalue of the directions' Gram matrix below which they are dependent
 
@@ -97,7 +95,7 @@ class RecycledCG:
         """u <- K^-1 rhs to |rhs - K u| <= tolerance |rhs|; the number of iterations; collective.
 
         Raises:
-            PETSc.Error: On every rank, if the limit was reached, or K or the preconditioner is not positive definite.
+            Unsolved: On every rank, if the limit was reached, or K or the preconditioner is not positive definite.
         """
         size = self._norm(rhs)
         self._start(rhs, u, size)
@@ -106,14 +104,14 @@ class RecycledCG:
         left, rounding = self._sizes(self._r, u)
         rough = self._rough is not None and self._count > 0 and tolerance >= _RECOMPUTED
         rough = rough and rounding <= _ROUGH * tolerance * size
-        iterations = self._iterate(left, tolerance * size, rough)
+        iterations = self._iterate(left, size, tolerance, rough, u)
         if iterations > 0:
             daxpy(self._moved, u)
             np.subtract(rhs, self._r, out=self._image)
             image, rounding = self._sizes(self._image, u)
             if rough and rounding > 10.0 * _ROUGH * tolerance * size:
                 self._recompute(rhs, u)
-                iterations += self._iterate(self._norm(self._r), tolerance * size, False)
+                iterations += self._iterate(self._norm(self._r), size, tolerance, False, u)
                 daxpy(self._moved, u)
                 np.subtract(rhs, self._r, out=self._image)
                 image = self._norm(self._image)
@@ -155,15 +153,21 @@ class RecycledCG:
         self._library.project(*(self._length, self._threads, self._count), *map(address, (self._images, r, products)))
         return summed(self._comm, products)
 
-    def _iterate(self, left: float, goal: float, rough: bool) -> int:
-        """moved <- K^-1 r approximately, r, whose norm is `left`, <- the residual that is left, at most `goal`."""
+    def _iterate(self, left: float, size: float, tolerance: float, rough: bool, u: FloatArray) -> int:
+        """moved <- K^-1 r approximately, r, whose norm is `left`, <- the residual that is left, at most tolerance size.
+
+        Raises:
+            Unsolved: If that is not reached; u <- u + moved.
+        """
         r, p, image = self._r, self._p, self._image
         mult = self._rough.mult_roughly if rough and self._rough is not None else self._mult
         self._moved[:] = 0.0
-        before = 0.0
+        before, goal = 0.0, tolerance * size
         for iteration in range(self._limit + 1):
             if left <= goal:
                 return iteration
+            if iteration == self._limit:
+                break
             z = self._precondition(r)
             product = self._dot(r, z)
             if iteration == 0:
@@ -183,7 +187,9 @@ class RecycledCG:
             step = ctypes.c_double(product / curvature)
             square = self._library.advance(self._length, self._threads, step, *map(address, (p, image, self._moved, r)))
             left, before = math.sqrt(self._over.sum(square)), product
-        raise PETSc.Error(_NOT_CONVERGED)
+        if math.isfinite(self._norm(self._moved)):
+            daxpy(self._moved, u)
+        raise Unsolved(iteration, left / size if size > 0.0 else math.inf, tolerance, iteration < self._limit)
 
     def _remember(self, u: FloatArray, size: float) -> None:
         """A solution and its image, which has this norm, in place of the oldest one."""

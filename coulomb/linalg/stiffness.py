@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from typing import Protocol
 
 from mpi4py import MPI
@@ -15,6 +16,7 @@ from .native import kernels
 from .nodal_blocks import symmetric_blocks
 from .petsc_options import configured_ksp
 from .recycled_cg import RecycledCG
+from .unsolved import Unsolved
 
 
 class StiffnessSolver(Protocol):
@@ -38,7 +40,11 @@ class StiffnessSolver(Protocol):
         ...
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
-        """u <- K^-1 rhs, to |K u - rhs| <= max(tolerance, the solver's tolerance) |rhs|."""
+        """u <- K^-1 rhs, to |K u - rhs| <= max(tolerance, the solver's tolerance) |rhs|.
+
+        Raises:
+            Unsolved: On every rank, if it does not get there; u has what was reached.
+        """
         ...
 
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
@@ -127,9 +133,10 @@ class _InBlocks:
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float) -> int:
         """u <- K^-1 rhs; iterations."""
-        iterations = self._cg.solve(rhs.array_r, self._u, tolerance)
-        u.array[:] = self._u
-        return iterations
+        try:
+            return self._cg.solve(rhs.array_r, self._u, tolerance)
+        finally:
+            u.array[:] = self._u
 
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
         """product <- K u."""
@@ -161,6 +168,7 @@ class _ByPETSc:
             self._ksp = configured_ksp(K, "cg", krylov | _SMOOTHER | _GAMG, self._blocks)
         else:
             self._ksp = self._from_second_order(K, P, krylov | _SMOOTHER)
+        self._ksp.setErrorIfNotConverged(False)
 
     def _from_second_order(self, K: PETSc.Mat, P: PETSc.Mat, krylov: dict[str, object]) -> PETSc.KSP:
         linear = _linear(K, P)
@@ -182,7 +190,13 @@ class _ByPETSc:
         """u <- K^-1 rhs; iterations."""
         self._ksp.setTolerances(rtol=tolerance)
         self._ksp.solve(rhs, u)
-        return int(self._ksp.getIterationNumber())
+        iterations, reason = int(self._ksp.getIterationNumber()), self._ksp.getConvergedReason()
+        if reason < 0:
+            if not math.isfinite(u.norm()):
+                u.set(0.0)
+            left = self._ksp.getResidualNorm() / rhs.norm()
+            raise Unsolved(iterations, left, tolerance, reason != PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
+        return iterations
 
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
         """product <- K u."""
@@ -232,7 +246,7 @@ class IterativeSolver:
         tolerance: |K u - rhs| / |rhs|, well below the tolerances of the CG that uses A = B K^-1 B^T.
 
     Raises:
-        PETSc.Error: From solve, if 1000 iterations are not enough.
+        Unsolved: From solve, if 1000 iterations are not enough, or K is not positive definite, to rounding.
     """
 
     name = "iterative (CG, multigrid)"

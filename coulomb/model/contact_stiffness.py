@@ -23,6 +23,7 @@ from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.nested_dissection import Front
 from ..linalg.schur_compliance import SchurCompliance
 from ..linalg.stiffness import DirectSolver, StiffnessSolver
+from ..linalg.unsolved import Unsolved
 from .stopwatch import timed
 
 
@@ -35,7 +36,7 @@ def explained(elasticity: Deformable) -> Iterator[None]:
     """
     try:
         yield
-    except (ValueError, PETSc.Error):
+    except (ValueError, PETSc.Error, Unsolved):
         if elasticity.forms() is None:
             raise
         raise ValueError(

@@ -34,6 +34,7 @@ from .load_step import Energy, LoadStep, State
 from .problem import ContactProblem
 from .solution import Solution
 from .times import HALVINGS, refuse_times
+from .unsolved import LinearSolveFailed
 
 _log = logging.getLogger(__name__)
 
@@ -103,7 +104,7 @@ class LoadHistory:
                 if failure.result.status is Status.INTERRUPTED:
                     text = f"interrupted in the load step from {state.time:g} s to {time:g} s, which is discarded"
                     raise StepFailed(text, failure.result, posed) from None
-                if isinstance(failure, NoEquilibrium):  # smaller steps do not help
+                if isinstance(failure, NoEquilibrium | LinearSolveFailed):  # smaller steps do not help
                     text = f"the load step from {state.time:g} s to {time:g} s failed: {failure}"
                     raise StepFailed(text, failure.result, posed) from None
                 middle = 0.5 * (state.time + time)

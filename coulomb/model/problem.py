@@ -19,6 +19,7 @@ from ..fem.named_mesh import NamedMesh
 from ..fem.temperature import ThermalLoad
 from ..fem.user_values import Amplitude, Coefficient, Field
 from ..linalg.methods import LinearSolver
+from ..linalg.unsolved import Unsolved
 from ..solvers.automatic import Automatic
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult
@@ -33,6 +34,7 @@ from .small_strain import known_mode
 from .solution import Solution, warn
 from .state import Before, ContactState
 from .stopwatch import timed
+from .unsolved import CountedProgress, unsolved
 
 
 class ContactProblem(PosedProblem):
@@ -189,21 +191,23 @@ class ContactProblem(PosedProblem):
         Raises:
             NoEquilibrium: If no contact forces balance the loads on a body that contact alone holds.
             NotConverged: If the residual stays above the tolerance, or the certificate fails for any residual
-                reached; `solution(error.result)` is the best answer.
+                reached; `solution(error.result)` is the best answer.  Also if K u = f is not solved by multigrid.
         """
         if self.elasticity.outdated(self.loading):
             return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
         refuse_without_equilibrium(self)
         problem = self.friction_problem  # K^-1, A and b are timed separately
         chosen = solver or Automatic(tolerance)
-        acceptance = Acceptance(self)
+        acceptance, counted = Acceptance(self), CountedProgress(progress)
         if chosen.tolerance <= CERTIFIED_FROM:
             problem = replace(problem, accept=acceptance, balanced=acceptance.gradient)
         with timed(self.seconds, "solve"):
             try:
-                result = chosen.solve(problem, start, progress=progress)
+                result = chosen.solve(problem, start, progress=counted)
             except NotConverged as failure:
                 raise acceptance.explained(failure, chosen.tolerance) from None
+            except Unsolved as failure:
+                raise unsolved(self, problem, failure, counted, type(chosen).__name__) from None
         answer = self.solution(result, acceptance)
         warn(answer)
         return answer

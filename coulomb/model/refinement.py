@@ -20,6 +20,7 @@ from ..arrays import FloatArray
 from ..fem.deformable import Deformable, Loading
 from ..linalg.reductions import Reductions
 from ..linalg.stiffness import StiffnessSolver
+from ..linalg.unsolved import Unsolved
 from .rigid_balance import lengths
 
 BALANCED = 1e-13
@@ -74,24 +75,29 @@ def refined(
             if not BALANCED < size < math.inf:
                 break
             accuracy = min(max(_BEYOND * BALANCED / size, _ACCURACY), _BEYOND)
-            changed = u + elasticity.free_part(_solved(elasticity.K, solver, residual, accuracy))
+            change, ended = _solved(elasticity.K, solver, residual, accuracy)
+            changed = u + elasticity.free_part(change)
             after, smaller = left_over(changed)
             if not smaller < size:
                 break
             u, residual, size, before = changed, after, smaller, size
-            if size > 0.5 * before:  # rounding
+            if ended or size > 0.5 * before:  # rounding
                 break
     return u
 
 
-def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray, accuracy: float) -> FloatArray:
-    """K^-1 of a residual (k, 3), this rank's part, to a relative residual."""
+def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray, accuracy: float) -> tuple[FloatArray, bool]:
+    """K^-1 of a residual (k, 3), this rank's part, to a relative residual; and whether the solve ended before."""
     rhs, change = K.createVecs()
     rhs.array[:] = residual.ravel()
     size = float(rhs.norm()) or 1.0  # scaled: solves start from combinations of earlier solutions of like size
     rhs.scale(1.0 / size)
-    solver.solve(rhs, change, accuracy)
+    ended = False
+    try:
+        solver.solve(rhs, change, accuracy)
+    except Unsolved:  # what was reached may still be better than before
+        ended = True
     values: FloatArray = size * change.array_r.reshape(-1, 3)
     rhs.destroy()
     change.destroy()
-    return values
+    return values, ended

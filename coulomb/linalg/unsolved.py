@@ -1,0 +1,23 @@
+"""A solve with K that ends before its tolerance."""
+
+from __future__ import annotations
+
+
+class Unsolved(RuntimeError):
+    """A solve by conjugate gradients ended before its tolerance, on all ranks; the vector of the solution has what was
+    reached.
+
+    Args:
+        iterations: Of this solve.
+        residual: Reached, over the norm of the right-hand side.
+        tolerance: Wanted.
+        indefinite: Whether K or the preconditioner is not positive definite, to rounding.
+    """
+
+    def __init__(self, iterations: int, residual: float, tolerance: float, indefinite: bool):
+        self.iterations, self.residual, self.tolerance, self.indefinite = iterations, residual, tolerance, indefinite
+        why = "the stiffness matrix or its preconditioner is not positive definite, to rounding: " if indefinite else ""
+        super().__init__(
+            f"the solution of K u = f by conjugate gradients with multigrid failed: {why}after {iterations} iterations "
+            f"|f - K u| is {residual:.1e} |f|, and {tolerance:.1e} |f| is needed"
+        )

@@ -1,0 +1,83 @@
+"""A solve with K by multigrid that fails while a contact problem is solved: what the user reads, and what is kept."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..linalg.reductions import Reductions
+from ..linalg.unsolved import Unsolved
+from ..solvers.friction_problem import FrictionProblem
+from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
+from ..solvers.rigid_motions import NO_MOTION
+from .posed_problem import PosedProblem
+
+
+class LinearSolveFailed(NotConverged):
+    """K u = f is not solved by multigrid: smaller load steps do not help."""
+
+
+class CountedProgress:
+    """The user's callback, with the number of steps and whether it has ended the solve.
+
+    Args:
+        progress: The callback, if there is one.
+
+    Attributes:
+        steps: Calls so far.
+        stopped: Whether a call was true.
+    """
+
+    def __init__(self, progress: ProgressCallback | None):
+        self._progress, self.steps, self.stopped = progress, 0, False
+
+    def __call__(self, progress: Progress) -> bool:
+        self.steps += 1
+        self.stopped = self._progress is not None and bool(self._progress(progress))
+        return self.stopped
+
+
+def unsolved(
+    posed: PosedProblem, problem: FrictionProblem, failure: Unsolved, progress: CountedProgress, method: str
+) -> LinearSolveFailed:
+    """The error of a contact problem in which a solve with K failed, with the last iterate; collective.
+
+    Args:
+        posed: The contact problem.
+        problem: It, as given to the solver.
+        failure: The failure.
+        progress: Of the solver.
+        method: Name of the solver.
+    """
+    A, rigid = problem.A.matrix_free, NO_MOTION if problem.rigid is None else np.zeros(problem.rigid.count)
+    x, gradient, residual = np.zeros_like(problem.b), -problem.b, np.inf
+    if A is not None and Reductions(posed.comm).all(A.latest is not None) and A.latest is not None:
+        x, gradient = problem.completed(A.latest), A.latest_product() - problem.b
+        if problem.rigid is not None:
+            rigid = problem.rigid_motion(x, gradient)
+            gradient = gradient - problem.rigid.displacement(rigid)
+        residual = problem.residual(x, gradient)
+    remedies = ['K factorised (linear_solver = "direct")', "better-shaped cells"]
+    if Reductions(posed.comm).max(posed.elasticity.spring) > 0.0:
+        remedies.append("stiffer springs, or a clamp, against rigid motions")
+    reached = f", with a residual of {residual:.1e}" if np.isfinite(residual) else ""
+    message = (
+        f"{failure}; {posed.unknowns['displacement']} displacement unknowns, time {posed.time:g} s, after "
+        f"{progress.steps} steps of the contact solver{reached}; what may help: "
+        f"{', or '.join(remedies)}"
+    )
+    result = SolverResult(
+        x=x,
+        gradient=gradient,
+        slip_bound=problem.slip_bound(x),
+        multipliers=np.zeros((problem.A.nodes, 2)),
+        status=Status.INTERRUPTED if progress.stopped else Status.STAGNATED,
+        outer_steps=0,
+        newton_steps=progress.steps,
+        products=problem.A.products,
+        residual=residual,
+        history=(),
+        method=method,
+        message=message,
+        rigid=rigid,
+    )
+    return LinearSolveFailed(message, result)
