@@ -110,6 +110,8 @@ def test_operations_of_sparse_factors():
         before = matrix.operations
         assert matrix.factorise(D, rows)
         assert matrix.operations - before == pytest.approx(124.0 * (m - 1) + 16.0 + newton_matrix._OVERHEAD * m, abs=1)
+    matrix.limit = matrix.operations - 1.0
+    assert not matrix.factorise(D) and matrix.factorisations == 3
 
 
 @pytest.mark.skipif(block_pattern._kernels() is None, reason="no C compiler")

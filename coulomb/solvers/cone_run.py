@@ -78,6 +78,7 @@ class ConeRun:
     ):
         self._limits, self._problem, self._cones, self._scales = limits, problem, cones, scales
         self._goal, self._sweeps = goal, 0
+        cones.matrix.limit = limits.work
         self._progress, self._products = progress, problem.A.products
         self._history: list[InteriorPointStep] = []
         self._best: tuple[float, FloatArray] = (math.inf, np.zeros(3 * cones.contacts))
@@ -101,6 +102,8 @@ class ConeRun:
                 self._follow_curve(0.1, self._limits.curve // 2, self._half_of_the_rest())
                 self._successive_slips(self._half_of_the_rest())
                 self._follow_curve(1.0, self._limits.curve, math.inf)
+                if self._cones.matrix.operations > self._limits.work:
+                    status = Status.MAX_ITERATIONS
         except Ended as end:
             status = end.status
         if self._best[0] == math.inf:

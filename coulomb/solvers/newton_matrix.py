@@ -32,6 +32,7 @@ class NewtonMatrix:
         factorisations: Their number so far.
         operations: Floating-point operations of all of them, with as many for the rest of each system as take as long.
             Those of sparse factors are counted once and go with the square of their entries.
+        limit: Operations after which nothing more is factorised.
     """
 
     def __init__(self, W: Any):
@@ -39,7 +40,7 @@ class NewtonMatrix:
         m = self._rows // 3
         self.W = W.tocsr()
         pattern = _with_diagonal(self.W.tobsr((3, 3)))
-        self.factorisations, self.operations = 0, 0.0
+        self.factorisations, self.operations, self.limit = 0, 0.0, np.inf
         self._work, self._entries, self._counted = 2.0 / 3.0 * self._rows**3, 1, False
         self.dense = self._rows <= _SMALL or len(pattern.indices) > _FULL * m**2
         self._lu: Any = None
@@ -51,12 +52,14 @@ class NewtonMatrix:
             self._pattern = BlockPattern(pattern)
 
     def factorise(self, D: FloatArray, L: FloatArray | None = None) -> bool:
-        """Factorise L W + D, both of shape (m, 3, 3); whether it is regular.
+        """Factorise L W + D, both of shape (m, 3, 3); whether it is regular, and the limit of work is not exceeded.
 
         Args:
             D: Added blocks.
             L: Factors of the rows of W; None for 1.
         """
+        if self.operations > self.limit:
+            return False
         self.factorisations += 1
         self.operations += _OVERHEAD * self._rows / 3
         return self._factorise_dense(D, L) if self.dense else self._factorise_sparse(D, L)
