@@ -193,9 +193,11 @@ class Series:
 
 
 def _write_history(history: tuple[OuterStep, ...] | tuple[QPStep, ...], path: Path) -> None:
-    kind = type(history[0]) if history else OuterStep
+    """A row per step; `nan` where a step of another method than the first has no such value."""
+    kinds = dict.fromkeys(type(step) for step in history) if history else (OuterStep,)
+    names = dict.fromkeys(field.name for kind in kinds for field in fields(kind))
     with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(kind)])
+        writer = csv.DictWriter(file, list(names), restval="nan")
         writer.writeheader()
         writer.writerows(asdict(step) for step in history)
 

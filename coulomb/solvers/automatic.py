@@ -13,10 +13,16 @@ from .results import NotConverged, ProgressCallback, SolverResult, Status, check
 from .semismooth_newton import SemismoothNewton
 from .successive_tresca import SuccessiveTresca
 
+_FINISH = SemismoothNewton(max_iterations=6, patience=2, finer=1.0, sharpest=0.01)
+"""From the end of a path it takes one to five steps; the residual may grow in the first and fall in the second."""
+
 
 @dataclass(frozen=True)
 class Automatic:
     """The interior-point method on the whole problem; if it fails and friction grows with pressure, successive Tresca.
+
+    From an iterate of the interior-point method with a residual of 1e-4 the semismooth Newton method is tried, which
+    takes fewer steps from there, and if it fails the path is followed further.
 
     From the forces of a load step before, the semismooth Newton method is tried first: it takes a third of the steps of
     the interior-point method, or ends after a few (`docs/measurements.md`).
@@ -59,7 +65,7 @@ class Automatic:
         """
         products, tolerance = problem.A.products, self.tolerance if tolerance is None else tolerance
         given, second = self.interior_point, SuccessiveTresca(tolerance)
-        first = InteriorPoint(tolerance) if given is None else replace(given, tolerance=tolerance)
+        first = replace(given or InteriorPoint(finish=_FINISH), tolerance=tolerance)
         tried: SolverResult | None = None
         if start is not None:
             near = SemismoothNewton(tolerance)

@@ -205,6 +205,9 @@ class _Condensed:
             self._stiffened.setValuesBlockedRCV(at, at, blocks.reshape(-1, 9), addv=PETSc.InsertMode.ADD_VALUES)
         self._stiffened.assemble()
 
+    def keep(self) -> None:
+        """It has nothing to keep: there is no model of A."""
+
     def destroy(self) -> None:
         operator = [] if self._operator is None else [self._operator]
         for thing in (self._stiffened, self._y, self._R, self._w, self._rhs, self._x, *operator):

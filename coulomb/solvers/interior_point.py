@@ -40,14 +40,16 @@ import numpy as np
 from ..arrays import FloatArray
 from .equilibrium import balanced_forces, no_equilibrium, sliding
 from .free_start import free_start
-from .friction_problem import FrictionProblem
+from .friction_problem import FrictionProblem, Solver
 from .newton_systems import NewtonChoice, SchurComplementSystem
+from .path_ends import Finish, smallest
 from .results import (
     Goal,
     InteriorPointStep,
     NotConverged,
     Progress,
     ProgressCallback,
+    QPStep,
     SolverResult,
     Status,
     check_constants,
@@ -92,6 +94,8 @@ class InteriorPoint:
         warm_floor: With slope, a start from given forces has x_n at least this many nominal forces inside,
         warm_inside: |y| at most this,
         warm_theta: and this theta, over rms(A x - b) there.
+        finish: A method that is tried from an iterate with a residual of at most `finish_from`; if it fails, the path
+            is followed further from that iterate, and it is tried once more at a hundredth of the residual.
         far: Without slope, a start from given forces begins on the central path of their projection; at larger
             distances from the solution, in nominal forces, a cold start is used.
 
@@ -125,6 +129,8 @@ class InteriorPoint:
     warm_inside: float = 0.9
     warm_theta: float = 0.03
     far: float = 0.1
+    finish: Solver | None = None
+    finish_from: float = 1e-4
 
     name = "interior point"
 
@@ -164,7 +170,7 @@ class InteriorPoint:
         products = problem.A.products
         balanced_forces(problem, self.name)
         goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
-        result = self._smallest(problem, goal) or _Path(self, problem, goal, progress).follow(start, gradient)
+        result = smallest(problem, goal, self.name) or _Path(self, problem, goal, progress).follow(start, gradient)
         result = replace(result, products=problem.A.products - products)
         if result.equilibrium is not None and problem.rigid is not None and result.status is Status.NO_EQUILIBRIUM:
             message = f"{no_equilibrium(problem.rigid, result.equilibrium)}, after {result.newton_steps} Newton steps"
@@ -177,20 +183,6 @@ class InteriorPoint:
             )
             raise NotConverged(message, replace(result, message=message))
         return result
-
-    def _smallest(self, problem: FrictionProblem, goal: Goal) -> SolverResult | None:
-        """The smallest feasible force, if it is the answer: then there is no path to follow."""
-        x = problem.completed(problem.project(np.zeros_like(problem.b)))
-        w = problem.without_motion(x) if problem.reductions.max(np.abs(x)) > 0.0 else -problem.b
-        alpha = problem.rigid_motion(x, w)
-        gradient = w if problem.rigid is None else w - problem.rigid.displacement(alpha)
-        residual = problem.residual(x, gradient)
-        if residual != 0.0 and not goal.reached(residual, x, alpha):  # with 0 there is no other answer, accepted or not
-            return None
-        status, nothing = goal.verdict(residual, x, Status.MAX_ITERATIONS, alpha), np.zeros((problem.A.nodes, 2))
-        return SolverResult(
-            x, gradient, problem.slip_bound(x), nothing, status, 0, 0, 0, residual, (), method=self.name, rigid=alpha
-        )
 
     def centring(self, alpha: float, used: float = 0.0) -> float:
         """sigma after a step of length alpha, with the gradient at a fraction `used` of its bound in N(gamma, beta)."""
@@ -207,7 +199,8 @@ class _Path:
         self._settings, self._problem, self._goal, self._progress = settings, problem, goal, progress
         self._scaled = ScaledProblem(problem)
         self._newton = settings.newton.system(self._scaled.A, self._scaled.sloped)
-        self._history: list[InteriorPointStep] = []
+        self._history: list[QPStep] = []
+        self._finish = Finish(settings.finish, settings.finish_from, problem, goal, progress, self._history)
 
     def follow(self, start: FloatArray | None, gradient: FloatArray | None) -> SolverResult:
         """One start after another, each farther inside: near the boundary steps may block, far inside they are more."""
@@ -231,6 +224,8 @@ class _Path:
                 ):
                     break
         finally:
+            if not self._finish.converged:
+                self._newton.keep()
             self._newton.destroy()
         best = last if gone else min(results, key=lambda result: result.residual)
         if not gone and best.residual > _OFF and best.status is not Status.INTERRUPTED:
@@ -307,15 +302,22 @@ class _Path:
                     beta = max(beta, settings.widening * gradient / theta)
                 residual = problem.residual(forces, force_gradient)
                 reached = goal.reached(residual, forces, scaled.rigid_motion(exact))
+            count = len(history) + 1
             history.append(
-                InteriorPointStep(iteration, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
+                InteriorPointStep(count, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
             )
-            stop = self._progress is not None and self._progress(Progress(0, iteration, residual))
+            stop = self._progress is not None and self._progress(Progress(0, count, residual))
             if reached:
                 break
             if stop:
                 status = Status.INTERRUPTED
                 break
+            if self._finish.wanted(residual):
+                newton.keep()
+                finished = self._finish.tried(scaled.unscaled(v)[0], scaled.displaced(v), settings.name)
+                if finished is not None:
+                    return finished
+                v = v._replace(A_x=newton.exact_product(x))
             if residual < 0.9 * best:
                 best, best_at = residual, iteration
             blocked = blocked + 1 if alpha < settings.blocked else 0

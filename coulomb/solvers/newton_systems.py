@@ -123,6 +123,10 @@ class NewtonSystem(Protocol):
         """Take note of products made elsewhere, pairs of x and A x, each (m, 3)."""
         ...
 
+    def keep(self) -> None:
+        """Leave what was found of A with A, for other methods and problems to come."""
+        ...
+
     def destroy(self) -> None:
         """Free its PETSc objects."""
         ...
@@ -253,8 +257,10 @@ class _Krylov(ProductImages):
             self._A.record(x, A_x)
         self._A.update()
 
-    def destroy(self) -> None:
+    def keep(self) -> None:
         self._scaled.keep(self._A.learnt)
+
+    def destroy(self) -> None:
         self._krylov.free()
 
     _at: Linearization

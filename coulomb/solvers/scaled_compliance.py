@@ -107,6 +107,9 @@ class ProductImages:
     def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         """A system without a model of A has no use for them."""
 
+    def keep(self) -> None:
+        """A system without a model of A has nothing to keep."""
+
     def tighten(self) -> None:
         self._sharper = max(0.1 * self._sharper, _SHARPEST)
 

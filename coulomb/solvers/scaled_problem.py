@@ -270,10 +270,15 @@ class ScaledProblem:
         forces = self._s * self._W * self.forces(v.x_n, v.y)
         multipliers, known = unit[:, :2] * v.nu, problem.law.frictional & problem.known_slip
         multipliers[known, 1] = np.linalg.norm(problem.b.reshape(-1, 3)[known, 1:], axis=1)
-        gradient: FloatArray = (unit * (v.A_x - self._b)).ravel()
+        gradient = self.displaced(v)
         if problem.rigid is not None:
             gradient = gradient - problem.rigid.displacement(self.rigid_motion(v))
         return problem.completed(forces.ravel()), gradient, multipliers
+
+    def displaced(self, v: Iterate) -> FloatArray:
+        """A x - b in metres, shape (3 m,), without rigid motions."""
+        displaced: FloatArray = (self._a * self._s / self._W * (v.A_x - self._b)).ravel()
+        return displaced
 
     def rigid_motion(self, v: Iterate) -> FloatArray:
         """alpha (q,) in the user's units, the shortest; empty without rigid motions."""

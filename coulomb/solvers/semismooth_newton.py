@@ -58,7 +58,8 @@ class SemismoothNewton:
         max_iterations: Newton steps before it gives up.
         patience: Steps without a residual below `falls` times the best before it gives up.
         falls: See `patience`.
-        forcing: Largest relative residual of a Newton system; it falls with the residual of the problem.
+        forcing: Largest relative residual of a Newton system; it falls with the residual of the problem,
+        sharpest: and is at least this.
         rank: Columns of the low-rank approximation of A in the preconditioner, with exact products and where a product
             is a solve: with fewer a step takes less time and needs a few more products.
         updated_from: Krylov iterations of a step from which on the approximation is brought up to date, likewise.
@@ -76,6 +77,7 @@ class SemismoothNewton:
     patience: int = 4
     falls: float = 0.9
     forcing: float = 0.1
+    sharpest: float = 1e-6
     rank: tuple[int, int] = (60, 100)
     updated_from: tuple[int, int] = (16, 12)
     product: float = 1e-3
@@ -90,6 +92,7 @@ class SemismoothNewton:
             ("patience", self.patience >= 1, "at least 1"),
             ("falls", 0.0 < self.falls <= 1.0, "in (0, 1]"),
             ("forcing", 0.0 < self.forcing < 1.0, "in (0, 1)"),
+            ("sharpest", 0.0 < self.sharpest <= self.forcing, "in (0, forcing]"),
         )
         check_constants(self, bounds)
 
@@ -103,7 +106,8 @@ class SemismoothNewton:
         progress: ProgressCallback | None = None,
     ) -> SolverResult:
         """Solve a problem; arguments and errors as those of `Solver.solve`, but `start` may be several forces, shape
-        (c, 3 m), of which it takes the best; without any it starts from 0.  `history` has a SemismoothStep per step.
+        (c, 3 m), of which it takes the best; without any it starts from 0.  `gradient` is A x - b of a single start,
+        without rigid motions, from the last product of A.  `history` has a SemismoothStep per step.
 
         Raises:
             NotConverged: If the residual does not fall fast, or a tangent of a node is partly prescribed.
@@ -111,7 +115,7 @@ class SemismoothNewton:
         products = problem.A.products
         goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
         starts = np.atleast_2d(np.zeros_like(problem.b) if start is None else start)
-        result = _Iteration(self, problem, goal, progress).run(starts)
+        result = _Iteration(self, problem, goal, progress).run(starts, gradient)
         result = replace(result, products=problem.A.products - products)
         if result.status is not Status.CONVERGED:
             message = (
@@ -159,7 +163,7 @@ class _Iteration(ProductImages):
             return known
         return ContactPreconditioner(A.comm, LowRankApproximation(A.comm, d, rank, A.exact, known=self._scaled.known()))
 
-    def run(self, starts: FloatArray) -> SolverResult:
+    def run(self, starts: FloatArray, gradient: FloatArray | None = None) -> SolverResult:
         """From the best of the starts (c, 3 m) to the answer, or to where the residual stalls; collective."""
         d, frictional = self._scaled.diagonal, self._problem.frictional
         if not self._over.all(bool(np.all(d[:, 0] > 0.0) and np.all(d[frictional, 1:] > 0.0))):
@@ -176,7 +180,7 @@ class _Iteration(ProductImages):
             self._constraints,
         )
         try:
-            return self._steps(*self._best(starts))
+            return self._steps(*(self._best(starts) if gradient is None else self._from(starts[0], gradient)))
         finally:
             self._A.forget_new()
             self._scaled.keep(self._A.learnt, self._inverse)
@@ -193,6 +197,13 @@ class _Iteration(ProductImages):
         _, x, A_x = min(found, key=lambda one: one[0] if one[0] == one[0] else math.inf)
         if not self._problem.A.exact:
             A_x = self.start(x, self._settings.product)
+        return x, A_x, self._closing(x, A_x)
+
+    def _from(self, forces: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """A start with its A x - b in metres, shape (3 m,): x, A x, alpha; collective."""
+        x = forces.reshape(-1, 3).copy()
+        x[~self._problem.frictional, 1:] = 0.0
+        A_x: FloatArray = gradient.reshape(-1, 3) / self._a + self._b
         return x, A_x, self._closing(x, A_x)
 
     def _closing(self, x: FloatArray, A_x: FloatArray) -> FloatArray:
@@ -266,7 +277,7 @@ class _Iteration(ProductImages):
         self._bordered = ConstraintPreconditioner(self._inverse, self._constraints, 3, at.Q @ self._scaled.G)
         r3 = NO_MOTION if not len(self._e) else self._e - self._scaled.resultant(x)
         size = math.hypot(over.norm(at.value), float(np.linalg.norm(r3)))
-        share = min(settings.forcing, max(residual, 1e-6))
+        share = min(settings.forcing, max(residual, settings.sharpest))
         least = 0.1 * self._finer * min(self._goal.residual, residual)
         enough = max(share * size, least * over.norm(x))
         self._accuracy = min(max(enough / size, settings.product), settings.forcing) if size > 0.0 else settings.forcing

@@ -1,0 +1,86 @@
+"""The end of a path by the semismooth Newton method."""
+
+import csv
+
+import numpy as np
+import pytest
+from conftest import dense_compliance, random_spd, solved_block
+
+from coulomb import Automatic, FrictionProblem, InteriorPoint
+from coulomb.io.output import _write_history
+from coulomb.solvers.path_ends import Finish
+from coulomb.solvers.results import InteriorPointStep, NotConverged, SemismoothStep, Status
+from coulomb.solvers.semismooth_newton import SemismoothNewton
+
+
+def at_the_edge(nodes=20, friction=0.4, seed=3):
+    """A problem and its answer: at every node |x_t| = F x_n, and there is no slip and no gap."""
+    rng = np.random.default_rng(seed)
+    A = random_spd(3 * nodes, 100.0, rng)
+    x, angle = np.empty((nodes, 3)), rng.uniform(0.0, 2.0 * np.pi, nodes)
+    x[:, 0] = rng.uniform(1.0, 2.0, nodes)
+    x[:, 1:] = friction * x[:, :1] * np.column_stack([np.cos(angle), np.sin(angle)])
+    b = A @ x.ravel()
+    return FrictionProblem.coulomb(dense_compliance(A), b, np.full(nodes, friction)), x.ravel()
+
+
+def test_nodes_at_the_edge_of_their_discs_without_slip():
+    """There the residual of path following falls like the square root of theta."""
+    problem, x = at_the_edge()
+    path, auto = InteriorPoint(1e-10).solve(problem), Automatic(1e-10).solve(problem)
+    assert auto.newton_steps < path.newton_steps
+    assert np.linalg.norm(auto.x - x) <= 1e-8 * np.linalg.norm(x)
+
+
+def test_the_steps_of_both_methods_are_recorded(tmp_path):
+    problem = solved_block(6).problem.friction_problem
+    told = []
+    result = Automatic(1e-8).solve(problem, progress=lambda at: told.append(at.path_following))
+    path = InteriorPoint(1e-8).solve(problem)
+    kinds = [type(step) for step in result.history]
+    assert kinds == sorted(kinds, key=[InteriorPointStep, SemismoothStep].index)
+    assert len(set(kinds)) == 2 and len(kinds) == result.newton_steps < path.newton_steps
+    assert [step.iteration for step in result.history] == told == list(range(1, len(kinds) + 1))
+    assert np.linalg.norm(result.x - path.x) <= 1e-6 * np.linalg.norm(path.x)
+    assert problem.residual(result.x) <= 1e-8
+    _write_history(result.history, tmp_path / "history.csv")
+    rows = list(csv.DictReader((tmp_path / "history.csv").open()))
+    assert rows[0]["changed"] == rows[-1]["theta"] == "nan" and float(rows[-1]["residual"]) <= 1e-8
+
+
+def test_a_finish_that_fails_leaves_the_path_as_it_was():
+    """Its products and steps are counted, and it is tried twice."""
+    problem = solved_block(6).problem.friction_problem
+    path = InteriorPoint(1e-8).solve(problem)
+    near = SemismoothNewton(max_iterations=1, forcing=0.9, sharpest=0.9)  # a step that solves next to nothing
+    result = InteriorPoint(1e-8, finish=near).solve(problem)
+    assert result.status is Status.CONVERGED and result.products > path.products
+    kinds = [type(step) for step in result.history]
+    assert kinds.count(SemismoothStep) == 2 and kinds[-1] is InteriorPointStep
+    assert kinds.count(InteriorPointStep) <= path.newton_steps + 1
+    assert np.linalg.norm(result.x - path.x) <= 1e-6 * np.linalg.norm(path.x)
+
+
+def test_an_interruption_of_the_finish_ends_the_solve():
+    problem = solved_block(6).problem.friction_problem
+    steps = [type(step) for step in Automatic(1e-8).solve(problem).history]
+    stop = steps.index(SemismoothStep) + 1
+    if stop == len(steps):
+        pytest.skip("the finish has one step")
+    with pytest.raises(NotConverged) as failure:
+        Automatic(1e-8).solve(problem, progress=lambda at: at.path_following >= stop)
+    assert failure.value.result.status is Status.INTERRUPTED and failure.value.result.newton_steps == stop
+
+
+class Refusing:
+    tolerance, refused = 1e-8, True
+
+
+def test_it_is_not_tried_once_the_certificate_has_refused_an_answer():
+    problem = at_the_edge(2)[0]
+    method = SemismoothNewton()
+    goal = Refusing()
+    assert not Finish(method, 1e-4, problem, goal, None, []).wanted(1e-6)
+    goal.refused = False
+    finish = Finish(method, 1e-4, problem, goal, None, [])
+    assert finish.wanted(1e-6) and not finish.wanted(1e-3) and not finish.wanted(1e-9)
