@@ -83,6 +83,19 @@ def test_a_tenth_of_the_rest_stays_where_products_are_inexact(A):
     assert np.allclose(model, model.T) and np.linalg.eigvalsh(model).min() > 0.0
 
 
+def test_all_of_the_rest_stays_once_errors_of_products_have_shown(A):
+    """As after products that do not decrease the gradient: D + U U^T, on these pairs and on those to come."""
+    X = np.random.default_rng(70).standard_normal((10, 3 * NODES))
+    recycled = approximated_by(A, X[:6], 100, replaced=0.9)
+    recycled.replace_nothing()
+    for later in ([], X[6:]):
+        for x in later:
+            recycled.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
+        recycled.update()
+        model = np.diag(recycled.rest.ravel()) + recycled.U @ recycled.U.T
+        assert np.allclose(model_of(recycled), model, rtol=1e-12, atol=1e-12) and np.all(recycled.signs == 1.0)
+
+
 def test_by_multigrid_newton_systems_solved_to_a_tenth_of_the_gradient_save_steps():
     """15 steps in place of 17; with exact products it is 14."""
     default, loose = (

@@ -10,12 +10,12 @@ in place of the paper's diag(A).  It is symmetric positive definite, and on the 
 is zero there: what a Krylov method has found once, it need not find again.  (It is the block form of the update of
 Broyden, Fletcher, Goldfarb and Shanno for D; S. Gratton, A. Sartenaer, J. Tshimanga: On a class of limited memory
 preconditioners for large scale linear systems with multiple right-hand sides, SIAM J. Optim. 21, 2011.  D + U U^T,
-without V, takes a quarter more products.)  Inexact products show too small an A in some directions; there nine tenths
-of D are replaced in path following (`replaced`), and the approximation is A plus a tenth of D.  A is the same in every
-step, only the nodal part of J changes: products of one step serve all later ones.  A compliance is well suited: its few
-large eigenvalues, the smooth motions of the body, are found first by a Krylov method and are not in diag(A).  (Z.
-Frangella, J. A. Tropp, M. Udell: Randomized Nyström preconditioning, SIAM J. Matrix Anal. Appl. 44, 2023, for U U^T and
-its bounds, there with random X.)
+without V, takes a quarter more products.) Inexact products show too small an A in some directions; there nine tenths of
+D are replaced in path following (`replaced`), until the errors show, and the approximation is A plus a tenth of D. A is
+the same in every step, only the nodal part of J changes: products of one step serve all later ones. A compliance is
+well suited: its few large eigenvalues, the smooth motions of the body, are found first by a Krylov method and are not
+in diag(A). (Z. Frangella, J. A. Tropp, M. Udell: Randomized Nyström preconditioning, SIAM J. Matrix Anal. Appl. 44,
+2023, for U U^T and its bounds, there with random X.)
 """
 
 from __future__ import annotations
@@ -98,6 +98,12 @@ class LowRankApproximation:
     def forget_new(self) -> None:
         """Discard the products recorded since the last update."""
         self._new.clear()
+
+    def replace_nothing(self) -> None:
+        """Keep all of D from now on, if products are not exact: their errors have shown; collective."""
+        if not self._exact and self._replaced > 0.0:
+            self._replaced = 0.0
+            self._set(self.U)
 
     @property
     def exact(self) -> bool:

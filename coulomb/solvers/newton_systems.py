@@ -108,7 +108,7 @@ class NewtonSystem(Protocol):
         ...
 
     def tighten(self) -> None:
-        """Make inexact products ten times as accurate from now on."""
+        """Make inexact products ten times as accurate from now on, and rely less on those made so far."""
         ...
 
     def solve(self, wanted: NewtonEquations) -> NewtonStep:
@@ -251,6 +251,10 @@ class _Krylov(ProductImages):
 
     def estimate(self, x: FloatArray) -> FloatArray:
         return self._A.mult(x)
+
+    def tighten(self) -> None:
+        super().tighten()
+        self._A.replace_nothing()
 
     def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         for x, A_x in pairs:
