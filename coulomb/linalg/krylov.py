@@ -10,6 +10,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .border import Constraints, NodalMap
+from .unsolved import Unsolved
 
 _RESTART = 100  # restart of FGMRES: far beyond the usual iterations of a step
 _NEGLIGIBLE = 0.1  # of the tolerance: constraints violated by less are left to a later step
@@ -55,6 +56,7 @@ class CarryingKrylov:
         self._comm, self._block, self._apply_A = comm, block, apply_A
         self._operator, self._preconditioner = operator, preconditioner
         self._constraints = constraints or Constraints(comm, np.empty((nodes, 3, 0)))
+        self._failure: Unsolved | None = None
         self._on_constraints = method == PETSc.KSP.Type.CG
         width = block + 3
         self._nodal = width * nodes
@@ -108,7 +110,12 @@ class CarryingKrylov:
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         r, z = self._nodewise(x, readonly=True), self._nodewise(y)
         z[:, : self._block], alpha = self._preconditioner(r[:, : self._block], self._shared(x))
-        z[:, self._block :] = self._constraints.without(self._apply_A(z[:, :3]), alpha)
+        try:
+            product = self._apply_A(z[:, :3])
+        except Unsolved as failure:
+            self._failure = failure
+            raise
+        z[:, self._block :] = self._constraints.without(product, alpha)
         self._share(y, alpha)
 
     def solve(
@@ -137,7 +144,13 @@ class CarryingKrylov:
         self._share(self._rhs, r3)
         self._share(self._solution, start)
         self._ksp.setTolerances(rtol=0.0, atol=atol, divtol=1e30, max_it=self._limit)
-        self._ksp.solve(self._rhs, self._solution)
+        self._failure = None
+        try:
+            self._ksp.solve(self._rhs, self._solution)
+        except PETSc.Error:  # newer versions of petsc4py raise this in place of the exception of a callback
+            if self._failure is not None:
+                raise self._failure from None
+            raise
         alpha, s = self._shared(self._solution), self._nodewise(self._solution, readonly=True).copy()
         return s[:, : self._block], s[:, self._block :], alpha, before + int(self._ksp.getIterationNumber())
 
