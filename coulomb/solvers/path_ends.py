@@ -81,13 +81,13 @@ class Finish:
         first = len(self._history)
         self._left -= 1
 
-        def told(at: Progress) -> bool:
+        def reported(at: Progress) -> bool:
             later = Progress(at.outer, first + at.path_following, at.residual)
             return self._progress is not None and bool(self._progress(later))
 
         tolerance = self._goal.tolerance
         try:
-            result = self._method.solve(self._problem, x, gradient=gradient, tolerance=tolerance, progress=told)
+            result = self._method.solve(self._problem, x, gradient=gradient, tolerance=tolerance, progress=reported)
         except NotConverged as failure:
             result = failure.result
         steps = (step for step in result.history if isinstance(step, QPStep))

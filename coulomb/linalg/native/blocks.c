@@ -2,29 +2,8 @@
 
 #include "lanes.h"
 
-#define BR 3
-#define BC 3
-#define LC 4
-#define UP up4
-#define DC d4
-#define NAME(function) function##_3_3
-#include "blocks.h"
-
-#define BR 3
-#define BC 6
-#define LC 8
-#define UP up8
-#define DC d8
-#define NAME(function) function##_3_6
-#include "blocks.h"
-
-#define BR 6
-#define BC 6
-#define LC 8
-#define UP up8
-#define DC d8
-#define NAME(function) function##_6_6
-#include "blocks.h"
+#define KERNELS "blocks.h"
+#include "shapes.h"
 
 /* The entries of some rows in blocks of br x bc, rows of blocks ascending: their number, and where `out` is not 0 their
 columns and values, what single precision rounds off in `low` where that is not 0.  Of an upper triangle, those before

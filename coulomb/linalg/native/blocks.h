@@ -1,7 +1,6 @@
 /* Products with matrices in small dense blocks, stored in single precision, vectors in double precision.
 
-Included with BR, BC (rows and columns of a block), LC (the next power of two of BC), DC (a vector of LC doubles), UP (LC
-floats converted to doubles) and NAME.  A block is stored by rows without padding; vectors of lanes read beyond the end
+Included by shapes.h for every shape.  A block is stored by rows without padding; vectors of lanes read beyond the end
 of a row, and what they read there goes to lanes that nobody reads.  Hence arrays of values and vectors need 8 numbers
 more at their end, and sums are collected in an array `w` with LC numbers per block of columns, which is zero before and
 after every call.  That array also keeps a store from overlapping the next load, which would stall it.
@@ -244,10 +243,3 @@ void NAME(others)(int n, const int *rows, const int *ptr, const int *col, const 
         }
     }
 }
-
-#undef BR
-#undef BC
-#undef LC
-#undef UP
-#undef DC
-#undef NAME

@@ -217,26 +217,5 @@ int product_pattern(int n, int nodes, int coarse, int width, int threads, const 
     return most;
 }
 
-#define BR 3
-#define BC 3
-#define LC 4
-#define UP up4
-#define DC d4
-#define NAME(function) function##_3_3
-#include "coarsening.h"
-
-#define BR 3
-#define BC 6
-#define LC 8
-#define UP up8
-#define DC d8
-#define NAME(function) function##_3_6
-#include "coarsening.h"
-
-#define BR 6
-#define BC 6
-#define LC 8
-#define UP up8
-#define DC d8
-#define NAME(function) function##_6_6
-#include "coarsening.h"
+#define KERNELS "coarsening.h"
+#include "shapes.h"

@@ -1,4 +1,4 @@
-/* From a grid to a coarser one; included with BR, BC, LC, DC, UP and NAME as blocks.h. */
+/* From a grid to a coarser one; included by shapes.h for every shape. */
 
 #if BC == 6
 
@@ -242,10 +242,3 @@ void NAME(galerkin)(int n, int nodes, int coarse, int wide, int threads, int mos
         free(W);
     }
 }
-
-#undef BR
-#undef BC
-#undef LC
-#undef UP
-#undef DC
-#undef NAME
