@@ -36,12 +36,21 @@ debian_packages() {
         as_root=sudo
     fi
     say "installing what is missing of: $*"
-    $as_root apt-get update -q
+    # An automatic upgrade after the start of a machine, or another install.sh, holds apt's locks for minutes.  `install` can
+    # wait for them, `update` cannot.
+    left=600
+    until why=$($as_root env LC_ALL=C apt-get update -q 2>&1); do
+        case $why in *"Could not get lock"*) ;; *) left=0 ;; esac
+        [ "$left" -gt 0 ] || die "$why"
+        left=$((left - 5))
+        sleep 5
+    done
     if ! drawing; then
         if apt-cache show libosmesa6 >/dev/null 2>&1; then set -- "$@" libosmesa6
         else set -- "$@" libegl1 libgl1-mesa-dri; fi
     fi
-    $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends "$@"
+    $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends \
+        -o DPkg::Lock::Timeout=600 "$@"
 }
 
 if [ -n "${PYTHON:-}" ]; then
