@@ -183,6 +183,7 @@ def run(case: Path, mesh: Path, method: str, tolerance: float) -> Row:
     problem = settings.problem(MPI.COMM_SELF)
     if settings.history is not None:
         problem = problem.at(settings.history.ends[0])
+        problem.body.expect_load_steps(1)
     body = problem.body
     entries = int(body.elasticity.K.getInfo()["nz_used"])
     began, used = time.perf_counter(), time.process_time()

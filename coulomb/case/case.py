@@ -127,6 +127,8 @@ class Case(Table):
             small_strain=small_strain or self.small_strain,
             probes=[table.probe() for table in self.probe],
         )
+        if self.history is not None:
+            problem.body.expect_load_steps(len(self.history.ends))
         if condensed and problem.rigid is not None:
             raise ValueError(
                 'solver.newton = "condensed" needs bodies that supports hold: leave it at "recycling", or add a clamp'

@@ -9,6 +9,7 @@ from mpi4py import MPI
 from ..case.case import Case
 from ..fem.body import LOCKING_ABOVE
 from ..io.earlier_results import refuse_to_replace
+from ..io.history_files import steps_left
 from ..io.lock import refuse_in_use
 from ..io.output import refuse_full_disk, size_on_disk
 from ..model.estimate import estimate_of, gigabytes, refuse_too_large, refuse_too_many_cells, refuse_uncountable
@@ -20,7 +21,14 @@ from .console import errors
 from .time_left import about
 
 
-def posed(settings: Case, target: Path, force: bool, now: bool = True, overwrite: bool | None = None) -> ContactProblem:
+def posed(
+    settings: Case,
+    target: Path,
+    force: bool,
+    now: bool = True,
+    overwrite: bool | None = None,
+    resume: bool = False,
+) -> ContactProblem:
     """The problem of a case, after a check of memory and disk; collective.
 
     Args:
@@ -30,6 +38,7 @@ def posed(settings: Case, target: Path, force: bool, now: bool = True, overwrite
         now: Whether the run follows at once, so that the directory must not be in use.
         overwrite: Whether the run may replace any results in the directory, or only those of the same case; None if it
             continues these.
+        resume: Whether the load steps in the directory are continued: of a few that are left multigrid may be faster.
 
     Raises:
         ValueError: On every rank.
@@ -46,6 +55,8 @@ def posed(settings: Case, target: Path, force: bool, now: bool = True, overwrite
                 refuse_too_many_cells(mesh.cells, mesh.degree or 1, comm)
             refuse_uncountable(mesh.cells, mesh.degree or 1)
     problem = settings.problem(comm, small_strain="warn" if force else None)
+    if resume and (left := steps_left(target, comm)) is not None:
+        problem.body.expect_load_steps(left)
     if not force:
         refuse_too_large(problem)
         steps = 1 if settings.history is None else len(settings.history.ends)

@@ -75,7 +75,7 @@ def compute(
     with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None):
         announce()
         with bad_input():
-            problem = posed(settings, target, force, overwrite=None if resume else overwrite)
+            problem = posed(settings, target, force, overwrite=None if resume else overwrite, resume=resume)
         introduce(session.console, source, problem)
         show_understood(session.console, settings, problem)
         doubts(settings, problem)

@@ -200,6 +200,16 @@ def steps_on_disk(folder: Path, comm: MPI.Comm) -> int:
     return number
 
 
+def steps_left(folder: Path, comm: MPI.Comm) -> int | None:
+    """How many load steps of the history in a directory are still to be taken; None if it has none yet; collective.
+
+    Raises:
+        ValueError: On every rank, if the last step cannot be read.
+    """
+    last = steps_on_disk(folder, comm)
+    return len(read_step(RunDirectory(folder).step(last).path, comm)["pending"]) if last else None
+
+
 def whole_history(folder: Path, comm: MPI.Comm) -> Entries | None:
     """The entry `history` of the summary of a load history; None if it cannot be read; collective."""
     entry: Entries | None = None

@@ -1,89 +1,121 @@
 """Which is faster, K factorised or multigrid: processor seconds predicted before either is begun.
 
-The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`), but not whether it
-has to be repeated in double precision, at three times the cost.  The iterations of multigrid are not known: they grow
-with the slenderness of the body behind its contact face, and vary by a factor of two to three around this rule.  Of a
-body on soft springs they are ten to forty times as many, and it is factorised if that fits into the memory.  The
-constants are least squares over the block (p = 6 to 24) and seven parts with 2 000 to 75 000 unknowns, of processor
-time on one thread; their ratios matter.  What they are fitted to:
+The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`), whether it has to
+be repeated in double precision by a rule (`model.slenderness.ill_conditioned`).  The iterations of multigrid are not
+known: they grow with the slenderness of the body behind its contact face, and vary by a factor of two to three around
+this rule.  Of a body on soft springs they are ten to forty times as many, and it is factorised if that fits into the
+memory.
+
+In a load history the factors are made once, and a later step costs a third to two thirds of the first path; by
+multigrid it takes two thirds of the iterations of the first.  So a block of 41 616 unknowns is left to multigrid for a
+single problem, and factorised for two load steps.
+
+The constants are least squares over the block (p = 6 to 24) and parts with 2 000 to 80 000 unknowns, of processor time
+on one thread; their ratios matter (docs/measurements.md).  What they are fitted to:
 
     coulomb benchmark parts --method direct --method iterative --clscale 1 --clscale 0.5 --clscale 0.3
     coulomb benchmark scaling --method direct --p 10 --p 16 --p 24                 # and --method iterative
+    coulomb benchmark histories --p 10 --p 16 --peer coulomb
 """
 
 from __future__ import annotations
 
 import math
+from enum import Enum
 
 from .multifrontal import SINGLE_FROM, Work
 
-_OPERATION = 1.3e-11  # seconds per operation of the factorisation, in single precision
-_FACTORED = (0.042, 3.7e-8, 5.1e-9)  # the rest: constant, per square of contact unknowns, per byte of the factors
+_OPERATION = 1.1e-11  # seconds per operation of the factorisation, in single precision
+_BYTE = 2.7e-9  # the rest of it, per byte of the factors
+_PATH = (0.034, 3.3e-8, 1.3e-9)  # path following: constant, per square of contact unknowns, per byte of the factors
 
-_SET_UP = 1.9e-7  # multigrid, per entry of K
-_ITERATION = (2.6e-4, 1.67e-9, 1.47e-7)  # constant, per entry of K, per contact unknown
-_ITERATIONS = 328.0  # of the block
-_SLENDER = 0.67  # they grow with this power of the slenderness
+_SET_UP = 2.2e-6  # multigrid, per displacement unknown
+_ITERATION = (2.5e-4, 9.0e-8, 1.7e-7)  # constant, per displacement unknown, per contact unknown
+_ITERATIONS = 290.0  # of the block
+_SLENDER = 0.45  # they grow with this power of the slenderness
 _BLOCK = 1.7  # slenderness of the block
-
-_AGAIN = 1.1  # time of the factorisation as expected over that in single precision, which may have to be repeated
+_ITERATIONS_AGAIN = 0.65  # of a later load step over the first
 
 _FACTOR_RANKS = 0.75  # speed-up of everything but the operations of the fronts: ranks to this power; 1.7 on two
 _MULTIGRID_RANKS = 0.5  # of multigrid and its path following; 1.4 on two
 
 
-def seconds_direct(work: Work, contact: int, ranks: int = 1) -> float:
-    """With K factorised and the Schur complement on the contact nodes, to the certificate.
+class Precision(Enum):
+    """Of the factors: their time over that in single precision, and the time of a later load step over the first path.
+
+    In double precision a solve is one substitution, and the inverses that many solves need are kept.
+    """
+
+    SINGLE = 1.0, 0.6
+    DOUBLE = 2.3, 0.3
+    REPEATED = 3.0, 0.3
+    """In single precision, and then in double, as that was not accurate enough."""
+
+
+def seconds_direct(
+    work: Work, contact: int, steps: int = 1, precision: Precision = Precision.SINGLE, ranks: int = 1
+) -> float:
+    """With K factorised and the Schur complement on the contact nodes, to the certificate of the last load step.
 
     Args:
         work: What the factorisation takes.
         contact: Displacements on which contact forces act.
+        steps: Number of load steps.
+        precision: Expected of the factors.
         ranks: Number of ranks.
     """
-    constant, square, byte = _FACTORED
-    shared = square * contact**2 + byte * work.bytes
-    seconds: float = _OPERATION * work.longest + constant + shared / ranks**_FACTOR_RANKS
-    return seconds
+    constant, square, byte = _PATH
+    shared: float = ranks**_FACTOR_RANKS
+    factors = _OPERATION * work.longest + _BYTE * work.bytes / shared
+    path = constant + (square * contact**2 + byte * work.bytes) / shared
+    times, later = precision.value
+    return times * factors + path * (1.0 + later * (steps - 1))
 
 
-def seconds_multigrid(contact: int, entries: float, slenderness: float, ranks: int = 1) -> float:
-    """With products by multigrid, to the certificate.
+def seconds_multigrid(displacement: int, contact: int, slenderness: float, steps: int = 1, ranks: int = 1) -> float:
+    """With products by multigrid, to the certificate of the last load step.
 
     Args:
+        displacement: Displacement unknowns.
         contact: Displacements on which contact forces act.
-        entries: Entries of K.
         slenderness: Width of the contact face over the thickness of the body behind it.
+        steps: Number of load steps.
         ranks: Number of ranks.
     """
-    constant, entry, unknown = _ITERATION
-    iterations = _ITERATIONS * max(slenderness / _BLOCK, 1.0) ** _SLENDER
-    shared = _SET_UP * entries + iterations * (entry * entries + unknown * contact)
-    seconds: float = iterations * constant + shared / ranks**_MULTIGRID_RANKS
-    return seconds
+    constant, of_all, of_contact = _ITERATION
+    shared: float = ranks**_MULTIGRID_RANKS
+    again = 1.0 + _ITERATIONS_AGAIN * (steps - 1)
+    iterations: float = _ITERATIONS * max(slenderness / _BLOCK, 1.0) ** _SLENDER * again
+    iteration = constant + (of_all * displacement + of_contact * contact) / shared
+    return _SET_UP * displacement / shared + iterations * iteration
 
 
 def factorise(
     work: Work,
+    displacement: int,
     contact: int,
-    entries: float,
     slenderness: float,
+    steps: int = 1,
     soft: bool = False,
-    free: float = math.inf,
+    precision: Precision = Precision.SINGLE,
+    room: float = math.inf,
     ranks: int = 1,
 ) -> bool:
     """Whether K should be factorised: it fits into the memory, and takes no longer than multigrid.
 
     Args:
         work: What the factorisation takes.
+        displacement: Displacement unknowns.
         contact: Displacements on which contact forces act.
-        entries: Entries of K.
         slenderness: Width of the contact face over the thickness of the body behind it.
+        steps: Number of load steps.
         soft: Whether soft springs alone hold the body.
-        free: Free memory in bytes, of all ranks.
+        precision: Expected of the factors.
+        room: Free memory in bytes, of all ranks.
         ranks: Number of ranks.
     """
-    single = work.operations >= SINGLE_FROM and not soft
-    if work.bytes * (1.0 if single else 2.0) > free:
+    single = work.operations >= SINGLE_FROM and not soft and precision is Precision.SINGLE
+    if work.bytes * (1.0 if single else 2.0) > room:
         return False
-    multigrid = seconds_multigrid(contact, entries, slenderness, ranks)
-    return soft or _AGAIN * seconds_direct(work, contact, ranks) <= multigrid
+    multigrid = seconds_multigrid(displacement, contact, slenderness, steps, ranks)
+    return soft or seconds_direct(work, contact, steps, precision, ranks) <= multigrid

@@ -11,7 +11,6 @@ from itertools import repeat
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..fem.contact_matrix import KeptMatrix
@@ -26,7 +25,7 @@ from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver, Sha
 from ..linalg.methods import LinearSolver, chosen, undecided
 from ..linalg.multifrontal import MultifrontalSolver, predicted_work, symbolic
 from ..linalg.nested_dissection import Front
-from ..linalg.predicted_cost import factorise
+from ..linalg.predicted_cost import Precision, factorise
 from ..linalg.reductions import Reductions
 from ..linalg.stiffness import DirectSolver, IterativeSolver, StiffnessSolver
 from .accumulated import Accumulated
@@ -37,14 +36,15 @@ from .evidence import rounding_forces
 from .free_memory import least_room
 from .probes import LocatedProbes, Part, Probe
 from .rigid_contact import refuse_untouched
-from .slenderness import on_soft_springs, slenderness_of
+from .slenderness import ill_conditioned, on_soft_springs, slenderness_of
 from .state import Before, ContactState
 from .stopwatch import timed
 
 _log = logging.getLogger(__name__)
 
-_DOUBLE_UP_TO = 50_000
-"""Displacement unknowns up to which load histories take factors in double precision: half a gigabyte."""
+_DOUBLE_FROM, _DOUBLE_UP_TO = 8, 50_000
+"""Load steps from which, and displacement unknowns up to which (half a gigabyte), factors in double precision take less
+time in all than in single precision."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,6 @@ class ContactBody:
         contacts: The contact faces; of pairs of deformable faces with the slave as face.
         chosen: Which face of every pair is the slave, in words.
         elasticity: K, loads and supports.
-        linear_solver: The solver class for K^-1 (DirectSolver: by nested dissection, see `stiffness_method`).
-        explicit: Whether A is formed.
         probes: The probes, found in the mesh.
         seconds: Wall time of assembly, factorisation and A so far.
         kept_matrix: The contact matrix of the evidence.
@@ -115,20 +113,26 @@ class ContactBody:
         for text in (*self.elasticity.contradictions, *(text for pair in pairs for text in pair.remarks)):
             if self.comm.rank == 0:
                 _log.warning("%s", text)
+        self._given, self._load_steps = (linear_solver, explicit), 1
         self._symbolic: list[Front] | SharedSymbolic | None = None
-        self.linear_solver, self.explicit = self._chosen(linear_solver, explicit)
         self._rounding: tuple[object, float, FloatArray] | None = None
         self.kept_matrix = KeptMatrix()
-        self._stiffness = ContactStiffness(
-            self.elasticity, self._reference, self.linear_solver, self.explicit, self.seconds, self._symbolic
-        )
+        self._stiffness: ContactStiffness | None = None
 
-    def _chosen(self, linear_solver: LinearSolver | None, explicit: bool | None) -> tuple[LinearSolver, bool]:
+    def expect_load_steps(self, steps: int) -> None:
+        """Declare how many load steps are to come, by default one; without effect on what has been computed before.
+
+        For more steps factors of K pay, as every later step then costs only products.
+        """
+        self._load_steps = max(steps, 1)
+
+    @cached_property
+    def _chosen(self) -> tuple[LinearSolver, bool]:
         """The solver for K, and whether A is formed, the same on all ranks; collective.
 
         Bodies of the user's forms, whose stiffness is assembled when it is needed, are judged by their size.
         """
-        comm, m = self.comm, self.interface
+        comm, m, (linear_solver, explicit) = self.comm, self.interface, self._given
         n = self.unknowns["displacement"]
         if not undecided(n, m, linear_solver, explicit) or self.elasticity.forms() is not None:
             return chosen(n, m, comm.size, linear_solver, explicit)
@@ -136,14 +140,34 @@ class ContactBody:
             K, x, nodes = self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows
             found = symbolic(K, x, nodes) if comm.size == 1 else SharedSymbolic(K, x, nodes)
             work = found.work() if isinstance(found, SharedSymbolic) else predicted_work(found)
-            entries = K.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
             thin = slenderness_of(self._reference, self.elasticity)
-            soft = on_soft_springs(self.elasticity)
-            direct = factorise(work, m, entries, thin, soft, least_room(comm), comm.size)
+            soft, room = on_soft_springs(self.elasticity), least_room(comm)
+            direct = factorise(work, n, m, thin, self._load_steps, soft, self._precision(), room, comm.size)
             if not comm.bcast(direct):  # sums over the ranks may differ by rounding errors
                 return IterativeSolver, False
             self._symbolic = found
         return DirectSolver, True
+
+    def _precision(self) -> Precision:
+        """Expected of the factors; collective."""
+        if self._in_double:
+            return Precision.DOUBLE
+        return Precision.REPEATED if ill_conditioned(self.elasticity) else Precision.SINGLE
+
+    @property
+    def _in_double(self) -> bool:
+        """Whether factors in double precision take less time in all than in single precision."""
+        return self._load_steps >= _DOUBLE_FROM and self.unknowns["displacement"] <= _DOUBLE_UP_TO
+
+    @property
+    def linear_solver(self) -> LinearSolver:
+        """The solver class for K^-1 (DirectSolver: by nested dissection, see `stiffness_method`); collective."""
+        return self._chosen[0]
+
+    @property
+    def explicit(self) -> bool:
+        """Whether A is formed; collective."""
+        return self._chosen[1]
 
     @property
     def comm(self) -> MPI.Comm:
@@ -302,11 +326,6 @@ class ContactBody:
         """K^-1 of `elasticity`."""
         return self.stiffness(self.elasticity).solver
 
-    def expect_many_solves(self) -> None:
-        """Prepare for a load history: see `ContactStiffness.expect_many_solves`."""
-        if self.unknowns["displacement"] <= _DOUBLE_UP_TO:
-            self._stiffness.expect_many_solves()
-
     def stiffness(self, elasticity: Deformable, seconds: dict[str, float] | None = None) -> ContactStiffness:
         """K^-1 and A of this body with the coefficients of a state; those of the last state asked for are kept.
 
@@ -314,9 +333,11 @@ class ContactBody:
             elasticity: The body in that state.
             seconds: Dictionary to which wall times are added; by default that of the body.
         """
-        if self._stiffness.elasticity.K is not elasticity.K:
-            spent = self.seconds if seconds is None else seconds
+        if self._stiffness is None or self._stiffness.elasticity.K is not elasticity.K:
+            first, spent = self._stiffness is None, self.seconds if seconds is None else seconds
+            solver, explicit = self._chosen
+            double = first and self._in_double
             self._stiffness = ContactStiffness(
-                elasticity, self._reference, self.linear_solver, self.explicit, spent, self._symbolic
+                elasticity, self._reference, solver, explicit, spent, self._symbolic, double
             )
         return self._stiffness

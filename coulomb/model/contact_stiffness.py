@@ -55,6 +55,8 @@ class ContactStiffness:
         explicit: Whether A is formed.
         seconds: Dictionary to which wall times are added.
         symbolic: The fronts of K with the contact nodes last, if they are known; on several ranks `SharedSymbolic`.
+        many: Whether many solves are expected: K, if it is factorised, is factorised in double precision; then all
+            products by A are exact, and a solve is one substitution in place of an iteration.
 
     Attributes:
         elasticity: The body.
@@ -72,16 +74,12 @@ class ContactStiffness:
         explicit: bool,
         seconds: dict[str, float],
         symbolic: list[Front] | SharedSymbolic | None = None,
+        many: bool = False,
     ):
         self.elasticity, self._reference, self._symbolic = elasticity, reference, symbolic
         self._linear_solver, self._explicit, self._seconds = linear_solver, explicit, seconds
-        self.responses, self._many = KeptResponses(elasticity.comm), False
+        self.responses, self._many = KeptResponses(elasticity.comm), many
         self._latest: tuple[ContactSurface, BodyCompliance] | None = None
-
-    def expect_many_solves(self) -> None:
-        """Factorise K in double precision, if it is factorised with the contact nodes last and has not yet been: then
-        all products by A are exact, and a solve is one substitution in place of an iteration."""
-        self._many = True
 
     @property
     def solver(self) -> StiffnessSolver:

@@ -38,9 +38,6 @@ from .unsolved import LinearSolveFailed
 
 _log = logging.getLogger(__name__)
 
-_MANY_STEPS = 8
-"""Load steps from which factors in double precision take less time in all than in single precision."""
-
 SMALLEST = 1e-9
 """Smallest step as a fraction of the whole history; below it a step is not halved."""
 
@@ -92,8 +89,7 @@ class LoadHistory:
         state = state or self.beginning(problem)
         if state.pending:
             problem.body.refuse_undefined(state.pending[0])
-        if len(state.pending) >= _MANY_STEPS:
-            problem.body.expect_many_solves()
+        problem.body.expect_load_steps(len(state.pending))
         halved = 0
         while state.pending:
             time = state.pending[-1]

@@ -12,6 +12,9 @@ from ..linalg.reductions import Reductions
 
 _SOFT = 1e-2  # stiffness of springs against a rigid motion, over Young's modulus times the size of the bodies
 
+_BENDS = 25.0  # cube of the diagonal of a body over its volume: 12 for the block, 27 to 77 for parts that bend
+_APART = 1e3  # largest over smallest Young's modulus
+
 
 def slenderness_of(surface: ContactSurface, elasticity: Deformable) -> float:
     """Square root of the contact area, over volume by contact area: 1.6 for the block, 21 for a thin plate; collective.
@@ -41,11 +44,30 @@ def on_soft_springs(elasticity: Deformable) -> bool:
         K.mult(mode, image)
         stiffness[:, k] = [image.dot(other) for other in modes]
     image.destroy()
-    members = elasticity.members
-    size = sum(over.sum(volume(member.body.mesh)) for member in members) ** (1.0 / 3.0)
-    materials = [member.body.materials for member in members]
-    young = max(
-        (float(np.max(m.young)) for given in materials if given is not None for _, m in by_group(given)), default=0.0
-    )
+    size = sum(over.sum(volume(member.body.mesh)) for member in elasticity.members) ** (1.0 / 3.0)
     softest = float(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))[0]) * over.sum(float(len(elasticity.x)))
-    return bool(softest < _SOFT * young * size)
+    return bool(softest < _SOFT * max(_moduli(elasticity), default=0.0) * size)
+
+
+def ill_conditioned(elasticity: Deformable) -> bool:
+    """Whether K is probably too ill-conditioned for factors in single precision; collective.
+
+    A rule: where a body is long beside its thickness, so that it bends (a hook or a clip, not a block or a wedge), or
+    materials are far apart.  Of the parts in docs/measurements.md with 12 000 unknowns and more it is right on all but
+    a half ring that is held at both ends; with some thousand unknowns most of them do not need double precision.
+    """
+    over, moduli = Reductions(elasticity.comm), _moduli(elasticity)
+    if moduli and max(moduli) > _APART * min(moduli):
+        return True
+    for member in elasticity.members:
+        x = member.body.x
+        diagonal = np.linalg.norm([over.max(x[:, k]) + over.max(-x[:, k]) for k in range(3)])
+        if diagonal**3 > _BENDS * over.sum(volume(member.body.mesh)):
+            return True
+    return False
+
+
+def _moduli(elasticity: Deformable) -> list[float]:
+    """Young's moduli of all materials, of orthotropic ones the largest, pascals."""
+    materials = [member.body.materials for member in elasticity.members]
+    return [float(np.max(m.young)) for given in materials if given is not None for _, m in by_group(given)]
