@@ -59,11 +59,13 @@ ABSURD = {
     'output.directory="a\\u0000b"': r"output\.directory = 'a\\x00b': should have no control characters",
     "contact.face=''": r"contact\.face = '': should have at least 1 character",
     "mesh.cells=" + 5000 * "[": r"--set mesh\.cells=\[+ \.\.\.: lists or tables are nested too deeply",
-    "mesh.cells=" + 300 * "[" + 300 * "]": r"mesh\.cells\.0 = \[\[\[\[\.\.\.\]\]\]\]: should be a valid integer",
+    "mesh.cells=" + 300 * "[" + 300 * "]": r"mesh\.cells\.0 = \[\[\[\[\.\.\.\]\]\]\]: should be a whole number",
     ".".join(30_000 * "a") + "=1": r"--set a\.a.* \.\.\.: must be key\.key=value",
     "mesh.cells=[" + 4000 * "9" + ",1,1]": r"mesh\.cells\.0 = 9+\.\.\.9+: should be less than or equal to 1000000",
-    "mesh.cells=[" + 5000 * "9" + ",1,1]": r"mesh\.cells = '\[9+\.\.\.9+,1,1\]': should be a valid tuple",
-    "material.young=" + 4000 * "9": r"material\.young = 9+\.\.\.9+: should be a valid number",
+    "mesh.cells=["
+    + 5000 * "9"
+    + ",1,1]": r"mesh\.cells = '\[9+\.\.\.9+,1,1\]': should be a list of 3 whole.*, not text",
+    "material.young=" + 4000 * "9": r"material\.young = 9+\.\.\.9+: should be a number",
     "traction.0.value=[" + 30_000 * "1," + "]": r"value = \[1, 1, 1, 1, 1, 1, \.\.\.\]: should have at most 3 items",
 }
 

@@ -75,13 +75,19 @@ CASE_FILES = (
         run("contact.friction='rough'"),
         r"contact\.friction = 'rough': 'rough' is not known in an expression",
     ),
-    Wrong("true for a number", run("material.young=true"), r"material\.young = True: should be a valid number"),
+    Wrong(
+        "true for a number",
+        run("material.young=true"),
+        r"material\.young = true: should be a number or a list of 3 numbers",
+    ),
     Wrong(
         "large strains to be ignored",
         run("small_strain='ignore'"),
         r"small_strain = 'ignore': should be 'enforce' or 'warn'",
     ),
-    Wrong("two numbers for three", run("traction.0.value=[0,1]"), r"traction\.0\.value.* is missing"),
+    Wrong(
+        "two numbers for three", run("traction.0.value=[0,1]"), r"traction\.0\.value = \[0, 1\]: should be a list of 3"
+    ),
     Wrong(
         "--set without a value", run("friction"), r"--set friction: must be key\.key=value, for example mesh\.cells="
     ),

@@ -6,7 +6,7 @@ GAPS = [
     Wrong(
         "a gap that is no length",
         run("contact.gap=[0,0,1e-3]"),
-        r"contact\.gap = \[0, 0, 0\.001\]: should be a valid number",
+        r"contact\.gap = \[0, 0, 0\.001\]: should be a number or an expression in quotation marks",
     ),
     Wrong(
         "an interference under that name",

@@ -22,6 +22,7 @@ from wrong_materials import MATERIALS
 from wrong_probes import PROBES
 from wrong_rigid import RIGID
 from wrong_supports import SUPPORTS
+from wrong_values import VALUES
 
 from coulomb.cli import app as cli
 
@@ -29,6 +30,7 @@ DOCUMENT = Path(__file__).parents[1] / "docs" / "errors.md"
 
 TABLE = {
     "Case files": CASE_FILES,
+    "Values": VALUES,
     "Materials, loads, history": MATERIALS_AND_LOADS,
     "Orthotropic materials, temperature": MATERIALS,
     "Supports": SUPPORTS,

@@ -48,12 +48,12 @@ LOADS = (
     Wrong(
         "a pressure with a direction",
         run("pressure=[{face='top', value=[0, 0, -1e6]}]"),
-        r"pressure\.0\.value = \[0, 0, -1000000\.0\]: should be a valid number",
+        r"pressure\.0\.value = \[0, 0, -1000000\.0\]: should be a number or an expression in quotation marks",
     ),
     Wrong(
         "a total force of one number",
         run("total_force=[{face='top', force=5.0}]"),
-        r"total_force\.0\.force = 5\.0: should be a valid tuple",
+        r"total_force\.0\.force = 5\.0: should be a list of 3 numbers, as \[1\.0, 2\.0, 3\.0\]",
     ),
     Wrong(
         "gravity without a density",

@@ -20,7 +20,7 @@ MATERIALS = (
     Wrong(
         "two Young's moduli",
         run("material.young=[1e9, 2e9]"),
-        r"material\.young\.2: is missing",
+        r"material\.young = \[1000000000\.0, 2000000000\.0\]: should be a number or a list of 3 numbers",
     ),
     Wrong(
         "Poisson's ratios with a negative strain energy",

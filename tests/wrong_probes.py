@@ -15,5 +15,7 @@ PROBES = (
         r"probe: the name 'heel' is given to several probes; give each its own",
     ),
     Wrong("a probe without a point", run("probe=[{name='heel'}]"), r"probe\.0\.point: is missing"),
-    Wrong("a probe in the plane", run("probe=[{name='heel', point=[0,0]}]"), r"probe\.0\.point.* is missing"),
+    Wrong(
+        "a probe in the plane", run("probe=[{name='heel', point=[0,0]}]"), r"point = \[0, 0\]: should be a list of 3"
+    ),
 )

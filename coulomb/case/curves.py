@@ -120,6 +120,11 @@ _COLUMNS = {"amplitude": "time, factor", "motion": "time, x, y, z", "angle": "ti
 """Keys of tables in time, alone or after an underscore as in friction_amplitude, and their columns."""
 
 
+def columns_of(key: str) -> str:
+    """The columns of a table in time; empty for other keys."""
+    return _COLUMNS.get(key.rpartition("_")[2], "")
+
+
 def read_curves(case: Path, tables: Any, key: str = "") -> None:
     """Put the rows of CSV files, relative to the directory of the case, into the tables of a case.
 
@@ -134,10 +139,10 @@ def read_curves(case: Path, tables: Any, key: str = "") -> None:
         return
     for name, value in tables.items():
         here = f"{key}.{name}" if key else str(name)
-        if isinstance(value, dict) and str(name).rpartition("_")[2] in _COLUMNS and isinstance(value.get("file"), str):
+        if isinstance(value, dict) and columns_of(str(name)) and isinstance(value.get("file"), str):
             if "table" in value:
                 raise ValueError(f"{case}: {here}: give either table or file, one of the two")
-            columns = _COLUMNS[str(name).rpartition("_")[2]]
+            columns = columns_of(str(name))
             value["table"] = _rows(case.parent / value["file"], columns, f"{case}: {here}")
             value["file"] = str(case.parent / value["file"])
         elif isinstance(value, dict | list):

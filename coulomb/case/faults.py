@@ -15,6 +15,7 @@ from .field_file import OF_FILE
 from .material import ONE, ONE_NUMBER, SEVERAL, THREE_NUMBERS
 from .place import EXPRESSION, NUMBER
 from .values import ISOTROPIC, ORTHOTROPIC
+from .wanted import wanted
 
 _MOST = 10
 """Maximum number of faults listed."""
@@ -30,6 +31,12 @@ _TAGS = (
     *(ONE_NUMBER, THREE_NUMBERS),
 )
 """Alternatives in the place of an error, which the user does not write."""
+
+_OTHER_TYPES = {
+    *("tuple_type", "dict_type", "string_type", "bool_type", "bool_parsing", "float_type", "int_type"),
+    *("int_from_float", "missing"),
+}
+"""Errors of values of another type, and of lists with too few values."""
 
 _MEANT = {
     **{"interference": "gap, negative for an interference", "master": "against", "opposite": "against"},
@@ -52,11 +59,28 @@ def fault_of(error: ValidationError, where: str, case: _Model) -> ValueError:
         where: The file, for the messages.
         case: The model of a whole case.
     """
-    entries = error.errors(include_url=False)
+    entries = _without_consequences(error.errors(include_url=False))
     lines = [f"{where}: {_explain(entry, case)}" for entry in entries[:_MOST]]
     if len(entries) > _MOST:
         lines.append(f"{where}: and {len(entries) - _MOST} more")
     return ValueError("\n".join(lines))
+
+
+def _without_consequences(entries: list[Any]) -> list[Any]:
+    """Entries without lists that are too short because their values are wrong, and one entry for each list that lacks
+    several."""
+    wrong = [entry["loc"] for entry in entries if entry["type"] != "too_short"]
+    kept, lacking = [], set()
+    for entry in entries:
+        place = entry["loc"]
+        if entry["type"] == "too_short" and any(other[: len(place)] == place for other in wrong):
+            continue
+        if entry["type"] == "missing" and isinstance(place[-1], int):
+            if place[:-1] in lacking:
+                continue
+            lacking.add(place[:-1])
+        kept.append(entry)
+    return kept
 
 
 def tables_of_several(case: _Model) -> set[str]:
@@ -65,17 +89,26 @@ def tables_of_several(case: _Model) -> set[str]:
 
 
 def _explain(entry: Any, case: _Model) -> str:
-    location = tuple(part for part in entry["loc"] if part not in _TAGS)
+    place = entry["loc"]
+    if entry["type"] == "missing" and isinstance(place[-1], int):  # the list that lacks it is its input
+        place = place[:-1]
+    while place and place[-1] in _TAGS:  # all alternatives are right
+        place = place[:-1]
+    location = tuple(part for part in place if part not in _TAGS)
     key, given = ".".join(map(str, location)) or "case", entry["input"]
     names = ".".join(part for part in location if isinstance(part, str))
     if entry["type"] == "extra_forbidden":
         return f"{key} = {_shown(given)}: there is no such key{_meant(location, case)}"
-    if entry["type"] == "missing":
+    if entry["type"] == "missing" and isinstance(location[-1], str) and place == entry["loc"]:
         return f"{key}: is missing"
     if key == "case":  # inconsistent parts, named in the message
         return str(entry["msg"]).removeprefix("Value error, ")
     if entry["type"] == "tuple_type" and isinstance(given, dict) and names in tables_of_several(case):
         return f"{key}: there may be several: write [[{names}]], with double brackets, in place of [{names}]"
+    if entry["type"] in _OTHER_TYPES and (right := wanted(case, place)):
+        return f"{key} = {_shown(given)}: should be {right}{', not text' if isinstance(given, str) else ''}"
+    if entry["type"] == "tuple_type":
+        return f"{key} = {_shown(given)}: is a list of tables: write [[{names}]], and below it its keys"
     if entry["type"] in ("model_type", "model_attributes_type"):
         if isinstance(given, list) and len(location) == 1:
             return f"{key}: there is only one: write [{names}], with single brackets"
@@ -91,6 +124,8 @@ def _explain(entry: Any, case: _Model) -> str:
 
 def _shown(value: Any) -> str:
     """A shortened value."""
+    if isinstance(value, bool):
+        return str(value).lower()
     try:
         return _short.repr(value)
     except (RecursionError, ValueError):  # nested without end; thousands of digits
