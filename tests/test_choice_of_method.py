@@ -148,6 +148,31 @@ def test_bodies_that_bend_are_ill_conditioned(lengths, ill):
     assert ill_conditioned(foot.elasticity) and not ill_conditioned(two_blocks(2).elasticity)
 
 
+def test_the_precision_that_is_expected(monkeypatch):
+    """A body that bends is factorised twice, in a load history in double precision from the beginning."""
+    asked = []
+    monkeypatch.setattr(contact_body, "undecided", lambda *_: True)
+    monkeypatch.setattr(contact_body, "factorise", lambda *given: asked.append(given[6]) or False)
+    for length, steps in ((0.5, 1), (0.3, 1), (0.5, 8)):
+        beam = coulomb.box((length, 0.1, 0.1), (4, 2, 2))
+        body = coulomb.ContactProblem(beam, Material(2e11, 0.3), [Clamp("left")], coulomb.Contact("bottom", 0.3)).body
+        body.expect_load_steps(steps)
+        assert not body.explicit
+    assert asked == [TWICE, ONCE, Precision.DOUBLE]
+    monkeypatch.setattr(contact_body, "_DOUBLE_UP_TO", 50)
+    assert body.unknowns["displacement"] > 50 and not body._in_double
+
+
+@pytest.mark.parametrize(("steps", "exact"), [(7, False), (8, True)])
+def test_many_load_steps_want_factors_in_double_precision(monkeypatch, steps, exact):
+    """Once: a stiffness that changes from step to step is not kept for many."""
+    monkeypatch.setattr(multifrontal, "SINGLE_FROM", 0.0)
+    problem = make_block(3)
+    next(coulomb.LoadHistory([float(k) for k in range(1, steps + 1)]).steps(problem))
+    assert problem.body.stiffness_solver.exact is exact
+    assert not problem.body.stiffness(make_block(3).elasticity).solver.exact
+
+
 def test_a_history_declares_its_load_steps(monkeypatch, tmp_path):
     """By itself, by its case, and the steps that are left when it is resumed; the choice is made after that."""
     asked = []

@@ -108,7 +108,7 @@ def test_sweeps_end_where_their_rate_will_not_do():
 
 
 def test_work_is_that_of_contacts_and_blocks_that_change():
-    """Two coupled contacts beside 48 that stay open: these cost nothing, and as many sweeps are made as without them."""
+    """Two coupled contacts and 48 that stay open: these cost nothing, and as many sweeps are made as without them."""
     alone, m = two_contacts(1.0 - 1e-4, 1e-8), 50
     W, b = np.eye(3 * m), np.full(3 * m, -1e-3)
     W[0, 3] = W[3, 0] = 1.0 - 1e-4

@@ -16,7 +16,9 @@ _log = logging.getLogger(__name__)
 _SOURCES = tuple(
     Path(__file__).parent / name for name in ("blocks.c", "coarsening.c", "dissection.c", "fronts.c", "vectors.c")
 )
-_HEADERS = tuple(Path(__file__).parent / name for name in ("blocks.h", "coarsening.h", "fronts.h", "lanes.h", "shapes.h"))
+_HEADERS = tuple(
+    Path(__file__).parent / name for name in ("blocks.h", "coarsening.h", "fronts.h", "lanes.h", "shapes.h")
+)
 _MOST_THREADS = 64  # MOST_THREADS of lanes.h
 
 
