@@ -36,8 +36,8 @@ _SLENDER = 0.45  # they grow with this power of the slenderness
 _BLOCK = 1.7  # slenderness of the block
 _ITERATIONS_AGAIN = 0.65  # of a later load step over the first
 
-_FACTOR_RANKS = 0.75  # speed-up of everything but the operations of the fronts: ranks to this power; 1.7 on two
-_MULTIGRID_RANKS = 0.5  # of multigrid and its path following; 1.4 on two
+_FACTOR_RANKS = 0.9  # speed-up of everything but the operations of the fronts: ranks to this power; 1.87 on two
+_MULTIGRID_RANKS = 0.63  # of multigrid and its path following; 1.55 on two
 
 
 class Precision(Enum):

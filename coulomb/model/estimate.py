@@ -25,29 +25,33 @@ from .slenderness import slenderness_of
 # bytes
 _BASE = 1.4e8  # per rank without a mesh: Python, DOLFINx, PETSc
 _BODY = 2.3e3  # per displacement unknown: mesh, K, multigrid, fields
-_MULTIGRID = 600.0  # per displacement unknown: K in blocks, the last solutions
+_MULTIGRID = 350.0  # per displacement unknown: K in blocks, the last solutions
 _FACTOR = 104.0  # over n^(4/3): the factor of K in single precision; in double twice as much
 _FRONTS = 132.0  # the same with the contact nodes last, including memory of fronts not yet reused
 _DENSE = 6.0  # over m^2: the Schur complement and the inverse of its factor
 
 # seconds on one core of the reference machine (machine.py)
-_START = 0.5  # Python, DOLFINx, PETSc
-_STEP = 0.14  # per load step of any size: files, rows, sums
+_START = 0.6  # Python, DOLFINx, PETSc
+_STEP = 0.04  # per load step of any size: files, rows, sums
 _FIELDS = 1.2e-5  # over n: assembly, certificate, output
+_OUTPUT = 2e-6  # over n: certificate and output of a later load step
 _FACTORISE = 1.5e-10  # over n^2
 _COMPLEMENT = 2.0e-11  # over m^3: the Schur complement and its factor
-_DENSE_STEPS = 1.8e-7  # over m^2: path following with A formed
-_FACTOR_STEPS = 1.75e-6  # over n^(4/3): path following if a product is a solve with the factor
-_MULTIGRID_STEPS = 4.7e-6  # over n^1.2: path following if it is a multigrid solve
+_FILL = 3.6e-7  # over n^(4/3): memory of the factor; with the contact nodes last in the ratio of the memory
+_DENSE_STEPS = (3.3e-8, 2.2e-7)  # over m^2 and n^(4/3): path following with A formed
+_FACTOR_STEPS = 9.5e-7  # over n^(4/3): path following if a product is a solve with the factor
+_MULTIGRID_STEPS = 2.6e-6  # over n^1.2: path following if it is a multigrid solve
+_DIRECT_LATER, _MULTIGRID_LATER = 0.3, 0.65  # path following of a later load step over that of the first
 _SPEED_UP = 0.75  # exponent of the speed-up over ranks: 1.7 on two
 
 _PICTURE = (1.3, 5e-6)  # picture.png: constant, and over n
 _FRAME = (0.3, 5e-6)  # the same of a frame of a film, after the first
 
 _WIDER = 2.4  # rows of K of 27-node hexahedra over those of 8-node ones; of 10-node tetrahedra they are as long
-_HARDER = 1.6  # multigrid solves in second order over those in first order
+_HARDER = 1.4  # multigrid solves in second order over those in first order
 
 _SQUAT = 1.7  # slenderness of the benchmark block, on which the multigrid steps were measured
+_SLENDER = 0.45  # multigrid steps grow with this power of it
 
 
 @dataclass(frozen=True)
@@ -94,24 +98,27 @@ def estimate(
     n, m = float(displacement), float(contact)
     wider, harder = _wider(nodes), _HARDER if nodes in (10, 27) else 1.0
     memory = _BASE * ranks + _BODY * wider * n
-    factorisation, products = 0.0, _FIELDS * n
+    operations, filled, later = 0.0, 0.0, _DIRECT_LATER
     if linear_solver is DirectSolver:
-        memory += (_FRONTS if explicit else _FACTOR) * n ** (4 / 3)
-        factorisation += _FACTORISE * n**2
+        fill = n ** (4 / 3)
+        memory += (_FRONTS if explicit else _FACTOR) * fill
+        operations += _FACTORISE * n**2
+        filled += _FILL * fill * (_FRONTS / _FACTOR if explicit else 1.0)
         if not explicit:
-            products += _FACTOR_STEPS * n ** (4 / 3)
+            path = _FACTOR_STEPS * fill
         else:
             memory += _DENSE * m**2
-            factorisation += _COMPLEMENT * m**3
-            products += _DENSE_STEPS * m**2
+            operations += _COMPLEMENT * m**3
+            path = _DENSE_STEPS[0] * m**2 + _DENSE_STEPS[1] * fill
     else:
         memory += _MULTIGRID * wider * n
-        products += _MULTIGRID_STEPS * harder * n**1.2 * max(slenderness / _SQUAT, 1.0)
+        path, later = _MULTIGRID_STEPS * harder * n**1.2 * max(slenderness / _SQUAT, 1.0) ** _SLENDER, _MULTIGRID_LATER
     speed = ranks**_SPEED_UP
-    again = _STEP * slowness.python + products * slowness.memory / speed
-    first = _START * slowness.python + factorisation * slowness.dense / speed
+    first = (_START + _STEP) * slowness.python
+    first += (operations * slowness.dense + (filled + _FIELDS * n + path) * slowness.memory) / speed
+    again = _STEP * slowness.python + (_OUTPUT * n + later * path) * slowness.memory / speed
     pictures = (slowness.python * seconds + slowness.memory * of_n * n for seconds, of_n in (_PICTURE, _FRAME))
-    return Estimate(memory, first + again, again, *pictures)
+    return Estimate(memory, first, again, *pictures)
 
 
 def estimate_of(problem: ContactProblem, slowness: Slowness = SAME) -> Estimate:
