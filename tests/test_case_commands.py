@@ -104,6 +104,17 @@ def test_estimates_against_measurements():
         assert 0.8 < expected.memory / memory < 1.25 and 0.8 < expected.seconds / seconds < 1.25
 
 
+def test_a_history_takes_factors_in_double_precision():
+    """Twice their memory: 0.74 GB were measured at p = 16 for 24 load steps; without the rest of a run twice in all."""
+    single, double = (estimate(41_616, 2_448, 1, DirectSolver, True, double=given) for given in (False, True))
+    assert 0.8 < double.memory / 0.74e9 < 1.25 and single.memory < 0.7 * double.memory
+    assert single.seconds < double.seconds and single.seconds_a_step == double.seconds_a_step
+    problem = make_block(3)
+    before = estimate_of(problem)
+    problem.body.expect_load_steps(24)
+    assert estimate_of(problem).memory > before.memory
+
+
 def test_later_load_steps_cost_less():
     """The more so with factors: at p = 16 a seventh of a step by multigrid was measured, and files besides."""
     direct, multigrid = (estimate(41_616, 2_448, 1, *way) for way in ((DirectSolver, True), (IterativeSolver, False)))

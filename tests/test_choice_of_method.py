@@ -169,7 +169,7 @@ def test_the_precision_that_is_expected(monkeypatch):
         assert not body.explicit
     assert asked == [TWICE, ONCE, Precision.DOUBLE]
     monkeypatch.setattr(contact_body, "_DOUBLE_UP_TO", 50)
-    assert body.unknowns["displacement"] > 50 and not body._in_double
+    assert body.unknowns["displacement"] > 50 and not body.in_double
 
 
 @pytest.mark.parametrize(("steps", "exact"), [(7, False), (8, True)])

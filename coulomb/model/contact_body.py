@@ -150,13 +150,13 @@ class ContactBody:
 
     def _precision(self) -> Precision:
         """Expected of the factors; collective."""
-        if self._in_double:
+        if self.in_double:
             return Precision.DOUBLE
         return Precision.REPEATED if ill_conditioned(self.elasticity) else Precision.SINGLE
 
     @property
-    def _in_double(self) -> bool:
-        """Whether factors in double precision take less time in all than in single precision."""
+    def in_double(self) -> bool:
+        """Whether factors are in double precision from the beginning, as many load steps then take less time."""
         return self._load_steps >= _DOUBLE_FROM and self.unknowns["displacement"] <= _DOUBLE_UP_TO
 
     @property
@@ -336,7 +336,7 @@ class ContactBody:
         if self._stiffness is None or self._stiffness.elasticity.K is not elasticity.K:
             first, spent = self._stiffness is None, self.seconds if seconds is None else seconds
             solver, explicit = self._chosen
-            double = first and self._in_double
+            double = first and self.in_double
             self._stiffness = ContactStiffness(
                 elasticity, self._reference, solver, explicit, spent, self._symbolic, double
             )

@@ -30,6 +30,8 @@ _FACTOR = 104.0  # over n^(4/3): the factor of K in single precision; in double 
 _FRONTS = 132.0  # the same with the contact nodes last, including memory of fronts not yet reused
 _DENSE = 6.0  # over m^2: the Schur complement and the inverse of its factor
 
+_DOUBLE = 2.0, 2.3  # memory and time of factors in double precision over those in single precision
+
 # seconds on one core of the reference machine (machine.py)
 _START = 0.6  # Python, DOLFINx, PETSc
 _STEP = 0.04  # per load step of any size: files, rows, sums
@@ -82,6 +84,7 @@ def estimate(
     slenderness: float = _SQUAT,
     slowness: Slowness = SAME,
     nodes: int = 8,
+    double: bool = False,
 ) -> Estimate:
     """Estimate for numbers of unknowns and methods.
 
@@ -94,21 +97,22 @@ def estimate(
         slenderness: Width of the contact face over the thickness of the body behind it, see `slenderness`.
         slowness: Slowness of this machine.
         nodes: Nodes of a cell: 4 and 8, in second order 10 and 27.
+        double: Whether factors are in double precision from the beginning, for a load history.
     """
     n, m = float(displacement), float(contact)
     wider, harder = _wider(nodes), _HARDER if nodes in (10, 27) else 1.0
     memory = _BASE * ranks + _BODY * wider * n
     operations, filled, later = 0.0, 0.0, _DIRECT_LATER
     if linear_solver is DirectSolver:
-        fill = n ** (4 / 3)
-        memory += (_FRONTS if explicit else _FACTOR) * fill
-        operations += _FACTORISE * n**2
-        filled += _FILL * fill * (_FRONTS / _FACTOR if explicit else 1.0)
+        fill, (wide, slow) = n ** (4 / 3), _DOUBLE if double else (1.0, 1.0)
+        memory += wide * (_FRONTS if explicit else _FACTOR) * fill
+        operations += slow * _FACTORISE * n**2
+        filled += slow * _FILL * fill * (_FRONTS / _FACTOR if explicit else 1.0)
         if not explicit:
             path = _FACTOR_STEPS * fill
         else:
-            memory += _DENSE * m**2
-            operations += _COMPLEMENT * m**3
+            memory += wide * _DENSE * m**2
+            operations += slow * _COMPLEMENT * m**3
             path = _DENSE_STEPS[0] * m**2 + _DENSE_STEPS[1] * fill
     else:
         memory += _MULTIGRID * wider * n
@@ -133,6 +137,7 @@ def estimate_of(problem: ContactProblem, slowness: Slowness = SAME) -> Estimate:
         slenderness(problem),
         slowness,
         _nodes_of_cell(problem),
+        problem.body.in_double,
     )
 
 
@@ -147,7 +152,7 @@ def refuse_too_large(problem: ContactProblem) -> None:
     Raises:
         ValueError: On every rank, if a node has too little, with the required and free memory and what would fit.
     """
-    comm, size, nodes = problem.comm, problem.unknowns, _nodes_of_cell(problem)
+    comm, size, nodes, double = problem.comm, problem.unknowns, _nodes_of_cell(problem), problem.body.in_double
     n, m = size["displacement"], problem.body.interface
     needed = estimate_of(problem).memory
     fits = least_room(comm)
@@ -162,7 +167,7 @@ def refuse_too_large(problem: ContactProblem) -> None:
     would = [
         f"{how} ({gigabytes(other)})"
         for solver, explicit, how in others
-        if (other := estimate(n, m, comm.size, solver, explicit, nodes=nodes).memory) <= fits
+        if (other := estimate(n, m, comm.size, solver, explicit, nodes=nodes, double=double).memory) <= fits
     ]
     most = int(max(fits - _BASE * comm.size, 0.0) / (_wider(nodes) * (_BODY + _MULTIGRID)))
     advice = f"take {' or '.join(would)}" if would else f"by multigrid {most} displacement unknowns would fit"

@@ -169,7 +169,11 @@ def _rows(name: str, patch: Patch, solution: Solution) -> list[Row]:
     return [
         relative(f"{name}: pressure, worst node, Pa", expected[2], worst[2], allowed * of_a_node, single),
         relative(
-            f"{name}: shear, worst node, Pa", expected[0], worst[0], allowed * of_a_node * PRESSURE / patch.shear, single
+            f"{name}: shear, worst node, Pa",
+            expected[0],
+            worst[0],
+            allowed * of_a_node * PRESSURE / patch.shear,
+            single,
         ),
         absolute(f"{name}: displacement, worst node, over the largest", 0.0, off, allowed, why),
         absolute(f"{name}: share of nodes in this state", 1.0, alike, 0.0, "a count: all of them"),
