@@ -81,6 +81,19 @@ def test_symmetric_blocks(size, team):
     assert np.abs(d - direction).max() <= 1e-5 * scale and np.abs(x - moved).max() <= 1e-5 * scale
 
 
+def test_a_thread_that_adds_to_rows_of_all_later_ones(team):
+    """The first row couples with the last, all others with themselves only."""
+    size, count = 3, 30
+    pattern = scipy.sparse.eye(count).tolil()
+    pattern[0, count - 1] = pattern[count - 1, 0] = 0.5
+    K = scipy.sparse.kron(pattern, np.eye(size) + 0.1).tocsr()
+    blocks = SymmetricBlocks(native.kernels(), distributed_entries(petsc(K)), size, accurate=True)
+    x, y = vector(np.arange(1.0, size * count + 1.0)), padded(size * count)
+    for _ in range(2):
+        blocks.mult(x, y)
+        assert np.abs(y - K @ x).max() <= 1e-13 * np.abs(K @ x).max()
+
+
 @pytest.mark.parametrize("shape", SHAPES)
 def test_block_interpolation(shape, team):
     rng = np.random.default_rng(shape)

@@ -74,6 +74,41 @@ def test_from_point_to_point_it_is_what_it_is_there():
     np.testing.assert_array_equal(moving(r), unmoved)
 
 
+def test_where_products_are_not_exact_every_change_counts():
+    rng = np.random.default_rng(6)
+    A, at = random_spd(3 * NODES, 1e3, rng), equations(rng)
+    known = LowRankApproximation(MPI.COMM_SELF, np.diag(A).reshape(-1, 3).copy(), 100, exact=False)
+    for x in rng.standard_normal((12, 3 * NODES)):
+        known.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
+    known.update()
+    near, r = dataclasses.replace(at, P=at.P + 0.02), rng.standard_normal((NODES, 3))
+    moving, fresh = (ContactPreconditioner(MPI.COMM_SELF, known) for _ in range(2))
+    moving.move(at)
+    before = moving(r)
+    moving.move(near)
+    fresh.move(near)
+    expected = fresh(r)
+    np.testing.assert_allclose(moving(r), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    assert np.abs(before - expected).max() > 1e-3 * np.abs(expected).max()
+
+
+def test_a_node_whose_equations_were_nearly_singular_leaves_no_rounding_errors():
+    rng = np.random.default_rng(6)
+    A, at = random_spd(3 * NODES, 1e3, rng), equations(rng)
+    known = LowRankApproximation(MPI.COMM_SELF, np.diag(A).reshape(-1, 3).copy(), 100, exact=True)
+    for x in rng.standard_normal((12, 3 * NODES)):
+        known.record(x.reshape(-1, 3), (A @ x).reshape(-1, 3))
+    known.update()
+    P, Q, r = at.P.copy(), at.Q.copy(), rng.standard_normal((NODES, 3))
+    Q[0], P[0] = np.eye(3), -(1.0 - 1e-9) * np.diag(known.rest[0])
+    moving, fresh = (ContactPreconditioner(MPI.COMM_SELF, known) for _ in range(2))
+    for point in (at, dataclasses.replace(at, P=P, Q=Q), at):
+        moving.move(point)
+    fresh.move(at)
+    expected = fresh(r)
+    np.testing.assert_allclose(moving(r), expected, rtol=1e-11, atol=1e-11 * np.abs(expected).max())
+
+
 def test_an_approximation_is_taken_again_only_for_the_same_A():
     d = np.arange(1.0, 7.0).reshape(2, 3)
     known = LowRankApproximation(MPI.COMM_SELF, d, 60, exact=True)

@@ -8,8 +8,8 @@ from conftest import dense_compliance, random_spd, solved_block
 
 from coulomb import Automatic, FrictionProblem, InteriorPoint
 from coulomb.io.output import _write_history
-from coulomb.solvers.path_ends import Finish
-from coulomb.solvers.results import InteriorPointStep, NotConverged, SemismoothStep, Status
+from coulomb.solvers.path_ends import Finish, smallest
+from coulomb.solvers.results import Goal, InteriorPointStep, NotConverged, SemismoothStep, Status
 from coulomb.solvers.semismooth_newton import SemismoothNewton
 
 
@@ -28,7 +28,9 @@ def test_nodes_at_the_edge_of_their_discs_without_slip():
     """There the residual of path following falls like the square root of theta."""
     problem, x = at_the_edge()
     path, auto = InteriorPoint(1e-10).solve(problem), Automatic(1e-10).solve(problem)
-    assert auto.newton_steps < path.newton_steps
+    ended = InteriorPoint(1e-10, finish=SemismoothNewton()).solve(problem)
+    assert max(ended.newton_steps, auto.newton_steps) < path.newton_steps
+    assert ended.method == path.method and auto.method == f"auto: {path.method}"
     assert np.linalg.norm(auto.x - x) <= 1e-8 * np.linalg.norm(x)
 
 
@@ -84,3 +86,28 @@ def test_it_is_not_tried_once_the_certificate_has_refused_an_answer():
     goal.refused = False
     finish = Finish(method, 1e-4, problem, goal, None, [])
     assert finish.wanted(1e-6) and not finish.wanted(1e-3) and not finish.wanted(1e-9)
+
+
+def test_a_method_that_fails_is_tried_twice_the_second_time_much_nearer():
+    problem, x = at_the_edge(4)
+    weak = SemismoothNewton(max_iterations=1, forcing=0.9, sharpest=0.9)
+    goal, far = Goal(1e-12, None), 1.5 * x
+    history, gradient = [], np.empty_like(x)
+    problem.A.mult(far, gradient)
+    gradient -= problem.b
+    finish = Finish(weak, 1e-4, problem, goal, None, history)
+    for wanted, not_yet in ((0.9e-4, 1.1e-4), (0.9e-6, 1.1e-6)):
+        assert finish.wanted(wanted) and not finish.wanted(not_yet)
+        assert finish.tried(far, gradient, "a name") is None and not finish.converged
+    assert not finish.wanted(0.9e-8)
+    assert [step.iteration for step in history] == list(range(1, len(history) + 1)) and len(history) >= 2
+
+
+def test_without_forces_there_is_no_other_answer():
+    """With a residual of zero it is the answer, though the certificate refuses it; with another it is not."""
+    problem = at_the_edge(2)[0]
+    refusing = Goal(1e-8, lambda *_: False)
+    assert smallest(problem, refusing, "a name") is None
+    open_everywhere = FrictionProblem.coulomb(problem.A, -np.abs(problem.b), problem.law.friction)
+    result = smallest(open_everywhere, refusing, "a name")
+    assert result is not None and result.residual == 0.0 and not result.x.any()
