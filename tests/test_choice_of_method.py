@@ -1,7 +1,7 @@
 """K factorised or multigrid by predicted seconds, on one rank."""
 
 import pytest
-from conftest import ROOT, make_block
+from conftest import ROOT, make_block, run_coulomb
 from mpi4py import MPI
 
 import coulomb
@@ -199,3 +199,12 @@ def test_a_history_declares_its_load_steps(monkeypatch, tmp_path):
     settings.load_history().run(settings.problem(), files, on_step=lambda step: step.state.number == 2)
     assert posed(settings, tmp_path / "out", force=False, resume=True).body.explicit and asked == [9, 24, 24, 22]
     assert posed(settings, tmp_path / "out", force=False, now=False).body.explicit and asked[4:] == [24]
+
+
+def test_an_exported_matrix_wants_factors(monkeypatch, tmp_path):
+    """All of A takes a product per contact unknown, as many as many load steps."""
+    asked = []
+    monkeypatch.setattr(contact_body, "undecided", lambda *_: True)
+    monkeypatch.setattr(contact_body, "factorise", lambda *given: asked.append(given[4]) or True)
+    done = run_coulomb("export", ROOT / "demos" / "block.toml", tmp_path / "x.hdf5", "--set", "mesh.cells=[6,2,2]")
+    assert done.returncode == 0 and asked == [54], done.stderr

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..linalg.stiffness import DirectSolver
 from ..solvers.dense_system import DenseSystem
 from ..solvers.friction_problem import FrictionProblem, Solver
 from ..solvers.interior_point import InteriorPoint
@@ -57,7 +58,7 @@ def measure(sizes: Iterable[int], friction: Iterable[float], tolerance: float, r
     P_AM as in the paper.
     """
     for p in sizes:
-        body = block(p)
+        body = block(p, linear_solver=DirectSolver, explicit=True)
         for F in friction:
             problem = FrictionProblem.coulomb(body.A, body.b, np.full(len(body.surface.nodes), F))
             answer, seconds = _least(_tresca, problem, tolerance, repeats)

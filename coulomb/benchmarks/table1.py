@@ -10,6 +10,7 @@ from typing import NamedTuple
 from ..linalg.diagonal_estimate import estimated_diagonal
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.schur_compliance import SchurCompliance
+from ..linalg.stiffness import DirectSolver
 from ..model.problem import ContactProblem
 from ..solvers.friction_problem import Solver
 from ..solvers.interior_point import InteriorPoint
@@ -84,7 +85,7 @@ def measure(sizes: Iterable[int] = SIZES, names: Iterable[str] | None = None) ->
     if unknown:
         raise ValueError(f"there is no solver {unknown[0]!r} in the table; it has {', '.join(columns)}")
     for p in sizes:
-        problem = block(p, friction=None)
+        problem = block(p, friction=None, linear_solver=DirectSolver, explicit=True)
         assert isinstance(problem.body.stiffness_solver, MultifrontalSolver)
         problem.body.stiffness_solver.use_double()  # the paper's methods have exact products
         qp = problem.friction_problem
