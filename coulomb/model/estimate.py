@@ -43,7 +43,7 @@ _FILL = 3.6e-7  # over n^(4/3): memory of the factor; with the contact nodes las
 _DENSE_STEPS = (3.3e-8, 2.2e-7)  # over m^2 and n^(4/3): path following with A formed
 _FACTOR_STEPS = 9.5e-7  # over n^(4/3): path following if a product is a solve with the factor
 _MULTIGRID_STEPS = 2.6e-6  # over n^1.2: path following if it is a multigrid solve
-_DIRECT_LATER, _MULTIGRID_LATER = 0.3, 0.65  # path following of a later load step over that of the first
+_DIRECT_LATER, _MULTIGRID_LATER = 0.3, 0.8  # path following of a later load step over that of the first
 _SPEED_UP = 0.75  # exponent of the speed-up over ranks: 1.7 on two
 
 _PICTURE = (1.3, 5e-6)  # picture.png: constant, and over n
