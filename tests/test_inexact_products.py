@@ -30,7 +30,8 @@ def test_steps_between_which_the_load_returns():
 
 @pytest.mark.parametrize("friction", [0.0, 0.1, 0.2, 0.3])
 def test_soft_springs(friction):
-    """A dragged block on springs that a millionth of its own stiffness would move: b and A x nearly cancel."""
+    """A dragged block on springs that a millionth of its own stiffness would move: b and A x nearly cancel.  Without
+    the rigid motions in what the methods know of A it takes 187 products and more, of A as a whole 400 to 880."""
     problem = ContactProblem(
         coulomb.box((4.0, 1.0, 2.0), (8, 3, 4)),
         Material(2.1e11, 0.3),
@@ -41,6 +42,6 @@ def test_soft_springs(friction):
         linear_solver=IterativeSolver,
     )
     solution = problem.solve()
-    assert solution.certificate.passed
+    assert solution.certificate.passed and solution.result.products <= (150 if friction > 0.0 else 400)
     x = solution.contact_force.reshape(-1, 3)
     assert np.hypot(x[:, 1].sum(), x[:, 2].sum()) / x[:, 0].sum() == pytest.approx(friction, rel=1e-6, abs=1e-12)

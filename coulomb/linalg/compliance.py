@@ -13,6 +13,7 @@ from ..arrays import FloatArray
 from .diagonal_estimate import estimated_diagonal
 from .learnt_columns import LearntColumns, turned_diagonal
 from .reductions import Reductions
+from .soft_motions import SoftMotions
 from .stiffness import StiffnessSolver
 from .unsolved import Unsolved
 
@@ -166,18 +167,26 @@ class MatrixFreeCompliance:
         K: The stiffness matrix.
         solver: K^-1.
         probes: Products spent on the diagonal.
-        diagonal: Replaces the estimate of the diagonal, shape (3 m,).
+        diagonal: Replaces the estimate of the diagonal of A - F F^T, shape (3 m,).
+        soft: The motions that the solver computes apart, if there are any.
 
     Attributes:
+        rigid: F, what soft motions move the contact nodes, shape (3 m, q): F F^T is a part of A; None without any.
         latest: The x of the last `mult_incremental` or `displacement` that did not fail, shape (3 m,); or None.
     """
 
     name = "matrix-free"
 
     def __init__(
-        self, B: PETSc.Mat, K: PETSc.Mat, solver: StiffnessSolver, probes: int = 4, diagonal: FloatArray | None = None
+        self,
+        B: PETSc.Mat,
+        K: PETSc.Mat,
+        solver: StiffnessSolver,
+        probes: int = 4,
+        diagonal: FloatArray | None = None,
+        soft: SoftMotions | None = None,
     ):
-        self.B, self.K, self._solver = B, K, solver
+        self.B, self.K, self._solver, self._soft = B, K, solver, soft
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
         self.products, self.learnt = 0, LearntColumns()
@@ -189,7 +198,15 @@ class MatrixFreeCompliance:
         self.latest: FloatArray | None = None
         self._load: PETSc.Vec | None = None
         self._free: FloatArray = self._u.array.copy()
-        self._diagonal = estimated_diagonal(self, B, K, probes) if diagonal is None else diagonal
+        self.rigid = None if soft is None else np.column_stack([self._moved(motion) for motion in soft.motions.T])
+        self._elastic = estimated_diagonal(self, B, K, probes, self.rigid) if diagonal is None else diagonal
+
+    def _moved(self, u: FloatArray) -> FloatArray:
+        """B u, shapes (n,) and (3 m,)."""
+        self._u.array[:] = u
+        self.B.mult(self._u, self._x)
+        moved: FloatArray = self._x.array.copy()
+        return moved
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         self._x.array[:] = x
@@ -263,8 +280,8 @@ class MatrixFreeCompliance:
         self._accurate = self.latest = None
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
-        diagonal = turned_diagonal(self._diagonal, self.learnt, turn)
-        return MatrixFreeCompliance(B, self.K, self._solver, diagonal=diagonal)
+        diagonal = turned_diagonal(self._elastic, self.learnt, turn)
+        return MatrixFreeCompliance(B, self.K, self._solver, diagonal=diagonal, soft=self._soft)
 
     def known_product(self, x: FloatArray) -> FloatArray | None:
         """That of the last most accurate product, if x is the same."""
@@ -286,4 +303,4 @@ class MatrixFreeCompliance:
         return u if free is self._free else free - (self._free - u)
 
     def diagonal(self) -> FloatArray:
-        return self._diagonal
+        return self._elastic if self.rigid is None else self._elastic + np.sum(self.rigid**2, axis=1)

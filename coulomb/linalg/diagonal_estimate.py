@@ -25,18 +25,21 @@ class Products(Protocol):
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None: ...
 
 
-def estimated_diagonal(A: Products, B: PETSc.Mat, K: PETSc.Mat, probes: int = 8) -> FloatArray:
+def estimated_diagonal(
+    A: Products, B: PETSc.Mat, K: PETSc.Mat, probes: int = 8, rigid: FloatArray | None = None
+) -> FloatArray:
     """diag(A) of A = B K^-1 B^T from a few products, shape (3 m,).
 
     diag(A) is close to a multiple of diag(B diag(K)^-1 B^T), one multiple for each of n, t1 and t2, found from products
-    with random signs v, since the mean of v_i (A v)_i is A_ii (Hutchinson 1989).  It neglects
-    rigid motions of the body, with little effect on CG (`coulomb benchmark table1` shows both).
+    with random signs v, since the mean of v_i (A v)_i is A_ii (Hutchinson 1989).  It neglects rigid motions of the
+    body, with little effect on CG (`coulomb benchmark table1` shows both); those that are given are left out.
 
     Args:
         A: The compliance; `probes` products are made.
         B: Contact matrix, 3 rows per contact node.
         K: The stiffness matrix, of which only the diagonal is read.
         probes: Number of products.
+        rigid: Columns F, shape (3 m, q): the diagonal is that of A - F F^T; None if there are none.
     """
     over = Reductions(A.comm)
     u, x = B.createVecs()
@@ -56,6 +59,8 @@ def estimated_diagonal(A: Products, B: PETSc.Mat, K: PETSc.Mat, probes: int = 8)
         v = random.choice([-1.0, 1.0], size=3 * A.nodes)
         try:
             A.mult(v, y, 0.03)
+            if rigid is not None:
+                y -= rigid @ over.total(rigid.T @ v)
         except Unsolved:  # the scale of diag(K)^-1 then; path following reports the failure
             traces[:] = [over.sum(local[:, k]) for k in range(3)]
             break

@@ -50,12 +50,14 @@ class LowRankApproximation:
         replaced: Part of D that is replaced there if products are not exact, at least 0 and below 1.
         least_rest: The rest is at least this part of diag(A), as far as A is not yet in U.
         known: Columns with which to begin; None if there are none; the same on all ranks, and then it is collective.
+        rigid: Columns F of a part F F^T of A that is known exactly, shape (3 m, q), as of bodies on soft springs
+            (soft_motions.py): the rest is approximated, and F F^T added; None if there are none.
 
     Attributes:
         rest: Shape (m, 3), positive.
         U: Shape (3 m, r), r <= rank.
-        columns: U and V side by side, shape (3 m, s).
-        signs: Of their products, 1 for U, -1 for V, shape (s,).
+        columns: U, V and F side by side, shape (3 m, s).
+        signs: Of their products, 1 for U and F, -1 for V, shape (s,).
     """
 
     def __init__(
@@ -67,15 +69,19 @@ class LowRankApproximation:
         replaced: float = 0.0,
         least_rest: float = 0.2,
         known: LearntColumns | None = None,
+        rigid: FloatArray | None = None,
     ):
-        self._comm, self._diagonal, self._rank, self._exact = comm, diagonal, rank, exact
+        self._comm, self._whole, self._rank, self._exact = comm, diagonal, rank, exact
+        self._F: FloatArray = np.empty((diagonal.size, 0)) if rigid is None else rigid
+        diagonal = diagonal - np.sum(self._F**2, axis=1).reshape(-1, 3) if self._F.shape[1] else diagonal
+        self._diagonal: FloatArray = diagonal
         self._replaced, self._least_rest = 1.0 if exact else replaced, least_rest
         self._new: list[tuple[FloatArray, FloatArray]] = []
         self._X: FloatArray = np.empty((diagonal.size, 0))
         self._new_part = 1.0
         self.U: FloatArray = np.empty((diagonal.size, 0))
-        self.columns: FloatArray = self.U
-        self.signs: FloatArray = np.empty(0)
+        self.columns: FloatArray = self._F
+        self.signs: FloatArray = np.ones(self._F.shape[1])
         self.rest: FloatArray = diagonal
         self._weighted_gram: FloatArray | None = None
         if known is not None and known.X is not None and known.U is not None and rank > 0:
@@ -92,7 +98,7 @@ class LowRankApproximation:
 
     def fits(self, diagonal: FloatArray, rank: int, exact: bool) -> bool:
         """Whether it was made with these arguments; collective."""
-        same = self._rank == rank and self._exact == exact and np.array_equal(self._diagonal, diagonal)
+        same = self._rank == rank and self._exact == exact and np.array_equal(self._whole, diagonal)
         return Reductions(self._comm).all(same)
 
     def forget_new(self) -> None:
@@ -126,6 +132,8 @@ class LowRankApproximation:
             return
         X, Y = (np.column_stack(columns) for columns in zip(*self._new, strict=True))
         self._new.clear()
+        if self._F.shape[1]:
+            Y = Y - self._F @ summed(self._comm, self._F.T @ X)
         if self._exact:
             self._new_part = min(self._unknown(X, Y), 1.0)
         X, Y = np.column_stack([self._X, X]), np.column_stack([self.U, Y])
@@ -148,9 +156,9 @@ class LowRankApproximation:
         if self._replaced > 0.0:
             DX = self.rest.reshape(-1, 1) * self._X
             V = math.sqrt(self._replaced) * (DX @ _inverse_root(self._gram(self._X, DX)))
-        self.columns = np.hstack([U, V])
+        self.columns = np.hstack([U, V, self._F])
         self.U = self.columns[:, : U.shape[1]]
-        self.signs = np.repeat([1.0, -1.0], [U.shape[1], V.shape[1]])
+        self.signs = np.repeat([1.0, -1.0, 1.0], [U.shape[1], V.shape[1], self._F.shape[1]])
         self._weighted_gram = None
 
     @property
@@ -180,7 +188,7 @@ class LowRankApproximation:
         return float(max(size / diagonal, 1e-4)) if diagonal > 1e-6 * whole else self._new_part
 
     def mult(self, x: FloatArray) -> FloatArray:
-        """(diag(rest) - V V^T + U U^T) x, shapes (m, 3); collective."""
+        """(diag(rest) - V V^T + U U^T + F F^T) x, shapes (m, 3); collective."""
         low_rank: FloatArray = self.columns @ (self.signs * summed(self._comm, self.columns.T @ x.ravel()))
         return self.rest * x + low_rank.reshape(x.shape)
 

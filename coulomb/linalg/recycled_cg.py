@@ -60,7 +60,7 @@ class RecycledCG:
         library: The kernels.
         mult: (x, y): y <- K x, both of this rank and padded (block_matrix.py); collective.
         precondition: r -> an approximation of K^-1 r, symmetric positive definite, to be read before the next;
-            collective.
+            collective; it may correct rounding errors of r.
         directions: Directions kept, at most.
         limit: Iterations of a solve, at most.
         rough: Products in single precision; None if there are none.

@@ -9,6 +9,7 @@ from typing import Protocol
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ..arrays import FloatArray
 from .block_matrix import padded
 from .multigrid_cycle import MultigridCycle
 from .multigrid_grids import SECOND_ORDER_STEPS, multigrid
@@ -16,6 +17,7 @@ from .native import kernels
 from .nodal_blocks import symmetric_blocks
 from .petsc_options import configured_ksp
 from .recycled_cg import RecycledCG
+from .soft_motions import SoftMotions
 from .unsolved import Unsolved
 
 
@@ -129,7 +131,10 @@ class _InBlocks:
 
     def __init__(self, comm: MPI.Comm, library: ctypes.CDLL, cycle: MultigridCycle):
         self._cycle, self._u = cycle, padded(cycle.size)
-        self._cg = RecycledCG(comm, library, cycle.size, cycle.mult, cycle, _DIRECTIONS, _ITERATIONS, cycle)
+        self.soft: SoftMotions | None = None
+        self._cg = RecycledCG(
+            comm, library, cycle.size, cycle.mult, self._precondition, _DIRECTIONS, _ITERATIONS, cycle
+        )
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float) -> int:
         """u <- K^-1 rhs; iterations."""
@@ -137,6 +142,13 @@ class _InBlocks:
             return self._cg.solve(rhs.array_r, self._u, tolerance)
         finally:
             u.array[:] = self._u
+
+    def _precondition(self, r: FloatArray) -> FloatArray:
+        """A cycle for r.  In motions that are computed apart, products leave only rounding errors; the cycle would
+        magnify them as the springs are soft, and they are removed."""
+        if self.soft is not None:
+            self.soft.take_from_forces(r)
+        return self._cycle(r)
 
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
         """product <- K u."""
@@ -153,6 +165,8 @@ class _ByPETSc:
 
     Products with the finest matrix are nearly all of the work: CG and the smoother (pc_use_amat) use it in blocks.
     """
+
+    soft: SoftMotions | None = None
 
     def __init__(self, K: PETSc.Mat, P: PETSc.Mat | None):
         self._blocks = symmetric_blocks(K)
@@ -261,10 +275,29 @@ class IterativeSolver:
             P.destroy()
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
+        soft = self._method.soft
+        if soft is None:
+            self._solved(rhs, u, tolerance)
+            return
+        rest = rhs.copy()
+        amounts = soft.take_from_forces(rest.array)
+        try:
+            self._solved(rest, u, tolerance)
+        finally:
+            soft.take_from(u.array)
+            u.array[:] += soft.motions @ amounts
+            rest.destroy()
+
+    def _solved(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float) -> None:
         if rhs.norm() == 0.0:  # a solution 0 among the earlier ones would make the next start undefined
             u.set(0.0)
             return
         self.iterations += self._method.solve(rhs, u, max(tolerance, self.tolerance))
+
+    def separate(self, soft: SoftMotions) -> None:
+        """Compute rigid motions on soft springs apart from now on, exactly; tolerances are then relative to the forces
+        less what the springs carry in these motions."""
+        self._method.soft = soft
 
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
         self._method.multiply(u, product)

@@ -22,8 +22,10 @@ from ..linalg.methods import LinearSolver
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.nested_dissection import Front
 from ..linalg.schur_compliance import SchurCompliance
-from ..linalg.stiffness import DirectSolver, StiffnessSolver
+from ..linalg.soft_motions import SoftMotions
+from ..linalg.stiffness import DirectSolver, IterativeSolver, StiffnessSolver
 from ..linalg.unsolved import Unsolved
+from .spring_motions import soft_motions
 from .stopwatch import timed
 
 
@@ -98,7 +100,15 @@ class ContactStiffness:
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
             if self._linear_solver is DirectSolver:
                 return self._factorised(np.empty(0, dtype=np.int64), None)
-            return self._linear_solver(self.elasticity.K)
+            solver = self._linear_solver(self.elasticity.K)
+            if self._soft is not None and isinstance(solver, IterativeSolver):
+                solver.separate(self._soft)
+            return solver
+
+    @cached_property
+    def _soft(self) -> SoftMotions | None:
+        """The motions on soft springs that multigrid computes apart."""
+        return None if self._linear_solver is DirectSolver else soft_motions(self.elasticity)
 
     def _factorised(
         self, last: npt.NDArray[np.integer[Any]], symbolic: list[Front] | SharedSymbolic | None
@@ -118,7 +128,7 @@ class ContactStiffness:
         with timed(self._seconds, "compliance"):
             if self._explicit and isinstance(solver, MultifrontalSolver | DistributedMultifrontalSolver):
                 return SchurCompliance(B, solver)
-            return MatrixFreeCompliance(B, self.elasticity.K, solver)
+            return MatrixFreeCompliance(B, self.elasticity.K, solver, soft=self._soft)
 
     def compliance(self, surface: ContactSurface, seconds: dict[str, float]) -> BodyCompliance:
         """A = B K^-1 B^T in the frames of a surface of this body, metres per newton; collective.

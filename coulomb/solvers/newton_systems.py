@@ -194,7 +194,8 @@ class _Krylov(ProductImages):
     def __init__(self, A: ScaledCompliance, rank: int, product: tuple[float, float], block: int, sloped: bool) -> None:
         super().__init__(A)
         self._comm, self._product, self._accuracy = A.comm, product, 0.0
-        self._A = LowRankApproximation(A.comm, A.diagonal, rank, A.A.exact, REPLACED, known=A.known())
+        known = A.known()
+        self._A = LowRankApproximation(A.comm, A.diagonal, rank, A.A.exact, REPLACED, known=known, rigid=A.rigid)
         self._block = block
         self._weight: FloatArray = np.ones((A.nodes, block))
 

@@ -28,6 +28,7 @@ class ScaledCompliance:
     Attributes:
         diagonal: diag(A~).
         G: G~^T, shape (m, 3, r), r = 0 without rigid motions.
+        rigid: Columns F~ of a part F~ F~^T of A~ that is known exactly (`MatrixFreeCompliance.rigid`), shape (3 m, q).
         recalls: Whether Newton systems begin with the columns of A that earlier problems have found.
     """
 
@@ -36,6 +37,8 @@ class ScaledCompliance:
         self.comm, self.nodes = A.comm, A.nodes
         self.diagonal: FloatArray = W**2 * A.diagonal().reshape(-1, 3) / a
         self.G: FloatArray = np.empty((*W.shape, 0)) if G is None else G
+        F = None if A.matrix_free is None else A.matrix_free.rigid
+        self.rigid: FloatArray = np.empty((W.size, 0)) if F is None else W.reshape(-1, 1) * F / np.sqrt(a)
         self.recalls = False
 
     def mult(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:

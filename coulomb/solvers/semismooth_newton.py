@@ -161,7 +161,8 @@ class _Iteration(ProductImages):
         A, d, known = self._problem.A, self._scaled.diagonal, self._problem.A.learnt.prepared
         if isinstance(known, ContactPreconditioner) and known.A.fits(d, rank, A.exact):
             return known
-        return ContactPreconditioner(A.comm, LowRankApproximation(A.comm, d, rank, A.exact, known=self._scaled.known()))
+        learnt, rigid = self._scaled.known(), self._scaled.rigid
+        return ContactPreconditioner(A.comm, LowRankApproximation(A.comm, d, rank, A.exact, known=learnt, rigid=rigid))
 
     def run(self, starts: FloatArray, gradient: FloatArray | None = None) -> SolverResult:
         """From the best of the starts (c, 3 m) to the answer, or to where the residual stalls; collective."""
