@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from coulomb import Clamp, Elasticity, Material, SymmetryPlane, box
 from coulomb.fem.elasticity import Spring
@@ -11,7 +12,7 @@ from coulomb.linalg import coarsening, native, stiffness
 from coulomb.linalg.block_matrix import PADDING
 from coulomb.linalg.petsc_arrays import distributed_entries
 from coulomb.linalg.reductions import concatenated
-from coulomb.linalg.whole_blocks import whole
+from coulomb.linalg.whole_blocks import WholeBlocks, whole
 
 COMM = MPI.COMM_WORLD
 pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
@@ -72,6 +73,19 @@ def test_two_coarse_grids(monkeypatch, cell, team):
             assert np.abs(made - wanted)[still].max() <= 1e-6
         matrix, size, motions = coarse.matrix, 6, coarse.motions
     assert len(product) < 0.2 * body.K.getSize()[0]
+
+
+def test_rows_that_are_coupled_with_another_rank_only_are_not_held():
+    """Two nodes per rank; the last one of a rank is coupled with the first of the next, and with none of its own."""
+    nodes = 2 * COMM.size
+    K = np.kron(np.eye(nodes), 4.0 * np.eye(3))
+    for a in range(1, nodes - 1, 2):
+        K[3 * a : 3 * a + 3, 3 * a + 3 : 3 * a + 6] = K[3 * a + 3 : 3 * a + 6, 3 * a : 3 * a + 3] = np.ones((3, 3))
+    mine = scipy.sparse.csr_matrix(K[6 * COMM.rank : 6 * COMM.rank + 6])
+    matrix = PETSc.Mat().createAIJ(((6, None), (6, None)), csr=(mine.indptr, mine.indices, mine.data), comm=COMM)
+    blocks = WholeBlocks(native.kernels(), distributed_entries(matrix), 3)
+    loose = concatenated(COMM, coarsening._aggregates(native.kernels(), blocks, 1)[2])
+    np.testing.assert_array_equal(loose, np.count_nonzero(K, axis=1) > 1)
 
 
 @pytest.mark.parametrize("springs", [False, True])
