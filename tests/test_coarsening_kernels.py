@@ -7,7 +7,9 @@ import pytest
 import scipy.sparse
 
 from coulomb.linalg import native
-from coulomb.linalg.block_matrix import address
+from coulomb.linalg.block_matrix import address, padded
+from coulomb.linalg.coarse_grids import exact_solver
+from coulomb.linalg.petsc_arrays import Entries
 
 pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
 
@@ -111,3 +113,38 @@ def test_orthonormal_motions(size, team):
         np.testing.assert_allclose(Q.T @ Q, np.diag(kept.astype(float)), atol=1e-14)
         assert not Q[held].any() and not np.tril(R[a], -1).any()
         np.testing.assert_allclose((Q @ R[a])[~held], given[rows][~held], atol=1e-13)
+
+
+@pytest.mark.parametrize("copies", [1, 3])
+def test_a_coarsest_grid_that_nothing_holds(copies):
+    """A chain of springs without a support: Cholesky's method fails, the solution exists for forces in equilibrium."""
+    n = 6
+    chain = np.diag([1.0, *[2.0] * (n - 2), 1.0]) - np.eye(n, k=1) - np.eye(n, k=-1)
+    K = scipy.sparse.csr_matrix(np.kron(np.eye(copies), chain))
+    forces = np.tile(np.arange(n) - 0.5 * (n - 1), copies)
+    solver = exact_solver(Entries(K.indptr, K.indices, K.data))
+    r = padded(len(forces))
+    r[:] = forces
+    assert np.abs(K @ solver(r) - forces).max() <= 1e-8
+    solver.destroy()
+
+
+@pytest.mark.parametrize(
+    "rows, blocks",
+    [
+        (3 * [[0, 1, 2, 6, 7, 8]], [0, 2]),
+        (3 * [[0, 1, 2, 6, 7, 8, 9]], None),  # a part of a block
+        (3 * [[6, 7, 8, 0, 1, 2]], None),  # not ascending
+        ([[0, 1, 2], [3, 4, 5], [0, 1, 2]], None),  # other blocks in the second row
+        ([[0, 1, 2], [0, 1, 2], [0, 1, 2, 3, 4, 5]], None),
+        (3 * [[1, 2, 3]], None),  # across two blocks
+    ],
+)
+def test_blocks_of_which_every_entry_is_stored(rows, blocks):
+    pointers = np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int32)
+    entries, begin = np.concatenate(rows).astype(np.int32), np.empty(2, np.int32)
+    found = np.empty(len(entries), np.int32)
+    whole = native.kernels().block_pattern(1, 3, *map(address, (pointers, entries, begin, found)))
+    assert whole == (blocks is not None)
+    if blocks is not None:
+        assert begin.tolist() == [0, len(blocks)] and found[: len(blocks)].tolist() == blocks

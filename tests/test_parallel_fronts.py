@@ -1,5 +1,6 @@
 """Factorisation with fronts shared by the ranks: run alone, or as `mpirun -n 3 python -m pytest ...`."""
 
+import itertools
 import math
 
 import numpy as np
@@ -113,6 +114,18 @@ def test_bodies_are_cut_into_parts_that_are_not_coupled():
         mine = found.label[row] == number
         later = column[mine & (found.label[column] != number)]
         assert np.all(found.label[later] >= len(found.parts)) and set(later) == set(part.border)
+
+
+def test_parts_go_to_the_ranks_that_have_most_of_their_rows():
+    """Of all ways to give each rank a part, that with the fewest rows to send."""
+    problem = make_block(4)
+    K = problem.elasticity.K
+    found = DistributedMultifrontalSolver(K, problem.elasticity.x, problem.surface.nodes_in_rows)._symbolic.dissection
+    ranges = K.getOwnershipRanges() // 3
+    rows = np.array([np.histogram(part.own, ranges)[0] for part in found.parts])  # of a part, on a rank
+    kept = sum(rows[number, part.rank] for number, part in enumerate(found.parts))
+    ways = itertools.permutations(range(comm.size), len(found.parts))
+    assert kept == max(sum(rows[number, rank] for number, rank in enumerate(way)) for way in ways)
 
 
 @pytest.mark.parametrize("where", ["part", "contact"])
