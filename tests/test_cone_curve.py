@@ -6,6 +6,7 @@ import scipy.sparse
 
 from coulomb import FrictionProblem, NotConverged, Status, solve_coulomb
 from coulomb.benchmarks.rigid_bodies import capsules, scattered, stack
+from coulomb.solvers import cone_curve
 from coulomb.solvers.cone_curve import ConeCurve, CurvePoint
 from coulomb.solvers.cone_interior_point import ConeInteriorPoint
 from coulomb.solvers.cone_problem import ConeProblem, Scales
@@ -69,6 +70,82 @@ def test_sign_of_the_determinant(contacts, seed):
         full[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += D[k]
     assert matrix.sign() == np.linalg.slogdet(full)[0]
     assert matrix.factorise(D) and matrix.sign() == np.linalg.slogdet(full)[0]  # in the order of the first
+
+
+def determinants_sign(problem, at):
+    full, D = problem.W.toarray(), at.newton_blocks()
+    for k in range(problem.contacts):
+        full[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += D[k]
+    return np.linalg.slogdet(full)[0]
+
+
+def distance(curve, at):
+    """Of a point from the curve: the largest correction of a contact, orthogonal to its direction."""
+    found = curve._directions(at)
+    along = found.along / cone_curve._norm(at, found.along, 1.0)
+    log = 1.0 / cone_curve._norm(at, found.along, 1.0)
+    back = cone_curve._inner(at, along, log, found.correction, 0.0)
+    return np.sqrt((at.relative(found.correction - back * along) ** 2).sum(axis=1)).max()
+
+
+def test_points_are_near_the_curve_and_its_direction_is_that_of_the_determinant():
+    """log tau decreases where the determinant is positive, and increases where it is negative: both are met."""
+    problem = cones(stack(10, 2.0, 1203))
+    curve, signs = ConeCurve(problem), set()
+    at = curve.start()
+    while at.tau > 1e-5:
+        new = curve.step(at)
+        assert curve._trail[-1][0] is at and len(curve._trail) <= 8
+        at, forward = new, curve._found.forward
+        assert forward == -determinants_sign(problem, at)
+        assert distance(curve, at) < 0.5
+        signs.add(forward)
+    assert signs == {-1.0, 1.0} and curve.rejected > 0
+
+
+def test_the_curve_ends_where_tau_is_small(monkeypatch):
+    monkeypatch.setattr(cone_curve, "_REACHED", 1e-2)
+    curve = ConeCurve(cones(stack(3, 0.7, 1)))
+    points = [curve.start()]
+    while (new := curve.step(points[-1])) is not None:
+        points.append(new)
+    assert points[-1].tau < 1e-2 <= points[-2].tau and curve.h > 1e-2
+
+
+def test_a_step_that_fails_is_repeated_with_care():
+    """From a point that is centred first, with a tenth of the first length and points nearer to the curve; once."""
+    problem = cones(stack(10, 2.0, 1203))
+    curve = ConeCurve(problem)
+    at = curve.start()
+    for _ in range(10):
+        at = curve.step(at)
+    curve.h = 1e-7
+    new = curve.step(at)
+    assert curve._care is cone_curve._CAREFUL and 0.0 < curve.h <= 0.06
+    assert 0.0 < abs(new.log - at.log) < 0.1
+    for _ in range(10):
+        new = curve.step(new)
+        assert distance(curve, new) < 0.1
+    curve.h = 1e-7
+    assert curve.step(new) is None
+
+
+def test_first_correction_is_of_second_order_in_the_step():
+    """Predictors are tangents at the curve itself, not at the point that is near it."""
+    problem = cones(stack(3, 0.7, 1))
+    curve, first = ConeCurve(problem), []
+    at = curve.start()
+    for _ in range(3):
+        at = curve.step(at)
+    found, corrected = curve._directions(at), curve._corrected
+    t, t_log = (x / cone_curve._norm(at, found.along, 1.0) for x in (found.forward * found.along, found.forward))
+    at, _ = curve._corrected(at, t, t_log, cone_curve._CENTRED)
+    curve._corrected = lambda *given: first.append(corrected(*given)[1]) or (at, first[-1])
+    found = curve._found
+    for h in (0.02, 0.01):
+        curve.h, curve._found = h, found
+        curve._stepped(at)
+    assert 0.0 < first[0] < 0.01 and 3.0 < first[0] / first[1] < 5.0
 
 
 def test_the_curve_starts_with_a_convex_problem_and_turns():
