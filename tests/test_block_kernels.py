@@ -77,7 +77,7 @@ def test_symmetric_blocks(size, team):
     assert np.abs(y - (b - K @ x)).max() <= 1e-6 * scale
     direction = 0.3 * d + 0.7 * inverse * (b - K @ x)
     moved = x + direction
-    blocks.step(inverse, b, x, d, 0.3, 0.7)
+    blocks.smooth(inverse, b, x, d, np.array([[0.3, 0.7]]))
     assert np.abs(d - direction).max() <= 1e-5 * scale and np.abs(x - moved).max() <= 1e-5 * scale
 
 

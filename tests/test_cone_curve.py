@@ -22,11 +22,11 @@ def cones(problem):
 
 @pytest.mark.parametrize("problem", [stack(10, 2.0, 1203), capsules(4, 4, 0.7, 800)], ids=lambda problem: problem.title)
 def test_problems_on_which_the_path_is_blocked(problem):
-    """The curve turns; without it neither the path nor convex problems lead to an answer."""
+    """The curve turns; without it, and sweeps, neither the path nor convex problems lead to an answer."""
     result = solve_coulomb(problem.W, -problem.q, problem.mu)
     assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
     with pytest.raises(NotConverged):
-        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(curve=0, convex=4))
+        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False, curve=0, convex=4))
 
 
 def test_the_curve_leaves_work_to_convex_problems():

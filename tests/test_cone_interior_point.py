@@ -78,6 +78,31 @@ def test_work_is_limited_by_counts():
         solved(problem, ConeInteriorPoint(work=1e6))
 
 
+def test_sweeps_at_last():
+    """A stack on which the other methods are cut short: 90 000 sweeps, from those at the start, for half of the work."""
+    problem, short = stack(8, 1.0, 2), {"newton": 1, "path": 1, "curve": 0, "convex": 0}
+    result = solved(problem, ConeInteriorPoint(**short))
+    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
+    assert result.products > 50_000 and result.newton_steps < 5
+    with pytest.raises(NotConverged, match=r"\d{4} sweeps and 0 convex") as failure:
+        solved(problem, ConeInteriorPoint(**short, work=2e8))
+    few = failure.value.result
+    assert few.status is Status.STAGNATED and 2000 < few.products < 0.5 * result.products
+    with pytest.raises(NotConverged, match="0 sweeps"):
+        solved(problem, ConeInteriorPoint(**short, sweeps=False))
+
+
+def test_sweeps_at_last_are_interrupted():
+    problem, seen = stack(8, 1.0, 2), []
+    friction = coulomb.FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
+    with pytest.raises(NotConverged) as failure:
+        ConeInteriorPoint(newton=1, path=1, curve=0, convex=0, work=2e9).solve(
+            friction, progress=lambda at: seen.append(at.residual) or len(seen) > 8
+        )
+    assert failure.value.result.status is Status.INTERRUPTED and len(seen) == 9
+    assert failure.value.result.residual == pytest.approx(min(seen), rel=0.5)
+
+
 def test_forces_without_bound_are_no_answer():
     """Two contacts that press against each other: r = c (1, 0, 0, 1, 0, 0) has W r = 0, and the residual relative to r
     becomes small with large c, but the collection's measure does not."""

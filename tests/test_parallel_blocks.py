@@ -65,9 +65,15 @@ def test_symmetric_blocks(size):
     assert np.abs(y - part(b - K @ x, edges)).max(initial=0.0) <= 1e-6 * scale
     direction = 0.3 * d + 0.7 * inverse * (b - K @ x)
     x_mine, b_mine, inverse_mine, d_mine = mine
-    blocks.step(inverse_mine, b_mine, x_mine, d_mine, 0.3, 0.7)
+    blocks.smooth(inverse_mine, b_mine, x_mine, d_mine, np.array([[0.3, 0.7]]))
     assert np.abs(d_mine - part(direction, edges)).max(initial=0.0) <= 1e-5 * scale
     assert np.abs(x_mine - part(x + direction, edges)).max(initial=0.0) <= 1e-5 * scale
+    first = 0.5 * inverse * b
+    direction = 0.3 * first + 0.7 * inverse * (b - K @ first)
+    factors = np.array([[np.nan, 0.5], [0.3, 0.7]])  # from zero the first step has no direction before it
+    blocks.smooth(inverse_mine, b_mine, x_mine, d_mine, factors, zero=True)
+    assert np.abs(d_mine - part(direction, edges)).max(initial=0.0) <= 1e-5 * scale
+    assert np.abs(x_mine - part(first + direction, edges)).max(initial=0.0) <= 1e-5 * scale
     blocks.destroy()
 
 

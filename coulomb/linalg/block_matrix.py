@@ -21,7 +21,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .ghost_blocks import PADDING, GhostBlocks, padded
+from .ghost_blocks import PADDING, Exchange, GhostBlocks, address, padded
 from .native import threads
 from .petsc_arrays import DistributedEntries, Entries
 
@@ -35,6 +35,8 @@ __all__ = [
     "address",
     "distributed_blocks",
     "in_kernel_blocks",
+    "joined_rows",
+    "on_every_rank",
     "padded",
 ]
 
@@ -46,9 +48,24 @@ _ALONE = 180_000  # entries below which one thread takes less time than several
 _Array = npt.NDArray[Any]
 
 
-def address(array: _Array | None) -> ctypes.c_void_p:
-    """The address of an array's first number, for a kernel."""
-    return ctypes.c_void_p(None if array is None else array.ctypes.data)
+class _OthersOfKernels(ctypes.Structure):
+    """`struct others` of native/exchange.h."""
+
+    _fields_ = (
+        ("ghosts", ctypes.POINTER(Exchange)),
+        *((name, ctypes.c_void_p) for name in ("rows", "ptr", "col", "val", "low", "sums")),
+        *((name, ctypes.c_int) for name in ("n", "columns")),
+    )
+
+
+class _BlocksOfKernels(ctypes.Structure):
+    """`struct blocks` of native/exchange.h."""
+
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("shares", "ptr", "col", "val", "low", "sums")),
+        ("others", ctypes.POINTER(_OthersOfKernels)),
+        *((name, ctypes.c_int) for name in ("n", "columns", "threads")),
+    )
 
 
 class Blocks(NamedTuple):
@@ -129,54 +146,70 @@ def distributed_blocks(
     return DistributedBlocks(entries.comm, own, others, needed, entries.starts // shape[1])
 
 
-class _Others:
-    """The blocks of a matrix in columns of other ranks; collective.
+def joined_rows(*parts: Blocks) -> Blocks:
+    """Matrices of as many rows as one, without what single precision rounds off; columns do not ascend."""
+    row = np.concatenate([np.repeat(np.arange(len(part.pointers) - 1), np.diff(part.pointers)) for part in parts])
+    order = np.argsort(row, kind="stable")
+    blocks = np.concatenate([part.values[:-PADDING] for part in parts]).reshape(len(row), -1 if len(row) else 0)
+    values = np.concatenate([blocks[order].ravel(), np.zeros(PADDING, np.float32)])
+    pointers = sum((part.pointers for part in parts), np.zeros_like(parts[0].pointers))
+    return Blocks(pointers, np.concatenate([part.columns for part in parts])[order], values, None)
+
+
+def on_every_rank(P: DistributedBlocks) -> DistributedBlocks:
+    """An interpolation from a grid that every rank has as a whole: all columns are this rank's."""
+    if P.others is None:
+        return P
+    first = P.starts[P.comm.rank]
+    parts = (P.own, P.own.columns + first), (P.others, P.needed[P.others.columns])
+    whole = joined_rows(*(part._replace(columns=columns.astype(np.int32)) for part, columns in parts))
+    return DistributedBlocks(MPI.COMM_SELF, whole, None, P.needed[:0], np.array([0, P.starts[-1]]))
+
+
+class _InKernels:
+    """A matrix in blocks with all that the kernels need for products; collective.
 
     Args:
-        library: The kernels.
-        matrix: The matrix, on several ranks.
+        matrix: The matrix.
         shape: Rows and columns of a block.
+        shares: How threads share the rows of an upper triangle; None for one thread.
+        sums: Blocks of sums that a product needs.
+        team: Threads.
+
+    Attributes:
+        reference: For kernels; valid until `destroy`.
     """
 
-    def __init__(self, library: ctypes.CDLL, matrix: DistributedBlocks, shape: tuple[int, int]):
-        blocks = matrix.others
-        assert blocks is not None
-        self._rows = np.flatnonzero(np.diff(blocks.pointers)).astype(np.int32)
-        self._pointers = np.append(blocks.pointers[self._rows], blocks.pointers[-1]).astype(np.int32)
-        self._blocks = blocks
-        self._needed = len(matrix.needed)
-        self.ghosts = GhostBlocks(matrix.comm, matrix.starts, matrix.needed, shape[1])
-        self._sums = np.zeros(_LANES[shape[1]] * self._needed + PADDING)
-        self._add, self._restrict = (
-            getattr(library, f"{name}_{shape[0]}_{shape[1]}") for name in ("others", "restrict_to")
-        )
-        self._places = tuple(map(address, (self._rows, self._pointers, blocks.columns, blocks.values)))
+    def __init__(self, matrix: DistributedBlocks, shape: tuple[int, int], shares: _Array | None, sums: int, team: int):
+        own, others, lanes = matrix.own, matrix.others, _LANES[shape[1]]
+        columns = int(np.diff(matrix.starts)[matrix.comm.rank])
+        arrays = [shares, *own, np.zeros(lanes * sums + PADDING)]
+        sizes = len(own.pointers) - 1, columns, team
+        self._ghosts: GhostBlocks | None = None
+        elsewhere = None
+        if others is not None:
+            self._ghosts = GhostBlocks(matrix.comm, matrix.starts, matrix.needed, shape[1])
+            rows = np.flatnonzero(np.diff(others.pointers)).astype(np.int32)
+            pointers = np.append(others.pointers[rows], others.pointers[-1]).astype(np.int32)
+            needed = len(matrix.needed)
+            of_others = [rows, pointers, *others[1:], np.zeros(lanes * needed + PADDING)]
+            arrays += of_others
+            places = map(address, of_others)
+            elsewhere = _OthersOfKernels(ctypes.pointer(self._ghosts.exchange), *places, len(rows), needed)
+        self._arrays = arrays  # keeps them alive
+        pointer = None if elsewhere is None else ctypes.pointer(elsewhere)
+        self.reference = ctypes.byref(_BlocksOfKernels(*map(address, arrays[:6]), pointer, *sizes))
 
-    def add(
-        self,
-        factor: float,
-        y: FloatArray,
-        inverse: FloatArray | None = None,
-        x: FloatArray | None = None,
-        accurate: bool = False,
-    ) -> None:
-        """y <- y + factor D^-1 A g, with the blocks g that are being fetched, and the same for x; D^-1 is 1 if there is
-        no `inverse`."""
-        g = self.ghosts.fetched()
-        vectors = address(self._blocks.low if accurate else None), address(g), ctypes.c_double(factor)
-        self._add(len(self._rows), *self._places, *vectors, address(inverse), address(y), address(x))
-
-    def give_restricted(self, r: FloatArray) -> None:
-        """Begin to send A^T r to the ranks of its entries."""
-        rows, *matrix = self._places
-        out = address(self.ghosts.values), address(self._sums)
-        self._restrict(len(self._rows), self._needed, 1, rows, *matrix, address(r), *out)
-        self.ghosts.give()
+    def destroy(self) -> None:
+        """Free the requests of messages."""
+        if self._ghosts is not None:
+            self._ghosts.destroy()
 
 
-def _others(library: ctypes.CDLL, matrix: DistributedBlocks, shape: tuple[int, int]) -> _Others | None:
-    """None on one rank."""
-    return None if matrix.others is None else _Others(library, matrix, shape)
+def _checked(error: int) -> None:
+    """Raise MPI's error, if there is one."""
+    if error:
+        raise MPI.Exception(error)
 
 
 def _team(blocks: Blocks) -> int:
@@ -213,16 +246,15 @@ class SymmetricBlocks:
 
     def __init__(self, library: ctypes.CDLL, matrix: DistributedEntries, size: int, accurate: bool = False):
         blocks = distributed_blocks(library, matrix, (size, size), accurate, upper=True)
-        self._blocks, self._others = blocks.own, _others(library, blocks, (size, size))
+        self._blocks = blocks.own
         n = len(self._blocks.pointers) - 1
         self.size, self._width = size * n, size
         self.threads = _team(self._blocks)
-        self._shares, beyond = _shares(self._blocks, self.threads)
-        self._sums = np.zeros(_LANES[size] * (n + beyond) + PADDING)
-        self._product, self._residual, self._step = (
-            getattr(library, f"{name}_{size}_{size}") for name in ("product", "residual", "step")
+        shares, beyond = _shares(self._blocks, self.threads)
+        self._matrix = _InKernels(blocks, (size, size), shares, n + beyond, self.threads)
+        self._product, self._residual, self._smooth = (
+            getattr(library, f"{name}_{size}_{size}") for name in ("product", "residual", "smooth")
         )
-        self._matrix = (n, address(self._shares), *map(address, self._blocks[:3]))
 
     @property
     def diagonal(self) -> FloatArray:
@@ -234,37 +266,28 @@ class SymmetricBlocks:
 
     def mult(self, x: FloatArray, y: FloatArray, accurate: bool = True) -> None:
         """y <- K x, in double precision if `accurate`, here and in the matrix; x padded; collective."""
-        if self._others is not None:
-            self._others.ghosts.fetch(x)
-        low = self._blocks.low if accurate else None
-        self._product(*self._matrix, address(low), address(x), address(y), address(self._sums))
-        if self._others is not None:
-            self._others.add(1.0, y, accurate=accurate)
+        _checked(self._product(self._matrix.reference, int(accurate), address(x), address(y)))
 
     def residual(self, b: FloatArray, x: FloatArray, r: FloatArray) -> None:
         """r <- b - K x, K in single precision; x padded; collective."""
-        if self._others is not None:
-            self._others.ghosts.fetch(x)
-        self._residual(*self._matrix, address(b), address(x), address(r), address(self._sums))
-        if self._others is not None:
-            self._others.add(-1.0, r)
+        _checked(self._residual(self._matrix.reference, *map(address, (b, x, r))))
 
-    def step(
-        self, inverse: FloatArray, b: FloatArray, x: FloatArray, d: FloatArray, first: float, second: float
+    def smooth(
+        self, inverse: FloatArray, b: FloatArray, x: FloatArray, d: FloatArray, factors: FloatArray, zero: bool = False
     ) -> None:
-        """d <- first d + second inverse (b - K x), x <- x + d, K in single precision; x padded; collective."""
-        if self._others is not None:
-            self._others.ghosts.fetch(x)
-        factors = ctypes.c_double(first), ctypes.c_double(second)
-        vectors = (address(vector) for vector in (inverse, b, x, d))
-        self._step(*self._matrix, *vectors, *factors, address(self._sums))
-        if self._others is not None:
-            self._others.add(-second, d, inverse, x)
+        """Steps d <- first d + second inverse (b - K x), x <- x + d, K in single precision; collective.
+
+        Args:
+            inverse, b, x, d: Of this rank; x padded.
+            factors: The two of each step, shape (steps, 2).
+            zero: Whether x and d are 0 before the first step, whatever they hold.
+        """
+        vectors = map(address, (inverse, b, x, d))
+        _checked(self._smooth(self._matrix.reference, *vectors, len(factors), address(factors), int(zero)))
 
     def destroy(self) -> None:
         """Free the requests of messages."""
-        if self._others is not None:
-            self._others.ghosts.destroy()
+        self._matrix.destroy()
 
 
 class BlockInterpolation:
@@ -282,34 +305,21 @@ class BlockInterpolation:
 
     def __init__(self, library: ctypes.CDLL, matrix: DistributedBlocks, shape: tuple[int, int]):
         self.shape = shape
-        self._blocks, self._others = matrix.own, _others(library, matrix, shape)
-        self.columns = shape[1] * int(np.diff(matrix.starts)[matrix.comm.rank])
-        self._n, self._coarse = len(self._blocks.pointers) - 1, self.columns // shape[1]
-        self._threads = _team(self._blocks)
-        self._sums = np.zeros(_LANES[shape[1]] * self._coarse * self._threads + PADDING)
+        coarse, team = int(np.diff(matrix.starts)[matrix.comm.rank]), _team(matrix.own)
+        self.columns = shape[1] * coarse
+        self._matrix = _InKernels(matrix, shape, None, coarse * team, team)
         self._prolong, self._restrict = (
             getattr(library, f"{name}_{shape[0]}_{shape[1]}") for name in ("prolong", "restrict_to")
         )
-        self._matrix = tuple(map(address, self._blocks[:3]))
 
     def prolong(self, e: FloatArray, x: FloatArray) -> None:
         """x <- x + P e; e padded; collective."""
-        if self._others is not None:
-            self._others.ghosts.fetch(e)
-        self._prolong(self._n, self._threads, *self._matrix, address(e), address(x))
-        if self._others is not None:
-            self._others.add(1.0, x)
+        _checked(self._prolong(self._matrix.reference, address(e), address(x)))
 
     def restrict(self, r: FloatArray, b: FloatArray) -> None:
         """b <- P^T r; collective."""
-        if self._others is not None:
-            self._others.give_restricted(r)
-        vectors = address(r), address(b), address(self._sums)
-        self._restrict(self._n, self._coarse, self._threads, None, *self._matrix, *vectors)
-        if self._others is not None:
-            self._others.ghosts.given(b)
+        _checked(self._restrict(self._matrix.reference, address(r), address(b)))
 
     def destroy(self) -> None:
         """Free the requests of messages."""
-        if self._others is not None:
-            self._others.ghosts.destroy()
+        self._matrix.destroy()

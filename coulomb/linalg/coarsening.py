@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from .block_matrix import PADDING, Blocks, DistributedBlocks, address
-from .ghost_blocks import GhostBlocks
+from .block_matrix import PADDING, Blocks, DistributedBlocks, address, joined_rows
 from .native import threads
 from .petsc_arrays import DistributedEntries, Entries
 from .reductions import concatenated
@@ -156,10 +155,8 @@ def _chosen(blocks: Blocks, chosen: npt.NDArray[np.bool_], numbers: int) -> Bloc
 
 def _fetched(K: WholeBlocks, rows: FloatArray) -> FloatArray:
     """Rows (nodes, k) of the nodes of other ranks; collective."""
-    exchange = GhostBlocks(K.comm, K.starts, K.ghosts, rows.shape[1])
-    exchange.fetch(rows)
-    fetched = exchange.fetched().reshape(-1, rows.shape[1]).copy()
-    exchange.destroy()
+    exchange = RowExchange(K.comm, K.starts, K.ghosts)
+    fetched: FloatArray = exchange.fetched(rows[exchange.asked], np.ones(len(exchange.asked), np.int64))
     return fetched
 
 
@@ -198,14 +195,9 @@ def _with_ghosts(K: WholeBlocks, P: DistributedBlocks, own: int) -> tuple[Blocks
     """The rows of P of this rank's nodes and of those to which K couples them, and the numbers of its columns: those of
     this rank, those that its own rows need, and others; collective."""
     assert P.others is not None
-    parts = P.own, P.others._replace(columns=P.others.columns + np.int32(own))
-    row = np.concatenate([np.repeat(np.arange(K.count), np.diff(part.pointers)) for part in parts])
-    order = np.argsort(row, kind="stable")
-    columns = np.concatenate([part.columns for part in parts])[order]
-    numbers = len(P.own.values[:-PADDING]) + len(P.others.values[:-PADDING])
-    width = numbers // max(len(columns), 1)
-    values = np.concatenate([part.values[:-PADDING] for part in parts]).reshape(len(columns), width)[order]
-    lengths = np.bincount(row, minlength=K.count)
+    both = joined_rows(P.own, P.others._replace(columns=P.others.columns + np.int32(own)))
+    columns, lengths = both.columns, np.diff(both.pointers)
+    values = both.values[:-PADDING].reshape(len(columns), -1 if len(columns) else 0)
     known = np.concatenate([np.arange(own) + P.starts[K.comm.rank], P.needed])
     rows = RowExchange(K.comm, K.starts, K.ghosts)
     of_ghosts = rows.fetched(lengths[rows.asked], np.ones(len(rows.asked), np.int64))

@@ -16,7 +16,7 @@ import scipy.linalg
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .block_matrix import BlockInterpolation, SymmetricBlocks, address, padded
+from .block_matrix import BlockInterpolation, SymmetricBlocks, padded
 from .coarse_grids import CoarseSolver
 from .petsc_arrays import DistributedEntries
 from .reductions import Reductions
@@ -47,7 +47,6 @@ class Level:
     def __init__(self, library: ctypes.CDLL, K: DistributedEntries, size: int, steps: int = 2, accurate: bool = False):
         self.blocks = SymmetricBlocks(library, K, size, accurate)
         self.inverse: FloatArray = 1.0 / self.blocks.diagonal
-        self._from_zero = library.from_zero
         self.b, self.x, self._d, self._r = (padded(self.blocks.size) for _ in range(4))
         self.largest = self._largest_eigenvalue(K.comm)
         low, high = (part * self.largest for part in _SMOOTHED)
@@ -79,16 +78,11 @@ class Level:
 
     def smooth_from_zero(self) -> None:
         """x from 0."""
-        (_, second), *others = self._factors
-        vectors = map(address, (self.inverse, self.b, self._d, self.x))
-        self._from_zero(ctypes.c_long(len(self.x)), self.blocks.threads, ctypes.c_double(second), *vectors)
-        for factors in others:
-            self.blocks.step(self.inverse, self.b, self.x, self._d, *factors)
+        self.blocks.smooth(self.inverse, self.b, self.x, self._d, self._factors, zero=True)
 
     def smooth(self) -> None:
         """x from x."""
-        for factors in self._factors:
-            self.blocks.step(self.inverse, self.b, self.x, self._d, *factors)
+        self.blocks.smooth(self.inverse, self.b, self.x, self._d, self._factors)
 
     def rounding(self, x: FloatArray) -> float:
         """The square of this rank's 2^-24 diag(K) x."""
@@ -106,15 +100,15 @@ class Level:
         self.interpolation.destroy()
 
 
-def _chebyshev(theta: float, delta: float, steps: int) -> list[tuple[float, float]]:
-    """Factors of the direction and of the residual in each step, for eigenvalues in theta -+ delta."""
+def _chebyshev(theta: float, delta: float, steps: int) -> FloatArray:
+    """Factors of direction and residual in each step, shape (steps, 2), for eigenvalues in theta -+ delta."""
     rho = delta / theta
     factors = [(0.0, 1.0 / theta)]
     for _ in range(steps - 1):
         new = 1.0 / (2.0 * theta / delta - rho)
         factors.append((new * rho, 2.0 * new / delta))
         rho = new
-    return factors
+    return np.array(factors)
 
 
 class MultigridCycle:

@@ -10,7 +10,7 @@ import ctypes
 from petsc4py import PETSc
 
 from ..arrays import FloatArray, side_by_side
-from .block_matrix import BlockInterpolation, distributed_blocks
+from .block_matrix import BlockInterpolation, DistributedBlocks, distributed_blocks, on_every_rank
 from .coarse_grids import DENSE_UP_TO, REPLICATED_UP_TO, CoarseSolver, Replicated, exact_solver
 from .coarsening import coarser, galerkin, with_diagonal
 from .multigrid_cycle import Level, MultigridCycle
@@ -37,9 +37,8 @@ def multigrid(library: ctypes.CDLL, K: PETSc.Mat, P: PETSc.Mat | None) -> Multig
         return _cycle(library, matrix, 3, _motions(K), finest=True)
     level = Level(library, matrix, 3, SECOND_ORDER_STEPS, accurate=True)
     blocks = distributed_blocks(library, distributed_entries(P), (3, 3))
-    level.interpolation = BlockInterpolation(library, blocks, (3, 3))
     linear = with_diagonal(galerkin(library, WholeBlocks(library, matrix, 3), blocks, 3))
-    return MultigridCycle(level, _solver(library, linear, 3, _motions(P)))
+    return _cycle_on(library, level, blocks, (3, 3), _solver(library, linear, 3, _motions(P)))
 
 
 def _motions(matrix: PETSc.Mat) -> FloatArray:
@@ -56,9 +55,23 @@ def _cycle(
     if found is None:
         level.blocks.destroy()
         return None
-    level.interpolation = BlockInterpolation(library, found.P, (size, found.motions.shape[1]))
     stalled = found.matrix.starts[-1] > _STALLED * matrix.starts[-1]
-    return MultigridCycle(level, _solver(library, found.matrix, 6, found.motions, stalled), again=size == 6)
+    solver = _solver(library, found.matrix, 6, found.motions, stalled)
+    return _cycle_on(library, level, found.P, (size, 6), solver, again=size == 6)
+
+
+def _cycle_on(
+    library: ctypes.CDLL,
+    level: Level,
+    P: DistributedBlocks,
+    shape: tuple[int, int],
+    coarser: CoarseSolver,
+    again: bool = False,
+) -> MultigridCycle:
+    """With the solver on the coarser grid from which P, in blocks of this shape, interpolates."""
+    P = on_every_rank(P) if isinstance(coarser, Replicated) else P
+    level.interpolation = BlockInterpolation(library, P, shape)
+    return MultigridCycle(level, coarser, again)
 
 
 def _solver(
@@ -75,5 +88,5 @@ def _solver(
         cycle = _cycle(library, matrix, size, motions)
     if cycle is None:
         solver = _solver(library, whole(matrix), size, concatenated(matrix.comm, motions))
-        return Replicated(matrix.comm, len(motions), solver)
+        return Replicated(matrix.comm, solver)
     return cycle

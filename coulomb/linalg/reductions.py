@@ -42,7 +42,7 @@ class Reductions:
     def sum(self, v: FloatArray | float) -> float:
         if self.comm.size == 1:
             return float(np.add.reduce(v, axis=None))
-        return float(summed(self.comm, np.array([np.sum(v)]))[0])
+        return float(summed(self.comm, np.array([np.add.reduce(v, axis=None)]))[0])
 
     def dot(self, v: FloatArray, w: FloatArray) -> float:
         if self.comm.size == 1:

@@ -18,7 +18,9 @@ from ..fem.loads import Load, vanishes
 from ..fem.named_mesh import NamedMesh
 from ..fem.temperature import ThermalLoad
 from ..fem.user_values import Amplitude, Coefficient, Field
+from ..linalg.blas_threads import one_blas_thread
 from ..linalg.methods import LinearSolver
+from ..linalg.native import threads
 from ..linalg.unsolved import Unsolved
 from ..solvers.automatic import Automatic
 from ..solvers.friction_problem import Solver
@@ -201,7 +203,8 @@ class ContactProblem(PosedProblem):
         acceptance, counted = Acceptance(self), CountedProgress(progress)
         if chosen.tolerance <= CERTIFIED_FROM:
             problem = replace(problem, accept=acceptance, balanced=acceptance.gradient)
-        with timed(self.seconds, "solve"):
+        threads_of_multigrid = not problem.A.exact and threads() > 1
+        with timed(self.seconds, "solve"), one_blas_thread(threads_of_multigrid):
             try:
                 result = chosen.solve(problem, start, progress=counted)
             except NotConverged as failure:

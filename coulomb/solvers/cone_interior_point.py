@@ -13,7 +13,7 @@ cone_problem.py:
    it turns where the path is blocked;
 4. convex problems with given slip, s <- |Z_t(s)|, with Anderson acceleration and Newton steps after each.  The slip of
    each is unique whatever the rank of A, unlike the forces on which successive Tresca iterates.  Where they fail,
-   another curve.
+   another curve, and at last sweeps again.
 
 Proved: a fixed point of the slip is a solution; the curve has one at its end, in general position and if forces stay
 bounded.  Not proved: that the path leads to one, that the fixed point attracts, or how long the curve is.  CONVERGED
@@ -21,8 +21,8 @@ means that the natural residual, computed afresh, is below the tolerance, and th
 (cones.cone_residual): the first is relative to the forces, which a compliance without full rank does not bound.
 
 Work is limited by counts, not by time, so that a result can be repeated: floating-point operations of the
-factorisations with an estimate for the rest, and sweeps.  The first curve, and the convex problems, spend at most half
-of what is left when they begin.
+factorisations with an estimate for the rest, and sweeps.  The first curve, the convex problems, and the last sweeps
+spend at most half of what is left when they begin.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class ConeInteriorPoint:
 
     Attributes:
         tolerance: Residual at which to stop, the larger of `FrictionProblem.residual` and `cones.cone_residual`.
-        sweeps: Gauss-Seidel sweeps; whether they come first.
+        sweeps: Gauss-Seidel sweeps; whether they come first, and last.
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
         curve: Steps along a curve of smoothed problems; half as many before the convex problems, all on another curve

@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray
+from ..linalg.compliance import MatrixCompliance
 from .anderson import Anderson
 from .cone_curve import ConeCurve
 from .cone_path import ConePath, ConeStep
 from .cone_problem import ConeProblem, Scales, answer
 from .cones import radius
 from .friction_problem import FrictionProblem
-from .gauss_seidel import Sweeps
+from .gauss_seidel import Sweeps, swept
 from .impenetrability import contradiction
 from .results import Goal, InteriorPointStep, NotConverged, Progress, ProgressCallback, SolverResult, Status
 
@@ -26,6 +27,8 @@ _FULL = 1e-9  # and of steps of full length
 _NEAR = 1e-2  # size of the natural map at which the path is left for Newton steps, ...
 _NEARER = 0.1  # and factor by which it decreases before they are tried again
 _STALLED = 15  # steps of the path without progress after which it ends
+_PER_MICROSECOND = 1e4  # operations of factorisations
+_PARTS = 20  # of the last sweeps, so that they can be interrupted
 
 
 class Ended(Exception):
@@ -84,15 +87,15 @@ class ConeRun:
         self._best: tuple[float, FloatArray] = (math.inf, np.zeros(3 * cones.contacts))
         self._convex = 0
 
-    def follow(self, start: FloatArray | None, swept: Sweeps | None) -> SolverResult:
+    def follow(self, start: FloatArray | None, first: Sweeps | None) -> SolverResult:
         """The methods in turn, from the sweeps' end if there were any."""
         status, why = Status.STAGNATED, ""
-        if swept is not None:
-            start, self._sweeps = swept.x, swept.made
+        if first is not None:
+            start, self._sweeps = first.x, first.made
         self._X = np.zeros_like(self._cones.q) if start is None else self._cones.scaled(start)
         try:
-            if swept is not None and self._progress is not None and self._progress(Progress(0, 0, swept.residual)):
-                raise Ended(Status.INTERRUPTED)
+            if first is not None:
+                self._reported(first)
             self._newton(self._X, self._limits.newton)
             self._follow_path()
             why = contradiction(self._problem, self._cones.W)
@@ -102,6 +105,8 @@ class ConeRun:
                 self._follow_curve(0.1, self._limits.curve // 2, self._half_of_the_rest())
                 self._successive_slips(self._half_of_the_rest())
                 self._follow_curve(1.0, self._limits.curve, math.inf)
+                if first is not None:
+                    self._sweep_on(first)
                 if self._cones.matrix.operations > self._limits.work:
                     status = Status.MAX_ITERATIONS
         except Ended as end:
@@ -117,6 +122,24 @@ class ConeRun:
         except Ended as end:
             return end.status
         return status
+
+    def _reported(self, sweeps: Sweeps) -> None:
+        if self._progress is not None and self._progress(Progress(self._convex, len(self._history), sweeps.residual)):
+            raise Ended(Status.INTERRUPTED)
+
+    def _sweep_on(self, at: Sweeps | None) -> None:
+        """Sweeps from the end of the first ones, with half of the work that is left: in some problems of which nothing
+        else comes to an end the contacts change their states for 100 000 sweeps.
+        """
+        problem, left = self._problem, self._limits.work - self._cones.matrix.operations
+        assert isinstance(problem.A, MatrixCompliance)
+        A, work, made = problem.A.sparse(), 0.5 * left / (_PER_MICROSECOND * _PARTS), 0
+        while at is not None and work > 0.0 and made < _PARTS:
+            at, made = swept(A, problem.b, problem.law.friction, self._goal.residual, at.x, work), made + 1
+            if at is not None:
+                self._sweeps += at.made
+                self._judged(self._cones.scaled(at.x))
+                self._reported(at)
 
     def _judged(self, X: FloatArray) -> float:
         """The residual of an answer; ends the run if it is small enough."""
@@ -277,7 +300,8 @@ class ConeRun:
         matrix = self._cones.matrix
         message = why or (
             f"the {self._limits.name} method ended with a residual of {residual:.1e} after {len(self._history)} "
-            f"Newton steps and {self._convex} convex problems ({result.status.value}), {self._goal.missed(residual)}; "
+            f"Newton steps, {self._sweeps} sweeps and {self._convex} convex problems ({result.status.value}), "
+            f"{self._goal.missed(residual)}; "
             f"{matrix.factorisations} factorisations, {matrix.operations:.1e} of at most "
             f"{self._limits.work:.1e} operations"
         )

@@ -76,13 +76,15 @@ def _kernel() -> Any:
     pointer, number, count = ctypes.c_void_p, ctypes.c_double, ctypes.c_long
     library.gauss_seidel.restype = count
     library.gauss_seidel.argtypes = (
-        [count] * 2 + [pointer] * 3 + [count] * 2 + [pointer] * 2 + [number, pointer, number, pointer]
+        [count] * 2 + [pointer] * 3 + [count] * 2 + [pointer] * 2 + [number, pointer, number, number, pointer]
     )
     return library.gauss_seidel
 
 
-def swept(A: Any, b: FloatArray, friction: FloatArray | float, tolerance: float, start: Any = None) -> Sweeps | None:
-    """Forces by sweeps, as long as they promise to be quicker than other methods.
+def swept(
+    A: Any, b: FloatArray, friction: FloatArray | float, tolerance: float, start: Any = None, work: float = 0.0
+) -> Sweeps | None:
+    """Forces by sweeps, as long as they promise to be quicker than other methods, or until some work is spent.
 
     Args:
         A: Compliance, shape (3 m, 3 m), in metres per newton: scipy's compressed rows, or an array.
@@ -90,6 +92,7 @@ def swept(A: Any, b: FloatArray, friction: FloatArray | float, tolerance: float,
         friction: Coefficients, shape (m,), or one number.
         tolerance: Residual at which to stop, the larger of cone and natural residual.
         start: Forces in newtons, shape (3 m,); 0 if None.
+        work: Contacts and blocks that change, in microseconds; 0 for as many as promise to be quicker.
 
     Returns:
         None without a compiler, and where any argument is not valid or not suitable: types, shapes, numbers that are
@@ -129,7 +132,7 @@ def swept(A: Any, b: FloatArray, friction: FloatArray | float, tolerance: float,
     out = np.empty(2 + 9 * m)
     begin = None if start is None else start.ctypes.data
     made = kernel(
-        m, entries, indptr, indices, data, *strides, b.ctypes.data, coefficients, number, begin, tolerance,
+        m, entries, indptr, indices, data, *strides, b.ctypes.data, coefficients, number, begin, tolerance, work,
         out.ctypes.data,
     )  # fmt: skip
     if made < 0:

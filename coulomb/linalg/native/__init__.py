@@ -17,7 +17,8 @@ _SOURCES = tuple(
     Path(__file__).parent / name for name in ("blocks.c", "coarsening.c", "dissection.c", "fronts.c", "vectors.c")
 )
 _HEADERS = tuple(
-    Path(__file__).parent / name for name in ("blocks.h", "coarsening.h", "fronts.h", "lanes.h", "shapes.h")
+    Path(__file__).parent / name
+    for name in ("blocks.h", "coarsening.h", "exchange.h", "fronts.h", "lanes.h", "shapes.h")
 )
 _MOST_THREADS = 64  # MOST_THREADS of lanes.h
 

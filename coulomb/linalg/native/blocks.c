@@ -1,6 +1,10 @@
 /* The kernels of blocks.h for blocks of 3 x 3, 3 x 6 and 6 x 6: nodes, and aggregates of nodes with six rigid motions. */
 
+#include "exchange.h"
 #include "lanes.h"
+
+void from_zero(long n, int threads, double factor, const double *restrict inverse, const double *restrict b,
+               double *restrict d, double *restrict x);
 
 #define KERNELS "blocks.h"
 #include "shapes.h"

@@ -7,6 +7,47 @@ after every call.  That array also keeps a store from overlapping the next load,
 
 Of a symmetric matrix the upper triangle is given, in every row the block on the diagonal first. */
 
+/* y <- y + factor A g, A = val + low if `accurate`, else val, with the blocks g that are being fetched; with an inverse
+diagonal y <- y + factor D^-1 A g, and the same for x.  Like the next functions it returns 0, or MPI's error. */
+static int NAME(add_others)(const struct others *A, int accurate, double factor, const double *inverse, double *y,
+                            double *x)
+{
+    if (!A)
+        return 0;
+    const int error = end_fetching(A->ghosts);
+    const double *g = A->ghosts->values;
+    const float *low = accurate ? A->low : 0;
+    for (int i = 0; i < A->n; i++) {
+        DC sum[BR];
+        for (int r = 0; r < BR; r++)
+            sum[r] = (DC){0};
+        for (long k = A->ptr[i]; k < A->ptr[i + 1]; k++) {
+            const float *block = A->val + BR * BC * k;
+            const DC gj = *(const DC *)(g + (long)BC * A->col[k]);
+            __builtin_prefetch(block + 768);
+            for (int r = 0; r < BR; r++) {
+                DC row = UP(block + BC * r);
+                if (low)
+                    row += UP(low + BR * BC * k + BC * r);
+                sum[r] += row * gj;
+            }
+        }
+        for (int r = 0; r < BR; r++) {
+            const long at = (long)BR * A->rows[i] + r;
+            double total = 0.0;
+            for (int c = 0; c < BC; c++)
+                total += sum[r][c];
+            total *= factor;
+            if (inverse) {
+                total *= inverse[at];
+                x[at] += total;
+            }
+            y[at] += total;
+        }
+    }
+    return error;
+}
+
 #if BR == BC
 
 /* What is done with (K x)_i as soon as it is known.  Row i needs x only at columns >= i, and has added its part to the
@@ -126,43 +167,56 @@ static inline __attribute__((always_inline)) void NAME(shared)(
     }
 }
 
-/* y <- K x, K = val + low, or val where low is 0. */
-void NAME(product)(int n, const int *shares, const int *ptr, const int *col, const float *val, const float *low,
-                   double *x, double *y, double *w)
+/* y <- K x, K = val + low if `accurate`, else val. */
+int NAME(product)(const struct blocks *K, int accurate, double *x, double *y)
 {
-    if (low)
-        NAME(shared)(NAME(PRODUCT), 1, n, shares, ptr, col, val, low, 0, 0, x, y, 0.0, 0.0, w);
+    const int error = begin_fetching(K->others, x);
+    if (accurate && K->low)
+        NAME(shared)(NAME(PRODUCT), 1, K->n, K->shares, K->ptr, K->col, K->val, K->low, 0, 0, x, y, 0.0, 0.0, K->sums);
     else
-        NAME(shared)(NAME(PRODUCT), 0, n, shares, ptr, col, val, 0, 0, 0, x, y, 0.0, 0.0, w);
+        NAME(shared)(NAME(PRODUCT), 0, K->n, K->shares, K->ptr, K->col, K->val, 0, 0, 0, x, y, 0.0, 0.0, K->sums);
+    return error | NAME(add_others)(K->others, accurate, 1.0, 0, y, 0);
 }
 
-/* y <- b - K x. */
-void NAME(residual)(int n, const int *shares, const int *ptr, const int *col, const float *val, const double *b,
-                    double *x, double *y, double *w)
+/* r <- b - K x. */
+int NAME(residual)(const struct blocks *K, const double *b, double *x, double *r)
 {
-    NAME(shared)(NAME(RESIDUAL), 0, n, shares, ptr, col, val, 0, 0, b, x, y, 0.0, 0.0, w);
+    const int error = begin_fetching(K->others, x);
+    NAME(shared)(NAME(RESIDUAL), 0, K->n, K->shares, K->ptr, K->col, K->val, 0, 0, b, x, r, 0.0, 0.0, K->sums);
+    return error | NAME(add_others)(K->others, 0, -1.0, 0, r, 0);
 }
 
-/* A step of Chebyshev's iteration: d <- first d + second D^-1 (b - K x), x <- x + d. */
-void NAME(step)(int n, const int *shares, const int *ptr, const int *col, const float *val, const double *inverse,
-                const double *b, double *x, double *d, double first, double second, double *w)
+/* Steps of Chebyshev's iteration, with two factors each: d <- first d + second D^-1 (b - K x), x <- x + d; from x = 0 if
+`zero`. */
+int NAME(smooth)(const struct blocks *K, const double *inverse, const double *b, double *x, double *d, int steps,
+                 const double *factors, int zero)
 {
-    NAME(shared)(NAME(STEP), 0, n, shares, ptr, col, val, 0, inverse, b, x, d, first, second, w);
+    int error = 0;
+    if (zero)
+        from_zero((long)BR * K->n, K->threads, factors[1], inverse, b, d, x);
+    for (int k = zero ? 1 : 0; k < steps; k++) {
+        const double first = factors[2 * k], second = factors[2 * k + 1];
+        error |= begin_fetching(K->others, x);
+        NAME(shared)(NAME(STEP), 0, K->n, K->shares, K->ptr, K->col, K->val, 0, inverse, b, x, d, first, second, K->sums);
+        error |= NAME(add_others)(K->others, 0, -second, inverse, d, x);
+    }
+    return error;
 }
 
 #endif
 
 /* x <- x + P e. */
-void NAME(prolong)(int n, int threads, const int *ptr, const int *col, const float *val, const double *e, double *x)
+int NAME(prolong)(const struct blocks *P, const double *e, double *x)
 {
-#pragma omp parallel for schedule(static) num_threads(threads) if (threads > 1)
-    for (int i = 0; i < n; i++) {
+    const int error = begin_fetching(P->others, e);
+#pragma omp parallel for schedule(static) num_threads(P->threads) if (P->threads > 1)
+    for (int i = 0; i < P->n; i++) {
         DC sum[BR];
         for (int r = 0; r < BR; r++)
             sum[r] = (DC){0};
-        for (long k = ptr[i]; k < ptr[i + 1]; k++) {
-            const float *block = val + BR * BC * k;
-            const DC ej = *(const DC *)(e + (long)BC * col[k]);
+        for (long k = P->ptr[i]; k < P->ptr[i + 1]; k++) {
+            const float *block = P->val + BR * BC * k;
+            const DC ej = *(const DC *)(e + (long)BC * P->col[k]);
             __builtin_prefetch(block + 768);
             for (int r = 0; r < BR; r++)
                 sum[r] += UP(block + BC * r) * ej;
@@ -174,11 +228,12 @@ void NAME(prolong)(int n, int threads, const int *ptr, const int *col, const flo
             x[(long)BR * i + r] += total;
         }
     }
+    return error | NAME(add_others)(P->others, 0, 1.0, 0, x, 0);
 }
 
 /* b <- P^T r, of `columns` blocks; P has the rows `rows`, where that is not 0.  Every thread has sums of its own. */
-void NAME(restrict_to)(int n, int columns, int threads, const int *rows, const int *ptr, const int *col,
-                       const float *val, const double *r, double *b, double *w)
+static void NAME(transposed)(int n, int columns, int threads, const int *rows, const int *ptr, const int *col,
+                             const float *val, const double *r, double *b, double *w)
 {
 #pragma omp parallel num_threads(threads) if (threads > 1)
     {
@@ -212,34 +267,15 @@ void NAME(restrict_to)(int n, int columns, int threads, const int *rows, const i
     }
 }
 
-/* y <- y + factor A g, of which A has the rows `rows`, A = val + low, or val where low is 0; with an inverse diagonal
-y <- y + factor D^-1 A g, and the same for x. */
-void NAME(others)(int n, const int *rows, const int *ptr, const int *col, const float *val, const float *low,
-                  const double *g, double factor, const double *inverse, double *y, double *x)
+/* b <- P^T r. */
+int NAME(restrict_to)(const struct blocks *P, const double *r, double *b)
 {
-    for (int i = 0; i < n; i++) {
-        DC sum[BR];
-        for (int r = 0; r < BR; r++)
-            sum[r] = (DC){0};
-        for (long k = ptr[i]; k < ptr[i + 1]; k++) {
-            const DC gj = *(const DC *)(g + (long)BC * col[k]);
-            for (int r = 0; r < BR; r++) {
-                DC row = UP(val + BR * BC * k + BC * r);
-                if (low)
-                    row += UP(low + BR * BC * k + BC * r);
-                sum[r] += row * gj;
-            }
-        }
-        for (int r = 0; r < BR; r++) {
-            const long at = (long)BR * rows[i] + r;
-            double total = 0.0;
-            for (int c = 0; c < BC; c++)
-                total += sum[r][c];
-            if (inverse) {
-                total *= inverse[at];
-                x[at] += factor * total;
-            }
-            y[at] += factor * total;
-        }
+    const struct others *A = P->others;
+    int error = 0;
+    if (A) {
+        NAME(transposed)(A->n, A->columns, 1, A->rows, A->ptr, A->col, A->val, r, A->ghosts->values, A->sums);
+        error = begin_giving(A->ghosts);
     }
+    NAME(transposed)(P->n, P->columns, P->threads, 0, P->ptr, P->col, P->val, r, b, P->sums);
+    return A ? error | end_giving(A->ghosts, b) : error;
 }

@@ -9,11 +9,9 @@
 
 #define SYMMETRIC 1e-8 /* largest difference of two entries that should be equal, over the Frobenius norm */
 
-/* Microseconds: of a contact in a sweep, of a block of a force that has changed, of a contact in a residual; orders of
-   magnitude: of the path that follows, at least and for each block, or each operation of one factorisation where it is
-   dense. */
-static const double CONTACT = 0.014, BLOCK = 0.0014, JUDGED = 0.01, PATH = 8000.0, PATH_BLOCK = 6.5,
-                    PATH_WORK = 5.6e-4;
+/* Microseconds: of a contact in a sweep, and of a block of a force that has changed; orders of magnitude: of the path
+   that follows, at least and for each block, or each operation of one factorisation where it is dense. */
+static const double CONTACT = 0.014, BLOCK = 0.0014, PATH = 8000.0, PATH_BLOCK = 6.5, PATH_WORK = 5.6e-4;
 static const double TRIAL = 0.05; /* of the work of the path: sweeps that are made in any case */
 
 typedef double v4 __attribute__((vector_size(32))); /* of which three are used */
@@ -208,12 +206,12 @@ static double residual(const struct system *s, double loads)
     return first > second || first != first ? first : second;
 }
 
-/* Sweeps over all contacts, forwards and backwards in turn, until the residual is at most tolerance, or until the
-   allowance is spent or will not do at the rate and the work observed; the last residual. */
-static double sweep(struct system *s, double tolerance, double loads, double allowance, long *sweeps)
+/* Sweeps over all contacts, forwards and backwards in turn, until the residual is at most tolerance, or until more than
+   trial is spent and the allowance will not do at the rate and the work observed; the last residual. */
+static double sweep(struct system *s, double tolerance, double loads, double trial, double allowance, long *sweeps)
 {
     double size = 1e300, before = 1e300, small = tolerance * tolerance;
-    long judged = 0, next = 1, visited = 0, changed = 0, residuals = 0;
+    long judged = 0, next = 1, visited = 0, changed = 0;
     for (*sweeps = 0;;) {
         double change = 0.0;
         for (long k = 0; k < s->m; k++) {
@@ -249,13 +247,12 @@ static double sweep(struct system *s, double tolerance, double loads, double all
         }
         if (!(size > tolerance) || change == 0.0)
             return size;
-        residuals++;
         small = fmin(small, change * (tolerance / size) * (tolerance / size)); /* where the residual will be small */
         const double rate = before < 1e300 ? pow(size / before, 1.0 / (*sweeps - judged)) : 1.0;
         before = size, judged = *sweeps;
         const double left = rate < 1.0 ? log(tolerance / size) / log(rate) : 1e300;
-        const double spent = CONTACT * visited + BLOCK * changed + JUDGED * residuals * s->m;
-        if (spent > TRIAL * allowance && spent * (1.0 + left / *sweeps) > allowance)
+        const double spent = CONTACT * visited + BLOCK * changed;
+        if (spent > trial && spent * (1.0 + left / *sweeps) > allowance)
             return size;
         next = *sweeps + (long)fmin(fmin(fmax(ceil(left), 1.0), judged), 16.0);
     }
@@ -291,12 +288,13 @@ static void answered(struct system *s, const struct given *A, double a, double f
 /* Forces by sweeps, with every check of the arguments that a correct problem passes.
 
    A (3 m x 3 m) has compressed rows with `entries` entries, or is dense with the strides row and column (indptr NULL);
-   b (3 m); F (m), or NULL for the number friction; start (3 m), or NULL for 0.  out, 2 + 9 m numbers: the residual after
-   the sweeps, and computed afresh from A as given; forces, gradient, bounds of friction, multipliers (2 m).  Returns
-   the number of sweeps; -1 if something is wrong, or not suitable: the arguments, or the memory. */
+   b (3 m); F (m), or NULL for the number friction; start (3 m), or NULL for 0; work: microseconds that are spent, 0 for
+   as many as promise to be quicker than the path.  out, 2 + 9 m numbers: the residual after the sweeps, and computed
+   afresh from A as given; forces, gradient, bounds of friction, multipliers (2 m).  Returns the number of sweeps; -1
+   if something is wrong, or not suitable: the arguments, or the memory. */
 long gauss_seidel(long m, long entries, const int *indptr, const int *indices, const double *data, long row,
                   long column, const double *b, const double *F, double friction, const double *start,
-                  double tolerance, double *out)
+                  double tolerance, double work, double *out)
 {
     const struct given A = {m, entries, indptr, indices, data, b, row, column};
     const long blocks = indptr == NULL || entries > m * m ? m * m : entries;
@@ -339,7 +337,7 @@ long gauss_seidel(long m, long entries, const int *indptr, const int *indices, c
     refresh(&s);
     const double fill = s.first[m], dense = 18.0 * m * m * m;
     const double path = PATH + (m <= 30 || fill > 0.25 * m * m ? PATH_WORK * dense : PATH_BLOCK * fill);
-    out[0] = sweep(&s, 0.999 * tolerance, loads, path, &sweeps);
+    out[0] = sweep(&s, 0.999 * tolerance, loads, work > 0.0 ? work : TRIAL * path, work > 0.0 ? work : path, &sweeps);
     answered(&s, &A, a, force, out + 2);
     out[1] = residual(&s, loads);
 end:
