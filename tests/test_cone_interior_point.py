@@ -79,7 +79,7 @@ def test_work_is_limited_by_counts():
 
 
 def test_sweeps_at_last():
-    """A stack on which the other methods are cut short: 90 000 sweeps, from those at the start, for half of the work."""
+    """A stack on which the other methods are cut short: 90 000 sweeps from those at the start, for half of the work."""
     problem, short = stack(8, 1.0, 2), {"newton": 1, "path": 1, "curve": 0, "convex": 0}
     result = solved(problem, ConeInteriorPoint(**short))
     assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
