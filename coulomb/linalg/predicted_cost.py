@@ -3,7 +3,7 @@
 The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`), whether it has to
 be repeated in double precision by a rule (`model.slenderness.ill_conditioned`).  The iterations of multigrid are not
 known: they grow with the slenderness of the body behind its contact face, and vary by a factor of two to three around
-this rule.  Of a body on soft springs they are ten to forty times as many, and it is factorised if that fits into the
+this rule.  Of a body on soft springs they are three to ten times as many, and it is factorised if that fits into the
 memory.
 
 In a load history the factors are made once, and a later step costs a third to two thirds of the first path; by

@@ -31,8 +31,8 @@ def on_soft_springs(elasticity: Deformable) -> bool:
     """Whether springs alone resist a rigid motion of all bodies, and hardly; collective.
 
     A motion by 1 m in the root mean square takes less than `_SOFT` of E V^(1/3) (E the largest Young's modulus, V the
-    volume).  Contact forces then move the bodies much farther than they deform them: the Newton systems of path
-    following, with products by multigrid, need 20 to 40 products a step where exact ones need 6.
+    volume).  Contact forces then move the bodies much farther than they deform them: path following by multigrid takes
+    three to ten times as many iterations as predicted, although these motions are computed apart.
     """
     over, K = Reductions(elasticity.comm), elasticity.K
     near = K.getNearNullSpace()
