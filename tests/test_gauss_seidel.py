@@ -101,22 +101,43 @@ def test_sweeps_go_forwards_and_backwards():
 
 
 def test_sweeps_end_where_their_rate_will_not_do():
-    """Some 250 000 are allowed; a twentieth of these is made in any case."""
-    assert two_contacts(1.0 - 1e-4, 1e-8).residual <= 1e-8
-    for difference in (3e-5, 3e-6):
-        found = two_contacts(1.0 - difference, 1e-8)
-        assert found.residual > 1e-8 and 6000 <= found.made <= 24_000
+    """A stack of eight: a fifth of the work of the path, 10.3 ms, is spent in any case, 0.85 microseconds per sweep."""
+    problem = stack(8, 1.0, 2)
+    found = gauss_seidel.swept(problem.W, -problem.q, problem.mu, 1e-8)
+    assert found.residual > 1e-8 and 1000 <= found.made <= 12_000
 
 
 def test_work_is_that_of_contacts_and_blocks_that_change():
-    """Two coupled contacts and 48 that stay open: these cost nothing, and as many sweeps are made as without them."""
-    alone, m = two_contacts(1.0 - 1e-4, 1e-8), 50
+    """Two coupled contacts beside 48 that stay open: these cost nothing; as many sweeps are made as without them."""
+    m, coupling = 50, 1.0 - 3e-6
     W, b = np.eye(3 * m), np.full(3 * m, -1e-3)
-    W[0, 3] = W[3, 0] = 1.0 - 1e-4
+    W[0, 3] = W[3, 0] = coupling
     b[1::3] = b[2::3] = 0.0
     b[[0, 3]] = 1.0
-    found = gauss_seidel.swept(scipy.sparse.csr_matrix(W), b, 0.0, 1e-8)
-    assert found.residual <= 1e-8 and found.made == alone.made > 50_000
+    found = gauss_seidel.swept(scipy.sparse.csr_matrix(W), b, 0.0, 1e-8, work=1000.0)
+    alone = gauss_seidel.swept(W[:6, :6].copy(), b[:6].copy(), 0.0, 1e-8, work=1000.0)
+    assert found.made == alone.made > 20_000
+
+
+def test_forces_of_blocks_of_sweeps_are_combined():
+    """Two contacts have one slow mode, which the third block leaves out; of a chain of 30 there are many."""
+    assert two_contacts(1.0 - 1e-5, 1e-8).made <= 50
+    m = 30
+    W = np.eye(3 * m)
+    for i in range(m - 1):
+        W[3 * i, 3 * i + 3] = W[3 * i + 3, 3 * i] = -0.499
+    b = np.tile([1.0, 0.0, 0.0], m)
+    plain = gauss_seidel.swept(W, b, 0.0, 1e-10, work=1e6)
+    found = gauss_seidel.swept(W, b, 0.0, 1e-10)
+    assert max(plain.residual, found.residual) <= 1e-10 and found.made < 0.4 * plain.made
+    assert np.allclose(found.x[::3], np.linalg.solve(W[::3, ::3], b[::3]), rtol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_combination_that_makes_the_residual_larger_is_taken_back(seed):
+    problem = stack(5, 0.7, seed)
+    found = gauss_seidel.swept(problem.W, -problem.q, problem.mu, 1e-8)
+    assert found.residual <= 1e-8 and found.made < 2000
 
 
 def test_sweeps_with_work_that_is_given():

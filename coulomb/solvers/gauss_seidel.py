@@ -4,6 +4,10 @@ M. Jean, J. J. Moreau: Unilaterality and dry friction in the dynamics of rigid b
 little and many problems of few contacts need few of them; on stacks and towers the rate is near 1.  So their number is
 limited by the work of the other methods, and they are given up early where the rate observed will not do.
 
+Slow modes of contacts that keep their states are left out by Anderson's mixing (native/mixing.h): after every 16 sweeps
+the forces are combined with those after the eight blocks before.  Not where the work is given: those are problems whose
+contacts change their states again and again.
+
 Where a problem has few contacts nearly all time would go into checks of the arguments and of the answer.  The kernel
 does these as well, and `swept` takes arrays as the user gives them: where anything is unusual the answer is None, and
 the checks in Python find out what it is.
@@ -69,7 +73,8 @@ class Sweeps(NamedTuple):
 @functools.cache
 def _kernel() -> Any:
     try:
-        library = compiled_library("gauss_seidel", [_NATIVE / "gauss_seidel.c"], [_NATIVE / "one_contact.h"])
+        headers = [_NATIVE / "mixing.h", _NATIVE / "one_contact.h"]
+        library = compiled_library("gauss_seidel", [_NATIVE / "gauss_seidel.c"], headers)
     except (OSError, subprocess.SubprocessError) as error:
         _log.info("no kernels in C, contact of few rigid bodies is slower: %s", error)
         return None

@@ -5,16 +5,14 @@
 
 #include <stdlib.h>
 
+#include "mixing.h"
 #include "one_contact.h"
 
 #define SYMMETRIC 1e-8 /* largest difference of two entries that should be equal, over the Frobenius norm */
-
 /* Microseconds: of a contact in a sweep, and of a block of a force that has changed; orders of magnitude: of the path
-   that follows, at least and for each block, or each operation of one factorisation where it is dense. */
-static const double CONTACT = 0.014, BLOCK = 0.0014, PATH = 8000.0, PATH_BLOCK = 6.5, PATH_WORK = 5.6e-4;
-static const double TRIAL = 0.05; /* of the work of the path: sweeps that are made in any case */
-
-typedef double v4 __attribute__((vector_size(32))); /* of which three are used */
+   that follows, at least and for each block, or each operation of one factorisation where it is dense.  TRIAL: part of
+   its work for which sweeps are made in any case. */
+static const double CONTACT = 0.014, BLOCK = 0.0014, PATH = 8000.0, PATH_BLOCK = 6.5, PATH_WORK = 5.6e-4, TRIAL = 0.2;
 
 /* A as given: compressed rows, in any order and with entries that are to be added, or dense, then indptr is NULL, with
    strides in numbers. */
@@ -208,10 +206,11 @@ static double residual(const struct system *s, double loads)
 
 /* Sweeps over all contacts, forwards and backwards in turn, until the residual is at most tolerance, or until more than
    trial is spent and the allowance will not do at the rate and the work observed; the last residual. */
-static double sweep(struct system *s, double tolerance, double loads, double trial, double allowance, long *sweeps)
+static double sweep(struct system *s, struct mixing *x, double tolerance, double loads, double trial, double allowance,
+                    long *sweeps)
 {
     double size = 1e300, before = 1e300, small = tolerance * tolerance;
-    long judged = 0, next = 1, visited = 0, changed = 0;
+    long judged = 0, next = 1, visited = 0, changed = 0, begun = 0;
     for (*sweeps = 0;;) {
         double change = 0.0;
         for (long k = 0; k < s->m; k++) {
@@ -254,7 +253,12 @@ static double sweep(struct system *s, double tolerance, double loads, double tri
         const double spent = CONTACT * visited + BLOCK * changed;
         if (spent > trial && spent * (1.0 + left / *sweeps) > allowance)
             return size;
-        next = *sweeps + (long)fmin(fmin(fmax(ceil(left), 1.0), judged), 16.0);
+        if (*sweeps == begun + BLOCK_OF_SWEEPS) {
+            begun = *sweeps;
+            if (x != NULL)
+                mixed(x, s->r, size), refresh(s), changed += s->first[s->m];
+        }
+        next = *sweeps + (long)fmin(fmin(fmax(ceil(left), 1.0), judged), begun + BLOCK_OF_SWEEPS - *sweeps);
     }
 }
 
@@ -286,7 +290,6 @@ static void answered(struct system *s, const struct given *A, double a, double f
 }
 
 /* Forces by sweeps, with every check of the arguments that a correct problem passes.
-
    A (3 m x 3 m) has compressed rows with `entries` entries, or is dense with the strides row and column (indptr NULL);
    b (3 m); F (m), or NULL for the number friction; start (3 m), or NULL for 0; work: microseconds that are spent, 0 for
    as many as promise to be quicker than the path.  out, 2 + 9 m numbers: the residual after the sweeps, and computed
@@ -298,18 +301,18 @@ long gauss_seidel(long m, long entries, const int *indptr, const int *indices, c
 {
     const struct given A = {m, entries, indptr, indices, data, b, row, column};
     const long blocks = indptr == NULL || entries > m * m ? m * m : entries;
-    const size_t bytes = blocks * (sizeof(v4[3]) + 3 * sizeof(int)) + 3 * m * sizeof(v4) + m * sizeof(struct contact)
-                         + 2 * (m + 1) * sizeof(long) + m * sizeof(int);
+    const size_t bytes = blocks * (sizeof(v4[3]) + 3 * sizeof(int)) + (3 + MIXING_VECTORS) * m * sizeof(v4)
+                         + m * sizeof(struct contact) + 2 * (m + 1) * sizeof(long) + m * sizeof(int);
     char *memory = aligned_alloc(32, (bytes + 31) / 32 * 32);
     if (memory == NULL)
         return -1;
     struct system s = {.m = m, .block = (v4(*)[3])memory};
     s.u = (v4 *)(s.block + blocks), s.r = s.u + m, s.q = s.r + m;
-    s.contact = (struct contact *)(s.q + m), s.first = (long *)(s.contact + m);
+    struct mixing x = mixing_in(m, s.q + m);
+    s.contact = (struct contact *)(s.q + (1 + MIXING_VECTORS) * m), s.first = (long *)(s.contact + m);
     memset(s.contact, 0, m * sizeof *s.contact);
     long *after = s.first + m + 1, sweeps = -1;
-    s.column = (int *)(after + m + 1);
-    int *across = s.column + blocks, *rows = across + blocks, *place = rows + blocks;
+    int *across = (s.column = (int *)(after + m + 1)) + blocks, *rows = across + blocks, *place = rows + blocks;
     double largest = 0.0, loads = 0.0;
     for (long i = 0; i < m; i++) {
         const double here = F == NULL ? friction : F[i];
@@ -333,11 +336,12 @@ long gauss_seidel(long m, long entries, const int *indptr, const int *indices, c
             s.r[i][c] = start == NULL ? 0.0 : start[3 * i + c] / force;
         }
     }
-    loads = sqrt(loads);
+    loads = sqrt(loads), memcpy(x.start, s.r, m * sizeof *s.r);
     refresh(&s);
     const double fill = s.first[m], dense = 18.0 * m * m * m;
     const double path = PATH + (m <= 30 || fill > 0.25 * m * m ? PATH_WORK * dense : PATH_BLOCK * fill);
-    out[0] = sweep(&s, 0.999 * tolerance, loads, work > 0.0 ? work : TRIAL * path, work > 0.0 ? work : path, &sweeps);
+    const double allowance = work > 0.0 ? work : path, trial = work > 0.0 ? work : TRIAL * path;
+    out[0] = sweep(&s, work > 0.0 ? NULL : &x, 0.999 * tolerance, loads, trial, allowance, &sweeps);
     answered(&s, &A, a, force, out + 2);
     out[1] = residual(&s, loads);
 end:
