@@ -1,5 +1,8 @@
 """Products in small dense blocks on any number of ranks: run alone, or as `mpirun -n 3 python -m pytest ...`."""
 
+import contextlib
+import ctypes
+
 import numpy as np
 import pytest
 import scipy.sparse
@@ -7,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from coulomb.benchmarks.block import block
-from coulomb.linalg import multigrid_grids, native, stiffness
+from coulomb.linalg import ghost_blocks, multigrid_grids, native, stiffness
 from coulomb.linalg.block_matrix import BlockInterpolation, SymmetricBlocks, distributed_blocks, padded
 from coulomb.linalg.petsc_arrays import distributed_entries
 
@@ -74,6 +77,25 @@ def test_symmetric_blocks(size):
     blocks.smooth(inverse_mine, b_mine, x_mine, d_mine, factors, zero=True)
     assert np.abs(d_mine - part(direction, edges)).max(initial=0.0) <= 1e-5 * scale
     assert np.abs(x_mine - part(first + direction, edges)).max(initial=0.0) <= 1e-5 * scale
+    blocks.destroy()
+
+
+@pytest.mark.parametrize("started", [True, False])
+def test_an_error_of_mpi_is_raised(monkeypatch, started):
+    """Where the kernels start messages, and where they wait for them."""
+    edges, function = shares(40, 3), ctypes.CFUNCTYPE(ctypes.c_int)
+    succeed, fail = function(lambda: 0), function(lambda: MPI.ERR_TRUNCATE)
+    monkeypatch.setattr(ghost_blocks, "_start_and_wait", lambda: (succeed, fail) if started else (fail, succeed))
+    K = distributed(scipy.sparse.kron(np.ones((40, 40)), np.eye(3)), edges, edges)
+    blocks = SymmetricBlocks(native.kernels(), distributed_entries(K), 3)
+    x, b, y = (part(np.ones(120), edges) for _ in range(3))
+    raised = pytest.raises(MPI.Exception) if COMM.size > 1 else contextlib.nullcontext()
+    with raised:
+        blocks.mult(x, y)
+    with raised:
+        blocks.residual(b, x, y)
+    with raised:
+        blocks.smooth(b, b, x, y, np.ones((1, 2)))
     blocks.destroy()
 
 
