@@ -172,13 +172,17 @@ class MultifrontalSolver(RefinedSolver):
         return w
 
     def schur_diagonal(self, rows: scipy.sparse.csr_matrix) -> FloatArray:
-        """b^T S^-1 b for each row b of a matrix, shape (k, 3 last)."""
+        """b^T S^-1 b for each row b of a matrix, shape (k, 3 last), without what S^-1 couples between different nodes.
+
+        Exact where a row sees one node, as before a rigid foundation; of a pair of small bodies, whose rows see several
+        nodes of the opposite face, up to 15 % away.  It scales problems and is part of preconditioners.
+        """
         inverses = [inverse_factor(L) for L in self.schur_factors]
         columns = [half[i:, i : i + 3] for half in inverses for i in range(0, len(half), 3)]
         blocks = np.array([c.T @ c for c in columns], dtype=np.float64).reshape(-1, 3, 3)
         each = np.arange(len(blocks) + 1)
         whole = (len(self._last),) * 2
-        nodal = scipy.sparse.bsr_matrix((blocks, each[:-1], each), whole)  # all that a row of B sees of S^-1
+        nodal = scipy.sparse.bsr_matrix((blocks, each[:-1], each), whole)
         diagonal: FloatArray = np.asarray((rows @ nodal).multiply(rows).sum(axis=1)).ravel()
         if self._many and self.exact and not self._inverses:
             self._halves = inverses
