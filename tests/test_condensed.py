@@ -109,10 +109,10 @@ def test_tresca_step_is_the_dense_step():
 @pytest.mark.parametrize("law", ["0.3", "1.5", "tresca"])
 @pytest.mark.parametrize("p", [4, 6])
 def test_whole_answers(p, law):
-    """Those of the default on the factorised body, in as many steps, and no product by A in any of them."""
+    """Those of the method on the factorised body, in as many steps, and no product by A in any of them."""
     tresca = law == "tresca"
     friction = None if tresca else float(law)
-    known = make_block(p, friction, slip_stress=1e7 if tresca else None).solve(1e-9)
+    known = make_block(p, friction, slip_stress=1e7 if tresca else None).solve(solver=InteriorPoint(1e-9))
     solver = InteriorPoint(1e-8, newton=CondensedSystem())
     problem = make_block(p, friction, slip_stress=1e7 if tresca else None, **MULTIGRID)
     solution = problem.solve(solver=solver)

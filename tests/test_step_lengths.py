@@ -77,7 +77,7 @@ def test_a_step_goes_to_the_boundary_and_not_over_it(at):
     dx_n = np.where(np.arange(NODES) == 2, -1.0, 0.0)
     step = Step(v, 4.0 * dx_n, rows[:, 1:], -0.9 * v.nu, rows, 0.0, 1)
     alpha, _ = step_length(InteriorPoint(gamma=1e-9), scaled, step, 1e9, SIGMA)
-    assert alpha == pytest.approx(0.99 / 4.0)
+    assert alpha == pytest.approx(SOLVER.to_boundary / 4.0)
 
 
 def test_centring_follows_the_last_step():

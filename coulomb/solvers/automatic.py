@@ -13,7 +13,7 @@ from .results import NotConverged, ProgressCallback, SolverResult, Status, check
 from .semismooth_newton import SemismoothNewton
 from .successive_tresca import SuccessiveTresca
 
-_FINISH = SemismoothNewton(max_iterations=6, patience=2, finer=1.0, sharpest=0.01)
+_FINISH = SemismoothNewton(max_iterations=6, patience=3, finer=1.0, sharpest=0.01)
 """From the end of a path it takes one to five steps; the residual may grow in the first and fall in the second."""
 
 
@@ -21,7 +21,7 @@ _FINISH = SemismoothNewton(max_iterations=6, patience=2, finer=1.0, sharpest=0.0
 class Automatic:
     """The interior-point method on the whole problem; if it fails and friction grows with pressure, successive Tresca.
 
-    From an iterate of the interior-point method with a residual of 1e-4 the semismooth Newton method is tried, which
+    From an iterate of the interior-point method with a residual of 3e-4 the semismooth Newton method is tried, which
     takes fewer steps from there, and if it fails the path is followed further.
 
     From the forces of a load step before, the semismooth Newton method is tried first: it takes a third of the steps of

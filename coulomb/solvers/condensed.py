@@ -44,7 +44,7 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from ..linalg.petsc_options import configured_ksp
 from ..linalg.reductions import Reductions
-from .linearization import NodalInverse
+from .linearization import Linearization, NodalInverse
 from .newton_systems import NewtonEquations, NewtonStep, NewtonSystem
 from .scaled_compliance import ScaledCompliance
 
@@ -186,6 +186,9 @@ class _Condensed:
         A_dx = self._gathered(self._w)
         dx = self._spring(r - A_dx)
         return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations)
+
+    def correction(self, r2: FloatArray, at: Linearization | None = None) -> NewtonStep | None:
+        return None
 
     def estimate(self, x: FloatArray) -> FloatArray:
         """0: the effect of x beyond the step is in R, not in B y."""

@@ -56,6 +56,9 @@ class _Dense(ProductImages):
         bordered[: len(G), n:], bordered[n:, : len(G)] = -G, G.T
         return bordered
 
+    def correction(self, r2: FloatArray, at: Linearization | None = None) -> NewtonStep | None:
+        return None
+
     def estimate(self, x: FloatArray) -> FloatArray:
         return (self._A @ x.ravel()).reshape(x.shape)
 

@@ -24,10 +24,8 @@ With rigid motions of bodies that contact alone holds, w = A x - b - G^T alpha, 
 (rigid_motions.py).  As x is not linear along a step, G x - e is computed anew at every iterate; it counts with the
 gradient.
 
-Proved: for F = 0 this is PF for a convex problem. CONVERGED means that the natural residual, computed afresh, is below
-the tolerance. Observed (docs/measurements.md): 11 to 23 steps from a cold start to 1e-8, 2 to 5 FGMRES iterations each.
-Not proved for F > 0: that the Newton system is never singular, that a path leads from the start to theta = 0, or which
-of several solutions it finds.
+Proved: for F = 0 and exact products this is PF for a convex problem.  Not proved for F > 0: that the Newton system is
+regular, that a path leads to theta = 0, or which of several solutions it finds.
 """
 
 from __future__ import annotations
@@ -41,6 +39,7 @@ from ..arrays import FloatArray
 from .equilibrium import balanced_forces, no_equilibrium, sliding
 from .free_start import free_start
 from .friction_problem import FrictionProblem, Solver
+from .longer_steps import longer
 from .newton_systems import NewtonChoice, SchurComplementSystem
 from .path_ends import Finish, smallest
 from .results import (
@@ -117,7 +116,7 @@ class InteriorPoint:
     free: int = 12
     starts: tuple[float, ...] = (1e3, 1e6)
     blocked: float = 0.05
-    to_boundary: float = 0.99
+    to_boundary: float = 0.95
     backtrack: float = 0.9
     gradient_share: float = 0.3
     solved_share: float = 0.1
@@ -130,7 +129,7 @@ class InteriorPoint:
     warm_theta: float = 0.03
     far: float = 0.1
     finish: Solver | None = None
-    finish_from: float = 1e-4
+    finish_from: float = 3e-4
 
     name = "interior point"
 
@@ -274,13 +273,14 @@ class _Path:
         theta, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), scaled.infeasibility(v)
         beta = max(settings.beta, settings.widening * gradient / theta)
         err, krylov_tolerance, alpha = 1.0, settings.r_tol / settings.c_fact, 1.0
-        waits = scaled.sloped or not problem.A.exact
+        waits = scaled.sloped or not problem.A.exact  # then A x of an iterate is computed anew
         best, best_at, blocked, reached, status = math.inf, first, 0, False, Status.MAX_ITERATIONS
         away: Equilibrium | None = None
         for iteration in range(first + 1, first + settings.max_iterations + 1):
             sigma = settings.centring(alpha, gradient / (beta * theta) if waits else 0.0)
             krylov_tolerance = min(settings.r_tol * err, settings.c_fact * krylov_tolerance)
             step = newton_step(settings, scaled, newton, v, sigma * theta, krylov_tolerance, beta)
+            step = longer(settings, scaled, newton, step, sigma * theta, beta) if waits else step
             alpha, new = step_length(settings, scaled, step, beta, sigma)
             if new is None:
                 status = Status.STAGNATED

@@ -115,6 +115,15 @@ class NewtonSystem(Protocol):
         """The step, as accurate as it is wanted."""
         ...
 
+    def correction(self, r2: FloatArray, at: Linearization | None = None) -> NewtonStep | None:
+        """The solution for r1 = 0, r2 (m, 2) with an approximation of A, without a product; None if there is none.
+
+        Args:
+            r2: Shape (m, 2).
+            at: The linearisation; by default that of the last step.
+        """
+        ...
+
     def estimate(self, x: FloatArray) -> FloatArray:
         """Approximate A x (m, 3), without a product."""
         ...
@@ -250,6 +259,9 @@ class _Krylov(ProductImages):
     def _norm(self, r: FloatArray) -> float:
         return float(np.sqrt(Reductions(self._comm).dot(r, r)))
 
+    def correction(self, r2: FloatArray, at: Linearization | None = None) -> NewtonStep | None:
+        return None
+
     def estimate(self, x: FloatArray) -> FloatArray:
         return self._A.mult(x)
 
@@ -283,6 +295,19 @@ class _SchurComplement(_Krylov):
             NodalInverse(at, self._A.rest), rhs, np.zeros_like(rhs), size, tolerance, cap, r3
         )
         return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations, dalpha)
+
+    def correction(self, r2: FloatArray, at: Linearization | None = None) -> NewtonStep | None:
+        if self._scaled.rigid.shape[1]:  # on soft springs A x and b nearly cancel: too much for an approximation of A
+            return None
+        inverse = self._bordered
+        if at is None:
+            at = self._at
+        else:
+            columns = self._A.nodal_columns(self._block, at.frictional)
+            update = LowRankUpdate(self._comm, NodalInverse(at, self._A.rest), columns, self._A.signs)
+            inverse = ConstraintPreconditioner(update, self._constraints, self._block)
+        dx, dalpha = inverse(at.J12(r2 / at.D22), np.zeros(self._constraints.count))
+        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, self._A.mult(dx), 0, dalpha)
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
         return A_p + self._at.schur(p)

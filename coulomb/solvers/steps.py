@@ -7,7 +7,8 @@ from typing import Protocol
 import numpy as np
 
 from ..arrays import FloatArray
-from .newton_systems import NewtonEquations, NewtonSystem
+from .linearization import Linearization
+from .newton_systems import NewtonEquations, NewtonStep, NewtonSystem
 from .scaled_problem import Iterate, ScaledProblem, Step
 
 
@@ -52,6 +53,11 @@ def newton_step(
         cap = min(cap, (settings.solved_share if solved else settings.gradient_share) * scaled.infeasibility(v))
     weight, r3 = scaled.weight(v.x_n), scaled.out_of_balance(v)
     step = newton.solve(NewtonEquations(at, r1, r2, weight, tolerance, scaled.from_rms(cap), r3))
+    return along_curve(scaled, newton, v, at, step)
+
+
+def along_curve(scaled: ScaledProblem, newton: NewtonSystem, v: Iterate, at: Linearization, step: NewtonStep) -> Step:
+    """The step from v along its curve."""
     dx, dy = step.dx, at.dy(step.dx)
     A_bend: FloatArray | float = 0.0
     if scaled.sloped:
