@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import cast
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ..arrays import FloatArray
 from ..fem.deformable import Deformable
@@ -18,9 +20,9 @@ from ..fem.loads import Load, vanishes
 from ..fem.named_mesh import NamedMesh
 from ..fem.temperature import ThermalLoad
 from ..fem.user_values import Amplitude, Coefficient, Field
-from ..linalg.blas_threads import one_blas_thread
 from ..linalg.methods import LinearSolver
 from ..linalg.native import threads
+from ..linalg.stiffness import IterativeSolver
 from ..linalg.unsolved import Unsolved
 from ..solvers.automatic import Automatic
 from ..solvers.friction_problem import Solver
@@ -203,8 +205,7 @@ class ContactProblem(PosedProblem):
         acceptance, counted = Acceptance(self), CountedProgress(progress)
         if chosen.tolerance <= CERTIFIED_FROM:
             problem = replace(problem, accept=acceptance, balanced=acceptance.gradient)
-        threads_of_multigrid = not problem.A.exact and threads() > 1
-        with timed(self.seconds, "solve"), one_blas_thread(threads_of_multigrid):
+        with timed(self.seconds, "solve"), _one_blas_thread(self._by_threads):
             try:
                 result = chosen.solve(problem, start, progress=counted)
             except NotConverged as failure:
@@ -224,6 +225,11 @@ class ContactProblem(PosedProblem):
         g = np.where(x[0::3] != result.x[0::3], law, g)  # where `settled` has changed the normal force
         return Solution(self, x, judged.displacement, g, result, judged.certificate)
 
+    @property
+    def _by_threads(self) -> bool:
+        """Whether the kernels of multigrid share their work among threads; collective."""
+        return self.body.linear_solver is IterativeSolver and threads() > 1
+
 
 class _InState(ContactProblem):
     """A contact problem with the body of another one."""
@@ -232,6 +238,15 @@ class _InState(ContactProblem):
         self, of: ContactProblem, state: ContactState, seconds: dict[str, float], before: Before | None = None
     ):
         PosedProblem.__init__(self, of.body, state, of.small_strain, of.started, seconds, before)
+
+
+def _one_blas_thread(wanted: bool) -> AbstractContextManager[object]:
+    """One thread of BLAS if `wanted`, and afterwards as many as before.
+
+    For some milliseconds after a call the threads of OpenBLAS wait for the next one in busy loops, in which they take
+    processors from those of multigrid's kernels.
+    """
+    return threadpool_limits(limits=1, user_api="blas") if wanted else nullcontext()
 
 
 def _contacts(given: object) -> tuple[Contact, ...]:
