@@ -87,7 +87,7 @@ def test_sweeps_at_last():
     with pytest.raises(NotConverged, match=r"\d{4} sweeps and 0 convex") as failure:
         solved(problem, ConeInteriorPoint(**short, work=2e8))
     few = failure.value.result
-    assert few.status is Status.STAGNATED and 2000 < few.products < 0.5 * result.products
+    assert few.status is Status.STAGNATED and 8000 < few.products < 14_000
     with pytest.raises(NotConverged, match="0 sweeps"):
         solved(problem, ConeInteriorPoint(**short, sweeps=False))
 
