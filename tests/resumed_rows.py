@@ -12,9 +12,10 @@ def rows_of(folder):
 
 
 def same_to_the_tolerance(one, other):
-    """Whether two rows are the same figures to a residual of 1e-8.
+    """Whether two rows are the same figures to a residual of 1e-8, that is to an error of 1e-7.
 
-    They are not equal in all digits: what the solver has found of A in earlier steps is not in the files.
+    They are not equal in all digits: what the solver has found of A in earlier steps is not in the files.  The error is
+    the residual times (1 + L)/m, L and m the extreme eigenvalues of A over their mean.
     """
     assert list(one) == list(other)
     names = [name for name in one if name not in SOLVER and not name.endswith("_balance")]
@@ -24,7 +25,7 @@ def same_to_the_tolerance(one, other):
             size[_vector(name)] = max(size.get(_vector(name), 0.0), abs(float(one[name])))
     for name in names:
         equal = one[name] == other[name]
-        assert equal or abs(float(one[name]) - float(other[name])) <= 1e-8 * size[_vector(name)] + 1e-12, name
+        assert equal or abs(float(one[name]) - float(other[name])) <= 1e-7 * size[_vector(name)] + 1e-12, name
     return True
 
 
