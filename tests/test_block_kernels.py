@@ -87,7 +87,8 @@ def test_a_thread_that_adds_to_rows_of_all_later_ones(team):
     pattern = scipy.sparse.eye(count).tolil()
     pattern[0, count - 1] = pattern[count - 1, 0] = 0.5
     K = scipy.sparse.kron(pattern, np.eye(size) + 0.1).tocsr()
-    blocks = SymmetricBlocks(native.kernels(), distributed_entries(petsc(K)), size, accurate=True)
+    matrix = petsc(K)  # must outlive its arrays
+    blocks = SymmetricBlocks(native.kernels(), distributed_entries(matrix), size, accurate=True)
     x, y = vector(np.arange(1.0, size * count + 1.0)), padded(size * count)
     for _ in range(2):
         blocks.mult(x, y)

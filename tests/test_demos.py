@@ -180,7 +180,7 @@ def test_demo_paper():
     step, theta, alpha, krylov, residual = table(text, r"^ +(\d+) +# +# +(\d+) +#$").T
     assert list(step) == list(range(1, len(step) + 1)) and len(step) < 25
     assert np.all(np.diff(theta) < 0.0) and np.all((alpha > 0.0) & (alpha <= 1.0)) and np.all(krylov >= 1)
-    assert residual[-1] <= 1e-8 < residual[-2] and np.all(alpha[-3:] > 0.99)  # full steps at the end
+    assert residual[-1] <= 1e-8 < residual[-2] and np.all(alpha[-3:] >= 0.95)  # full steps at the end
     augmented, other = (line(text, rf"{name}System: # steps, # products") for name in ("Augmented", "SchurComplement"))
     assert abs(augmented[0] - other[0]) <= 3 and max(augmented[1], other[1]) < 300
     path, active = line(text, r"to a residual of 1e-6: PF # products, KPRGP #$")
