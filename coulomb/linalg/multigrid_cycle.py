@@ -22,7 +22,13 @@ from .petsc_arrays import DistributedEntries
 from .reductions import Reductions
 
 _SMOOTHED = (0.05, 1.05)  # part of the spectrum that the smoother damps, over its estimated largest eigenvalue, as GAMG
-_LANCZOS = 10  # steps of the estimate
+_LANCZOS = 20
+"""Steps of the estimate.
+
+The largest eigenvalues may belong to few cells: after 10 steps the estimate was 14 % too small on a bracket of 450 000
+unknowns.  The smoother then amplifies them, and the cycle is not definite.  After 20 steps it is within 0.5 % on seven
+parts and blocks.
+"""
 
 
 class Level:
