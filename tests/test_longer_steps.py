@@ -16,10 +16,10 @@ NODES, BETA = 12, 1e4
 SOLVER = InteriorPoint()
 
 
-def inside(seed):
+def inside(seed, condition=100.0):
     """A scaled problem with friction at all nodes, an iterate on which nu z = 1, and A."""
     rng = np.random.default_rng(seed)
-    A = random_spd(3 * NODES, 100.0, rng)
+    A = random_spd(3 * NODES, condition, rng)
     law = FrictionLaw(np.zeros(NODES), rng.uniform(0.1, 0.8, NODES))
     scaled = ScaledProblem(FrictionProblem(dense_compliance(A), rng.standard_normal(3 * NODES), law))
     x_n, y = 10.0 ** rng.uniform(-1, 1, NODES), rng.uniform(-0.5, 0.5, (NODES, 2))
@@ -35,9 +35,9 @@ def knowing(scaled):
     return newton
 
 
-def lengths(seed):
+def lengths(seed, condition=100.0):
     """A step, its correction, and the lengths of both."""
-    scaled, v = inside(seed)
+    scaled, v = inside(seed, condition)
     newton, target = knowing(scaled), 0.1
     step = newton_step(SOLVER, scaled, newton, v, target, 1e-12, BETA)
     after = longer(SOLVER, scaled, newton, step, target, BETA)
@@ -83,8 +83,27 @@ def test_held_nodes_keep_a_tenth_and_the_equations_hold(monkeypatch):
         assert np.abs(residual).max() <= 1e-4 * np.abs(scaled.gradient(v)).max()
         centred = v.nu * (-at.J21(dx)) + scaled.slack(v.x_n, v.y) * after.dnu + 1.0 - 0.1
         assert np.abs(centred[~held]).max() <= 1e-4 and np.abs(centred[:, 1]).max() <= 1e-4
+        assert np.allclose(after.A_dx, scaled.A.mult(dx), atol=1e-6 * np.abs(after.A_dx).max())
         seen += 1
     assert seen >= 3
+
+
+def held_and_through(seed, condition=100.0):
+    """Of a step that has become longer: held nodes, and those that would lose more than 1.2 of their pressure."""
+    _, step, after, before, length = lengths(seed, condition)
+    x_n = step.v.x_n
+    held = np.abs(x_n + after.dx_n - 0.1 * x_n) <= 1e-4 * x_n
+    return (held, step.dx_n < -1.2 * x_n) if length > before else None
+
+
+def test_nodes_that_would_open_are_held_and_released_where_their_gap_would_be_negative(monkeypatch):
+    monkeypatch.setattr(longer_steps, "_CORRECTORS", 0)
+    for seed in (51, 96, 142):
+        held, through = held_and_through(seed, 1e4)
+        assert held.any() and np.any(through & ~held)
+    monkeypatch.setattr(longer_steps, "_ROUNDS", 1)
+    first = [found for found in map(held_and_through, range(40)) if found is not None]
+    assert len(first) >= 3 and all(np.array_equal(held, through) for held, through in first)
 
 
 def test_a_system_without_an_approximation_of_A_leaves_the_step():
