@@ -144,9 +144,12 @@ class _InBlocks:
             u.array[:] = self._u
 
     def _precondition(self, r: FloatArray) -> FloatArray:
-        """A cycle for r.  In motions that are computed apart, products leave only rounding errors; a cycle would magnify
-        them, as the springs are soft, and they are removed from r.  A cycle in single precision leaves some in its result:
-        removed too, or CG does not converge where few unknowns are on many ranks."""
+        """A cycle for r.
+
+        In motions that are computed apart, products leave only rounding errors, which a cycle would magnify as the
+        springs are soft: they are removed from r.  In single precision a cycle leaves some in its result: these are
+        removed too, or CG does not converge where few unknowns are on many ranks.
+        """
         if self.soft is None:
             return self._cycle(r)
         self.soft.take_from_forces(r)
