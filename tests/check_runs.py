@@ -186,3 +186,26 @@ def get(tree, path):
 def shown(path):
     """A place as it is written in a fault."""
     return "summary.json" + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)
+
+
+_NOTHING = 1e-10
+"""Below this a field is zero but for what the solver leaves: gaps in metres of a closed face, at a residual of 1e-8."""
+
+
+def scaled(factor):
+    """A field times a factor; a field of zeros gets one value other than zero."""
+
+    def spoil(values):
+        if np.max(np.abs(values)) > _NOTHING:
+            return factor * values
+        values.flat[values.shape[-1] * (len(values) // 2)] = 1e-6
+        return values
+
+    return spoil
+
+
+def one_entry(values):
+    """The largest entry by a millionth."""
+    largest = np.unravel_index(np.argmax(np.abs(values)), values.shape)
+    values[largest] = values[largest] * (1.0 + 1e-6) if abs(values[largest]) > _NOTHING else 1e-6
+    return values

@@ -5,7 +5,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from check_runs import BALL, BLOCK, UNASKED, WEDGE, change, copied, edit, field, get, leaves, made, put, run_case, shown
+from check_runs import (
+    BALL,
+    BLOCK,
+    UNASKED,
+    WEDGE,
+    change,
+    copied,
+    edit,
+    field,
+    get,
+    leaves,
+    made,
+    one_entry,
+    put,
+    run_case,
+    scaled,
+    shown,
+)
 
 from coulomb.io.recheck.directory import check
 from coulomb.model.contact_faces import contact_surface as real_surface
@@ -60,29 +77,6 @@ def test_a_missing_case_is_reported(text, tmp_path):
     found = check(folder)
     assert found.passed, found
     assert any("without a case.json: materials, friction, normals" in line for line in found.trusted)
-
-
-_NOTHING = 1e-10
-"""Below this a field is zero but for what the solver leaves: gaps in metres of a closed face, at a residual of 1e-8."""
-
-
-def scaled(factor):
-    """A field times a factor; a field of zeros gets one value other than zero."""
-
-    def spoil(values):
-        if np.max(np.abs(values)) > _NOTHING:
-            return factor * values
-        values.flat[values.shape[-1] * (len(values) // 2)] = 1e-6
-        return values
-
-    return spoil
-
-
-def one_entry(values):
-    """The largest entry by a millionth."""
-    largest = np.unravel_index(np.argmax(np.abs(values)), values.shape)
-    values[largest] = values[largest] * (1.0 + 1e-6) if abs(values[largest]) > _NOTHING else 1e-6
-    return values
 
 
 @pytest.mark.parametrize("spoil", [scaled(1.0 + 1e-6), one_entry], ids=["all", "one entry"])
