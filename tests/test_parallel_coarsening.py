@@ -8,9 +8,10 @@ from petsc4py import PETSc
 
 from coulomb import Clamp, Elasticity, Material, SymmetryPlane, box
 from coulomb.fem.elasticity import Spring
-from coulomb.linalg import coarsening, native, stiffness
-from coulomb.linalg.block_matrix import PADDING
+from coulomb.linalg import coarsening, multigrid_grids, native, stiffness
+from coulomb.linalg.block_matrix import PADDING, padded
 from coulomb.linalg.petsc_arrays import distributed_entries
+from coulomb.linalg.recycled_cg import RecycledCG
 from coulomb.linalg.reductions import concatenated
 from coulomb.linalg.whole_blocks import WholeBlocks, whole
 
@@ -86,6 +87,34 @@ def test_rows_that_are_coupled_with_another_rank_only_are_not_held():
     blocks = WholeBlocks(native.kernels(), distributed_entries(matrix), 3)
     loose = concatenated(COMM, coarsening._aggregates(native.kernels(), blocks, 1)[2])
     np.testing.assert_array_equal(loose, np.count_nonzero(K, axis=1) > 1)
+
+
+@pytest.mark.parametrize("last", [0, COMM.size - 1])
+def test_ranks_without_nodes_or_without_aggregates(last):
+    """Three nodes that belong together and one that hardly does, on the first rank; the fifth, coupled with that one
+    only, on another, where it has no aggregate beside it; ranks between them, or all others, have no nodes."""
+    K = np.kron(np.eye(5), 6.0 * np.eye(3))
+    for a, size in enumerate((1.0, 1.0, 1e-3, 1e-3)):
+        K[3 * a : 3 * a + 3, 3 * a + 3 : 3 * a + 6] = K[3 * a + 3 : 3 * a + 6, 3 * a : 3 * a + 3] = size * np.ones(
+            (3, 3)
+        )
+    first, end = 15 * (COMM.rank > last), 15 * (last <= COMM.rank)
+    if last > 0:
+        first, end = 12 * (COMM.rank > 0), 12 + 3 * (last <= COMM.rank)
+    mine, sizes = scipy.sparse.csr_matrix(K[first:end]), (end - first, None)
+    matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=(mine.indptr, mine.indices, mine.data), comm=COMM)
+    rng, entries = np.random.default_rng(5), distributed_entries(matrix)
+    motions, forces = rng.standard_normal((15, 6))[first:end], rng.standard_normal((2, 15))
+    coarse = next_grid(entries, 3, motions)[1]
+    P = dense_interpolation(coarse.P, (3, 6))
+    assert P.shape == (15, 6) and np.any(P[9:12]) and not np.any(P[12:])
+    np.testing.assert_allclose(dense(coarse.matrix), P.T @ K @ P, atol=1e-12)
+    cycle = multigrid_grids._cycle(native.kernels(), entries, 3, motions, finest=True)
+    cg, u = RecycledCG(COMM, native.kernels(), cycle.size, cycle.mult, cycle, rough=cycle), padded(end - first)
+    for f in forces:
+        cg.solve(f[first:end], u, 1e-9)
+        assert np.linalg.norm(K @ concatenated(COMM, u) - f) <= 1.1e-9 * np.linalg.norm(f)
+    cycle.destroy()
 
 
 @pytest.mark.parametrize("springs", [False, True])

@@ -101,7 +101,7 @@ def _orthonormal(
     begin = np.searchsorted(aggregates[members], np.arange(count + 1)).astype(np.int32)
     P0 = np.zeros(motions.size + PADDING)[: motions.size].reshape(motions.shape)
     P0[:] = motions
-    P0.reshape(len(aggregates), -1)[aggregates < 0] = 0.0
+    P0.reshape(len(aggregates), size * _MOTIONS)[aggregates < 0] = 0.0
     R = np.zeros((count, _MOTIONS, _MOTIONS))
     kernel = getattr(library, f"orthonormal_{size}_6")
     kernel(count, team, *map(address, (begin, members, loose, P0, R)))
@@ -122,7 +122,7 @@ def _smoothed(
     needed: _Array = np.empty(0, np.int64)
     if K.others is not None:
         numbers = np.where(aggregates >= 0, aggregates + starts[K.comm.rank], -1)
-        ghosts = _fetched(K, np.column_stack([numbers, P0.reshape(n, -1)]))
+        ghosts = _fetched(K, np.column_stack([numbers, P0.reshape(n, size * _MOTIONS)]))
         of_ghosts = ghosts[:, 0].astype(np.int64)
         needed = np.unique(of_ghosts[of_ghosts >= 0])
         places = np.where(of_ghosts >= 0, own + np.searchsorted(needed, of_ghosts), -1)
@@ -168,7 +168,7 @@ def galerkin(library: ctypes.CDLL, K: WholeBlocks, P: DistributedBlocks, width: 
     """
     team = threads() if K.count >= _ALONE else 1
     own = int(np.diff(P.starts)[K.comm.rank])
-    rows, numbers = (P.own, np.arange(own)) if P.others is None else _with_ghosts(K, P, own)
+    rows, numbers = (P.own, np.arange(own)) if P.others is None else _with_ghosts(K, P, own, width)
     n, nodes = K.count, len(rows.pointers) - 1
     coarse = own + len(P.needed)
     begin = np.empty(coarse + 1, np.int32)
@@ -191,13 +191,13 @@ def galerkin(library: ctypes.CDLL, K: WholeBlocks, P: DistributedBlocks, width: 
     return _gathered(library, P, pointers, numbers[columns], blocks)
 
 
-def _with_ghosts(K: WholeBlocks, P: DistributedBlocks, own: int) -> tuple[Blocks, _Array]:
+def _with_ghosts(K: WholeBlocks, P: DistributedBlocks, own: int, width: int) -> tuple[Blocks, _Array]:
     """The rows of P of this rank's nodes and of those to which K couples them, and the numbers of its columns: those of
     this rank, those that its own rows need, and others; collective."""
     assert P.others is not None
     both = joined_rows(P.own, P.others._replace(columns=P.others.columns + np.int32(own)))
     columns, lengths = both.columns, np.diff(both.pointers)
-    values = both.values[:-PADDING].reshape(len(columns), -1 if len(columns) else 0)
+    values = both.values[:-PADDING].reshape(len(columns), K.size * width)
     known = np.concatenate([np.arange(own) + P.starts[K.comm.rank], P.needed])
     rows = RowExchange(K.comm, K.starts, K.ghosts)
     of_ghosts = rows.fetched(lengths[rows.asked], np.ones(len(rows.asked), np.int64))

@@ -15,7 +15,6 @@ from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
-from scipy.linalg.blas import daxpy
 
 from ..arrays import FloatArray
 from .block_matrix import address, padded
@@ -106,13 +105,13 @@ class RecycledCG:
         rough = rough and rounding <= _ROUGH * tolerance * size
         iterations = self._iterate(left, size, tolerance, rough, u)
         if iterations > 0:
-            daxpy(self._moved, u)
+            u += self._moved
             np.subtract(rhs, self._r, out=self._image)
             image, rounding = self._sizes(self._image, u)
             if rough and rounding > 10.0 * _ROUGH * tolerance * size:
                 self._recompute(rhs, u)
                 iterations += self._iterate(self._norm(self._r), size, tolerance, False, u)
-                daxpy(self._moved, u)
+                u += self._moved
                 np.subtract(rhs, self._r, out=self._image)
                 image = self._norm(self._image)
             self._remember(u, image)
@@ -188,7 +187,7 @@ class RecycledCG:
             square = self._library.advance(self._length, self._threads, step, *map(address, (p, image, self._moved, r)))
             left, before = math.sqrt(self._over.sum(square)), product
         if math.isfinite(self._norm(self._moved)):
-            daxpy(self._moved, u)
+            u += self._moved
         raise Unsolved(iteration, left / size if size > 0.0 else math.inf, tolerance, iteration < self._limit)
 
     def _remember(self, u: FloatArray, size: float) -> None:

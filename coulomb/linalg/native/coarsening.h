@@ -116,7 +116,7 @@ void NAME(smoothed)(int n, int threads, const int *ptr, const int *col, const do
         memset(seen, -1, sizeof(int) * (count + 1));
         for (int i = 0; i < n; i++)
             most = pointers[i + 1] - pointers[i] > most ? pointers[i + 1] - pointers[i] : most;
-        DC *sum = aligned_alloc(64, sizeof(DC) * (BR * (long)most + 1));
+        DC *sum = aligned_alloc(sizeof(DC), sizeof(DC) * (BR * (long)most + 1));
 #pragma omp for schedule(static)
         for (int i = 0; i < n; i++) {
             int *own = columns + pointers[i], found = 0;
@@ -180,7 +180,7 @@ void NAME(galerkin)(int n, int nodes, int coarse, int wide, int threads, int mos
         memset(place, -1, sizeof(int) * nodes);
         for (int row = 0; row < coarse; row++)
             widest = pointers[row + 1] - pointers[row] > widest ? pointers[row + 1] - pointers[row] : widest;
-        DC *W = aligned_alloc(64, sizeof(DC) * (BR * (long)most + BC * (long)widest + 1)), *A = W + BR * (long)most;
+        DC *W = aligned_alloc(sizeof(DC), sizeof(DC) * (BR * (long)most + BC * (long)widest + 1)), *A = W + BR * (long)most;
 #pragma omp for schedule(dynamic, 16)
         for (int row = 0; row < coarse; row++) {
             int count = 0;
