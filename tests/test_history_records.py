@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import shutil
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +13,7 @@ from test_load_history import RUBBER, UP, rubbed
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, InteriorPoint, LoadHistory, Plane, Sphere, Spring, Traction
 from coulomb.io import output
+from coulomb.io.field_files import read_series
 from coulomb.io.restart import nodal_vectors
 from coulomb.io.summary import totals
 
@@ -124,3 +126,12 @@ def test_columns_without_a_value_are_empty(tmp_path):
     for row in rows:
         assert row["centre_of_pressure_x"] == row["probe_inside_pressure"] == row["probe_inside_slip_z"] == ""
         assert row["probe_inside_displacement_x"] != ""
+
+
+def test_the_files_of_a_second_run_are_its_own(tmp_path):
+    """With the same object, after the results of the first have been removed."""
+    files, problem = coulomb.HistoryFiles(tmp_path / "out"), rubbed(cells=2)
+    for time in (0.5, 1.0):
+        shutil.rmtree(tmp_path / "out", ignore_errors=True)
+        LoadHistory([time]).run(problem, files)
+        assert read_series(tmp_path / "out" / "solution.xdmf") == [("steps/0001", time)]

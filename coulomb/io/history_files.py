@@ -50,7 +50,7 @@ class HistoryFiles:
         self.directory = RunDirectory(Path(directory))
         self.rows: list[dict[str, Any]] = []
         self._resume, self._case = resume, case
-        self._series = [output.Series(self.directory.path, name) for name in FIELDS]
+        self._series: list[output.Series] = []
         self._start = 0.0
         self._history: Entries = {}
         self._seconds: Mapping[str, float] = {}
@@ -66,6 +66,7 @@ class HistoryFiles:
             summaries = [read_summary(self.directory.step(number).path, comm) for number in found]
             self.rows, self._history = [summary["step"]["row"] for summary in summaries], whole(summaries)
             self._start, self._seconds = beginning.time, problem.seconds
+            self._series = [output.Series(self.directory.path, name) for name in FIELDS]
             yield self._restored(problem, found[-1]) if found else beginning
 
     def record(self, step: LoadStep) -> None:
