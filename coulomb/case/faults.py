@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import reprlib
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -105,6 +106,8 @@ def _explain(entry: Any, case: _Model) -> str:
         return str(entry["msg"]).removeprefix("Value error, ")
     if entry["type"] == "tuple_type" and isinstance(given, dict) and names in tables_of_several(case):
         return f"{key}: there may be several: write [[{names}]], with double brackets, in place of [{names}]"
+    if entry["type"] == "float_type" and isinstance(given, int) and abs(given) > sys.float_info.max:
+        return f"{key} = {_shown(given)}: is too large: numbers are at most {sys.float_info.max:.1e}"
     if entry["type"] in _OTHER_TYPES and (right := wanted(case, place)):
         return f"{key} = {_shown(given)}: should be {right}{', not text' if isinstance(given, str) else ''}"
     if entry["type"] == "tuple_type":

@@ -61,7 +61,8 @@ def parsed(text: str, path: str | Path, several: set[str]) -> dict[str, Any]:
     except ValueError as error:  # TOMLDecodeError, and of int("...") with thousands of digits
         found = re.search(r"at line (\d+)", str(error))
         line = lines[int(found[1]) - 1].strip() if found and int(found[1]) <= len(lines) else ""
-        raise ValueError(f"{path}: is not TOML: {error}{_line(line)}{_hint(str(error), line, several)}") from None
+        what = str(error).partition("; use sys.")[0]  # Python's advice on its limit of digits
+        raise ValueError(f"{path}: is not TOML: {what}{_line(line)}{_hint(what, line, several)}") from None
 
 
 def _line(line: str) -> str:
