@@ -18,6 +18,7 @@ from coulomb import (
     DirectSolver,
     IterativeSolver,
     Material,
+    Plane,
     Traction,
     box,
     join,
@@ -191,6 +192,16 @@ def test_the_ranks_choose_together_by_predicted_seconds(monkeypatch, direct):
     if direct:
         monkeypatch.setattr(distributed_multifrontal, "dissect_shared", lambda *_: pytest.fail("dissected again"))
         assert problem.solve().certificate.passed
+
+
+def test_what_is_known_before_is_the_same_on_any_number_of_ranks():
+    """A face of which an end is near its plane."""
+    both = []
+    for ranks in (comm, MPI.COMM_SELF):
+        body = box((1.0, 0.1, 0.1), (20, 2, 2), comm=ranks)
+        contact = Contact("bottom", 0.3, foundation=Plane((0.0, 0.0, -0.1), (5e-3, 0.0, 1.0)))
+        both.append(ContactProblem(body, Material(2e11, 0.3), [Clamp("left")], contact).body.measures)
+    assert both[0] == pytest.approx(both[1], rel=1e-12) and 0.1 < both[0].near < 0.3
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -2,9 +2,14 @@
 
 The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`), whether it has to
 be repeated in double precision by a rule (`model.slenderness.ill_conditioned`).  The iterations of multigrid are not
-known: they grow with the slenderness of the body behind its contact face, and vary by a factor of two to three around
-this rule.  Of a body on soft springs they are three to ten times as many, and it is factorised if that fits into the
-memory.
+known: they are estimated from what decides the condition of A and the number of its products (`Measures`), and vary by
+a factor of up to 1.8 around this rule.  Of a body on soft springs they are three to ten times as many, and it is
+factorised if that fits into the memory.
+
+On tetrahedra of first order iterations are 1.4 times as many as on hexahedra with the same nodes: the least eigenvalue
+of A over its diagonal is half as large (0.018 and 0.037 on the block at p = 6, 0.024 and 0.052 at p = 10), which costs
+conjugate gradients about sqrt(2) times as many products.  Of a curved face most nodes are far from the foundation and
+stay open: only those near it take part.
 
 In a load history the factors are made once, and a later step costs a third to two thirds of the first path; by
 multigrid it takes half to all of the iterations of the first.  So a block of 41 616 unknowns is left to multigrid for a
@@ -22,6 +27,7 @@ from __future__ import annotations
 
 import math
 from enum import Enum
+from typing import NamedTuple
 
 from .multifrontal import SINGLE_FROM, Work
 
@@ -30,10 +36,15 @@ _BYTE = 2.7e-9  # the rest of it, per byte of the factors
 _PATH = (0.034, 3.3e-8, 1.3e-9)  # path following: constant, per square of contact unknowns, per byte of the factors
 
 _SET_UP = 2.2e-6  # multigrid, per displacement unknown
-_ITERATION = (2.5e-4, 9.0e-8, 1.7e-7)  # constant, per displacement unknown, per contact unknown
-_ITERATIONS = 290.0  # of the block
-_SLENDER = 0.45  # they grow with this power of the slenderness
+_ITERATION = (2.5e-4, 9.2e-8, 1.5e-7)  # constant, per displacement unknown, per contact unknown
+_ITERATIONS = 255.0  # of a block of hexahedra with 1000 contact unknowns
+_CONTACT = 0.2  # they grow with this power of the contact unknowns,
+_NEAR = 0.45  # with this one of the part of the contact face that is near,
+_LEAST_NEAR = 0.03
+_SLENDER = 0.25  # and with this one of the slenderness
 _BLOCK = 1.7  # slenderness of the block
+_TETRAHEDRA = 1.4
+_UNHELD = 1.25
 _ITERATIONS_AGAIN = 0.8  # of a later load step over the first
 
 _FACTOR_RANKS = 0.9  # speed-up of everything but the operations of the fronts: ranks to this power; 1.87 on two
@@ -50,6 +61,34 @@ class Precision(Enum):
     DOUBLE = 2.3, 0.3
     REPEATED = 3.0, 0.3
     """In single precision, and then in double, as that was not accurate enough."""
+
+
+class Measures(NamedTuple):
+    """What is known of a problem before it is solved, and decides how long multigrid takes.
+
+    Attributes:
+        displacement: Displacement unknowns.
+        contact: Displacements on which contact forces act.
+        slenderness: Width of the contact face over the thickness of the body behind it.
+        near: Part of the contact face that can touch soon, by its area: whose gap is hardly more than the smallest.
+        tetrahedra: Whether a body is of tetrahedra.
+        unheld: Whether contact alone resists a rigid motion.
+    """
+
+    displacement: int
+    contact: int
+    slenderness: float
+    near: float = 1.0
+    tetrahedra: bool = False
+    unheld: bool = False
+
+    @property
+    def iterations(self) -> float:
+        """Expected of multigrid in the first load step."""
+        cells = (_TETRAHEDRA if self.tetrahedra else 1.0) * (_UNHELD if self.unheld else 1.0)
+        face: float = (self.contact / 1000.0) ** _CONTACT * max(self.near, _LEAST_NEAR) ** _NEAR
+        slender: float = max(self.slenderness / _BLOCK, 1.0) ** _SLENDER
+        return _ITERATIONS * cells * face * slender
 
 
 def seconds_direct(
@@ -72,29 +111,24 @@ def seconds_direct(
     return times * factors + path * (1.0 + later * (steps - 1))
 
 
-def seconds_multigrid(displacement: int, contact: int, slenderness: float, steps: int = 1, ranks: int = 1) -> float:
+def seconds_multigrid(measures: Measures, steps: int = 1, ranks: int = 1) -> float:
     """With products by multigrid, to the certificate of the last load step.
 
     Args:
-        displacement: Displacement unknowns.
-        contact: Displacements on which contact forces act.
-        slenderness: Width of the contact face over the thickness of the body behind it.
+        measures: What decides it.
         steps: Number of load steps.
         ranks: Number of ranks.
     """
     constant, of_all, of_contact = _ITERATION
     shared: float = ranks**_MULTIGRID_RANKS
-    again = 1.0 + _ITERATIONS_AGAIN * (steps - 1)
-    iterations: float = _ITERATIONS * max(slenderness / _BLOCK, 1.0) ** _SLENDER * again
-    iteration = constant + (of_all * displacement + of_contact * contact) / shared
-    return _SET_UP * displacement / shared + iterations * iteration
+    iterations = measures.iterations * (1.0 + _ITERATIONS_AGAIN * (steps - 1))
+    iteration = constant + (of_all * measures.displacement + of_contact * measures.contact) / shared
+    return _SET_UP * measures.displacement / shared + iterations * iteration
 
 
 def factorise(
     work: Work,
-    displacement: int,
-    contact: int,
-    slenderness: float,
+    measures: Measures,
     steps: int = 1,
     soft: bool = False,
     precision: Precision = Precision.SINGLE,
@@ -105,9 +139,7 @@ def factorise(
 
     Args:
         work: What the factorisation takes.
-        displacement: Displacement unknowns.
-        contact: Displacements on which contact forces act.
-        slenderness: Width of the contact face over the thickness of the body behind it.
+        measures: What decides how long multigrid takes.
         steps: Number of load steps.
         soft: Whether soft springs alone hold the body.
         precision: Expected of the factors.
@@ -117,5 +149,5 @@ def factorise(
     single = work.operations >= SINGLE_FROM and not soft and precision is Precision.SINGLE
     if work.bytes * (1.0 if single else 2.0) > room:
         return False
-    multigrid = seconds_multigrid(displacement, contact, slenderness, steps, ranks)
-    return soft or seconds_direct(work, contact, steps, precision, ranks) <= multigrid
+    multigrid = seconds_multigrid(measures, steps, ranks)
+    return soft or seconds_direct(work, measures.contact, steps, precision, ranks) <= multigrid

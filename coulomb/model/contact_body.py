@@ -25,7 +25,7 @@ from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver, Sha
 from ..linalg.methods import LinearSolver, chosen, undecided
 from ..linalg.multifrontal import MultifrontalSolver, predicted_work, symbolic
 from ..linalg.nested_dissection import Front
-from ..linalg.predicted_cost import Precision, factorise
+from ..linalg.predicted_cost import Measures, Precision, factorise
 from ..linalg.reductions import Reductions
 from ..linalg.stiffness import DirectSolver, IterativeSolver, StiffnessSolver
 from .accumulated import Accumulated
@@ -36,7 +36,7 @@ from .evidence import rounding_forces
 from .free_memory import least_room
 from .probes import LocatedProbes, Part, Probe
 from .rigid_contact import refuse_untouched
-from .slenderness import ill_conditioned, on_soft_springs, slenderness_of
+from .slenderness import ill_conditioned, measures_of, on_soft_springs
 from .state import Before, ContactState
 from .stopwatch import timed
 
@@ -140,16 +140,21 @@ class ContactBody:
             K, x, nodes = self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows
             found = symbolic(K, x, nodes) if comm.size == 1 else SharedSymbolic(K, x, nodes)
             work = found.work() if isinstance(found, SharedSymbolic) else predicted_work(found)
-            thin = slenderness_of(self._reference, self.elasticity)
             soft, room = on_soft_springs(self.elasticity), least_room(comm)
-            direct = factorise(work, n, m, thin, self._load_steps, soft, self._precision(), room, comm.size)
+            direct = factorise(work, self.measures, self._load_steps, soft, self.precision, room, comm.size)
             if not comm.bcast(direct):  # sums over the ranks may differ by rounding errors
                 return IterativeSolver, False
             self._symbolic = found
         return DirectSolver, True
 
-    def _precision(self) -> Precision:
-        """Expected of the factors; collective."""
+    @cached_property
+    def measures(self) -> Measures:
+        """What decides how long multigrid takes; collective."""
+        return measures_of(self._reference, self.elasticity, self.unknowns["displacement"], self.interface)
+
+    @property
+    def precision(self) -> Precision:
+        """Expected of factors of K; collective."""
         if self.in_double:
             return Precision.DOUBLE
         return Precision.REPEATED if ill_conditioned(self.elasticity) else Precision.SINGLE
