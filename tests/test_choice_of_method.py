@@ -49,10 +49,13 @@ def test_the_faster_method_where_both_were_measured(name):
 
 @pytest.mark.parametrize("name", MEASURED)
 def test_load_histories_want_factors(name):
-    """As measured over 8 steps: of all but the half ring, which needs few iterations."""
+    """As measured over 8 steps: of all but the half ring, which takes few iterations, also in 24, and the plate, whose
+    contact face is wide."""
     work, measures, *_ = MEASURED[name]
     precision = Precision.DOUBLE if measures.displacement <= 50_000 else ONCE
-    assert factorise(Work(*work, work[0]), measures, 8, precision=precision) is ("ring" not in name)
+    direct = "ring" not in name and "plate" not in name
+    assert factorise(Work(*work, work[0]), measures, 8, precision=precision) is direct
+    assert factorise(Work(*work, work[0]), measures, 24, precision=precision) is ("ring" not in name)
 
 
 @pytest.mark.parametrize("name", MEASURED)
@@ -133,8 +136,14 @@ def test_costs_of_load_steps_and_ranks():
     work, body = Work(1e10, 1e8, 1e10), Measures(20_000, 1000, 1.7)
     later = [seconds_direct(work, 1000, steps) for steps in (1, 2, 24)]
     assert later[2] - later[0] == pytest.approx(23 * (later[1] - later[0]))
-    seconds = [seconds_direct(work, 1000, 8, precision) for precision in (ONCE, Precision.DOUBLE, TWICE)]
+    seconds = [seconds_direct(work, 1000, 1, precision) for precision in (ONCE, Precision.DOUBLE, TWICE)]
     assert seconds == sorted(seconds) and seconds[0] < seconds[1] < seconds[2]
+    assert seconds_direct(work, 1000, 8, Precision.DOUBLE) < later[0] + 7 * (later[1] - later[0])
+    (wide, _), plate, *_ = MEASURED["plate of 18 597 unknowns"]
+    fronts = Work(wide, 3.9e8, wide)
+    assert seconds_direct(fronts, plate.contact, 8, Precision.DOUBLE) == pytest.approx(16.0, rel=0.1)
+    assert seconds_direct(fronts, plate.contact, 1, TWICE) == pytest.approx(12.6, rel=0.15)
+    assert seconds_multigrid(MEASURED["half ring of 16 899 unknowns"][1], 24) == pytest.approx(5.2, rel=0.2)
     one, two, many = (seconds_multigrid(body, steps) for steps in (1, 2, 24))
     assert many - one == pytest.approx(23 * (two - one)) and later[1] - later[0] < 0.5 * (two - one)
     large = Work(0.0, 1e12, 0.0)  # where the constants are small: 1.87 and 1.55 times as fast on two ranks

@@ -3,7 +3,7 @@
 The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`), whether it has to
 be repeated in double precision by a rule (`model.slenderness.ill_conditioned`).  The iterations of multigrid are not
 known: they are estimated from what decides the condition of A and the number of its products (`Measures`), and vary by
-a factor of up to 1.8 around this rule.  Of a body on soft springs they are three to ten times as many, and it is
+a factor of up to two around this rule.  Of a body on soft springs they are three to ten times as many, and it is
 factorised if that fits into the memory.
 
 On tetrahedra of first order iterations are 1.4 times as many as on hexahedra with the same nodes: the least eigenvalue
@@ -36,7 +36,7 @@ _BYTE = 2.7e-9  # the rest of it, per byte of the factors
 _PATH = (0.034, 3.3e-8, 1.3e-9)  # path following: constant, per square of contact unknowns, per byte of the factors
 
 _SET_UP = 2.2e-6  # multigrid, per displacement unknown
-_ITERATION = (2.5e-4, 9.2e-8, 1.5e-7)  # constant, per displacement unknown, per contact unknown
+_ITERATION = (2.5e-4, 9.2e-8, 1.5e-7)  # constant, per displacement unknown; in the first load step, per contact unknown
 _ITERATIONS = 255.0  # of a block of hexahedra with 1000 contact unknowns
 _CONTACT = 0.2  # they grow with this power of the contact unknowns,
 _NEAR = 0.45  # with this one of the part of the contact face that is near,
@@ -52,14 +52,15 @@ _MULTIGRID_RANKS = 0.63  # of multigrid and its path following; 1.55 on two
 
 
 class Precision(Enum):
-    """Of the factors: their time over that in single precision, and the time of a later load step over the first path.
+    """Of the factors: their time over that in single precision, seconds per cube of contact unknowns besides, and the
+    time of a later load step over the first path.
 
     In double precision a solve is one substitution, and the inverses that many solves need are kept.
     """
 
-    SINGLE = 1.0, 0.6
-    DOUBLE = 2.3, 0.3
-    REPEATED = 3.0, 0.3
+    SINGLE = 1.0, 0.0, 0.6
+    DOUBLE = 2.0, 1.0e-11, 0.3
+    REPEATED = 3.0, 1.0e-11, 0.3
     """In single precision, and then in double, as that was not accurate enough."""
 
 
@@ -107,8 +108,8 @@ def seconds_direct(
     shared: float = ranks**_FACTOR_RANKS
     factors = _OPERATION * work.longest + _BYTE * work.bytes / shared
     path = constant + (square * contact**2 + byte * work.bytes) / shared
-    times, later = precision.value
-    return times * factors + path * (1.0 + later * (steps - 1))
+    times, cube, later = precision.value
+    return times * factors + cube * contact**3 / ranks + path * (1.0 + later * (steps - 1))
 
 
 def seconds_multigrid(measures: Measures, steps: int = 1, ranks: int = 1) -> float:
@@ -121,9 +122,10 @@ def seconds_multigrid(measures: Measures, steps: int = 1, ranks: int = 1) -> flo
     """
     constant, of_all, of_contact = _ITERATION
     shared: float = ranks**_MULTIGRID_RANKS
-    iterations = measures.iterations * (1.0 + _ITERATIONS_AGAIN * (steps - 1))
-    iteration = constant + (of_all * measures.displacement + of_contact * measures.contact) / shared
-    return _SET_UP * measures.displacement / shared + iterations * iteration
+    iteration = constant + of_all * measures.displacement / shared
+    first = iteration + of_contact * measures.contact / shared
+    later = _ITERATIONS_AGAIN * (steps - 1) * iteration
+    return _SET_UP * measures.displacement / shared + measures.iterations * (first + later)
 
 
 def factorise(
