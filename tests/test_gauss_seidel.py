@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse
 
 from coulomb import FrictionProblem, NotConverged, Status, solve_coulomb
-from coulomb.benchmarks.rigid_bodies import spheres, stack
+from coulomb.benchmarks.rigid_bodies import arch, masonry, spheres, stack
 from coulomb.io.fclib import FCLIBProblem
 from coulomb.solvers import gauss_seidel
 from coulomb.solvers.cone_interior_point import ConeInteriorPoint
@@ -105,6 +105,13 @@ def test_sweeps_end_where_their_rate_will_not_do():
     problem = stack(8, 1.0, 2)
     found = gauss_seidel.swept(problem.W, -problem.q, problem.mu, 1e-8)
     assert found.residual > 1e-8 and 1000 <= found.made <= 12_000
+
+
+@pytest.mark.parametrize("problem", [masonry(10, 4, 0.8, 1), arch(31, 0.6, 1), arch(31, 0.6, 2)])
+def test_sweeps_go_on_while_less_is_left_than_the_path_takes(problem):
+    """The residual falls in jumps: after a fifth of the work of the path its rate between two looks would not do."""
+    found = gauss_seidel.swept(problem.W, -problem.q, problem.mu, 1e-8)
+    assert found.residual <= 1e-8 and found.made > 1000
 
 
 def test_work_is_that_of_contacts_and_blocks_that_change():

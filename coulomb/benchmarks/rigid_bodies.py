@@ -226,7 +226,7 @@ def spheres(count: int, friction: float, seed: int, push: float = 0.3) -> FCLIBP
 
 
 def scattered(bodies: int, contacts: int, friction: float, seed: int, push: float = 0.5) -> FCLIBProblem:
-    """Bodies with random points and normals of contact, which fight each other."""
+    """Bodies with random points and normals of contact, whose forces oppose each other."""
     rng = np.random.default_rng(seed)
     centres, points = rng.uniform(0.0, bodies ** (1 / 3), (bodies, 3)), []
     for _ in range(contacts):

@@ -145,8 +145,8 @@ class ConeCurve:
 
     Args:
         problem: The problem.
-        weight: rho over that of the natural map; each makes another curve.  On 13 problems with bodies whose contacts
-            fight each other 0.1 needs a half of the steps of 1.
+        weight: rho over that of the natural map; each makes another curve.  On 13 problems whose contact forces
+            oppose each other 0.1 needs a half of the steps of 1.
 
     Attributes:
         rejected: Steps that were too long.

@@ -2,7 +2,8 @@
 
 M. Jean, J. J. Moreau: Unilaterality and dry friction in the dynamics of rigid body collections (1992).  A sweep costs
 little and many problems of few contacts need few of them; on stacks and towers the rate is near 1.  So their number is
-limited by the work of the other methods, and they are given up early where the rate observed will not do.
+limited: a fifth of the work of the other methods is spent in any case, and more as long as less than that work is left,
+at the trend of the residual (native/trend.h).
 
 Slow modes of contacts that keep their states are left out by Anderson's mixing (native/mixing.h): after every 16 sweeps
 the forces are combined with those after the eight blocks before.  Not where the work is given: those are problems whose
@@ -73,7 +74,7 @@ class Sweeps(NamedTuple):
 @functools.cache
 def _kernel() -> Any:
     try:
-        headers = [_NATIVE / "mixing.h", _NATIVE / "one_contact.h"]
+        headers = [_NATIVE / name for name in ("mixing.h", "one_contact.h", "trend.h")]
         library = compiled_library("gauss_seidel", [_NATIVE / "gauss_seidel.c"], headers)
     except (OSError, subprocess.SubprocessError) as error:
         _log.info("no kernels in C, contact of few rigid bodies is slower: %s", error)

@@ -1,17 +1,16 @@
 /* Nonsmooth Gauss-Seidel sweeps for Coulomb's law: u = W r + q, contact by contact (n, t1, t2), 0 <= u_n _|_ r_n >= 0,
    |r_t| <= F r_n, r_t opposes u_t.  M. Jean, J. J. Moreau: Unilaterality and dry friction in the dynamics of rigid body
-   collections (1992).  The displacements u are kept up to date: a contact whose force does not change costs nothing
-   but a look at it. */
+   collections (1992).  Displacements u are kept up to date: a contact whose force stays costs nothing but a look. */
 
 #include <stdlib.h>
 
 #include "mixing.h"
 #include "one_contact.h"
+#include "trend.h"
 
 #define SYMMETRIC 1e-8 /* largest difference of two entries that should be equal, over the Frobenius norm */
 /* Microseconds: of a contact in a sweep, and of a block of a force that has changed; orders of magnitude: of the path
-   that follows, at least and for each block, or each operation of one factorisation where it is dense.  TRIAL: part of
-   its work for which sweeps are made in any case. */
+   after them, at least, for each block, or each operation of one dense factorisation; TRIAL: part of it always spent. */
 static const double CONTACT = 0.014, BLOCK = 0.0014, PATH = 8000.0, PATH_BLOCK = 6.5, PATH_WORK = 5.6e-4, TRIAL = 0.2;
 
 /* A as given: compressed rows, in any order and with entries that are to be added, or dense, then indptr is NULL, with
@@ -204,12 +203,13 @@ static double residual(const struct system *s, double loads)
     return first > second || first != first ? first : second;
 }
 
-/* Sweeps over all contacts, forwards and backwards in turn, until the residual is at most tolerance, or until more than
-   trial is spent and the allowance will not do at the rate and the work observed; the last residual. */
+/* Sweeps forwards and backwards in turn, until the residual is at most tolerance, or more than trial is spent and more
+   than the allowance is left; the last residual. */
 static double sweep(struct system *s, struct mixing *x, double tolerance, double loads, double trial, double allowance,
                     long *sweeps)
 {
     double size = 1e300, before = 1e300, small = tolerance * tolerance;
+    struct trend trend = {0};
     long judged = 0, next = 1, visited = 0, changed = 0, begun = 0;
     for (*sweeps = 0;;) {
         double change = 0.0;
@@ -251,7 +251,7 @@ static double sweep(struct system *s, struct mixing *x, double tolerance, double
         before = size, judged = *sweeps;
         const double left = rate < 1.0 ? log(tolerance / size) / log(rate) : 1e300;
         const double spent = CONTACT * visited + BLOCK * changed;
-        if (spent > trial && spent * (1.0 + left / *sweeps) > allowance)
+        if (work_left(&trend, size, tolerance, spent) > allowance && spent > trial)
             return size;
         if (*sweeps == begun + BLOCK_OF_SWEEPS) {
             begun = *sweeps;
@@ -340,7 +340,7 @@ long gauss_seidel(long m, long entries, const int *indptr, const int *indices, c
     refresh(&s);
     const double fill = s.first[m], dense = 18.0 * m * m * m;
     const double path = PATH + (m <= 30 || fill > 0.25 * m * m ? PATH_WORK * dense : PATH_BLOCK * fill);
-    const double allowance = work > 0.0 ? work : path, trial = work > 0.0 ? work : TRIAL * path;
+    const double allowance = work > 0.0 ? 0.0 : path, trial = work > 0.0 ? work : TRIAL * path;
     out[0] = sweep(&s, work > 0.0 ? NULL : &x, 0.999 * tolerance, loads, trial, allowance, &sweeps);
     answered(&s, &A, a, force, out + 2);
     out[1] = residual(&s, loads);
