@@ -1,11 +1,15 @@
 import numpy as np
 import pytest
 from conftest import make_block
+from mpi4py import MPI
 from scipy.sparse import csr_array
 
+import coulomb
 from coulomb import AugmentedSystem, DirectSolver, InteriorPoint, IterativeSolver, Plane
 from coulomb.benchmarks.by_columns import compliance_by_columns
+from coulomb.linalg.diagonal_estimate import estimated_diagonal
 from coulomb.linalg.multifrontal import MultifrontalSolver
+from coulomb.linalg.unsolved import Unsolved
 
 
 def to_numpy(matrix):
@@ -67,6 +71,74 @@ def test_estimated_diagonal_needs_few_more_products():
         estimated.solve().result
     )  # the low-rank approximation still saves products; the estimate costs a few more
     assert sum(s.krylov for s in recycled.history) < sum(s.krylov for s in b.history)
+
+
+def plate(cells, linear_solver):
+    """Held at its left end, lifted at its right one: diag(A) varies by three orders of magnitude along the contact."""
+    return coulomb.ContactProblem(
+        coulomb.box((0.1, 0.08, 0.004), cells),
+        coulomb.Material(7e10, 0.33),
+        clamps=[coulomb.Clamp("left")],
+        tractions=[coulomb.Traction("right", (1e6, 0.0, 2e5)), coulomb.Traction("top", (0.0, 0.0, -2e4))],
+        contact=coulomb.Contact("bottom", 0.4),
+        linear_solver=linear_solver,
+    )
+
+
+def test_estimated_diagonal_of_a_plate():
+    """Traces alone give an estimate 264 times too large near the clamp, and a negative one on meshes like these."""
+    exact, estimate = (plate((20, 16, 2), solver).A.diagonal() for solver in (DirectSolver, IterativeSolver))
+    assert exact.max() >= 1e3 * exact.min()
+    ratio = estimate / exact
+    assert ratio.min() >= 0.4 and ratio.max() <= 25.0
+    assert np.sqrt(np.mean(np.log(ratio) ** 2)) <= 0.7
+
+
+def test_few_products_on_a_plate():
+    """24 steps and 250 products with the estimate by traces alone."""
+    result = plate((30, 24, 2), IterativeSolver).solve().result
+    assert result.newton_steps <= 16 and result.products <= 125
+
+
+class Products:
+    """Products by a matrix that are counted, and fail from one on."""
+
+    comm = MPI.COMM_SELF
+
+    def __init__(self, A, fails=99):
+        self.A, self.nodes, self.left = A, len(A) // 3, fails
+
+    def mult(self, x, y, tolerance=0.0):
+        self.left -= 1
+        if self.left < 0:
+            raise Unsolved(1, 1.0, tolerance, False)
+        y[:] = self.A @ x
+
+
+def test_a_compliance_of_low_rank_is_found_as_it_is():
+    """Its diagonal to a thousandth, and next to nothing left; B diag(K)^-1 B^T alone where products fail."""
+    problem = make_block(2)
+    B, K = problem.surface.B, problem.elasticity.K
+    U = np.random.default_rng(72).standard_normal((B.getSize()[0], 3)) * np.array([1.0, 0.1, 0.01]) * 1e-6
+    found = estimated_diagonal(Products(U @ U.T), B, K)
+    assert np.abs(found.whole - np.sum(U**2, axis=1)).max() <= 0.01 * np.sum(U**2, axis=1).max()
+    assert 0.0 < found.rest.sum() <= 0.01 * found.whole.sum()
+    local = to_numpy(B) ** 2 @ (1.0 / to_numpy(K).diagonal())
+    for failing in (Products(U @ U.T, 0), Products(U @ U.T, 5), Products(0.0 * U @ U.T)):
+        found = estimated_diagonal(failing, B, K)
+        assert np.allclose(found.whole, local) and np.allclose(found.rest, local)
+
+
+def test_an_estimated_diagonal_is_positive():
+    """Also of a component that is much smaller than what others add to it, by chance with either sign."""
+    problem = make_block(2)
+    B, K = problem.surface.B, problem.elasticity.K
+    size = B.getSize()[0]
+    scale = np.tile([1.0, 1.0, 1e-3], size // 3)
+    for seed in range(8):
+        U = scale[:, None] * np.random.default_rng(seed).standard_normal((size, size))
+        found = estimated_diagonal(Products(U @ U.T), B, K)
+        assert found.rest.min() > 0.0 and np.all(found.whole > found.rest)
 
 
 def test_displacement_of_given_forces():

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from .diagonal_estimate import estimated_diagonal
+from .diagonal_estimate import DiagonalEstimate, estimated_diagonal
 from .learnt_columns import LearntColumns, turned_diagonal
 from .reductions import Reductions
 from .soft_motions import SoftMotions
@@ -167,7 +167,7 @@ class MatrixFreeCompliance:
         K: The stiffness matrix.
         solver: K^-1.
         probes: Products spent on the diagonal.
-        diagonal: Replaces the estimate of the diagonal of A - F F^T, shape (3 m,).
+        diagonal: Replaces the estimate of the diagonal of A - F F^T.
         soft: The motions that the solver computes apart, if there are any.
 
     Attributes:
@@ -182,8 +182,8 @@ class MatrixFreeCompliance:
         B: PETSc.Mat,
         K: PETSc.Mat,
         solver: StiffnessSolver,
-        probes: int = 4,
-        diagonal: FloatArray | None = None,
+        probes: int = 8,
+        diagonal: DiagonalEstimate | None = None,
         soft: SoftMotions | None = None,
     ):
         self.B, self.K, self._solver, self._soft = B, K, solver, soft
@@ -280,7 +280,8 @@ class MatrixFreeCompliance:
         self._accurate = self.latest = None
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
-        diagonal = turned_diagonal(self._elastic, self.learnt, turn)
+        rest: FloatArray = np.einsum("iab,ib->ia", turn**2, self._elastic.rest.reshape(-1, 3)).ravel()
+        diagonal = DiagonalEstimate(turned_diagonal(self._elastic.whole, self.learnt, turn), rest)
         return MatrixFreeCompliance(B, self.K, self._solver, diagonal=diagonal, soft=self._soft)
 
     def known_product(self, x: FloatArray) -> FloatArray | None:
@@ -303,4 +304,10 @@ class MatrixFreeCompliance:
         return u if free is self._free else free - (self._free - u)
 
     def diagonal(self) -> FloatArray:
-        return self._elastic if self.rigid is None else self._elastic + np.sum(self.rigid**2, axis=1)
+        whole = self._elastic.whole
+        return whole if self.rigid is None else whole + np.sum(self.rigid**2, axis=1)
+
+    @property
+    def rest_of_diagonal(self) -> FloatArray:
+        """An estimate of diag(A) without the few large eigenvalues of A, shape (3 m,)."""
+        return self._elastic.rest

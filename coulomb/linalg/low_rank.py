@@ -48,10 +48,11 @@ class LowRankApproximation:
             replaced on the span of X: what inexact products show there of small A is their error, and without D a body
             on soft springs is not solved (tests/test_inexact_products.py).
         replaced: Part of D that is replaced there if products are not exact, at least 0 and below 1.
-        least_rest: The rest is at least this part of diag(A), as far as A is not yet in U.
+        least_rest: The rest is at least this part of `local`, as far as A is not yet in U.
         known: Columns with which to begin; None if there are none; the same on all ranks, and then it is collective.
         rigid: Columns F of a part F F^T of A that is known exactly, shape (3 m, q), as of bodies on soft springs
             (soft_motions.py): the rest is approximated, and F F^T added; None if there are none.
+        local: An estimate of diag(A) without the few large eigenvalues of A, shape (m, 3); by default diag(A).
 
     Attributes:
         rest: Shape (m, 3), positive.
@@ -70,11 +71,13 @@ class LowRankApproximation:
         least_rest: float = 0.2,
         known: LearntColumns | None = None,
         rigid: FloatArray | None = None,
+        local: FloatArray | None = None,
     ):
         self._comm, self._whole, self._rank, self._exact = comm, diagonal, rank, exact
         self._F: FloatArray = np.empty((diagonal.size, 0)) if rigid is None else rigid
         diagonal = diagonal - np.sum(self._F**2, axis=1).reshape(-1, 3) if self._F.shape[1] else diagonal
         self._diagonal: FloatArray = diagonal
+        self._local = diagonal if local is None else local
         self._replaced, self._least_rest = 1.0 if exact else replaced, least_rest
         self._new: list[tuple[FloatArray, FloatArray]] = []
         self._X: FloatArray = np.empty((diagonal.size, 0))
@@ -151,7 +154,7 @@ class LowRankApproximation:
     def _set(self, U: FloatArray) -> None:
         """U = A X, the rest and V; collective."""
         rest = self._diagonal - np.sum(U**2, axis=1).reshape(-1, 3)
-        self.rest = np.maximum(rest, self._least_rest * self._new_part * self._diagonal)
+        self.rest = np.maximum(rest, self._least_rest * self._new_part * self._local)
         V: FloatArray = np.empty((len(U), 0))
         if self._replaced > 0.0:
             DX = self.rest.reshape(-1, 1) * self._X

@@ -204,7 +204,9 @@ class _Krylov(ProductImages):
         super().__init__(A)
         self._comm, self._product, self._accuracy = A.comm, product, 0.0
         known = A.known()
-        self._A = LowRankApproximation(A.comm, A.diagonal, rank, A.A.exact, REPLACED, known=known, rigid=A.rigid)
+        self._A = LowRankApproximation(
+            A.comm, A.diagonal, rank, A.A.exact, REPLACED, known=known, rigid=A.rigid, local=A.rest
+        )
         self._block = block
         self._weight: FloatArray = np.ones((A.nodes, block))
 

@@ -27,6 +27,7 @@ class ScaledCompliance:
 
     Attributes:
         diagonal: diag(A~).
+        rest: diag(A~), where products are inexact without the few large eigenvalues that the estimate of it has found.
         G: G~^T, shape (m, 3, r), r = 0 without rigid motions.
         rigid: Columns F~ of a part F~ F~^T of A~ that is known exactly (`MatrixFreeCompliance.rigid`), shape (3 m, q).
         recalls: Whether Newton systems begin with the columns of A that earlier problems have found.
@@ -36,8 +37,11 @@ class ScaledCompliance:
         self.A, self.W, self.a, self.s = A, W, a, s
         self.comm, self.nodes = A.comm, A.nodes
         self.diagonal: FloatArray = W**2 * A.diagonal().reshape(-1, 3) / a
+        free = A.matrix_free
+        rest = A.diagonal() if free is None or A.exact else free.rest_of_diagonal
+        self.rest: FloatArray = W**2 * rest.reshape(-1, 3) / a
         self.G: FloatArray = np.empty((*W.shape, 0)) if G is None else G
-        F = None if A.matrix_free is None else A.matrix_free.rigid
+        F = None if free is None else free.rigid
         self.rigid: FloatArray = np.empty((W.size, 0)) if F is None else W.reshape(-1, 1) * F / np.sqrt(a)
         self.recalls = False
 
