@@ -21,6 +21,10 @@ from .whole_blocks import WholeBlocks, whole
 SECOND_ORDER_STEPS = 1
 """Steps of the smoother in second order; two take 0.9 of the iterations."""
 
+TWICE_FROM = 1000
+"""Unknowns per rank from which a distributed coarse grid has two cycles in a visit (W-cycle): on smaller ones the messages
+take longer than the products, and parts with 8 ranks need as many iterations (docs/cluster.md)."""
+
 _STALLED = 0.7  # unknowns over those of the finer grid from which on ranks have a grid as a whole
 
 
@@ -57,7 +61,8 @@ def _cycle(
         return None
     stalled = found.matrix.starts[-1] > _STALLED * matrix.starts[-1]
     solver = _solver(library, found.matrix, 6, found.motions, stalled)
-    return _cycle_on(library, level, found.P, (size, 6), solver, again=size == 6)
+    large = matrix.others is None or matrix.starts[-1] >= TWICE_FROM * matrix.comm.size
+    return _cycle_on(library, level, found.P, (size, 6), solver, again=size == 6 and large)
 
 
 def _cycle_on(
