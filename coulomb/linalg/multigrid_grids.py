@@ -22,8 +22,8 @@ SECOND_ORDER_STEPS = 1
 """Steps of the smoother in second order; two take 0.9 of the iterations."""
 
 TWICE_FROM = 1000
-"""Unknowns per rank from which a distributed coarse grid has two cycles in a visit (W-cycle): on smaller ones the messages
-take longer than the products, and parts with 8 ranks need as many iterations (docs/cluster.md)."""
+"""Unknowns per rank from which a visit of a distributed coarse grid is two cycles (W-cycle): on smaller ones messages
+take longer than products, and parts on 8 ranks take as many iterations without (docs/cluster.md)."""
 
 _STALLED = 0.7  # unknowns over those of the finer grid from which on ranks have a grid as a whole
 
