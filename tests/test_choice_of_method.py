@@ -26,18 +26,19 @@ CELLS = {"tetrahedra": True}
 HELD_BY_CONTACT = {"tetrahedra": True, "unheld": True}
 MEASURED = {  # operations, bytes; measures; iterations; expected precision; whether direct is faster, once
     "block, p = 10": ((3.8e9, 4.1e7), Measures(10_890, 990, 1.7), 236, ONCE, True),
-    "block, p = 16": ((5.2e10, 2.49e8), Measures(41_616, 2448, 1.7), 308, ONCE, False),
+    "block, p = 16": ((5.2e10, 2.49e8), Measures(41_616, 2448, 1.7), 272, ONCE, False),
     "block, p = 24": ((5.4e11, 1.2e9), Measures(135_000, 5400, 1.7), 331, ONCE, False),
-    "block of tetrahedra, p = 16": ((4.8e10, 2.34e8), Measures(41_616, 2448, 1.7, **CELLS), 450, ONCE, True),
-    "block, p = 6, second order": ((1.0e10, 8.0e7), Measures(18_252, 1443, 1.7, **CELLS), 592, ONCE, True),
-    "two blocks, p = 14": ((1.7e10, 1.12e8), Measures(30_885, 3039, 0.9), 278, ONCE, True),
+    "block, p = 12": ((1.0e10, 8.2e7), Measures(18_252, 1404, 1.7), 226, ONCE, True),
+    "block of tetrahedra, p = 12": ((9.4e9, 7.7e7), Measures(18_252, 1404, 1.7, **CELLS), 286, ONCE, True),
+    "block, p = 6, second order": ((1.0e10, 8.0e7), Measures(18_252, 1443, 1.7, **CELLS), 608, ONCE, True),
+    "two blocks, p = 14": ((1.7e10, 1.12e8), Measures(30_885, 3039, 0.9), 236, ONCE, True),
     "bracket of 23 121 unknowns": ((3.3e10, 1.67e8), Measures(23_121, 3771, 4.6, **CELLS), 496, TWICE, False),
-    "wedge of 12 351 unknowns": ((7.6e9, 6.3e7), Measures(12_351, 1743, 2.4, **HELD_BY_CONTACT), 566, ONCE, True),
-    "foot of 18 504 unknowns": ((1.9e10, 1.18e8), Measures(18_504, 3084, 2.4, **HELD_BY_CONTACT), 876, TWICE, False),
-    "clip of 20 118 unknowns": ((1.6e10, 1.38e8), Measures(20_118, 2916, 3.8, 0.23, **CELLS), 331, TWICE, False),
-    "hook of 20 430 unknowns": ((9.2e9, 8.7e7), Measures(20_430, 2166, 2.0, 0.58, **CELLS), 199, TWICE, False),
-    "half ring of 16 899 unknowns": ((2.8e10, 1.42e8), Measures(16_899, 3915, 6.4, 0.044, **CELLS), 155, TWICE, False),
-    "plate of 18 597 unknowns": ((1.4e11, 3.9e8), Measures(18_597, 7137, 21.7, **CELLS), 1377, TWICE, False),
+    "wedge of 12 351 unknowns": ((7.6e9, 6.3e7), Measures(12_351, 1743, 2.4, **HELD_BY_CONTACT), 433, ONCE, True),
+    "foot of 18 504 unknowns": ((1.9e10, 1.18e8), Measures(18_504, 3084, 2.4, **HELD_BY_CONTACT), 885, TWICE, False),
+    "clip of 20 118 unknowns": ((1.6e10, 1.38e8), Measures(20_118, 2916, 3.8, 0.23, **CELLS), 299, TWICE, False),
+    "hook of 20 430 unknowns": ((9.2e9, 8.7e7), Measures(20_430, 2166, 2.0, 0.58, **CELLS), 188, TWICE, False),
+    "half ring of 16 899 unknowns": ((2.8e10, 1.42e8), Measures(16_899, 3915, 6.4, 0.044, **CELLS), 183, TWICE, False),
+    "plate of 18 597 unknowns": ((1.4e11, 3.9e8), Measures(18_597, 7137, 21.7, **CELLS), 566, TWICE, False),
 }
 
 
@@ -49,38 +50,39 @@ def test_the_faster_method_where_both_were_measured(name):
 
 @pytest.mark.parametrize("name", MEASURED)
 def test_load_histories_want_factors(name):
-    """As measured over 8 steps: of all but the half ring, which takes few iterations, also in 24, and the plate, whose
+    """As measured over 8 steps: of all but the half ring, which wants factors in more, and the plate, whose
     contact face is wide."""
     work, measures, *_ = MEASURED[name]
     precision = Precision.DOUBLE if measures.displacement <= 50_000 else ONCE
     direct = "ring" not in name and "plate" not in name
     assert factorise(Work(*work, work[0]), measures, 8, precision=precision) is direct
-    assert factorise(Work(*work, work[0]), measures, 24, precision=precision) is ("ring" not in name)
+    assert factorise(Work(*work, work[0]), measures, 48, precision=precision)
 
 
 @pytest.mark.parametrize("name", MEASURED)
 def test_iterations_as_measured(name):
-    """To a factor of 1.8; by the slenderness alone of the half ring and the foot they were wrong by three."""
+    """To a factor of two; by the slenderness alone of the half ring and the foot they were wrong by three."""
     _, measures, iterations, *_ = MEASURED[name]
-    assert 1.0 / 1.8 < measures.iterations / iterations < 1.8
+    assert 0.5 < measures.iterations / iterations < 2.0
 
 
 def test_what_decides_the_iterations():
-    """Ratios as measured: tetrahedra at p = 16, blocks at p = 10 and 24, half ring and bracket; rules to a fifth."""
+    """Ratios as measured."""
     given = {name: measures for name, (_, measures, *_) in MEASURED.items()}
-    for name, other, ratio in (
-        ("block of tetrahedra, p = 16", "block, p = 16", 450 / 308),
-        ("block, p = 24", "block, p = 10", 331 / 236),
-        ("half ring of 16 899 unknowns", "bracket of 23 121 unknowns", 155 / 496),
-        ("wedge of 12 351 unknowns", "block of tetrahedra, p = 16", 566 / 450),
+    for name, other, ratio, error in (
+        ("block of tetrahedra, p = 12", "block, p = 12", 286 / 226, 0.1),
+        ("block, p = 16", "block, p = 12", 272 / 226, 0.1),
+        ("half ring of 16 899 unknowns", "block of tetrahedra, p = 12", 183 / 286, 0.2),
+        ("wedge of 12 351 unknowns", "block of tetrahedra, p = 12", 433 / 286, 0.1),
+        ("plate of 18 597 unknowns", "block of tetrahedra, p = 12", 566 / 286, 0.1),
     ):
-        assert given[name].iterations / given[other].iterations == pytest.approx(ratio, rel=0.2)
+        assert given[name].iterations / given[other].iterations == pytest.approx(ratio, rel=error)
     body = Measures(20_000, 1000, 1.7)
     held = body._replace(tetrahedra=True)
-    assert held._replace(unheld=True).iterations == pytest.approx(1.25 * held.iterations)
-    assert body._replace(slenderness=27.2).iterations == pytest.approx(2.0 * body.iterations)
+    assert held._replace(unheld=True).iterations == pytest.approx(1.5 * held.iterations)
+    assert body._replace(slenderness=27.2).iterations == pytest.approx(16**0.12 * body.iterations)
     assert body._replace(slenderness=0.5).iterations == body.iterations
-    assert body._replace(near=0.0).iterations == pytest.approx(0.03**0.45 * body.iterations)
+    assert body._replace(near=0.0).iterations == pytest.approx(0.03**0.3 * body.iterations)
 
 
 def test_measures_of_a_problem():
@@ -104,7 +106,7 @@ def test_the_part_of_a_face_that_is_near(drop, near):
 
 
 def test_what_decides():
-    work, body = Work(1e10, 1e8, 1e10), Measures(20_000, 1000, 1.7)
+    work, body = Work(1e10, 1e8, 1e10), Measures(25_000, 1000, 1.7)
     assert factorise(work, body) and factorise(work, body, room=1e8)
     assert not factorise(work, body, room=0.9e8)  # does not fit into the memory
     assert not factorise(work, body, 8, precision=Precision.DOUBLE, room=1.9e8)
@@ -113,7 +115,7 @@ def test_what_decides():
     )  # in double precision it takes twice as much
     assert not factorise(work._replace(longest=1e12), body)
     assert factorise(
-        work._replace(longest=1e11), body._replace(slenderness=300.0)
+        work._replace(longest=5e10), body._replace(slenderness=3000.0)
     )  # multigrid takes long on a thin body
     assert not factorise(work, body._replace(contact=10_000))  # the Schur complement of wide contact faces is expensive
     slow = work._replace(longest=1e12)
@@ -143,11 +145,13 @@ def test_costs_of_load_steps_and_ranks():
     fronts = Work(wide, 3.9e8, wide)
     assert seconds_direct(fronts, plate.contact, 8, Precision.DOUBLE) == pytest.approx(16.0, rel=0.1)
     assert seconds_direct(fronts, plate.contact, 1, TWICE) == pytest.approx(12.6, rel=0.15)
-    assert seconds_multigrid(MEASURED["half ring of 16 899 unknowns"][1], 24) == pytest.approx(5.2, rel=0.2)
+    assert seconds_multigrid(MEASURED["half ring of 16 899 unknowns"][1], 8) == pytest.approx(2.63, rel=0.1)
     one, two, many = (seconds_multigrid(body, steps) for steps in (1, 2, 24))
     assert many - one == pytest.approx(23 * (two - one)) and later[1] - later[0] < 0.5 * (two - one)
     large = Work(0.0, 1e12, 0.0)  # where the constants are small: 1.87 and 1.55 times as fast on two ranks
     assert seconds_direct(large, 1) / seconds_direct(large, 1, ranks=2) == pytest.approx(1.87, abs=0.02)
+    alone, shared = (seconds_direct(Work(0.0, 0.0, 0.0), 10**6, 1, TWICE, ranks) for ranks in (1, 2))
+    assert alone / shared == pytest.approx(2.0, abs=0.01)
     alone, shared = (seconds_multigrid(Measures(10**9, 1, 1.7), ranks=ranks) for ranks in (1, 2))
     assert alone / shared == pytest.approx(1.55, abs=0.02)
 

@@ -6,14 +6,14 @@ known: they are estimated from what decides the condition of A and the number of
 a factor of up to two around this rule.  Of a body on soft springs they are three to ten times as many, and it is
 factorised if that fits into the memory.
 
-On tetrahedra of first order iterations are 1.4 times as many as on hexahedra with the same nodes: the least eigenvalue
+On tetrahedra of first order iterations are 1.3 times as many as on hexahedra with the same nodes: the least eigenvalue
 of A over its diagonal is half as large (0.018 and 0.037 on the block at p = 6, 0.024 and 0.052 at p = 10), which costs
-conjugate gradients about sqrt(2) times as many products.  Of a curved face most nodes are far from the foundation and
+conjugate gradients up to sqrt(2) times as many products.  Of a curved face most nodes are far from the foundation and
 stay open: only those near it take part.
 
 In a load history the factors are made once, and a later step costs a third to two thirds of the first path; by
-multigrid it takes half to all of the iterations of the first.  So a block of 41 616 unknowns is left to multigrid for a
-single problem, and factorised for two load steps.
+multigrid it takes about as many iterations as the first, which have less to do for contact.  So a block of 41 616
+unknowns is left to multigrid for a single problem, and factorised for two load steps.
 
 The constants are least squares over the block (p = 6 to 24) and parts with 2 000 to 80 000 unknowns, of processor time
 on one thread; their ratios matter (docs/measurements.md).  What they are fitted to:
@@ -37,15 +37,14 @@ _PATH = (0.034, 3.3e-8, 1.3e-9)  # path following: constant, per square of conta
 
 _SET_UP = 2.2e-6  # multigrid, per displacement unknown
 _ITERATION = (2.5e-4, 9.2e-8, 1.5e-7)  # constant, per displacement unknown; in the first load step, per contact unknown
-_ITERATIONS = 255.0  # of a block of hexahedra with 1000 contact unknowns
+_ITERATIONS = 230.0  # of a block of hexahedra with 1000 contact unknowns
 _CONTACT = 0.2  # they grow with this power of the contact unknowns,
-_NEAR = 0.45  # with this one of the part of the contact face that is near,
+_NEAR = 0.3  # with this one of the part of the contact face that is near,
 _LEAST_NEAR = 0.03
-_SLENDER = 0.25  # and with this one of the slenderness
+_SLENDER = 0.12  # and with this one of the slenderness
 _BLOCK = 1.7  # slenderness of the block
-_TETRAHEDRA = 1.4
-_UNHELD = 1.25
-_ITERATIONS_AGAIN = 0.8  # of a later load step over the first
+_TETRAHEDRA = 1.27
+_UNHELD = 1.5
 
 _FACTOR_RANKS = 0.9  # speed-up of everything but the operations of the fronts: ranks to this power; 1.87 on two
 _MULTIGRID_RANKS = 0.63  # of multigrid and its path following; 1.55 on two
@@ -124,7 +123,7 @@ def seconds_multigrid(measures: Measures, steps: int = 1, ranks: int = 1) -> flo
     shared: float = ranks**_MULTIGRID_RANKS
     iteration = constant + of_all * measures.displacement / shared
     first = iteration + of_contact * measures.contact / shared
-    later = _ITERATIONS_AGAIN * (steps - 1) * iteration
+    later = (steps - 1) * iteration
     return _SET_UP * measures.displacement / shared + measures.iterations * (first + later)
 
 
