@@ -1,13 +1,15 @@
 """The end of a path by the semismooth Newton method."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import dense_compliance, random_spd, solved_block
+from conftest import dense_compliance, make_block, random_spd, solved_block
 
 from coulomb import Automatic, FrictionProblem, InteriorPoint
 from coulomb.io.output import _write_history
+from coulomb.solvers.automatic import _FINISH
 from coulomb.solvers.path_ends import Finish, smallest
 from coulomb.solvers.results import Goal, InteriorPointStep, NotConverged, SemismoothStep, Status
 from coulomb.solvers.semismooth_newton import SemismoothNewton
@@ -61,6 +63,16 @@ def test_a_finish_that_fails_leaves_the_path_as_it_was():
     assert kinds.count(SemismoothStep) == 2 and kinds[-1] is InteriorPointStep
     assert kinds.count(InteriorPointStep) <= path.newton_steps + 1
     assert np.linalg.norm(result.x - path.x) <= 1e-6 * np.linalg.norm(path.x)
+
+
+def test_a_finish_whose_residual_falls_steadily_is_not_given_up():
+    """Newton systems solved to a half: more than six steps; a limit of six ended it next to the tolerance."""
+    problem = make_block(8).friction_problem
+    slow = replace(_FINISH, forcing=0.5, sharpest=0.5)
+    result = InteriorPoint(1e-8, finish=slow).solve(problem)
+    kinds = [type(step) for step in result.history]
+    assert kinds == sorted(kinds, key=[InteriorPointStep, SemismoothStep].index) and kinds.count(SemismoothStep) > 6
+    assert problem.residual(result.x) <= 1e-8
 
 
 def test_an_interruption_of_the_finish_ends_the_solve():

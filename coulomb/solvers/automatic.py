@@ -13,7 +13,7 @@ from .results import NotConverged, ProgressCallback, SolverResult, Status, check
 from .semismooth_newton import SemismoothNewton
 from .successive_tresca import SuccessiveTresca
 
-_FINISH = SemismoothNewton(max_iterations=6, patience=3, finer=1.0, sharpest=0.01)
+_FINISH = SemismoothNewton(patience=3, finer=1.0, sharpest=0.01)
 """From the end of a path it takes one to five steps; the residual may grow in the first and fall in the second."""
 
 
