@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, make_block, random_spd, solved_block
 
-from coulomb import Automatic, FrictionProblem, InteriorPoint
+from coulomb import Automatic, FrictionProblem, InteriorPoint, IterativeSolver
 from coulomb.io.output import _write_history
 from coulomb.solvers.automatic import _FINISH
 from coulomb.solvers.path_ends import Finish, smallest
@@ -63,6 +63,21 @@ def test_a_finish_that_fails_leaves_the_path_as_it_was():
     assert kinds.count(SemismoothStep) == 2 and kinds[-1] is InteriorPointStep
     assert kinds.count(InteriorPointStep) <= path.newton_steps + 1
     assert np.linalg.norm(result.x - path.x) <= 1e-6 * np.linalg.norm(path.x)
+
+
+def test_after_a_finish_that_fails_the_path_continues_with_inexact_products():
+    """The finish has products of its own, from which those of the iterates then start."""
+    problem = make_block(6, linear_solver=IterativeSolver).friction_problem
+    near = SemismoothNewton(max_iterations=1, forcing=0.9, sharpest=0.9)
+    path = InteriorPoint(1e-8).solve(problem)
+    result = InteriorPoint(1e-8, finish=near).solve(problem)
+    steps = [step for step in result.history if isinstance(step, InteriorPointStep)]
+    assert len(steps) <= path.newton_steps + 2 and len(result.history) == len(steps) + 2
+    after = next(k for k, step in enumerate(result.history) if isinstance(step, SemismoothStep))
+    before, then = result.history[after - 1], result.history[after + 1]
+    assert isinstance(before, InteriorPointStep) and isinstance(then, InteriorPointStep)
+    assert then.gradient <= 0.5 * before.gradient and then.residual < before.residual
+    assert np.linalg.norm(result.x - path.x) <= 1e-5 * np.linalg.norm(path.x)
 
 
 def test_a_finish_whose_residual_falls_steadily_is_not_given_up():
