@@ -43,7 +43,9 @@ def test_approximation_is_below_A_and_exact_on_its_directions(A):
     nystrom = recycled.U @ recycled.U.T
     assert np.allclose(nystrom @ X.T, A @ X.T, rtol=1e-8, atol=1e-8)
     assert np.linalg.eigvalsh(A - nystrom).min() >= -1e-10 * np.linalg.norm(A, 2)
-    assert np.allclose(recycled.rest.ravel(), np.maximum(np.diag(A - nystrom), 0.2 * np.diag(A)))
+    part = recycled.learnt.part
+    assert 0.5 <= part <= 1.0
+    assert np.allclose(recycled.rest.ravel(), np.maximum(np.diag(A - nystrom), 0.2 * part * np.diag(A)))
 
 
 def test_the_rest_is_bounded_by_the_local_part_of_the_diagonal(A):
@@ -54,7 +56,8 @@ def test_the_rest_is_bounded_by_the_local_part_of_the_diagonal(A):
     for x in (u, *np.eye(3 * NODES)):
         recycled.record(x.reshape(-1, 3), (whole @ x).reshape(-1, 3))
         recycled.update()
-    assert np.allclose(recycled.rest, 0.2 * local)
+    assert np.allclose(recycled.rest, 0.2 * recycled.learnt.part * local)
+    assert 0.5 <= recycled.learnt.part <= 1.0
 
 
 def model_of(recycled):
@@ -108,12 +111,12 @@ def test_all_of_the_rest_stays_once_errors_of_products_have_shown(A):
 
 
 def test_by_multigrid_newton_systems_solved_to_a_tenth_of_the_gradient_save_steps():
-    """15 steps in place of 17; with exact products it is 14."""
+    """13 steps in place of 15."""
     default, loose = (
-        make_block(6, linear_solver=IterativeSolver, explicit=False).solve(solver=solver).result.newton_steps
+        make_block(6, friction=1.0, linear_solver=IterativeSolver, explicit=False).solve(solver=solver).result.newton_steps
         for solver in (InteriorPoint(), InteriorPoint(solved_share=0.3))
     )
-    assert default <= 16 and default < loose
+    assert default <= 14 and default < loose
 
 
 def test_a_rigid_motion_in_the_approximation_leaves_a_small_rest():
@@ -122,7 +125,7 @@ def test_a_rigid_motion_in_the_approximation_leaves_a_small_rest():
     whole, elastic = np.ones(3 * NODES), np.diag(rng.uniform(0.5, 1.0, 3 * NODES))
     soft = 1e4 * np.outer(whole, whole) + elastic
     X = np.vstack([whole, rng.standard_normal((6, 3 * NODES))])
-    for exact, least in ((True, 1e-5), (False, 0.2)):
+    for exact, least in ((True, 1e-5), (False, 0.1)):
         recycled = approximated_by(soft, X[:1], 100, exact)
         for x in X[1:]:  # the error of U is measured on new pairs
             recycled.record(x.reshape(-1, 3), (soft @ x).reshape(-1, 3))
@@ -132,7 +135,7 @@ def test_a_rigid_motion_in_the_approximation_leaves_a_small_rest():
         recycled.update()
         assert recycled.learnt.part == known
         part = recycled.rest.ravel() / np.diag(soft)
-        assert np.all(part >= least * 0.99) and np.all(part <= (1e-3 if exact else 0.21)), part
+        assert np.all(part >= least * 0.99) and np.all(part <= (1e-3 if exact else 0.11)), part
 
 
 def test_truncation_keeps_the_largest_and_its_pairs(A):

@@ -34,6 +34,10 @@ from .reductions import Reductions, summed
 REPLACED = 0.9
 """Part of D that is replaced on the span of inexact products in path following (docs/measurements.md)."""
 
+_SEEN = 0.5
+"""Least part of the bound of the rest that is left where inexact products show that little of A is new: without one, load
+steps of a half ring, with eleven nodes in contact, take twice the products (docs/measurements.md)."""
+
 _RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are rounding
 
 
@@ -44,9 +48,9 @@ class LowRankApproximation:
         comm: The ranks of A.
         diagonal: diag(A) or an estimate of it, shape (m, 3), this rank's nodes.
         rank: Columns of U to keep, at most; 0 keeps diag(A).
-        exact: Whether products are exact; only then is the part of A outside U measured from new pairs, and all of D
-            replaced on the span of X: what inexact products show there of small A is their error, and without D a body
-            on soft springs is not solved (tests/test_inexact_products.py).
+        exact: Whether products are exact; only then is the part of A outside U measured from new pairs without a bound,
+            and all of D replaced on the span of X: what inexact products show there of small A is their error, and
+            without D a body on soft springs is not solved (tests/test_inexact_products.py).
         replaced: Part of D that is replaced there if products are not exact, at least 0 and below 1.
         least_rest: The rest is at least this part of `local`, as far as A is not yet in U.
         known: Columns with which to begin; None if there are none; the same on all ranks, and then it is collective.
@@ -137,8 +141,7 @@ class LowRankApproximation:
         self._new.clear()
         if self._F.shape[1]:
             Y = Y - self._F @ summed(self._comm, self._F.T @ X)
-        if self._exact:
-            self._new_part = min(self._unknown(X, Y), 1.0)
+        self._new_part = min(max(self._unknown(X, Y), 0.0 if self._exact else _SEEN), 1.0)
         X, Y = np.column_stack([self._X, X]), np.column_stack([self.U, Y])
         G = self._gram(X, X)
         size = np.sqrt(np.maximum(G.diagonal(), 1e-300))
