@@ -113,7 +113,9 @@ def test_all_of_the_rest_stays_once_errors_of_products_have_shown(A):
 def test_by_multigrid_newton_systems_solved_to_a_tenth_of_the_gradient_save_steps():
     """13 steps in place of 15."""
     default, loose = (
-        make_block(6, friction=1.0, linear_solver=IterativeSolver, explicit=False).solve(solver=solver).result.newton_steps
+        make_block(6, friction=1.0, linear_solver=IterativeSolver, explicit=False)
+        .solve(solver=solver)
+        .result.newton_steps
         for solver in (InteriorPoint(), InteriorPoint(solved_share=0.3))
     )
     assert default <= 14 and default < loose
