@@ -35,8 +35,8 @@ REPLACED = 0.9
 """Part of D that is replaced on the span of inexact products in path following (docs/measurements.md)."""
 
 _SEEN = 0.5
-"""Least part of the bound of the rest that is left where inexact products show that little of A is new: without it, load
-steps of a half ring with eleven nodes in contact take twice the products (docs/measurements.md)."""
+"""Least part of the bound of the rest that is left where inexact products show that little of A is new; with all of it,
+load steps of a half ring with eleven nodes in contact take twice the products (docs/measurements.md)."""
 
 _RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are rounding
 
