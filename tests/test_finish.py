@@ -90,6 +90,16 @@ def test_a_finish_whose_residual_falls_steadily_is_not_given_up():
     assert problem.residual(result.x) <= 1e-8
 
 
+def test_a_finish_is_given_up_where_the_certificate_refuses_an_answer_far_below_the_tolerance():
+    problem = make_block(6).friction_problem
+    refused = replace(problem, accept=lambda *_: False)
+    with pytest.raises(NotConverged) as failure:
+        InteriorPoint(1e-8, finish=_FINISH).solve(refused)
+    residuals = [step.residual for step in failure.value.result.history if isinstance(step, SemismoothStep)]
+    assert 1 <= sum(residual < 1e-12 for residual in residuals) <= 2  # one in each of two tries
+    assert min(residuals) < 1e-12
+
+
 def test_an_interruption_of_the_finish_ends_the_solve():
     problem = solved_block(6).problem.friction_problem
     steps = [type(step) for step in Automatic(1e-8).solve(problem).history]

@@ -13,8 +13,9 @@ from .results import NotConverged, ProgressCallback, SolverResult, Status, check
 from .semismooth_newton import SemismoothNewton
 from .successive_tresca import SuccessiveTresca
 
-_FINISH = SemismoothNewton(patience=3, finer=1.0, sharpest=0.01)
-"""From the end of a path it takes one to five steps; the residual may grow in the first and fall in the second."""
+_FINISH = SemismoothNewton(patience=3, refused=1e-4, finer=1.0, sharpest=0.01)
+"""From the end of a path it takes one to five steps; the residual may grow in the first and fall in the second.  An
+answer that the certificate refuses at 1e-4 of the tolerance, on soft springs, it refuses at rounding errors."""
 
 
 @dataclass(frozen=True)

@@ -58,6 +58,7 @@ class SemismoothNewton:
         max_iterations: Newton steps before it gives up.
         patience: Steps without a residual below `falls` times the best before it gives up.
         falls: See `patience`.
+        refused: Residual over the tolerance below which it gives up if the certificate refuses the answer.
         forcing: Largest relative residual of a Newton system; it falls with the residual of the problem,
         sharpest: and is at least this.
         rank: Columns of the low-rank approximation of A in the preconditioner, with exact products and where a product
@@ -76,6 +77,7 @@ class SemismoothNewton:
     max_iterations: int = 20
     patience: int = 4
     falls: float = 0.9
+    refused: float = 0.0
     forcing: float = 0.1
     sharpest: float = 1e-6
     rank: tuple[int, int] = (60, 100)
@@ -256,7 +258,8 @@ class _Iteration(ProductImages):
                 break
             if residual < settings.falls * best:
                 best, best_at = residual, step
-            if step - best_at >= settings.patience or (not math.isfinite(residual) and step > 0):
+            hopeless = goal.refused and residual < settings.refused * goal.tolerance
+            if hopeless or step - best_at >= settings.patience or (not math.isfinite(residual) and step > 0):
                 status = Status.STAGNATED
                 break
             if step == settings.max_iterations:
