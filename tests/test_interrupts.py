@@ -105,15 +105,9 @@ def signalled(command, log, number, at):
     return process.wait(timeout=240), process.stderr.read()
 
 
-MPIRUN_PASSES_ON = pytest.mark.skipif(
-    MPI.get_vendor()[0] == "Open MPI" and MPI.get_vendor()[1] >= (5,),
-    reason="with Open MPI 5 and a busy machine mpirun ended with code 0, once in ten runs: cause unknown",
-)
-
-
 @pytest.mark.parametrize(
     ("number", "ranks"),
-    [(signal.SIGINT, 1), (signal.SIGTERM, 1), pytest.param(signal.SIGUSR1, 2, marks=MPIRUN_PASSES_ON)],
+    [(signal.SIGINT, 1), (signal.SIGTERM, 1), (signal.SIGUSR1, 2)],
 )
 def test_a_signal_stops_a_run_with_everything_kept(tmp_path, number, ranks):
     log, out = tmp_path / "log.txt", tmp_path / "out"
@@ -177,7 +171,6 @@ def test_the_second_signal_ends_it_at_once(tmp_path):
 
 
 def test_signal_handlers_are_restored():
-    from mpi4py import MPI
 
     from coulomb.cli.interruption import SIGNALS, Interruption
 
@@ -299,3 +292,20 @@ def test_a_crash_is_exit_code_3(tmp_path):
     )
     done = run_python(script, timeout=240)
     assert done.returncode == 3 and "RuntimeError: unforeseen" in done.stderr
+
+
+def test_a_signal_during_the_sum_over_the_ranks_is_not_lost():
+    """It comes after this rank's part of the sum, on a busy machine once in a few runs; the next question finds it."""
+    from coulomb.cli.interruption import Interruption
+
+    class Late:
+        rank, signals = 0, 1
+
+        def allreduce(self, requested, op):
+            for _ in range(self.signals):
+                os.kill(os.getpid(), signal.SIGUSR1)
+            self.signals = 0
+            return requested
+
+    with Interruption(Late()) as interruption:
+        assert [interruption.asked() for _ in range(3)] == [False, True, True]

@@ -31,7 +31,7 @@ class Interruption:
     def __init__(self, comm: MPI.Comm):
         self._comm = comm
         self._before: dict[signal.Signals, Any] = {}
-        self._requested = self._said = False
+        self._received = self._known = self._said = False
 
     def __enter__(self) -> Interruption:
         return self
@@ -43,25 +43,24 @@ class Interruption:
 
     @property
     def requested(self) -> bool:
-        """Whether this rank has received a request to stop; not collective."""
-        return self._requested
+        """Whether this rank has received a request to stop or knows of one; not collective."""
+        return self._received or self._known
 
     def asked(self) -> bool:
         """Whether to stop, the same on every rank; collective."""
         if not self._before:
             heard = [n for n in SIGNALS if n is not signal.SIGHUP or signal.getsignal(n) is not signal.SIG_IGN]
             self._before = {number: signal.signal(number, self._receive) for number in heard}
-        requested: bool = self._comm.allreduce(self._requested, op=MPI.LOR)
-        if requested:
+        self._known = self._comm.allreduce(self._received, op=MPI.LOR)
+        if self._known:
             self._say()
-        self._requested = requested
-        return requested
+        return self._known
 
     def _receive(self, number: int, _: FrameType | None) -> None:
-        if self._requested:
+        if self._received:
             signal.signal(number, signal.SIG_DFL)
             os.kill(os.getpid(), number)
-        self._requested = True
+        self._received = True
         self._say()
 
     def _say(self) -> None:
