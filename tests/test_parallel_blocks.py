@@ -137,22 +137,23 @@ def test_coarse_grids_that_every_rank_has(monkeypatch):
 
 
 def test_small_distributed_grids_have_one_cycle(monkeypatch):
-    """A W-cycle on a distributed coarse grid begins at TWICE_FROM unknowns per rank, on one rank at any size."""
-    K = block(6).elasticity.K
+    """A W-cycle on a distributed coarse grid after the first begins at TWICE_FROM unknowns per rank."""
+    K = block(12).elasticity.K
     f, u = K.createVecs()
     f.array[:] = np.sin(np.arange(*K.getOwnershipRange()))
     for name in ("REPLICATED_UP_TO", "DENSE_UP_TO"):
-        monkeypatch.setattr(multigrid_grids, name, 100)
+        monkeypatch.setattr(multigrid_grids, name, 60)
     iterations, unknowns = [], 0
-    for beyond, cycles in ((0, 2), (1, 2 if COMM.size == 1 else 1)):
-        monkeypatch.setattr(multigrid_grids, "TWICE_FROM", unknowns / COMM.size + beyond)
+    for more, cycles in ((1, 2), (10**9, 2 if COMM.size == 1 else 1)):
+        monkeypatch.setattr(multigrid_grids, "TWICE_FROM", more * unknowns / COMM.size)
         solver = stiffness.IterativeSolver(K, tolerance=1e-10)
         first = solver._method._cycle._coarser
-        assert first._again == (cycles == 2)
+        second = first._coarser
+        assert first._again and second._again == (cycles == 2)
         u.set(0.0)
         solver.solve(f, u)
         assert (K * u - f).norm() <= 2e-10 * f.norm()
         iterations.append(solver.iterations)
-        unknowns = COMM.allreduce(first.size)
+        unknowns = COMM.allreduce(second.size)
         solver.destroy()
     assert iterations[0] <= iterations[1] <= 1.3 * iterations[0]

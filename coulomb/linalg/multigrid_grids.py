@@ -22,8 +22,8 @@ SECOND_ORDER_STEPS = 1
 """Steps of the smoother in second order; two take 0.9 of the iterations."""
 
 TWICE_FROM = 1000
-"""Unknowns per rank from which a visit of a distributed coarse grid is two cycles (W-cycle): on smaller ones messages
-take longer than products, and parts on 8 ranks take as many iterations without (docs/cluster.md)."""
+"""Unknowns per rank from which a visit of a distributed coarse grid after the first is two cycles (W-cycle): on smaller
+ones messages take longer than products, and parts take as many iterations without (docs/cluster.md)."""
 
 _STALLED = 0.7  # unknowns over those of the finer grid from which on ranks have a grid as a whole
 
@@ -51,17 +51,22 @@ def _motions(matrix: PETSc.Mat) -> FloatArray:
 
 
 def _cycle(
-    library: ctypes.CDLL, matrix: DistributedEntries, size: int, motions: FloatArray, finest: bool = False
+    library: ctypes.CDLL,
+    matrix: DistributedEntries,
+    size: int,
+    motions: FloatArray,
+    finest: bool = False,
+    first: bool = False,
 ) -> MultigridCycle | None:
-    """On a grid with its coarser ones; None if there are none."""
+    """On a grid with its coarser ones; None if there are none; `first` if it is the first of aggregates."""
     level = Level(library, matrix, size, accurate=finest or size == 6)
     found = coarser(library, matrix, size, motions, level.inverse, level.largest)
     if found is None:
         level.blocks.destroy()
         return None
     stalled = found.matrix.starts[-1] > _STALLED * matrix.starts[-1]
-    solver = _solver(library, found.matrix, 6, found.motions, stalled)
-    large = matrix.others is None or matrix.starts[-1] >= TWICE_FROM * matrix.comm.size
+    solver = _solver(library, found.matrix, 6, found.motions, stalled, first=size == 3)
+    large = first or matrix.others is None or matrix.starts[-1] >= TWICE_FROM * matrix.comm.size
     return _cycle_on(library, level, found.P, (size, 6), solver, again=size == 6 and large)
 
 
@@ -80,9 +85,14 @@ def _cycle_on(
 
 
 def _solver(
-    library: ctypes.CDLL, matrix: DistributedEntries, size: int, motions: FloatArray, stalled: bool = False
+    library: ctypes.CDLL,
+    matrix: DistributedEntries,
+    size: int,
+    motions: FloatArray,
+    stalled: bool = False,
+    first: bool = False,
 ) -> CoarseSolver:
-    """For a coarse grid; `stalled` if aggregates, each of one rank, have become hardly fewer."""
+    """For a coarse grid; `stalled` if aggregates, each of one rank, are hardly fewer; `first` as of `_cycle`."""
     unknowns = int(matrix.starts[-1])
     cycle = None
     if matrix.others is None:
@@ -90,7 +100,7 @@ def _solver(
             cycle = _cycle(library, matrix, size, motions)
         return exact_solver(matrix.own) if cycle is None else cycle
     if unknowns > REPLICATED_UP_TO and not stalled:
-        cycle = _cycle(library, matrix, size, motions)
+        cycle = _cycle(library, matrix, size, motions, first=first)
     if cycle is None:
         solver = _solver(library, whole(matrix), size, concatenated(matrix.comm, motions))
         return Replicated(matrix.comm, solver)
