@@ -42,19 +42,23 @@ def two_bodies(stiffness=1e6, **given):
 
 
 @pytest.mark.parametrize(
-    ("body", "count"),
+    ("body", "count", "ratio"),
     [
-        (lambda: block(1e6), 6),
-        (lambda: block(1e6, [Clamp("left", "y")]), 4),
-        (lambda: block((1e14, 1e6, 1e6)), 3),
-        (lambda: block((0.0, 1e6, 1e6), [Clamp("left", "x")]), 3),
-        (lambda: two_bodies().elasticity, 6),
-        (robin, 6),
+        (lambda: block(1e6), 6, 1.0),
+        (lambda: block(1e6, [Clamp("left", "y")]), 4, 1.0),
+        (lambda: block((1e14, 1e6, 1e6)), 3, 1e8),
+        (lambda: block((0.0, 1e6, 1e6), [Clamp("left", "x")]), 3, 1.0),
+        (lambda: two_bodies().elasticity, 6, 1.0),
+        (robin, 6, 1.0),
     ],
     ids=["all", "beside a plane", "stiff along x", "guided along x", "one body of two", "Robin terms"],
 )
-def test_motions(body, count):
-    """R^T K R = 1 with the K of the solvers; P^T leaves nothing of K R, and P nothing of R."""
+def test_motions(body, count, ratio):
+    """R^T K R = 1 with the K of the solvers; P^T leaves nothing of K R, and P nothing of R.
+
+    R comes from an eigenvalue problem with the stiffnesses of all springs: the soft motions are as accurate as rounding
+    errors of the stiffest allow, `ratio` times the softest.
+    """
     given = body()
     soft, K = soft_motions(given), given.K
     R, KR = soft.motions, np.empty_like(soft.motions)
@@ -71,7 +75,7 @@ def test_motions(body, count):
         assert np.abs(left).max() < 1e-5 * np.abs(KR[:, k]).max()
     moved = R @ np.arange(1.0, 1.0 + count)
     soft.take_from(moved)
-    assert np.abs(moved).max() < 1e-8 * np.abs(R).max()
+    assert np.abs(moved).max() < (1e-10 + 10 * np.finfo(float).eps * ratio) * np.abs(R).max()
 
 
 @pytest.mark.parametrize(

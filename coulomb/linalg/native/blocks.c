@@ -57,16 +57,16 @@ long to_blocks(long n, int br, int bc, int upper, const int *ptr, const int *col
 static double advanced(long n, double step, const double *restrict p, const double *restrict image,
                        double *restrict x, double *restrict r)
 {
-    d8 squares = {0};
+    d4 squares = {0};
     long i = 0;
-    for (; i + 8 <= n; i += 8) {
-        *(d8 *)(x + i) += step * *(const d8 *)(p + i);
-        const d8 left = *(d8 *)(r + i) - step * *(const d8 *)(image + i);
-        *(d8 *)(r + i) = left;
+    for (; i + 4 <= n; i += 4) {
+        *(d4 *)(x + i) += step * *(const d4 *)(p + i);
+        const d4 left = *(d4 *)(r + i) - step * *(const d4 *)(image + i);
+        *(d4 *)(r + i) = left;
         squares += left * left;
     }
     double total = 0.0;
-    for (int k = 0; k < 8; k++)
+    for (int k = 0; k < 4; k++)
         total += squares[k];
     for (; i < n; i++) {
         x[i] += step * p[i];

@@ -7,6 +7,15 @@ after every call.  That array also keeps a store from overlapping the next load,
 
 Of a symmetric matrix the upper triangle is given, in every row the block on the diagonal first. */
 
+/* The sum of the numbers of a row's vectors. */
+static inline __attribute__((always_inline)) double NAME(total)(const d4 *sum)
+{
+    double total = 0.0;
+    for (int c = 0; c < BC; c++)
+        total += sum[c / 4][c % 4];
+    return total;
+}
+
 /* y <- y + factor A g, A = val + low if `accurate`, else val, with the blocks g that are being fetched; with an inverse
 diagonal y <- y + factor D^-1 A g, and the same for x.  Like the next functions it returns 0, or MPI's error. */
 static int NAME(add_others)(const struct others *A, int accurate, double factor, const double *inverse, double *y,
@@ -18,26 +27,22 @@ static int NAME(add_others)(const struct others *A, int accurate, double factor,
     const double *g = A->ghosts->values;
     const float *low = accurate ? A->low : 0;
     for (int i = 0; i < A->n; i++) {
-        DC sum[BR];
-        for (int r = 0; r < BR; r++)
-            sum[r] = (DC){0};
+        d4 sum[BR][PARTS] = {{{0}}};
         for (long k = A->ptr[i]; k < A->ptr[i + 1]; k++) {
             const float *block = A->val + BR * BC * k;
-            const DC gj = *(const DC *)(g + (long)BC * A->col[k]);
+            const d4 *gj = (const d4 *)(g + (long)BC * A->col[k]);
             __builtin_prefetch(block + 768);
-            for (int r = 0; r < BR; r++) {
-                DC row = UP(block + BC * r);
-                if (low)
-                    row += UP(low + BR * BC * k + BC * r);
-                sum[r] += row * gj;
-            }
+            for (int r = 0; r < BR; r++)
+                for (int h = 0; h < PARTS; h++) {
+                    d4 row = up4(block + BC * r + 4 * h);
+                    if (low)
+                        row += up4(low + BR * BC * k + BC * r + 4 * h);
+                    sum[r][h] += row * gj[h];
+                }
         }
         for (int r = 0; r < BR; r++) {
             const long at = (long)BR * A->rows[i] + r;
-            double total = 0.0;
-            for (int c = 0; c < BC; c++)
-                total += sum[r][c];
-            total *= factor;
+            double total = factor * NAME(total)(sum[r]);
             if (inverse) {
                 total *= inverse[at];
                 x[at] += total;
@@ -78,49 +83,49 @@ static inline __attribute__((always_inline)) void NAME(symmetric)(
     double *restrict w, double *restrict beyond)
 {
     for (int i = begin; i < end; i++) {
-        DC X[BR], sum[BR];
+        d4 X[BR], sum[BR][PARTS];
         const double *xi = x + BR * i;
-        for (int r = 0; r < BR; r++) {
-            X[r] = xi[r] - (DC){0};
-            sum[r] = (DC){0};
-        }
+        const d4 *own = (const d4 *)xi;
         long k = ptr[i];
         const long last = ptr[i + 1];
-        const DC own = *(const DC *)xi;
         for (int r = 0; r < BR; r++) {
-            DC row = UP(val + BR * BC * k + BC * r);
-            if (split)
-                row += UP(low + BR * BC * k + BC * r);
-            sum[r] = row * own;
+            X[r] = xi[r] - (d4){0};
+            for (int h = 0; h < PARTS; h++) {
+                d4 row = up4(val + BR * BC * k + BC * r + 4 * h);
+                if (split)
+                    row += up4(low + BR * BC * k + BC * r + 4 * h);
+                sum[r][h] = row * own[h];
+            }
         }
         for (k++; k < last; k++) {
             const float *block = val + BR * BC * k;
             const long j = col[k];
-            const DC xj = *(const DC *)(x + BC * j);
-            DC *wj = (DC *)((shared && j >= end ? beyond : w) + LC * j), below = *wj;
+            const d4 *xj = (const d4 *)(x + BC * j);
+            d4 *wj = (d4 *)((shared && j >= end ? beyond : w) + LC * j);
             __builtin_prefetch(block + 768);
             if (split)
                 __builtin_prefetch(low + BR * BC * k + 768);
-            for (int r = 0; r < BR; r++) {
-                DC row = UP(block + BC * r);
-                if (split)
-                    row += UP(low + BR * BC * k + BC * r);
-                sum[r] += row * xj;
-                below += row * X[r];
+            for (int h = 0; h < PARTS; h++) {
+                d4 below = wj[h];
+                for (int r = 0; r < BR; r++) {
+                    d4 row = up4(block + BC * r + 4 * h);
+                    if (split)
+                        row += up4(low + BR * BC * k + BC * r + 4 * h);
+                    sum[r][h] += row * xj[h];
+                    below += row * X[r];
+                }
+                wj[h] = below;
             }
-            *wj = below;
         }
         for (int r = 0; r < BR; r++) {
-            double total = w[LC * i + r];
-            for (int c = 0; c < BC; c++)
-                total += sum[r][c];
+            const double total = w[LC * i + r] + NAME(total)(sum[r]);
             if (shared && i < held)
                 w[LC * i + r] = total;
             else
                 NAME(finish)(mode, (long)BR * i + r, total, inverse, b, x, y, first, second);
         }
-        if (!(shared && i < held))
-            *(DC *)(w + LC * i) = (DC){0};
+        for (int h = 0; h < PARTS && !(shared && i < held); h++)
+            ((d4 *)(w + LC * i))[h] = (d4){0};
     }
 }
 
@@ -154,12 +159,15 @@ static inline __attribute__((always_inline)) void NAME(shared)(
 #pragma omp barrier
         for (int t = THREAD; t < count; t += TEAM)
             for (long i = begin[t]; i < held[t]; i++) {
-                DC total = *(DC *)(w + LC * i);
-                *(DC *)(w + LC * i) = (DC){0};
+                double total[LC];
+                for (int c = 0; c < LC; c++) {
+                    total[c] = w[LC * i + c];
+                    w[LC * i + c] = 0.0;
+                }
                 for (int s = 0; s < t; s++)
-                    if (i < reach[s]) {
-                        total += *(DC *)(beyond[s] + LC * i);
-                        *(DC *)(beyond[s] + LC * i) = (DC){0};
+                    for (int c = 0; c < LC && i < reach[s]; c++) {
+                        total[c] += beyond[s][LC * i + c];
+                        beyond[s][LC * i + c] = 0.0;
                     }
                 for (int r = 0; r < BR; r++)
                     NAME(finish)(mode, BR * i + r, total[r], inverse, b, x, y, first, second);
@@ -211,22 +219,17 @@ int NAME(prolong)(const struct blocks *P, const double *e, double *x)
     const int error = begin_fetching(P->others, e);
 #pragma omp parallel for schedule(static) num_threads(P->threads) if (P->threads > 1)
     for (int i = 0; i < P->n; i++) {
-        DC sum[BR];
-        for (int r = 0; r < BR; r++)
-            sum[r] = (DC){0};
+        d4 sum[BR][PARTS] = {{{0}}};
         for (long k = P->ptr[i]; k < P->ptr[i + 1]; k++) {
             const float *block = P->val + BR * BC * k;
-            const DC ej = *(const DC *)(e + (long)BC * P->col[k]);
+            const d4 *ej = (const d4 *)(e + (long)BC * P->col[k]);
             __builtin_prefetch(block + 768);
             for (int r = 0; r < BR; r++)
-                sum[r] += UP(block + BC * r) * ej;
+                for (int h = 0; h < PARTS; h++)
+                    sum[r][h] += up4(block + BC * r + 4 * h) * ej[h];
         }
-        for (int r = 0; r < BR; r++) {
-            double total = 0.0;
-            for (int c = 0; c < BC; c++)
-                total += sum[r][c];
-            x[(long)BR * i + r] += total;
-        }
+        for (int r = 0; r < BR; r++)
+            x[(long)BR * i + r] += NAME(total)(sum[r]);
     }
     return error | NAME(add_others)(P->others, 0, 1.0, 0, x, 0);
 }
@@ -241,25 +244,30 @@ static void NAME(transposed)(int n, int columns, int threads, const int *rows, c
         for (int i = 0; i < n; i++) {
             double *own = w + (long)LC * columns * THREAD;
             const long at = rows ? rows[i] : i;
-            DC R[BR];
+            d4 R[BR];
             for (int k = 0; k < BR; k++)
-                R[k] = r[BR * at + k] - (DC){0};
+                R[k] = r[BR * at + k] - (d4){0};
             for (long k = ptr[i]; k < ptr[i + 1]; k++) {
                 const float *block = val + BR * BC * k;
-                DC *wj = (DC *)(own + (long)LC * col[k]), sum = *wj;
+                d4 *wj = (d4 *)(own + (long)LC * col[k]);
                 __builtin_prefetch(block + 768);
-                for (int row = 0; row < BR; row++)
-                    sum += UP(block + BC * row) * R[row];
-                *wj = sum;
+                for (int h = 0; h < PARTS; h++) {
+                    d4 sum = wj[h];
+                    for (int row = 0; row < BR; row++)
+                        sum += up4(block + BC * row + 4 * h) * R[row];
+                    wj[h] = sum;
+                }
             }
         }
 #pragma omp for schedule(static)
         for (long j = 0; j < columns; j++) {
-            DC sum = {0};
+            double sum[LC] = {0};
             for (int t = 0; t < threads; t++) {
-                DC *of_thread = (DC *)(w + (long)LC * (columns * (long)t + j));
-                sum += *of_thread;
-                *of_thread = (DC){0};
+                double *of_thread = w + (long)LC * (columns * (long)t + j);
+                for (int c = 0; c < LC; c++) {
+                    sum[c] += of_thread[c];
+                    of_thread[c] = 0.0;
+                }
             }
             for (int c = 0; c < BC; c++)
                 b[BC * j + c] = sum[c];

@@ -116,7 +116,7 @@ void NAME(smoothed)(int n, int threads, const int *ptr, const int *col, const do
         memset(seen, -1, sizeof(int) * (count + 1));
         for (int i = 0; i < n; i++)
             most = pointers[i + 1] - pointers[i] > most ? pointers[i + 1] - pointers[i] : most;
-        DC *sum = aligned_alloc(sizeof(DC), sizeof(DC) * (BR * (long)most + 1));
+        d4 *sum = aligned_alloc(64, 64 * (BR * (long)most + 1));
 #pragma omp for schedule(static)
         for (int i = 0; i < n; i++) {
             int *own = columns + pointers[i], found = 0;
@@ -133,8 +133,8 @@ void NAME(smoothed)(int n, int threads, const int *ptr, const int *col, const do
             qsort(own, found, sizeof(int), ascending);
             for (int f = 0; f < found; f++)
                 place[own[f]] = f;
-            for (long s = 0; s < BR * (long)found; s++)
-                sum[s] = (DC){0};
+            for (long s = 0; s < PARTS * BR * (long)found; s++)
+                sum[s] = (d4){0};
             for (int part = 0; part < (ghost_ptr ? 2 : 1); part++) {
                 const int *p = part ? ghost_ptr : ptr, *c = part ? ghost_col : col;
                 const double *v = part ? ghost_val : val;
@@ -144,12 +144,14 @@ void NAME(smoothed)(int n, int threads, const int *ptr, const int *col, const do
                     if (aggregates[j] < 0)
                         continue;
                     const double *block = v + BR * BR * (long)p[i] + BR * (k - p[i]);
-                    DC *to = sum + BR * (long)place[aggregates[j]], row[BR];
-                    for (int c2 = 0; c2 < BR; c2++)
-                        row[c2] = *(const DC *)(P0 + 6 * (BR * j + c2));
-                    for (int r = 0; r < BR; r++)
+                    for (int h = 0; h < PARTS; h++) {
+                        d4 *to = sum + PARTS * BR * (long)place[aggregates[j]] + h, row[BR];
                         for (int c2 = 0; c2 < BR; c2++)
-                            to[r] += block[length * r + c2] * row[c2];
+                            row[c2] = *(const d4 *)(P0 + 6 * (BR * j + c2) + 4 * h);
+                        for (int r = 0; r < BR; r++)
+                            for (int c2 = 0; c2 < BR; c2++)
+                                to[PARTS * r] += block[length * r + c2] * row[c2];
+                    }
                 }
             }
             for (int f = 0; f < found; f++)
@@ -157,7 +159,7 @@ void NAME(smoothed)(int n, int threads, const int *ptr, const int *col, const do
                     for (int c = 0; c < 6; c++)
                         values[BR * 6 * ((long)pointers[i] + f) + 6 * r + c] =
                             (float)((own[f] == aggregates[i] ? P0[6 * (BR * (long)i + r) + c] : 0.0) -
-                                    S[BR * (long)i + r] * sum[BR * f + r][c]);
+                                    S[BR * (long)i + r] * ((const double *)sum)[LC * (BR * (long)f + r) + c]);
         }
         free(seen);
         free(place);
@@ -180,15 +182,16 @@ void NAME(galerkin)(int n, int nodes, int coarse, int wide, int threads, int mos
         memset(place, -1, sizeof(int) * nodes);
         for (int row = 0; row < coarse; row++)
             widest = pointers[row + 1] - pointers[row] > widest ? pointers[row + 1] - pointers[row] : widest;
-        DC *W = aligned_alloc(sizeof(DC), sizeof(DC) * (BR * (long)most + BC * (long)widest + 1)), *A = W + BR * (long)most;
+        d4 *W = aligned_alloc(64, 64 * (BR * (long)most + BC * (long)widest + 1)), *A = W + PARTS * BR * (long)most;
 #pragma omp for schedule(dynamic, 16)
         for (int row = 0; row < coarse; row++) {
             int count = 0;
             for (int t = begin[row]; t < begin[row + 1]; t++) { /* W = P^T K of this row, columns of blocks */
                 const int i = rows[t];
-                DC own[BR];
+                d4 own[BR][PARTS];
                 for (int r = 0; r < BR; r++)
-                    own[r] = UP(p_val + BR * BC * (long)places[t] + BC * r);
+                    for (int h = 0; h < PARTS; h++)
+                        own[r][h] = up4(p_val + BR * BC * (long)places[t] + BC * r + 4 * h);
                 for (int part = 0; part < (ghost_ptr ? 2 : 1); part++) {
                     const int *p = part ? ghost_ptr : ptr, *c = part ? ghost_col : col;
                     const double *v = (part ? ghost_val : val) + BR * BR * (long)p[i];
@@ -198,45 +201,48 @@ void NAME(galerkin)(int n, int nodes, int coarse, int wide, int threads, int mos
                         if (place[j] < 0) {
                             place[j] = count;
                             touched[count] = j;
-                            for (int b = 0; b < BR; b++)
-                                W[BR * (long)count + b] = (DC){0};
+                            for (int b = 0; b < PARTS * BR; b++)
+                                W[PARTS * BR * (long)count + b] = (d4){0};
                             count++;
                         }
-                        DC *w = W + BR * (long)place[j];
-                        for (int b = 0; b < BR; b++) {
-                            DC sum = w[b];
-                            for (int r = 0; r < BR; r++)
-                                sum += v[length * r + b] * own[r];
-                            w[b] = sum;
-                        }
+                        d4 *w = W + PARTS * BR * (long)place[j];
+                        for (int b = 0; b < BR; b++)
+                            for (int h = 0; h < PARTS; h++) {
+                                d4 sum = w[PARTS * b + h];
+                                for (int r = 0; r < BR; r++)
+                                    sum += v[length * r + b] * own[r][h];
+                                w[PARTS * b + h] = sum;
+                            }
                     }
                 }
             }
             const int first = pointers[row], width = pointers[row + 1] - first;
             for (int f = 0; f < width; f++)
                 at[columns[first + f]] = f;
-            for (long s = 0; s < BC * (long)width; s++)
-                A[s] = (DC){0};
+            for (long s = 0; s < PARTS * BC * (long)width; s++)
+                A[s] = (d4){0};
             for (int s = 0; s < count; s++) {
                 const int j = touched[s];
-                const double *w = (const double *)(W + BR * (long)s);
+                const double *w = (const double *)(W + PARTS * BR * (long)s);
                 place[j] = -1;
                 for (int k = p_ptr[j]; k < p_ptr[j + 1]; k++) {
-                    DC *to = A + BC * (long)at[p_col[k]], row_of[BR];
-                    for (int b = 0; b < BR; b++)
-                        row_of[b] = UP(p_val + BR * BC * (long)k + BC * b);
-                    for (int a = 0; a < BC; a++) {
-                        DC sum = to[a];
+                    for (int h = 0; h < PARTS; h++) {
+                        d4 *to = A + PARTS * BC * (long)at[p_col[k]] + h, row_of[BR];
                         for (int b = 0; b < BR; b++)
-                            sum += w[LC * b + a] * row_of[b];
-                        to[a] = sum;
+                            row_of[b] = up4(p_val + BR * BC * (long)k + BC * b + 4 * h);
+                        for (int a = 0; a < BC; a++) {
+                            d4 sum = to[PARTS * a];
+                            for (int b = 0; b < BR; b++)
+                                sum += w[LC * b + a] * row_of[b];
+                            to[PARTS * a] = sum;
+                        }
                     }
                 }
             }
             for (long f = 0; f < width; f++)
                 for (int a = 0; a < BC; a++)
                     for (int c = 0; c < BC; c++)
-                        values[BC * BC * (first + f) + BC * a + c] = A[BC * f + a][c];
+                        values[BC * BC * (first + f) + BC * a + c] = ((const double *)A)[LC * (BC * f + a) + c];
         }
         free(place);
         free(W);

@@ -24,14 +24,14 @@ static inline __attribute__((always_inline)) void add_rows(const int count, long
                                                            const double *rows, const float *images, double *u, double *r)
 {
     long i = 0;
-    for (; i + 8 <= length; i += 8) {
-        d8 sum = *(d8 *)(u + i), left = *(d8 *)(r + i);
+    for (; i + 4 <= length; i += 4) {
+        d4 sum = *(d4 *)(u + i), left = *(d4 *)(r + i);
         for (int k = 0; k < count; k++) {
-            sum += c[k] * *(const d8 *)(rows + n * k + i);
-            left -= c[k] * up8(images + n * k + i);
+            sum += c[k] * *(const d4 *)(rows + n * k + i);
+            left -= c[k] * up4(images + n * k + i);
         }
-        *(d8 *)(u + i) = sum;
-        *(d8 *)(r + i) = left;
+        *(d4 *)(u + i) = sum;
+        *(d4 *)(r + i) = left;
     }
     for (; i < length; i++)
         for (int k = 0; k < count; k++) {
@@ -60,15 +60,15 @@ void combine(long n, int threads, int count, const double *c, const double *rows
 static inline __attribute__((always_inline)) void inner(const int count, long n, long length, const float *images,
                                                         const double *r, double *products)
 {
-    d8 sums[4] = {{0}, {0}, {0}, {0}};
+    d4 sums[4] = {{0}, {0}, {0}, {0}};
     long i = 0;
-    for (; i + 8 <= length; i += 8) {
-        const d8 here = *(const d8 *)(r + i);
+    for (; i + 4 <= length; i += 4) {
+        const d4 here = *(const d4 *)(r + i);
         for (int k = 0; k < count; k++)
-            sums[k] += up8(images + n * k + i) * here;
+            sums[k] += up4(images + n * k + i) * here;
     }
     for (int k = 0; k < count; k++) {
-        for (int j = 0; j < 8; j++)
+        for (int j = 0; j < 4; j++)
             products[k] += sums[k][j];
         for (long j = i; j < length; j++)
             products[k] += images[n * k + j] * r[j];
