@@ -21,10 +21,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from petsc4py import PETSc
-from scipy.linalg.blas import dsymv, dtrsv, strsv
+from scipy.linalg.blas import dtrsv, strsv
 from scipy.linalg.lapack import dlauum, dpotri, dtrtri, strtri
 
 from ..arrays import FloatArray
+from .dense_inverse import DenseInverse
 from .front_operations import Real
 from .frontal_factors import FrontalFactors, stack_heights
 from .nested_dissection import Front, Nodes, dissect
@@ -106,7 +107,7 @@ class MultifrontalSolver(RefinedSolver):
         roots = [number for number, front in enumerate(self._fronts) if front.root]
         self._roots = [number for number in roots if len(self._fronts[number].own)]
         self.last: Nodes = np.concatenate([np.empty(0, np.int64), *(self._fronts[root].own for root in self._roots)])
-        self._schur_solves, self._inverses = 0, list[Real]()
+        self._schur_solves, self._inverses = 0, list[DenseInverse]()
         self._many, self._halves = many, list[Real]()
         self._last: Nodes = (3 * self.last[:, None] + np.arange(3)).ravel()
         if single is None:
@@ -138,14 +139,16 @@ class MultifrontalSolver(RefinedSolver):
         return forces
 
     def schur_solve(self, z: FloatArray) -> FloatArray:
-        """S^-1 z, shape (3 last,): by the factors, after many solves in double precision by the inverse.
+        """S^-1 z, shape (3 last,): by the factors, or in double precision by the inverse, where many solves are expected
+        or have been made.
 
-        A product with a symmetric matrix reads half as much memory as two substitutions, and the inverse takes about as
-        long as `_MANY` solves per row save.
+        A product with a symmetric matrix reads half as much memory as two substitutions, with a vector of many zeros
+        still less (`DenseInverse`), and the inverse takes about as long as `_MANY` solves per row save; a third of that
+        where the inverse of the factor is known.
         """
         if self.exact:
             self._schur_solves += 1
-            if self._schur_solves > _MANY * len(self._last):
+            if self._halves or self._inverses or self._schur_solves > _MANY * len(self._last):
                 return self._by_inverse(z)
         size = float(np.max(np.abs(z), initial=0.0)) or 1.0  # single precision has a small range
         w: Real = (z / size).astype(self._factors.dtype)
@@ -162,15 +165,16 @@ class MultifrontalSolver(RefinedSolver):
     def _by_inverse(self, z: FloatArray) -> FloatArray:
         if not self._inverses:
             if self._halves:
-                self._inverses = [dlauum(half, lower=1, overwrite_c=1)[0] for half in self._halves]
+                inverses = [dlauum(half, lower=1, overwrite_c=1)[0] for half in self._halves]
                 self._halves = []
             else:
-                self._inverses = [dpotri(np.array(L, order="F"), lower=1, overwrite_c=1)[0] for L in self.schur_factors]
+                inverses = [dpotri(np.array(L, order="F"), lower=1, overwrite_c=1)[0] for L in self.schur_factors]
+            self._inverses = [DenseInverse(inverse) for inverse in inverses]
         w, start = np.empty(len(z)), 0
         for inverse in self._inverses:
-            here = slice(start, start + len(inverse))
-            w[here] = dsymv(1.0, inverse, z[here], lower=1)
-            start += len(inverse)
+            here = slice(start, start + inverse.size)
+            w[here] = inverse @ z[here]
+            start += inverse.size
         return w
 
     def schur_diagonal(self, rows: scipy.sparse.csr_matrix) -> FloatArray:
