@@ -11,8 +11,8 @@ from scipy.linalg.blas import dsymv
 from ..arrays import FloatArray
 
 _FEW = 1.0 / 3.0
-"""Part of the numbers of a vector up to which a product by the columns of those that are not 0 reads less memory than one
-by the triangle."""
+"""Part of the numbers of a vector up to which a product by the columns of those that are not 0 reads less memory than
+one by the triangle."""
 
 
 class DenseInverse:

@@ -139,8 +139,8 @@ class MultifrontalSolver(RefinedSolver):
         return forces
 
     def schur_solve(self, z: FloatArray) -> FloatArray:
-        """S^-1 z, shape (3 last,): by the factors, or in double precision by the inverse, where many solves are expected
-        or have been made.
+        """S^-1 z, shape (3 last,): by the factors, or in double precision by the inverse, where many solves are
+        expected or have been made.
 
         A product with a symmetric matrix reads half as much memory as two substitutions, with a vector of many zeros
         still less (`DenseInverse`), and the inverse takes about as long as `_MANY` solves per row save; a third of that
