@@ -46,7 +46,8 @@ class SupportedBody:
             for part in parts:
                 yield NodalForces(part.kind, part.face, taken(part.forces))
 
-        supports = chain.from_iterable(one.supports(held, u) for one in self._bodies)
+        shares = chain.from_iterable(one.shares(held) for one in self._bodies)
+        supports = chain(shares, chain.from_iterable(one.spring_forces(u) for one in self._bodies))
         over = Reductions(MPI.COMM_SELF)
         return acting(perturbed(self._loads), perturbed(supports), on_body, taken(self._x), over, (), self._slices)
 
@@ -70,11 +71,17 @@ class _Supported(NamedTuple):
     nodes: slice
     total: int
 
-    def supports(self, held: FloatArray, u: FloatArray) -> Iterator[NodalForces]:
-        """Forces of every support and spring at the nodes of the run."""
-        of_body, body = np.argsort(self.of_run), self.member.body
-        shares = body.shares(held[self.nodes][of_body])
-        yield from self.everywhere(chain(shares, body.spring_forces(u[self.nodes][of_body])))
+    def shares(self, held: FloatArray) -> Iterator[NodalForces]:
+        """Forces of every support at the nodes of the run."""
+        yield from self.everywhere(self.member.body.shares(self._of_body(held)))
+
+    def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
+        """Forces of every spring at the nodes of the run."""
+        yield from self.everywhere(self.member.body.spring_forces(self._of_body(u)))
+
+    def _of_body(self, values: FloatArray) -> FloatArray:
+        """Values at the nodes of the run, those of the body in its own order."""
+        return values[self.nodes][np.argsort(self.of_run)]
 
     def everywhere(self, parts: Iterable[NodalForces]) -> Iterator[NodalForces]:
         """Forces at the nodes of the body as forces at those of the run, with the name of the body."""
