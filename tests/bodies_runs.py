@@ -50,6 +50,33 @@ times = [1, 2]
 """
 """Two steps of a warm block of tetrahedra on one of hexahedra, held by a spring beside contact and a prescribed way."""
 
+UNLOADED = """\
+[[body]]
+name = "lower"
+box = [1.2, 0.6, 0.4]
+cells = [5, 3, 2]
+material = {young = 2.1e11, poisson = 0.3}
+[[body]]
+name = "upper"
+box = [0.6, 0.3, 0.2]
+cells = [4, 3, 2]
+translate = [0.3, 0.15, 0.4]
+material = {young = 7e10, poisson = 0.33}
+[[clamp]]
+face = "lower:bottom"
+[[prescribed_displacement]]
+face = "upper:top"
+value = [0, 0, -3e-4]
+amplitude = [[0, 0], [1, 1], [2, 0]]
+[contact]
+face = "upper:bottom"
+against = "lower:top"
+friction = 0.3
+[history]
+times = [1, 2]
+"""
+"""Two blocks, pressed together and released."""
+
 
 def pressed(contact, lower, upper, pressure=1e7):
     """Two blocks of the same cross-section, without lateral strain: everywhere the same pressure."""

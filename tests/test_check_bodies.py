@@ -5,7 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
-from bodies_runs import TWO
+from bodies_runs import TWO, UNLOADED
 from check_runs import change, copied, edit, made, put, run_case, shown
 from conftest import run_coulomb
 from resumed_rows import rows_of, same_to_the_tolerance
@@ -166,4 +166,10 @@ def test_springs_of_a_body_before_the_last(tmp_path):
     """The reactions of a run are all supports, and then all springs: not body after body."""
     spring = '[[spring]]\nface = "lower:top"\nstiffness = 1e9\n'
     found = check(run_case(TWO.replace("[[prescribed", f"{spring}[[prescribed"), tmp_path / "run"))
+    assert found.passed and not found.faults, str(found)
+
+
+def test_a_step_without_loads(tmp_path):
+    """No contact force, and gaps of 1e-16 m: the natural residual has no force with which it could be compared."""
+    found = check(run_case(UNLOADED, tmp_path / "run"))
     assert found.passed and not found.faults, str(found)

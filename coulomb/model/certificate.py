@@ -112,7 +112,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     each = ", of every body" if e.bodies else f", of each of {parts} components" if parts > 1 else ""
     sums = f"loads, springs, reactions, contact: forces and moments add to zero{each}"
     remaining = np.column_stack([e.gap - e.closure[:, 0], -e.closure[:, 1:]])  # A x - b
-    residual = FrictionLaw.tresca(e.bound).natural_residual(e.force.ravel(), remaining.ravel(), e.compliance, over)
+    residual = _natural_residual(e, remaining.ravel(), scales, over)
     mean = f"; means around {'contact points' if e.actions is not None else 'vertices'}" if e.averaged else ""
     deepest = worst(over.max(e.closure[:, 0] - e.gap), 0.0)
 
@@ -174,6 +174,14 @@ def _scales(e: Evidence, spring: FloatArray, outer: tuple[FloatArray, ...], over
         nodal=nodal,
         turnover=turnover,
     )
+
+
+def _natural_residual(e: Evidence, remaining: FloatArray, scales: _Scales, over: Reductions) -> float:
+    """Relative to the contact forces; without any, as displacements, to their scale: gaps have rounding errors."""
+    law, x = FrictionLaw.tresca(e.bound), e.force.ravel()
+    if scales.force != 0.0:
+        return law.natural_residual(x, remaining, e.compliance, over)
+    return ratio(e.compliance * over.norm(law.project(-remaining / e.compliance, x[0::3])), scales.length)
 
 
 def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
