@@ -45,3 +45,17 @@ def test_soft_springs(friction):
     assert solution.certificate.passed and solution.result.products <= (150 if friction > 0.0 else 400)
     x = solution.contact_force.reshape(-1, 3)
     assert np.hypot(x[:, 1].sum(), x[:, 2].sum()) / x[:, 0].sum() == pytest.approx(friction, rel=1e-6, abs=1e-12)
+
+
+def test_a_step_without_loads():
+    """Everything is 0 again: a part of the displacement before, however small, would be all there is."""
+    problem = ContactProblem(
+        coulomb.box((0.6, 0.3, 0.2), (4, 3, 2)),
+        Material(7e10, 0.33),
+        [coulomb.PrescribedDisplacement("top", (0.0, 0.0, -3e-4), amplitude=[(0.0, 0.0), (1.0, 1.0), (2.0, 0.0)])],
+        Contact("bottom", friction=0.3),
+        linear_solver=IterativeSolver,
+    )
+    pressed, free = LoadHistory([1.0, 2.0]).steps(problem)
+    assert pressed.solution.certificate.passed and np.any(pressed.solution.contact_force)
+    assert free.solution.certificate.passed and not np.any(free.solution.contact_force)

@@ -251,9 +251,15 @@ class MatrixFreeCompliance:
         size = self._rhs.norm()
         if self._load is not None:
             self._rhs.axpy(1.0, self._load)
+        forces = self._rhs.norm()
         self._solver.multiply(self._last, self._u)
-        self._rhs.axpy(-1.0, self._u)
-        left = self._rhs.norm()
+        self._u.aypx(-1.0, self._rhs)
+        left = self._u.norm()
+        if left > forces:  # nothing is a better start: a correction would keep a part of what vanished loads caused
+            self._last.set(0.0)
+            left, self._accurate = forces, None
+        else:
+            self._u.copy(self._rhs)
         if left > whole * size:
             self._solver.solve(self._rhs, self._u, max(change, whole * size / left))
             self._last.axpy(1.0, self._u)
