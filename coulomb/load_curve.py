@@ -15,7 +15,8 @@ After = Literal["hold", "error", "repeat"]
 """After the last row of a load curve: the last value, an error, or the curve again."""
 
 _ROUNDING = 1e-12
-"""Of the duration of a curve: a time that exceeds the last row by less is the last row."""
+"""Of the duration of a curve, or of the time if it is longer: a time nearer to a row is that of the row.  With 1e-16 in
+place of 0 where a load vanishes, all forces of a load step would be rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -72,14 +73,18 @@ class LoadCurve:
         """
         times = self.rows[:, 0]
         first, last = float(times[0]), float(times[-1])
+        near = _ROUNDING * max(last - first, abs(time))
         if time > last:
-            if self.after == "error" and time - last > _ROUNDING * max(last - first, abs(last)):
+            if self.after == "error" and time - last > near:
                 raise ValueError(
                     f"the load curve ends at time {last:g}, but its value at time {time:g} is needed: "
                     'give more rows, or after = "hold" or "repeat"'
                 )
             if self.after == "repeat":
                 time = first + (time - first) % (last - first)
+        row = int(np.argmin(np.abs(times - time)))
+        if abs(times[row] - time) <= near:
+            return self.rows[row, 1:].copy()
         return np.array([np.interp(time, times, column) for column in self.rows[:, 1:].T])
 
 

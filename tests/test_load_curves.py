@@ -39,6 +39,15 @@ def test_the_curve_is_periodic():
     assert curve.at(0.0)[0] == 0.5
 
 
+def test_a_time_at_a_row_to_rounding_errors_is_that_of_the_row():
+    """With 1e-16 in place of 0 all forces of the step would be rounding errors: it was halved twenty times."""
+    curve = LoadCurve([0.0, 0.1, 0.3, 0.5], [0.0, 1.0, 0.0, 1.0])
+    assert np.interp(3 * 0.1, curve.times, curve.values) != 0.0 and curve.at(3 * 0.1)[0] == 0.0
+    assert curve.at(0.3 + 1e-9)[0] == pytest.approx(5e-9, rel=1e-6)
+    repeated = LoadCurve([0.0, 0.1, 0.2], [0.0, 1.0, 0.0], "repeat")
+    assert all(repeated.at(0.2 * period)[0] == 0.0 for period in range(1, 200))
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
