@@ -59,3 +59,18 @@ def test_a_step_without_loads():
     pressed, free = LoadHistory([1.0, 2.0]).steps(problem)
     assert pressed.solution.certificate.passed and np.any(pressed.solution.contact_force)
     assert free.solution.certificate.passed and not np.any(free.solution.contact_force)
+
+
+@pytest.mark.parametrize("linear_solver", [coulomb.DirectSolver, IterativeSolver])
+def test_a_step_with_loads_of_rounding_errors(linear_solver):
+    """sin(pi t) at t = 1 is 1.2e-16."""
+    problem = ContactProblem(
+        coulomb.box((0.6, 0.3, 0.2), (4, 3, 2)),
+        Material(7e10, 0.33),
+        [coulomb.PrescribedDisplacement("top", (0.0, 0.0, -3e-4), amplitude=lambda time: np.sin(np.pi * time))],
+        Contact("bottom", friction=0.3),
+        linear_solver=linear_solver,
+    )
+    pressed, free = LoadHistory([0.5, 1.0]).steps(problem)
+    assert pressed.solution.certificate.passed and np.any(pressed.solution.contact_force)
+    assert free.halvings == 0 and free.solution.certificate.passed and not np.any(free.solution.contact_force)

@@ -31,8 +31,14 @@ Motion = Callable[[float], Sequence[float]] | Sequence[tuple[float, float, float
 `LoadCurve` with three columns."""
 
 
+_ROUNDING = 1e-12  # values of functions of time below this are rounding errors
+
+
 def evaluate_amplitude(amplitude: Amplitude, time: float, what: str, name: str = "amplitude") -> float:
     """The factor at a time; tables are linear between rows and constant beyond.
+
+    A value of a function below 1e-12 is a rounding error, as that of sin(pi t) at t = 1, and counts as 0: a step whose
+    loads are rounding errors has contact forces that are rounding errors, and these never converge.
 
     Args:
         amplitude: Its definition.
@@ -53,7 +59,7 @@ def evaluate_amplitude(amplitude: Amplitude, time: float, what: str, name: str =
             raise ValueError(f"{what}: the {name} failed at time {time:g}: {error}") from None
         if not np.isfinite(value):
             raise ValueError(f"{what}: the {name} at time {time:g} is {value}")
-        return value
+        return value if abs(value) >= _ROUNDING else 0.0
     return float(_curve(amplitude, time, 1, f"{what}: {name}")[0])
 
 
