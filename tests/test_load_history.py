@@ -177,7 +177,7 @@ def cube(clamp=None, motion=None):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: LoadHistory([]), "times must increase"),
+        (lambda: LoadHistory([]), "times has no load step"),
         (lambda: LoadHistory([1.0, 1.0]), "times must increase from start = 0"),
         (lambda: LoadHistory([1.0], halvings=-1), "halvings must be at least 0"),
         (

@@ -29,6 +29,7 @@ _MULTIGRID = 350.0  # per displacement unknown: K in blocks, the last solutions
 _FACTOR = 104.0  # over n^(4/3): the factor of K in single precision; in double twice as much
 _FRONTS = 132.0  # the same with the contact nodes last, including memory of fronts not yet reused
 _DENSE = 6.0  # over m^2: the Schur complement and the inverse of its factor
+_COLUMNS = 8.0 / 3.0  # over m^2, in double precision: columns of the inverse for products (`DenseInverse`)
 
 _DOUBLE = 2.0, 2.3  # memory and time of factors in double precision over those in single precision
 
@@ -111,7 +112,7 @@ def estimate(
         if not explicit:
             path = _FACTOR_STEPS * fill
         else:
-            memory += wide * _DENSE * m**2
+            memory += (wide * _DENSE + (_COLUMNS if double else 0.0)) * m**2
             operations += slow * _COMPLEMENT * m**3
             path = _DENSE_STEPS[0] * m**2 + _DENSE_STEPS[1] * fill
     else:

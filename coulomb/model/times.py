@@ -21,7 +21,9 @@ def refuse_times(start: float, times: Sequence[float]) -> None:
         ValueError: If there are none, or they do not increase from `start`.
     """
     ends = [start, *times]
-    if len(ends) < 2 or not all(math.isfinite(t) for t in ends) or any(b <= a for a, b in pairwise(ends)):
+    if len(ends) < 2:
+        raise ValueError("history: times has no load step: give the time at which each ends, as times = [0.5, 1.0]")
+    if not all(math.isfinite(t) for t in ends) or any(b <= a for a, b in pairwise(ends)):
         raise ValueError(f"history: times must increase from start = {start:g}, but are {shortened(list(times))}")
 
 
