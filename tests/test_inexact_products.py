@@ -74,3 +74,21 @@ def test_a_step_with_loads_of_rounding_errors(linear_solver):
     pressed, free = LoadHistory([0.5, 1.0]).steps(problem)
     assert pressed.solution.certificate.passed and np.any(pressed.solution.contact_force)
     assert free.halvings == 0 and free.solution.certificate.passed and not np.any(free.solution.contact_force)
+
+
+TURNED = {"rotate": coulomb.Rotation((0.1, 0.0, 0.0), (1.0, 2.0, 0.5), 0.4), "translate": (0.1, 0.7, 0.3)}
+
+
+@pytest.mark.parametrize("linear_solver", [coulomb.DirectSolver, IterativeSolver])
+def test_a_step_with_a_motion_of_rounding_errors(linear_solver):
+    """The foundation is back where it was but for 4e-20 m, and the block was moved: its gaps are rounding errors."""
+    problem = ContactProblem(
+        coulomb.moved(coulomb.box((0.6, 0.3, 0.2), (4, 3, 2)), **TURNED),
+        Material(7e10, 0.33),
+        [coulomb.Clamp("top")],
+        Contact("bottom", friction=0.3, motion=lambda time: (0.0, 0.0, 3e-4 * np.sin(np.pi * time))),
+        linear_solver=linear_solver,
+    )
+    pressed, free = LoadHistory([0.5, 1.0]).steps(problem)
+    assert pressed.solution.certificate.passed and np.any(pressed.solution.contact_force)
+    assert free.halvings == 0 and free.solution.certificate.passed and not np.any(free.solution.contact_force)

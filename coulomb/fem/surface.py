@@ -27,6 +27,8 @@ Normals = Literal["foundation", "body"]
 _NEARLY_HELD = 1e-2
 """Length of the free part of a normal below which a contact node would move a hundred times its gap to close it."""
 
+_ROUNDING = 8.0 * float(np.finfo(float).eps)  # of gaps, over the largest coordinate
+
 _RAY_ROUNDING = 1e-16
 """Steps along a ray that are shorter than this part of the way have only rounding errors."""
 
@@ -217,7 +219,8 @@ def contact_surface(
     given = np.zeros(len(body.x))
     if gap_field is not None:
         given[on_face] = gap_field(place)
-    averaged, field = points.average(gap + gap_factor * given), points.average(given)
+    field = points.average(given)
+    averaged = without_rounding(points.average(gap + gap_factor * given), body.x, comm)
     if axes is None:
         frames = supported_frames(n, H)
     else:
@@ -226,6 +229,15 @@ def contact_surface(
     points = points.of(member, elasticity)
     matrices = matrices_of(elasticity, points, frames)
     return ContactSurface((face,), part, points, x, frames, averaged, field, *matrices, (foundation,))
+
+
+def without_rounding(gap: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArray:
+    """Gaps with 0 in place of what may be rounding errors of the coordinates x, (k, 3); collective.
+
+    A body on which nothing acts would otherwise have contact forces that are rounding errors, and these never converge.
+    """
+    size = float(comm.allreduce(float(np.max(np.abs(x), initial=0.0)), op=MPI.MAX))
+    return np.where(np.abs(gap) > _ROUNDING * size, gap, 0.0)
 
 
 def matrices_of(elasticity: Deformable, points: ContactPoints, frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
