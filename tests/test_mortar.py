@@ -52,8 +52,8 @@ def test_linear_fields_are_averaged_exactly_across_plane_meshes(kinds, size):
         for weights in (rows.weights, rows.opposite):
             assert np.allclose(np.asarray(weights.sum(axis=1)), 1.0, rtol=0, atol=1e-12)
         assert np.allclose(rows.normal, -TURN[:, 2], rtol=0, atol=1e-12)
-        assert np.allclose(rows.gap, GAP, rtol=0, atol=1e-12)
-        before = rows.x + rows.gap[:, None] * rows.normal
+        assert np.allclose(rows.gap(rows.normal), GAP, rtol=0, atol=1e-12)
+        before = rows.x + rows.gap(rows.normal)[:, None] * rows.normal
         assert np.allclose(rows.weights @ linear(space.x), linear(rows.x), rtol=0, atol=1e-11)
         assert np.allclose(rows.opposite @ linear(other.x), linear(before), rtol=0, atol=1e-11)
         assert rows.area.sum() == pytest.approx(min(size, 1.0) ** 2, rel=1e-12)

@@ -5,6 +5,18 @@
 pi projects along the slave's normals.  With the functions N of the nodes, this is a row of D/a over the slave's nodes
 and one of M/a over the master's, each with sum 1; a force x_j at the contact point acts as D_j x_j/a_j on the slave and
 as -M_j x_j/a_j on the master.  The functions lambda_j add up to 1, so a uniform pressure is transmitted exactly.
+
+The gap before deformation is not the average of the distance g of the two faces: lambda_j is negative in part, and
+where a curved face touches another at the node, g = s^2/(2 R), that average is -h^2/(12 R) on 10-node tetrahedra of the
+size h, an interference that the faces have not.  It is the average of the interpolant of g between the vertices,
+
+    gap_j = (1/a_j) int lambda_j sum_k g(x_k) phi_k dS
+
+which is g(x_j) where the facets around x_j are covered, and exact where the faces are plane.  Where a part of them is
+not covered it is the average of g.  Neither may be less than the smallest g on the facets of lambda_j, or than 0 if
+that is positive.  Measured by `coulomb benchmark verification`, in place of averages of g: error of the force of two
+spheres 0.38 % for 0.97 %, of crossed cylinders 0.04 % for 0.5 %, of spheres of which one is of 10-node tetrahedra
+0.22 % for 0.93 %.
 """
 
 from __future__ import annotations
@@ -69,7 +81,8 @@ class MortarRows:
         whole: The same over the whole slave face, with the covered share area/whole, shape (m,).
         normal: Mean outward unit normal of the slave, shape (m, 3).
         x: Where the force acts on the slave, metres, shape (m, 3).
-        gap: Mean distance of the master along the normal, metres, shape (m,); negative where it penetrates.
+        separation: Mean way from the slave to the master before it, metres, shape (m, 3).
+        overlap: The smallest distance of the two on the facets of each point if negative, else 0, metres, shape (m,).
         weights: Averages over the slave's nodes, shape (m, nodes of all ranks); every row has the sum 1.
         opposite: Averages over the master's nodes, likewise.
         dropped: Global numbers of this rank's slave nodes before the master that have no contact point, since less
@@ -84,12 +97,19 @@ class MortarRows:
     whole: FloatArray
     normal: FloatArray
     x: FloatArray
-    gap: FloatArray
+    separation: FloatArray
+    overlap: FloatArray
     weights: scipy.sparse.csr_matrix
     opposite: scipy.sparse.csr_matrix
     dropped: IntArray
     lost: float
     layered: int
+
+    def gap(self, n: FloatArray) -> FloatArray:
+        """Distance of the master before deformation along unit normals n (m, 3), metres, shape (m,); negative where the
+        faces overlap."""
+        gap: FloatArray = np.maximum(np.einsum("ki,ki->k", self.separation, n), self.overlap)
+        return gap
 
 
 def mortar_rows(
@@ -186,14 +206,47 @@ def _rows(
         where = ", ".join(f"{c:.6g}" for c in _places(slave, slave.size)[node[np.argmin(length)]])
         raise ValueError(f"the outward normals of the facets around x = {where} cancel: no contact normal is defined")
     normal /= length[:, None]
-    x, there = weights @ _places(slave, slave.size), opposite @ _places(master, master.size)
-    gap = np.einsum("ki,ki->k", there - x, normal)
+    separation = spread @ parts.separation.reshape(-1, 3) / area[node][:, None]
+    if width != 9:  # the average of a biquadratic function is its value at the node
+        interpolated, known = _interpolated(slave, parts, products, facet, row, area[node])
+        separation = np.where(known[:, None], interpolated, separation)
+    overlap = np.zeros(len(node))
+    np.minimum.at(overlap, row, parts.least[facet])
     mine = np.flatnonzero(weak[owned[0] : owned[1]]) + owned[0]
     first = slave.nodes[:, 0]
     counted = (first >= owned[0]) & (first < owned[1])  # every facet on one rank
     lost = float((parts.share * slave.areas)[functions.lost][counted[functions.lost]].sum())
     layered = int(np.count_nonzero(parts.doubled & counted))
-    return MortarRows(node, area[node], whole[node], normal, x, gap, weights, opposite, mine, lost, layered)
+    x = weights @ _places(slave, slave.size)
+    return MortarRows(
+        node, area[node], whole[node], normal, x, separation, overlap, weights, opposite, mine, lost, layered
+    )
+
+
+def _interpolated(
+    slave: FacetPatch, parts: Segments, products: FloatArray, facet: IntArray, row: IntArray, area: FloatArray
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Averages of the way to the master as its interpolant at the corners of the facets, shape (m, 3), and whether it
+    is known at all corners that have a part in them, shape (m,).
+
+    Args:
+        slave: The facets.
+        parts: The ways at their corners.
+        products: Integrals of lambda_j and the facet's functions, for every piece of one, shape (k, n).
+        facet: The facet of each piece, shape (k,).
+        row: The contact point j of each, shape (k,).
+        area: a_j, shape (m,).
+    """
+    corner = slave.nodes[:, : slave.kind.corners]
+    count = _summed(corner, parts.reached.astype(np.float64), slave.size)
+    ways = [_summed(corner, part, slave.size) for part in np.moveaxis(parts.at_corners, 2, 0)]
+    way = np.stack([*(of / np.maximum(count, 1.0) for of in ways), count == 0.0], axis=1)
+    weights = products @ slave.kind.vertex_functions.T / area[row][:, None]
+    entries = (weights.ravel(), (np.repeat(row, weights.shape[1]), corner[facet].ravel()))
+    rows = scipy.sparse.csr_matrix(entries, shape=(len(area), slave.size))
+    rows.sum_duplicates()
+    unknown = abs(rows) @ way[:, 3]
+    return rows @ way[:, :3], unknown < 1e-9
 
 
 def _averages(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
@@ -225,4 +278,5 @@ def _places(patch: FacetPatch, size: int) -> FloatArray:
 def _none(slave: int, master: int) -> MortarRows:
     no, none = np.empty(0), np.empty(0, dtype=np.int64)
     rows, opposite = (scipy.sparse.csr_matrix((0, size)) for size in (slave, master))
-    return MortarRows(none, no, no, np.empty((0, 3)), np.empty((0, 3)), no, rows, opposite, none, 0.0, 0)
+    places = np.empty((0, 3))
+    return MortarRows(none, no, no, places, places, places, no, rows, opposite, none, 0.0, 0)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +26,9 @@ IntArray = npt.NDArray[np.int64]
 _POINTS = 100_000
 """Quadrature points evaluated at once, so that memory stays small."""
 
+_SAME = 1e-9
+"""Distance of a corner of a triangle from that of its cell, over the cell's radius, below which they are the same."""
+
 _MORE = ((STRAIGHT, 0), (0.05, 4), (0.15, 8), (0.3, 12), (np.inf, 20))
 """Distortion of two facets up to which the rule has so many degrees more than for straight ones: the inverse maps of
 distorted facets are no polynomials.  Measured with random quadrilaterals: errors of 1e-10 of the nodal forces of a
@@ -39,6 +43,11 @@ class Segments:
         mass: Integrals of N_i N_k, shape (f, n, n).
         normal: Integrals of N_i times the outward normal, shape (f, n, 3).
         coupling: Integrals of N_i times the master's function of every node, shape (f n, master nodes of all ranks).
+        separation: Integrals of N_i times the way from the slave to the master along the projection, shape (f, n, 3).
+        at_corners: This way at the corners of each facet, 0 where no part reaches the corner, shape (f, corners, 3).
+        reached: Whether a part reaches the corner, shape (f, corners).
+        least: Smallest distance along the projection at the points of the rule and the corners of its triangles,
+            metres, negative where the faces overlap, shape (f,); inf of uncovered facets.
         share: Covered share of every facet's area, shape (f,).
         doubled: Facets before which master facets lie in several layers, of which the nearest counts, shape (f,).
     """
@@ -46,6 +55,10 @@ class Segments:
     mass: FloatArray
     normal: FloatArray
     coupling: scipy.sparse.csr_matrix
+    separation: FloatArray
+    at_corners: FloatArray
+    reached: npt.NDArray[np.bool_]
+    least: FloatArray
     share: FloatArray
     doubled: npt.NDArray[np.bool_]
 
@@ -65,28 +78,32 @@ def segments(slave: FacetPatch, master: FacetPatch, depth: float, reach: float) 
     share = np.bincount(cells.facet, covered, facets) / np.bincount(cells.facet, cells.area, facets)
     doubled = np.zeros(facets, dtype=bool)
     doubled[cells.facet[twice]] = True
-    return Segments(*_Integrals(slave, master, cells, others).over(parts), share, doubled)
+    mass, normal, coupling, separation, at_corners, reached, least = _Integrals(slave, master, cells, others).over(parts)
+    return Segments(mass, normal, coupling, separation, at_corners, reached, least, share, doubled)
 
 
 class _Integrals:
-    """`mass`, `normal` and `coupling` of `Segments`."""
+    """The first seven attributes of `Segments`."""
 
     def __init__(self, slave: FacetPatch, master: FacetPatch, cells: Cells, others: Cells):
         self._slave, self._master, self._cells, self._others = slave, master, cells, others
         own = slave.kind.polynomial_degree
         self._degree = own + max(own, master.kind.polynomial_degree)
 
-    def over(self, parts: Parts) -> tuple[FloatArray, FloatArray, scipy.sparse.csr_matrix]:
+    def over(self, parts: Parts) -> tuple[Any, ...]:
         """Sums over all parts."""
         facets, n, m = len(self._slave), self._slave.kind.width, self._master.kind.width
-        mass, normal = np.zeros((facets, n, n)), np.zeros((facets, n, 3))
+        mass, vectors, least = np.zeros((facets, n, n)), np.zeros((facets, n, 6)), np.full(facets, np.inf)
+        corners = np.zeros((facets, self._slave.kind.corners, 4))
         rows, columns, entries = [], [], []
         for at, straight, rule in self._chunks(parts):
             part, triangle = _triangles(parts.polygon[at])
             if not len(part):
                 continue
             one, other = parts.slave[at][part], parts.master[at][part]
-            products = self._products(one, other, triangle, straight, rule)
+            products, distance = self._products(one, other, triangle, straight, rule)
+            np.minimum.at(least, self._cells.facet[one], distance.min(axis=1))
+            self._add_corners(corners, one, triangle, distance[:, -3:])
             pair = np.flatnonzero(np.append(True, part[1:] != part[:-1]))
             products = np.add.reduceat(products, pair, axis=0)
             facet, opposite = self._cells.facet[one[pair]], self._others.facet[other[pair]]
@@ -96,12 +113,25 @@ class _Integrals:
             first = np.flatnonzero(np.append(True, facet[1:] != facet[:-1]))
             own = np.add.reduceat(np.concatenate([products[:, :, :n], products[:, :, n + m :]], axis=2), first, axis=0)
             mass[facet[first]] += own[:, :, :n]
-            normal[facet[first]] += own[:, :, n:]
-        shape = (facets * n, self._master.size)
-        if not entries:
-            return mass, normal, scipy.sparse.csr_matrix(shape)
-        triplets = np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))
-        return mass, normal, scipy.sparse.csr_matrix(triplets, shape=shape)
+            vectors[facet[first]] += own[:, :, n:]
+        coupling = scipy.sparse.csr_matrix((facets * n, self._master.size))
+        if entries:
+            triplets = np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))
+            coupling = scipy.sparse.csr_matrix(triplets, shape=coupling.shape)
+        number = corners[:, :, 3]
+        at_corners = corners[:, :, :3] / np.maximum(number, 1.0)[:, :, None]
+        return mass, vectors[:, :, :3], coupling, vectors[:, :, 3:], at_corners, number > 0.0, least
+
+    def _add_corners(self, corners: FloatArray, one: IntArray, triangle: FloatArray, distance: FloatArray) -> None:
+        """Add to sums (f, corners, 4) the ways to the master, by the distances (t, 3) in the corners of triangles
+        (t, 3, 2) in slave cells, and 1, where these are corners of the facets."""
+        cells, kind = self._cells, self._slave.kind
+        facet = cells.facet[one]
+        place = cells.seen(one, self._slave.x[facet][:, : kind.corners])[:, None, :, :2]
+        there = np.all(np.abs(triangle[:, :, None] - place) < _SAME, axis=3)
+        t, k, corner = np.nonzero(there)
+        way = distance[t, k, None] * cells.frames[one[t], 2]
+        np.add.at(corners, (facet[t], corner), np.column_stack([way, np.ones(len(t))]))
 
     def _chunks(self, parts: Parts) -> Iterator[tuple[IntArray, bool, tuple[FloatArray, FloatArray]]]:
         """Some of the parts, ascending, whether both facets are straight, and the rule that they need."""
@@ -113,7 +143,7 @@ class _Integrals:
         for limit, more in _MORE:
             chosen = np.flatnonzero((distortion > least) & (distortion <= limit))
             least = limit
-            rule = triangle_rule(self._degree + more)
+            rule = _with_corners(*triangle_rule(self._degree + more))
             size = max(1, _POINTS // (len(rule[1]) * (parts.polygon.shape[1] - 2)))
             for at in np.split(chosen, range(size, len(chosen), size)):
                 yield at, more == 0, rule
@@ -125,26 +155,33 @@ class _Integrals:
         triangle: FloatArray,
         straight: bool,
         rule: tuple[FloatArray, FloatArray],
-    ) -> FloatArray:
+    ) -> tuple[FloatArray, FloatArray]:
         """Integrals over triangles (t, 3, 2) in slave cells and before master cells of each slave function times all
-        slave functions, all master functions, and the outward normal, shape (t, n, n + m + 3)."""
+        slave functions, all master functions, the outward normal and the way to the master, shape (t, n, n + m + 6);
+        and the distances of the master at the points of the rule, shape (t, q)."""
         cells, others = self._cells, self._others
         edges = triangle[:, 1:] - triangle[:, :1]
         p = triangle[:, None, 0] + rule[0] @ edges
         doubled = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
-        seen = cells.seen(one, self._slave.x[cells.facet[one]])
-        values, normal = at_points(self._slave.kind, seen, p, cells.start[one], straight)
-        seen = cells.seen(one, self._master.x[others.facet[other]])
-        theirs, _ = at_points(self._master.kind, seen, p, others.start[other], straight)
+        slave = cells.seen(one, self._slave.x[cells.facet[one]])
+        values, normal = at_points(self._slave.kind, slave, p, cells.start[one], straight)
+        master = cells.seen(one, self._master.x[others.facet[other]])
+        theirs, _ = at_points(self._master.kind, master, p, others.start[other], straight)
+        distance = (theirs @ master[:, :, 2:] - values @ slave[:, :, 2:]) * cells.radius[one][:, None, None]
         normal /= normal[:, :, 2:]  # in the frame of the cell: its third component is the area in the plane
         length = np.linalg.norm(normal, axis=2)
         area = rule[1] * (doubled * cells.radius[one] ** 2)[:, None] * length
-        normal = (normal / length[:, :, None]) @ cells.frames[one]
-        width = (*p.shape[:2], 3)
+        normal = np.broadcast_to((normal / length[:, :, None]) @ cells.frames[one], (*p.shape[:2], 3))
+        way = distance * cells.frames[one, 2][:, None]
         product: FloatArray = np.swapaxes(values * area[:, :, None], 1, 2) @ np.concatenate(
-            [values, theirs, np.broadcast_to(normal, width)], axis=2
+            [values, theirs, normal, way], axis=2
         )
-        return product
+        return product, distance[:, :, 0]
+
+
+def _with_corners(points: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A rule on the reference triangle with its corners as further points, of weight 0."""
+    return np.concatenate([points, [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]), np.concatenate([weights, np.zeros(3)])
 
 
 def _triangles(polygon: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -26,7 +26,7 @@ from .mortar import LEAST_SHARE, MortarRows, mortar_rows
 from .near_facets import NearFace, NearPair, near_pair
 from .slave_side import clamped_nodes
 from .surface import ContactSurface, matrices_of
-from .symmetric_pair import distances, mirrored, planes_of_symmetry, within
+from .symmetric_pair import mirrored, planes_of_symmetry, within
 from .user_values import on_all_ranks
 
 _ROUNDING = 1e-14
@@ -128,7 +128,7 @@ def pair_of(
     x = rows.x
     if mirrors is not None:
         x = x + np.einsum("mij,mj->mi", mirrors, elasticity.x[points.nodes] - x)
-    gap = distances(rows.opposite, on_other, rows.x, n)
+    gap = rows.gap(n)
     rounding = _ROUNDING * near.size
     gap = np.where(np.abs(gap) <= max(adjust, rounding), 0.0, gap)
     deepest = -float(comm.allreduce(float(np.min(gap, initial=0.0)), op=MPI.MIN))
@@ -224,7 +224,7 @@ def pair_surface(
     part = np.zeros(len(pair.x), dtype=np.int64)
     matrices = matrices_of(elasticity, pair.points, frames)
     gap = pair.gap + gap_factor * given
-    return ContactSurface((pair.face,), part, pair.points, pair.x, frames, gap, given, *matrices, (None,))
+    return ContactSurface((pair.face,), part, pair.points, pair.x, frames, gap, given, *matrices, (None,), pair.remarks)
 
 
 def pair_frames(pair: Pair, axes: FrictionAxes | None, comm: MPI.Comm) -> FloatArray:

@@ -56,6 +56,7 @@ class ContactSurface:
         free_B: B without the parts of its rows along prescribed directions: A = free_B K^-1 free_B^T.  B itself if
             no contact node has a prescribed direction.
         foundations: The foundation of each face, to which gaps are measured; None against a deformable face.
+        remarks: What a user should know of it.
     """
 
     faces: tuple[str, ...]
@@ -68,6 +69,7 @@ class ContactSurface:
     B: PETSc.Mat
     free_B: PETSc.Mat
     foundations: tuple[RigidFoundation | None, ...]
+    remarks: tuple[str, ...] = ()
 
     @property
     def nodes(self) -> npt.NDArray[np.int32]:
@@ -155,7 +157,9 @@ def contact_surface(
     phi, the signed distance: exact to first order in u, and the condition itself for a plane.  With the body's, n is
     the mean normal of the facets around the node, weighted by its hat function, and gap is the distance along n to the
     foundation; if that ray misses it, to the tangent plane of the foundation's point nearest to the node.
+    A contact point that is a mean over several nodes has the gap at `places_on_face`.
 
+    Nodes where the face is turned away from the foundation cannot touch it and are no contact points.
     Nodes whose normal displacement is prescribed are no contact nodes; vertices of 10-node tetrahedra only if the other
     nodes of their average are held as well.  A node whose displacement along a tangent is
     prescribed is one: its slip in that direction is known, and friction acts on the support that prescribes it.  So is
@@ -172,8 +176,8 @@ def contact_surface(
         gap_factor: Its amplitude.
 
     Raises:
-        ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from the
-            foundation, or has no free node.
+        ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from a
+            foundation inside which it is, or wholly, or has no free node.
     """
     comm, (member, facets) = elasticity.comm, elasticity.face(face, "contact")
     body = member.body  # until the end, nodes are those of this body
@@ -191,10 +195,12 @@ def contact_surface(
     refuse = _Refusal(comm, f"contact face {face!r}")
     refuse.where(area[on_face] <= 0.0, place, "has a node without area")
     inwards = _evaluate(foundation.normal, place, 3, comm, face)
-    away = np.einsum("ki,ki->k", inwards, outward[on_face]) >= 0.0
-    refuse.where(away, place, "is turned away from the foundation: reverse the normal, or leave such facets out")
-    gap = np.zeros(len(body.x))
+    away, gap = np.zeros(len(body.x), dtype=bool), np.zeros(len(body.x))
+    away[on_face] = np.einsum("ki,ki->k", inwards, outward[on_face]) >= 0.0
     gap[on_face] = _evaluate(foundation.signed_distance, place, 1, comm, face)
+    facing = comm.allreduce(int(np.sum(~away[points.nodes])), op=MPI.SUM)
+    inside = away[on_face] & ((gap[on_face] <= 0.0) | (facing == 0))
+    refuse.where(inside, place, "is turned away from the foundation: reverse the normal, or leave such facets out")
     x = points.average(body.x)
     if normals == "foundation":
         n = -_evaluate(foundation.normal, x, 3, comm, face)
@@ -203,9 +209,17 @@ def contact_surface(
         what = f"contact face {face!r}: foundation"
         gap[on_face] = on_all_ranks(lambda: way_along(mean, place, gap[on_face], foundation), what, comm)
         n = outward[points.nodes] / np.linalg.norm(outward[points.nodes], axis=1)[:, None]
+    distance = gap[points.nodes]
+    if not points.nodal:
+        on = places_on_face(body.x[points.nodes], x, outward[points.nodes])
+        there = _evaluate(foundation.signed_distance, on, 1, comm, face)
+        if normals == "body":
+            there = on_all_ranks(lambda: way_along(n, on, there, foundation), what, comm)
+        distance = np.maximum(there, np.minimum(points.least(gap), 0.0))  # what is not negative remains so
 
     H, along = body.held.projector_at(points.nodes), held_length(n, points.held(body.held))
-    keep: npt.NDArray[np.bool_] = along <= HELD_BEYOND
+    turned = away[points.nodes]
+    keep: npt.NDArray[np.bool_] = (along <= HELD_BEYOND) & ~turned
     free_length = np.sqrt(np.maximum(1.0 - along**2, 0.0))
     refuse.where(
         keep & (free_length < _NEARLY_HELD),
@@ -215,12 +229,12 @@ def contact_surface(
     if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
         raise ValueError(f"contact face {face!r} is fully clamped: none of its nodes can move against the foundation")
 
-    points, x, n, H = points.only(keep), x[keep], n[keep], H[keep]
+    points, x, n, H, distance = points.only(keep), x[keep], n[keep], H[keep], distance[keep]
     given = np.zeros(len(body.x))
     if gap_field is not None:
         given[on_face] = gap_field(place)
     field = points.average(given)
-    averaged = without_rounding(points.average(gap + gap_factor * given), body.x, comm)
+    gaps = without_rounding(distance + gap_factor * field, body.x, comm)
     if axes is None:
         frames = supported_frames(n, H)
     else:
@@ -228,7 +242,27 @@ def contact_surface(
     part = np.zeros(len(x), dtype=np.int64)
     points = points.of(member, elasticity)
     matrices = matrices_of(elasticity, points, frames)
-    return ContactSurface((face,), part, points, x, frames, averaged, field, *matrices, (foundation,))
+    left_out = comm.allreduce(int(turned.sum()), op=MPI.SUM)
+    remark = f"contact face {face!r}: {left_out} of its nodes face away from the foundation and are no contact points"
+    remarks = (remark,) if left_out else ()
+    return ContactSurface((face,), part, points, x, frames, gaps, field, *matrices, (foundation,), remarks)
+
+
+def places_on_face(x: FloatArray, mean: FloatArray, outward: FloatArray) -> FloatArray:
+    """Where contact points that are means around vertices have their gaps, metres, shape (m, 3).
+
+    It is the mean place without its offset from the face, to first order.  The mean of the gaps is the gap there if the
+    face and the foundation are plane; on a curved face of the radius R with facets of the size h it is h^2/(12 R) more,
+    and the vertex would go into the foundation by as much.
+
+    Args:
+        x: The vertices, metres, shape (m, 3).
+        mean: The means of the places of the nodes, metres, shape (m, 3).
+        outward: Normals of the face at the vertices, of any length, shape (m, 3).
+    """
+    unit = outward / np.linalg.norm(outward, axis=1)[:, None]
+    places: FloatArray = mean - np.einsum("mi,mi->m", mean - x, unit)[:, None] * unit
+    return places
 
 
 def without_rounding(gap: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArray:
@@ -274,6 +308,7 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
         np.concatenate([surface.gap_field for surface in surfaces]),
         *matrices_of(elasticity, points, frames),
         tuple(foundation for surface in surfaces for foundation in surface.foundations),
+        tuple(text for surface in surfaces for text in surface.remarks),
     )
 
 

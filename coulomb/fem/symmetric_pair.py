@@ -100,18 +100,3 @@ def held_on_both(planes: FloatArray, there: FloatArray) -> FloatArray:
     sizes, directions = np.linalg.eigh(planes @ there @ planes)
     both: FloatArray = np.einsum("mia,ma,mja->mij", directions, (sizes > _HELD_OPPOSITE).astype(np.float64), directions)
     return both
-
-
-def distances(opposite: scipy.sparse.csr_matrix, master: FacetPatch, x: FloatArray, n: FloatArray) -> FloatArray:
-    """Mean distances of the master along normals n (m, 3) from points x (m, 3) of the slave, shape (m,).
-
-    Args:
-        opposite: Averages over the master's nodes, shape (m, nodes).
-        master: Its facets.
-        x: Metres.
-        n: Unit normals.
-    """
-    places = np.zeros((master.size, 3))
-    places[master.nodes] = master.x
-    gap: FloatArray = np.einsum("mi,mi->m", opposite @ places - x, n)
-    return gap

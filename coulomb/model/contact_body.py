@@ -109,8 +109,7 @@ class ContactBody:
             self._reference = self.surface(self.rigid_motions(time), time)
             refuse_untouched(self.elasticity, self._reference)
             self.probes = self.located(probes)
-        pairs = [self.pair(number) for number, contact in enumerate(self.contacts) if contact.against is not None]
-        for text in (*self.elasticity.contradictions, *(text for pair in pairs for text in pair.remarks)):
+        for text in (*self.elasticity.contradictions, *self._reference.remarks):
             if self.comm.rank == 0:
                 _log.warning("%s", text)
         self._given, self._load_steps = (linear_solver, explicit), 1

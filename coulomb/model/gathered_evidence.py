@@ -18,7 +18,7 @@ from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
 from ..fem.contact_points import ContactPoints, contact_points, joined_points
 from ..fem.pair import pair_frames
 from ..fem.rigid_motion import RigidMotion
-from ..fem.surface import way_along
+from ..fem.surface import places_on_face, way_along
 from ..fem.user_values import on_all_ranks
 from ..solvers.laws import FrictionLaw
 from .contact_body import ContactBody
@@ -142,7 +142,7 @@ def _actions(
 def _face(
     body: ContactBody, number: int, time: float, before: Before | None, slip_rate: FloatArray
 ) -> tuple[ContactPoints, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The contact points of a face that are not prescribed along their normal; collective.
+    """The contact points of a face that face its foundation and are not prescribed along their normal; collective.
 
     Returns:
         The points; frames, shape (m, 3, 3); gap in metres; cohesion in newtons and friction, of the contact; and the
@@ -163,37 +163,45 @@ def _face(
     here, then = on_all_ranks(way, "", comm)
     foundation = body.foundations[number]
     assert foundation is not None
-    place = here.undone(elasticity.x[nodes])  # in the foundation's coordinates
     x = points.average(elasticity.x)
     outward = np.zeros_like(elasticity.x)
-    if contact.normals == "body":
-        _, sums = elasticity.positive_weights(facets)
-        outward[nodes] = sums[nodes] / np.linalg.norm(sums[nodes], axis=1)[:, None]
-        n = outward[points.nodes]
-    else:
-        n = on_all_ranks(
-            lambda: here.turned(-foundation.normal(here.undone(x))) if len(x) else np.zeros((0, 3)), what, comm
-        )
-    H = elasticity.held.projector_at(points.nodes)
-    free = held_length(n, points.held(elasticity.held)) <= HELD_BEYOND
-    points, n, x, H = points.only(free), n[free], x[free], H[free]
+    _, sums = elasticity.positive_weights(facets)
+    outward[nodes] = sums[nodes] / np.linalg.norm(sums[nodes], axis=1)[:, None]
 
-    def remaining() -> FloatArray:
+    def slope(x: FloatArray) -> FloatArray:
+        """Gradient of the signed distance at points (m, 3)."""
+        return on_all_ranks(
+            lambda: here.turned(foundation.normal(here.undone(x))) if len(x) else np.zeros((0, 3)), what, comm
+        )
+
+    n = outward[points.nodes] if contact.normals == "body" else -slope(x)
+
+    def distances(there: FloatArray, n: FloatArray) -> FloatArray:
+        """Of points (k, 3), along normals if these are the body's."""
+        place = here.undone(there)  # in the foundation's coordinates
         if len(place) == 0:
             return np.zeros(0)
         distance = foundation.signed_distance(place)
-        if contact.normals == "body":
-            return way_along(here.turned_back(outward[nodes]), place, distance, foundation)
-        return distance
+        return way_along(here.turned_back(n), place, distance, foundation) if contact.normals == "body" else distance
 
     gap = np.zeros(len(elasticity.x))
-    gap[nodes] = on_all_ranks(remaining, what, comm)
-    gap[nodes] += contact.gap_factor(time, comm) * contact.gap_at(elasticity.x[nodes], comm)
+    gap[nodes] = on_all_ranks(lambda: distances(elasticity.x[nodes], outward[nodes]), what, comm)
+    given = np.zeros(len(elasticity.x))
+    given[nodes] = contact.gap_factor(time, comm) * contact.gap_at(elasticity.x[nodes], comm)
+    distance, at_vertices = gap[points.nodes], slope(elasticity.x[points.nodes])
+    if not points.nodal:
+        on = places_on_face(elasticity.x[points.nodes], x, outward[points.nodes])
+        there = on_all_ranks(lambda: distances(on, n), what, comm)
+        distance = np.maximum(there, np.minimum(points.least(gap), 0.0))
+    gaps = distance + points.average(given)
+    H = elasticity.held.projector_at(points.nodes)
+    facing = np.einsum("ki,ki->k", at_vertices, outward[points.nodes]) < 0.0
+    free = facing & (held_length(n, points.held(elasticity.held)) <= HELD_BEYOND)
+    points, n, x, H, gaps = points.only(free), n[free], x[free], H[free], gaps[free]
     law = contact.law(x, points.area, time, slip_rate[points.nodes], comm)
     frames = contact.frames(n, H, x, comm)
-    averaged = points.average(gap)
     points = points.of(member, body.elasticity)
-    return points, frames, averaged, law.cohesion, law.friction, here.since(then, x)
+    return points, frames, gaps, law.cohesion, law.friction, here.since(then, x)
 
 
 def _pair(

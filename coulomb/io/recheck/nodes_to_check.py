@@ -16,7 +16,9 @@ import scipy.sparse
 from ...arrays import FloatArray
 from ...fem.contact_frames import HELD_BEYOND, held_length, supported_frames
 from ...fem.contact_points import contact_points
+from ...fem.surface import places_on_face
 from ...model.accumulated import ACCUMULATED
+from ...nearest import tree_of
 from ...solvers.laws import FrictionLaw
 from ..run_directory import CONTACT
 from ..run_files import WrittenRun
@@ -28,6 +30,10 @@ from .written_pair import GAPS, LAW, TANGENTS, compare_axes, everywhere, on_face
 
 _NEARLY_HELD = 0.9
 """Without a case, the normal of a held node is that of its facets, which is only near the foundation's."""
+
+_TURNED = 0.1
+"""Without a case, cosine of the angle between a facet's normal and that of the nearest contact point up to which its
+node may face away from the foundation."""
 
 
 def face_nodes(
@@ -118,6 +124,8 @@ def _face(
         gap, given = (data[name] for name in GAPS)
         law = FrictionLaw(data["cohesion"] * area, data["friction"])
         beyond = np.where(written, HELD_BEYOND, _NEARLY_HELD)
+        near = data["normal"][written][tree_of(x[written]).query(x)[1]] if np.any(written) else n
+        turned = np.einsum("ki,ki->k", near, unit) <= _TURNED
     else:
         place = run.on_face["x"][on]
         distance = case.distances(number, time, place, around[on], outward[on])
@@ -126,7 +134,15 @@ def _face(
         on_nodes[on, 0] = distance
         if not case.lacks_gap(number):
             on_nodes[on, 1] = case.given_gap(number, time, place)
-        distance, given = (weights @ on_nodes).T
+        given = weights @ on_nodes[:, 1]
+        slope = -case.normals(number, time, run.on_face["x"][index])
+        turned = np.einsum("ki,ki->k", slope, unit) >= 0.0
+        distance = on_nodes[index, 0]
+        if not points.nodal:
+            least = np.minimum.reduceat(on_nodes[weights.indices, 0], weights.indptr[:-1])
+            there = places_on_face(run.on_face["x"][index], x, unit)
+            there = case.distances(number, time, there, area, unit)
+            distance = np.maximum(there, np.minimum(least, 0.0))
         given = data["given_gap"] if case.lacks_gap(number) else given
         gap = distance + given
         law = case.law(number, x, area, time, np.zeros(len(x)) if slip_rate is None else slip_rate[index])
@@ -156,7 +172,7 @@ def _face(
             found.field(f"{file}: {name}", data[name][here], frames[here, k], x[here], "normal and case", floor=1e-13)
         for name, expected in zip(LAW, (law.friction, law.cohesion / area), strict=True):
             found.field(f"{file}: {name}", data[name][here], expected[here], x[here], "the case")
-    left_out = free & ~written
+    left_out = free & ~written & ~turned
     if np.any(left_out):
         report(found, run, everywhere(run, index[left_out]), "are left out, but are not prescribed in solution.h5")
     part = np.full(len(index), number)
@@ -165,7 +181,8 @@ def _face(
     none_opposite = scipy.sparse.csr_matrix((len(index), len(run.body.x)))
     measured = (frames, gap, given, area, law.friction, cohesion, origin, still, earlier)
     mirrored = np.zeros((len(index), 3, 3))
-    return FaceNodes(index, weights, none_opposite, mirrored, part, written, *measured).only(free)
+    nodes = FaceNodes(index, weights, none_opposite, mirrored, part, written, *measured)
+    return nodes.only(free & (written | ~turned))
 
 
 def facet_parts(run: WrittenRun, count: int) -> npt.NDArray[np.int64]:

@@ -13,7 +13,7 @@ from ...arrays import FloatArray
 from ...fem.contact_frames import HELD_BEYOND, held_length, supported_frames
 from ...fem.facet_patch import facet_patch
 from ...fem.mortar import MortarRows, mortar_rows
-from ...fem.symmetric_pair import distances, held_on_both, planes_of_symmetry, shares, within
+from ...fem.symmetric_pair import held_on_both, planes_of_symmetry, shares, within
 from ...model.accumulated import ACCUMULATED
 from ...solvers.laws import FrictionLaw
 from ..run_directory import CONTACT
@@ -48,6 +48,7 @@ def pair_nodes(
 ) -> FaceNodes:
     """The contact points of a pair, whose averages over both faces are integrated anew on the written meshes."""
     rows, mirrored, n = written_rows(run, face, facets, other, taken)
+    apart = rows.gap(n)
     count, start = len(run.node), other.face.part.nodes.start
     index, weights = on_face(rows.node, rows.weights, face, count)
     among_all = (rows.opposite.data, start + rows.opposite.indices, rows.opposite.indptr)
@@ -67,7 +68,7 @@ def pair_nodes(
         H = run.held.projector_at(face.part.nodes.start + rows.node)
         frames = case.frames(number, n, H, x)
     floor = 1e-13 * size
-    distance = np.where(np.abs(rows.gap) <= adjust, 0.0, rows.gap) if adjust else rows.gap
+    distance = np.where(np.abs(apart) <= adjust, 0.0, apart) if adjust else apart
     if case is None:  # gaps of meshes may have been closed
         closed = np.abs(data["initial_gap"] - given) <= floor + 1e-13 * np.abs(given)
         distance = np.where(closed, 0.0, distance)
@@ -121,7 +122,7 @@ def written_rows(
     n, start = within(rows.normal, planes), other.face.part.nodes.start
     there = run.held.projector_at(start + np.arange(master.size)).reshape(-1, 9)
     mirrored = held_on_both(planes, (shares(rows.opposite) @ there).reshape(-1, 3, 3))
-    return replace(rows, gap=distances(rows.opposite, master, rows.x, n)), mirrored, n
+    return rows, mirrored, n
 
 
 def on_face(
