@@ -36,7 +36,7 @@ against = "up:bottom"
 friction = 0.05
 [[probe]]
 name = "crown"
-point = [0.7, 0.4, 0.4]
+point = [0.5, 0.3, 0.4]
 body = "mid"
 [output]
 directory = "run"

@@ -81,7 +81,8 @@ def _of_fields(run: Run) -> Facts:
 def _contact(run: Run) -> Facts:
     given = (run.case or {}).get("contact", {})
     contacts = given if isinstance(given, list) else [given]
-    faces = (run.summary.get("totals") or {}).get("faces") or [contact.get("face", "") for contact in contacts]
+    faces = [name for name, _ in named_faces(run.summary.get("faces") or ())]
+    faces = faces or [contact.get("face", "") for contact in contacts]
     named = f"contact {'faces' if len(faces) > 1 else 'face'}"
     facts = [(named, f"{', '.join(faces)}; {in_nodes(run.summary['nodes']['contact'], 'contact')}")]
     changing = [contact for contact in contacts if _changing_friction(contact, "")]
