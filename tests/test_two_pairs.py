@@ -177,6 +177,15 @@ def test_a_coarse_face_is_the_master_of_both_pairs(tmp_path):
     assert found.passed, str(found)
 
 
+def test_a_face_is_the_slave_of_one_pair_and_the_master_of_another(tmp_path):
+    before, cells, after = LENS.rpartition("cells = [2, 1, 1]")
+    folder = lens(tmp_path / "of", text=f"{before}cells = [10, 6, 1]{after}".replace("[0.5, 1]", "[1]"))
+    assert cells and list(read_grids(folder / "steps/0001/contact.xdmf")) == [BELOW, "up:bottom", "low:top", ABOVE]
+    assert f"{BELOW}_force_x" in last_row(folder) and "up:bottom_opposite_force_x" in last_row(folder)
+    found = check(folder)
+    assert found.passed, str(found)
+
+
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_nodes_in_both_pairs_count_at_one(cell, tmp_path):
     """A pad across the joint of two bases: a uniform pressure stays uniform, and is that of the load on both."""
