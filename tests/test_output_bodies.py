@@ -58,14 +58,17 @@ def test_a_rank_without_contact_points_of_a_pair_carries_nothing():
     }
 
 
-def test_a_face_opposite_in_two_pairs_has_one_grid(tmp_path):
+def test_a_face_opposite_in_two_pairs_has_a_grid_for_each(tmp_path):
     solution = on_one_base().solve()
     output.write(solution, tmp_path)
     faces = read_grids(tmp_path / "contact.xdmf")
-    assert list(faces) == ["one:bottom", "two:bottom", "base:top"]
-    base = faces["base:top"]
-    assert np.isclose(base.fields["contact_force"][:, 2].sum(), -1.6e7, rtol=1e-6)
-    assert np.array_equal(base.fields[OPPOSITE], (base.points[:, 0] > 1.0).astype(float))
+    bases = ["base:top against one:bottom", "base:top against two:bottom"]
+    assert list(faces) == ["one:bottom", "two:bottom", *bases]
+    for number, base in enumerate(faces[name] for name in bases):
+        assert np.isclose(base.fields["contact_force"][:, 2].sum(), -8e6, rtol=1e-6)
+        assert np.all(base.fields[OPPOSITE] == number)
+        beside = base.points[:, 0] > 1.0 if number == 0 else base.points[:, 0] < 1.0
+        assert np.all(base.fields["status"][beside] == HELD) and not np.any(base.fields["pressure"][beside])
     found = check(tmp_path)
     assert found.passed, str(found)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box, join, moved
+from coulomb import Clamp, Contact, ContactProblem, Material, SymmetryPlane, Traction, box, join, moved
 from coulomb.fem.elasticity import Elasticity
 from coulomb.fem.facet_patch import facet_patch
 from coulomb.fem.joined_bodies import JoinedBodies
@@ -194,3 +194,21 @@ def test_a_body_held_by_contact_alone_where_ranks_have_no_contact_points():
     solution = ContactProblem(join(lower=lower, upper=upper), STEEL, [Clamp("lower:bottom")], contact, loads).solve()
     assert solution.certificate.passed
     assert solution.at_nodes.totals()["normal_force"] == pytest.approx(2.5e5, rel=1e-9)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_nodes_opposite_to_two_masters_count_at_one(cell):
+    """A pad across the joint of two bases, pressed without lateral strain: on all ranks together every node once."""
+    bases = {name: moved(box((1.0, 1.0, 0.5), (2, 2, 1)), (x, 0.0, -0.5)) for name, x in (("one", 0.0), ("two", 1.0))}
+    pad = box((2.0, 1.0, 0.5), (8, 4, 1), cell)
+    planes = [SymmetryPlane(f"{name}:{face}") for name in ("pad", *bases) for face in ("front", "back")]
+    planes += [SymmetryPlane(face) for face in ("pad:left", "pad:right", "one:left", "two:right")]
+    supports = [*planes, SymmetryPlane("one:bottom"), SymmetryPlane("two:bottom")]
+    contacts = [Contact("pad:bottom", 0.3, against=f"{name}:top") for name in bases]
+    load = [Traction("pad:top", (0.0, 0.0, -1e7))]
+    problem = ContactProblem(join(pad=pad, **bases), Material(2e11, 0.0), supports, contacts, load)
+    solution = problem.solve(1e-11)
+    assert problem.unknowns["contact"] == 3 * 9 * 5
+    assert np.allclose(solution.at_nodes.fields()["pressure"], 1e7, rtol=1e-8)
+    forces = [solution.at_nodes.totals(part)["force"][2] for part in (0, 1)]
+    assert forces == pytest.approx([1e7, 1e7], rel=1e-8)

@@ -158,7 +158,7 @@ def test_centre_of_pressure_of_a_linear_pressure(cell, slope):
     assert np.allclose(totals["centre_of_pressure"], [centre, 0.5 * width, 0.0], rtol=1e-8, atol=1e-12)
     assert totals["contact_area"] == pytest.approx(length * width, rel=1e-12)
     assert totals["moment"][1] == pytest.approx(-centre * force, rel=1e-8)
-    columns = face_columns(totals)
+    columns = face_columns("bottom", totals)
     assert columns["bottom_centre_of_pressure_x"] == totals["centre_of_pressure"][0]
     assert columns["bottom_moment_y"] == totals["moment"][1]
     assert columns["bottom_contact_area"] == totals["contact_area"]

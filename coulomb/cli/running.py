@@ -39,7 +39,7 @@ from .console import FAILED, INTERRUPTED, bad_input, errors
 from .posing import doubts, posed
 from .session import Session
 from .setting_aside import in_place_of
-from .terminal import Display, introduce, report, report_history, warn
+from .terminal import Display, forces_in_a_step, introduce, report, report_history, warn
 from .time_left import about
 from .understood import show_understood
 
@@ -204,8 +204,7 @@ def _take_steps(
         halved = f", halved {step.halvings} times" if step.halvings else ""
         when = f"{row['time']:.4g} s"
         console.print(
-            f"step {row['step']:3d}  time {when:<9} normal {row['normal_force']:.6g} N, force "
-            f"({row['force_x']:.6g}, {row['force_y']:.6g}, {row['force_z']:.6g}) N, open {row['open']}, stick "
+            f"step {row['step']:3d}  time {when:<9} {forces_in_a_step(row)}, open {row['open']}, stick "
             f"{row['stick']}, slip {row['slip']}, {row['path_following']} PF steps, residual {row['residual']:.1e}"
             f"{'' if row['certified'] else ', certificate FAILED'}"
             f"{', OUTSIDE THE THEORY' if step.solution.outside else ''}{halved}",

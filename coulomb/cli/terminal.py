@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from ..contact_names import named_faces
 from ..fem.deformable import Member
 from ..fem.lagrange import corner_geometry
 from ..io.run_directory import PICTURE
@@ -128,15 +129,19 @@ class Display:
 
 def report(console: Console, solution: Solution, contents: dict[str, Any], target: Path | None, total: float) -> None:
     iterations, nodes = contents["iterations"], contents["nodes"]
-    force = contents["force_on_body"]
     outer = f"{iterations['outer']} Tresca problems, " if iterations["outer"] else ""
     rate = contents["contraction"]
     contraction = f", contraction {rate:.2g}" if rate is not None and np.isfinite(rate) else ""
     seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
     each = [f"{body['name']} ({_forces(body['contact_force'])})" for body in contents.get("bodies", ())]
-    on_body = f"contact force in N on {', '.join(each)}; normal {force['normal']:.9g} N in all"
+    pressing = [f"{name} {face['normal_force']:.9g}" for name, face in named_faces(contents["faces"])]
+    on_body = f"contact force in N on {', '.join(each)}; normal force in N of {', '.join(pressing)}"
     if not each:
-        on_body = f"force on the body: normal {force['normal']:.9g} N, tangential ({_forces(force['tangential'])}) N"
+        force = contents["force_on_body"]
+        on_body = f"force on the body ({_forces(force['vector'])}) N; normal force in N of {', '.join(pressing)}"
+        if "normal" in force:
+            tangential = _forces(force["tangential"])
+            on_body = f"force on the body: normal {force['normal']:.9g} N, tangential ({tangential}) N"
     lines = (
         f"{contents['status']} ({contents['method']['solver']}): residual {contents['residual']:.1e}, {outer}"
         f"{iterations['path_following']} path-following steps, {iterations['products']} products{contraction}",
@@ -156,6 +161,18 @@ def report(console: Console, solution: Solution, contents: dict[str, Any], targe
         errors.print(f"warning: {PICTURE} {picture}", markup=False)
     if target is not None:
         console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
+
+
+def forces_in_a_step(row: dict[str, Any]) -> str:
+    """The contact forces of a load step in words, from its line of history.csv: of several faces or pairs those of
+    each, since their sum has a meaning on one body only."""
+    on_body = ", ".join(f"{row[f'force_{axis}']:.6g}" for axis in "xyz" if f"force_{axis}" in row)
+    force = f", force ({on_body}) N" if on_body else ""
+    if "normal_force" in row:
+        return f"normal {row['normal_force']:.6g} N{force}"
+    end = "_normal_force"
+    each = [f"{name.removesuffix(end)} {value:.6g} N" for name, value in row.items() if name.endswith(end)]
+    return f"normal {', '.join(each)}{force}"
 
 
 def _forces(values: Sequence[float]) -> str:

@@ -160,10 +160,12 @@ def _remarks(
     lost = float(comm.allreduce(rows.lost, op=MPI.SUM))
     found = []
     if shared:
-        found.append(f"{shared} of its nodes are contact points of another face, and count there")
+        found.append(
+            f"{shared} of its nodes are contact points of another face or pair, and count there, not at {against!r}"
+        )
     if dropped:
         share = f"less than {100 * LEAST_SHARE:.0f} % of their area"
-        found.append(f"{dropped} of its nodes have {share} opposite to {against!r} and are no contact points")
+        found.append(f"{dropped} of its nodes have {share} opposite to {against!r} and are no contact points there")
     if lost > 0.0:
         found.append(
             f"{lost:.3g} m^2 of it bear no contact force, since all nodes near are clamped: {against!r} can pass "

@@ -1,5 +1,5 @@
 """The grids of the result files: of solution.xdmf one per body, of contact.xdmf one for all faces of a single body, or
-one per contact face and, of pairs, also one per face opposite."""
+one for every side of every contact."""
 
 from __future__ import annotations
 
@@ -11,25 +11,23 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from ..contact_names import side_names
 from ..fem.constraints import HELD_OBLIQUE
 from ..fem.deformable import Loading, Member, SingleBody
 from ..fem.temperature import TEMPERATURE
 from ..model.evidence import rounding_forces
 from ..model.nodal_answer import HELD
-from ..model.opposite import carried, carrying, pair_of_nodes, spreading
+from ..model.opposite import carried, carrying, spreading
 from ..model.posed_problem import PosedProblem
 from ..model.solution import Solution
-from .field_files import BESIDE, OPPOSITE
+from .field_files import OPPOSITE
 from .field_names import GROUND, INTERNAL, OURS, ROUNDING
 from .grid_file import GridFields
-from .nodal_grids import FaceGrid, body_grid, cell_values, middle
+from .nodal_grids import BETWEEN, FaceGrid, body_grid, cell_values, middle
 from .user_fields import interpolated, of_bodies
 
 BODIES, FACES = "bodies", "faces"
 """Names of the collections of several grids."""
-
-_NO_CONTACT = {"status": float(HELD)}
-"""Values of fields where there is no contact point; 0 for others."""
 
 
 def collections(problem: PosedProblem) -> tuple[str, str]:
@@ -87,17 +85,19 @@ def contact_grids(solution: Solution) -> list[GridFields]:
     problem, fields = solution.problem, solution.at_nodes.fields()
     if not collections(problem)[1]:
         (member,) = problem.elasticity.members
-        everywhere = np.ones(len(problem.surface.nodes), dtype=bool)
-        return [_face_grid("", member, contact_facets(problem, member.body), problem, fields, everywhere)]
-    grids = []
-    for number, contact in enumerate(problem.contacts):
+        return [_face_grid("", member, contact_facets(problem, member.body), problem, fields)]
+    grids, others = [], []
+    for number, (contact, names) in enumerate(zip(problem.contacts, names_of_sides(problem), strict=True)):
         member, facets = problem.elasticity.face(contact.face, "contact")
-        here = problem.surface.part == number
-        grids.append(_face_grid(contact.face, member, facets, problem, fields, here))
-    for against in dict.fromkeys(contact.against for contact in problem.contacts):
-        if against is not None:
-            grids.append(_opposite_grid(solution, against, fields, [grid.name for grid in grids]))
-    return grids
+        grids.append(_face_grid(names[0], member, facets, problem, fields, number))
+        if contact.against is not None and names[1] is not None:
+            others.append(_opposite_grid(solution, number, contact.against, names[1], fields))
+    return [*grids, *others]
+
+
+def names_of_sides(problem: PosedProblem) -> list[tuple[str, str | None]]:
+    """Names of the grids of every contact, on its face and on that opposite."""
+    return side_names((contact.face, contact.against) for contact in problem.contacts)
 
 
 def contact_facets(problem: PosedProblem, body: SingleBody) -> npt.NDArray[np.int32]:
@@ -115,36 +115,36 @@ def _face_grid(
     facets: npt.NDArray[np.int32],
     problem: PosedProblem,
     fields: Mapping[str, FloatArray],
-    here: npt.NDArray[np.bool_],
+    number: int | None = None,
 ) -> GridFields:
-    """A face with the fields of those contact points that are here; collective."""
+    """A face with the fields of the contact points of a contact, or of all; collective."""
+    here = np.ones(len(problem.surface.nodes), dtype=bool) if number is None else problem.surface.part == number
+    elsewhere = {"status": float(HELD), "face": float(number or 0)}  # without a contact point; 0 for other fields
     face, nodes = FaceGrid(member.body, facets), problem.surface.nodes[here] - member.nodes.start
     found = {}
     for field, values in fields.items():
-        everywhere = np.full((len(member.body.x), *values.shape[1:]), _NO_CONTACT.get(field, 0.0))
+        everywhere = np.full((len(member.body.x), *values.shape[1:]), elsewhere.get(field, 0.0))
         everywhere[nodes] = values[here]
-        found[field] = face.values(everywhere, np.minimum if field == "status" else middle)
+        found[field] = face.values(everywhere, BETWEEN.get(field, middle))
     return GridFields(face.grid, found, {}, name)
 
 
-def _opposite_grid(solution: Solution, against: str, fields: Mapping[str, FloatArray], taken: list[str]) -> GridFields:
-    """A face opposite in one or several pairs, with the fields carried over to it and the forces on its nodes;
-    collective."""
+def _opposite_grid(
+    solution: Solution, number: int, against: str, name: str, fields: Mapping[str, FloatArray]
+) -> GridFields:
+    """The face opposite in a pair, with the fields carried over to it and the forces on its nodes; collective."""
     problem = solution.problem
-    numbers = [number for number, contact in enumerate(problem.contacts) if contact.against == against]
-    points, here = problem.surface.points, np.isin(problem.surface.part, numbers)
+    points, here = problem.surface.points, problem.surface.part == number
     assert points.opposite is not None
     member, facets = problem.elasticity.face(against, "contact")
     face, body, mine = FaceGrid(member.body, facets), member.body, points.only(here)
     rows = points.opposite[here]
     at_points = {name: values[here] for name, values in fields.items()}
-    spread = spreading(mine, carrying(rows, mine.area))
-    found = carried(at_points, spread)
+    found = carried(at_points, spreading(mine, carrying(rows, mine.area)))
     found["contact_force"] = -spreading(mine, rows)(at_points["contact_force"])
-    found[OPPOSITE] = pair_of_nodes(problem.surface.part[here], numbers, spread)
+    found[OPPOSITE] = np.full(len(found["status"]), float(number))
     area, outward = body.positive_weights(facets)
     length = np.linalg.norm(outward, axis=1)[:, None]
     on_face = {name: values[member.nodes] for name, values in found.items()}
     on_face |= {"normal": outward / np.where(length > 0.0, length, 1.0), "area": area}
-    name = f"{against}{BESIDE}" if against in taken else against
     return GridFields(face.grid, {field: face.at(values) for field, values in on_face.items()}, {}, name)

@@ -19,17 +19,14 @@ WHOLE = "mesh"
 """Name of the only grid of a file, and of its group with `geometry` and `topology` in `Mesh`."""
 
 OPPOSITE = "opposite_of"
-"""A field of contact.xdmf that only the faces opposite in pairs have: the number of the contact whose values a node
-carries, of several the one with the largest share."""
+"""A field of contact.xdmf that only the faces opposite in pairs have: the number of the contact, the same at all
+nodes."""
 
 COINCIDENT = (
     "has several nodes at one place, of components of one mesh that touch: nodes are found by their places; give the "
     "components as bodies of coulomb.join, or [[body]]"
 )
 """Why a file cannot be read again."""
-
-BESIDE = " opposite"
-"""After the name of a face opposite in a pair whose own contact points have a grid with this name."""
 
 _AT_ONCE = 200_000  # points read at a time: no rank needs memory for the whole mesh
 

@@ -18,7 +18,7 @@ from ..model.load_step import Earlier, Energy, LoadStep, State
 from ..model.problem import ContactProblem
 from ..ranks import on_rank_0
 from . import output
-from .body_grids import collections
+from .body_grids import collections, names_of_sides
 from .history_summary import Entries, added, whole
 from .lock import locked
 from .restart import at_nodes, read_step, read_summary
@@ -113,7 +113,7 @@ class HistoryFiles:
         bodies = [(member.name, member.body.x) for member in members]
         points = problem.elasticity.x[problem.surface.nodes]
         part = problem.surface.part
-        faces = [(contact.face, points[part == number]) for number, contact in enumerate(problem.contacts)]
+        faces = [(name, points[part == number]) for number, (name, _) in enumerate(names_of_sides(problem))]
         faces = faces if collections(problem)[1] else [("", points)]
         force = at_nodes(step.contact, "contact_force", faces, comm)
         began, earlier = self._start, np.zeros_like(force)

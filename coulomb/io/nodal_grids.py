@@ -16,6 +16,9 @@ from ..fem.second_order import in_vtk_order, nodes_between
 from ..fem.xdmf_writing import FACETS, SOLIDS
 from .grid_file import GridPart
 
+BETWEEN: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {"status": np.minimum, "face": np.maximum}
+"""Fields that are whole numbers: their values between two vertices of 10-node tetrahedra; of others the means."""
+
 
 def body_grid(space: DisplacementSpace) -> GridPart:
     """The cells of a body, whose order is that of the displacements."""

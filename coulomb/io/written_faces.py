@@ -12,14 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..contact_names import sides_of
 from ..fem.joined_mesh import SEPARATOR
 from ..fem.lagrange import facet_columns
 from ..fem.mesh_groups import corners_of, local_facets
 from ..fem.xdmf_writing import FACETS
-from .field_files import BESIDE, OPPOSITE, data_of, grids_of, read_fields, refuse_misnamed
+from .field_files import OPPOSITE, data_of, grids_of, read_fields, refuse_misnamed
 from .field_names import ON_FACE, ON_OPPOSITE, VECTORS_ON_FACE
 from .matched_points import numbers
-from .run_directory import SOLUTION
+from .run_directory import OLD, SOLUTION
 from .written_bodies import Fields, WrittenBodies, WrittenBody, fits
 
 
@@ -28,7 +29,7 @@ class WrittenFace:
     """The grid of a contact face, or the one of all contact faces of a single body.
 
     Attributes:
-        name: The face; "" for all of them.
+        name: The face, or of one in several contacts "FACE against OTHER" (`side_names`); "" for all of them.
         part: The body that it is on.
         points: Its nodes among the q nodes of all these grids.
         node: Numbers of its nodes among those of all bodies.
@@ -59,15 +60,17 @@ class WrittenFace:
 
 @dataclass(frozen=True)
 class WrittenOpposite:
-    """The grid of a face opposite in one or several pairs.
+    """The grid of the face opposite in a pair.
 
     Attributes:
-        contacts: Numbers of the contacts.
+        contact: Number of the contact.
+        against: Name of the face.
         face: Its grid; its nodes are numbers among its own.
         fields: `ON_OPPOSITE` at its nodes, and their coordinates "x".
     """
 
-    contacts: tuple[int, ...]
+    contact: int
+    against: str
     face: WrittenFace
     fields: Fields
 
@@ -81,13 +84,14 @@ def read_faces(
         file: The file.
         folder: The directory of the run, for messages.
         bodies: The bodies.
-        pairs: The entry `faces` of summary.json, which names the faces opposite.
+        pairs: The entry `faces` of summary.json, which names the sides of the contacts.
 
     Raises:
         ValueError: If a file cannot be read or does not match the others.
         OSError, KeyError, IndexError, RuntimeError, TypeError: If a file is incomplete.
     """
     data, faces, opposite, read = data_of(file), [], [], []
+    masters = {master: number for number, (_, master) in enumerate(sides_of(pairs)) if master is not None}
     first = 0
     for name, group in grids_of(file).items():
         against = _is_opposite(data, group)
@@ -102,17 +106,22 @@ def read_faces(
         start = 0 if against else first
         face = _face(name, _body_of(name, bodies, folder), points, cells, start, f"{folder}: {data.name}")
         if against:
-            own = name.removesuffix(BESIDE)
-            contacts = [k for k, pair in enumerate(pairs) if isinstance(pair, dict) and pair.get("against") == own]
-            if not contacts:
-                raise ValueError(f"{folder}: summary.json: faces has no pair with {own!r}, unlike contact.xdmf")
-            opposite.append(WrittenOpposite(tuple(contacts), face, {**fields, "x": points}))
+            if name not in masters:
+                raise ValueError(f"{folder}: summary.json: faces has no pair with {name!r}, unlike contact.xdmf: {OLD}")
+            number = masters[name]
+            opposite.append(WrittenOpposite(number, pairs[number]["against"], face, {**fields, "x": points}))
         else:
             faces.append(face)
             read.append({**fields, "x": points})
             first += len(points)
     if not faces:
         raise ValueError(f"{folder}: {file.name} has no contact face")
+    slaves = [slave for slave, _ in sides_of(pairs)]
+    if faces[0].name and slaves != [face.name for face in faces]:
+        raise ValueError(
+            f"{folder}: {file.name} has the contact faces {', '.join(repr(face.name) for face in faces)}, but "
+            f"summary.json {', '.join(map(repr, slaves))}: {OLD}"
+        )
     on_face = {name: np.concatenate([fields[name] for fields in read]) for name in (*ON_FACE, "x")}
     return tuple(faces), on_face, tuple(opposite)
 

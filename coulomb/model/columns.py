@@ -12,14 +12,15 @@ def along_axes(name: str, vector: Sequence[float] | None) -> dict[str, float]:
     return {f"{name}_{axis}": value for axis, value in zip("xyz", vector or [math.nan] * 3, strict=True)}
 
 
-def face_columns(face: Mapping[str, Any]) -> dict[str, Any]:
-    """The columns of one of several contact faces, or of a pair, from its entry in summary.json."""
-    name = face["faces"][0]
+def face_columns(name: str, face: Mapping[str, Any]) -> dict[str, Any]:
+    """The columns of one of several contact faces, or of a pair, with its name in files (`side_names`), from its entry
+    in summary.json."""
     opposite = ("opposite_force", "opposite_moment") if "against" in face else ()
     return {
         **along_axes(f"{name}_force", face["force"]),
         **along_axes(f"{name}_moment", face["moment"]),
         **{column: value for what in opposite for column, value in along_axes(f"{name}_{what}", face[what]).items()},
+        f"{name}_normal_force": face["normal_force"],
         f"{name}_contact_area": face["contact_area"],
         **along_axes(f"{name}_centre_of_pressure", face["centre_of_pressure"]),
     }

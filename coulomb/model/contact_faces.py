@@ -14,6 +14,7 @@ from ..fem.deformable import Deformable
 from ..fem.obstacles import RigidFoundation
 from ..fem.pair import Pair, pair_of, pair_surface
 from ..fem.rigid_motion import RigidMotion, moved
+from ..fem.shared_nodes import lost_nodes
 from ..fem.slave_side import slave_side
 from ..fem.surface import ContactSurface, contact_surface, joined
 from ..fem.user_values import on_all_ranks
@@ -26,9 +27,13 @@ def oriented(elasticity: Deformable, contacts: Sequence[Contact]) -> tuple[tuple
     """Contacts with the slave of every pair as their face, and what was chosen in words; collective.
 
     Raises:
-        ValueError: On every rank, if a face is unknown.
+        ValueError: On every rank, if a face is unknown, or a pair given twice.
     """
     found, words = [], []
+    pairs = [{contact.face, contact.against} for contact in contacts if contact.against is not None]
+    for number, pair in enumerate(pairs):
+        if pair in pairs[:number]:
+            raise ValueError(f"contact: the pair of {' and '.join(map(repr, sorted(map(str, pair))))} is given twice")
     for contact in contacts:
         if contact.against is None:
             found.append(contact)
@@ -73,18 +78,32 @@ class ContactFaces:
         return ContactFaces(self._contacts, self._comm, foundations, self._pairs)
 
     def pair(self, number: int, elasticity: Deformable) -> Pair:
-        """The pair of faces of a contact against a deformable face; all are found at once; collective."""
+        """The pair of faces of a contact against a deformable face; all are found at once; collective.
+
+        Nodes of a face against a foundation are contact points there, others at the nearest master (`lost_nodes`).
+        """
         if number not in self._pairs:
-            taken = np.zeros(len(elasticity.x), dtype=bool)
-            for contact in self._contacts:
-                if contact.against is None:
-                    taken[elasticity.nodes(contact.face, "contact")] = True
-            for each, contact in enumerate(self._contacts):
-                if contact.against is not None:
-                    pair = pair_of(elasticity, contact.face, contact.against, contact.adjust, taken)
-                    taken[pair.points.nodes] = True
-                    self._pairs[each] = pair
+            self._pairs |= self._all_pairs(elasticity)
         return self._pairs[number]
+
+    def _all_pairs(self, elasticity: Deformable) -> dict[int, Pair]:
+        taken = np.zeros(len(elasticity.x), dtype=bool)
+        for contact in self._contacts:
+            if contact.against is None:
+                taken[elasticity.nodes(contact.face, "contact")] = True
+        left_out = {number: taken for number, contact in enumerate(self._contacts) if contact.against is not None}
+        over, found, changed = Reductions(self._comm), {}, list(left_out)
+        size = over.max(np.abs(elasticity.x).ravel())
+        while changed:
+            for each in changed:
+                contact = self._contacts[each]
+                assert contact.against is not None
+                found[each] = pair_of(elasticity, contact.face, contact.against, contact.adjust, left_out[each])
+            points = {each: (pair.points.nodes, pair.gap) for each, pair in found.items()}
+            lost = lost_nodes(points, len(taken), size)
+            changed = [each for each in lost if self._comm.allreduce(bool(np.any(lost[each])), op=MPI.LOR)]
+            left_out |= {each: left_out[each] | lost[each] for each in changed}
+        return found
 
     def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
         """Of the foundations of all faces at a time; collective."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
+from ..contact_names import named_faces
 from ..fem.constraints import HeldDirections
 from ..fem.deformable import Deformable
 from ..linalg.reductions import Reductions
@@ -242,19 +243,20 @@ def row(
         valid: Whether its answer counts.
     """
     face = numbers["totals"]
-    several = numbers["faces"] if len(numbers["faces"]) > 1 or "against" in numbers["faces"][0] else []
+    faces = named_faces(numbers["faces"])
+    several = faces if len(faces) > 1 or "against" in faces[0][1] else []
     return {
         "step": at.number,
         "time": at.time,
-        **along_axes("force", face["force"]),
-        **along_axes("moment", face["moment"]),
-        "normal_force": numbers["force_on_body"]["normal"],
+        **(along_axes("force", face["force"]) if "force" in face else {}),
+        **(along_axes("moment", face["moment"]) if "moment" in face else {}),
+        **({"normal_force": face["normal_force"]} if "normal_force" in face else {}),
         "contact_area": face["contact_area"],
-        **along_axes("centre_of_pressure", face["centre_of_pressure"]),
+        **(along_axes("centre_of_pressure", face["centre_of_pressure"]) if "centre_of_pressure" in face else {}),
         "greatest_slip": face["greatest_slip"],
         "greatest_pressure": face["greatest_pressure"],
         **{name: numbers["nodes"][name] for name in ("open", "stick", "slip")},
-        **{name: value for part in several for name, value in face_columns(part).items()},
+        **{name: value for called, part in several for name, value in face_columns(called, part).items()},
         **{name: value for part in numbers["faces"] for name, value in rotation_columns(part).items()},
         **{name: value for body in numbers.get("bodies", ()) for name, value in body_columns(body).items()},
         **{name: value for part in numbers["reactions"] for name, value in reaction_columns(part).items()},

@@ -55,6 +55,7 @@ class NodalAnswer:
         against: Of each contact face the face opposite, if it is one of a pair; else None.  Empty without pairs.
         opposite_x: Where the forces act on the faces opposite, shape (m, 3); 0 on faces against a foundation.  None
             without pairs.
+        several: Whether there are several bodies.
     """
 
     comm: MPI.Comm
@@ -74,6 +75,7 @@ class NodalAnswer:
     earlier: Accumulated
     against: tuple[str | None, ...] = ()
     opposite_x: FloatArray | None = None
+    several: bool = False
 
     @cached_property
     def scale(self) -> FloatArray:
@@ -194,7 +196,11 @@ class NodalAnswer:
 
         Force and moment (about the origin) are those on the body.  The centre of pressure is the mean position
         of the normal forces, null without any.  Slip and dissipated energy are measured from `slip_origin`.
+
+        Of several faces together there are no normal force and centre of pressure, which are about one face, and force
+        and moment only where one body touches foundations alone: forces on different bodies have no sum.
         """
+        alone = part is not None or len(self.faces) == 1
         here = self.part == part if part is not None else np.ones(len(self.part), dtype=bool)
         over, force, x = Reductions(self.comm), self.force[here], self.x[here]
         on_body, slip = self.on_body[here], (self.closure[:, 1:] / self.scale)[here]
@@ -202,13 +208,14 @@ class NodalAnswer:
         pressing = over.sum(force[:, 0])
         moving = np.hypot(slip[:, 0], slip[:, 1])
         centre = over.total(force[:, 0] @ x) / pressing if pressing > 0.0 else None
+        force_on_body = over.total(on_body.sum(axis=0)).tolist()
+        moment = over.total(np.cross(x, on_body).sum(axis=0)).tolist()
         return {
             "faces": list(self.faces) if part is None else [self.faces[part]],
-            "force": over.total(on_body.sum(axis=0)).tolist(),
-            "moment": over.total(np.cross(x, on_body).sum(axis=0)).tolist(),
-            "normal_force": pressing,
+            **({"force": force_on_body, "moment": moment} if alone or self._on_one_body else {}),
+            **({"normal_force": pressing} if alone else {}),
             "contact_area": over.sum(self.area[here][closed]),
-            "centre_of_pressure": None if centre is None else centre.tolist(),
+            **({"centre_of_pressure": None if centre is None else centre.tolist()} if alone else {}),
             "greatest_slip": max(over.max(moving[closed]), 0.0),
             "greatest_pressure": over.max(force[:, 0] / self.area[here]),
             "dissipated_energy": self._dissipated(here),
@@ -222,11 +229,7 @@ class NodalAnswer:
         counts = {"contact": np.ones(len(x)), "open": self._open, "stick": stick, "slip": slip}
         return {
             **law_numbers(self.law, self.area, self.frames, over),
-            "force_on_body": {
-                "normal": over.sum(x[:, 0]),
-                "tangential": [-over.sum(x[:, 1 + k] * self.scale[:, k]) for k in range(2)],
-                "vector": [over.sum(self.on_body[:, k]) for k in range(3)],
-            },
+            **self._force_on_body(),
             "totals": self.totals(),
             "faces": [
                 {**self.totals(part), **self._opposite(part), **self._rotation(part), **self._law_numbers(part)}
@@ -235,6 +238,21 @@ class NodalAnswer:
             "accumulated": self._accumulated_numbers(),
             "nodes": {name: int(over.sum(which.astype(float))) for name, which in counts.items()},
         }
+
+    @property
+    def _on_one_body(self) -> bool:
+        """Whether all contact is that of one body with foundations."""
+        return not self.several and not any(self.against)
+
+    def _force_on_body(self) -> dict[str, Any]:
+        """The entry of the force on the body, as far as it has a meaning (`totals`); collective."""
+        over, x, found = Reductions(self.comm), self.force, dict[str, Any]()
+        if len(self.faces) == 1:
+            found["normal"] = over.sum(x[:, 0])
+            found["tangential"] = [-over.sum(x[:, 1 + k] * self.scale[:, k]) for k in range(2)]
+        if len(self.faces) == 1 or self._on_one_body:
+            found["vector"] = [over.sum(self.on_body[:, k]) for k in range(3)]
+        return {"force_on_body": found} if found else {}
 
     def _opposite(self, part: int) -> dict[str, Any]:
         """Of a pair: the face opposite, and force and moment about the origin on it; collective."""

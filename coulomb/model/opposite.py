@@ -9,10 +9,9 @@ are those of the contact points, averaged with the weights transposed,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 
 from ..arrays import FloatArray
@@ -36,7 +35,8 @@ Spread = Callable[[FloatArray], FloatArray]
 def carried(fields: Mapping[str, FloatArray], spread: Spread) -> dict[str, FloatArray]:
     """The fields at the nodes of the master; collective.
 
-    Nodes without a contact point opposite have the status HELD, and 0 everywhere.
+    A node is open where all contact points opposite are; else the larger share of those that touch decides between
+    stick and slip.  Nodes without a contact point opposite have the status HELD, and 0 everywhere.
 
     Args:
         fields: At the contact points, shapes (m,) or (m, 3).
@@ -46,29 +46,15 @@ def carried(fields: Mapping[str, FloatArray], spread: Spread) -> dict[str, Float
     shares = spread(np.column_stack([status == code for code in (OPEN, STICK, SLIP)]).astype(float))
     total = shares.sum(axis=1)
     there = total > 0.0
-    shares = np.round(shares / np.where(there, total, 1.0)[:, None], 9)  # of equal shares always the same
+    _, sticking, slipping = np.round(shares / np.where(there, total, 1.0)[:, None], 9).T  # equal ones always stick
     found: dict[str, FloatArray] = {}
     for name in CARRIED:
         values = fields[name].reshape(len(status), 3 if fields[name].ndim == 2 else 1)  # no -1: a rank may have none
         mean = spread(values) / np.where(there, total, 1.0)[:, None]
         mean = -mean if name in _TURNED else mean
         found[name] = mean.reshape(-1, *fields[name].shape[1:])
-    found["status"] = np.where(there, np.array([OPEN, STICK, SLIP])[np.argmax(shares, axis=1)], HELD).astype(float)
-    return found
-
-
-def pair_of_nodes(part: npt.NDArray[np.int64], numbers: Sequence[int], spread: Spread) -> FloatArray:
-    """Which of the contacts has the largest share of each node of the master, the first where none has; collective.
-
-    Args:
-        part: The contact of every point, shape (m,).
-        numbers: Those with this master.
-        spread: By the matrix W.
-    """
-    shares = spread(np.column_stack([part == number for number in numbers]).astype(float))
-    largest = np.max(shares, axis=1, initial=0.0)[:, None]
-    largest[largest <= 0.0] = 1.0
-    found: FloatArray = np.asarray(numbers, dtype=np.float64)[np.argmax(np.round(shares / largest, 9), axis=1)]
+    touching = np.where(slipping > sticking, SLIP, STICK)
+    found["status"] = np.where(there, np.where(shares[:, 1:].any(axis=1), touching, OPEN), HELD).astype(float)
     return found
 
 

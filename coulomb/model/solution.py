@@ -84,6 +84,7 @@ class Solution:
             earlier=problem.state.accumulated,
             against=tuple(contact.against for contact in problem.contacts),
             opposite_x=surface.points.opposite_average(problem.elasticity.x),
+            several=len(problem.elasticity.members) > 1,
         )
 
     @cached_property
@@ -113,7 +114,7 @@ class Solution:
     def reactions(self) -> tuple[Resultant, ...]:
         """Force and moment of every clamp, prescribed displacement and spring on the body, in their order; collective.
 
-        With the loads and the contact forces on the body (`at_nodes.totals()`) they add up to zero.
+        With the loads and the contact forces on a body (`at_nodes.totals()`) they add up to zero.
         """
         return self.acting.reactions
 

@@ -29,7 +29,6 @@ from ...fem.rigid_motion import RigidMotion, moved
 from ...fem.surface import plane_of_face, way_along
 from ...fem.temperature import TEMPERATURE
 from ...solvers.laws import FrictionLaw
-from ..field_files import BESIDE
 from ..matched_points import midpoints, places
 from ..run_directory import SOLUTION, SUMMARY, RunDirectory
 from ..run_files import WrittenRun
@@ -38,6 +37,7 @@ from ..written_bodies import WrittenBody
 from ..written_case import written_case
 from ..written_faces import midpoints_of_facets
 from .comparison import Comparison
+from .face_nodes import face_names
 
 _SOURCE = "the case"
 
@@ -94,12 +94,19 @@ class CaseReference:
 
     def orient(self, run: WrittenRun) -> None:
         """Take the slave of every pair to be the face that has the contact points in the files."""
-        opposite = {number: one.face for one in run.opposite for number in one.contacts}
+        master, slave = {one.contact: one.against for one in run.opposite}, face_names(run)
         for number, contact in enumerate(self.contacts):
             against = contact.against
-            if against is not None and number in opposite and len(run.faces) > number:
-                if run.faces[number].name == against and opposite[number].name.removesuffix(BESIDE) == contact.face:
-                    self.contacts[number] = replace(contact, face=against, against=contact.face)
+            if (
+                against is not None
+                and number < len(slave)
+                and (slave[number], master.get(number))
+                == (
+                    against,
+                    contact.face,
+                )
+            ):
+                self.contacts[number] = replace(contact, face=against, against=contact.face)
 
     def rigid_motions(self, time: float) -> list[RigidMotion]:
         """Of the foundations of the faces at a time."""
@@ -270,7 +277,7 @@ class CaseReference:
 
     def _faces_of_grids(self, run: WrittenRun, found: Comparison) -> npt.NDArray[np.int64] | None:
         """The same where every face has its own grid."""
-        opposite = {number: one.face for one in run.opposite for number in one.contacts}
+        opposite = {one.contact: one.face for one in run.opposite}
         grids = [
             (contact.face, run.faces[k] if k < len(run.faces) else None) for k, contact in enumerate(self.contacts)
         ]

@@ -15,7 +15,6 @@ from ...fem.rigid_motion import Spin
 from ...model.accumulated import Accumulated
 from ...model.nodal_answer import NodalAnswer
 from ...solvers.laws import FrictionLaw
-from ..field_files import BESIDE
 from ..run_files import WrittenRun
 
 
@@ -138,6 +137,7 @@ class FaceNodes:
             earlier=Accumulated(*self.earlier.T),
             against=against_of(run),
             opposite_x=self.opposite @ run.body.x if run.opposite else None,
+            several=len(run.body.parts) > 1,
         )
 
 
@@ -160,6 +160,5 @@ def against_of(run: WrittenRun) -> tuple[str | None, ...]:
     """Of every contact face the face opposite, if it is one of a pair."""
     found: list[str | None] = [None] * len(face_names(run))
     for opposite in run.opposite:
-        for number in opposite.contacts:
-            found[number] = opposite.face.name.removesuffix(BESIDE)
+        found[opposite.contact] = opposite.against
     return tuple(found)

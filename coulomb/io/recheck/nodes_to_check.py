@@ -26,7 +26,7 @@ from ..written_faces import WrittenFace
 from .case_reference import CaseReference
 from .comparison import Comparison
 from .face_nodes import FaceNodes, face_names
-from .written_pair import GAPS, LAW, TANGENTS, compare_axes, everywhere, on_face, pair_nodes, report
+from .written_pair import GAPS, LAW, TANGENTS, compare_axes, everywhere, on_face, pair_nodes, report, written_pairs
 
 _NEARLY_HELD = 0.9
 """Without a case, the normal of a held node is that of its facets, which is only near the foundation's."""
@@ -60,18 +60,18 @@ def face_nodes(
     count = len(case.contacts) if case is not None else len(face_names(run))
     said = np.round(run.on_face["face"]).astype(np.int64)
     found.field("contact.xdmf: face", run.on_face["face"], said.astype(float), run.on_face["x"], "whole numbers")
-    opposite = {number: one for one in run.opposite for number in one.contacts}
+    opposite = {one.contact: one for one in run.opposite}
     grids = [facets_of(run, facet_part, number) for number in range(count)]
-    taken = np.zeros(len(run.body.x), dtype=bool)  # nodes that are contact points of no further pair
+    taken = np.zeros(len(run.body.x), dtype=bool)  # nodes that are contact points of no pair
     for number, (face, facets) in enumerate(grids):
         if number not in opposite:
             taken[face.part.nodes.start + face.part.body.nodes_of(facets)] = True
+    pairs = written_pairs(run, case, {number: grids[number] for number in opposite}, opposite, taken)
     faces = []
     for number, grid in enumerate(grids):
         given = (run, case, time, slip_rate, number, *grid, said == number)
         if number in opposite:
-            faces.append(pair_nodes(*given, opposite[number], taken, found))
-            taken[run.node[faces[-1].index]] = True
+            faces.append(pair_nodes(*given, opposite[number], pairs[number], found))
         else:
             faces.append(_face(*given, found))
     parts = {name: [vars(face)[name] for face in faces] for name in vars(faces[0])}

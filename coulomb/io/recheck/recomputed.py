@@ -43,7 +43,7 @@ class Probing(Protocol):
         u: FloatArray,
         answer: NodalAnswer,
         nodes: npt.NDArray[np.int64],
-        taken: Callable[[FloatArray], FloatArray],
+        taken: Callable[..., FloatArray],
     ) -> list[dict[str, Any]]:
         """Their entries in summary.json.
 
@@ -51,7 +51,7 @@ class Probing(Protocol):
             u: Displacement of the run's nodes in metres, shape (k, 3).
             answer: The answer at its contact nodes.
             nodes: Their numbers, shape (m,).
-            taken: Replaces numbers by perturbed ones.
+            taken: Replaces numbers by perturbed ones; besides perhaps the largest number of their kind.
         """
         ...
 

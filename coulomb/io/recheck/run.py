@@ -13,6 +13,7 @@ from ...model.accumulated import ACCUMULATED
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
 from ..matched_points import midpoints
+from ..nodal_grids import BETWEEN
 from ..run_directory import SUMMARY
 from ..run_files import WrittenRun, read_run
 from .case_reference import CaseReference
@@ -263,11 +264,8 @@ def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], f
     for name, values in run.on_face.items():
         if name != "x" and len(middle):
             one, other = values[ends[0]], values[ends[1]]
-            expected, source = (
-                (np.minimum(one, other), "the smaller of its two vertices")
-                if name == "status"
-                else (0.5 * (one + other), "the mean of its two vertices")
-            )
+            expected = BETWEEN[name](one, other) if name in BETWEEN else 0.5 * (one + other)
+            source = "its two vertices"
             found.field(f"contact.xdmf: {name} between vertices", values[middle], expected, x[middle], source)
     none = ~run.touching
     none[middle] = False

@@ -9,7 +9,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...model.evidence import pair_actions
 from ...model.nodal_answer import NodalAnswer
-from ...model.opposite import carried, carrying, pair_of_nodes
+from ...model.opposite import carried, carrying
 from ..field_files import OPPOSITE
 from ..run_files import WrittenRun
 from ..written_faces import WrittenOpposite
@@ -28,7 +28,7 @@ def opposite_fields(run: WrittenRun, nodes: FaceNodes, answer: NodalAnswer, othe
         answer: The answer there.
         other: The face.
     """
-    here = np.isin(nodes.part, other.contacts)
+    here = nodes.part == other.contact
     rows = nodes.opposite[here]
     weights = carrying(rows, nodes.area[here])
     fields = {name: values[here] for name, values in answer.fields().items()}
@@ -37,7 +37,7 @@ def opposite_fields(run: WrittenRun, nodes: FaceNodes, answer: NodalAnswer, othe
         return np.asarray(weights.T @ values)
 
     at_nodes = carried(fields, spread)
-    at_nodes[OPPOSITE] = pair_of_nodes(nodes.part[here], other.contacts, spread)
+    at_nodes[OPPOSITE] = np.full(len(at_nodes["status"]), float(other.contact))
     at_nodes["contact_force"] = -(rows.T @ fields["contact_force"])
     body, local = other.face.part.body, other.face.node - other.face.part.nodes.start
     area, outward = (values[local] for values in body.positive_weights(other.face.number))
@@ -57,7 +57,7 @@ def written_actions(run: WrittenRun, nodes: FaceNodes, forces: FloatArray) -> Fl
     x = run.body.x - run.body.x.mean(axis=0)
     found = []
     for other in run.opposite:
-        mine = nodes.only(nodes.written & np.isin(nodes.part, other.contacts))
+        mine = nodes.only(nodes.written & (nodes.part == other.contact))
         on_points = forces[mine.index]
         slave, master = np.zeros_like(x), np.zeros_like(x)
         np.add.at(slave, run.node, mine.weights.T @ on_points)

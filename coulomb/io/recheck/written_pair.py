@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +14,7 @@ from ...arrays import FloatArray
 from ...fem.contact_frames import HELD_BEYOND, held_length, supported_frames
 from ...fem.facet_patch import facet_patch
 from ...fem.mortar import MortarRows, mortar_rows
+from ...fem.shared_nodes import lost_nodes
 from ...fem.symmetric_pair import held_on_both, planes_of_symmetry, shares, within
 from ...model.accumulated import ACCUMULATED
 from ...solvers.laws import FrictionLaw
@@ -22,6 +24,9 @@ from ..written_faces import WrittenFace, WrittenOpposite
 from .case_reference import CaseReference
 from .comparison import Comparison
 from .face_nodes import FaceNodes
+
+WrittenRows = tuple[MortarRows, FloatArray, FloatArray]
+"""Contact points of a pair, projectors across planes of symmetry, and normals (`written_rows`)."""
 
 LAW = ("friction", "cohesion")
 """Fields of contact.xdmf with the law of friction."""
@@ -43,11 +48,11 @@ def pair_nodes(
     facets: npt.NDArray[np.int32],
     said: npt.NDArray[np.bool_],
     other: WrittenOpposite,
-    taken: npt.NDArray[np.bool_],
+    rows_there: WrittenRows,
     found: Comparison,
 ) -> FaceNodes:
     """The contact points of a pair, whose averages over both faces are integrated anew on the written meshes."""
-    rows, mirrored, n = written_rows(run, face, facets, other, taken)
+    rows, mirrored, n = rows_there
     apart = rows.gap(n)
     count, start = len(run.node), other.face.part.nodes.start
     index, weights = on_face(rows.node, rows.weights, face, count)
@@ -95,13 +100,45 @@ def pair_nodes(
     return FaceNodes(index, weights, opposite, mirrored, part, written, *measured)
 
 
+def written_pairs(
+    run: WrittenRun,
+    case: CaseReference | None,
+    grids: Mapping[int, tuple[WrittenFace, npt.NDArray[np.int32]]],
+    opposite: Mapping[int, WrittenOpposite],
+    taken: npt.NDArray[np.bool_],
+) -> dict[int, WrittenRows]:
+    """The `written_rows` of all pairs, by the number of the contact, with every node at the nearest master.
+
+    Args:
+        run: The files.
+        case: The case, if there is one.
+        grids: The grid of every slave face, and its facets.
+        opposite: The faces opposite.
+        taken: Nodes that are contact points against a foundation, shape (k,).
+    """
+    rows: dict[int, WrittenRows] = {}
+    left_out, changed, size = {number: taken for number in grids}, list(grids), float(np.max(np.abs(run.body.x)))
+    while changed:
+        rows |= {number: written_rows(run, *grids[number], opposite[number], left_out[number]) for number in changed}
+        points = {}
+        for number, (found, _, n) in rows.items():
+            adjust = 0.0 if case is None else case.contacts[number].adjust
+            start = grids[number][0].part.nodes.start
+            gap = found.gap(n)
+            points[number] = start + found.node, np.where(np.abs(gap) <= adjust, 0.0, gap)
+        lost = lost_nodes(points, len(taken), size)
+        changed = [number for number in lost if np.any(lost[number])]
+        left_out |= {number: left_out[number] | lost[number] for number in changed}
+    return rows
+
+
 def written_rows(
     run: WrittenRun,
     face: WrittenFace,
     facets: npt.NDArray[np.int32],
     other: WrittenOpposite,
     taken: npt.NDArray[np.bool_],
-) -> tuple[MortarRows, FloatArray, FloatArray]:
+) -> WrittenRows:
     """The contact points of a pair, with the averages over both faces; nodes are numbers in the body of each.  Besides
     the projectors across planes of symmetry, shape (m, 3, 3), and the normals in these, shape (m, 3).
 

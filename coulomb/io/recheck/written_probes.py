@@ -45,11 +45,20 @@ class WrittenProbes:
         u: FloatArray,
         answer: NodalAnswer,
         nodes: npt.NDArray[np.int64],
-        taken: Callable[[FloatArray], FloatArray],
+        taken: Callable[..., FloatArray],
     ) -> list[dict[str, Any]]:
-        """Their entries in summary.json (`recomputed.Probing`)."""
-        found = self._located.values(u, answer, nodes)
-        return [replace(value, found_at=taken(value.found_at)).entry() for value in found]
+        """Their entries in summary.json (`recomputed.Probing`).  The weights by which nodal values are interpolated
+        are rounded: where a value nearly vanishes, those around decide how accurate it is."""
+        pressed = answer.force[:, 0] / answer.area
+        largest = [float(np.max(np.abs(values), initial=0.0)) for values in (u, answer.slip, pressed)]
+        entries = []
+        for value in self._located.values(u, answer, nodes):
+            moved = taken(value.displacement, largest[0])
+            slip = None if value.slip is None else taken(value.slip, largest[1])
+            pressure = None if value.pressure is None else float(taken(np.array(value.pressure), largest[2]))
+            rounded = replace(value, found_at=taken(value.found_at), displacement=moved, slip=slip, pressure=pressure)
+            entries.append(rounded.entry())
+        return entries
 
 
 def _of_summary(run: WrittenRun) -> Sequence[Probe]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ...contact_names import sides_of
 from .files import Run
 from .units import number, quantity, vector
 
@@ -26,11 +27,12 @@ def forces(run: Run) -> Table:
     if "reactions" not in summary:
         return []
     rows = [_row(_named(part), part) for part in (*summary["loads"], *summary["reactions"])]
-    for face in summary.get("faces", ()):
-        rows.append(_row(f"contact at {face['faces'][0]}", face))
-        if "against" in face:
+    faces = summary.get("faces", ())
+    for (name, against), face in zip(sides_of(faces), faces, strict=True):
+        rows.append(_row(f"contact at {name}", face))
+        if against is not None:
             opposite = {"force": face["opposite_force"], "moment": face["opposite_moment"]}
-            rows.append(_row(f"contact at {face['against']}, opposite", opposite))
+            rows.append(_row(f"contact at {against}, opposite", opposite))
     rows += [(f"left over on {body['name']}", number(body["balance"], 2), "") for body in summary.get("bodies", ())]
     return [*rows, ("left over, relative to the largest", number(summary["balance"], 2), "")]
 

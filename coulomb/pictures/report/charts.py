@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 
+from ...contact_names import named_faces
 from ..plotting import ZONES
 from .files import Rows, Run
 from .given import values_in_time
@@ -68,15 +69,23 @@ def _measured_rate(axis: Any, number: Any, residual: Any, rate: float | None) ->
 
 
 def forces(run: Run) -> str:
-    """For a load history: force on the body and energies against time."""
+    """For a load history: force on the body, or of several contacts the normal force of each if their forces have no
+    sum, and energies against time."""
     rows, time = run.rows, _column(run.rows, "time")
     figure, axes = _figure(2)
-    parts = [_column(rows, f"force_{axis}") for axis in "xyz"]
-    factor, unit = scale_of(max(float(np.max(np.abs(part))) for part in parts), "N")
-    for part, axis, style in zip(parts, "xyz", ("o-", "s-", "^-"), strict=True):
-        colour = {"x": _SECOND, "y": _THIRD, "z": _FIRST}[axis]
-        axes[0].plot(time, part / factor, style, color=colour, markersize=3, label=f"along {axis}")
-    axes[0].set(xlabel="time, s", ylabel=f"contact force on the body, {unit}")
+    if "force_x" in rows[0]:
+        what, styles = "contact force on the body", ("o-", "s-", "^-")
+        parts = [
+            (f"along {axis}", _column(rows, f"force_{axis}"), (colour, style))
+            for axis, colour, style in zip("xyz", (_SECOND, _THIRD, _FIRST), styles, strict=True)
+        ]
+    else:
+        what, pressing = "normal contact force", _normal_forces(run)
+        parts = [(name, force, look) for (name, force), look in zip(pressing.items(), _CURVES, strict=False)]
+    factor, unit = scale_of(max(float(np.max(np.abs(part))) for _, part, _ in parts), "N")
+    for label, part, (colour, style) in parts:
+        axes[0].plot(time, part / factor, style, color=colour, markersize=3, label=label)
+    axes[0].set(xlabel="time, s", ylabel=f"{what}, {unit}")
     names = {"loads": "loads", "prescribed": "prescribed displacements", "foundation": "foundation"}
     curves = {names.get(name, name): _column(rows, f"energy_{name}") for name in (*names, "elastic", "dissipated")}
     factor, unit = scale_of(max(float(np.max(np.abs(curve))) for curve in curves.values()), "J")
@@ -92,6 +101,14 @@ def forces(run: Run) -> str:
         _legend(axis)
         axis.margins(x=0.02)
     return _svg(figure, "Force and energy against time")
+
+
+def _normal_forces(run: Run) -> dict[str, Any]:
+    """Normal force of every contact at every step, by name; by "" of the only one."""
+    if "normal_force" in run.rows[0]:
+        return {"": _column(run.rows, "normal_force")}
+    names = [name for name, _ in named_faces(run.summary["faces"])]
+    return {name: _column(run.rows, f"{name}_normal_force") for name in names}
 
 
 def reactions(run: Run) -> str:
@@ -181,17 +198,23 @@ def force_displacement(run: Run) -> str:
     figure, (tangential, normal) = _figure(2)
     driven = drive[:, axis]
     length, length_unit = scale_of(float(np.max(np.abs(driven))), "m")
-    along = _column(run.rows, f"force_{'xyz'[axis]}")
-    pressing = _column(run.rows, "normal_force")
-    for panel, force, label, colour in (
-        (tangential, along, f"contact force along {'xyz'[axis]}", _SECOND),
-        (normal, pressing, "normal contact force", _FIRST),
+    pressing = _normal_forces(run)
+    column = f"force_{'xyz'[axis]}"
+    along = {"": _column(run.rows, column)} if column in run.rows[0] else {}
+    along = along or {name: _column(run.rows, f"{name}_{column}") for name in pressing}
+    for panel, forces_, label, shift in (
+        (tangential, along, f"contact force along {'xyz'[axis]}", 1),
+        (normal, pressing, "normal contact force", 0),
     ):
-        factor, unit = scale_of(float(np.max(np.abs(force))), "N")
-        panel.plot(driven / length, force / factor, "o-", color=colour, markersize=3)
-        for k in thinned(len(driven), 8)[:-1]:
-            ends = [(driven[j] / length, force[j] / factor) for j in (k, min(k + 1, len(driven) - 1))]
-            panel.annotate("", ends[1], ends[0], arrowprops={"arrowstyle": "->", "color": colour})
+        looks = (*_CURVES[shift:], *_CURVES[:shift])
+        factor, unit = scale_of(max(float(np.max(np.abs(force))) for force in forces_.values()), "N")
+        for (name, force), (colour, style) in zip(forces_.items(), looks, strict=False):
+            panel.plot(driven / length, force / factor, style, color=colour, markersize=3, label=name)
+            for k in thinned(len(driven), 8)[:-1]:
+                ends = [(driven[j] / length, force[j] / factor) for j in (k, min(k + 1, len(driven) - 1))]
+                panel.annotate("", ends[1], ends[0], arrowprops={"arrowstyle": "->", "color": colour})
+        if len(forces_) > 1:
+            _legend(panel)
         panel.set(xlabel=f"{what} along {'xyz'[axis]}, {length_unit}", ylabel=f"{label}, {unit}")
     return _svg(figure, f"Contact force against {what}")
 

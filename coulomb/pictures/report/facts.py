@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ...contact_names import named_faces
 from . import rotating_foundations
 from .bodies import bodies_and_meshes
 from .files import Run
@@ -80,7 +81,8 @@ def _of_fields(run: Run) -> Facts:
 def _contact(run: Run) -> Facts:
     given = (run.case or {}).get("contact", {})
     contacts = given if isinstance(given, list) else [given]
-    faces = (run.summary.get("totals") or {}).get("faces") or [contact.get("face", "") for contact in contacts]
+    faces = [name for name, _ in named_faces(run.summary.get("faces") or ())]
+    faces = faces or [contact.get("face", "") for contact in contacts]
     named = f"contact {'faces' if len(faces) > 1 else 'face'}"
     facts = [(named, f"{', '.join(faces)}; {in_nodes(run.summary['nodes']['contact'], 'contact')}")]
     changing = [contact for contact in contacts if _changing_friction(contact, "")]
@@ -149,17 +151,20 @@ def totals(run: Run) -> Facts:
     rows = [(f"contact force on {body['name']}", vector(body["contact_force"], "N", 5)) for body in bodies] or [
         ("contact force on the body", vector(summary["force_on_body"]["vector"], "N", 5))
     ]
+    faces = named_faces(summary.get("faces", ()))
+    for name, face in faces:
+        of = f" of {name}" if len(faces) > 1 else ""
+        rows.append((f"normal force{of}", quantity(face["normal_force"], "N", 6)))
     rows += [
-        ("normal force", quantity(summary["force_on_body"]["normal"], "N", 6)),
         ("largest contact pressure", quantity(largest["contact_pressure"], "Pa", 5)),
         ("largest displacement", quantity(largest["displacement"], "m", 5)),
     ]
     if totals:
         rows[1:1] = [] if bodies else [("moment about the origin", vector(totals["moment"], "N m", 5))]
-        rows += [
-            ("area in contact", quantity(totals["contact_area"], "m²")),
-            ("centre of pressure", vector(totals["centre_of_pressure"], "m") if totals["centre_of_pressure"] else "–"),
-        ]
+        rows.append(("area in contact", quantity(totals["contact_area"], "m²")))
+        if "centre_of_pressure" in totals:
+            centre = totals["centre_of_pressure"]
+            rows.append(("centre of pressure", vector(centre, "m") if centre else "–"))
         in_step = " in the last step" if run.is_history else ""
         rows += [
             (f"largest slip{in_step}", quantity(totals["greatest_slip"], "m")),

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
+from ...contact_names import AGAINST
 from ...io.field_files import OPPOSITE, WHOLE, Block, Grid
 from ..plotting import match
 
@@ -21,9 +22,10 @@ _ELSEWHERE = {"status": 3.0, OPPOSITE: -1.0}
 
 
 def merged(grids: Mapping[str, Grid]) -> Grid:
-    """All grids of a file as one, with the fields of all; the only grid of a file as it is."""
+    """All grids of a file as one, with the fields of all and every face once; the only grid of a file as it is."""
     if list(grids) == [WHOLE]:
         return grids[WHOLE]
+    grids = _each_face_once(grids)
     parts = list(grids.values())
     width = max(part.cells.shape[1] for part in parts)
     first_points = np.cumsum([0, *(len(part.points) for part in parts)])
@@ -55,7 +57,29 @@ def merged(grids: Mapping[str, Grid]) -> Grid:
     )
 
 
-def _everywhere(name: str, parts: list[Grid]) -> FloatArray:
+def _each_face_once(grids: Mapping[str, Grid]) -> dict[str, Grid]:
+    """The grids of a file, those of a face in several contacts as one (`_together`)."""
+    of_face: dict[str, list[Grid]] = {}
+    for name, grid in grids.items():
+        of_face.setdefault(name.partition(AGAINST)[0] if "status" in grid.fields else name, []).append(grid)
+    return {face: parts[0] if len(parts) == 1 else _together(parts) for face, parts in of_face.items()}
+
+
+def _together(parts: Sequence[Grid]) -> Grid:
+    """A face in several contacts: every node has the values of the contact whose contact point it is, else of those
+    that it is opposite to the one with the largest pressure."""
+    touching = [np.round(part.fields["status"]) != _ELSEWHERE["status"] for part in parts]
+    ranking = [
+        np.where(here, part.fields["pressure"] if OPPOSITE in part.fields else np.inf, -1.0)
+        for part, here in zip(parts, touching, strict=True)
+    ]
+    count = len(parts[0].points)
+    chosen = count * np.argmax(ranking, axis=0) + np.arange(count)
+    names = dict.fromkeys(name for part in parts for name in part.fields)
+    return parts[0]._replace(fields={name: _everywhere(name, parts)[chosen] for name in names})
+
+
+def _everywhere(name: str, parts: Sequence[Grid]) -> FloatArray:
     """A field on all grids."""
     here = next(part for part in parts if name in part.fields)
     on_cells = len(here.fields[name]) == len(here.cells) != len(here.points)
@@ -159,10 +183,8 @@ def _shifts(body: Grid, contact: Grid) -> dict[str, FloatArray]:
     rows, wanted = [], []
     for name, block in faces.items():
         of = contact.fields.get(OPPOSITE, np.full(len(contact.points), -1.0))[block.points]
-        if not np.any(of >= 0.0):
-            continue
-        for pair in np.unique(of):
-            slave = next((b for b in contact.blocks if _is_face(contact, b, pair)), None)
+        for pair in np.unique(of[of >= 0.0]):
+            slave = next((b for b in contact.blocks if np.any(_on_face(contact, b, pair))), None)
             if slave is None:
                 continue
             one, other = (number.get(body_of(n)) for n in (name, slave.name))
@@ -172,7 +194,8 @@ def _shifts(body: Grid, contact: Grid) -> dict[str, FloatArray]:
             row[one], row[other] = -1.0, 1.0  # what is opposite stays, the other moves along its normal
             rows.append(row)
             moving = body.points[body.blocks[other].points]
-            wanted.append(_way_out(contact, block, contact.points[slave.points], moving))
+            face = contact.points[slave.points][_on_face(contact, slave, pair)]
+            wanted.append(_way_out(contact, np.flatnonzero(of == pair) + block.points.start, face, moving))
     if not rows:
         return {}
     steady = 1e-6 * np.eye(len(number))  # bodies in no pair stay
@@ -182,23 +205,23 @@ def _shifts(body: Grid, contact: Grid) -> dict[str, FloatArray]:
     return {name: shifts[k] for name, k in number.items()}
 
 
-def _is_face(contact: Grid, block: Block, number: float) -> bool:
-    """Whether a block has the contact of this number."""
+def _on_face(contact: Grid, block: Block, number: float) -> npt.NDArray[np.bool_]:
+    """Which points of a block are on the face of the contact of this number, not on that opposite."""
     on, of = (contact.fields[name][block.points] for name in ("face", OPPOSITE))
-    return bool(np.all(of < 0.0) and np.any(on == number))
+    return np.asarray((of < 0.0) & (on == number))
 
 
-def _way_out(contact: Grid, block: Block, face: FloatArray, body: FloatArray) -> FloatArray:
+def _way_out(contact: Grid, nodes: npt.NDArray[np.int64], face: FloatArray, body: FloatArray) -> FloatArray:
     """How a body is drawn apart from a face, metres, (3,).
 
     Args:
         contact: The faces.
-        block: The face.
+        nodes: Its points that are opposite to that body.
         face: Points of the face of the body that moves, shape (p, 3).
         body: Its nodes, shape (k, 3).
     """
-    normals, area = contact.fields["normal"][block.points], contact.fields["area"][block.points]
-    touching = have_partner(contact)[block.points]
+    normals, area = contact.fields["normal"][nodes], contact.fields["area"][nodes]
+    touching = have_partner(contact)[nodes]
     if np.any(touching):
         normals, area = normals[touching], area[touching]
     mean = area @ normals / max(float(area.sum()), 1e-300)
@@ -206,6 +229,6 @@ def _way_out(contact: Grid, block: Block, face: FloatArray, body: FloatArray) ->
         out: FloatArray = _APART * np.linalg.norm(np.ptp(face, axis=0)) * mean / np.linalg.norm(mean)
         return out
     along = np.linalg.eigh(normals.T @ (area[:, None] * normals))[1][:, 0]  # the axis of a hole
-    outward = float((body.mean(axis=0) - contact.points[block.points].mean(axis=0)) @ along)
+    outward = float((body.mean(axis=0) - contact.points[nodes].mean(axis=0)) @ along)
     pulled: FloatArray = math.copysign(1.1, outward) * float(np.ptp(body @ along)) * along
     return pulled

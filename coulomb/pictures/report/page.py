@@ -13,6 +13,7 @@ import jinja2
 import numpy as np
 from PIL import Image
 
+from ...contact_names import named_faces
 from ..plotting import ZONES
 from . import acting, charts, facts
 from .files import Run, read_run
@@ -105,6 +106,7 @@ def render(run: Run) -> str:
         pictures=_pictures(run, scale),
         charts=_charts(run),
         steps=_table(run),
+        force_in_steps=_force_in_steps(run),
         omitted=omitted,
         data=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
         style=(here / "page.css").read_text(encoding="utf-8"),
@@ -125,13 +127,19 @@ def _tiles(run: Run) -> list[tuple[str, str]]:
     """The key figures."""
     summary, nodes = run.summary, zone_counts(run.steps[-1].grid("contact"))
     totals = summary.get("totals") or {}
-    normal = summary["force_on_body"]["normal"]
-    along = sum(value**2 for value in summary["force_on_body"]["tangential"]) ** 0.5
+    on_body = summary.get("force_on_body", {})
+    at_end = " at the end" if run.is_history else ""
+    forces = []  # of several contacts they are in the tables
+    if "normal" in on_body:
+        along = sum(value**2 for value in on_body["tangential"]) ** 0.5
+        forces = [
+            (f"normal force{at_end}", quantity(on_body["normal"], "N")),
+            (f"friction force{at_end}", quantity(along, "N")),
+        ]
     zones = f"{nodes['open']} / {nodes['stick']} / {nodes['slip']}"
     if not run.is_history:
         tiles = [
-            ("normal force", quantity(normal, "N")),
-            ("friction force", quantity(along, "N")),
+            *forces,
             ("largest pressure", quantity(summary["maximum"]["contact_pressure"], "Pa")),
         ]
         if totals:
@@ -143,8 +151,7 @@ def _tiles(run: Run) -> list[tuple[str, str]]:
         (f"largest pressure, step {pressure['step']}", quantity(pressure["value"], "Pa")),
         (f"largest slip in one step, step {slip['step']}", quantity(slip["value"], "m")),
         ("dissipated, all steps", quantity(run.history["energy"]["dissipated"], "J")),
-        ("normal force at the end", quantity(normal, "N")),
-        ("friction force at the end", quantity(along, "N")),
+        *forces,
         ("open / stick / slip at the end", zones),
     ]
 
@@ -208,7 +215,7 @@ def _table(run: Run) -> list[list[str]]:
         [
             f"{int(row['step'])}",
             in_seconds(row["time"]),
-            vector([row["force_x"], row["force_y"], row["force_z"]], "N"),
+            _forces_of(row),
             quantity(row["greatest_pressure"], "Pa"),
             " / ".join(str(zone_counts(step.grid("contact"))[zone]) for zone in ("open", "stick", "slip")),
             quantity(row["energy_dissipated"], "J"),
@@ -218,6 +225,20 @@ def _table(run: Run) -> list[list[str]]:
         ]
         for row, step in zip(run.rows, run.steps, strict=False)  # a single run has no rows
     ]
+
+
+def _force_in_steps(run: Run) -> str:
+    """What `_forces_of` gives."""
+    if not run.rows or "force_x" in run.rows[0]:
+        return "contact force on the body"
+    return f"normal force of {' / '.join(name for name, _ in named_faces(run.summary['faces']))}"
+
+
+def _forces_of(row: dict[str, float]) -> str:
+    """The contact force on the body; of several contacts whose forces have no sum the normal forces."""
+    if "force_x" in row:
+        return vector([row["force_x"], row["force_y"], row["force_z"]], "N")
+    return " / ".join(quantity(value, "N") for name, value in row.items() if name.endswith("_normal_force"))
 
 
 def main(arguments: list[str]) -> str:
