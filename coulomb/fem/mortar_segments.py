@@ -78,7 +78,9 @@ def segments(slave: FacetPatch, master: FacetPatch, depth: float, reach: float) 
     share = np.bincount(cells.facet, covered, facets) / np.bincount(cells.facet, cells.area, facets)
     doubled = np.zeros(facets, dtype=bool)
     doubled[cells.facet[twice]] = True
-    mass, normal, coupling, separation, at_corners, reached, least = _Integrals(slave, master, cells, others).over(parts)
+    mass, normal, coupling, separation, at_corners, reached, least = _Integrals(slave, master, cells, others).over(
+        parts
+    )
     return Segments(mass, normal, coupling, separation, at_corners, reached, least, share, doubled)
 
 

@@ -18,6 +18,9 @@ from .laws import FrictionLaw
 from .results import Accept, ProgressCallback, SolverResult
 from .rigid_motions import MotionBasis, RigidMotions
 
+_FAR_SHORTER = 1e-3
+"""Length of the shortest rigid motion over that of an iterate's from which it is preferred."""
+
 
 @dataclass(frozen=True)
 class FrictionProblem:
@@ -193,6 +196,18 @@ class FrictionProblem:
         w = np.einsum("iab,ib->ia", roots, without.reshape(-1, 3)).ravel()
         alpha: FloatArray = basis.T.T @ (basis.T @ self.reductions.total(G @ w))
         return alpha
+
+    def shortest_motion(self, x: FloatArray, without: FloatArray, alpha: FloatArray) -> FloatArray:
+        """`rigid_motion`, if it is far shorter than alpha (q,) and the residual with it no larger; else alpha.
+
+        Where nothing resists a motion, as the spin of a ball that touches at one point, alpha is what rounding errors
+        made of it on the way.
+        """
+        shortest = self.rigid_motion(x, without)
+        if self.rigid is None or not np.linalg.norm(shortest) < _FAR_SHORTER * np.linalg.norm(alpha):
+            return alpha
+        residuals = [self.residual(x, without - self.rigid.displacement(motion)) for motion in (shortest, alpha)]
+        return shortest if residuals[0] <= residuals[1] else alpha
 
     def _closing(self, x: FloatArray) -> FloatArray:
         """Roots of the weights of `rigid_motion` at feasible forces x (m, 3), shape (m, 3, 3)."""

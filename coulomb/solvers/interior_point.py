@@ -333,18 +333,22 @@ class _Path:
             exact = self._exact(v)
             forces, force_gradient, multipliers = scaled.unscaled(exact)
             residual = problem.residual(forces, force_gradient)
+        motion = scaled.rigid_motion(exact)
+        if problem.rigid is not None:
+            motion = problem.shortest_motion(forces, scaled.displaced(exact), motion)
+            force_gradient = scaled.displaced(exact) - problem.rigid.displacement(motion)
         return SolverResult(
             x=forces,
             gradient=force_gradient,
             slip_bound=problem.slip_bound(forces),
             multipliers=multipliers,
-            status=goal.verdict(residual, forces, status, scaled.rigid_motion(exact)),
+            status=goal.verdict(residual, forces, status, motion),
             outer_steps=0,
             newton_steps=0,
             products=0,
             residual=residual,
             history=(),
             method=settings.name,
-            rigid=scaled.rigid_motion(exact),
+            rigid=motion,
             equilibrium=away,
         )

@@ -301,8 +301,12 @@ class _Iteration(ProductImages):
     def _result(
         self, x: FloatArray, A_x: FloatArray, alpha: FloatArray, history: list[SemismoothStep], status: Status
     ) -> SolverResult:
-        forces, motion = self._problem.completed(x.ravel()), self._motion(alpha)
+        problem, forces, motion = self._problem, self._problem.completed(x.ravel()), self._motion(alpha)
         gradient = self._a * self._w(A_x, alpha)
+        if problem.rigid is not None:
+            without = (self._a * (A_x - self._b)).ravel()
+            motion = problem.shortest_motion(forces, without, motion)
+            gradient = (without - problem.rigid.displacement(motion)).reshape(-1, 3)
         residual = self._problem.residual(forces, gradient.ravel())
         multipliers = np.column_stack([gradient[:, 0], np.hypot(gradient[:, 1], gradient[:, 2])])
         return SolverResult(
