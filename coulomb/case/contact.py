@@ -171,12 +171,18 @@ class ContactTable(Table):
     gap_amplitude: AmplitudeTable | None = None
     against: Name | None = None
     adjust: Clearance = 0.0
+    smooth: bool = False
+    surface: FoundationTable | None = None
+    against_surface: FoundationTable | None = None
 
     @model_validator(mode="after")
     def _one_thing_to_touch(self) -> ContactTable:
         if self.against is None:
             if self.adjust:
                 raise ValueError("adjust goes with against: it closes gaps between two meshes; for foundations use gap")
+            given = {"smooth", "surface", "against_surface"} & self.model_fields_set
+            if given:
+                raise ValueError(f"{', '.join(sorted(given))} goes with against: it is for gaps between two meshes")
             return self
         if self.against == self.face:
             raise ValueError("against must be another face than face")
@@ -244,7 +250,7 @@ class ContactTable(Table):
             self.face,
             self._friction(),
             self._coefficient("slip_stress"),
-            self.foundation.foundation() if self.foundation is not None else None,
+            _surface(self.foundation),
             self.normals,
             motion_of(self.motion),
             self._coefficient("cohesion"),
@@ -255,6 +261,9 @@ class ContactTable(Table):
             amplitude_of(self.gap_amplitude),
             self.against,
             self.adjust,
+            self.smooth,
+            _surface(self.surface),
+            _surface(self.against_surface),
         )
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:
@@ -302,6 +311,10 @@ class ContactTable(Table):
             return values
 
         return by_region
+
+
+def _surface(table: FoundationTable | None) -> RigidFoundation | None:
+    return None if table is None else table.foundation()
 
 
 def _pair(friction: FrictionValue) -> tuple[float | str, float | str]:

@@ -13,12 +13,16 @@ from . import compat
 from .displacement_space import DisplacementSpace
 from .facet_functions import FacetKind
 from .lagrange import lagrange_points, lagrange_values
+from .obstacles import RigidFoundation
 
 STRAIGHT = 1e-10
 """Distortion below which the map of a facet is taken as affine."""
 
 _CREASE = 0.9
 """Cosine of the angle between a facet and the mean of those around a corner below which the face has an edge there."""
+
+_OFF_SURFACE = 0.1
+"""Distance of a corner from a given surface over its facet's diameter above which that is the wrong surface."""
 
 
 @dataclass(frozen=True)
@@ -30,12 +34,15 @@ class FacetPatch:
         nodes: Global numbers of the nodes of every facet, in VTK's order, counterclockwise seen from outside; (f, n).
         x: Their coordinates in metres, shape (f, n, 3).
         size: Number of nodes of the space in all.
+        curved: Nodes of second-order facets through the surface for which the facets stand, in VTK's order, metres,
+            shape (f, 6 or 9, 3): between them gaps are measured.  None: the facets themselves.
     """
 
     kind: FacetKind
     nodes: npt.NDArray[np.int64]
     x: FloatArray
     size: int
+    curved: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -94,8 +101,8 @@ class FacetPatch:
         """How far the middle of every facet is from the smooth face for which the facets may stand, metres, shape (f,).
 
         The smooth face has the mean normals n_k of the facets around the nodes: to second order the middle is off by
-        1/2 of the mean of ((x_k - x) . n_k) n_k.  0 of second-order facets, and at edges between facets that differ
-        by more than about 50 degrees.
+        1/2 of the mean of ((x_k - x) . n_k) n_k.  0 of second-order facets, where `curved` is known, and at edges
+        between facets that differ by more than about 50 degrees.
         """
         normals = np.zeros((self.size, 3))
         np.add.at(normals, self.nodes, np.broadcast_to(self.middle_vectors[:, None], self.x.shape))
@@ -109,14 +116,12 @@ class FacetPatch:
 
     def sagittas_with(self, n: FloatArray) -> FloatArray:
         """`sagittas` with the sums of `middle_vectors` of the facets around the nodes of each, shape (f, n, 3)."""
-        if self.kind.degree == 2 or not len(self):
+        if self.kind.degree == 2 or self.curved is not None or not len(self):
             return np.zeros(len(self))
-        area = self.middle_vectors
         n = n / np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-300)
-        aslant = np.einsum("fki,fi->fk", n, area) < _CREASE * np.linalg.norm(area, axis=1)[:, None]
         away = np.einsum("fki,fki->fk", self.x - self.x.mean(axis=1, keepdims=True), n)
         sagittas: FloatArray = 0.5 * np.linalg.norm((away[:, :, None] * n).mean(axis=1), axis=1)
-        return np.where(np.any(aslant, axis=1), 0.0, sagittas)
+        return np.where(self._creased(n), 0.0, sagittas)
 
     @property
     def multiplier_columns(self) -> npt.NDArray[np.int64]:
@@ -125,7 +130,71 @@ class FacetPatch:
 
     def only(self, which: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> FacetPatch:
         """Some of the facets."""
-        return replace(self, nodes=self.nodes[which], x=self.x[which])
+        curved = None if self.curved is None else self.curved[which]
+        return replace(self, nodes=self.nodes[which], x=self.x[which], curved=curved)
+
+    @property
+    def second_order(self) -> FacetKind:
+        """The kind of facets with the nodes `curved`."""
+        return FacetKind(self.kind.corners, 2)
+
+    def on_surface(self, surface: RigidFoundation) -> FacetPatch:
+        """The facets with `curved` on a surface, whose nearest points they have.
+
+        Raises:
+            ValueError: If a corner is farther from it than a tenth of its facet.
+        """
+        if not len(self):
+            return replace(self, curved=self._in_second_order)
+        x = self.x[:, : self.kind.corners].reshape(-1, 3)
+        off = np.abs(surface.signed_distance(x)) / np.repeat(self.diameters, self.kind.corners)
+        if np.max(off) > _OFF_SURFACE:
+            where = ", ".join(f"{c:.6g}" for c in x[np.argmax(off)])
+            raise ValueError(
+                f"has a node off the surface given for it by {100 * np.max(off):.3g} % of its facet, at x = {where}: "
+                "give the surface on which its nodes are"
+            )
+        places = self._in_second_order.reshape(-1, 3)
+        for _ in range(2):  # signed distances may be so to first order only
+            places = places - surface.signed_distance(places)[:, None] * surface.normal(places)
+        return replace(self, curved=places.reshape(len(self), -1, 3))
+
+    def smoothed(self, n: FloatArray) -> FacetPatch:
+        """The facets with `curved` on the smooth surface with these normals at the corners.
+
+        To second order the middle of an edge is off by 1/2 of the mean of ((x_k - x) . n_k) n_k over its ends.
+
+        Args:
+            n: Sums of `middle_vectors` of the facets around the corners of each, shape (f, corners, 3).
+        """
+        if self.kind.degree == 2:
+            return self
+        n, straight, count = n / np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-300), self.x, self.kind.corners
+        ends = np.stack([np.arange(count), np.roll(np.arange(count), -1)], axis=1)
+        half = 0.5 * (straight[:, ends[:, 0]] - straight[:, ends[:, 1]])
+        rise = [sign * np.einsum("fei,fei->fe", half, n[:, ends[:, k]]) for k, sign in enumerate((1.0, -1.0))]
+        offset = 0.25 * sum(r[:, :, None] * n[:, ends[:, k]] for k, r in enumerate(rise))
+        offset[self._creased(n)] = 0.0
+        if count == 4:
+            offset = np.concatenate([offset, 0.5 * offset.sum(axis=1, keepdims=True)], axis=1)
+        curved = self._in_second_order
+        curved[:, count:] += offset
+        return replace(self, curved=curved)
+
+    @property
+    def _in_second_order(self) -> FloatArray:
+        """Nodes of second-order facets of the same shape, (f, 6 or 9, 3)."""
+        points = self.second_order.points
+        values = np.stack(self.kind.values(points[:, 0], points[:, 1]))
+        places: FloatArray = np.einsum("nq,fni->fqi", values, self.x)
+        return places
+
+    def _creased(self, n: FloatArray) -> npt.NDArray[np.bool_]:
+        """Facets that differ by more than about 50 degrees from those beside them, by unit normals n at the corners."""
+        area = self.middle_vectors
+        aslant = np.einsum("fki,fi->fk", n, area) < _CREASE * np.linalg.norm(area, axis=1)[:, None]
+        creased: npt.NDArray[np.bool_] = np.any(aslant, axis=1)
+        return creased
 
 
 def facet_patch(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> FacetPatch:

@@ -169,7 +169,9 @@ class _Integrals:
         values, normal = at_points(self._slave.kind, slave, p, cells.start[one], straight)
         master = cells.seen(one, self._master.x[others.facet[other]])
         theirs, _ = at_points(self._master.kind, master, p, others.start[other], straight)
-        distance = (theirs @ master[:, :, 2:] - values @ slave[:, :, 2:]) * cells.radius[one][:, None, None]
+        ends = self._heights(self._master, others.facet[other], one, theirs, master)
+        starts = self._heights(self._slave, cells.facet[one], one, values, slave)
+        distance = (ends - starts) * cells.radius[one][:, None, None]
         normal /= normal[:, :, 2:]  # in the frame of the cell: its third component is the area in the plane
         length = np.linalg.norm(normal, axis=2)
         area = rule[1] * (doubled * cells.radius[one] ** 2)[:, None] * length
@@ -179,6 +181,25 @@ class _Integrals:
             [values, theirs, normal, way], axis=2
         )
         return product, distance[:, :, 0]
+
+    def _heights(
+        self, patch: FacetPatch, facet: IntArray, one: IntArray, values: FloatArray, seen: FloatArray
+    ) -> FloatArray:
+        """Heights of points of facets in the frames of slave cells, shape (t, q, 1).
+
+        Args:
+            patch: The facets.
+            facet: That of every triangle, shape (t,).
+            one: The slave cells, shape (t,).
+            values: The functions of the facets at the points, shape (t, q, n).
+            seen: Their nodes in the frames, shape (t, n, 3).
+        """
+        if patch.curved is None:
+            return values @ seen[:, :, 2:]
+        if patch.kind.degree == 1:
+            ends = ([1], [2]) if patch.kind.corners == 3 else ([1, 2], [2, 3])
+            values = np.stack(patch.second_order.values(*(values[:, :, end].sum(axis=2) for end in ends)), axis=2)
+        return values @ self._cells.seen(one, patch.curved[facet])[:, :, 2:]
 
 
 def _with_corners(points: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -111,7 +111,8 @@ def _near(like: FacetPatch, rows: Rows, largest: float) -> NearFace:
     """Facets with numbers of nodes among themselves."""
     numbers, inverse = np.unique(rows["nodes"], return_inverse=True)
     nodes = inverse.reshape(rows["nodes"].shape).astype(np.int64)
-    patch = FacetPatch(like.kind, nodes, rows["x"].copy(), len(numbers))
+    curved = None if like.curved is None else rows["curved"].copy()
+    patch = FacetPatch(like.kind, nodes, rows["x"].copy(), len(numbers), curved)
     return NearFace(patch, numbers, rows["sagitta"].copy(), largest)
 
 
@@ -127,16 +128,33 @@ def _with_sagittas(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> Rows:
     """This rank's facets as rows, with their number over all ranks and their sagittas; collective."""
     width = patch.kind.width
     kinds = [("key", "i8"), ("sagitta", "f8"), ("nodes", "i8", (width,)), ("x", "f8", (width, 3))]
+    if patch.curved is not None:
+        kinds.append(("curved", "f8", (patch.second_order.width, 3)))
     rows = np.zeros(len(patch), dtype=kinds)
     rows["key"] = starts_of(comm, len(patch))[comm.rank] + np.arange(len(patch))
     rows["nodes"], rows["x"] = patch.nodes, patch.x
-    if patch.kind.degree == 1:
-        to = Exchange(comm, owner_of(starts, patch.nodes.ravel()))
-        node = to.send(patch.nodes.ravel()) - starts[comm.rank]
-        normals = np.zeros((int(starts[comm.rank + 1] - starts[comm.rank]), 3))
-        np.add.at(normals, node, to.send(np.repeat(patch.middle_vectors, width, axis=0)))
-        rows["sagitta"] = patch.sagittas_with(fetched(comm, starts, patch.nodes.ravel(), normals).reshape(-1, width, 3))
+    if patch.curved is not None:
+        rows["curved"] = patch.curved
+    elif patch.kind.degree == 1:
+        rows["sagitta"] = patch.sagittas_with(normals_at_nodes(patch, starts, comm))
     return rows
+
+
+def normals_at_nodes(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> FloatArray:
+    """Sums of `FacetPatch.middle_vectors` of the facets of all ranks around the nodes of each, shape (f, n, 3);
+    collective.
+
+    Args:
+        patch: This rank's facets, with global numbers of nodes.
+        starts: The first node of every rank, and the number of all.
+        comm: The ranks.
+    """
+    nodes = patch.nodes.ravel()
+    to = Exchange(comm, owner_of(starts, nodes))
+    node = to.send(nodes) - starts[comm.rank]
+    normals = np.zeros((int(starts[comm.rank + 1] - starts[comm.rank]), 3))
+    np.add.at(normals, node, to.send(np.repeat(patch.middle_vectors, patch.kind.width, axis=0)))
+    return fetched(comm, starts, nodes, normals).reshape(-1, patch.kind.width, 3)
 
 
 def _around(rows: Rows, starts: IntArray, comm: MPI.Comm) -> Rows:

@@ -20,10 +20,12 @@ from ..arrays import FloatArray
 from .contact_frames import FrictionAxes, supported_frames
 from .contact_points import ContactPoints, among_all
 from .deformable import Deformable
+from .displacement_space import DisplacementSpace
 from .exchange import Exchange, fetched, owner_of, starts_of
 from .facet_patch import FacetPatch, facet_patch
 from .mortar import LEAST_SHARE, MortarRows, mortar_rows
-from .near_facets import NearFace, NearPair, near_pair
+from .near_facets import NearFace, NearPair, near_pair, normals_at_nodes
+from .obstacles import RigidFoundation
 from .slave_side import clamped_nodes
 from .surface import ContactSurface, matrices_of
 from .symmetric_pair import mirrored, planes_of_symmetry, within
@@ -35,6 +37,48 @@ _ROUNDING = 1e-14
 
 _SEEN = 1e-7
 """Penetrations before deformation below this part of the extent of the slave face are not worth a remark."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What the facets of a pair stand for, where gaps are measured.
+
+    Attributes:
+        smooth: First-order facets stand for the smooth surface with the mean normals at their corners.
+        slave: The surface of the slave face; None: its facets.
+        master: That of the master face.
+    """
+
+    smooth: bool = False
+    slave: RigidFoundation | None = None
+    master: RigidFoundation | None = None
+
+
+NO_SHAPE = Shape()
+"""Facets stand for themselves."""
+
+
+def curved_patch(
+    space: DisplacementSpace, facets: npt.NDArray[np.int32], surface: RigidFoundation | None, smooth: bool, what: str
+) -> FacetPatch:
+    """The facets of a face that this rank owns, with the surface for which they stand; collective.
+
+    Args:
+        space: The displacements.
+        facets: This rank's boundary facets of the face.
+        surface: The surface, if it is known.
+        smooth: Whether it is to be made from the normals of the facets otherwise.
+        what: The face in words, for messages.
+
+    Raises:
+        ValueError: On every rank, if nodes are off the surface.
+    """
+    patch, comm = facet_patch(space, facets), space.comm
+    if surface is not None:
+        return on_all_ranks(lambda: patch.on_surface(surface), what, comm)
+    if not smooth or patch.kind.degree == 2:
+        return patch
+    return patch.smoothed(normals_at_nodes(patch, starts_of(comm, space.numbering.local), comm))
 
 
 @dataclass(frozen=True)
@@ -68,6 +112,7 @@ def pair_of(
     against: str,
     adjust: float = 0.0,
     taken: npt.NDArray[np.bool_] | None = None,
+    shape: Shape = NO_SHAPE,
 ) -> Pair:
     """The geometry of a pair; collective.
 
@@ -81,14 +126,22 @@ def pair_of(
         against: The master face.
         adjust: Gaps and penetrations up to this size in metres are taken to be 0.
         taken: Which of this rank's nodes are contact points already, shape (k,).
+        shape: What the facets stand for.
 
     Raises:
-        ValueError: On every rank, if a face is unknown, or no part of one is opposite to the other.
+        ValueError: On every rank, if a face is unknown, its nodes are off the surface given for it, or no part of one
+            is opposite to the other.
     """
     comm = elasticity.comm
     (slave, on_slave), (master, on_master) = elasticity.face(face, "contact"), elasticity.face(against, "contact")
     body, numbering = slave.body, slave.body.numbering
-    patches = facet_patch(body, on_slave), facet_patch(master.body, on_master)
+    patches = [
+        curved_patch(space, facets, surface, shape.smooth, f"contact face {name!r}")
+        for space, facets, surface, name in (
+            (body, on_slave, shape.slave, face),
+            (master.body, on_master, shape.master, against),
+        )
+    ]
     clamped = clamped_nodes(body, on_slave)
     on_face = body.nodes_of(on_slave)
     twice = np.empty(0, dtype=np.int64) if taken is None else on_face[taken[slave.nodes][on_face]].astype(np.int64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -11,6 +11,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray, is_number
 from ..fem.contact_frames import FrictionAxes, supported_frames
 from ..fem.obstacles import RigidFoundation
+from ..fem.pair import Shape
 from ..fem.rigid_motion import RigidMotion, Rotation, rigid_motion
 from ..fem.surface import Normals
 from ..fem.user_values import (
@@ -59,6 +60,11 @@ class Contact:
         against: In place of a foundation, another deformable face, of another body ("lower:top") or of the same.
         adjust: Gaps and penetrations between two deformable faces up to this size in metres, as meshes leave them where
             surfaces are the same, are closed before deformation, without strain.
+        smooth: The facets of first order of a pair stand for smooth surfaces, with the mean normals at their corners,
+            when its gap is measured.
+        surface: The surface for which the facets of the face stand when the gap of a pair is measured: a `Cylinder`, a
+            `Sphere` or any signed distance that is 0 there.  Its nodes must be on it.
+        against_surface: That of the face `against`.
 
     Raises:
         ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
@@ -79,6 +85,9 @@ class Contact:
     gap_amplitude: Amplitude = 1.0
     against: str | None = None
     adjust: float = 0.0
+    smooth: bool = False
+    surface: RigidFoundation | None = None
+    against_surface: RigidFoundation | None = None
 
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):
@@ -89,6 +98,8 @@ class Contact:
             self._refuse_foundation()
         elif self.adjust:
             raise ValueError("contact: adjust is for faces against a deformable face; for foundations use gap")
+        elif self.smooth or self.surface is not None or self.against_surface is not None:
+            raise ValueError("contact: smooth and surface are for faces against a deformable face: give `against`")
         if self.rotation is not None and not isinstance(self.rotation, Rotation):
             raise ValueError(f"contact: rotation must be a Rotation(point, axis, angle), but is {self.rotation!r}")
         if self.cohesion is not None and self.friction is None:
@@ -125,6 +136,18 @@ class Contact:
         unscaled = is_number(self.gap_amplitude, -np.inf) and self.gap_amplitude == 1.0
         if not (unscaled or callable(self.gap) or self.gap):
             raise ValueError("contact: gap_amplitude is a factor of gap, which is not given")
+
+    def exchanged(self) -> Contact:
+        """The same pair with its other face as the slave."""
+        assert self.against is not None
+        return replace(
+            self, face=self.against, against=self.face, surface=self.against_surface, against_surface=self.surface
+        )
+
+    @property
+    def shape(self) -> Shape:
+        """What the facets of the pair stand for."""
+        return Shape(self.smooth, self.surface, self.against_surface)
 
     def _refuse_foundation(self) -> None:
         if not isinstance(self.against, str):

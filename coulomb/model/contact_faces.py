@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -39,7 +38,7 @@ def oriented(elasticity: Deformable, contacts: Sequence[Contact]) -> tuple[tuple
             found.append(contact)
             continue
         slave, master, why = slave_side(elasticity, contact.face, contact.against)
-        found.append(replace(contact, face=slave, against=master))
+        found.append(contact if slave == contact.face else contact.exchanged())
         words.append(f"contact of {slave!r} with {master!r}: contact points on the first, since {why}")
     return tuple(found), tuple(words)
 
@@ -98,7 +97,9 @@ class ContactFaces:
             for each in changed:
                 contact = self._contacts[each]
                 assert contact.against is not None
-                found[each] = pair_of(elasticity, contact.face, contact.against, contact.adjust, left_out[each])
+                found[each] = pair_of(
+                    elasticity, contact.face, contact.against, contact.adjust, left_out[each], contact.shape
+                )
             points = {each: (pair.points.nodes, pair.gap) for each, pair in found.items()}
             lost = lost_nodes(points, len(taken), size)
             changed = [each for each in lost if self._comm.allreduce(bool(np.any(lost[each])), op=MPI.LOR)]

@@ -7,7 +7,6 @@ the matrices that the solver uses.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -106,7 +105,7 @@ class CaseReference:
                     contact.face,
                 )
             ):
-                self.contacts[number] = replace(contact, face=against, against=contact.face)
+                self.contacts[number] = contact.exchanged()
 
     def rigid_motions(self, time: float) -> list[RigidMotion]:
         """Of the foundations of the faces at a time."""

@@ -12,8 +12,8 @@ import scipy.sparse
 
 from ...arrays import FloatArray
 from ...fem.contact_frames import HELD_BEYOND, held_length, supported_frames
-from ...fem.facet_patch import facet_patch
 from ...fem.mortar import MortarRows, mortar_rows
+from ...fem.pair import NO_SHAPE, Shape, curved_patch
 from ...fem.shared_nodes import lost_nodes
 from ...fem.symmetric_pair import held_on_both, planes_of_symmetry, shares, within
 from ...model.accumulated import ACCUMULATED
@@ -119,7 +119,9 @@ def written_pairs(
     rows: dict[int, WrittenRows] = {}
     left_out, changed, size = {number: taken for number in grids}, list(grids), float(np.max(np.abs(run.body.x)))
     while changed:
-        rows |= {number: written_rows(run, *grids[number], opposite[number], left_out[number]) for number in changed}
+        for number in changed:
+            shape = NO_SHAPE if case is None else case.contacts[number].shape
+            rows[number] = written_rows(run, *grids[number], opposite[number], left_out[number], shape)
         points = {}
         for number, (found, _, n) in rows.items():
             adjust = 0.0 if case is None else case.contacts[number].adjust
@@ -138,12 +140,13 @@ def written_rows(
     facets: npt.NDArray[np.int32],
     other: WrittenOpposite,
     taken: npt.NDArray[np.bool_],
+    shape: Shape,
 ) -> WrittenRows:
     """The contact points of a pair, with the averages over both faces; nodes are numbers in the body of each.  Besides
     the projectors across planes of symmetry, shape (m, 3, 3), and the normals in these, shape (m, 3).
 
     Nodes whose displacement along their normal is prescribed have no contact point, nor have those that are contact
-    points of another face, `taken` (k,).
+    points of another face, `taken` (k,).  `shape` is what the facets stand for.
 
     Raises:
         ValueError: If the outward normals around a contact point cancel.
@@ -152,7 +155,13 @@ def written_rows(
     nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
     n = outward[nodes] / np.maximum(np.linalg.norm(outward[nodes], axis=1), 1e-300)[:, None]
     clamped = nodes[held_length(n, held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
-    slave, master = facet_patch(body, facets), facet_patch(other.face.part.body, other.face.number)
+    slave, master = (
+        curved_patch(space, on, surface, shape.smooth, "contact.h5")
+        for space, on, surface in (
+            (body, facets, shape.slave),
+            (other.face.part.body, other.face.number, shape.master),
+        )
+    )
     twice = nodes[taken[face.part.nodes][nodes]]
     rows = mortar_rows(slave, master, (0, len(body.x)), left_out=np.union1d(clamped, twice).astype(np.int64))
     planes = planes_of_symmetry(rows.normal, held.projector_at(rows.node), rows.node, slave)
