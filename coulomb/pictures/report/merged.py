@@ -171,8 +171,8 @@ def _shifts(body: Grid, contact: Grid) -> dict[str, FloatArray]:
             row = np.zeros(len(number))
             row[one], row[other] = -1.0, 1.0  # what is opposite stays, the other moves along its normal
             rows.append(row)
-            moving = body.points[body.blocks[other].points]
-            wanted.append(_way_out(contact, block, contact.points[slave.points], moving))
+            staying, moving = (body.points[body.blocks[k].points] for k in (one, other))
+            wanted.append(_way_out(contact, block, contact.points[slave.points], staying, moving))
     if not rows:
         return {}
     steady = 1e-6 * np.eye(len(number))  # bodies in no pair stay
@@ -188,24 +188,28 @@ def _is_face(contact: Grid, block: Block, number: float) -> bool:
     return bool(np.all(of < 0.0) and np.any(on == number))
 
 
-def _way_out(contact: Grid, block: Block, face: FloatArray, body: FloatArray) -> FloatArray:
+def _way_out(
+    contact: Grid, block: Block, face: FloatArray, staying: FloatArray, body: FloatArray
+) -> FloatArray:
     """How a body is drawn apart from a face, metres, (3,).
 
     Args:
         contact: The faces.
         block: The face.
         face: Points of the face of the body that moves, shape (p, 3).
-        body: Its nodes, shape (k, 3).
+        staying: Nodes of the body that stays, shape (j, 3).
+        body: Nodes of the body that moves, shape (k, 3).
     """
     normals, area = contact.fields["normal"][block.points], contact.fields["area"][block.points]
     touching = have_partner(contact)[block.points]
     if np.any(touching):
         normals, area = normals[touching], area[touching]
     mean = area @ normals / max(float(area.sum()), 1e-300)
-    if np.linalg.norm(mean) >= 0.3:
+    through = float((body.mean(axis=0) - staying.mean(axis=0)) @ mean) < 0.0  # as a dovetail, held by undercut flanks
+    if np.linalg.norm(mean) >= 0.3 and not through:
         out: FloatArray = _APART * np.linalg.norm(np.ptp(face, axis=0)) * mean / np.linalg.norm(mean)
         return out
-    along = np.linalg.eigh(normals.T @ (area[:, None] * normals))[1][:, 0]  # the axis of a hole
+    along = np.linalg.eigh(normals.T @ (area[:, None] * normals))[1][:, 0]  # the axis of a hole or of a slot
     outward = float((body.mean(axis=0) - contact.points[block.points].mean(axis=0)) @ along)
     pulled: FloatArray = math.copysign(1.1, outward) * float(np.ptp(body @ along)) * along
     return pulled

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ...arrays import FloatArray
 from ...io.field_files import Grid
 from ..plotting import ZONES, corners_in, nice, patches, polygons, renderer, skin_of, without
-from .camera import Camera, beside, framing
+from .camera import Camera, beside, framing, looking_at
 from .files import Run, Step
 from .first_order import contact_points
 from .merged import drawn_apart, nodes_in_body, opposite, outward
@@ -44,6 +44,7 @@ _EDGES = {
 _OBLIQUE = ("contact", "iso", "below")  # the others are along an axis: without perspective
 _BODY, _EDGE, _FACE_EDGE = "#f2f0eb", "#c8c5be", "#8a8a8a"
 _LINED = 15_000  # facets up to which their edges are drawn: on finer ones lines would cover the colours
+_THROUGH = 0.6  # strength of colours that are seen through a body
 _TIP = 0.07  # radius of an arrow's tip over its length
 _ARROWS = 22  # along the largest extent of the contact face
 _INK = "#202020"
@@ -127,11 +128,23 @@ def shoot(step: Step, look: Look, size: tuple[int, int] = (1500, 1100), camera: 
     """
     camera = camera or camera_of([step], look, size)
     plotter = plotter_for(camera.size)
-    paint(plotter, step, look)
+    bodies = paint(plotter, step, look)
     camera.aim(plotter)
     pixels = plotter.screenshot(return_img=True, transparent_background=True)
+    if bodies is not None:
+        bodies.SetVisibility(False)
+        plotter.render()
+        pixels = _shown_through(pixels, plotter.screenshot(return_img=True, transparent_background=True))
     plotter.close()
     return Shot(np.asarray(pixels, dtype=np.uint8), camera.axes)
+
+
+def _shown_through(whole: npt.NDArray[np.uint8], faces: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """A picture in which the contact faces are seen through what hides them, from pictures with and without bodies."""
+    share = _THROUGH * (faces[:, :, 3:] / 255.0)
+    mixed: npt.NDArray[np.uint8] = np.rint((1.0 - share) * whole + share * faces).astype(np.uint8)
+    mixed[:, :, 3] = whole[:, :, 3]
+    return mixed
 
 
 def camera_of(steps: Sequence[Step], look: Look, size: tuple[int, int]) -> Camera:
@@ -144,9 +157,10 @@ def camera_of(steps: Sequence[Step], look: Look, size: tuple[int, int]) -> Camer
         if look.field.vector and look.field.file == "contact":
             tails, along = _arrows_of(contact, body, look)
             seen += [tails + along + _TIP * np.abs(along).max(initial=0.0) * side for side in (*np.eye(3), *-np.eye(3))]
-    contact = steps[-1].grid("contact")
-    direction, up = _direction(look.view, contact)
-    return framing(np.concatenate(seen), direction, up, size, parallel=look.view not in _OBLIQUE)
+    points, parallel = np.concatenate(seen), look.view not in _OBLIQUE
+    ways = _directions(look.view, steps[-1].grid("contact"))
+    cameras = [framing(points, direction, up, size, parallel) for direction, up in ways]
+    return max(cameras, key=lambda camera: camera.size[1] / camera.opening)  # the largest picture
 
 
 def _shown(step: Step, look: Look) -> tuple[Grid, Grid]:
@@ -174,10 +188,11 @@ def plotter_for(size: tuple[int, int], window: bool = False) -> Any:
     return plotter
 
 
-def paint(plotter: Any, step: Step, look: Look) -> None:
-    """Add a state to an empty plotter and set the camera."""
+def paint(plotter: Any, step: Step, look: Look) -> Any:
+    """Add a state to an empty plotter and set the camera; returns VTK's actor of what may hide contact faces, or None."""
     pyvista, field = renderer(), look.field
     body, contact = _shown(step, look)
+    bodies = None
     displacement = body.fields["displacement"]
     in_contact = nodes_in_body(contact, body)
     points = contact.points + look.scale * displacement[in_contact]
@@ -201,7 +216,8 @@ def paint(plotter: Any, step: Step, look: Look) -> None:
     else:
         bare, lined = without(skin, in_contact[contact.cells]), skin.n_cells <= _LINED
         if bare.n_cells:  # no body if its file is missing
-            plotter.add_mesh(bare, color=_BODY, show_edges=lined, edge_color=_EDGE, ambient=0.75, diffuse=0.3)
+            plain = {"ambient": 0.75, "diffuse": 0.3, "opacity": 1.0 - _THROUGH if look.caption else 1.0}
+            bodies = plotter.add_mesh(bare, color=_BODY, show_edges=lined, edge_color=_EDGE, **plain)
         if field.zones:
             _zones(plotter, contact, points, bool(look.caption))
         else:
@@ -216,6 +232,7 @@ def paint(plotter: Any, step: Step, look: Look) -> None:
         _look(plotter, look.view, contact)
         plotter.add_text(look.caption, position=(0.02, 0.94), viewport=True, font_size=11, color=_INK)
         plotter.add_axes(color=_INK)
+    return bodies
 
 
 def _bar(field: Field, unit: str) -> dict[str, Any]:
@@ -282,27 +299,20 @@ def thinned(count: int, most: int) -> npt.NDArray[np.int64]:
 
 
 def _look(plotter: Any, view: str, contact: Grid) -> None:
-    direction, up = _direction(view, contact)
+    direction, up = _directions(view, contact)[0]
     if view not in _OBLIQUE:
         plotter.enable_parallel_projection()
     plotter.view_vector(direction, viewup=up)
 
 
-def _direction(view: str, contact: Grid) -> tuple[FloatArray, FloatArray]:
-    """Direction of a view, and upward direction."""
+def _directions(view: str, contact: Grid) -> list[tuple[FloatArray, FloatArray]]:
+    """Directions of a view to choose from, each with the upward direction: of the contact face along either side."""
     given = VIEWS[view]
     if given is not None:
-        return np.array(given[0]), np.array(given[1])
+        return [(np.array(given[0]), np.array(given[1]))]
     if np.any(opposite(contact)):
-        return beside(outward(contact))
-    return looking_at(outward(contact))
-
-
-def looking_at(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Direction of view of a face with this outward normal, inclined to it in two directions, and upward direction."""
-    along = np.eye(3)[np.argmin(np.abs(normal))]
-    across: FloatArray = np.cross(normal, along)
-    return normal + 0.25 * along + 0.6 * across, -across
+        return [beside(outward(contact))]
+    return [looking_at(outward(contact), turned) for turned in (False, True)]
 
 
 def zone_counts(contact: Grid) -> dict[str, int]:

@@ -55,7 +55,7 @@ def sheet(
         figure.text(0.03, 0.915, alarm, fontsize=11, color=ALARM, weight="bold", va="center")
     directions(figure.add_axes((0.02, 0.02, 0.11, 0.15)), shot)
     if field.zones:
-        legend(figure, zones, (0.55, 0.08))
+        legend(figure, zones, (0.55, 0.08), columns=2)
         return figure
     colour_bar(figure, field, limits, largest, (0.2, 0.085, 0.66, 0.03))
     return figure

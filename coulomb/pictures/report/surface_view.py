@@ -12,9 +12,10 @@ import numpy.typing as npt
 from ...arrays import FloatArray
 from ...io.field_files import Grid
 from ..plotting import ZONES, renderer, skin_of
+from .camera import looking_at
 from .files import Run, Step
 from .merged import nodes_in_body, outward, same_nodes
-from .scene import limits_of, looking_at
+from .scene import limits_of
 from .sheet import AXES
 from .shown_fields import named, ramp
 from .units import in_seconds, scale_of
