@@ -19,6 +19,7 @@ from coulomb.pictures import apart
 from coulomb.pictures.picture_of_run import write_with_picture
 from coulomb.pictures.plotting import ZONES
 from coulomb.pictures.report.files import read_run
+from coulomb.pictures.report.limits import Limits
 from coulomb.pictures.report.scene import Look, shoot
 from coulomb.pictures.report.shown_fields import named
 
@@ -177,5 +178,5 @@ def test_a_body_of_one_cell_has_pictures(tmp_path):
     problem.solve().write(tmp_path)
     fields = read_grid(tmp_path / "solution.xdmf").fields
     assert fields["von_mises_stress"].shape == (1,) and fields["displacement"].shape == (8, 3)
-    shot = shoot(read_run(tmp_path).steps[0], Look(named("von_mises_stress"), (0.0, 1.0), 1.0, "iso"), (60, 60))
+    shot = shoot(read_run(tmp_path).steps[0], Look(named("von_mises_stress"), Limits(0.0, 1.0), 1.0, "iso"), (60, 60))
     assert shot.pixels[:, :, 3].any()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from rich.console import Console
 
 from ..fem.deformable import Member
 from ..fem.lagrange import corner_geometry
+from ..io.accuracy import accuracy, rounded
 from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions
 from ..model.nodal_answer import law_numbers
@@ -126,17 +127,21 @@ class Display:
             self._console.print(str(self._last))
 
 
-def report(console: Console, solution: Solution, contents: dict[str, Any], target: Path | None, total: float) -> None:
-    iterations, nodes = contents["iterations"], contents["nodes"]
+def report(
+    console: Console, solution: Solution, contents: dict[str, Any], target: Path | None, total: float, tolerance: float
+) -> None:
+    """Print the last lines of a run; numbers below the accuracy that the tolerance of its solver gives as 0."""
+    iterations, nodes, least = contents["iterations"], contents["nodes"], accuracy(contents, tolerance)
     force = contents["force_on_body"]
     outer = f"{iterations['outer']} Tresca problems, " if iterations["outer"] else ""
     rate = contents["contraction"]
     contraction = f", contraction {rate:.2g}" if rate is not None and np.isfinite(rate) else ""
     seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
-    each = [f"{body['name']} ({_forces(body['contact_force'])})" for body in contents.get("bodies", ())]
-    on_body = f"contact force in N on {', '.join(each)}; normal {force['normal']:.9g} N in all"
+    each = [f"{body['name']} ({_forces(body['contact_force'], least)})" for body in contents.get("bodies", ())]
+    normal = _forces([force["normal"]], least)
+    on_body = f"contact force in N on {', '.join(each)}; normal {normal} N in all"
     if not each:
-        on_body = f"force on the body: normal {force['normal']:.9g} N, tangential ({_forces(force['tangential'])}) N"
+        on_body = f"force on the body: normal {normal} N, tangential ({_forces(force['tangential'], least)}) N"
     lines = (
         f"{contents['status']} ({contents['method']['solver']}): residual {contents['residual']:.1e}, {outer}"
         f"{iterations['path_following']} path-following steps, {iterations['products']} products{contraction}",
@@ -158,11 +163,13 @@ def report(console: Console, solution: Solution, contents: dict[str, Any], targe
         console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
 
 
-def _forces(values: Sequence[float]) -> str:
-    return ", ".join(f"{value:.9g}" for value in values)
+def _forces(values: Sequence[float], least: Mapping[str, float]) -> str:
+    return ", ".join(f"{value:.9g}" for value in rounded(values, least["N"]))
 
 
-def report_history(console: Console, history: dict[str, Any], taken: int, seconds: float, target: Path) -> None:
+def report_history(
+    console: Console, history: dict[str, Any], taken: int, seconds: float, target: Path, tolerance: float
+) -> None:
     """Print the last lines of a load history: figures of all its steps, labelled as such.
 
     Args:
@@ -171,13 +178,17 @@ def report_history(console: Console, history: dict[str, Any], taken: int, second
         taken: Load steps of this run; the others existed before (`coulomb resume`).
         seconds: Time of this run.
         target: Directory of the results.
+        tolerance: Of the solver: smaller parts of slip and energies are printed as 0.
     """
-    energy, done, largest = history["energy"], history["iterations"], history["maximum"]
+    done, largest = history["iterations"], history["maximum"]
+    least = tolerance * max(map(abs, history["energy"].values()))
+    energy = dict(zip(history["energy"], rounded(history["energy"].values(), least), strict=True))
     pressure, slip, residual = largest["contact_pressure"], largest["slip_in_a_step"], history["residual"]
+    (slid,) = rounded([slip["value"]], accuracy({}, tolerance, history)["m"])
     before = f", {history['steps'] - taken} were there before" if taken < history["steps"] else ""
     lines = (
         f"all {history['steps']} steps: largest pressure {pressure['value']:.6g} Pa (step {pressure['step']}), "
-        f"largest slip in one step {slip['value']:.6g} m (step {slip['step']}); "
+        f"largest slip in one step {slid:.6g} m (step {slip['step']}); "
         f"{done['path_following']} path-following steps, {done['products']} products, "
         f"largest residual {_figure(residual['value'])} (step {residual['step']})",
         f"energy in J since the start: loads {energy['loads']:.6g}, prescribed displacements "

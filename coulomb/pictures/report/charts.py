@@ -41,11 +41,10 @@ def convergence(run: Run) -> str:
         change = _column(rows, "change")
         _logarithmic(left, number, change, "s--", _SECOND, 3.5, "change of slip bound")
         _measured_rate(left, number, _column(rows, "residual"), run.summary.get("contraction"))
-    tolerance = ((run.case or {}).get("solver") or {}).get("tolerance", 1e-8)
     if run.case is not None:
-        left.axhline(tolerance, color=_THIRD, linewidth=1, linestyle=":")
+        left.axhline(run.tolerance, color=_THIRD, linewidth=1, linestyle=":")
         where = ("axes fraction", "data")
-        left.annotate("tolerance", (0.02, tolerance), xycoords=where, va="bottom", color=_THIRD)
+        left.annotate("tolerance", (0.02, run.tolerance), xycoords=where, va="bottom", color=_THIRD)
     left.set(xlabel=what, ylabel="relative measure")
     _legend(left)
     _decades(left, "residual 0 in every step")
@@ -71,14 +70,15 @@ def forces(run: Run) -> str:
     """For a load history: force on the body and energies against time."""
     rows, time = run.rows, _column(run.rows, "time")
     figure, axes = _figure(2)
-    parts = [_column(rows, f"force_{axis}") for axis in "xyz"]
+    parts = [_column(rows, f"force_{axis}", run.accuracy["N"]) for axis in "xyz"]
     factor, unit = scale_of(max(float(np.max(np.abs(part))) for part in parts), "N")
     for part, axis, style in zip(parts, "xyz", ("o-", "s-", "^-"), strict=True):
         colour = {"x": _SECOND, "y": _THIRD, "z": _FIRST}[axis]
         axes[0].plot(time, part / factor, style, color=colour, markersize=3, label=f"along {axis}")
     axes[0].set(xlabel="time, s", ylabel=f"contact force on the body, {unit}")
     names = {"loads": "loads", "prescribed": "prescribed displacements", "foundation": "foundation"}
-    curves = {names.get(name, name): _column(rows, f"energy_{name}") for name in (*names, "elastic", "dissipated")}
+    every, least = (*names, "elastic", "dissipated"), run.accuracy["J"]
+    curves = {names.get(name, name): _column(rows, f"energy_{name}", least) for name in every}
     factor, unit = scale_of(max(float(np.max(np.abs(curve))) for curve in curves.values()), "J")
     for (name, curve), colour in zip(curves.items(), ("#8a8a8a", _FOURTH, "#8a8a8a", _FIRST, _SECOND), strict=True):
         if np.any(curve):
@@ -129,6 +129,8 @@ def _against_time(
     figure, axes = _figure(2)
     time = _column(run.rows, "time")
     for k, (axis, (what, bare)) in enumerate(zip(axes, labels, strict=True)):
+        for pair in curves.values():
+            pair[k] = _exact(pair[k], run.accuracy[bare])
         largest = [float(np.max(np.abs(pair[k]))) for pair in curves.values() if np.any(np.isfinite(pair[k]))]
         factor, unit = scale_of(max(largest, default=0.0), bare)
         for (name, pair), (colour, style) in zip(curves.items(), _CURVES, strict=False):
@@ -157,7 +159,8 @@ def surface(run: Run) -> str:
     left.stackplot(ends, wide, colors=[colour for _, colour in zones], labels=[name for name, _ in zones], step="pre")
     left.set(xlabel="time, s", ylabel="contact nodes", ylim=(0, None))
     _legend(left)
-    pressure, slip = _column(rows, "greatest_pressure"), _column(rows, "greatest_slip")
+    pressure = _column(rows, "greatest_pressure", run.accuracy["Pa"])
+    slip = _column(rows, "greatest_slip", run.accuracy["m"])
     factor, unit = scale_of(float(np.max(np.abs(pressure))), "Pa")
     right.plot(time, pressure / factor, "o-", color=_FIRST, markersize=3)
     right.set(xlabel="time, s", ylabel=f"largest contact pressure, {unit}")
@@ -181,8 +184,8 @@ def force_displacement(run: Run) -> str:
     figure, (tangential, normal) = _figure(2)
     driven = drive[:, axis]
     length, length_unit = scale_of(float(np.max(np.abs(driven))), "m")
-    along = _column(run.rows, f"force_{'xyz'[axis]}")
-    pressing = _column(run.rows, "normal_force")
+    along = _column(run.rows, f"force_{'xyz'[axis]}", run.accuracy["N"])
+    pressing = _column(run.rows, "normal_force", run.accuracy["N"])
     for panel, force, label, colour in (
         (tangential, along, f"contact force along {'xyz'[axis]}", _SECOND),
         (normal, pressing, "normal contact force", _FIRST),
@@ -207,7 +210,8 @@ def torque(run: Run) -> str:
         (left, "torque", "angle", "torque on the foundation", "N m"),
         (right, "power", None, "power on the foundation", "W"),
     ):
-        curves = [np.asarray(_column(run.rows, f"{face}_{name}"), dtype=float) for face in faces]
+        columns = [np.asarray(_column(run.rows, f"{face}_{name}"), dtype=float) for face in faces]
+        curves = [_exact(column, run.accuracy.get(si, 0.0)) for column in columns]
         factor, unit = scale_of(float(np.max(np.abs(np.nan_to_num(curves)))), si)
         for face, curve, colour in zip(faces, curves, (_FIRST, _SECOND, _THIRD, _FOURTH), strict=False):
             along = _column(run.rows, f"{face}_{against}" if against else "time")
@@ -292,8 +296,13 @@ def _whole(*axes: Any) -> None:
         axis.get_major_locator().set_params(integer=True)
 
 
-def _column(rows: Rows, name: str) -> Any:
-    return np.array([row.get(name, np.nan) for row in rows])
+def _column(rows: Rows, name: str, least: float = 0.0) -> Any:
+    return _exact(np.array([row.get(name, np.nan) for row in rows]), least)
+
+
+def _exact(values: Any, least: float) -> Any:
+    """Values, of which those up to `least` are rounding errors of the answer and become 0."""
+    return np.where(np.abs(values) <= least, 0.0, values)
 
 
 def _figure(count: int) -> tuple[Any, Any]:

@@ -188,9 +188,7 @@ def _is_face(contact: Grid, block: Block, number: float) -> bool:
     return bool(np.all(of < 0.0) and np.any(on == number))
 
 
-def _way_out(
-    contact: Grid, block: Block, face: FloatArray, staying: FloatArray, body: FloatArray
-) -> FloatArray:
+def _way_out(contact: Grid, block: Block, face: FloatArray, staying: FloatArray, body: FloatArray) -> FloatArray:
     """How a body is drawn apart from a face, metres, (3,).
 
     Args:

@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import os
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,10 @@ from PIL import Image
 from ..plotting import ZONES
 from . import acting, charts, facts
 from .files import Run, read_run
-from .scene import Look, Shot, automatic_scale, cropped, limits_of, shoot, zone_counts
+from .limits import Bar, limits_of
+from .scene import Look, Shot, automatic_scale, cropped, shoot, zone_counts
 from .sheet import AXES
-from .shown_fields import named, ramp
+from .shown_fields import Field, named, ramp
 from .surface_view import surface_view
 from .units import in_seconds, number, quantity, scale_of, vector
 
@@ -75,7 +77,7 @@ def render(run: Run) -> str:
     data, omitted = surface_view(run, scale)
     here = Path(__file__).parent
     return environment.get_template("page.html").render(
-        title=run.directory.resolve().name,
+        title=run.title,
         passed=not alarm,
         alarm=alarm,
         verdict=facts.in_words(run),
@@ -125,26 +127,27 @@ def _tiles(run: Run) -> list[tuple[str, str]]:
     """The key figures."""
     summary, nodes = run.summary, zone_counts(run.steps[-1].grid("contact"))
     totals = summary.get("totals") or {}
+    shown = partial(quantity, accuracy=run.accuracy)
     normal = summary["force_on_body"]["normal"]
     along = sum(value**2 for value in summary["force_on_body"]["tangential"]) ** 0.5
     zones = f"{nodes['open']} / {nodes['stick']} / {nodes['slip']}"
     if not run.is_history:
         tiles = [
-            ("normal force", quantity(normal, "N")),
-            ("friction force", quantity(along, "N")),
-            ("largest pressure", quantity(summary["maximum"]["contact_pressure"], "Pa")),
+            ("normal force", shown(normal, "N")),
+            ("friction force", shown(along, "N")),
+            ("largest pressure", shown(summary["maximum"]["contact_pressure"], "Pa")),
         ]
         if totals:
-            tiles.append(("largest slip", quantity(totals["greatest_slip"], "m")))
+            tiles.append(("largest slip", shown(totals["greatest_slip"], "m")))
         return [*tiles, ("open / stick / slip", zones)]
     pressure, slip = run.history["maximum"]["contact_pressure"], run.history["maximum"]["slip_in_a_step"]
     return [
         ("steps certified", f"{run.history['certified_steps']} of {run.history['steps']}"),
-        (f"largest pressure, step {pressure['step']}", quantity(pressure["value"], "Pa")),
-        (f"largest slip in one step, step {slip['step']}", quantity(slip["value"], "m")),
-        ("dissipated, all steps", quantity(run.history["energy"]["dissipated"], "J")),
-        ("normal force at the end", quantity(normal, "N")),
-        ("friction force at the end", quantity(along, "N")),
+        (f"largest pressure, step {pressure['step']}", shown(pressure["value"], "Pa")),
+        (f"largest slip in one step, step {slip['step']}", shown(slip["value"], "m")),
+        ("dissipated, all steps", shown(run.history["energy"]["dissipated"], "J")),
+        ("normal force at the end", shown(normal, "N")),
+        ("friction force at the end", shown(along, "N")),
         ("open / stick / slip at the end", zones),
     ]
 
@@ -159,19 +162,24 @@ def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
             continue  # the stress of the user's forms is not known
         limits = limits_of(run, field)
         shot = cropped([shoot(step, Look(field, limits, scale, view), (1050, 780))])[0]
-        factor, unit = scale_of(max(map(abs, limits)), field.unit)
         entry: dict[str, Any] = {"name": name, "title": field.title[0].upper() + field.title[1:], "source": _png(shot)}
-        entry |= {"axes": _axes(shot), "zones": []}
+        entry |= {"axes": _axes(shot), "zones": [], "ramp": ", ".join(ramp(field, 17)), "bars": []}
         if field.zones:
             counts = zone_counts(step.grid("contact"))
             entry["zones"] = [(zone, colour, counts[zone]) for zone, colour in ZONES.values()]
         else:
-            entry["ramp"] = ", ".join(ramp(field, 17))
-            low, high = (bound / factor for bound in limits)
-            entry["ticks"] = [number(low + part * (high - low), 3) for part in (0.0, 0.25, 0.5, 0.75, 1.0)]
-            entry["unit"] = unit
+            grid = step.grid(field.file)
+            entry["bars"] = [_bar(field, bar) for bar in limits.bars(field.values(grid), grid)]
         found.append(entry)
     return found
+
+
+def _bar(field: Field, bar: Bar) -> dict[str, Any]:
+    """The numbers below a colour bar, and its title."""
+    factor, unit = scale_of(bar.high, field.unit)
+    places = [(1.0 - part) * bar.low + part * bar.high for part in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    title = f"{bar.of}: {field.title}" if bar.of else field.title[0].upper() + field.title[1:]
+    return {"ticks": [number(place / factor, 3) for place in places], "title": f"{title}, {unit}" if unit else title}
 
 
 def _png(shot: Shot) -> str:
@@ -204,14 +212,15 @@ def _charts(run: Run) -> dict[str, str]:
 
 def _table(run: Run) -> list[list[str]]:
     """For a load history: time, force, zones, energy of friction, certificate; a row per step."""
+    shown, vectorial = partial(quantity, accuracy=run.accuracy), partial(vector, accuracy=run.accuracy)
     return [
         [
             f"{int(row['step'])}",
             in_seconds(row["time"]),
-            vector([row["force_x"], row["force_y"], row["force_z"]], "N"),
-            quantity(row["greatest_pressure"], "Pa"),
+            vectorial([row["force_x"], row["force_y"], row["force_z"]], "N"),
+            shown(row["greatest_pressure"], "Pa"),
             " / ".join(str(zone_counts(step.grid("contact"))[zone]) for zone in ("open", "stick", "slip")),
-            quantity(row["energy_dissipated"], "J"),
+            shown(row["energy_dissipated"], "J"),
             f"{int(row['path_following'])}",
             number(row["residual"], 2),
             "FAILED" if not row["certified"] else "passed" if row.get("valid", 1.0) else "outside the theory",

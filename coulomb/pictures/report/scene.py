@@ -15,6 +15,7 @@ from ..plotting import ZONES, corners_in, nice, patches, polygons, renderer, ski
 from .camera import Camera, beside, framing, looking_at
 from .files import Run, Step
 from .first_order import contact_points
+from .limits import Limits
 from .merged import drawn_apart, nodes_in_body, opposite, outward
 from .shown_fields import Field, named
 from .units import in_seconds, number, scale_of
@@ -56,14 +57,14 @@ class Look:
 
     Attributes:
         field: The field shown by colours.
-        limits: Range of the colours, in the bare unit of the field.
+        limits: Range of the colours.
         scale: Factor of the displacement.
         view: One of `VIEWS`.
         caption: Text at the top of a window, with colour bar and axes; empty if `sheet` or the page adds these.
     """
 
     field: Field
-    limits: tuple[float, float]
+    limits: Limits
     scale: float
     view: str
     caption: str = ""
@@ -95,13 +96,6 @@ def automatic_scale(run: Run) -> float:
     if not largest > 0.0:
         return 1.0
     return nice(min(0.05 * size / largest, 0.5 / stretch if stretch > 0.0 else np.inf))
-
-
-def limits_of(run: Run, field: Field) -> tuple[float, float]:
-    """Range of the colours, the same for all steps of a run."""
-    if field.zones:
-        return 0.0, float(max(ZONES))
-    return field.limits(np.concatenate([np.ravel(field.values(step.grid(field.file))) for step in run.steps]))
 
 
 @dataclass(frozen=True)
@@ -189,7 +183,8 @@ def plotter_for(size: tuple[int, int], window: bool = False) -> Any:
 
 
 def paint(plotter: Any, step: Step, look: Look) -> Any:
-    """Add a state to an empty plotter and set the camera; returns VTK's actor of what may hide contact faces, or None."""
+    """Add a state to an empty plotter, in a window with its camera; returns VTK's actor of what may hide contact faces,
+    or None."""
     pyvista, field = renderer(), look.field
     body, contact = _shown(step, look)
     bodies = None
@@ -199,13 +194,16 @@ def paint(plotter: Any, step: Step, look: Look) -> Any:
     size = float(np.linalg.norm(np.ptp(body.points, axis=0)))
     skin = skin_of(pyvista, body, body.points + look.scale * displacement)
     face = pyvista.PolyData(points, polygons(contact.cells))
-    factor, unit = scale_of(max(map(abs, look.limits)), field.unit)
-    colours: dict[str, Any] = {"cmap": field.colours, "clim": tuple(bound / factor for bound in look.limits)}
-    colours |= {"lighting": False, "scalars": "shown", "scalar_bar_args": _bar(field, unit)}
+    limits = look.limits
+    factor, unit = scale_of(limits.high, field.unit)
+    colours: dict[str, Any] = {"cmap": field.colours, "clim": (limits.low / factor, limits.high / factor)}
+    others = limits.bars(np.zeros(len(contact.points)), contact)[1:]
+    ends = "".join(f"; of {bar.of} to {bar.high / factor:.3g}" for bar in others)
+    colours |= {"lighting": False, "scalars": "shown", "scalar_bar_args": _bar(field, unit + ends)}
     colours |= {"show_scalar_bar": bool(look.caption)}
 
     if field.file == "solution":
-        values = field.values(body) / factor
+        values = limits.exact(field.values(body)) / factor
         if len(values) == len(body.points):
             skin.point_data["shown"] = values[skin.point_data["node"]]
         else:
@@ -221,7 +219,7 @@ def paint(plotter: Any, step: Step, look: Look) -> Any:
         if field.zones:
             _zones(plotter, contact, points, bool(look.caption))
         else:
-            face.point_data["shown"] = field.values(contact) / factor
+            face.point_data["shown"] = limits.stretched(field.values(contact), contact) / factor
             plotter.add_mesh(face, show_edges=lined, edge_color=_FACE_EDGE, line_width=0.5, **colours)
         if field.zones and lined:
             lines = pyvista.PolyData(points + 1e-3 * size * contact.fields["normal"], polygons(contact.cells))
@@ -277,10 +275,11 @@ def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, Float
     One per cube of a grid over the face; the largest has nine tenths of the length of a cube.
     """
     points, vectors = contact.points, contact.fields[look.field.name]
+    vectors = vectors * (look.limits.high / np.reshape(look.limits.end_at(contact), (-1, 1)))
     largest = float(np.linalg.norm(vectors, axis=1).max())
     extent = np.ptp(points, axis=0)
     reach = float(extent.max())
-    if not largest > 0.0 or not reach > 0.0:
+    if not largest > look.limits.least or not reach > 0.0:
         return points[:0], vectors[:0]
     cell = np.sqrt(float(np.sum(contact.fields["area"])) / max(1, len(points)))
     edge = max(reach / _ARROWS, 1.2 * cell)
@@ -322,8 +321,8 @@ def zone_counts(contact: Grid) -> dict[str, int]:
 
 
 def caption(run: Run, step: Step, scale: float) -> str:
-    """Name of its directory, friction, time and the scale of the displacement in one line."""
-    parts = [f"{run.directory.resolve().name}: {friction_in_words(run.summary) if run.summary else 'friction unknown'}"]
+    """Name of the case, friction, time and the scale of the displacement in one line."""
+    parts = [f"{run.title}: {friction_in_words(run.summary) if run.summary else 'friction unknown'}"]
     if step.time is not None:
         parts.append(f"time {in_seconds(step.time)}")
     return ", ".join([*parts, f"displacement × {number(scale)}"])
