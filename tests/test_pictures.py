@@ -201,7 +201,7 @@ def test_a_thin_body_is_not_turned_inside_out(tmp_path):
 @pytest.mark.parametrize("limits", [(0.0, 189.3e6), (0.0, 7.77e-7), (-96.62e3, 96.62e3), (0.0, 1.0), (0.0, 33.0)])
 def test_ticks_are_round(limits):
     figure = Figure()
-    sheet.colour_bar(figure, named("pressure"), Bar(*limits, limits[1]), (0.2, 0.1, 0.6, 0.03))
+    sheet.colour_bar(figure, named("pressure"), Bar(*limits, *limits), (0.2, 0.1, 0.6, 0.03))
     ticks = [tick for tick in figure.axes[0].get_xticks()]
     low, high = figure.axes[0].get_xlim()
     assert 3 <= sum(low <= tick <= high for tick in ticks) <= 9

@@ -19,7 +19,8 @@ def accuracy(
     """The tolerance times the natural scale of the answer, by unit.
 
     The scales: of forces and moments the largest load, reaction or contact force; of lengths the largest displacement
-    or slip; of stresses the largest contact pressure; of energies their products.
+    or slip, or what a nodal contact force does at its node, with which solvers compare gap and slip; of stresses the
+    largest contact pressure; of energies their products.
 
     Args:
         summary: The summary of a single run, or of the last step of a load history; what it lacks counts as 0.
@@ -31,7 +32,9 @@ def accuracy(
     parts = [*summary.get("loads", ()), *summary.get("reactions", ()), *summary.get("faces", ())]
     force = _largest(forces, [on_body.get("normal")], *(part["force"] for part in parts))
     moment = _largest([force * _largest(totals.get("centre_of_pressure") or ())], *(part["moment"] for part in parts))
-    length = _largest([maximum.get("displacement"), totals.get("greatest_slip")])
+    nodes, compliance = (summary.get("nodes") or {}).get("contact") or 1, summary.get("mean_compliance") or 0.0
+    at_node = compliance * _largest([on_body.get("normal")]) / math.sqrt(nodes)
+    length = _largest([maximum.get("displacement"), totals.get("greatest_slip"), at_node])
     pressure = _largest([maximum.get("contact_pressure")])
     if history:
         most = {name: entry["value"] for name, entry in history["maximum"].items()}

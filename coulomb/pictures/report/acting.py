@@ -1,4 +1,4 @@
-"""Tables of all that acts on a body at the end of a run: loads, reactions, contact faces and probes."""
+"""Tables of what acts on a body at the end of a run: loads, reactions, contact faces, probes; and of its stresses."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+from ...io.field_files import Block
 from .files import Run
+from .shown_fields import FIELDS
 from .units import number, quantity, vector
 
 Table = list[tuple[str, ...]]
@@ -19,6 +21,9 @@ FACES = ("face", "normal force", "force on what it touches", "moment", "area", "
 
 PROBES = ("probe", "point", "contact face", "displacement", "slip", "pressure")
 """Columns of `probes`."""
+
+STRESSES = ("body", "stress", "smallest", "largest")
+"""Columns of `stresses`."""
 
 
 def forces(run: Run) -> Table:
@@ -67,6 +72,19 @@ def probes(run: Run) -> Table:
         )
         for probe in run.summary.get("probes", ())
     ]
+
+
+def stresses(run: Run) -> Table:
+    """Smallest and largest of every stress in every body; empty if it is not known."""
+    grid, rows = run.steps[-1].grid("solution"), []
+    whole = Block("the body", slice(0, len(grid.points)), slice(0, len(grid.cells)), grid.cell, 1)
+    for body in grid.blocks or (whole,):
+        for field in FIELDS:
+            if "stress" in field.name and field.name in grid.fields:
+                values = grid.fields[field.name][body.cells]
+                ends = (quantity(float(end), "Pa", accuracy=run.accuracy) for end in (values.min(), values.max()))
+                rows.append((body.name, field.title, *ends))
+    return rows
 
 
 def _named(part: Mapping[str, Any]) -> str:

@@ -20,10 +20,11 @@ _ALIKE = 4.0
 
 
 class Bar(NamedTuple):
-    """A colour bar: its range and the largest magnitude, in the bare unit, and the contacts it is of, if not of all."""
+    """A colour bar: its range, the smallest and largest value, in the bare unit, and its contacts, if not all."""
 
     low: float
     high: float
+    smallest: float
     largest: float
     of: str = ""
 
@@ -61,14 +62,15 @@ class Limits:
 
     def bars(self, values: FloatArray, grid: Grid) -> list[Bar]:
         """The colour bars for values in one state, the largest first."""
-        size = np.abs(self.exact(values))
+        values = self.exact(values)
         if not self.ends:
-            return [Bar(self.low, self.high, float(np.max(size)))]
+            return [Bar(self.low, self.high, float(np.min(values)), float(np.max(values)))]
         at, found = self.end_at(grid), []
         for end in sorted(set(self.ends), reverse=True):
             names = [name for name, own in zip(self.names, self.ends, strict=True) if own == end]
-            largest = float(np.max(size, where=at == end, initial=0.0))
-            found.append(Bar(end * self.low / self.high, end, largest, in_few(names)))
+            mine = values[at == end]
+            ends = (float(np.min(mine, initial=0.0)), float(np.max(mine, initial=0.0)))
+            found.append(Bar(end * self.low / self.high, end, *ends, in_few(names)))
         return found
 
 

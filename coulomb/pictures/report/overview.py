@@ -112,7 +112,7 @@ def _warm_up() -> None:
     shots = [shoot(cube, look, (60, 60)) for look in looks]
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    FigureCanvasAgg(_composed(shots, [Bar(0.0, 3.0, 3.0)], "0123", "", zone_counts(cube.grid("contact")))).draw()
+    FigureCanvasAgg(_composed(shots, [Bar(0.0, 3.0, 0.0, 3.0)], "0123", "", zone_counts(cube.grid("contact")))).draw()
 
 
 def main(arguments: list[str]) -> str:

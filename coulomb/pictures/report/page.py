@@ -31,6 +31,8 @@ PICTURES = (
     ("friction_use", "contact"),
     ("displacement", "iso"),
     ("von_mises_stress", "iso"),
+    ("principal_stress_1", "iso"),
+    ("principal_stress_3", "iso"),
 )
 """Fields and views of the pictures."""
 
@@ -102,6 +104,7 @@ def render(run: Run) -> str:
             "forces": (acting.FORCES, acting.forces(run)),
             "faces": (acting.FACES, acting.faces(run)),
             "probes": (acting.PROBES, acting.probes(run)),
+            "stresses": (acting.STRESSES, acting.stresses(run)),
         },
         checks=facts.checks(run),
         pictures=_pictures(run, scale),
@@ -158,8 +161,8 @@ def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
     step = run.steps[-1]
     for name, view in (*PICTURES, *(OF_HISTORIES if run.is_history else ())):
         field = named(name)
-        if field.name == "von_mises_stress" and field.name not in step.grid(field.file).fields:
-            continue  # the stress of the user's forms is not known
+        if field.name.startswith(("von_mises", "principal")) and field.name not in step.grid(field.file).fields:
+            continue  # the stress of the user's forms is not known, nor in old files all of it
         limits = limits_of(run, field)
         shot = cropped([shoot(step, Look(field, limits, scale, view), (1050, 780))])[0]
         entry: dict[str, Any] = {"name": name, "title": field.title[0].upper() + field.title[1:], "source": _png(shot)}

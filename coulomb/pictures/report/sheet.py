@@ -13,7 +13,7 @@ from ..plotting import ZONES
 from .limits import Bar
 from .scene import Shot
 from .shown_fields import Field
-from .units import in_nodes, scale_of
+from .units import in_nodes, number, scale_of
 
 BAR = 0.72
 """Height of a colour bar with its numbers and title, inches: of 150 pixels, a whole and, for films, even number."""
@@ -80,7 +80,7 @@ def colour_bar(
     Args:
         figure: The figure.
         field: The field.
-        bar: Range of the colours; its largest value is written beside it.
+        bar: Range of the colours; the largest value is written beside it, of signed values the smallest as well.
         box: Left, bottom, width and height of the bar, over those of the figure.
     """
     from matplotlib.ticker import MaxNLocator
@@ -98,7 +98,10 @@ def colour_bar(
     drawn.ax.spines["outline"].set_visible(False)
     if field.unit:
         place = (box[0] + box[2] + 0.01, box[1] + 0.5 * box[3])
-        figure.text(*place, f"max {bar.largest / factor:.4g}", fontsize=10, color=INK, va="center")
+        ends = f"max {number(bar.largest / factor)}"
+        if bar.low < 0.0:
+            ends += f"\nmin {number(bar.smallest / factor)}"
+        figure.text(*place, ends, fontsize=10, color=INK, va="center")
 
 
 def legend(figure: Any, zones: dict[str, int], middle: tuple[float, float], columns: int = 4) -> None:

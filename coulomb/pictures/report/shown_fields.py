@@ -89,6 +89,13 @@ FIELDS = (
     Field("largest_pressure", "contact", "largest pressure since the start", "Pa"),
     Field("displacement", "solution", "displacement", "m", vector=True),
     Field("von_mises_stress", "solution", "von Mises stress", "Pa"),
+    *(
+        Field(f"stress_{pair}", "solution", f"stress {pair}", "Pa", SIGNED)
+        for pair in ("xx", "yy", "zz", "yz", "xz", "xy")
+    ),
+    Field("principal_stress_1", "solution", "first (largest) principal stress", "Pa", SIGNED),
+    Field("principal_stress_2", "solution", "second principal stress", "Pa", SIGNED),
+    Field("principal_stress_3", "solution", "third (smallest) principal stress", "Pa", SIGNED),
     Field("temperature_change", "solution", "temperature change", "K", SIGNED),
 )
 
