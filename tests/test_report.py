@@ -77,7 +77,8 @@ def test_page_shows_the_problem(block):
         "clamps prescribed displacements held 0 1×10⁻⁶ ✓ ok",
     ):
         assert part in words, part
-    assert page_of(block).count("<figure>") == 6 and page_of(block).count("data:image/png") == 6
+    assert page_of(block).count("<figure>") == 8 and page_of(block).count("data:image/png") == 8
+    assert "von Mises stress" in words.partition("tension is positive")[2] and "stress xy" in words
 
 
 def test_a_run_that_failed_is_red(failed):

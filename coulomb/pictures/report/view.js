@@ -52,7 +52,7 @@ function axes() {
 /** The colour bar, or the names of the zones. */
 function legend() {
   const { title, unit, colours, zones } = state.field;
-  const [low, high] = range();
+  const [low, high] = colourRange();
   const legend = part("legend");
   legend.textContent = "";
   const add = (parent, kind, text, style = {}) => {

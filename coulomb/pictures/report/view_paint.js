@@ -36,13 +36,13 @@ function scene() {
 }
 
 /** Where the colours begin and end: of a face with much smaller values than others at its own largest. */
-const range = () => {
+const colourRange = () => {
   const share = state.field.of_faces[state.face.name] ?? 1;
   return [share * state.field.low, share * state.field.high];
 };
 const colourOf = (value) => {
   const { colours, zones } = state.field;
-  const [low, high] = range();
+  const [low, high] = colourRange();
   if (zones) return zones[Math.round(value)].colour;
   const part = Math.min(Math.max((value - low) / (high - low), 0), 1);
   return colours[Math.round(part * (colours.length - 1))];
