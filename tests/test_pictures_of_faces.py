@@ -141,8 +141,9 @@ def test_rounding_errors_get_no_colours():
 
 def test_faces_opposite_have_the_colours_of_their_pair():
     faces = contact()
+    faces.fields["face"][:3], faces.fields[OPPOSITE][3:] = 1.0, 1.0  # the pair is the second contact
     faces.fields["pressure"][:] = [1.0, 2.0, 8.0, 1.0, 2.0, 8.0, 4.0]
-    limits = Limits(0.0, 80.0, 0.0, (8.0, 80.0), ("one", "other"))
+    limits = Limits(0.0, 80.0, 0.0, (80.0, 8.0), ("one", "other"))
     assert limits.stretched(faces.fields["pressure"], faces).tolist() == [10.0, 20.0, 80.0, 10.0, 20.0, 80.0, 40.0]
 
 
