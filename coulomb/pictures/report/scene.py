@@ -214,7 +214,8 @@ def paint(plotter: Any, step: Step, look: Look) -> Any:
     else:
         bare, lined = without(skin, in_contact[contact.cells]), skin.n_cells <= _LINED
         if bare.n_cells:  # no body if its file is missing
-            plain = {"ambient": 0.75, "diffuse": 0.3, "opacity": 1.0 - _THROUGH if look.caption else 1.0}
+            window = bool(look.caption) and np.any(opposite(contact))
+            plain = {"ambient": 0.75, "diffuse": 0.3, "opacity": 1.0 - _THROUGH if window else 1.0}
             bodies = plotter.add_mesh(bare, color=_BODY, show_edges=lined, edge_color=_EDGE, **plain)
         if field.zones:
             _zones(plotter, contact, points, bool(look.caption))
@@ -227,7 +228,10 @@ def paint(plotter: Any, step: Step, look: Look) -> Any:
         if field.vector:
             _arrows(plotter, contact, body, look)
     if look.caption:
-        _look(plotter, look.view, contact)
+        camera = camera_of([step], look, tuple(plotter.window_size))
+        if camera.parallel:
+            plotter.enable_parallel_projection()
+        plotter.view_vector(camera.position - camera.focal_point, viewup=camera.up)
         plotter.add_text(look.caption, position=(0.02, 0.94), viewport=True, font_size=11, color=_INK)
         plotter.add_axes(color=_INK)
     return bodies
@@ -295,13 +299,6 @@ def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, Float
 def thinned(count: int, most: int) -> npt.NDArray[np.int64]:
     """At most `most` of `count` numbers, evenly spaced."""
     return np.arange(0, count, max(1, -(-count // most)))
-
-
-def _look(plotter: Any, view: str, contact: Grid) -> None:
-    direction, up = _directions(view, contact)[0]
-    if view not in _OBLIQUE:
-        plotter.enable_parallel_projection()
-    plotter.view_vector(direction, viewup=up)
 
 
 def _directions(view: str, contact: Grid) -> list[tuple[FloatArray, FloatArray]]:
