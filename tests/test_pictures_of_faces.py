@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from test_report_bodies import CUBE, HEXAHEDRON, UP, body, contact
 
 from coulomb.io.field_files import OPPOSITE, Grid
+from coulomb.pictures.report.acting import stresses
 from coulomb.pictures.report.files import Run
 from coulomb.pictures.report.limits import Bar, Limits, limits_of
 from coulomb.pictures.report.merged import drawn_apart, merged
@@ -204,6 +205,25 @@ def test_colour_bars_are_below_each_other(count):
 def test_sheets_have_one_size():
     figure, _ = drawn(SHOT, named("pressure"), [Bar(0.0, 1.0, 0.0, 1.0)], "", "", {})
     assert tuple(figure.get_size_inches()) == SIZE
+
+
+# --- stresses ---------------------------------------------------------------------------------------------------------
+
+
+def test_table_of_stresses():
+    """Of every body whose stress is known: of one of the user's forms the merged grid has zeros."""
+    parts = {"ours": 2.0 * CUBE, "forms": CUBE, "theirs": CUBE}
+    grids = {name: Grid("Hexahedron", HEXAHEDRON.repeat(2, axis=0), points, {}) for name, points in parts.items()}
+    for name, scale in (("ours", 1e6), ("theirs", 1e3)):
+        grids[name].fields["stress_xy"] = np.array([-2.0, 3.0]) * scale
+        grids[name].fields["principal_stress_1"] = np.array([5.0, 4.0]) * scale
+    state = State(merged(grids), contact())
+    assert stresses(run_of(state, forms={"forms": {"degree": 1}})) == [
+        ("ours", "stress xy", "−2\u202fMPa", "3\u202fMPa"),
+        ("ours", "first (largest) principal stress", "4\u202fMPa", "5\u202fMPa"),
+        ("theirs", "stress xy", "−2\u202fkPa", "3\u202fkPa"),
+        ("theirs", "first (largest) principal stress", "4\u202fkPa", "5\u202fkPa"),
+    ]
 
 
 # --- the title --------------------------------------------------------------------------------------------------------

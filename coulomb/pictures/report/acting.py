@@ -76,11 +76,11 @@ def probes(run: Run) -> Table:
 
 def stresses(run: Run) -> Table:
     """Smallest and largest of every stress in every body; empty if it is not known."""
-    grid, rows = run.steps[-1].grid("solution"), []
+    grid, rows, unknown = run.steps[-1].grid("solution"), [], run.summary.get("forms") or {}
     whole = Block("the body", slice(0, len(grid.points)), slice(0, len(grid.cells)), grid.cell, 1)
     for body in grid.blocks or (whole,):
         for field in FIELDS:
-            if "stress" in field.name and field.name in grid.fields:
+            if "stress" in field.name and field.name in grid.fields and body.name not in unknown:
                 values = grid.fields[field.name][body.cells]
                 ends = (quantity(float(end), "Pa", accuracy=run.accuracy) for end in (values.min(), values.max()))
                 rows.append((body.name, field.title, *ends))
