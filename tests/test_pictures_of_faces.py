@@ -235,6 +235,7 @@ def test_table_of_stresses():
         ("coulomb run cases/joint.toml --output results/third", "joint"),
         ("coulomb run --quiet 'my joint.toml'", "my joint"),
         ("python joint.py", "third"),
+        ("coulomb run 'joint.toml", "third"),  # changed by hand
     ],
 )
 def test_the_title_names_the_case(command, title, tmp_path):

@@ -121,14 +121,18 @@ class Run:
     @property
     def title(self) -> str:
         """Name of the case file, from the command of the run; without one that of the directory."""
-        words = shlex.split(self.made[0]["command"]) if self.made else []
-        cases = [word for word in words if word.endswith(".toml")]
+        command = self.made[0]["command"] if self.made else ""
+        try:
+            cases = [word for word in shlex.split(command) if word.endswith(".toml")]
+        except ValueError:  # changed by hand
+            cases = []
         return Path(cases[0]).stem if cases else self.directory.resolve().name
 
     @property
     def tolerance(self) -> float:
         """Of the solver."""
-        return float(((self.case or {}).get("solver") or {}).get("tolerance", TOLERANCE))
+        given = ((self.case or {}).get("solver") or {}).get("tolerance")
+        return float(given) if isinstance(given, float | int) else TOLERANCE
 
     @cached_property
     def accuracy(self) -> dict[str, float]:
