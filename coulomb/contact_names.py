@@ -33,3 +33,11 @@ def sides_of(faces: Iterable[Mapping[str, Any]]) -> list[tuple[str, str | None]]
 def named_faces(faces: Sequence[Mapping[str, Any]]) -> list[tuple[str, Mapping[str, Any]]]:
     """Name (`side_names`) and entry of every contact in the entries `faces` of a summary."""
     return [(name, face) for (name, _), face in zip(sides_of(faces), faces, strict=True)]
+
+
+def normal_forces(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Normal force of every contact in a line of history.csv, newtons, by its name, of the only one by ""."""
+    end = "normal_force"
+    if end in row:
+        return {"": row[end]}
+    return {name.removesuffix(f"_{end}"): value for name, value in row.items() if name.endswith(f"_{end}")}

@@ -28,8 +28,9 @@ from coulomb.io.recheck.directory import check
 from coulomb.model.contact_faces import contact_surface as real_surface
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 
+STRESSES = ("von_mises_stress", "stress_xz", "principal_stress_2")
 RUNS = {"hexahedra": BLOCK, "tetrahedra": WEDGE}
-ON_BODY = ("displacement", "load", "held", "prescribed", "spring", "von_mises_stress", "young", "poisson")
+ON_BODY = ("displacement", "load", "held", "prescribed", "spring", *STRESSES, "young", "poisson")
 ON_FACE = (
     *("pressure", "friction_traction", "slip", "gap", "friction_use", "contact_force", "normal", "initial_gap"),
     *(

@@ -30,8 +30,31 @@ def test_uniaxial_tension_is_exact(cell):
     u = solve(elasticity)
     exact = s / E * elasticity.x * np.array([1.0, -nu, -nu])
     assert np.abs(u - exact).max() <= 1e-10 * np.abs(exact).max()
-    stress = elasticity.von_mises(elasticity.function(u)).x.array
+    stress = elasticity.stresses(elasticity.function(u))[0].x.array
     assert np.allclose(stress, s, rtol=1e-8)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_stresses_of_a_uniform_strain(cell):
+    """s = 2 mu e + lambda tr(e) I of a strain e with given principal values in given directions."""
+    body = cube(cell=cell)
+    turned = np.linalg.qr(np.array([[3.0, 1.0, 0.5], [-1.0, 2.0, 0.3], [0.2, -0.7, 2.5]]))[0]
+    extension = np.array([2e-4, 1e-4, -5e-4])
+    mu = STEEL.young / (2.0 * (1.0 + STEEL.poisson))
+    lame = STEEL.young * STEEL.poisson / ((1.0 + STEEL.poisson) * (1.0 - 2.0 * STEEL.poisson))
+    principal = 2.0 * mu * extension + lame * extension.sum()
+    s = turned @ np.diag(principal) @ turned.T
+    one, two, three = principal
+    expected = {
+        "von_mises_stress": np.sqrt(0.5 * ((one - two) ** 2 + (two - three) ** 2 + (three - one) ** 2)),
+        **{f"stress_{'xyz'[i]}{'xyz'[j]}": s[i, j] for i in range(3) for j in range(i, 3)},
+        **{f"principal_stress_{k + 1}": value for k, value in enumerate(principal)},
+    }
+    spin = np.array([[0.0, 1e-4, 0.0], [-1e-4, 0.0, 2e-4], [0.0, -2e-4, 0.0]])  # a rotation has no stress
+    found = body.stresses(body.function(body.x @ (turned @ np.diag(extension) @ turned.T + spin).T))
+    assert {stress.name for stress in found} == set(expected)
+    for stress in found:
+        assert np.allclose(stress.x.array, expected[stress.name], rtol=0.0, atol=1e-9 * abs(three)), stress.name
 
 
 def test_prescribed_displacement_is_held():

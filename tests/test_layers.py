@@ -122,8 +122,8 @@ LAUNCH = {PACKAGE / "pictures" / name for name in ("overview_process.py", "pictu
 """They run in the process that requests a picture."""
 
 
-READERS = ("coulomb.io.run_directory", "coulomb.io.field_files", "coulomb.arrays")
-"""The one reader of the run directory, for all rooms."""
+READERS = ("coulomb.io.run_directory", "coulomb.io.field_files", "coulomb.io.accuracy", "coulomb.arrays")
+"""The one reader of the run directory, for all rooms, and what numbers in it mean."""
 
 
 @pytest.mark.parametrize("name", READERS)

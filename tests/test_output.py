@@ -19,6 +19,7 @@ from coulomb.pictures import apart
 from coulomb.pictures.picture_of_run import write_with_picture
 from coulomb.pictures.plotting import ZONES
 from coulomb.pictures.report.files import read_run
+from coulomb.pictures.report.limits import Limits
 from coulomb.pictures.report.scene import Look, shoot
 from coulomb.pictures.report.shown_fields import named
 
@@ -45,7 +46,9 @@ def test_vtk_reads_the_body(run):
     grid = grid if isinstance(grid, pyvista.DataSet) else grid[0]
     assert grid.n_cells == 18 * 6 * 6 and grid.n_points == 19 * 7 * 7
     assert set(grid.point_data.keys()) == {"displacement", "load", "held", "prescribed", "spring"}
-    assert set(grid.cell_data.keys()) == {"von_mises_stress", "young", "poisson"}
+    components = {f"stress_{pair}" for pair in ("xx", "yy", "zz", "yz", "xz", "xy")}
+    principal = {f"principal_stress_{number}" for number in (1, 2, 3)}
+    assert set(grid.cell_data.keys()) == {"von_mises_stress", *components, *principal, "young", "poisson"}
     ours = solution.displacement[np.lexsort(solution.problem.elasticity.x.round(9).T)]
     theirs = np.asarray(grid["displacement"])[np.lexsort(np.asarray(grid.points).round(6).T)]
     assert np.allclose(ours, theirs, rtol=1e-6, atol=1e-9 * np.abs(ours).max())
@@ -177,5 +180,5 @@ def test_a_body_of_one_cell_has_pictures(tmp_path):
     problem.solve().write(tmp_path)
     fields = read_grid(tmp_path / "solution.xdmf").fields
     assert fields["von_mises_stress"].shape == (1,) and fields["displacement"].shape == (8, 3)
-    shot = shoot(read_run(tmp_path).steps[0], Look(named("von_mises_stress"), (0.0, 1.0), 1.0, "iso"), (60, 60))
+    shot = shoot(read_run(tmp_path).steps[0], Look(named("von_mises_stress"), Limits(0.0, 1.0), 1.0, "iso"), (60, 60))
     assert shot.pixels[:, :, 3].any()

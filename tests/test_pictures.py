@@ -13,9 +13,10 @@ from coulomb.io import output
 from coulomb.pictures import overview_process
 from coulomb.pictures.plotting import ZONES, renderer
 from coulomb.pictures.report import overview, scene, sheet
-from coulomb.pictures.report.camera import MARGIN, SHAPES, framing
+from coulomb.pictures.report.camera import MARGIN, SHAPES, framing, looking_at
 from coulomb.pictures.report.files import read_run
-from coulomb.pictures.report.scene import VIEWS, Look, automatic_scale, camera_of, limits_of, shoot
+from coulomb.pictures.report.limits import Bar, limits_of
+from coulomb.pictures.report.scene import VIEWS, Look, automatic_scale, camera_of, shoot
 from coulomb.pictures.report.shown_fields import named
 
 PAIRS = list(itertools.combinations(dict(ZONES.values()), 2))
@@ -80,7 +81,7 @@ def test_the_view_contains_the_body_and_little_else(lengths, view):
     """By VTK's own projection: all points within the picture, and some of them near its border."""
     corners = np.array(list(itertools.product((0.0, 1.0), repeat=3))) * lengths + [7.0, -3.0, 2.0]
     points = np.concatenate([corners, 0.5 * (corners[:1] + corners)])
-    direction, up = (np.array(part) for part in VIEWS[view] or scene.looking_at(np.array([0.0, 0.0, -1.0])))
+    direction, up = (np.array(part) for part in VIEWS[view] or looking_at(np.array([0.0, 0.0, -1.0])))
     parallel = view in ("top", "bottom", "front", "back", "left", "right")
     camera = framing(points, direction, up, (1500, 1100), parallel)
     plotter = renderer().Plotter(off_screen=True, window_size=camera.size)
@@ -200,7 +201,7 @@ def test_a_thin_body_is_not_turned_inside_out(tmp_path):
 @pytest.mark.parametrize("limits", [(0.0, 189.3e6), (0.0, 7.77e-7), (-96.62e3, 96.62e3), (0.0, 1.0), (0.0, 33.0)])
 def test_ticks_are_round(limits):
     figure = Figure()
-    sheet.colour_bar(figure, named("pressure"), limits, limits[1], (0.2, 0.1, 0.6, 0.03))
+    sheet.colour_bar(figure, named("pressure"), Bar(*limits, *limits), (0.2, 0.1, 0.6, 0.03))
     ticks = [tick for tick in figure.axes[0].get_xticks()]
     low, high = figure.axes[0].get_xlim()
     assert 3 <= sum(low <= tick <= high for tick in ticks) <= 9

@@ -77,13 +77,14 @@ def test_page_shows_the_problem(block):
         "clamps prescribed displacements held 0 1×10⁻⁶ ✓ ok",
     ):
         assert part in words, part
-    assert page_of(block).count("<figure>") == 6 and page_of(block).count("data:image/png") == 6
+    assert page_of(block).count("<figure>") == 8 and page_of(block).count("data:image/png") == 8
+    assert "von Mises stress" in words.partition("tension is positive")[2] and "stress xy" in words
 
 
 def test_a_run_that_failed_is_red(failed):
     text, words = page_of(failed), words_of(failed)
     contents = json.loads((failed / "summary.json").read_text())
-    assert '<header class="failed">' in text and "<title>failed: NOT CERTIFIED</title>" in text
+    assert '<header class="failed">' in text and "<title>block: NOT CERTIFIED</title>" in text
     assert "are not a solution" in words and "Solver: max iterations" in words
     assert "Successive Tresca ended with a residual of" in words  # the message of the solver
     bad = [name for name, check in contents["certificate"].items() if isinstance(check, dict) and not check["passed"]]

@@ -12,6 +12,7 @@ from coulomb.io.field_files import read_grid
 from coulomb.pictures.plotting import ZONES
 from coulomb.pictures.report import picture
 from coulomb.pictures.report.files import read_run
+from coulomb.pictures.report.limits import Limits
 from coulomb.pictures.report.picture import plot
 from coulomb.pictures.report.scene import Look, paint, plotter_for
 from coulomb.pictures.report.sheet import sheet
@@ -67,7 +68,7 @@ def test_the_contact_face_moves_with_the_body(block):
     body, contact = step.grid("solution"), step.grid("contact")
     order = [int(np.argmin(np.linalg.norm(body.points - point, axis=1))) for point in contact.points]
     plotter = plotter_for((300, 200))
-    paint(plotter, step, Look(named("gap"), (0.0, 1e-3), 1000.0, "bottom"))
+    paint(plotter, step, Look(named("gap"), Limits(0.0, 1e-3), 1000.0, "bottom"))
     meshes = [actor.mapper.dataset for actor in plotter.actors.values()]
     face = next(mesh for mesh in meshes if "shown" in mesh.point_data)
     moved = contact.points + 1000.0 * body.fields["displacement"][order]

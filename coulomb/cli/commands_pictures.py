@@ -35,7 +35,8 @@ def plot(
         str,
         typer.Option(
             help="pressure, friction_traction, friction_use, status, slip, gap, accumulated_slip, friction_work, "
-            "largest_pressure, displacement, von_mises_stress, temperature_change; with _x, _y or _z a component."
+            "largest_pressure, displacement, von_mises_stress, stress_xx (_yy, _zz, _yz, _xz, _xy), principal_stress_1 "
+            "(_2, _3), temperature_change; of vectors with _x, _y or _z a component."
         ),
     ] = "pressure",
     scale: Annotated[float | None, typer.Option(help="Factor of the displacement; by default a visible one.")] = None,

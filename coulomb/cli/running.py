@@ -15,8 +15,10 @@ from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
 from ..case.case import Case
+from ..contact_names import normal_forces
 from ..fem.compilation import announce
 from ..io import output
+from ..io.accuracy import accuracy
 from ..io.case_record import case_record, refuse_another_case
 from ..io.earlier_results import refuse_to_replace
 from ..io.history_files import HistoryFiles, steps_on_disk, whole_history
@@ -145,7 +147,8 @@ def _solve_once(
     except OSError as error:
         contents, written = summary(solution), False
         trouble += f"{'; ' if trouble else ''}{target}: cannot be written: {error.strerror or error}"
-    report(session.console, solution, contents, target if written else None, time.perf_counter() - session.began)
+    took = time.perf_counter() - session.began
+    report(session.console, solution, contents, target if written else None, took, settings.solver.tolerance)
     if written:
         _write_page(session, settings, target)
     if not trouble and (said := left_open(solution.certificate, settings.solver.tolerance)):
@@ -197,14 +200,17 @@ def _take_steps(
     display = Display(console, by_step=True)
     warned: tuple[str, ...] = ()
     taken = 0
+    forces: list[float] = []
 
     def say(step: LoadStep) -> bool:
         nonlocal warned, taken
         row, taken = step.row, taken + 1
+        forces.extend(normal_forces(row).values())
+        least = accuracy(step.solution.acting.entries(), settings.solver.tolerance, forces=forces)
         halved = f", halved {step.halvings} times" if step.halvings else ""
         when = f"{row['time']:.4g} s"
         console.print(
-            f"step {row['step']:3d}  time {when:<9} {forces_in_a_step(row)}, open {row['open']}, stick "
+            f"step {row['step']:3d}  time {when:<9} {forces_in_a_step(row, least['N'])}, open {row['open']}, stick "
             f"{row['stick']}, slip {row['slip']}, {row['path_following']} PF steps, residual {row['residual']:.1e}"
             f"{'' if row['certified'] else ', certificate FAILED'}"
             f"{', OUTSIDE THE THEORY' if step.solution.outside else ''}{halved}",
@@ -248,7 +254,7 @@ def _take_steps(
         if settings.output.picture and code != INTERRUPTED:
             _draw_last(session, target, comm)
         _write_page(session, settings, target)
-        report_history(console, history, taken, time.perf_counter() - began, target)
+        report_history(console, history, taken, time.perf_counter() - began, target, settings.solver.tolerance)
     if not trouble and session.interruption.asked():
         errors.print(f"error: {_cut_short(settings, target)}", markup=False)
         raise typer.Exit(INTERRUPTED)

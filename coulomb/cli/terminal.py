@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from ..contact_names import named_faces
+from ..contact_names import named_faces, normal_forces
 from ..fem.deformable import Member
 from ..fem.lagrange import corner_geometry
+from ..io.accuracy import accuracy, rounded
 from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions
 from ..model.nodal_answer import law_numbers
@@ -127,21 +128,24 @@ class Display:
             self._console.print(str(self._last))
 
 
-def report(console: Console, solution: Solution, contents: dict[str, Any], target: Path | None, total: float) -> None:
-    iterations, nodes = contents["iterations"], contents["nodes"]
+def report(
+    console: Console, solution: Solution, contents: dict[str, Any], target: Path | None, total: float, tolerance: float
+) -> None:
+    """Print the last lines of a run; numbers below the accuracy that the tolerance of its solver gives as 0."""
+    iterations, nodes, least = contents["iterations"], contents["nodes"], accuracy(contents, tolerance)["N"]
     outer = f"{iterations['outer']} Tresca problems, " if iterations["outer"] else ""
     rate = contents["contraction"]
     contraction = f", contraction {rate:.2g}" if rate is not None and np.isfinite(rate) else ""
     seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
-    each = [f"{body['name']} ({_forces(body['contact_force'])})" for body in contents.get("bodies", ())]
-    pressing = [f"{name} {face['normal_force']:.9g}" for name, face in named_faces(contents["faces"])]
+    each = [f"{body['name']} ({_forces(body['contact_force'], least)})" for body in contents.get("bodies", ())]
+    pressing = [f"{name} {_forces([face['normal_force']], least)}" for name, face in named_faces(contents["faces"])]
     on_body = f"contact force in N on {', '.join(each)}; normal force in N of {', '.join(pressing)}"
     if not each:
         force = contents["force_on_body"]
-        on_body = f"force on the body ({_forces(force['vector'])}) N; normal force in N of {', '.join(pressing)}"
+        on_body = f"force on the body ({_forces(force['vector'], least)}) N; normal force in N of {', '.join(pressing)}"
         if "normal" in force:
-            tangential = _forces(force["tangential"])
-            on_body = f"force on the body: normal {force['normal']:.9g} N, tangential ({tangential}) N"
+            normal, tangential = _forces([force["normal"]], least), _forces(force["tangential"], least)
+            on_body = f"force on the body: normal {normal} N, tangential ({tangential}) N"
     lines = (
         f"{contents['status']} ({contents['method']['solver']}): residual {contents['residual']:.1e}, {outer}"
         f"{iterations['path_following']} path-following steps, {iterations['products']} products{contraction}",
@@ -163,23 +167,24 @@ def report(console: Console, solution: Solution, contents: dict[str, Any], targe
         console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
 
 
-def forces_in_a_step(row: dict[str, Any]) -> str:
+def forces_in_a_step(row: dict[str, Any], least: float) -> str:
     """The contact forces of a load step in words, from its line of history.csv: of several faces or pairs those of
-    each, since their sum has a meaning on one body only."""
-    on_body = ", ".join(f"{row[f'force_{axis}']:.6g}" for axis in "xyz" if f"force_{axis}" in row)
-    force = f", force ({on_body}) N" if on_body else ""
-    if "normal_force" in row:
-        return f"normal {row['normal_force']:.6g} N{force}"
-    end = "_normal_force"
-    each = [f"{name.removesuffix(end)} {value:.6g} N" for name, value in row.items() if name.endswith(end)]
+    each, since their sum has a meaning on one body only.  Magnitudes up to `least` newtons are printed as 0."""
+    on_body = rounded((row[f"force_{axis}"] for axis in "xyz" if f"force_{axis}" in row), least)
+    force = f", force ({', '.join(f'{component:.6g}' for component in on_body)}) N" if on_body else ""
+    pressing = normal_forces(row)
+    values = rounded(pressing.values(), least)
+    each = [f"{name} {value:.6g} N".lstrip() for name, value in zip(pressing, values, strict=True)]
     return f"normal {', '.join(each)}{force}"
 
 
-def _forces(values: Sequence[float]) -> str:
-    return ", ".join(f"{value:.9g}" for value in values)
+def _forces(values: Sequence[float], least: float) -> str:
+    return ", ".join(f"{value:.9g}" for value in rounded(values, least))
 
 
-def report_history(console: Console, history: dict[str, Any], taken: int, seconds: float, target: Path) -> None:
+def report_history(
+    console: Console, history: dict[str, Any], taken: int, seconds: float, target: Path, tolerance: float
+) -> None:
     """Print the last lines of a load history: figures of all its steps, labelled as such.
 
     Args:
@@ -188,13 +193,17 @@ def report_history(console: Console, history: dict[str, Any], taken: int, second
         taken: Load steps of this run; the others existed before (`coulomb resume`).
         seconds: Time of this run.
         target: Directory of the results.
+        tolerance: Of the solver: smaller parts of slip and energies are printed as 0.
     """
-    energy, done, largest = history["energy"], history["iterations"], history["maximum"]
+    done, largest = history["iterations"], history["maximum"]
+    least = tolerance * max(map(abs, history["energy"].values()))
+    energy = dict(zip(history["energy"], rounded(history["energy"].values(), least), strict=True))
     pressure, slip, residual = largest["contact_pressure"], largest["slip_in_a_step"], history["residual"]
+    (slid,) = rounded([slip["value"]], accuracy({}, tolerance, history)["m"])
     before = f", {history['steps'] - taken} were there before" if taken < history["steps"] else ""
     lines = (
         f"all {history['steps']} steps: largest pressure {pressure['value']:.6g} Pa (step {pressure['step']}), "
-        f"largest slip in one step {slip['value']:.6g} m (step {slip['step']}); "
+        f"largest slip in one step {slid:.6g} m (step {slip['step']}); "
         f"{done['path_following']} path-following steps, {done['products']} products, "
         f"largest residual {_figure(residual['value'])} (step {residual['step']})",
         f"energy in J since the start: loads {energy['loads']:.6g}, prescribed displacements "

@@ -21,6 +21,13 @@ from .orthotropic import PAIRS, UPPER
 LOCKING_ABOVE = 0.49
 """Poisson's ratio above which first-order elements lock: nearly constant volume prevents their bending."""
 
+STRESSES = (
+    "von_mises_stress",
+    *(f"stress_{'xyz'[i]}{'xyz'[j]}" for i, j in PAIRS),
+    *(f"principal_stress_{number}" for number in (1, 2, 3)),
+)
+"""Names of the stresses of a cell: tension is positive, the first principal stress is the largest."""
+
 
 @dataclass(frozen=True)
 class Material:
@@ -126,8 +133,8 @@ class ElasticBody(DisplacementSpace):
         over = self.domain.comm.allreduce(np.array([energy, forces.sum()]))
         return float(2.0 * over[0] / (over[1] or 1.0))
 
-    def von_mises(self, u: Any, change: FloatArray | None = None) -> Any:
-        """Von Mises stress in pascals at the cells' midpoints, a DG0 Function.
+    def stresses(self, u: Any, change: FloatArray | None = None) -> list[Any]:
+        """The stresses `STRESSES` in pascals at the cells' midpoints, DG0 Functions.
 
         Args:
             u: Displacement, a Function of V.
@@ -136,12 +143,16 @@ class ElasticBody(DisplacementSpace):
         s = self._stress(u)
         if change is not None:
             s = s - self._thermal_stress(change)
-        deviator = s - ufl.tr(s) / 3.0 * ufl.Identity(3)
-        W = compat.functionspace(self.domain, 0, family="DG")
-        stress = fem.Function(W, name="von_mises_stress")
-        equivalent = ufl.sqrt(1.5 * ufl.inner(deviator, deviator))
-        stress.interpolate(fem.Expression(equivalent, compat.interpolation_points(W)))
-        return stress
+        W, W6 = (compat.functionspace(self.domain, 0, shape, family="DG") for shape in ((), (6,)))
+        six = fem.Function(W6)
+        six.interpolate(fem.Expression(ufl.as_vector([s[pair] for pair in PAIRS]), compat.interpolation_points(W6)))
+        of_cell = six.x.array.reshape(-1, 6)[compat.cell_dofs(W6)[:, 0]]
+        found = []
+        for name, values in zip(STRESSES, _stresses(of_cell), strict=True):
+            function = fem.Function(W, name=name)
+            function.x.array[compat.cell_dofs(W)[:, 0]] = values
+            found.append(function)
+        return found
 
     def _stress(self, u: Any) -> Any:
         """Of a displacement without temperature."""
@@ -187,6 +198,16 @@ def cell_measure(domain: Any) -> Any:
 
 def strain(u: Any) -> Any:
     return ufl.sym(ufl.grad(u))
+
+
+def _stresses(s: FloatArray) -> list[FloatArray]:
+    """Of the components in the order of `PAIRS`, shape (c, 6), the stresses `STRESSES`; nan where these are."""
+    with np.errstate(all="ignore"):
+        deviator = s - np.repeat([1.0, 0.0], 3) * s[:, :3].mean(axis=1, keepdims=True)
+        equivalent = np.sqrt(1.5 * deviator**2 @ np.repeat([1.0, 2.0], 3))
+    finite, principal = np.all(np.isfinite(s), axis=1), np.full((len(s), 3), np.nan)
+    principal[finite] = np.linalg.eigvalsh(s[finite][:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]])[:, ::-1]
+    return [equivalent, *s.T, *principal.T]
 
 
 def _tensor(s: Sequence[Any]) -> Any:

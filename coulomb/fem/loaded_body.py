@@ -10,7 +10,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from .body import ElasticBody
+from .body import STRESSES, ElasticBody
 from .cell_materials import VECTORS
 from .constraints import prescribed_rows
 from .contradictions import SupportedNodes, contradictions
@@ -219,14 +219,14 @@ class LoadedBody(ElasticBody, HeldSpace):
         return supports + [{"kind": "spring", "face": spring.face, "holds": spring.holds} for spring in self.springs]
 
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
-        """Von Mises stress of u, a Function of V, under a loading, and the constants of the materials."""
+        """The stresses (`STRESSES`) of u, a Function of V, under a loading, and the constants of the materials."""
         change = None if loading.temperature is None else loading.temperature.change
-        return [self.von_mises(u, change), *self.constants.values()]
+        return [*self.stresses(u, change), *self.constants.values()]
 
     @property
     def numbers_per_cell(self) -> int:
         """How many numbers per cell `cell_fields` has."""
-        return 1 + sum(3 if name in VECTORS else 1 for name in self.constants)
+        return len(STRESSES) + sum(3 if name in VECTORS else 1 for name in self.constants)
 
 
 def refuse_others(name: str, given: object) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from ..fem.body import STRESSES
 from ..fem.cell_materials import FIELDS
 from ..fem.constraints import HELD_OBLIQUE
 from ..fem.temperature import TEMPERATURE
 from ..model.accumulated import ACCUMULATED
 from ..model.opposite import CARRIED
 
-ON_CELLS = ("von_mises_stress",)
+ON_CELLS = STRESSES
 """Fields of solution.h5, one number per cell; besides those of `cell_materials`."""
 
 ON_BODY = ("displacement", "load", "held", "prescribed", "spring")

@@ -88,7 +88,7 @@ class Variant:
         at: Displacement and forces at the nodes of the body.
         forces: Contact forces on the body at the contact points among the nodes of the written face, shape (q, 3).
         fields: Fields of the written contact nodes.
-        stress: Von Mises stress of the cells of every body in pascals; empty for one of the user's forms.
+        stress: By name the stresses of the cells of every body in pascals; empty for one of the user's forms.
         opposite: Fields of every face opposite in a pair.
         numbers: Entries of summary.json.
         certificate: Certificate with all nodes of the contact face.
@@ -99,7 +99,7 @@ class Variant:
     at: Forces
     forces: FloatArray
     fields: dict[str, FloatArray]
-    stress: list[FloatArray]
+    stress: list[dict[str, FloatArray]]
     opposite: list[dict[str, FloatArray]]
     numbers: dict[str, Any]
     certificate: Certificate
@@ -221,13 +221,10 @@ def _sums(forces: FloatArray, x: FloatArray, ground: FloatArray | None, u: Float
     return {"force": force.tolist(), "moment": moment.tolist()}
 
 
-def _stress(body: ElasticBody | None, u: FloatArray, heated: dict[str, FloatArray]) -> FloatArray:
-    """Von Mises stress of the cells in pascals; none of a body of the user's forms."""
-    if body is None:
-        return np.zeros(0)
-    stress = body.von_mises(body.function(u), heated.get(TEMPERATURE))
-    values: FloatArray = stress.x.array[compat.cell_dofs(stress.function_space)[:, 0]]
-    return values
+def _stress(body: ElasticBody | None, u: FloatArray, heated: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """By name the stresses of the cells in pascals; none of a body of the user's forms."""
+    found = [] if body is None else body.stresses(body.function(u), heated.get(TEMPERATURE))
+    return {stress.name: stress.x.array[compat.cell_dofs(stress.function_space)[:, 0]] for stress in found}
 
 
 def _contact_on_bodies(run: WrittenRun, on_body: FloatArray, x: FloatArray) -> dict[str, Any]:

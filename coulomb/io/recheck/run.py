@@ -275,12 +275,11 @@ def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], f
             zero = np.zeros_like(values[none])
             found.field(f"contact.xdmf: {name} of held nodes", values[none], zero, x[none], "their status", floor=floor)
     for number, body in enumerate(run.body.parts):
-        if body.elastic is not None:
-            stresses = [other.stress[number] for other in others]
-            written, places = body.on_cells["von_mises_stress"], midpoints(body.body.domain)
-            found.field(
-                in_body("von_mises_stress", body), written, first.stress[number], places, "displacement", stresses
-            )
+        largest = max((float(np.max(np.abs(s), initial=0.0)) for s in first.stress[number].values()), default=0.0)
+        for name, expected in first.stress[number].items():
+            rounded, places = [other.stress[number][name] for other in others], midpoints(body.body.domain)
+            written, floor = body.on_cells[name], run.evaluation * largest
+            found.field(in_body(name, body), written, expected, places, "displacement", rounded, floor)
     compare_materials(run, found)
     for number, opposite in enumerate(run.opposite):
         compare_opposite(opposite, [variant.opposite[number] for variant in variants], found)

@@ -66,11 +66,25 @@ class Camera:
 def beside(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Direction of view of a face with this outward normal and of the body drawn apart from it, from the side, and
     upward direction."""
-    along = np.eye(3)[np.argmin(np.abs(normal))]
-    one = along - (along @ normal) * normal
+    one, other = _along(normal)
+    return 0.8 * normal + 0.9 * one - 1.5 * other, normal
+
+
+def looking_at(normal: FloatArray, turned: bool = False) -> tuple[FloatArray, FloatArray]:
+    """Direction of view of a face with this outward normal, inclined to it in two directions, and upward direction;
+    `turned` by a quarter turn about the normal."""
+    along, across = _along(normal)
+    if turned:
+        along, across = across, -along
+    return normal + 0.25 * along + 0.6 * across, -across
+
+
+def _along(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two directions along a face, the first as near to an axis as can be; the second is the normal times the first."""
+    axis = np.eye(3)[np.argmin(np.abs(normal))]
+    one = axis - (axis @ normal) * normal
     one /= np.linalg.norm(one)
-    direction: FloatArray = 0.8 * normal + 0.9 * one - 1.5 * np.cross(normal, one)
-    return direction, normal
+    return one, np.cross(normal, one)
 
 
 def framing(points: FloatArray, direction: FloatArray, up: FloatArray, most: tuple[int, int], parallel: bool) -> Camera:

@@ -9,7 +9,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from ...contact_names import named_faces
+from ...contact_names import normal_forces
 from ..plotting import ZONES
 from .files import Rows, Run
 from .given import values_in_time
@@ -42,11 +42,10 @@ def convergence(run: Run) -> str:
         change = _column(rows, "change")
         _logarithmic(left, number, change, "s--", _SECOND, 3.5, "change of slip bound")
         _measured_rate(left, number, _column(rows, "residual"), run.summary.get("contraction"))
-    tolerance = ((run.case or {}).get("solver") or {}).get("tolerance", 1e-8)
     if run.case is not None:
-        left.axhline(tolerance, color=_THIRD, linewidth=1, linestyle=":")
+        left.axhline(run.tolerance, color=_THIRD, linewidth=1, linestyle=":")
         where = ("axes fraction", "data")
-        left.annotate("tolerance", (0.02, tolerance), xycoords=where, va="bottom", color=_THIRD)
+        left.annotate("tolerance", (0.02, run.tolerance), xycoords=where, va="bottom", color=_THIRD)
     left.set(xlabel=what, ylabel="relative measure")
     _legend(left)
     _decades(left, "residual 0 in every step")
@@ -76,7 +75,7 @@ def forces(run: Run) -> str:
     if "force_x" in rows[0]:
         what, styles = "contact force on the body", ("o-", "s-", "^-")
         parts = [
-            (f"along {axis}", _column(rows, f"force_{axis}"), (colour, style))
+            (f"along {axis}", _column(rows, f"force_{axis}", run.accuracy["N"]), (colour, style))
             for axis, colour, style in zip("xyz", (_SECOND, _THIRD, _FIRST), styles, strict=True)
         ]
     else:
@@ -87,7 +86,8 @@ def forces(run: Run) -> str:
         axes[0].plot(time, part / factor, style, color=colour, markersize=3, label=label)
     axes[0].set(xlabel="time, s", ylabel=f"{what}, {unit}")
     names = {"loads": "loads", "prescribed": "prescribed displacements", "foundation": "foundation"}
-    curves = {names.get(name, name): _column(rows, f"energy_{name}") for name in (*names, "elastic", "dissipated")}
+    every, least = (*names, "elastic", "dissipated"), run.accuracy["J"]
+    curves = {names.get(name, name): _column(rows, f"energy_{name}", least) for name in every}
     factor, unit = scale_of(max(float(np.max(np.abs(curve))) for curve in curves.values()), "J")
     for (name, curve), colour in zip(curves.items(), ("#8a8a8a", _FOURTH, "#8a8a8a", _FIRST, _SECOND), strict=True):
         if np.any(curve):
@@ -105,10 +105,8 @@ def forces(run: Run) -> str:
 
 def _normal_forces(run: Run) -> dict[str, Any]:
     """Normal force of every contact at every step, by name; by "" of the only one."""
-    if "normal_force" in run.rows[0]:
-        return {"": _column(run.rows, "normal_force")}
-    names = [name for name, _ in named_faces(run.summary["faces"])]
-    return {name: _column(run.rows, f"{name}_normal_force") for name in names}
+    columns = {name: f"{name}_normal_force" if name else "normal_force" for name in normal_forces(run.rows[0])}
+    return {name: _column(run.rows, column, run.accuracy["N"]) for name, column in columns.items()}
 
 
 def reactions(run: Run) -> str:
@@ -146,6 +144,8 @@ def _against_time(
     figure, axes = _figure(2)
     time = _column(run.rows, "time")
     for k, (axis, (what, bare)) in enumerate(zip(axes, labels, strict=True)):
+        for pair in curves.values():
+            pair[k] = _exact(pair[k], run.accuracy[bare])
         largest = [float(np.max(np.abs(pair[k]))) for pair in curves.values() if np.any(np.isfinite(pair[k]))]
         factor, unit = scale_of(max(largest, default=0.0), bare)
         for (name, pair), (colour, style) in zip(curves.items(), _CURVES, strict=False):
@@ -174,7 +174,8 @@ def surface(run: Run) -> str:
     left.stackplot(ends, wide, colors=[colour for _, colour in zones], labels=[name for name, _ in zones], step="pre")
     left.set(xlabel="time, s", ylabel="contact nodes", ylim=(0, None))
     _legend(left)
-    pressure, slip = _column(rows, "greatest_pressure"), _column(rows, "greatest_slip")
+    pressure = _column(rows, "greatest_pressure", run.accuracy["Pa"])
+    slip = _column(rows, "greatest_slip", run.accuracy["m"])
     factor, unit = scale_of(float(np.max(np.abs(pressure))), "Pa")
     right.plot(time, pressure / factor, "o-", color=_FIRST, markersize=3)
     right.set(xlabel="time, s", ylabel=f"largest contact pressure, {unit}")
@@ -198,10 +199,10 @@ def force_displacement(run: Run) -> str:
     figure, (tangential, normal) = _figure(2)
     driven = drive[:, axis]
     length, length_unit = scale_of(float(np.max(np.abs(driven))), "m")
-    pressing = _normal_forces(run)
+    pressing, least = _normal_forces(run), run.accuracy["N"]
     column = f"force_{'xyz'[axis]}"
-    along = {"": _column(run.rows, column)} if column in run.rows[0] else {}
-    along = along or {name: _column(run.rows, f"{name}_{column}") for name in pressing}
+    along = {"": _column(run.rows, column, least)} if column in run.rows[0] else {}
+    along = along or {name: _column(run.rows, f"{name}_{column}", least) for name in pressing}
     for panel, forces_, label, shift in (
         (tangential, along, f"contact force along {'xyz'[axis]}", 1),
         (normal, pressing, "normal contact force", 0),
@@ -230,7 +231,8 @@ def torque(run: Run) -> str:
         (left, "torque", "angle", "torque on the foundation", "N m"),
         (right, "power", None, "power on the foundation", "W"),
     ):
-        curves = [np.asarray(_column(run.rows, f"{face}_{name}"), dtype=float) for face in faces]
+        columns = [np.asarray(_column(run.rows, f"{face}_{name}"), dtype=float) for face in faces]
+        curves = [_exact(column, run.accuracy.get(si, 0.0)) for column in columns]
         factor, unit = scale_of(float(np.max(np.abs(np.nan_to_num(curves)))), si)
         for face, curve, colour in zip(faces, curves, (_FIRST, _SECOND, _THIRD, _FOURTH), strict=False):
             along = _column(run.rows, f"{face}_{against}" if against else "time")
@@ -315,8 +317,13 @@ def _whole(*axes: Any) -> None:
         axis.get_major_locator().set_params(integer=True)
 
 
-def _column(rows: Rows, name: str) -> Any:
-    return np.array([row.get(name, np.nan) for row in rows])
+def _column(rows: Rows, name: str, least: float = 0.0) -> Any:
+    return _exact(np.array([row.get(name, np.nan) for row in rows]), least)
+
+
+def _exact(values: Any, least: float) -> Any:
+    """Values, of which those up to `least` are rounding errors of the answer and become 0."""
+    return np.where(np.abs(values) <= least, 0.0, values)
 
 
 def _figure(count: int) -> tuple[Any, Any]:

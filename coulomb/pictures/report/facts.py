@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from datetime import datetime
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -146,34 +148,35 @@ def _foundation(contact: dict[str, Any], where: str) -> Facts:
 def totals(run: Run) -> Facts:
     """Totals at the end of the run."""
     summary, nodes, largest = run.summary, zone_counts(run.steps[-1].grid("contact")), run.summary["maximum"]
+    shown, vectorial = partial(quantity, accuracy=run.accuracy), partial(vector, accuracy=run.accuracy)
     totals = summary.get("totals") or {}
     bodies = summary.get("bodies") or ()
-    rows = [(f"contact force on {body['name']}", vector(body["contact_force"], "N", 5)) for body in bodies] or [
-        ("contact force on the body", vector(summary["force_on_body"]["vector"], "N", 5))
+    rows = [(f"contact force on {body['name']}", vectorial(body["contact_force"], "N", 5)) for body in bodies] or [
+        ("contact force on the body", vectorial(summary["force_on_body"]["vector"], "N", 5))
     ]
     faces = named_faces(summary.get("faces", ()))
     for name, face in faces:
         of = f" of {name}" if len(faces) > 1 else ""
-        rows.append((f"normal force{of}", quantity(face["normal_force"], "N", 6)))
+        rows.append((f"normal force{of}", shown(face["normal_force"], "N", 6)))
     rows += [
-        ("largest contact pressure", quantity(largest["contact_pressure"], "Pa", 5)),
-        ("largest displacement", quantity(largest["displacement"], "m", 5)),
+        ("largest contact pressure", shown(largest["contact_pressure"], "Pa", 5)),
+        ("largest displacement", shown(largest["displacement"], "m", 5)),
     ]
     if totals:
-        rows[1:1] = [] if bodies else [("moment about the origin", vector(totals["moment"], "N m", 5))]
+        rows[1:1] = [] if bodies else [("moment about the origin", vectorial(totals["moment"], "N m", 5))]
         rows.append(("area in contact", quantity(totals["contact_area"], "m²")))
         if "centre_of_pressure" in totals:
             centre = totals["centre_of_pressure"]
             rows.append(("centre of pressure", vector(centre, "m") if centre else "–"))
         in_step = " in the last step" if run.is_history else ""
         rows += [
-            (f"largest slip{in_step}", quantity(totals["greatest_slip"], "m")),
-            (f"energy dissipated by friction{in_step}", quantity(totals["dissipated_energy"], "J")),
+            (f"largest slip{in_step}", shown(totals["greatest_slip"], "m")),
+            (f"energy dissipated by friction{in_step}", shown(totals["dissipated_energy"], "J")),
         ]
-    rows += rotating_foundations.figures(summary)
+    rows += rotating_foundations.figures(run)
     springs = summary.get("spring_force_on_body") or []
     if any(springs):
-        rows.append(("force of springs on the body", vector(springs, "N", 5)))
+        rows.append(("force of springs on the body", vectorial(springs, "N", 5)))
     rows.append(("nodes", f"open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}"))
     return rows
 
@@ -183,19 +186,20 @@ def history_totals(run: Run) -> Facts:
     if not run.is_history:
         return []
     largest, energy = run.history["maximum"], run.history["energy"]
+    at_step, shown = partial(_at_step, accuracy=run.accuracy), partial(quantity, accuracy=run.accuracy)
     halved = run.history["halvings"]
     rows = [
         ("load steps", f"{run.history['steps']}, {run.history['certified_steps']} of them certified"),
         ("largest contact pressure", at_step(largest["contact_pressure"], "Pa")),
         ("largest displacement", at_step(largest["displacement"], "m")),
         ("largest slip in one step", at_step(largest["slip_in_a_step"], "m")),
-        ("largest penetration", at_step(largest["penetration"], "m")),
-        ("energy dissipated by friction", quantity(energy["dissipated"], "J")),
+        ("largest penetration", _at_step(largest["penetration"], "m", {})),
+        ("energy dissipated by friction", shown(energy["dissipated"], "J")),
     ]
     if worn := run.history.get("accumulated"):
         rows[-1:-1] = [
-            ("largest slip accumulated at a node", quantity(worn["largest_slip"], "m")),
-            ("largest friction work per area", quantity(worn["largest_friction_work"], "J/m²")),
+            ("largest slip accumulated at a node", shown(worn["largest_slip"], "m")),
+            ("largest friction work per area", shown(worn["largest_friction_work"], "J/m²")),
         ]
     for name, text in (
         ("loads", "loads"),
@@ -203,17 +207,18 @@ def history_totals(run: Run) -> Facts:
         ("foundation", "the foundation"),
     ):
         if energy[name]:
-            rows.append((f"work of {text}", quantity(energy[name], "J")))
+            rows.append((f"work of {text}", shown(energy[name], "J")))
     rows += [
-        ("elastic energy at the end", quantity(energy["elastic"], "J")),
-        ("time-stepping error (energy)", quantity(energy["imbalance"], "J", 2)),
+        ("elastic energy at the end", shown(energy["elastic"], "J")),
+        ("time-stepping error (energy)", shown(energy["imbalance"], "J", 2)),
     ]
     return [*rows, ("step intervals halved", str(halved))] if halved else rows
 
 
-def at_step(found: dict[str, Any], unit: str, digits: int = 5) -> str:
+def _at_step(found: dict[str, Any], unit: str, accuracy: Mapping[str, float]) -> str:
     """A maximum with its step: 133.8 kPa (step 6, time 6 s)."""
-    return f"{quantity(found['value'], unit, digits)} (step {found['step']}, time {in_seconds(found['time'])})"
+    value = quantity(found["value"], unit, 5, accuracy)
+    return f"{value} (step {found['step']}, time {in_seconds(found['time'])})"
 
 
 def effort(run: Run) -> Facts:

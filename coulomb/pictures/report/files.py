@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import functools
 import math
+import shlex
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...contact_names import normal_forces
+from ...io.accuracy import TOLERANCE, accuracy
 from ...io.field_files import Grid, read_grids
 from ...io.run_directory import HISTORY, SUMMARY, RunDirectory, read_json, step_place
 from ..plotting import alarm
@@ -116,6 +120,36 @@ class Run:
         return _rows(files) if files.history.exists() else []
 
     @property
+    def title(self) -> str:
+        """Name of the case file, from the command of the run; without one that of the directory."""
+        command = self.made[0]["command"] if self.made else ""
+        try:
+            cases = [word for word in shlex.split(command) if word.endswith(".toml")]
+        except ValueError:  # changed by hand
+            cases = []
+        return Path(cases[0]).stem if cases else self.directory.resolve().name
+
+    @property
+    def tolerance(self) -> float:
+        """Of the solver."""
+        given = ((self.case or {}).get("solver") or {}).get("tolerance")
+        return float(given) if isinstance(given, float | int) else TOLERANCE
+
+    @cached_property
+    def accuracy(self) -> dict[str, float]:
+        """Amounts up to which numbers are shown as 0, by unit; empty without a summary."""
+        if not self.summary:
+            return {}
+        forces = [force for row in self.rows for force in normal_forces(row).values()]
+        forces += [row[name] for row in self.rows for name in ("force_x", "force_y", "force_z") if name in row]
+        return accuracy(self.summary, self.tolerance, self.history, forces)
+
+    @property
+    def faces(self) -> list[dict[str, Any]]:
+        """The entries of the contacts in the summary; empty if they are unknown."""
+        return list(self.summary.get("faces") or ())
+
+    @property
     def is_history(self) -> bool:
         return bool(self.rows)
 
@@ -175,10 +209,20 @@ def read_run(directory: str | Path, needs: tuple[str, ...] | None = None) -> Run
         alarm=alarm(summary),
         outside=_violations(summary),
         warnings=_warnings(summary),
-        case=read_json(files.case) if needs is None and files.case.exists() else None,
+        case=_read_case(files, strict=needs is None),
         steps=steps,
         rows=rows,
     )
+
+
+def _read_case(files: RunDirectory, strict: bool) -> dict[str, Any] | None:
+    """case.json; None without one, or if it is not needed (not strict) and cannot be read."""
+    try:
+        return read_json(files.case) if files.case.exists() else None
+    except ValueError:
+        if strict:
+            raise
+        return None
 
 
 def _is_whole(folder: Path) -> bool:

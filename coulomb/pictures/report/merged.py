@@ -193,9 +193,10 @@ def _shifts(body: Grid, contact: Grid) -> dict[str, FloatArray]:
             row = np.zeros(len(number))
             row[one], row[other] = -1.0, 1.0  # what is opposite stays, the other moves along its normal
             rows.append(row)
-            moving = body.points[body.blocks[other].points]
+            staying, moving = (body.points[body.blocks[k].points] for k in (one, other))
+            nodes = np.flatnonzero(of == pair) + block.points.start
             face = contact.points[slave.points][_on_face(contact, slave, pair)]
-            wanted.append(_way_out(contact, np.flatnonzero(of == pair) + block.points.start, face, moving))
+            wanted.append(_way_out(contact, nodes, face, staying, moving))
     if not rows:
         return {}
     steady = 1e-6 * np.eye(len(number))  # bodies in no pair stay
@@ -211,24 +212,28 @@ def _on_face(contact: Grid, block: Block, number: float) -> npt.NDArray[np.bool_
     return np.asarray((of < 0.0) & (on == number))
 
 
-def _way_out(contact: Grid, nodes: npt.NDArray[np.int64], face: FloatArray, body: FloatArray) -> FloatArray:
+def _way_out(
+    contact: Grid, nodes: npt.NDArray[np.int64], face: FloatArray, staying: FloatArray, body: FloatArray
+) -> FloatArray:
     """How a body is drawn apart from a face, metres, (3,).
 
     Args:
         contact: The faces.
         nodes: Its points that are opposite to that body.
         face: Points of the face of the body that moves, shape (p, 3).
-        body: Its nodes, shape (k, 3).
+        staying: Nodes of the body that stays, shape (j, 3).
+        body: Nodes of the body that moves, shape (k, 3).
     """
     normals, area = contact.fields["normal"][nodes], contact.fields["area"][nodes]
     touching = have_partner(contact)[nodes]
     if np.any(touching):
         normals, area = normals[touching], area[touching]
     mean = area @ normals / max(float(area.sum()), 1e-300)
-    if np.linalg.norm(mean) >= 0.3:
+    through = float((body.mean(axis=0) - staying.mean(axis=0)) @ mean) < 0.0  # as a dovetail, held by undercut flanks
+    if np.linalg.norm(mean) >= 0.3 and not through:
         out: FloatArray = _APART * np.linalg.norm(np.ptp(face, axis=0)) * mean / np.linalg.norm(mean)
         return out
-    along = np.linalg.eigh(normals.T @ (area[:, None] * normals))[1][:, 0]  # the axis of a hole
+    along = np.linalg.eigh(normals.T @ (area[:, None] * normals))[1][:, 0]  # the axis of a hole or of a slot
     outward = float((body.mean(axis=0) - contact.points[nodes].mean(axis=0)) @ along)
     pulled: FloatArray = math.copysign(1.1, outward) * float(np.ptp(body @ along)) * along
     return pulled

@@ -7,6 +7,7 @@ of the time of a first picture, and waits for the directory on standard input.
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,9 @@ import numpy as np
 from ...io.field_files import Grid
 from ...io.run_directory import PICTURE, RunDirectory
 from .files import Step, read_run
-from .scene import Look, Shot, automatic_scale, camera_of, caption, limits_of, shoot, zone_counts
-from .sheet import ALARM, INK, colour_bar, directions, legend
+from .limits import Bar, Limits, limits_of
+from .scene import Look, Shot, automatic_scale, camera_of, caption, shoot, zone_counts
+from .sheet import ALARM, BAR, INK, colour_bar, directions, legend
 from .shown_fields import named
 
 DPI = 150
@@ -50,13 +52,15 @@ def draw(directory: Path) -> Path:
     if camera.size[0] < WIDE * camera.size[1]:
         camera = camera_of([step], looks[0], (round(DPI * _BESIDE[0]), round(DPI * _BESIDE[1])))
     shots = [shoot(step, look, camera=camera) for look in looks]
-    figure = _composed(shots, looks[0], caption(run, step, scale), run.alarm, zone_counts(step.grid("contact")))
+    contact = step.grid("contact")
+    bars = looks[0].limits.bars(pressure.values(contact), contact)
+    figure = _composed(shots, bars, caption(run, step, scale), run.alarm, zone_counts(contact))
     partial = directory / f".{PICTURE}"
     figure.savefig(partial, dpi=DPI, format="png", pil_kwargs={"compress_level": 1})
     return partial.replace(RunDirectory(directory).picture)
 
 
-def _composed(shots: list[Shot], look: Look, words: str, alarm: str, zones: dict[str, int]) -> Any:
+def _composed(shots: list[Shot], bars: Sequence[Bar], words: str, alarm: str, zones: dict[str, int]) -> Any:
     """Both views with their legends, as a matplotlib figure."""
     from matplotlib.figure import Figure
 
@@ -65,7 +69,8 @@ def _composed(shots: list[Shot], look: Look, words: str, alarm: str, zones: dict
     column = max(width, 5.6 if across else 8.3)
     total = 2 * column + 3 * _BORDER if across else column + 2 * _BORDER
     head = _HEAD + (0.25 if alarm else 0.0)
-    tall = head + _BAR + height + (0.0 if across else height + _LEGEND) + _BORDER
+    below = _BAR + BAR * (len(bars) - 1)
+    tall = head + below + height + (0.0 if across else height + _LEGEND) + _BORDER
     figure = Figure(figsize=(total, tall), dpi=DPI, facecolor="white")
 
     def box(left: float, bottom: float, wide: float, high: float) -> tuple[float, float, float, float]:
@@ -74,13 +79,15 @@ def _composed(shots: list[Shot], look: Look, words: str, alarm: str, zones: dict
     figure.text(_BORDER / total, 1.0 - 0.26 / tall, words, fontsize=11, color=INK, va="center")
     if alarm:
         figure.text(_BORDER / total, 1.0 - 0.52 / tall, alarm, fontsize=11, color=ALARM, weight="bold", va="center")
-    bottoms = [_BORDER + _BAR] * 2 if across else [_BORDER + _LEGEND + height + _BAR, _BORDER + _LEGEND]
+    bottoms = [_BORDER + below] * 2 if across else [_BORDER + _LEGEND + height + below, _BORDER + _LEGEND]
     lefts = [_BORDER, 2 * _BORDER + column] if across else [_BORDER] * 2
     for shot, left, bottom in zip(shots, lefts, bottoms, strict=True):
         figure.figimage(shot.pixels, round(DPI * (left + 0.5 * (column - width))), round(DPI * bottom), origin="upper")
-    bar, below = bottoms[0] - 0.22, bottoms[1] - (0.36 if across else 0.26)
-    colour_bar(figure, look.field, look.limits, look.limits[1], box(_BORDER + 0.2 * column, bar, 0.62 * column, 0.16))
-    legend(figure, zones, ((lefts[1] + 0.5 * column) / total, below / tall), columns=2 if across else 4)
+    for k, bar in enumerate(bars):
+        place = box(_BORDER + 0.2 * column, bottoms[0] - 0.22 - BAR * k, 0.62 * column, 0.16)
+        colour_bar(figure, named("pressure"), bar, place)
+    named_below = (bottoms[1] - (0.36 if across else 0.26)) / tall
+    legend(figure, zones, ((lefts[1] + 0.5 * column) / total, named_below), columns=2 if across else 4)
     directions(figure.add_axes(box(_BORDER, bottoms[0] - 0.8, 0.9, 0.8)), shots[0])
     return figure
 
@@ -101,11 +108,11 @@ class _Cube(Step):
 def _warm_up() -> None:
     """Draw a small picture without a file, to load and compile everything that a picture needs."""
     cube = _Cube(Path(), None)
-    looks = [Look(named(name), (0.0, 3.0), 1.0, "contact") for name in ("pressure", "status")]
+    looks = [Look(named(name), Limits(0.0, 3.0), 1.0, "contact") for name in ("pressure", "status")]
     shots = [shoot(cube, look, (60, 60)) for look in looks]
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    FigureCanvasAgg(_composed(shots, looks[0], "0123", "", zone_counts(cube.grid("contact")))).draw()
+    FigureCanvasAgg(_composed(shots, [Bar(0.0, 3.0, 0.0, 3.0)], "0123", "", zone_counts(cube.grid("contact")))).draw()
 
 
 def main(arguments: list[str]) -> str:

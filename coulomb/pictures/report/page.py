@@ -6,6 +6,8 @@ import base64
 import io
 import json
 import os
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +15,14 @@ import jinja2
 import numpy as np
 from PIL import Image
 
-from ...contact_names import named_faces
+from ...contact_names import normal_forces
 from ..plotting import ZONES
 from . import acting, charts, facts
 from .files import Run, read_run
-from .scene import Look, Shot, automatic_scale, cropped, limits_of, shoot, zone_counts
+from .limits import Bar, limits_of
+from .scene import Look, Shot, automatic_scale, cropped, shoot, zone_counts
 from .sheet import AXES
-from .shown_fields import named, ramp
+from .shown_fields import Field, named, ramp
 from .surface_view import surface_view
 from .units import in_seconds, number, quantity, scale_of, vector
 
@@ -30,6 +33,8 @@ PICTURES = (
     ("friction_use", "contact"),
     ("displacement", "iso"),
     ("von_mises_stress", "iso"),
+    ("principal_stress_1", "iso"),
+    ("principal_stress_3", "iso"),
 )
 """Fields and views of the pictures."""
 
@@ -76,7 +81,7 @@ def render(run: Run) -> str:
     data, omitted = surface_view(run, scale)
     here = Path(__file__).parent
     return environment.get_template("page.html").render(
-        title=run.directory.resolve().name,
+        title=run.title,
         passed=not alarm,
         alarm=alarm,
         verdict=facts.in_words(run),
@@ -101,6 +106,7 @@ def render(run: Run) -> str:
             "forces": (acting.FORCES, acting.forces(run)),
             "faces": (acting.FACES, acting.faces(run)),
             "probes": (acting.PROBES, acting.probes(run)),
+            "stresses": (acting.STRESSES, acting.stresses(run)),
         },
         checks=facts.checks(run),
         pictures=_pictures(run, scale),
@@ -127,30 +133,31 @@ def _tiles(run: Run) -> list[tuple[str, str]]:
     """The key figures."""
     summary, nodes = run.summary, zone_counts(run.steps[-1].grid("contact"))
     totals = summary.get("totals") or {}
+    shown = partial(quantity, accuracy=run.accuracy)
     on_body = summary.get("force_on_body", {})
     at_end = " at the end" if run.is_history else ""
     forces = []  # of several contacts they are in the tables
     if "normal" in on_body:
         along = sum(value**2 for value in on_body["tangential"]) ** 0.5
         forces = [
-            (f"normal force{at_end}", quantity(on_body["normal"], "N")),
-            (f"friction force{at_end}", quantity(along, "N")),
+            (f"normal force{at_end}", shown(on_body["normal"], "N")),
+            (f"friction force{at_end}", shown(along, "N")),
         ]
     zones = f"{nodes['open']} / {nodes['stick']} / {nodes['slip']}"
     if not run.is_history:
         tiles = [
             *forces,
-            ("largest pressure", quantity(summary["maximum"]["contact_pressure"], "Pa")),
+            ("largest pressure", shown(summary["maximum"]["contact_pressure"], "Pa")),
         ]
         if totals:
-            tiles.append(("largest slip", quantity(totals["greatest_slip"], "m")))
+            tiles.append(("largest slip", shown(totals["greatest_slip"], "m")))
         return [*tiles, ("open / stick / slip", zones)]
     pressure, slip = run.history["maximum"]["contact_pressure"], run.history["maximum"]["slip_in_a_step"]
     return [
         ("steps certified", f"{run.history['certified_steps']} of {run.history['steps']}"),
-        (f"largest pressure, step {pressure['step']}", quantity(pressure["value"], "Pa")),
-        (f"largest slip in one step, step {slip['step']}", quantity(slip["value"], "m")),
-        ("dissipated, all steps", quantity(run.history["energy"]["dissipated"], "J")),
+        (f"largest pressure, step {pressure['step']}", shown(pressure["value"], "Pa")),
+        (f"largest slip in one step, step {slip['step']}", shown(slip["value"], "m")),
+        ("dissipated, all steps", shown(run.history["energy"]["dissipated"], "J")),
         *forces,
         ("open / stick / slip at the end", zones),
     ]
@@ -162,23 +169,28 @@ def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
     step = run.steps[-1]
     for name, view in (*PICTURES, *(OF_HISTORIES if run.is_history else ())):
         field = named(name)
-        if field.name == "von_mises_stress" and field.name not in step.grid(field.file).fields:
-            continue  # the stress of the user's forms is not known
+        if field.name.startswith(("von_mises", "principal")) and field.name not in step.grid(field.file).fields:
+            continue  # the stress of the user's forms is not known, nor in old files all of it
         limits = limits_of(run, field)
         shot = cropped([shoot(step, Look(field, limits, scale, view), (1050, 780))])[0]
-        factor, unit = scale_of(max(map(abs, limits)), field.unit)
         entry: dict[str, Any] = {"name": name, "title": field.title[0].upper() + field.title[1:], "source": _png(shot)}
-        entry |= {"axes": _axes(shot), "zones": []}
+        entry |= {"axes": _axes(shot), "zones": [], "ramp": ", ".join(ramp(field, 17)), "bars": []}
         if field.zones:
             counts = zone_counts(step.grid("contact"))
             entry["zones"] = [(zone, colour, counts[zone]) for zone, colour in ZONES.values()]
         else:
-            entry["ramp"] = ", ".join(ramp(field, 17))
-            low, high = (bound / factor for bound in limits)
-            entry["ticks"] = [number(low + part * (high - low), 3) for part in (0.0, 0.25, 0.5, 0.75, 1.0)]
-            entry["unit"] = unit
+            grid = step.grid(field.file)
+            entry["bars"] = [_bar(field, bar) for bar in limits.bars(field.values(grid), grid)]
         found.append(entry)
     return found
+
+
+def _bar(field: Field, bar: Bar) -> dict[str, Any]:
+    """The numbers below a colour bar, and its title."""
+    factor, unit = scale_of(bar.high, field.unit)
+    places = [(1.0 - part) * bar.low + part * bar.high for part in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    title = f"{bar.of}: {field.title}" if bar.of else field.title[0].upper() + field.title[1:]
+    return {"ticks": [number(place / factor, 3) for place in places], "title": f"{title}, {unit}" if unit else title}
 
 
 def _png(shot: Shot) -> str:
@@ -211,14 +223,15 @@ def _charts(run: Run) -> dict[str, str]:
 
 def _table(run: Run) -> list[list[str]]:
     """For a load history: time, force, zones, energy of friction, certificate; a row per step."""
+    shown = partial(quantity, accuracy=run.accuracy)
     return [
         [
             f"{int(row['step'])}",
             in_seconds(row["time"]),
-            _forces_of(row),
-            quantity(row["greatest_pressure"], "Pa"),
+            _forces_of(row, run.accuracy),
+            shown(row["greatest_pressure"], "Pa"),
             " / ".join(str(zone_counts(step.grid("contact"))[zone]) for zone in ("open", "stick", "slip")),
-            quantity(row["energy_dissipated"], "J"),
+            shown(row["energy_dissipated"], "J"),
             f"{int(row['path_following'])}",
             number(row["residual"], 2),
             "FAILED" if not row["certified"] else "passed" if row.get("valid", 1.0) else "outside the theory",
@@ -231,14 +244,14 @@ def _force_in_steps(run: Run) -> str:
     """What `_forces_of` gives."""
     if not run.rows or "force_x" in run.rows[0]:
         return "contact force on the body"
-    return f"normal force of {' / '.join(name for name, _ in named_faces(run.summary['faces']))}"
+    return f"normal force of {' / '.join(normal_forces(run.rows[0]))}"
 
 
-def _forces_of(row: dict[str, float]) -> str:
+def _forces_of(row: dict[str, float], accuracy: Mapping[str, float]) -> str:
     """The contact force on the body; of several contacts whose forces have no sum the normal forces."""
     if "force_x" in row:
-        return vector([row["force_x"], row["force_y"], row["force_z"]], "N")
-    return " / ".join(quantity(value, "N") for name, value in row.items() if name.endswith("_normal_force"))
+        return vector([row["force_x"], row["force_y"], row["force_z"]], "N", accuracy=accuracy)
+    return " / ".join(quantity(value, "N", accuracy=accuracy) for value in normal_forces(row).values())
 
 
 def main(arguments: list[str]) -> str:

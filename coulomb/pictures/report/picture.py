@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image
 
 from .files import Step, read_run
+from .limits import limits_of
 from .scene import (
     VIEWS,
     Look,
@@ -16,7 +17,6 @@ from .scene import (
     camera_of,
     caption,
     cropped,
-    limits_of,
     paint,
     plotter_for,
     shoot,
@@ -85,11 +85,10 @@ def plot(
         sheet(
             shot,
             chosen,
-            limits,
+            limits.bars(chosen.values(state.grid(chosen.file)), state.grid(chosen.file)),
             caption(run, state, used),
             run.alarm,
             zone_counts(state.grid("contact")),
-            float(np.max(np.abs(chosen.values(state.grid(chosen.file))))),
         )
         for state, shot in zip(steps, shots, strict=True)
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from .files import Run
 from .given import rows_and_after
 from .units import in_seconds, number, quantity, vector
 
@@ -22,15 +23,17 @@ def prescribed(contact: dict[str, Any], where: str) -> list[tuple[str, str]]:
     return [(f"rotation of the foundation{where}", f"{axis}: {shown}" if shown else axis)]
 
 
-def figures(summary: dict[str, Any]) -> list[tuple[str, str]]:
+def figures(run: Run) -> list[tuple[str, str]]:
     """Torque and power of every rotating foundation at the end of the run, or of its last step."""
+    summary, accuracy = run.summary, run.accuracy
     turning = [face for face in summary.get("faces") or [] if "torque" in face]
     rows = []
     for face in turning:
         where = f" of {face['faces'][0]}" if len(summary["faces"]) > 1 else ""
-        at = f"{quantity(face['torque'], 'N m', 5)} at {number(face['angle'], 5)} rad"
+        at = f"{quantity(face['torque'], 'N m', 5, accuracy)} at {number(face['angle'], 5)} rad"
         rows.append((f"torque of the contact on the foundation{where}", at))
         if face["power"] is not None:
-            speed = f"{quantity(face['power'], 'W', 5)} at {number(face['angular_velocity'], 5)} rad/s"
+            least = {"W": accuracy["N m"] * abs(face["angular_velocity"])}
+            speed = f"{quantity(face['power'], 'W', 5, least)} at {number(face['angular_velocity'], 5)} rad/s"
             rows.append((f"power of the contact on the foundation{where}", speed))
     return rows

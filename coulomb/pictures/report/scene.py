@@ -12,9 +12,10 @@ import numpy.typing as npt
 from ...arrays import FloatArray
 from ...io.field_files import Grid
 from ..plotting import ZONES, corners_in, nice, patches, polygons, renderer, skin_of, without
-from .camera import Camera, beside, framing
+from .camera import Camera, beside, framing, looking_at
 from .files import Run, Step
 from .first_order import contact_points
+from .limits import Limits
 from .merged import drawn_apart, nodes_in_body, opposite, outward
 from .shown_fields import Field, named
 from .units import in_seconds, number, scale_of
@@ -44,6 +45,7 @@ _EDGES = {
 _OBLIQUE = ("contact", "iso", "below")  # the others are along an axis: without perspective
 _BODY, _EDGE, _FACE_EDGE = "#f2f0eb", "#c8c5be", "#8a8a8a"
 _LINED = 15_000  # facets up to which their edges are drawn: on finer ones lines would cover the colours
+_THROUGH = 0.6  # strength of colours that are seen through a body
 _TIP = 0.07  # radius of an arrow's tip over its length
 _ARROWS = 22  # along the largest extent of the contact face
 _INK = "#202020"
@@ -55,14 +57,14 @@ class Look:
 
     Attributes:
         field: The field shown by colours.
-        limits: Range of the colours, in the bare unit of the field.
+        limits: Range of the colours.
         scale: Factor of the displacement.
         view: One of `VIEWS`.
         caption: Text at the top of a window, with colour bar and axes; empty if `sheet` or the page adds these.
     """
 
     field: Field
-    limits: tuple[float, float]
+    limits: Limits
     scale: float
     view: str
     caption: str = ""
@@ -96,13 +98,6 @@ def automatic_scale(run: Run) -> float:
     return nice(min(0.05 * size / largest, 0.5 / stretch if stretch > 0.0 else np.inf))
 
 
-def limits_of(run: Run, field: Field) -> tuple[float, float]:
-    """Range of the colours, the same for all steps of a run."""
-    if field.zones:
-        return 0.0, float(max(ZONES))
-    return field.limits(np.concatenate([np.ravel(field.values(step.grid(field.file))) for step in run.steps]))
-
-
 @dataclass(frozen=True)
 class Shot:
     """A rendered picture.
@@ -127,11 +122,23 @@ def shoot(step: Step, look: Look, size: tuple[int, int] = (1500, 1100), camera: 
     """
     camera = camera or camera_of([step], look, size)
     plotter = plotter_for(camera.size)
-    paint(plotter, step, look)
+    bodies = paint(plotter, step, look)
     camera.aim(plotter)
     pixels = plotter.screenshot(return_img=True, transparent_background=True)
+    if bodies is not None:
+        bodies.SetVisibility(False)
+        plotter.render()
+        pixels = _shown_through(pixels, plotter.screenshot(return_img=True, transparent_background=True))
     plotter.close()
     return Shot(np.asarray(pixels, dtype=np.uint8), camera.axes)
+
+
+def _shown_through(whole: npt.NDArray[np.uint8], faces: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """A picture in which the contact faces are seen through what hides them, from pictures with and without bodies."""
+    share = _THROUGH * (faces[:, :, 3:] / 255.0)
+    mixed: npt.NDArray[np.uint8] = np.rint((1.0 - share) * whole + share * faces).astype(np.uint8)
+    mixed[:, :, 3] = whole[:, :, 3]
+    return mixed
 
 
 def camera_of(steps: Sequence[Step], look: Look, size: tuple[int, int]) -> Camera:
@@ -144,9 +151,10 @@ def camera_of(steps: Sequence[Step], look: Look, size: tuple[int, int]) -> Camer
         if look.field.vector and look.field.file == "contact":
             tails, along = _arrows_of(contact, body, look)
             seen += [tails + along + _TIP * np.abs(along).max(initial=0.0) * side for side in (*np.eye(3), *-np.eye(3))]
-    contact = steps[-1].grid("contact")
-    direction, up = _direction(look.view, contact)
-    return framing(np.concatenate(seen), direction, up, size, parallel=look.view not in _OBLIQUE)
+    points, parallel = np.concatenate(seen), look.view not in _OBLIQUE
+    ways = _directions(look.view, steps[-1].grid("contact"))
+    cameras = [framing(points, direction, up, size, parallel) for direction, up in ways]
+    return max(cameras, key=lambda camera: camera.size[1] / camera.opening)  # the largest picture
 
 
 def _shown(step: Step, look: Look) -> tuple[Grid, Grid]:
@@ -174,23 +182,28 @@ def plotter_for(size: tuple[int, int], window: bool = False) -> Any:
     return plotter
 
 
-def paint(plotter: Any, step: Step, look: Look) -> None:
-    """Add a state to an empty plotter and set the camera."""
+def paint(plotter: Any, step: Step, look: Look) -> Any:
+    """Add a state to an empty plotter, in a window with its camera; returns VTK's actor of what may hide contact faces,
+    or None."""
     pyvista, field = renderer(), look.field
     body, contact = _shown(step, look)
+    bodies = None
     displacement = body.fields["displacement"]
     in_contact = nodes_in_body(contact, body)
     points = contact.points + look.scale * displacement[in_contact]
     size = float(np.linalg.norm(np.ptp(body.points, axis=0)))
     skin = skin_of(pyvista, body, body.points + look.scale * displacement)
     face = pyvista.PolyData(points, polygons(contact.cells))
-    factor, unit = scale_of(max(map(abs, look.limits)), field.unit)
-    colours: dict[str, Any] = {"cmap": field.colours, "clim": tuple(bound / factor for bound in look.limits)}
-    colours |= {"lighting": False, "scalars": "shown", "scalar_bar_args": _bar(field, unit)}
+    limits = look.limits
+    factor, unit = scale_of(limits.high, field.unit)
+    colours: dict[str, Any] = {"cmap": field.colours, "clim": (limits.low / factor, limits.high / factor)}
+    others = limits.bars(np.zeros(len(contact.points)), contact)[1:]
+    ends = "".join(f"; of {bar.of} to {bar.high / factor:.3g}" for bar in others)
+    colours |= {"lighting": False, "scalars": "shown", "scalar_bar_args": _bar(field, unit + ends)}
     colours |= {"show_scalar_bar": bool(look.caption)}
 
     if field.file == "solution":
-        values = field.values(body) / factor
+        values = limits.exact(field.values(body)) / factor
         if len(values) == len(body.points):
             skin.point_data["shown"] = values[skin.point_data["node"]]
         else:
@@ -201,11 +214,13 @@ def paint(plotter: Any, step: Step, look: Look) -> None:
     else:
         bare, lined = without(skin, in_contact[contact.cells]), skin.n_cells <= _LINED
         if bare.n_cells:  # no body if its file is missing
-            plotter.add_mesh(bare, color=_BODY, show_edges=lined, edge_color=_EDGE, ambient=0.75, diffuse=0.3)
+            window = bool(look.caption) and np.any(opposite(contact))
+            plain = {"ambient": 0.75, "diffuse": 0.3, "opacity": 1.0 - _THROUGH if window else 1.0}
+            bodies = plotter.add_mesh(bare, color=_BODY, show_edges=lined, edge_color=_EDGE, **plain)
         if field.zones:
             _zones(plotter, contact, points, bool(look.caption))
         else:
-            face.point_data["shown"] = field.values(contact) / factor
+            face.point_data["shown"] = limits.stretched(field.values(contact), contact) / factor
             plotter.add_mesh(face, show_edges=lined, edge_color=_FACE_EDGE, line_width=0.5, **colours)
         if field.zones and lined:
             lines = pyvista.PolyData(points + 1e-3 * size * contact.fields["normal"], polygons(contact.cells))
@@ -213,9 +228,13 @@ def paint(plotter: Any, step: Step, look: Look) -> None:
         if field.vector:
             _arrows(plotter, contact, body, look)
     if look.caption:
-        _look(plotter, look.view, contact)
+        camera = camera_of([step], look, tuple(plotter.window_size))
+        if camera.parallel:
+            plotter.enable_parallel_projection()
+        plotter.view_vector(camera.position - camera.focal_point, viewup=camera.up)
         plotter.add_text(look.caption, position=(0.02, 0.94), viewport=True, font_size=11, color=_INK)
         plotter.add_axes(color=_INK)
+    return bodies
 
 
 def _bar(field: Field, unit: str) -> dict[str, Any]:
@@ -260,10 +279,11 @@ def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, Float
     One per cube of a grid over the face; the largest has nine tenths of the length of a cube.
     """
     points, vectors = contact.points, contact.fields[look.field.name]
+    vectors = vectors * (look.limits.high / np.reshape(look.limits.end_at(contact), (-1, 1)))
     largest = float(np.linalg.norm(vectors, axis=1).max())
     extent = np.ptp(points, axis=0)
     reach = float(extent.max())
-    if not largest > 0.0 or not reach > 0.0:
+    if not largest > look.limits.least or not reach > 0.0:
         return points[:0], vectors[:0]
     cell = np.sqrt(float(np.sum(contact.fields["area"])) / max(1, len(points)))
     edge = max(reach / _ARROWS, 1.2 * cell)
@@ -281,28 +301,14 @@ def thinned(count: int, most: int) -> npt.NDArray[np.int64]:
     return np.arange(0, count, max(1, -(-count // most)))
 
 
-def _look(plotter: Any, view: str, contact: Grid) -> None:
-    direction, up = _direction(view, contact)
-    if view not in _OBLIQUE:
-        plotter.enable_parallel_projection()
-    plotter.view_vector(direction, viewup=up)
-
-
-def _direction(view: str, contact: Grid) -> tuple[FloatArray, FloatArray]:
-    """Direction of a view, and upward direction."""
+def _directions(view: str, contact: Grid) -> list[tuple[FloatArray, FloatArray]]:
+    """Directions of a view to choose from, each with the upward direction: of the contact face along either side."""
     given = VIEWS[view]
     if given is not None:
-        return np.array(given[0]), np.array(given[1])
+        return [(np.array(given[0]), np.array(given[1]))]
     if np.any(opposite(contact)):
-        return beside(outward(contact))
-    return looking_at(outward(contact))
-
-
-def looking_at(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Direction of view of a face with this outward normal, inclined to it in two directions, and upward direction."""
-    along = np.eye(3)[np.argmin(np.abs(normal))]
-    across: FloatArray = np.cross(normal, along)
-    return normal + 0.25 * along + 0.6 * across, -across
+        return [beside(outward(contact))]
+    return [looking_at(outward(contact), turned) for turned in (False, True)]
 
 
 def zone_counts(contact: Grid) -> dict[str, int]:
@@ -312,8 +318,8 @@ def zone_counts(contact: Grid) -> dict[str, int]:
 
 
 def caption(run: Run, step: Step, scale: float) -> str:
-    """Name of its directory, friction, time and the scale of the displacement in one line."""
-    parts = [f"{run.directory.resolve().name}: {friction_in_words(run.summary) if run.summary else 'friction unknown'}"]
+    """Name of the case, friction, time and the scale of the displacement in one line."""
+    parts = [f"{run.title}: {friction_in_words(run.summary) if run.summary else 'friction unknown'}"]
     if step.time is not None:
         parts.append(f"time {in_seconds(step.time)}")
     return ", ".join([*parts, f"displacement × {number(scale)}"])

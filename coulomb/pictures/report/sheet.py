@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib
@@ -9,9 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..plotting import ZONES
+from .limits import Bar
 from .scene import Shot
 from .shown_fields import Field
-from .units import in_nodes, scale_of
+from .units import in_nodes, number, scale_of
+
+BAR = 0.72
+"""Height of a colour bar with its numbers and title, inches: of 150 pixels, a whole and, for films, even number."""
 
 Pixels = npt.NDArray[np.uint8]
 
@@ -27,45 +32,47 @@ INK, ALARM, EDGE = "#202020", "#b3261e", "#8a8a8a"
 def sheet(
     shot: Shot,
     field: Field,
-    limits: tuple[float, float],
+    bars: Sequence[Bar],
     caption: str,
     alarm: str,
     zones: dict[str, int],
-    largest: float,
 ) -> Any:
     """A matplotlib figure with the picture and text around it.
 
     Args:
         shot: The picture, cropped.
         field: The field shown by colours.
-        limits: Their range, in the bare unit.
+        bars: Their ranges.
         caption: Text at the top.
         alarm: Text below it, in red.
         zones: Number of nodes per zone, for the field `status`.
-        largest: Magnitude of the field in this state, in the bare unit: the colour range may include other states.
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=SIZE, facecolor="white")
-    stage = figure.add_axes((0.03, 0.19, 0.94, 0.71))
+    width, high = SIZE
+    below = BAR * (len(bars) - 1)
+    tall = high + below
+    figure = Figure(figsize=(width, tall), facecolor="white")
+    stage = figure.add_axes((0.03, (0.19 * high + below) / tall, 0.94, 0.71 * high / tall))
     stage.imshow(shot.pixels, interpolation="antialiased")
     stage.set_axis_off()
-    figure.text(0.03, 0.955, caption, fontsize=11, color=INK, va="center")
+    figure.text(0.03, 1.0 - 0.045 * high / tall, caption, fontsize=11, color=INK, va="center")
     if alarm:
-        figure.text(0.03, 0.915, alarm, fontsize=11, color=ALARM, weight="bold", va="center")
-    directions(figure.add_axes((0.02, 0.02, 0.11, 0.15)), shot)
+        figure.text(0.03, 1.0 - 0.085 * high / tall, alarm, fontsize=11, color=ALARM, weight="bold", va="center")
+    directions(figure.add_axes((0.02, 0.02 * high / tall, 0.11, 0.15 * high / tall)), shot)
     if field.zones:
-        legend(figure, zones, (0.55, 0.08))
+        legend(figure, zones, (0.55, 0.08), columns=2)
         return figure
-    colour_bar(figure, field, limits, largest, (0.2, 0.085, 0.66, 0.03))
+    for k, bar in enumerate(bars):
+        bottom = (0.085 * high + below - BAR * k) / tall
+        colour_bar(figure, field, bar, (0.2, bottom, 0.66, 0.03 * high / tall))
     return figure
 
 
 def colour_bar(
     figure: Any,
     field: Field,
-    limits: tuple[float, float],
-    largest: float,
+    bar: Bar,
     box: tuple[float, float, float, float],
 ) -> None:
     """Colour bar with round numbers, the field and its unit below.
@@ -73,25 +80,28 @@ def colour_bar(
     Args:
         figure: The figure.
         field: The field.
-        limits: Range of the colours, in the bare unit.
-        largest: Magnitude of the field, written beside the bar.
+        bar: Range of the colours; the largest value is written beside it, of signed values the smallest as well.
         box: Left, bottom, width and height of the bar, over those of the figure.
     """
     from matplotlib.ticker import MaxNLocator
 
-    factor, unit = scale_of(max(map(abs, limits)), field.unit)
-    norm = matplotlib.colors.Normalize(limits[0] / factor, limits[1] / factor)
-    bar = figure.colorbar(
+    factor, unit = scale_of(bar.high, field.unit)
+    norm = matplotlib.colors.Normalize(bar.low / factor, bar.high / factor)
+    drawn = figure.colorbar(
         matplotlib.cm.ScalarMappable(norm, field.colours),
         cax=figure.add_axes(box),
         orientation="horizontal",
         ticks=MaxNLocator(6, steps=[1, 2, 5, 10]),
     )
-    bar.set_label(f"{field.title}, {unit}" if unit else field.title, fontsize=11, color=INK)
-    bar.ax.spines["outline"].set_visible(False)
+    title = f"{field.title}, {unit}" if unit else field.title
+    drawn.set_label(f"{bar.of}: {title}" if bar.of else title, fontsize=11, color=INK)
+    drawn.ax.spines["outline"].set_visible(False)
     if field.unit:
         place = (box[0] + box[2] + 0.01, box[1] + 0.5 * box[3])
-        figure.text(*place, f"max {largest / factor:.4g}", fontsize=10, color=INK, va="center")
+        ends = f"max {number(bar.largest / factor)}"
+        if bar.low < 0.0:
+            ends += f"\nmin {number(bar.smallest / factor)}"
+        figure.text(*place, ends, fontsize=10, color=INK, va="center")
 
 
 def legend(figure: Any, zones: dict[str, int], middle: tuple[float, float], columns: int = 4) -> None:

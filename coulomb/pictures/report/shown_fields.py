@@ -67,15 +67,14 @@ class Field:
         magnitude: FloatArray = np.linalg.norm(found, axis=-1)
         return magnitude if self.component is None else found[:, self.component]
 
-    def limits(self, values: FloatArray) -> tuple[float, float]:
-        """Range of the colours: symmetric for signed values, from 0 for magnitudes, 0 to 1 for fractions."""
+    def limits(self, values: FloatArray, least: float = 0.0) -> tuple[float, float]:
+        """Range of the colours: symmetric for signed values, from 0 for magnitudes, 0 to 1 for fractions and where no
+        value exceeds `least`."""
         if self.colours == SHARE:
             return 0.0, 1.0
-        least, largest = float(np.min(values)), float(np.max(values))
-        if self.signed:
-            most = max(abs(least), abs(largest)) or 1.0
-            return -most, most
-        return 0.0, largest if largest > 0.0 else 1.0
+        most = float(np.max(np.abs(values) if self.signed else values))
+        most = most if most > least else 1.0
+        return (-most if self.signed else 0.0), most
 
 
 FIELDS = (
@@ -90,6 +89,13 @@ FIELDS = (
     Field("largest_pressure", "contact", "largest pressure since the start", "Pa"),
     Field("displacement", "solution", "displacement", "m", vector=True),
     Field("von_mises_stress", "solution", "von Mises stress", "Pa"),
+    *(
+        Field(f"stress_{pair}", "solution", f"stress {pair}", "Pa", SIGNED)
+        for pair in ("xx", "yy", "zz", "yz", "xz", "xy")
+    ),
+    Field("principal_stress_1", "solution", "first (largest) principal stress", "Pa", SIGNED),
+    Field("principal_stress_2", "solution", "second principal stress", "Pa", SIGNED),
+    Field("principal_stress_3", "solution", "third (smallest) principal stress", "Pa", SIGNED),
     Field("temperature_change", "solution", "temperature change", "K", SIGNED),
 )
 

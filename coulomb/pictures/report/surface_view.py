@@ -12,9 +12,10 @@ import numpy.typing as npt
 from ...arrays import FloatArray
 from ...io.field_files import Grid
 from ..plotting import ZONES, renderer, skin_of
+from .camera import looking_at
 from .files import Run, Step
+from .limits import Limits, limits_of
 from .merged import nodes_in_body, outward, same_nodes
-from .scene import limits_of, looking_at
 from .sheet import AXES
 from .shown_fields import named, ramp
 from .units import in_seconds, scale_of
@@ -69,7 +70,7 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
         "direction": direction.tolist(),
         "up": up.tolist(),
         "arrow": {"every": every, "largest": largest or 1.0, "length": 1.5 * cell},
-        "fields": [{key: value for key, value in entry.items() if key != "field"} for entry in fields],
+        "fields": [{key: value for key, value in entry.items() if key not in ("field", "limits")} for entry in fields],
         "steps": [_step(run.steps[k], fields, shown) for k in numbers],
         "flat": False,
     }
@@ -84,13 +85,21 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
 def _field(run: Run, name: str) -> dict[str, Any]:
     """Entry of the field menu; values are divided by `factor`."""
     field = named(name)
-    low, high = limits_of(run, field)
-    factor, unit = scale_of(max(abs(low), abs(high)), field.unit)
+    limits = limits_of(run, field)
+    low, high = limits.low, limits.high
+    factor, unit = scale_of(high, field.unit)
     entry: dict[str, Any] = {"name": name, "title": field.title, "unit": unit, "factor": factor, "field": field}
-    entry |= {"low": low / factor, "high": high / factor, "colours": ramp(field)}
+    entry |= {"low": low / factor, "high": high / factor, "colours": ramp(field), "limits": limits}
+    entry["of_faces"] = {} if limits.ends == () else _share_of_faces(run.steps[-1].grid("contact"), limits)
     if field.zones:
         entry["zones"] = [{"name": zone, "colour": colour} for zone, colour in ZONES.values()]
     return entry
+
+
+def _share_of_faces(contact: Grid, limits: Limits) -> dict[str, float]:
+    """By name of a face its range over the largest."""
+    share = np.asarray(limits.end_at(contact)) / limits.high
+    return {block.name: float(np.max(share[block.points])) for block in contact.blocks}
 
 
 class _Shown(NamedTuple):
@@ -113,7 +122,10 @@ def _step(step: Step, fields: Sequence[dict[str, Any]], shown: _Shown) -> dict[s
         "surface": _packed(displacement[nodes_in_body(contact, body)[nodes]]),
         "outline": _packed(displacement[outline]),
         "arrows": _packed(contact.fields["friction_traction"][nodes]),
-        "values": {entry["name"]: _packed(entry["field"].values(contact)[nodes] / entry["factor"]) for entry in fields},
+        "values": {
+            entry["name"]: _packed(entry["limits"].exact(entry["field"].values(contact))[nodes] / entry["factor"])
+            for entry in fields
+        },
     }
 
 

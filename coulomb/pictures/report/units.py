@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+from ...io.accuracy import rounded
 
 NARROW = "\u202f"
 """Non-breaking space between a number and its unit."""
@@ -49,10 +53,13 @@ def number(value: float, digits: int = 4) -> str:
     return f"{mantissa}×10{raised}"
 
 
-def quantity(value: float | None, unit: str = "", digits: int = 4) -> str:
-    """A number with its unit: 151.3 MPa."""
+def quantity(
+    value: float | None, unit: str = "", digits: int = 4, accuracy: Mapping[str, float] = MappingProxyType({})
+) -> str:
+    """A number with its unit: 151.3 MPa; 0 up to the `accuracy` of the unit (`io.accuracy`)."""
     if value is None:
         return "–"
+    (value,) = rounded([value], accuracy.get(unit, 0.0))
     factor, prefixed = scale_of(value, unit)
     return f"{number(value / factor, digits)}{NARROW}{prefixed}" if prefixed else number(value, digits)
 
@@ -62,13 +69,23 @@ def in_nodes(count: int, kind: str = "") -> str:
     return f"{count} {kind}{' ' if kind else ''}{'node' if count == 1 else 'nodes'}"
 
 
+def in_few(names: Sequence[str], most: int = 3) -> str:
+    """Some names: "a, b, c and 2 more"."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
 def in_seconds(value: float, digits: int = 4) -> str:
     """A time of a history or of a run in seconds, without prefixes: 0.25 s."""
     return f"{number(value, digits)}{NARROW}s"
 
 
-def vector(values: list[float] | tuple[float, ...], unit: str, digits: int = 4) -> str:
-    """Components with one unit: (−14.7, −22.5, 104) MN; rounding errors relative to the largest are shown as 0."""
+def vector(
+    values: Sequence[float], unit: str, digits: int = 4, accuracy: Mapping[str, float] = MappingProxyType({})
+) -> str:
+    """Components with one unit: (−14.7, −22.5, 104) MN; rounding errors relative to the largest are shown as 0, and
+    what is up to the `accuracy` of the unit (`io.accuracy`)."""
+    values = rounded(values, accuracy.get(unit, 0.0))
     largest = max((abs(value) for value in values), default=0.0)
     factor, prefixed = scale_of(largest, unit)
     shown = ", ".join(number(0.0 if abs(v) <= 1e-9 * largest else v / factor, digits) for v in values)

@@ -51,7 +51,8 @@ function axes() {
 
 /** The colour bar, or the names of the zones. */
 function legend() {
-  const { title, unit, low, high, colours, zones } = state.field;
+  const { title, unit, colours, zones } = state.field;
+  const [low, high] = colourRange();
   const legend = part("legend");
   legend.textContent = "";
   const add = (parent, kind, text, style = {}) => {
@@ -81,7 +82,7 @@ function control(name, kind, change) {
 }
 const chooser = control("field", "change", (element) => ((state.field = data.fields[element.selectedIndex]), legend()));
 for (const field of data.fields) chooser.add(new Option(field.title));
-const side = control("face", "change", (element) => ((state.face = faces[element.selectedIndex]), letGo(), home()));
+const side = control("face", "change", (element) => ((state.face = faces[element.selectedIndex]), legend(), letGo(), home()));
 for (const face of faces) side.add(new Option(face.name));
 side.selectedIndex = faces.indexOf(state.face);
 side.closest("label").hidden = faces.length < 3;

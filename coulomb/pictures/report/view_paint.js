@@ -8,7 +8,7 @@ function arrowCorners(points, margin) {
   const corners = [];
   for (let node = state.face.nodes[0]; node < state.face.nodes[1]; node += data.arrow.every) {
     const at = (array) => [array[3 * node], array[3 * node + 1], array[3 * node + 2]];
-    const length = Math.hypot(...at(vectors)) / data.arrow.largest; // over the largest arrow, as below
+    const length = Math.hypot(...at(vectors)) / largestArrow(); // over the largest arrow, as below
     if (length < 0.04) continue;
     const along = unit(at(vectors));
     const side = cross(at(normals), along);
@@ -35,8 +35,11 @@ function scene() {
   };
 }
 
+/** Where the colours begin and end. */
+const colourRange = () => [state.field.low, state.field.high].map((end) => end * shareOfFace(state.field));
 const colourOf = (value) => {
-  const { low, high, colours, zones } = state.field;
+  const { colours, zones } = state.field;
+  const [low, high] = colourRange();
   if (zones) return zones[Math.round(value)].colour;
   const part = Math.min(Math.max((value - low) / (high - low), 0), 1);
   return colours[Math.round(part * (colours.length - 1))];

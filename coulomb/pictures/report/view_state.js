@@ -50,6 +50,10 @@ const state = {
   arrows: true,
 };
 
+/** The range of a field on the face over that on all: less than 1 if its values are much smaller than others'. */
+const shareOfFace = (field) => field.of_faces[state.face.name] ?? 1;
+const largestArrow = () => data.arrow.largest * shareOfFace(data.fields.find(({ name }) => name === "friction_traction"));
+
 /** Rows right, up and towards the eye, for an eye in this direction. */
 function orthonormal(direction, up) {
   const towards = unit(direction);
@@ -89,10 +93,11 @@ let box = boxAround();
 
 function boxAround() {
   const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
+  const largest = largestArrow();
   const grow = (points, displacement, [first, end], more) => {
     for (let k = 3 * first; k < 3 * end; k++) {
       const at = points[k] + state.scale * displacement[k];
-      const end = more ? at + (more[k] / data.arrow.largest) * data.arrow.length : at;
+      const end = more ? at + (more[k] / largest) * data.arrow.length : at;
       low[k % 3] = Math.min(low[k % 3], at, end);
       high[k % 3] = Math.max(high[k % 3], at, end);
     }

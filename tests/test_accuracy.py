@@ -1,0 +1,94 @@
+"""Numbers below the accuracy of an answer are shown as 0: on the terminal, in the report, in pictures."""
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+from conftest import ROOT, run_coulomb
+from report_pages import words_of
+
+from coulomb.io.accuracy import accuracy, rounded
+from coulomb.io.field_files import read_grid
+from coulomb.pictures.report import picture
+from coulomb.pictures.report.picture import plot
+from coulomb.pictures.report.units import quantity, vector
+
+STUCK = ("mesh.cells=[6,2,2]", "contact.friction=0.9", "traction.1.value=[0,0,0]", "output.picture=false")
+"""A block that is pressed straight down and sticks: nothing acts across it, and nothing slips."""
+
+
+@pytest.fixture(scope="module")
+def stuck(tmp_path_factory):
+    """Directory and output of such a run."""
+    directory = tmp_path_factory.mktemp("accuracy") / "stuck"
+    changes = [word for change in ("traction.0.value=[0,0,-4e7]", *STUCK) for word in ("--set", change)]
+    done = run_coulomb("run", ROOT / "demos" / "block.toml", *changes, "--report", "--output", directory, process=True)
+    assert done.returncode == 0, done.stderr
+    return directory, done.stdout
+
+
+def test_natural_scales():
+    summary = {
+        "force_on_body": {"normal": 200.0},
+        "loads": [{"force": [0.0, 0.0, -1e3], "moment": [0.0, 50.0, 0.0]}],
+        "totals": {"centre_of_pressure": [0.0, 0.2, 0.1], "greatest_slip": 3e-6},
+        "maximum": {"displacement": 2e-6, "contact_pressure": 1e6},
+    }
+    found = accuracy(summary, 1e-8)
+    assert found == pytest.approx({"N": 1e-5, "N m": 2e-6, "m": 3e-14, "Pa": 1e-2, "J": 3e-11, "J/m²": 3e-8}, rel=1e-12)
+    assert accuracy(summary, 1e-6)["N"] == pytest.approx(1e-3)
+    history = {"maximum": {name: {"value": 1.0} for name in ("displacement", "slip_in_a_step", "contact_pressure")}}
+    assert accuracy(summary, 1e-8, history, [5e3])["N"] == pytest.approx(5e-5)
+    assert accuracy(summary, 1e-8, history)["m"] == pytest.approx(1e-8)
+    assert accuracy({**summary, "mean_compliance": 1e-6, "nodes": {"contact": 4}}, 1e-8)["m"] == pytest.approx(1e-12)
+    assert accuracy({}, 1e-8)["N"] == 0.0
+
+
+def test_small_numbers_are_0():
+    assert rounded([-1e-6, 2.0, -0.0], 1e-5) == [0.0, 2.0, 0.0]
+    least = {"N": 1e-5}
+    assert (
+        quantity(5.729e-14, "N", accuracy=least) == "0\u202fN" and quantity(2e-5, "N", accuracy=least) == "20\u202fµN"
+    )
+    assert quantity(5.729e-14, "N") != "0\u202fN"  # what is given in a case has no accuracy
+    assert vector([1e-6, 2e-5, -3e-4], "N", accuracy=least) == "(0, 20, −300)\u202fµN"
+
+
+def test_a_run_has_such_numbers(stuck):
+    """Else the tests below could not fail."""
+    summary = json.loads((stuck[0] / "summary.json").read_text())
+    assert 0.0 < abs(summary["force_on_body"]["tangential"][1]) < 1e-8 * summary["force_on_body"]["normal"]
+    assert 0.0 < summary["totals"]["greatest_slip"] < 1e-7 * summary["maximum"]["displacement"]
+
+
+def test_on_the_terminal(stuck):
+    (line,) = [line for line in stuck[1].splitlines() if line.startswith("force on the body")]
+    assert line.endswith(", 0) N") and "(-" in line
+
+
+def test_in_the_report(stuck):
+    words = words_of(stuck[0])
+    assert "largest slip 0 m" in words and "energy dissipated by friction 0 J" in words
+
+
+def test_in_a_picture(stuck, tmp_path, monkeypatch):
+    made, drawn = [], picture.sheet
+    monkeypatch.setattr(picture, "sheet", lambda *given: made.append(drawn(*given)) or made[-1])
+    plot(stuck[0], "slip", None, None, tmp_path / "slip.png", None)
+    assert "max 0" in [text.get_text() for text in made[0].texts]
+    assert np.any(read_grid(stuck[0] / "contact.xdmf").fields["slip"])
+
+
+def test_on_the_terminal_of_a_history(tmp_path):
+    """The block is pressed, then pushed along x: nothing acts along y."""
+    changes = ("mesh.cells=[4,4,2]", "history={end=2.0, steps=2}", "output.picture=false")
+    given = [word for change in changes for word in ("--set", change)]
+    done = run_coulomb("run", ROOT / "demos" / "history.toml", *given, "--output", tmp_path / "h", process=True)
+    shown = [re.search(r"force \((.*?), (.*?), (.*?)\) N", line) for line in done.stdout.splitlines() if "PF" in line]
+    with (tmp_path / "h" / "history.csv").open() as file:
+        written = [[float(row[f"force_{axis}"]) for axis in "xyz"] for row in csv.DictReader(file)]
+    assert any(row[1] != 0.0 for row in written)
+    for line, row in zip(shown, written, strict=True):
+        assert line.group(2) == "0" and float(line.group(3)) == pytest.approx(row[2], rel=1e-5)
