@@ -136,7 +136,7 @@ def test_every_entry_is_compared_or_named(with_case, tmp_path):
     edit(folder / "summary.json", lambda contents: contents["totals"].update(news=1))
     said = named(check(folder))
     assert {"news of totals", "meaning of certificate", "residual", "history.csv"} <= set(said)
-    assert ("output and solver of case.json" in said) is with_case
+    assert ("solver of case.json" in said) is with_case
     assert ("accepted of small_strain" in said and "loads" in said) is not with_case
     assert not without_effect(folder, said)
 
@@ -162,13 +162,14 @@ def test_other_files_and_fields_are_named(tmp_path):
 def test_a_history_names_them_in_one_line():
     said = named(check(made(BALL)))
     whole = {
-        "halvings of step",
         "start of history",
         "history.csv of the step",
         "path_following and residual of history.csv",
     }
-    assert whole | {"output and solver of case.json", "meaning of certificate"} <= set(said)
-    assert len(said) == len(set(said)) and not {"energy of step", "row of step", "pending of step"} & set(said)
+    assert whole | {"solver of case.json", "meaning of certificate"} <= set(said)
+    assert len(said) == len(set(said)) and not {
+        f"{one} of step" for one in ("energy", "row", "pending", "halvings")
+    } & set(said)
 
 
 def test_times_of_the_fields(tmp_path):
@@ -176,3 +177,21 @@ def test_times_of_the_fields(tmp_path):
     path = folder / "solution.xdmf"
     path.write_text(path.read_text().replace('Time Value="2.0"', 'Time Value="2.5"'))
     assert any(fault.startswith("solution.xdmf: time: 2.5, but 2 follows") for fault in check(folder).faults)
+
+
+def test_halvings_are_the_new_times(tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    edit(folder / "steps/0002/summary.json", lambda summary: summary["step"].update(halvings=1))
+    assert any("halved 1 times, but the times [] are new" in fault for fault in check(folder).faults)
+    edit(folder / "steps/0002/summary.json", lambda summary: summary["step"].update(halvings=0))
+    for times, new in (([1, 2], [3.0]), ([1, 3], [2.0])):
+        edit(folder / "case.json", lambda case, times=times: case["history"].update(times=times))
+        (fault,) = check(folder).faults
+        assert f"halved 0 times, but the times {new} are new" in fault
+
+
+def test_columns_of_no_step(tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    lines = (folder / "history.csv").read_text().splitlines()
+    (folder / "history.csv").write_text("\n".join([f"{lines[0]},more", *(f"{line},1" for line in lines[1:])]) + "\n")
+    assert check(folder).faults == ("history.csv: has columns that no load step has: more",)

@@ -31,6 +31,7 @@ from .run import Findings, as_recorded, check_run, step_of, unread, verdict
 from .start import Start
 
 _SERIAL = Reductions(MPI.COMM_SELF)
+_TIMES = ("pending", "halvings")  # of a step: `_check_times`
 
 
 @dataclass(frozen=True)
@@ -190,7 +191,7 @@ class _Chain:
         expected, *others = (
             self._record(findings, Moment(number, time, energy), k) for k, energy in enumerate(self._energies)
         )
-        found.judged.add("summary.json.step.pending")  # `_check_times`
+        found.judged |= {f"summary.json.step.{name}" for name in _TIMES[: 1 + (self.case is not None or number > 1)]}
         found.tree("summary.json.step", run.summary["step"], expected, others, "the steps so far")
         self.run, self._last, self.start = run, findings, Start(time, run, self.start.time)
 
@@ -201,14 +202,8 @@ class _Chain:
             steps, residual = summary["iterations"]["path_following"], summary["residual"]
         except (KeyError, TypeError):
             raise ValueError(f"{findings.run.files.summary}: has no iterations of its solver") from None
-        line = row(
-            {"reactions": summary.get("reactions", []), **derived},
-            at,
-            steps,
-            residual,
-            derived["certificate"]["passed"],
-            derived["valid"],
-        )
+        figures = {"reactions": summary.get("reactions", []), **derived}
+        line = row(figures, at, steps, residual, derived["certificate"]["passed"], derived["valid"])
         return {"number": at.number, "time": at.time, "energy": asdict(at.energy), "row": line}
 
     def _add_energy(self, findings: Findings) -> None:
@@ -299,11 +294,11 @@ def _check_times(case: CaseReference | None, summaries: Sequence[dict[str, Any]]
         if any(after <= before for before, after in pairwise(ahead)):
             found.fault(f"{where}: the times still to be reached, {ahead[1:]}, do not increase from {time:g}")
         if left is not None:
-            lost = sorted(left - {time, *pending})
+            lost, new = sorted(left - {*ahead}), sorted({*ahead} - left)
             if lost:
                 found.fault(f"{where}: goes to time {time:g} and then {ahead[1:]}, but leaves out {lost}")
-            if left and time > min(left):
-                found.fault(f"{where}: goes to time {time:g}, beyond {min(left):g}")
+            if len(new) != record.get("halvings"):
+                found.fault(f"{where}: halved {record.get('halvings')} times, but the times {new} are new")
         left = set(pending)
     return [f"not finished: {len(left)} load steps are still to be taken"] if left else []
 
@@ -314,6 +309,8 @@ def _check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], foun
     lines = files.read_history()
     if len(lines) != len(rows):
         found.fault(f"history.csv: has {len(lines)} lines, but there are {len(rows)} load steps")
+    if extra := {str(name) for line in lines for name in line} - {name for row_ in rows for name in row_}:
+        found.fault(f"history.csv: has columns that no load step has: {', '.join(sorted(extra))}")
     for number, (line, row_) in enumerate(zip(lines, rows, strict=False), start=1):
         read = {name: _parsed(value) for name, value in line.items()}
         found.tree(f"history.csv: line {number}", read, row_, source=f"step {number}")

@@ -139,7 +139,8 @@ def as_recorded(names: Sequence[str]) -> str:
 def unread(folder: Path, read: Sequence[str]) -> list[str]:
     """Names of the files beside those that are `read`, and of what a case has that does not change the answer."""
     found = sorted(path.name for path in folder.iterdir() if path.is_file() and path.name not in (*read, CASE))
-    return found + ([f"output and solver of {CASE}"] if (folder / CASE).exists() else [])
+    method = ("output", "solver", "halvings") if (folder / CASE).exists() else ()
+    return found + [f"{name} of {CASE}" for name in method]
 
 
 def check_run(
