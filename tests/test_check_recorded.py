@@ -1,17 +1,23 @@
 """`coulomb check`: meshes of the files, what was accepted knowingly, and the names of what cannot be compared."""
 
 import json
+from dataclasses import replace
 
 import h5py
 import pytest
 from bodies_runs import TWO
 from check_runs import BALL, BLOCK, copied, edit, leaves, made, put
 from conftest import run_coulomb
+from mpi4py import MPI
 from test_check_files import SQUEEZED
+from test_load_history import FailsAt
 
 import coulomb
+from coulomb.case.case import read_case
 from coulomb.io import output
+from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck.directory import check
+from coulomb.io.written_case import write_case
 
 SECOND_ORDER = {
     cell: BLOCK.replace("cells = [6, 3, 2]", f'cells = [3, 2, 1]\ncell = "{cell}"\ndegree = 2')
@@ -195,3 +201,14 @@ def test_columns_of_no_step(tmp_path):
     lines = (folder / "history.csv").read_text().splitlines()
     (folder / "history.csv").write_text("\n".join([f"{lines[0]},more", *(f"{line},1" for line in lines[1:])]) + "\n")
     assert check(folder).faults == ("history.csv: has columns that no load step has: more",)
+
+
+def test_a_halved_step_agrees(tmp_path):
+    case = tmp_path / "case.toml"
+    case.write_text(BALL)
+    settings = read_case(case)
+    history = replace(settings.load_history(), solver=FailsAt((1, 2)))
+    history.run(settings.problem(MPI.COMM_SELF), HistoryFiles(tmp_path / "run"))
+    write_case(settings, tmp_path / "run", MPI.COMM_SELF)
+    found = check(tmp_path / "run")
+    assert found.passed and len(found.steps) == 5
