@@ -295,7 +295,6 @@ DAMAGED = {
     "no summary": (lambda d: (d / "summary.json").unlink(), "summary.json: cannot be read"),
     "no history.csv": (lambda d: (d / "history.csv").unlink(), "history.csv: cannot be read"),
     "binary history.csv": (lambda d: (d / "history.csv").write_bytes(b"\xff\xfe\x00"), "history.csv: cannot be read"),
-    "series cut": (lambda d: (d / "contact.xdmf").write_text("<Xdmf>"), "contact.xdmf: cannot be read"),
     "case cut": (lambda d: (d / "case.json").write_text("{"), "case.json"),
     "no record": (lambda d: edit(d / STEP, lambda s: s.pop("step")), "step has no number and time"),
     "no pending": (lambda d: edit(d / STEP, lambda s: s["step"].pop("pending")), "no list of pending times"),

@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import re
 import shutil
 from dataclasses import dataclass, field
 
@@ -13,7 +14,6 @@ from test_load_history import RUBBER, UP, rubbed
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, InteriorPoint, LoadHistory, Plane, Sphere, Spring, Traction
 from coulomb.io import output
-from coulomb.io.field_files import read_series
 from coulomb.io.restart import nodal_vectors
 from coulomb.io.summary import totals
 
@@ -134,4 +134,5 @@ def test_the_files_of_a_second_run_are_its_own(tmp_path):
     for time in (0.5, 1.0):
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
         LoadHistory([time]).run(problem, files)
-        assert read_series(tmp_path / "out" / "solution.xdmf") == [("steps/0001", time)]
+        text = (tmp_path / "out" / "solution.xdmf").read_text()
+        assert re.findall(r'<Time Value="(.*?)"', text) == [str(time)] and "steps/0002" not in text

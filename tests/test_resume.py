@@ -142,6 +142,28 @@ def test_the_command(copy):
     assert done.stderr.splitlines()[0] == "warning: from step 2 on solver.tolerance is 1e-09, was 1e-08"
 
 
+def halve(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+@pytest.mark.parametrize("name", ["contact.h5", "solution.h5", "contact.xdmf", "solution.xdmf", "summary.json"])
+def test_from_the_last_whole_step(copy, name):
+    """A truncated file stops it with what to do; that is done, and the history is completed."""
+    edit(copy)
+    out = copy / "out"
+    assert run_coulomb("resume", out).returncode == 0
+    halve(out / "steps/0002" / name)
+    done = run_coulomb("resume", out)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    offer = "the last whole load step is 1: to continue from there, move steps/0002 out of "
+    assert f"{name}: " in done.stderr and f"{offer}{out}, then: coulomb resume {out}" in done.stderr
+    shutil.move(out / "steps/0002", copy)
+    assert run_coulomb("resume", out).returncode == 0
+    assert (out / "steps/0002/summary.json").is_file() and run_coulomb("check", out).returncode == 0
+    halve(out / "steps/0001" / "summary.json")
+    assert f"no load step before is whole: move {out / 'steps'} away" in run_coulomb("resume", out).stderr
+
+
 def test_a_refused_run_leaves_the_case_of_the_history(copy):
     """A changed case, run by mistake in the directory of a history: the history and its case are unchanged."""
     edit(copy)

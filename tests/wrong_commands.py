@@ -56,7 +56,8 @@ COMMANDS = (
     Wrong(
         "resume with a step cut short",
         ("resume", "results"),
-        r"results/steps/0002/solution\.h5: ",
+        r"results/steps/0002/solution\.h5: .*; the last whole load step is 1: to continue from there, move "
+        r"steps/0002 out of results, then: coulomb resume results",
         ran(*STEPS[1::2], then=cut("results/steps/0002/solution.h5")),
         library="solution.h5: ",
     ),

@@ -79,14 +79,8 @@ class Case(Table):
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
 
-    def problem(
-        self, comm: MPI.Comm | None = None, small_strain: Literal["enforce", "warn"] | None = None
-    ) -> ContactProblem:
+    def problem(self, comm: MPI.Comm | None = None) -> ContactProblem:
         """Mesh and problem of the case on these ranks, by default all.
-
-        Args:
-            comm: The ranks.
-            small_strain: In place of the case's.
 
         Raises:
             ValueError: On every rank, if the parts are inconsistent.
@@ -124,7 +118,7 @@ class Case(Table):
             explicit={"auto": False if condensed else None, "explicit": True, "matrix-free": False}[
                 self.solver.compliance
             ],
-            small_strain=small_strain or self.small_strain,
+            small_strain=self.small_strain,
             probes=[table.probe() for table in self.probe],
         )
         if self.history is not None:

@@ -34,7 +34,7 @@ def posed(
     Args:
         settings: The case.
         target: Directory of the results.
-        force: Skip the checks of memory and disk, and accept strains outside the theory.
+        force: Skip the checks of memory and disk.
         now: Whether the run follows at once, so that the directory must not be in use.
         overwrite: Whether the run may replace any results in the directory, or only those of the same case; None if it
             continues these.
@@ -54,7 +54,7 @@ def posed(
             if not force:
                 refuse_too_many_cells(mesh.cells, mesh.degree or 1, comm)
             refuse_uncountable(mesh.cells, mesh.degree or 1)
-    problem = settings.problem(comm, small_strain="warn" if force else None)
+    problem = settings.problem(comm)
     if resume and (left := steps_left(target, comm)) is not None:
         problem.body.expect_load_steps(left)
     if not force:

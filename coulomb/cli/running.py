@@ -67,13 +67,15 @@ def compute(
         settings: The case.
         source: Its file or directory as given by the user.
         target: Directory of the results.
-        force: Skip the checks of memory and disk.
+        force: Skip the checks of memory and disk, and accept strains outside the theory, which case.json then says.
         resume: Continue from the load steps in `target`.
         overwrite: Replace any results in `target`, not only those of the same case.
         renderer: The drawing process, if it has been started already.
     """
     gc.freeze()  # the modules loaded so far, which are no garbage and take long to search
     gc.set_threshold(20_000)
+    if force:
+        settings = settings.model_copy(update={"small_strain": "warn"})
     with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None):
         announce()
         with bad_input():
@@ -232,8 +234,7 @@ def _take_steps(
 
     files = HistoryFiles(target, resume=resume, case=record)
     try:
-        if not resume:
-            write_case(settings, target, comm)
+        write_case(settings, target, comm)
         with display, bad_input():
             progress = session.progress(display)
             settings.load_history().run(problem, files, progress=progress, on_step=say)

@@ -96,7 +96,7 @@ def grids_of(path: Path) -> dict[str, str]:
     except (OSError, ElementTree.ParseError) as error:
         raise ValueError(f"{path}: cannot be read: {error}") from None
     found = {}
-    for grid in _uniform(root.find("Domain/Grid")):
+    for grid in uniform(root.find("Domain/Grid")):
         place = (grid.findtext("Geometry/DataItem") or "").strip()
         file, _, name = place.partition(":/Mesh/")
         group = name.removesuffix("/geometry")
@@ -106,7 +106,7 @@ def grids_of(path: Path) -> dict[str, str]:
     return {"": ""} if list(found.values()) == [WHOLE] else found
 
 
-def _uniform(grid: ElementTree.Element | None) -> list[ElementTree.Element]:
+def uniform(grid: ElementTree.Element | None) -> list[ElementTree.Element]:
     """The grids of a spatial collection, or the grid itself."""
     if grid is None:
         return []
@@ -131,7 +131,7 @@ def read_grids(path: str | Path) -> dict[str, Grid]:
         OSError, KeyError, SyntaxError: If a file cannot be read.
     """
     path = Path(path)
-    grids = _uniform(ElementTree.parse(path).getroot().find("Domain/Grid"))
+    grids = uniform(ElementTree.parse(path).getroot().find("Domain/Grid"))
     if not grids:
         raise ValueError(f"{path}: there is no grid in this file")
     return {str(grid.get("Name")): _read(path, grid) for grid in grids}
@@ -192,47 +192,3 @@ def parts_of_field(path: Path, name: str, group: str = "") -> Iterator[tuple[Flo
         for first in range(0, len(points), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             yield np.array(points[part]), np.array(field[part])
-
-
-def refuse_misnamed(path: Path, names: tuple[str, ...], grid: str = "", group: str = "") -> None:
-    """Check that a grid of an XDMF file has every field, and that each refers to the HDF5 data set with its name.
-
-    Args:
-        path: The file.
-        names: The fields.
-        grid: Name of the grid; empty for the only one.
-        group: The group of its data.
-
-    Raises:
-        ValueError: If not.
-    """
-    try:
-        grids = _uniform(ElementTree.parse(path).getroot().find("Domain/Grid"))
-        mine = [one for one in grids if not grid or one.get("Name") == grid]
-        attributes = {attribute.get("Name"): attribute for one in mine for attribute in one.iter("Attribute")}
-    except (OSError, ElementTree.ParseError) as error:
-        raise ValueError(f"{path}: cannot be read: {error}") from None
-    for name in names:
-        if name not in attributes:
-            raise ValueError(f"{path}: shows no field {name!r}: {OLD}")
-        place = (attributes[name].findtext("DataItem") or "").strip()
-        if not place.startswith(f"{data_of(path).name}:/{_function(name, group)}/"):
-            raise ValueError(f"{path}: shows {place or 'nothing'} as {name!r}")
-
-
-def read_series(path: Path) -> list[tuple[str, float]]:
-    """Directory and time of each step in a time series.
-
-    Raises:
-        ValueError: If it cannot be read.
-    """
-    try:
-        grids = ElementTree.parse(path).getroot().findall("Domain/Grid/Grid")
-        series = []
-        for grid in grids:
-            time, items = next(grid.iter("Time"), None), {(item.text or "").strip() for item in grid.iter("DataItem")}
-            places = {item.partition(":")[0].rpartition("/")[0] for item in items}
-            series.append((" ".join(sorted(places)), float(time.get("Value", "nan")) if time is not None else np.nan))
-        return series
-    except (OSError, ElementTree.ParseError, ValueError) as error:
-        raise ValueError(f"{path}: cannot be read: {error}") from None

@@ -13,7 +13,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.hdf5_target import HDF5Target
-from .field_files import WHOLE, data_of, function_at, mesh_at
+from .field_files import WHOLE, data_of, function_at, grids_of, mesh_at, uniform
 
 KINDS = {1: "Scalar", 3: "Vector", 6: "Tensor6", 9: "Tensor"}
 """XDMF's names of fields by the number of values per point or cell."""
@@ -62,6 +62,19 @@ class GridFields:
     name: str = ""
 
 
+@dataclass(frozen=True)
+class Described:
+    """What an XDMF file describes.
+
+    Attributes:
+        time: Of the results.
+        fields: Their names.
+    """
+
+    time: float
+    fields: tuple[str, ...]
+
+
 def write_grids(comm: MPI.Comm, path: Path, grids: Sequence[GridFields], time: float, collection: str = "") -> None:
     """Write meshes and fields on them; collective.
 
@@ -95,7 +108,8 @@ def write_grids(comm: MPI.Comm, path: Path, grids: Sequence[GridFields], time: f
         if not fault:
             try:
                 shapes = {name: (size, v.shape[1]) for (name, v), size in zip(tables.items(), sizes, strict=True)}
-                _describe(path, grids, groups, shapes, time, collection)
+                document = ElementTree.ElementTree(_description(path, grids, shapes, time, collection))
+                document.write(path, encoding="utf-8", xml_declaration=True)
             except Exception as error:
                 fault = _in_words(path, error)
     fault = comm.bcast(fault if comm.rank == 0 else "")
@@ -139,26 +153,76 @@ def groups_of(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(groups)
 
 
-def _describe(
+def described(path: Path, kinds: Mapping[int, str], collection: str) -> Described:
+    """What an XDMF file describes, if `write_grids` writes the same for the data in its HDF5 file.
+
+    Args:
+        path: The file.
+        kinds: XDMF's name of the cells by the number of their nodes.
+        collection: Name of the collection, if there are several grids.
+
+    Raises:
+        ValueError: If it cannot be read, or is another one.
+        OSError, KeyError: If the HDF5 file cannot be read, or has other cells.
+    """
+    groups, root = grids_of(path), ElementTree.parse(path).getroot()
+    shapes: dict[str, tuple[int, int]] = {}
+    with h5py.File(data_of(path), "r") as file:
+        file.visititems(lambda name, one: shapes.update({name: one.shape} if isinstance(one, h5py.Dataset) else {}))
+    grids, shown, fields, none = [], set(), [], np.empty(0)
+    for (name, group), grid in zip(groups.items(), uniform(root.find("Domain/Grid")), strict=False):
+        centres = {str(one.get("Name")): one.get("Center") for one in grid.findall("Attribute")}
+        mesh, of = mesh_at(group), {one: function_at(one, group) for one in centres}
+        shown |= {f"{mesh}/geometry", f"{mesh}/topology", *of.values()}
+        if not shown <= shapes.keys():
+            break
+        (count, width), points = shapes[f"{mesh}/topology"], shapes[f"{mesh}/geometry"][0]
+        on_cells = {
+            one: none
+            for one, centre in centres.items()
+            if shapes[of[one]][0] == count and (count != points or centre == "Cell")
+        }
+        on_points = {one: none for one in centres if one not in on_cells}
+        cells = GridPart(kinds[width], none.astype(np.int64), none)
+        grids.append(GridFields(cells, on_points, on_cells, name))
+        fields += list(centres)
+    if lost := sorted(shown ^ shapes.keys()):
+        raise ValueError(f"{path}: shows other data than {data_of(path).name} has: {', '.join(lost[:3])}")
+    time = float(next(root.iter("Time")).get("Value", "nan"))
+    expected = _description(path, grids, shapes, time, collection if any(groups) else "")
+    for one, other in zip_longest(_elements(root), _elements(expected)):
+        if one != other:
+            raise ValueError(f"{path}: has {one}, but {other} describes the data in {data_of(path).name}")
+    return Described(time, tuple(dict.fromkeys(fields)))
+
+
+def _elements(root: ElementTree.Element) -> list[str]:
+    """All elements in a line each."""
+    return [
+        f"<{one.tag}{''.join(f' {name}={value!r}' for name, value in one.items())}> {(one.text or '').strip()}".strip()
+        for one in root.iter()
+    ]
+
+
+def _description(
     path: Path,
     grids: Sequence[GridFields],
-    groups: Sequence[str],
     shapes: Mapping[str, tuple[int, int]],
     time: float,
     collection: str,
-) -> None:
-    """Write the XDMF file."""
+) -> ElementTree.Element:
+    """The contents of the XDMF file."""
     root = ElementTree.Element("Xdmf", Version="3.0")
     parent = ElementTree.SubElement(root, "Domain")
     if collection:
         attributes = {"Name": collection, "GridType": "Collection", "CollectionType": "Spatial"}
         parent = ElementTree.SubElement(parent, "Grid", attributes)
         ElementTree.SubElement(parent, "Time", Value=repr(float(time)))
-    for one, group in zip(grids, groups, strict=True):
+    for one, group in zip(grids, groups_of([one.name for one in grids]), strict=True):
         grid = ElementTree.SubElement(parent, "Grid", Name=one.name or "mesh", GridType="Uniform")
         _describe_grid(grid, data_of(path).name, one, group, shapes, time)
     ElementTree.indent(root)
-    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+    return root
 
 
 def _describe_grid(

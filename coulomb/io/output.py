@@ -168,16 +168,18 @@ class Series:
         Args:
             steps: Directory of each step relative to the folder.
         """
+        partial = self._folder / f".{self._name}"
+        partial.write_text(self.text(steps), encoding="utf-8")
+        os.replace(partial, self._folder / self._name)
+
+    def text(self, steps: Sequence[str]) -> str:
+        """What `write` writes."""
         for step in steps:
             if step not in self._parts:
                 self._parts[step] = self._part(step)
-        partial = self._folder / f".{self._name}"
-        with partial.open("w", encoding="utf-8") as file:
-            file.write("<?xml version='1.0' encoding='utf-8'?>\n<Xdmf Version=\"3.0\">\n  <Domain>\n")
-            file.write('    <Grid Name="steps" GridType="Collection" CollectionType="Temporal">\n')
-            file.writelines(self._parts[step] for step in steps)
-            file.write("    </Grid>\n  </Domain>\n</Xdmf>")
-        os.replace(partial, self._folder / self._name)
+        head = "<?xml version='1.0' encoding='utf-8'?>\n<Xdmf Version=\"3.0\">\n  <Domain>\n"
+        head += '    <Grid Name="steps" GridType="Collection" CollectionType="Temporal">\n'
+        return "".join([head, *(self._parts[step] for step in steps), "    </Grid>\n  </Domain>\n</Xdmf>"])
 
     def _part(self, step: str) -> str:
         domain = ElementTree.parse(self._folder / step / self._name).getroot().find("Domain")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from mpi4py import MPI
 
@@ -13,7 +15,7 @@ from ..arrays import FloatArray
 from ..fem.user_values import on_all_ranks
 from ..nearest import tree_of
 from .field_files import COINCIDENT, data_of, grids_of, parts_of_field
-from .run_directory import SUMMARY, RunDirectory
+from .run_directory import STEPS, SUMMARY, RunDirectory, step_place
 
 
 def read_step(directory: Path, comm: MPI.Comm) -> dict[str, Any]:
@@ -42,8 +44,47 @@ def read_summary(directory: Path, comm: MPI.Comm) -> dict[str, Any]:
             raise ValueError(f"{SUMMARY} has no step")
         return contents
 
-    shared: dict[str, Any] = comm.bcast(on_all_ranks(read, f"{directory}: is no load step", comm))
+    with _offering_whole_steps(directory):
+        shared: dict[str, Any] = comm.bcast(on_all_ranks(read, f"{directory}: is no load step", comm))
     return shared
+
+
+@contextmanager
+def _offering_whole_steps(step: Path) -> Iterator[None]:
+    """Adds to errors in the files of a load step how to continue from the last whole step before."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{error}{_offer(RunDirectory(step))}") from None
+
+
+def _offer(step: RunDirectory) -> str:
+    """How to continue from the last whole step before one that cannot be read; empty if its files can be read."""
+    if step.step_number is None:
+        return ""
+    history, number = RunDirectory(step.path.parents[1]), 1
+    while number <= step.step_number and _is_whole(history.step(number)):
+        number += 1
+    if number > step.step_number:
+        return ""
+    if number == 1:
+        return f"; no load step before is whole: move {history.path / STEPS} away, and run the case again"
+    later = " and those after it" if history.begun_steps[-1] > number else ""
+    return (
+        f"; the last whole load step is {number - 1}: to continue from there, move {step_place(number)}{later} out of "
+        f"{history.path}, then{f': coulomb resume {history.path}' if history.case.exists() else ' resume'}"
+    )
+
+
+def _is_whole(step: RunDirectory) -> bool:
+    try:
+        step.read_summary(("step",))
+        for file in (step.solution, step.contact):
+            grids_of(file)
+            h5py.File(data_of(file), "r").close()
+        return True
+    except (OSError, ValueError):
+        return False
 
 
 def at_nodes(file: Path, name: str, parts: Sequence[tuple[str, FloatArray]], comm: MPI.Comm) -> FloatArray:
@@ -66,8 +107,9 @@ def at_nodes(file: Path, name: str, parts: Sequence[tuple[str, FloatArray]], com
             raise ValueError(f"has no grid {missing[0]!r}: belongs to another problem, or is incomplete")
         return found
 
-    of = on_all_ranks(groups, str(file), comm)
-    return np.concatenate([nodal_vectors(data_of(file), name, x, comm, group=of[grid]) for grid, x in parts])
+    with _offering_whole_steps(file.parent):
+        of = on_all_ranks(groups, str(file), comm)
+        return np.concatenate([nodal_vectors(data_of(file), name, x, comm, group=of[grid]) for grid, x in parts])
 
 
 def nodal_vectors(

@@ -13,10 +13,13 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..fem.constraints import HELD_OBLIQUE, HeldDirections
+from ..fem.xdmf_writing import FACETS, SOLIDS
 from ..model.nodal_answer import HELD
 from ..solvers.laws import LAWS
+from .body_grids import BODIES, FACES
 from .field_files import data_of
 from .field_names import GROUND
+from .grid_file import Described, described
 from .recheck.comparison import OF_LARGEST
 from .run_directory import OLD, RunDirectory
 from .written_bodies import Fields, WrittenBodies, WrittenBody, read_bodies
@@ -39,6 +42,7 @@ class WrittenRun:
             grid.
         on_face: Fields at their nodes, and their coordinates "x".
         opposite: The faces opposite in pairs.
+        described: What solution.xdmf and contact.xdmf describe.
     """
 
     folder: Path
@@ -48,6 +52,7 @@ class WrittenRun:
     faces: tuple[WrittenFace, ...]
     on_face: Fields
     opposite: tuple[WrittenOpposite, ...]
+    described: tuple[Described, Described]
 
     @cached_property
     def node(self) -> npt.NDArray[np.int64]:
@@ -143,11 +148,12 @@ def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
         if not path.is_file():
             raise ValueError(f"{folder}: is incomplete: there is no {path.name}")
     try:
+        described_ = described(files.solution, SOLIDS, BODIES), described(files.contact, FACETS, FACES)
         bodies, on_body = read_bodies(files.solution, folder, summary.get("forms"), like.body if like else None)
         faces, on_face, opposite = read_faces(files.contact, folder, bodies, summary.get("faces") or ())
     except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
         raise ValueError(f"{folder}: is incomplete: {error}") from None
-    return WrittenRun(folder, summary, bodies, on_body, faces, on_face, opposite)
+    return WrittenRun(folder, summary, bodies, on_body, faces, on_face, opposite, described_)
 
 
 def _sound(summary: dict[str, Any], path: Path) -> None:

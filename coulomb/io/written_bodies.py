@@ -21,10 +21,11 @@ from ..fem.body import ElasticBody
 from ..fem.cell_materials import FIELDS, VECTORS, CellMaterials
 from ..fem.constraints import HELD_OBLIQUE
 from ..fem.displacement_space import DisplacementSpace
+from ..fem.inspection import inspect
+from ..fem.mesh_file import MeshFile
 from ..fem.meshes import distributed
-from ..fem.second_order import CORNERS
 from ..fem.temperature import TEMPERATURE
-from .field_files import COINCIDENT, data_of, grids_of, read_fields, refuse_misnamed
+from .field_files import COINCIDENT, data_of, grids_of, read_fields
 from .field_names import GROUND, INTERNAL, ON_BODY, ON_CELLS, ROUNDING
 from .matched_points import numbers
 from .run_directory import OLD, SOLUTION
@@ -203,9 +204,6 @@ def _read_body(
     needed = (*ON_BODY, INTERNAL, ROUNDING) if forms else (*ON_CELLS, *ON_BODY)
     optional = (HELD_OBLIQUE, TEMPERATURE, *(GROUND if forms else FIELDS))
     points, cells, in_file = read_fields(data, needed, optional, group)
-    refuse_misnamed(file, tuple(in_file), name, group)
-    if cells.shape[1] not in CORNERS:
-        raise ValueError(f"{folder}: its meshes are of cells that coulomb does not write")
     constants = [one for one in (*ON_CELLS, *FIELDS) if one in in_file]
     for one in constants:
         fits(data, one, in_file[one], (len(cells), 3) if one in VECTORS else (len(cells),))
@@ -214,6 +212,8 @@ def _read_body(
     for one in on_body:
         fits(data, one, in_file[one], (len(points),) if one == TEMPERATURE else (len(points), 3))
     same = known is not None and np.array_equal(known.points, points) and np.array_equal(known.cells, cells)
+    if not same:
+        inspect(MeshFile(str(data), points, cells, {}, {}), 1.0, MPI.COMM_SELF)
     domain = known.body.domain if known and same else distributed(MPI.COMM_SELF, points, cells)
     of_cell = np.asarray(domain.topology.original_cell_index)
     on_cells = {one: in_file[one][of_cell] for one in constants}

@@ -13,11 +13,12 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..contact_names import sides_of
+from ..fem import compat
+from ..fem.compat import mesh
 from ..fem.joined_mesh import SEPARATOR
 from ..fem.lagrange import facet_columns
-from ..fem.mesh_groups import corners_of, local_facets
-from ..fem.xdmf_writing import FACETS
-from .field_files import OPPOSITE, data_of, grids_of, read_fields, refuse_misnamed
+from ..fem.mesh_groups import corners_of
+from .field_files import OPPOSITE, data_of, grids_of, read_fields
 from .field_names import ON_FACE, ON_OPPOSITE, VECTORS_ON_FACE
 from .matched_points import numbers
 from .run_directory import OLD, SOLUTION
@@ -96,10 +97,7 @@ def read_faces(
     for name, group in grids_of(file).items():
         against = _is_opposite(data, group)
         names = (*ON_OPPOSITE, OPPOSITE) if against else ON_FACE
-        refuse_misnamed(file, names, name, group)
         points, cells, fields = read_fields(data, names, (), group)
-        if cells.shape[1] not in FACETS:
-            raise ValueError(f"{folder}: its meshes are of cells that coulomb does not write")
         for one in names:
             shape = (len(points), 3) if one in VECTORS_ON_FACE else (len(points),)
             fits(data, one, fields[one], shape)
@@ -143,23 +141,28 @@ def _body_of(name: str, bodies: WrittenBodies, folder: Path) -> WrittenBody:
 
 
 def _face(
-    name: str, part: WrittenBody, points: FloatArray, cells: npt.NDArray[np.int64], first: int, what: str
+    name: str, part: WrittenBody, points: FloatArray, cells: npt.NDArray[np.int64], first_point: int, what: str
 ) -> WrittenFace:
-    """A grid whose nodes are numbered from `first` on."""
-    domain: Any = part.body.domain
-    unfit = f"{what} does not match the mesh of {SOLUTION}"
-    in_body = numbers(part.points, points, unfit)
-    facets = cells[:, : len(facet_columns(domain.topology.cell_type, 1)[0])]
-    rows = np.sort(in_body[facets], axis=1)
-    number = local_facets(domain, {"contact": rows})["contact"]
-    if len(number) != len(facets) or len(np.unique(cells)) != len(points):
-        raise ValueError(f"{unfit}: its facets are not on the boundary of the body")
-    in_order = np.sort(np.asarray(domain.geometry.input_global_indices)[corners_of(domain, number)], axis=1)
-    of_row = np.empty(len(rows), dtype=np.int64)
-    of_row[np.lexsort(rows.T)] = np.lexsort(in_order.T)
-    node = part.nodes.start + numbers(part.body.x, points, unfit)
-    nodes = slice(first, first + len(points))
-    return WrittenFace(name, part, nodes, node, first + facets, number[of_row], first + cells)
+    """A grid whose nodes are numbered from `first_point` on."""
+    body, unfit = part.body, f"{what} does not match the mesh of {SOLUTION}"
+    body.domain.topology.create_connectivity(2, 3)
+    boundary = np.sort(mesh.exterior_facet_indices(body.domain.topology)).astype(np.int32)
+    cell, columns = body.in_cells(boundary)
+    sides = compat.cell_dofs(body.V)[cell[:, None], columns]
+    in_body = numbers(body.x, points, unfit)
+    _, first, same = np.unique(np.vstack([sides, in_body[cells]]), axis=0, return_index=True, return_inverse=True)
+    side = first[same.ravel()[len(sides) :]]
+    if np.any(side >= len(sides)):
+        place = ", ".join(f"{c:.6g}" for c in points[cells[np.argmax(side >= len(sides))]].mean(axis=0))
+        raise ValueError(
+            f"{unfit}: {np.count_nonzero(side >= len(sides))} of {len(cells)} facets (first seen at x = {place}) are "
+            "not on the boundary of the body, or have their nodes in another order"
+        )
+    if len(np.unique(side)) < len(side) or len(np.unique(cells)) != len(points):
+        raise ValueError(f"{unfit}: it has facets twice, or points on no facet")
+    facets = first_point + cells[:, : len(facet_columns(body.domain.topology.cell_type, 1)[0])]
+    nodes = slice(first_point, first_point + len(points))
+    return WrittenFace(name, part, nodes, part.nodes.start + in_body, facets, boundary[side], first_point + cells)
 
 
 def midpoints_of_facets(face: WrittenFace) -> FloatArray:

@@ -7,6 +7,7 @@ the matrices that the solver uses.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -90,6 +91,12 @@ class CaseReference:
             return self.bodies[""], name
         body, _, own = name.partition(SEPARATOR)
         return self.bodies[body], own
+
+    def accepts(self, summary: Mapping[str, Any]) -> bool:
+        """Whether the case accepts answers outside the theory of small strains; of a load step also the case that it
+        was computed from, if that is recorded: the setting may change between steps."""
+        before: Any = summary.get("step", {}).get("case", {}).get("tables", {"small_strain": "warn"})
+        return bool(self.settings.small_strain == "warn" == before.get("small_strain"))
 
     def orient(self, run: WrittenRun) -> None:
         """Take the slave of every pair to be the face that has the contact points in the files."""

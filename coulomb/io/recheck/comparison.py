@@ -8,7 +8,8 @@ body, the strain of a body with a large displacement).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -51,10 +52,12 @@ class Comparison:
 
     Attributes:
         faults: One line each.
+        judged: The entries of JSON that have been compared, by file and key.
     """
 
     def __init__(self, of_largest: float = OF_LARGEST) -> None:
         self.faults: list[str] = []
+        self.judged: set[str] = set()
         self._of_largest = of_largest
 
     def fault(self, text: str) -> None:
@@ -104,7 +107,8 @@ class Comparison:
     def tree(
         self, what: str, written: Any, expected: Any, others: Sequence[Any] = (), source: str = "the fields"
     ) -> None:
-        """Compare JSON entries: all expected ones must exist and agree; numbers up to rounding, others exactly.
+        """Compare JSON entries: all expected ones must exist and agree; numbers up to rounding, others exactly, in
+        which a figure may be rounded as in `others`.
 
         Args:
             what: File and key.
@@ -113,6 +117,8 @@ class Comparison:
             others: The entries recomputed from perturbed data.
             source: What it follows from.
         """
+        if not isinstance(expected, Mapping | list) or not expected:
+            self.judged.add(what)
         if isinstance(expected, Mapping) and isinstance(written, Mapping):
             for key, value in expected.items():
                 if key not in written:
@@ -133,9 +139,37 @@ class Comparison:
                 return
         elif written == expected and isinstance(written, bool) == isinstance(expected, bool):
             return
+        elif isinstance(written, str) and written in others:
+            return
         elif _is_float(expected) and not np.isfinite(expected) and written is None:  # JSON has neither nan nor inf
             return
         self.fault(f"{what}: {_shown(written)}, but {_shown(expected)} follows from {source}")
+
+
+def unjudged(what: str, written: Any, judged: Collection[str]) -> list[str]:
+    """The entries of JSON that have not been compared: by their key at the top, or as "key of key at the top".
+
+    Args:
+        what: The file.
+        written: Its contents.
+        judged: `Comparison.judged`.
+    """
+
+    def looked(entry: Any, place: str) -> Iterator[str]:
+        if place in judged:
+            return
+        inside = any(one.startswith((f"{place}.", f"{place}[")) for one in judged)
+        if isinstance(entry, Mapping) and inside:
+            for key, value in entry.items():
+                yield from looked(value, f"{place}.{key}")
+        elif isinstance(entry, list) and inside:
+            for k, value in enumerate(entry):
+                yield from looked(value, f"{place}[{k}]")
+        else:
+            first, *deeper = re.sub(r"\[\d+\]", "", place.removeprefix(f"{what}.")).split(".")
+            yield f"{deeper[-1]} of {first}" if deeper else first
+
+    return list(dict.fromkeys(looked(written, what)))
 
 
 def _is_float(value: Any) -> bool:

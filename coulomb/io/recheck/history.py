@@ -20,17 +20,18 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...linalg.reductions import Reductions
 from ...model.load_step import Energy, Forces, Moment, coefficients_work, row
-from ..field_files import read_series
 from ..history_summary import whole
 from ..matched_points import places
-from ..run_directory import FIELDS, SUMMARY, RunDirectory, step_place
+from ..output import Series
+from ..run_directory import FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
 from ..run_files import WrittenRun
 from .case_reference import CaseReference
-from .comparison import Comparison
-from .run import Findings, check_run, step_of, verdict
+from .comparison import Comparison, unjudged
+from .run import Findings, as_recorded, check_run, step_of, unread, verdict
 from .start import Start
 
 _SERIAL = Reductions(MPI.COMM_SELF)
+_TIMES = ("pending", "halvings")  # of a step: `_check_times`
 
 
 @dataclass(frozen=True)
@@ -124,25 +125,25 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
     """
     case, files = CaseReference.of(folder), RunDirectory(folder)
     complete, trusted = _complete(files)
-    found, summaries, steps = Comparison(), [], []
+    found, summaries, steps, named = Comparison(), [], [], list[str]()
     chain = _Chain(case)
     for number in range(1, complete + 1):
         findings = check_run(files.step(number).path, case, chain.run, chain.start)
-        own = Comparison(findings.run.evaluation)
-        chain.follow(findings, number, own)
-        faults = (*findings.faults, *own.faults)
-        trusted += [line for line in findings.trusted if line not in trusted]
+        chain.follow(findings, number, findings.found)
+        trusted += [line for line in findings.taken if line not in trusted]
+        named += findings.unjudged
         failed = [] if findings.certificate.passed else str(findings.certificate).splitlines()
         failed += [f"outside small-strain theory: {text}" for text in findings.outside]
-        details = "\n".join(f"  {line}" for line in [*failed, *verdict(faults)])
-        passed = findings.passed and not faults
-        steps.append(StepFindings(number, step_of(findings.run)[1], passed, findings.recorded, faults, details))
+        details = "\n".join(f"  {line}" for line in [*failed, *findings.verdict])
+        time = chain.start.time
+        steps.append(StepFindings(number, time, findings.passed, findings.recorded, findings.faults, details))
         say(str(steps[-1]))
         summaries.append(findings.run.summary)
-    _check_series(files, summaries, found)
+    named += _check_series(files, summaries, found)
     trusted += _check_times(case, summaries, found)
     if case is None or case.absent:
         trusted.append("taken as written, without the load at the start: the energies of the first step")
+    trusted.append(as_recorded(list(dict.fromkeys(named))))
     return HistoryFindings(tuple(steps), tuple(found.faults), tuple(trusted))
 
 
@@ -190,6 +191,7 @@ class _Chain:
         expected, *others = (
             self._record(findings, Moment(number, time, energy), k) for k, energy in enumerate(self._energies)
         )
+        found.judged |= {f"summary.json.step.{name}" for name in _TIMES[: 1 + (self.case is not None or number > 1)]}
         found.tree("summary.json.step", run.summary["step"], expected, others, "the steps so far")
         self.run, self._last, self.start = run, findings, Start(time, run, self.start.time)
 
@@ -200,14 +202,8 @@ class _Chain:
             steps, residual = summary["iterations"]["path_following"], summary["residual"]
         except (KeyError, TypeError):
             raise ValueError(f"{findings.run.files.summary}: has no iterations of its solver") from None
-        line = row(
-            {"reactions": summary.get("reactions", []), **derived},
-            at,
-            steps,
-            residual,
-            derived["certificate"]["passed"],
-            derived["valid"],
-        )
+        figures = {"reactions": summary.get("reactions", []), **derived}
+        line = row(figures, at, steps, residual, derived["certificate"]["passed"], derived["valid"])
         return {"number": at.number, "time": at.time, "energy": asdict(at.energy), "row": line}
 
     def _add_energy(self, findings: Findings) -> None:
@@ -241,9 +237,8 @@ class _Chain:
 
     def _forces_then(self, run: WrittenRun, k: int) -> FloatArray:
         """Contact forces on the body at the beginning of the step, at the nodes of its written face, shape (q, 3)."""
-        if self._last is None:
-            return np.zeros((len(run.node), 3))
-        return self._last.variants[k].forces[run.on_faces_of(self._last.run)]
+        last = self._last
+        return np.zeros((len(run.node), 3)) if last is None else last.variants[k].forces[run.on_faces_of(last.run)]
 
     def _load_at_start(self, run: WrittenRun) -> FloatArray | None:
         """The load at time 0 at the nodes of a run, shape (k, 3); None without a case."""
@@ -299,21 +294,23 @@ def _check_times(case: CaseReference | None, summaries: Sequence[dict[str, Any]]
         if any(after <= before for before, after in pairwise(ahead)):
             found.fault(f"{where}: the times still to be reached, {ahead[1:]}, do not increase from {time:g}")
         if left is not None:
-            lost = sorted(left - {time, *pending})
+            lost, new = sorted(left - {*ahead}), sorted({*ahead} - left)
             if lost:
                 found.fault(f"{where}: goes to time {time:g} and then {ahead[1:]}, but leaves out {lost}")
-            if left and time > min(left):
-                found.fault(f"{where}: goes to time {time:g}, beyond {min(left):g}")
+            if len(new) != record.get("halvings"):
+                found.fault(f"{where}: halved {record.get('halvings')} times, but the times {new} are new")
         left = set(pending)
     return [f"not finished: {len(left)} load steps are still to be taken"] if left else []
 
 
-def _check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], found: Comparison) -> None:
-    """Compare history.csv, summary.json and the time series with the steps."""
+def _check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], found: Comparison) -> list[str]:
+    """Compare history.csv, summary.json and the time series with the steps; names what could not be compared."""
     rows = [summary["step"]["row"] for summary in summaries]
     lines = files.read_history()
     if len(lines) != len(rows):
         found.fault(f"history.csv: has {len(lines)} lines, but there are {len(rows)} load steps")
+    if extra := {str(name) for line in lines for name in line} - {name for row_ in rows for name in row_}:
+        found.fault(f"history.csv: has columns that no load step has: {', '.join(sorted(extra))}")
     for number, (line, row_) in enumerate(zip(lines, rows, strict=False), start=1):
         read = {name: _parsed(value) for name, value in line.items()}
         found.tree(f"history.csv: line {number}", read, row_, source=f"step {number}")
@@ -328,9 +325,11 @@ def _check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], foun
     }
     found.tree(SUMMARY, summary, expected, source="the steps")
     for name in FIELDS:
-        given = [(step_place(one["step"]["number"]), float(one["step"]["time"])) for one in summaries]
-        if read_series(files.path / name) != given:
+        series = Series(files.path, name).text([step_place(number) for number in range(1, len(summaries) + 1)])
+        if not (files.path / name).is_file() or (files.path / name).read_bytes() != series.encode():
             found.fault(f"{name}: is not the time series of the {len(summaries)} load steps")
+    repeated = [f"path_following and residual of {HISTORY}"]  # from iterations and residual of the steps
+    return unjudged(SUMMARY, summary, found.judged) + repeated + unread(files.path, (SUMMARY, HISTORY, *FIELDS))
 
 
 def _parsed(text: str | None) -> Any:

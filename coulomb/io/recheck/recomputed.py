@@ -116,6 +116,7 @@ def recomputed(
     supported: Supported | None,
     probes: Probing,
     between: Sequence[npt.NDArray[np.integer[Any]]],
+    accepted: bool,
 ) -> Variant:
     """Data recomputed from the written or perturbed numbers.
 
@@ -128,6 +129,7 @@ def recomputed(
         supported: Loads and supports; None if they are unknown.
         probes: The probes.
         between: The nodes on each contact face, if contact points are means over several.
+        accepted: Whether violations of the theory of small strains are accepted.
     """
 
     def taken(values: FloatArray, scale: float = 0.0) -> FloatArray:
@@ -180,12 +182,13 @@ def recomputed(
     acting = None if supported is None else supported.acting(u, reactions, on_body, taken)
     probed = probes.values(u, written, run.node[nodes.index[nodes.written]], taken)
     numbers = derived(written, certificate, u, -spring * u, held, acting)
-    accepted, recorded = _recorded_strain(run)
+    strain: dict[str, Any] = {"gradient": body.largest_gradient(u)}
     if foundations is None:
-        measured = {"gradient": body.largest_gradient(u)}
+        outside = SmallStrain(**{**_recorded_strain(run), **strain}).violations
     else:
-        measured = asdict(small_strain(written, foundations, body, u, between, _blocked(run, heated)))
-    outside = SmallStrain(**{**recorded, **measured}).violations
+        measured = small_strain(written, foundations, body, u, between, _blocked(run, heated))
+        outside = measured.violations
+        strain = {**asdict(measured), "warnings": list(measured.warnings), "violations": list(outside)}
     if acting is None:
         numbers |= _contact_on_bodies(run, on_body, body_x)
     for check in certificate.checks:
@@ -200,7 +203,7 @@ def recomputed(
             **numbers,
             **{name: range_of(change, MPI.COMM_SELF) for name, change in heated.items()},
             "probes": probed,
-            "small_strain": measured,
+            "small_strain": strain,
             "valid": certificate.passed and (accepted or not outside),
         },
         certificate=certificate,
@@ -263,8 +266,8 @@ def _blocked(run: WrittenRun, heated: dict[str, FloatArray]) -> float:
     return max(found, default=0.0)
 
 
-def _recorded_strain(run: WrittenRun) -> tuple[bool, dict[str, float]]:
-    """Whether small_strain was accepted beyond its limits, and its measures; null becomes nan.
+def _recorded_strain(run: WrittenRun) -> dict[str, float]:
+    """The measures of small_strain; null becomes nan.
 
     Raises:
         ValueError: If summary.json lacks them.
@@ -272,7 +275,6 @@ def _recorded_strain(run: WrittenRun) -> tuple[bool, dict[str, float]]:
     given = run.summary.get("small_strain")
     try:
         values = {field.name: given[field.name] for field in fields(SmallStrain)}  # type: ignore[index]
-        measures = {name: math.nan if value is None else float(value) for name, value in values.items()}
-        return bool(given["accepted"]), measures  # type: ignore[index]
+        return {name: math.nan if value is None else float(value) for name, value in values.items()}
     except (KeyError, TypeError, ValueError):
         raise ValueError(f"{run.files.summary}: has no 'small_strain' with all its measures") from None

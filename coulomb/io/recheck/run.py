@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,12 +13,14 @@ from ...fem.rigid_motion import Spin, since_at
 from ...model.accumulated import ACCUMULATED
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
+from ..field_files import data_of
+from ..field_names import OURS
 from ..matched_points import midpoints
 from ..nodal_grids import BETWEEN
-from ..run_directory import SUMMARY
+from ..run_directory import CASE, FIELDS, SOLUTION, SUMMARY
 from ..run_files import WrittenRun, read_run
 from .case_reference import CaseReference
-from .comparison import OF_LARGEST, Comparison, Rounding
+from .comparison import OF_LARGEST, Comparison, Rounding, unjudged
 from .face_nodes import FaceNodes, face_names
 from .nodes_to_check import face_nodes, facet_parts, facets_of
 from .recomputed import Variant, recomputed
@@ -47,9 +50,10 @@ _FORMS = (
 )
 
 _SOURCE = "displacement and contact forces"
+_SOURCE_OF_TIME = "the load step, or 0 for a single run"
 
-_COMPARED = ("material", "reference_temperature", "step")
-"""Entries of summary.json that follow from nothing, but are compared with the case or the cells."""
+_READ = (SUMMARY, *(name for of in FIELDS for name in (of, data_of(of).name)))
+"""The files of a run that are compared."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +62,8 @@ class Findings:
 
     Attributes:
         certificate: Certificate of displacement and contact forces.
-        faults: Data that do not follow from them or from the case, a line each.
-        trusted: Data that could not be compared, a line each.
+        found: Data that do not follow from them or from the case, and what has been compared.
+        taken: Input data that could not be compared, a line each.
         recorded: Whether the run itself recorded that its certificate had passed.
         run: The files.
         nodes: The nodes that are written as contact nodes.
@@ -67,12 +71,32 @@ class Findings:
     """
 
     certificate: Certificate
-    faults: tuple[str, ...]
-    trusted: tuple[str, ...]
+    found: Comparison
+    taken: tuple[str, ...]
     recorded: bool
     run: WrittenRun
     nodes: FaceNodes
     variants: tuple[Variant, ...]
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Data that do not follow from displacement and contact forces or from the case, a line each."""
+        return tuple(self.found.faults)
+
+    @property
+    def trusted(self) -> tuple[str, ...]:
+        """Data that could not be compared, a line each."""
+        return *self.taken, as_recorded(self.unjudged)
+
+    @property
+    def unjudged(self) -> list[str]:
+        """Names of the data in the files for which there is nothing to compare with."""
+        run, times = self.run, (f"{name}: time" for name in FIELDS)
+        named = unjudged(SUMMARY, run.summary, self.found.judged)
+        named += [f"time of {name}" for name, time in zip(FIELDS, times, strict=True) if time not in self.found.judged]
+        named += [f"{name} of {SOLUTION}" for name in run.described[0].fields if name not in OURS]
+        step = " of the step" if run.files.step_number is not None else ""
+        return named + [f"{name}{step}" for name in unread(run.folder, _READ)]
 
     @property
     def passed(self) -> bool:
@@ -108,6 +132,18 @@ def verdict(faults: tuple[str, ...]) -> list[str]:
     return ["files FAILED:", *(f"  {fault}" for fault in faults[:_MOST]), *more]
 
 
+def as_recorded(names: Sequence[str]) -> str:
+    """The line about data for which there is nothing to compare with."""
+    return f"as recorded by the run, nothing to compare with: {', '.join(names)}"
+
+
+def unread(folder: Path, read: Sequence[str]) -> list[str]:
+    """Names of the files beside those that are `read`, and of what a case has that does not change the answer."""
+    found = sorted(path.name for path in folder.iterdir() if path.is_file() and path.name not in (*read, CASE))
+    method = ("output", "solver", "halvings") if (folder / CASE).exists() else ()
+    return found + [f"{name} of {CASE}" for name in method]
+
+
 def check_run(
     folder: Path, case: CaseReference | None, like: WrittenRun | None = None, start: Start | None = None
 ) -> Findings:
@@ -126,6 +162,9 @@ def check_run(
     found = Comparison(run.evaluation)
     step, time = step_of(run) if "step" in run.summary else (0, 0.0)
     trusted, part = [], None
+    if case is not None or "step" in run.summary:
+        for name, described in zip(FIELDS, run.described, strict=True):
+            found.tree(f"{name}: time", described.time, time, source=_SOURCE_OF_TIME)
     if case is None:
         trusted.append("taken as written, without a case.json: materials, friction, normals, gaps, loads, supports")
     else:
@@ -154,21 +193,24 @@ def check_run(
     supported = None if case is None or part is None else SupportedBody(case.bodies, time, run)
     grids = [facets_of(run, part_of, number) for number in range(count)]
     probes = WrittenProbes(run, case, grids)
+    strain = run.summary.get("small_strain") or {}
+    accepted = bool(strain.get("accepted")) if case is None else case.accepts(run.summary)
     between = [face.part.nodes.start + face.part.body.nodes_of(facets) for face, facets in grids if nodes.averaged]
     variants = tuple(
-        recomputed(run, nodes, foundations, spins, rounding, supported, probes, between) for rounding in roundings
+        recomputed(run, nodes, foundations, spins, rounding, supported, probes, between, accepted)
+        for rounding in roundings
     )
+    if case is not None:
+        found.tree(f"{SUMMARY}.small_strain", strain, {"accepted": accepted}, source=CASE)
     _compare(run, nodes.only(nodes.written), variants, found)
     if supported is None:
         _compare_sums(run, variants, found)
     certificate = variants[0].certificate
     if not run.body.elastic:
         trusted.append(_FORMS)
-    unchecked = [key for key in run.summary if key not in variants[0].numbers and key not in _COMPARED]
-    trusted.append(f"as recorded by the run, nothing to compare with: {', '.join(unchecked)}")
     recorded = bool(run.summary["certificate"]["passed"])
     written = nodes.only(nodes.written)
-    return Findings(certificate, tuple(found.faults), tuple(trusted), recorded, run, written, variants)
+    return Findings(certificate, found, tuple(trusted), recorded, run, written, variants)
 
 
 def step_of(run: WrittenRun) -> tuple[int, float]:

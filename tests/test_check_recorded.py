@@ -1,0 +1,214 @@
+"""`coulomb check`: meshes of the files, what was accepted knowingly, and the names of what cannot be compared."""
+
+import json
+from dataclasses import replace
+
+import h5py
+import pytest
+from bodies_runs import TWO
+from check_runs import BALL, BLOCK, copied, edit, leaves, made, put
+from conftest import run_coulomb
+from mpi4py import MPI
+from test_check_files import SQUEEZED
+from test_load_history import FailsAt
+
+import coulomb
+from coulomb.case.case import read_case
+from coulomb.io import output
+from coulomb.io.history_files import HistoryFiles
+from coulomb.io.recheck.directory import check
+from coulomb.io.written_case import write_case
+
+SECOND_ORDER = {
+    cell: BLOCK.replace("cells = [6, 3, 2]", f'cells = [3, 2, 1]\ncell = "{cell}"\ndegree = 2')
+    for cell in ("hexahedron", "tetrahedron")
+}
+MESHES = {
+    "quadrilaterals": (BLOCK, ".", "contact.h5", "mesh"),
+    "9 nodes": (SECOND_ORDER["hexahedron"], ".", "contact.h5", "mesh"),
+    "6 nodes": (SECOND_ORDER["tetrahedron"], ".", "contact.h5", "mesh"),
+    "triangles of a slave": (TWO, "steps/0001", "contact.h5", "upper_bottom"),
+    "quadrilaterals of a master": (TWO, "steps/0001", "contact.h5", "lower_top"),
+    "hexahedra": (BLOCK, ".", "solution.h5", "mesh"),
+    "27 nodes": (SECOND_ORDER["hexahedron"], ".", "solution.h5", "mesh"),
+    "10 nodes": (SECOND_ORDER["tetrahedron"], ".", "solution.h5", "mesh"),
+}
+
+
+REFUSED = r"in another order|points on no facet|inside out|its neighbours do not|doubled|has no volume"
+
+
+def topology(path, group, function):
+    with h5py.File(path, "r+") as file:
+        data = file[f"Mesh/{group}/topology"]
+        data[...] = function(data[...])
+
+
+def exchanged(i, j):
+    def spoil(rows):
+        rows[len(rows) // 2, [i, j]] = rows[len(rows) // 2, [j, i]]
+        return rows
+
+    return spoil
+
+
+def twice(rows):
+    rows[0] = rows[-1]
+    return rows
+
+
+@pytest.mark.parametrize("spoil", [exchanged(0, 1), exchanged(1, -1), twice], ids=["first", "last", "twice"])
+@pytest.mark.parametrize(("text", "folder", "file", "group"), MESHES.values(), ids=MESHES)
+def test_nodes_of_a_cell_in_another_order(text, folder, file, group, spoil, tmp_path):
+    """A quadrilateral of which two nodes are exchanged is a bow tie; the order of triangles is that of the body."""
+    run = copied(text, tmp_path / "run") / folder
+    assert check(run).passed
+    topology(run / file, group, spoil)
+    with pytest.raises(ValueError, match=REFUSED):
+        check(run)
+
+
+def test_meshes_written_on_three_ranks(tmp_path):
+    """The order of the nodes of a facet does not depend on the ranks."""
+    case = tmp_path / "case.toml"
+    case.write_text(SECOND_ORDER["tetrahedron"])
+    done = run_coulomb("run", case, "--output", tmp_path / "run", "--set", "output.picture=false", ranks=3)
+    assert done.returncode == 0, done.stderr
+    assert check(tmp_path / "run").passed
+
+
+def accept(contents):
+    contents["small_strain"]["accepted"] = contents["valid"] = True
+
+
+def test_nobody_else_accepts_strains_outside_the_theory(tmp_path):
+    """What was accepted is in case.json: from the summary alone an answer outside the theory does not become valid."""
+    folder = copied(SQUEEZED, tmp_path / "run")
+    edit(folder / "summary.json", accept)
+    found = check(folder)
+    assert not found.passed and found.outside
+    assert any(fault.startswith("summary.json.small_strain.accepted: True, but False") for fault in found.faults)
+    assert any(fault.startswith("summary.json.valid: True, but False") for fault in found.faults)
+    edit(folder / "case.json", lambda case: case.update(small_strain="warn"))
+    assert check(folder).passed
+
+
+HISTORY = f"{SQUEEZED}[history]\ntimes = [1.0, 2.0]\n"
+
+
+def test_a_step_outside_the_theory_stays_so(tmp_path):
+    case = tmp_path / "case.toml"
+    case.write_text(HISTORY)
+    run = ("run", case, "--set", "output.picture=false", "--output")
+    assert run_coulomb(*run, tmp_path / "strict").returncode == 1
+    assert run_coulomb(*run, tmp_path / "forced", "--force").returncode == 0
+    assert json.loads((tmp_path / "forced" / "case.json").read_text())["small_strain"] == "warn"
+    strict, forced = check(tmp_path / "strict"), check(tmp_path / "forced")
+    assert not strict.passed and not any(step.faults for step in strict.steps) and forced.passed
+    edit(tmp_path / "strict" / "steps/0001/summary.json", accept)
+    assert any("small_strain.accepted" in fault for fault in check(tmp_path / "strict").steps[0].faults)
+    edit(tmp_path / "strict" / "case.json", lambda case: case.update(small_strain="warn"))  # as before a resume
+    assert any("small_strain.accepted" in fault for fault in check(tmp_path / "strict").steps[0].faults)
+
+
+def named(found):
+    (line,) = [line for line in found.trusted if line.startswith("as recorded by the run")]
+    return line.partition(": ")[2].split(", ")
+
+
+def without_effect(folder, said):
+    """Entries of summary.json that may be changed without a fault, each by itself named in the last line or in a
+    tolerance of rounding."""
+    contents, passing = json.loads((folder / "summary.json").read_text()), []
+    for path, value in leaves(contents):
+        top = next((key for key in path[1:][::-1] if isinstance(key, str)), None)
+        if path[0] in said or f"{top} of {path[0]}" in said or isinstance(value, float):
+            continue
+        put(contents, path, not value if isinstance(value, bool) else "other")
+        (folder / "summary.json").write_text(json.dumps(contents))
+        try:
+            passing += [] if check(folder).faults else [path]
+        except ValueError:
+            pass
+        put(contents, path, value)
+    return passing
+
+
+@pytest.mark.parametrize("with_case", [True, False])
+def test_every_entry_is_compared_or_named(with_case, tmp_path):
+    folder = copied(SQUEEZED, tmp_path / "run")
+    if not with_case:
+        (folder / "case.json").unlink()
+    edit(folder / "summary.json", lambda contents: contents["totals"].update(news=1))
+    said = named(check(folder))
+    assert {"news of totals", "meaning of certificate", "residual", "history.csv"} <= set(said)
+    assert ("solver of case.json" in said) is with_case
+    assert ("accepted of small_strain" in said and "loads" in said) is not with_case
+    assert not without_effect(folder, said)
+
+
+def test_warnings_of_strains_are_compared(tmp_path):
+    folder = copied(SQUEEZED, tmp_path / "run")
+    edit(folder / "summary.json", lambda contents: put(contents, ("small_strain", "violations", 0), "none"))
+    assert any(fault.startswith("summary.json.small_strain.violations[0]") for fault in check(folder).faults)
+
+
+def test_other_files_and_fields_are_named(tmp_path):
+    mesh = coulomb.box((1.0, 1.0, 1.0), (2, 2, 2))
+    clamp = coulomb.PrescribedDisplacement("top", (0.0, 0.0, -1e-3))
+    steel, floor = coulomb.Material(2.1e11, 0.3), coulomb.Contact("bottom", 0.3)
+    solution = coulomb.ContactProblem(mesh, steel, [clamp], floor).solve()
+    output.write(solution, tmp_path, fields={"mine": solution.function})
+    (tmp_path / "notes.txt").write_text("mine")
+    said = named(check(tmp_path))
+    for name in ("mine of solution.xdmf", "time of solution.xdmf", "time of contact.xdmf", "history.csv", "notes.txt"):
+        assert name in said
+
+
+def test_a_history_names_them_in_one_line():
+    said = named(check(made(BALL)))
+    whole = {
+        "start of history",
+        "history.csv of the step",
+        "path_following and residual of history.csv",
+    }
+    assert whole | {"solver of case.json", "meaning of certificate"} <= set(said)
+    assert len(said) == len(set(said)) and not {
+        f"{one} of step" for one in ("energy", "row", "pending", "halvings")
+    } & set(said)
+
+
+def test_times_of_the_fields(tmp_path):
+    folder = copied(BALL, tmp_path / "run") / "steps/0002"
+    path = folder / "solution.xdmf"
+    path.write_text(path.read_text().replace('Time Value="2.0"', 'Time Value="2.5"'))
+    assert any(fault.startswith("solution.xdmf: time: 2.5, but 2 follows") for fault in check(folder).faults)
+
+
+def test_halvings_are_the_new_times(tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    edit(folder / "steps/0002/summary.json", lambda summary: summary["step"].update(halvings=1))
+    assert any("halved 1 times, but the times [] are new" in fault for fault in check(folder).faults)
+    edit(folder / "steps/0002/summary.json", lambda summary: summary["step"].update(halvings=0))
+    for times, new in (([1, 2], [3.0]), ([1, 3], [2.0])):
+        edit(folder / "case.json", lambda case, times=times: case["history"].update(times=times))
+        (fault,) = check(folder).faults
+        assert f"halved 0 times, but the times {new} are new" in fault
+
+
+def test_columns_of_no_step(tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    lines = (folder / "history.csv").read_text().splitlines()
+    (folder / "history.csv").write_text("\n".join([f"{lines[0]},more", *(f"{line},1" for line in lines[1:])]) + "\n")
+    assert check(folder).faults == ("history.csv: has columns that no load step has: more",)
+
+
+def test_a_halved_step_agrees(tmp_path):
+    case = tmp_path / "case.toml"
+    case.write_text(BALL)
+    settings = read_case(case)
+    history = replace(settings.load_history(), solver=FailsAt((1, 2)))
+    history.run(settings.problem(MPI.COMM_SELF), HistoryFiles(tmp_path / "run"))
+    write_case(settings, tmp_path / "run", MPI.COMM_SELF)
+    found = check(tmp_path / "run")
+    assert found.passed and len(found.steps) == 5
