@@ -60,6 +60,7 @@ def summary(solution: Solution) -> dict[str, Any]:
             "solver": result.method,
             "stiffness": problem.stiffness.solver.name,
             "compliance": problem.A.name,
+            **({"changed": problem.body.changed} if problem.body.changed else {}),
             "ranks": problem.comm.size,
         },
         "residual": result.residual,
