@@ -6,13 +6,24 @@ import numpy as np
 import pytest
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, DirectSolver, IterativeSolver, LoadHistory, Material, NotConverged
-from coulomb import Status, Traction
-from coulomb.io.summary import summary
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    DirectSolver,
+    IterativeSolver,
+    LoadHistory,
+    Material,
+    NotConverged,
+    Status,
+    Traction,
+)
+from coulomb.io.summary import remarks, summary
 from coulomb.linalg import stiffness
 from coulomb.linalg.multifrontal import Work
 from coulomb.linalg.predicted_cost import Measures, patience, seconds_direct, seconds_multigrid
 from coulomb.model import contact_body
+from coulomb.model.certificate import judge
 
 STEEL = Material(2.1e11, 0.3)
 QUADRATIC = {"second_order": True}
@@ -175,6 +186,39 @@ def block():
         Contact("bottom", 0.3),
         [Traction("top", (0.0, 0.0, -1e7))],
     )
+
+
+def test_a_penetration_is_no_open_gap(monkeypatch, by_multigrid):
+    """Where no product by A is made: the free sheet is inside the plane, and the remark agrees with the certificate."""
+    problem = sheet(linear_solver=IterativeSolver)
+    with pytest.raises(NotConverged) as failure:
+        problem.solve()
+    answer = problem.solution(failure.value.result)
+    inside, checks = answer.certificate.penetration, {check.name: check for check in answer.certificate.checks}
+    assert not np.any(answer.contact_force) and inside > 1e-4 and not checks["penetration"].passed
+    assert remarks(answer) == [
+        f"no contact forces were found, although contact nodes penetrate by up to {inside:.3g} m: not the answer"
+    ]
+
+
+def test_unbalanced_forces_hide_no_penetration():
+    """A displacement that is a micrometre wrong inside the block has internal forces of meganewtons: the scale of the
+    certificate is not their work over the load of 1 mN, which was 91 m."""
+    problem = ContactProblem(
+        coulomb.box((1.0, 0.2, 0.2), (10, 4, 4)),
+        STEEL,
+        [Clamp("left")],
+        Contact("bottom", 0.3, gap=1e-5),
+        [Traction("right", (0.0, 0.0, -0.025))],
+    )
+    x, u = problem.elasticity.x, np.zeros_like(problem.elasticity.x)
+    below, inner = (x[:, 0] > 0.35) & (x[:, 2] < 0.01), (x[:, 0] > 0.35) & (x[:, 2] > 0.06)
+    u[below, 2] = -1.1e-5
+    u[inner] += 1e-6 * np.random.default_rng(3).standard_normal((int(inner.sum()), 3))
+    certificate = judge(problem.evidence(np.zeros_like(problem.b), u))
+    assert certificate.penetration == pytest.approx(1e-6, rel=1e-6)
+    (check,) = (check for check in certificate.checks if check.name == "penetration")
+    assert check.value == pytest.approx(1e-6 / (2.0 * np.sqrt(3.0) * 1.1e-5)) and not check.passed
 
 
 @pytest.mark.parametrize("stop", [True, False])
