@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from test_thin_bodies import sheet
+from test_thin_bodies import CELLS, sheet
 
 from coulomb import DirectSolver, IterativeSolver, NotConverged
 from coulomb.linalg import stiffness
 from coulomb.linalg.reductions import Reductions
 from coulomb.model import contact_body
 
-RANK, CELLS = MPI.COMM_WORLD.rank, (8, 2, 1)
+RANK = MPI.COMM_WORLD.rank
 
 
 @pytest.fixture(autouse=True)

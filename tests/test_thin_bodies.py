@@ -1,6 +1,7 @@
 """Thin bodies, flat cells and nearly incompressible materials: iterations of multigrid, and factors in its place."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,13 +20,14 @@ from coulomb import (
     Traction,
 )
 from coulomb.io.summary import remarks, summary
-from coulomb.linalg import stiffness
+from coulomb.linalg import methods, stiffness
 from coulomb.linalg.multifrontal import Work
 from coulomb.linalg.predicted_cost import Measures, patience, seconds_direct, seconds_multigrid
 from coulomb.model import contact_body
 from coulomb.model.certificate import judge
+from coulomb.solvers.automatic import Automatic
 
-STEEL = Material(2.1e11, 0.3)
+STEEL, CELLS = Material(2.1e11, 0.3), (8, 2, 1)
 QUADRATIC = {"second_order": True}
 TETRAHEDRA = {"second_order": True, "tetrahedra": True}
 MEASURED = {  # measures, and iterations to the certificate
@@ -125,7 +127,7 @@ def changed(problem, caplog):
     """The reason of the change, which is logged once."""
     said = [record.message for record in caplog.records if "K is factorised instead" in record.message]
     assert problem.body.linear_solver is DirectSolver and problem.body.explicit
-    assert len(said) == 1 and said[0].startswith(problem.body.changed)
+    assert said == [problem.body.changed]
     return problem.body.changed
 
 
@@ -177,7 +179,7 @@ def test_factors_that_do_not_fit(monkeypatch, caplog, by_multigrid):
     assert problem.body.linear_solver is IterativeSolver and not problem.body.changed
 
 
-def block():
+def block(**given):
     """A block, on which multigrid does as expected."""
     return ContactProblem(
         coulomb.box((2.0, 1.0, 1.0), (10, 5, 5)),
@@ -185,6 +187,7 @@ def block():
         [Clamp("left")],
         Contact("bottom", 0.3),
         [Traction("top", (0.0, 0.0, -1e7))],
+        **given,
     )
 
 
@@ -219,6 +222,41 @@ def test_unbalanced_forces_hide_no_penetration():
     assert certificate.penetration == pytest.approx(1e-6, rel=1e-6)
     (check,) = (check for check in certificate.checks if check.name == "penetration")
     assert check.value == pytest.approx(1e-6 / (2.0 * np.sqrt(3.0) * 1.1e-5)) and not check.passed
+
+
+class Demanding(Automatic):
+    """Fails where A is not formed."""
+
+    def solve(self, problem, *arguments, **given):
+        result = super().solve(problem, *arguments, **given)
+        if problem.A.matrix_free is not None or problem.A.name == "matrix-free":
+            raise NotConverged("stagnated", replace(result, status=Status.STAGNATED, message="stagnated"))
+        return result
+
+
+@pytest.mark.parametrize("explicit", [None, False])
+def test_a_formed_in_place_of_solves(monkeypatch, caplog, explicit):
+    """Where K is factorised and solves with it are not enough; not against the choice of the user."""
+    monkeypatch.setattr(methods, "EXPLICIT_UP_TO", 0)
+    problem = block(explicit=explicit)
+    assert problem.body.linear_solver is DirectSolver and not problem.body.explicit
+    with caplog.at_level(logging.WARNING, "coulomb"):
+        if explicit is None:
+            solution = problem.solve(solver=Demanding())
+            assert solution.valid and summary(solution)["method"]["compliance"] == "explicit"
+            assert problem.body.changed == "stagnated; A is formed instead" == caplog.records[0].message
+        else:
+            with pytest.raises(NotConverged, match="stagnated"):
+                problem.solve(solver=Demanding())
+            assert not problem.body.explicit and not caplog.records
+
+
+def test_a_sheet_that_solves_with_factors_do_not_solve(monkeypatch):
+    """As sheets of more than 10 000 contact unknowns."""
+    monkeypatch.setattr(methods, "EXPLICIT_UP_TO", 0)
+    problem = sheet(CELLS)
+    assert not problem.body.explicit
+    assert problem.solve().valid
 
 
 @pytest.mark.parametrize("stop", [True, False])

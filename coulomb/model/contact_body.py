@@ -80,7 +80,7 @@ class ContactBody:
         probes: The probes, found in the mesh.
         seconds: Wall time of assembly, factorisation and A so far.
         kept_matrix: The contact matrix of the evidence.
-        changed: Why K was factorised after multigrid had been chosen; empty if it was not.
+        changed: Why another method than the one that was chosen first is used for K^-1 or A; empty if none is.
 
     Raises:
         ValueError: On every rank, if the input is inconsistent.
@@ -182,25 +182,27 @@ class ContactBody:
         """Whether factors of K fit into the memory, the same on all ranks; collective."""
         return bool(self.comm.bcast(fits(work, self.precision is Precision.SINGLE, least_room(self.comm))))
 
-    def factorise_instead(self, why: str) -> bool:
-        """Factorise K from now on, if multigrid was not the user's choice and the factors fit into the memory; whether
-        that is so, the same on all ranks; collective.
+    def change_method(self, why: str) -> bool:
+        """From multigrid to factors of K, or from solves with these to a formed A, from now on, if that is not against
+        the user's choice and fits into the memory; whether it is done, the same on all ranks; collective.
 
         Args:
-            why: What multigrid did not do.
+            why: What the present method did not do.
         """
-        given, explicit = self._given
-        if given is not None or self.linear_solver is DirectSolver:
+        solver, explicit = self._given
+        if self.linear_solver is IterativeSolver and solver is None:
+            explicit, then = self.interface <= EXPLICIT_UP_TO if explicit is None else explicit, "K is factorised"
+        elif self.linear_solver is DirectSolver and explicit is None and not self.explicit:
+            explicit, then = True, "A is formed"
+        else:
             return False
-        explicit = self.interface <= EXPLICIT_UP_TO if explicit is None else explicit
         with timed(self.seconds, "stiffness"):
             found, work = self._fronts(explicit)
         fit = self._fit(work)
         if self.comm.rank == 0:
-            then = "K is factorised instead" if fit else "factors of K do not fit into the memory"
-            _log.warning("%s; %s", why, then)
+            _log.warning("%s; %s", why, f"{then} instead" if fit else "factors of K do not fit into the memory")
         if fit:
-            self.changed, self._symbolic, self._stiffness = why, found, None
+            self.changed, self._symbolic, self._stiffness = f"{why}; {then} instead", found, None
             self._chosen = (DirectSolver, explicit)
         self._work = None  # and no limit
         return fit

@@ -200,16 +200,16 @@ class ContactProblem(PosedProblem):
         if self.elasticity.outdated(self.loading):
             return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
         refuse_without_equilibrium(self)
-        try:
-            return self._solved(tolerance, solver, progress, start)
-        except TooSlow as slow:
-            self.body.factorise_instead(str(slow))
-        except NotConverged as failure:
-            ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
-            if ended or not self.body.factorise_instead(failure.result.message):
-                raise
-        self.forget_stiffness()
-        return self._solved(tolerance, solver, progress, start)
+        while True:
+            try:
+                return self._solved(tolerance, solver, progress, start)
+            except TooSlow as slow:
+                self.body.change_method(str(slow))
+            except NotConverged as failure:
+                ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
+                if ended or not self.body.change_method(failure.result.message):
+                    raise
+            self.forget_stiffness()
 
     def _solved(
         self, tolerance: float, solver: Solver | None, progress: ProgressCallback | None, start: FloatArray | None
