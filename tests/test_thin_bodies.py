@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import ufl
+from user_forms import Script
 
 import coulomb
 from coulomb import (
@@ -249,6 +251,24 @@ def test_a_formed_in_place_of_solves(monkeypatch, caplog, explicit):
             with pytest.raises(NotConverged, match="stagnated"):
                 problem.solve(solver=Demanding())
             assert not problem.body.explicit and not caplog.records
+
+
+@pytest.mark.parametrize("linear_solver", [None, IterativeSolver])
+def test_a_thin_body_of_forms(monkeypatch, linear_solver):
+    """Forms that are positive definite were called wrong where multigrid needs more iterations than it has."""
+    monkeypatch.setattr(methods, "DIRECT_UP_TO", 0)
+    monkeypatch.setattr(stiffness, "_ITERATIONS", 20)
+    script = Script(coulomb.box((0.16, 0.05, 0.0005), CELLS, degree=2), 2)
+    load = ufl.inner(script.constant((0.0, 0.0, -48.0 / 0.0005)), script.v) * ufl.dx
+    held = [script.bc((0.0, 0.0, 0.0), "left")]
+    body = coulomb.Body(script.elasticity(2.1e11, 0.3), load, held, faces=script.mesh)
+    problem = ContactProblem(body, Contact("bottom", 0.3, gap=1e-3), linear_solver=linear_solver)
+    assert problem.body.linear_solver is IterativeSolver
+    if linear_solver is None:
+        assert problem.solve().valid and problem.body.changed
+    else:
+        with pytest.raises(NotConverged, match="K u = f"):
+            problem.solve()
 
 
 def test_a_sheet_that_solves_with_factors_do_not_solve(monkeypatch):
