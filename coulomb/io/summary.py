@@ -60,6 +60,7 @@ def summary(solution: Solution) -> dict[str, Any]:
             "solver": result.method,
             "stiffness": problem.stiffness.solver.name,
             "compliance": problem.A.name,
+            **({"changed": problem.body.changed} if problem.body.changed else {}),
             "ranks": problem.comm.size,
         },
         "residual": result.residual,
@@ -145,6 +146,11 @@ def remarks(solution: Solution) -> list[str]:
     if solution.result.status is Status.NO_EQUILIBRIUM:  # nothing was solved
         return []
     least = over.min(problem.surface.gap - problem.closure(solution.displacement)[:, 0])
+    if any(check.name == "penetration" and not check.passed for check in solution.certificate.checks):
+        return [
+            f"no contact forces were found, although contact nodes penetrate by up to {-least:.3g} m: not the answer"
+        ]
+    least = max(least, 0.0)  # beyond rounding
     return [f"nothing touches: all contact nodes are open, the smallest gap is {least:.3g} m; {LOOK_AT_GAP}"]
 
 

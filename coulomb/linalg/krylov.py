@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from .border import Constraints, NodalMap
-from .unsolved import Unsolved
+from .unsolved import TooSlow, Unsolved
 
 _RESTART = 100  # restart of FGMRES: far beyond the usual iterations of a step
 _NEGLIGIBLE = 0.1  # of the tolerance: constraints violated by less are left to a later step
@@ -56,7 +56,7 @@ class CarryingKrylov:
         self._comm, self._block, self._apply_A = comm, block, apply_A
         self._operator, self._preconditioner = operator, preconditioner
         self._constraints = constraints or Constraints(comm, np.empty((nodes, 3, 0)))
-        self._failure: Unsolved | None = None
+        self._failure: Unsolved | TooSlow | None = None
         self._on_constraints = method == PETSc.KSP.Type.CG
         width = block + 3
         self._nodal = width * nodes
@@ -112,7 +112,7 @@ class CarryingKrylov:
         z[:, : self._block], alpha = self._preconditioner(r[:, : self._block], self._shared(x))
         try:
             product = self._apply_A(z[:, :3])
-        except Unsolved as failure:
+        except (Unsolved, TooSlow) as failure:
             self._failure = failure
             raise
         z[:, self._block :] = self._constraints.without(product, alpha)

@@ -3,13 +3,17 @@
 The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`), whether it has to
 be repeated in double precision by a rule (`model.slenderness.ill_conditioned`).  The iterations of multigrid are not
 known: they are estimated from what decides the condition of A and the number of its products (`Measures`), and vary by
-a factor of up to two around this rule.  Of a body on soft springs they are three to ten times as many, and it is
-factorised if that fits into the memory.
+a factor of up to two around this rule, of thin bodies by more: a run that takes three times as many as expected is
+given up for factors (`patience`).  Of a body on soft springs they are three to ten times as many, and it is factorised
+if that fits into the memory.
 
 On tetrahedra of first order iterations are 1.3 times as many as on hexahedra with the same nodes: the least eigenvalue
 of A over its diagonal is half as large (0.018 and 0.037 on the block at p = 6, 0.024 and 0.052 at p = 10), which costs
 conjugate gradients up to sqrt(2) times as many products.  Of a curved face most nodes are far from the foundation and
 stay open: only those near it take part.
+
+Cells of aspect 8 take 5 times as many iterations as cubes, in first and second order; a beam of length 20 thicknesses
+3 to 6 times as many as one of 5; Poisson's ratio 0.49 4 times as many as 0.3, 0.499 15 times and 0.4999 50 times.
 
 In a load history the factors are made once, and a later step costs a third to two thirds of the first path; by
 multigrid it takes about as many iterations as the first, which have less to do for contact.  So a block of 41 616
@@ -45,6 +49,13 @@ _SLENDER = 0.12  # and with this one of the slenderness
 _BLOCK = 1.7  # slenderness of the block
 _TETRAHEDRA = 1.27
 _UNHELD = 1.5
+_SECOND_ORDER = 1.6
+_ASPECT = 0.8  # iterations grow with this power of the aspect of cells,
+_LONG = 3.3  # with the elongation of the contact face over that of the block,
+_INCOMPRESSIBLE, _STEEL = 0.5, 0.3  # and with this power of 1 / (1 - 2 nu) over that of steel
+_LEAST_COMPRESSIBLE = 1e-6
+
+_PATIENCE = 3.0  # times the expected iterations, before factors are made instead
 
 _FACTOR_RANKS = 0.9  # speed-up of everything but the operations of the fronts: ranks to this power; 1.87 on two
 _MULTIGRID_RANKS = 0.63  # of multigrid and its path following; 1.55 on two
@@ -73,6 +84,10 @@ class Measures(NamedTuple):
         near: Part of the contact face that can touch soon, by its area: whose gap is hardly more than the smallest.
         tetrahedra: Whether a body is of tetrahedra.
         unheld: Whether contact alone resists a rigid motion.
+        second_order: Whether displacements are quadratic.
+        aspect: Of the cells in the mean, over that of cubes, or of tetrahedra that fill a cube.
+        elongation: Square of the diagonal of the contact face over its area: 2 for a square, 40 for a long strip.
+        poisson: Largest Poisson's ratio.
     """
 
     displacement: int
@@ -81,13 +96,20 @@ class Measures(NamedTuple):
     near: float = 1.0
     tetrahedra: bool = False
     unheld: bool = False
+    second_order: bool = False
+    aspect: float = 1.0
+    elongation: float = _LONG
+    poisson: float = _STEEL
 
     @property
     def iterations(self) -> float:
         """Expected of multigrid in the first load step."""
-        cells = (_TETRAHEDRA if self.tetrahedra else 1.0) * (_UNHELD if self.unheld else 1.0)
+        cells = (_TETRAHEDRA if self.tetrahedra else 1.0) * (_SECOND_ORDER if self.second_order else 1.0)
+        stiffer = (1.0 - 2.0 * _STEEL) / max(1.0 - 2.0 * self.poisson, _LEAST_COMPRESSIBLE)
+        hard: float = max(self.aspect, 1.0) ** _ASPECT * max(stiffer, 1.0) ** _INCOMPRESSIBLE
+        cells *= hard * (_UNHELD if self.unheld else 1.0)
         face: float = (self.contact / 1000.0) ** _CONTACT * max(self.near, _LEAST_NEAR) ** _NEAR
-        slender: float = max(self.slenderness / _BLOCK, 1.0) ** _SLENDER
+        slender: float = max(self.slenderness / _BLOCK, 1.0) ** _SLENDER * max(self.elongation / _LONG, 1.0)
         return _ITERATIONS * cells * face * slender
 
 
@@ -147,8 +169,36 @@ def factorise(
         room: Free memory in bytes, of all ranks.
         ranks: Number of ranks.
     """
-    single = work.operations >= SINGLE_FROM and not soft and precision is Precision.SINGLE
-    if work.bytes * (1.0 if single else 2.0) > room:
+    if not fits(work, not soft and precision is Precision.SINGLE, room):
         return False
     multigrid = seconds_multigrid(measures, steps, ranks)
     return soft or seconds_direct(work, measures.contact, steps, precision, ranks) <= multigrid
+
+
+def fits(work: Work, single: bool, room: float) -> bool:
+    """Whether factors fit into the memory.
+
+    Args:
+        work: What the factorisation takes.
+        single: Whether they are in single precision where that is faster.
+        room: Free memory in bytes, of all ranks.
+    """
+    return work.bytes * (1.0 if single and work.operations >= SINGLE_FROM else 2.0) <= room
+
+
+def patience(
+    work: Work, measures: Measures, steps: int = 1, precision: Precision = Precision.SINGLE, ranks: int = 1
+) -> float:
+    """Iterations of multigrid in a load step after which factors are made instead, if they fit into the memory.
+
+    Multigrid then does not contract as predicted, and has taken as long as the step takes with factors.
+
+    Args:
+        work: What the factorisation takes.
+        measures: What decides how long multigrid takes.
+        steps: Number of load steps.
+        precision: Expected of the factors.
+        ranks: Number of ranks.
+    """
+    direct = seconds_direct(work, measures.contact, steps, precision, ranks)
+    return max(direct / seconds_multigrid(measures, steps, ranks), _PATIENCE) * measures.iterations

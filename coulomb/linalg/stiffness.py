@@ -18,7 +18,7 @@ from .nodal_blocks import symmetric_blocks
 from .petsc_options import configured_ksp
 from .recycled_cg import RecycledCG
 from .soft_motions import SoftMotions
-from .unsolved import Unsolved
+from .unsolved import TooSlow, Unsolved
 
 
 class StiffnessSolver(Protocol):
@@ -268,6 +268,7 @@ class IterativeSolver:
 
     Raises:
         Unsolved: From solve, if 1000 iterations are not enough, or K is not positive definite, to rounding.
+        TooSlow: From solve, after the iterations of `allow`.
     """
 
     name = "iterative (CG, multigrid)"
@@ -275,6 +276,7 @@ class IterativeSolver:
 
     def __init__(self, K: PETSc.Mat, tolerance: float = 1e-11):
         self.tolerance, self.iterations = tolerance, 0
+        self._before, self._allowed = 0, math.inf
         interpolation = K.getAttr("interpolation")
         P = None if interpolation is None else interpolation()
         self._method: _InBlocks | _ByPETSc = _in_blocks(K, P) or _ByPETSc(K, P)
@@ -299,7 +301,18 @@ class IterativeSolver:
         if rhs.norm() == 0.0:  # a solution 0 among the earlier ones would make the next start undefined
             u.set(0.0)
             return
-        self.iterations += self._method.solve(rhs, u, max(tolerance, self.tolerance))
+        if self.iterations - self._before >= self._allowed:
+            raise TooSlow(self.iterations - self._before, self._allowed)
+        try:
+            self.iterations += self._method.solve(rhs, u, max(tolerance, self.tolerance))
+        except Unsolved as failure:
+            self.iterations += failure.iterations
+            raise
+
+    def allow(self, iterations: float) -> None:
+        """Begin no solve after so many iterations of all solves from now on, the same number on all ranks; inf for no
+        limit, as by default."""
+        self._before, self._allowed = self.iterations, iterations
 
     def separate(self, soft: SoftMotions) -> None:
         """Compute rigid motions on soft springs apart from now on, exactly; tolerances are then relative to the forces

@@ -1,4 +1,4 @@
-"""A solve with K that ends before its tolerance."""
+"""A solve with K that ends before its tolerance, or is not begun."""
 
 from __future__ import annotations
 
@@ -20,4 +20,21 @@ class Unsolved(RuntimeError):
         super().__init__(
             f"the solution of K u = f by conjugate gradients with multigrid failed: {why}after {iterations} iterations "
             f"|f - K u| is {residual:.1e} |f|, and {tolerance:.1e} |f| is needed"
+        )
+
+
+class TooSlow(RuntimeError):
+    """A solve was not begun, as those before took all iterations that are allowed, on all ranks.
+
+    It is no `Unsolved`: what has been reached is of no use, as another method begins anew.
+
+    Args:
+        iterations: Of the solves before.
+        allowed: For all of them.
+    """
+
+    def __init__(self, iterations: int, allowed: float):
+        super().__init__(
+            f"solutions of K u = f by conjugate gradients with multigrid took {iterations} iterations, and after "
+            f"{allowed:.0f} factors of K are expected to be faster"
         )

@@ -33,6 +33,10 @@ ANGLE_LIMIT = 0.1
 """Limit in degrees of the angle between slip and friction, where the slip is at least 1e-3 of the scale of
 displacements and the friction 1e-2 of its largest: there an error of LIMIT rotates the slip by less."""
 
+_FARTHEST = 2.0 * 3.0**0.5
+"""Largest scale of displacements over their largest component: forces in balance do no more work than their sum times
+the largest displacement.  A displacement that is not in balance may have internal forces of any size."""
+
 SMALLEST = 1e-290
 """Scales below this, or above its inverse, have lost digits to underflow, or are near to overflow."""
 
@@ -165,7 +169,7 @@ def _scales(e: Evidence, spring: FloatArray, outer: tuple[FloatArray, ...], over
     turnover = worst(sum(over.sum(lengths(part)) for part in outer), ROUNDING * over.sum(lengths(e.rounding)))
     motion = over.max(np.abs(e.displacement))
     energy = over.dot(e.displacement / (motion or 1.0), e.internal / (nodal or 1.0))
-    way = 2.0 * energy * motion * ratio(nodal, turnover)
+    way = min(2.0 * energy * motion * ratio(nodal, turnover), _FARTHEST * motion)
     at_least = motion if motion != 0.0 else max(over.max(axis) + over.max(-axis) for axis in e.x.T)
     peak = over.max(np.abs(e.force))
     return _Scales(

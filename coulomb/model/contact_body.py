@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import repeat
@@ -22,10 +23,10 @@ from ..fem.rigid_motion import RigidMotion, same_place, since_at, spin
 from ..fem.surface import ContactSurface
 from ..fem.unjoined_parts import unjoined_parts
 from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic
-from ..linalg.methods import LinearSolver, chosen, undecided
-from ..linalg.multifrontal import MultifrontalSolver, predicted_work, symbolic
+from ..linalg.methods import EXPLICIT_UP_TO, LinearSolver, chosen, undecided
+from ..linalg.multifrontal import MultifrontalSolver, Work, predicted_work, symbolic
 from ..linalg.nested_dissection import Front
-from ..linalg.predicted_cost import Measures, Precision, factorise
+from ..linalg.predicted_cost import Measures, Precision, factorise, fits, patience
 from ..linalg.reductions import Reductions
 from ..linalg.stiffness import DirectSolver, IterativeSolver, StiffnessSolver
 from .accumulated import Accumulated
@@ -79,6 +80,7 @@ class ContactBody:
         probes: The probes, found in the mesh.
         seconds: Wall time of assembly, factorisation and A so far.
         kept_matrix: The contact matrix of the evidence.
+        changed: Why another method than the one that was chosen first is used for K^-1 or A; empty if none is.
 
     Raises:
         ValueError: On every rank, if the input is inconsistent.
@@ -114,6 +116,8 @@ class ContactBody:
                 _log.warning("%s", text)
         self._given, self._load_steps = (linear_solver, explicit), 1
         self._symbolic: list[Front] | SharedSymbolic | None = None
+        self._work: Work | None = None
+        self.changed = ""
         self._rounding: tuple[object, float, FloatArray] | None = None
         self.kept_matrix = KeptMatrix()
         self._stiffness: ContactStiffness | None = None
@@ -136,15 +140,71 @@ class ContactBody:
         if not undecided(n, m, linear_solver, explicit) or self.elasticity.forms() is not None:
             return chosen(n, m, comm.size, linear_solver, explicit)
         with timed(self.seconds, "stiffness"):
-            K, x, nodes = self.elasticity.K, self.elasticity.x, self._reference.nodes_in_rows
-            found = symbolic(K, x, nodes) if comm.size == 1 else SharedSymbolic(K, x, nodes)
-            work = found.work() if isinstance(found, SharedSymbolic) else predicted_work(found)
+            found, work = self._fronts(True)
             soft, room = on_soft_springs(self.elasticity), least_room(comm)
             direct = factorise(work, self.measures, self._load_steps, soft, self.precision, room, comm.size)
             if not comm.bcast(direct):  # sums over the ranks may differ by rounding errors
+                self._work = work
                 return IterativeSolver, False
             self._symbolic = found
         return DirectSolver, True
+
+    def _fronts(self, contact_last: bool) -> tuple[list[Front] | SharedSymbolic, Work]:
+        """The fronts of K, and what a factorisation takes; collective."""
+        K, x, comm = self.elasticity.K, self.elasticity.x, self.comm
+        last = self._reference.nodes_in_rows if contact_last else np.empty(0, dtype=np.int64)
+        if comm.size == 1:
+            fronts = symbolic(K, x, last)
+            return fronts, predicted_work(fronts)
+        shared = SharedSymbolic(K, x, last)
+        return shared, shared.work()
+
+    @contextmanager
+    def limited(self, solver: StiffnessSolver) -> Iterator[None]:
+        """No more iterations of multigrid than its `patience`, where it was chosen by predicted time and the factors
+        fit into the memory; collective.
+
+        Args:
+            solver: K^-1 of this body.
+        """
+        if self._work is None or not isinstance(solver, IterativeSolver) or not self._fit(self._work):
+            yield
+            return
+        allowed = patience(self._work, self.measures, self._load_steps, self.precision, self.comm.size)
+        solver.allow(self.comm.bcast(allowed))
+        try:
+            yield
+        finally:
+            solver.allow(math.inf)
+
+    def _fit(self, work: Work) -> bool:
+        """Whether factors of K fit into the memory, the same on all ranks; collective."""
+        return bool(self.comm.bcast(fits(work, self.precision is Precision.SINGLE, least_room(self.comm))))
+
+    def change_method(self, why: str) -> bool:
+        """From multigrid to factors of K, or from solves with these to a formed A, from now on, if that is not against
+        the user's choice and fits into the memory; whether it is done, the same on all ranks; collective.
+
+        Args:
+            why: What the present method did not do.
+        """
+        solver, explicit = self._given
+        if self.linear_solver is IterativeSolver and solver is None:
+            explicit, then = self.interface <= EXPLICIT_UP_TO if explicit is None else explicit, "K is factorised"
+        elif self.linear_solver is DirectSolver and explicit is None and not self.explicit:
+            explicit, then = True, "A is formed"
+        else:
+            return False
+        with timed(self.seconds, "stiffness"):
+            found, work = self._fronts(explicit)
+        fit = self._fit(work)
+        if self.comm.rank == 0:
+            _log.warning("%s; %s", why, f"{then} instead" if fit else "factors of K do not fit into the memory")
+        if fit:
+            self.changed, self._symbolic, self._stiffness = f"{why}; {then} instead", found, None
+            self._chosen = (DirectSolver, explicit)
+        self._work = None  # and no limit
+        return fit
 
     @cached_property
     def measures(self) -> Measures:

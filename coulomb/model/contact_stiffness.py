@@ -38,8 +38,9 @@ def explained(elasticity: Deformable) -> Iterator[None]:
     """
     try:
         yield
-    except (ValueError, PETSc.Error, Unsolved):
-        if elasticity.forms() is None:
+    except (ValueError, PETSc.Error, Unsolved) as failure:
+        slow = isinstance(failure, Unsolved) and not failure.indefinite
+        if elasticity.forms() is None or slow:
             raise
         raise ValueError(
             "Body: a is not positive definite where bcs hold nothing, to rounding: look at the signs of its terms and "
@@ -56,7 +57,8 @@ class ContactStiffness:
         linear_solver: The solver class for K^-1.
         explicit: Whether A is formed.
         seconds: Dictionary to which wall times are added.
-        symbolic: The fronts of K with the contact nodes last, if they are known; on several ranks `SharedSymbolic`.
+        symbolic: The fronts of K, with the contact nodes last if A is formed, if they are known; on several ranks
+            `SharedSymbolic`.
         many: Whether many solves are expected: K, if it is factorised, is factorised in double precision; then all
             products by A are exact, and a solve is one substitution in place of an iteration.
 
@@ -99,7 +101,7 @@ class ContactStiffness:
         """K^-1 where A is not formed."""
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
             if self._linear_solver is DirectSolver:
-                return self._factorised(np.empty(0, dtype=np.int64), None)
+                return self._factorised(np.empty(0, dtype=np.int64), self._symbolic)
             solver = self._linear_solver(self.elasticity.K)
             if self._soft is not None and isinstance(solver, IterativeSolver):
                 solver.separate(self._soft)

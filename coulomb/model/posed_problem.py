@@ -136,6 +136,12 @@ class PosedProblem:
         """Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m, 3)."""
         return self.state.slip_origin
 
+    def forget_stiffness(self) -> None:
+        """Compute everything that takes K^-1 anew when it is needed, after a change of the method."""
+        for name in ("stiffness", "A", "b", "mean_compliance", "_free_displacement", "_free_part"):
+            with suppress(AttributeError):  # not computed yet
+                delattr(self, name)
+
     @cached_property
     def f(self) -> PETSc.Vec:
         """Load in newtons, with the prescribed displacements included; must not be modified."""

@@ -23,10 +23,10 @@ from ..fem.user_values import Amplitude, Coefficient, Field
 from ..linalg.methods import LinearSolver
 from ..linalg.native import threads
 from ..linalg.stiffness import IterativeSolver
-from ..linalg.unsolved import Unsolved
+from ..linalg.unsolved import TooSlow, Unsolved
 from ..solvers.automatic import Automatic
 from ..solvers.friction_problem import Solver
-from ..solvers.results import NotConverged, ProgressCallback, SolverResult
+from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from .acceptance import CERTIFIED_FROM, Acceptance
 from .contact import Contact
 from .contact_body import ContactBody
@@ -200,18 +200,34 @@ class ContactProblem(PosedProblem):
         if self.elasticity.outdated(self.loading):
             return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
         refuse_without_equilibrium(self)
-        problem = self.friction_problem  # K^-1, A and b are timed separately
+        while True:
+            try:
+                return self._solved(tolerance, solver, progress, start)
+            except TooSlow as slow:
+                self.body.change_method(str(slow))
+            except NotConverged as failure:
+                ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
+                if ended or not self.body.change_method(failure.result.message):
+                    raise
+            self.forget_stiffness()
+
+    def _solved(
+        self, tolerance: float, solver: Solver | None, progress: ProgressCallback | None, start: FloatArray | None
+    ) -> Solution:
+        """The answer by the present method for K^-1; arguments and errors as of `solve`."""
         chosen = solver or Automatic(tolerance)
         acceptance, counted = Acceptance(self), CountedProgress(progress)
-        if chosen.tolerance <= CERTIFIED_FROM:
-            problem = replace(problem, accept=acceptance, balanced=acceptance.gradient)
-        with timed(self.seconds, "solve"), _one_blas_thread(self._by_threads):
-            try:
-                result = chosen.solve(problem, start, progress=counted)
-            except NotConverged as failure:
-                raise acceptance.explained(failure, chosen.tolerance) from None
-            except Unsolved as failure:
-                raise unsolved(self, problem, failure, counted, type(chosen).__name__) from None
+        with self.body.limited(self.stiffness.solver):
+            problem = self.friction_problem  # K^-1, A and b are timed separately
+            if chosen.tolerance <= CERTIFIED_FROM:
+                problem = replace(problem, accept=acceptance, balanced=acceptance.gradient)
+            with timed(self.seconds, "solve"), _one_blas_thread(self._by_threads):
+                try:
+                    result = chosen.solve(problem, start, progress=counted)
+                except NotConverged as failure:
+                    raise acceptance.explained(failure, chosen.tolerance) from None
+                except Unsolved as failure:
+                    raise unsolved(self, problem, failure, counted, type(chosen).__name__) from None
         answer = self.solution(result, acceptance)
         warn(answer)
         return answer

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..fem.deformable import Deformable
+from ..fem.deformable import Deformable, SingleBody
 from ..fem.materials import by_group
-from ..fem.named_mesh import volume
+from ..fem.named_mesh import aspects, volume
 from ..fem.surface import ContactSurface
 from ..linalg.predicted_cost import Measures
 from ..linalg.reductions import Reductions
@@ -14,6 +14,8 @@ from ..linalg.reductions import Reductions
 _SOFT = 1e-2  # stiffness of springs against a rigid motion, over Young's modulus times the size of the bodies
 
 _NEAR = 1e-3  # of the diagonal of the bodies, about as far as small strains let their surfaces move
+
+_TETRAHEDRA = 1.0 + np.sqrt(2.0)  # aspect of six that fill a cube
 
 _BENDS = 25.0  # cube of the diagonal of a body over its volume: 12 for the block, 27 to 77 for parts that bend
 _APART = 1e3  # largest over smallest Young's modulus
@@ -44,14 +46,40 @@ def near_part(surface: ContactSurface, elasticity: Deformable) -> float:
 
 def measures_of(surface: ContactSurface, elasticity: Deformable, displacement: int, contact: int) -> Measures:
     """What decides how long multigrid takes, with the unknowns of all ranks; collective."""
+    bodies = [member.body for member in elasticity.members]
     return Measures(
         displacement,
         contact,
         slenderness_of(surface, elasticity),
         near_part(surface, elasticity),
-        any(member.body.mesh.domain.topology.cell_type.name == "tetrahedron" for member in elasticity.members),
+        any(_of_tetrahedra(body) for body in bodies),
         len(elasticity.free) > 0,
+        any(body.degree == 2 for body in bodies),
+        aspect_of(elasticity),
+        elongation_of(surface, elasticity),
+        max(_poissons_ratios(elasticity), default=0.0),
     )
+
+
+def aspect_of(elasticity: Deformable) -> float:
+    """Aspect of the cells in the mean over a body, over that of cubes, or of the tetrahedra that fill one; of the body
+    where it is largest; collective."""
+    over, found = Reductions(elasticity.comm), []
+    for member in elasticity.members:
+        each = aspects(member.body.mesh)
+        usual = _TETRAHEDRA if _of_tetrahedra(member.body) else 1.0
+        found.append(over.sum(each) / (over.sum(float(len(each))) * usual))
+    return max(found)
+
+
+def elongation_of(surface: ContactSurface, elasticity: Deformable) -> float:
+    """Square of the diagonal of a contact face over its area, of the face where it is largest; collective."""
+    over, found = Reductions(elasticity.comm), []
+    for number in range(len(surface.faces)):
+        x, area = surface.x[surface.part == number], surface.area[surface.part == number]
+        square = sum((over.max(x[:, k]) + over.max(-x[:, k])) ** 2 for k in range(3))
+        found.append(square / over.sum(area))
+    return float(max(found))
 
 
 def on_soft_springs(elasticity: Deformable) -> bool:
@@ -92,6 +120,17 @@ def ill_conditioned(elasticity: Deformable) -> bool:
         if diagonal**3 > _BENDS * over.sum(volume(member.body.mesh)):
             return True
     return False
+
+
+def _of_tetrahedra(body: SingleBody) -> bool:
+    return bool(body.mesh.domain.topology.cell_type.name == "tetrahedron")
+
+
+def _poissons_ratios(elasticity: Deformable) -> list[float]:
+    """Of all isotropic materials."""
+    materials = [member.body.materials for member in elasticity.members]
+    ratios = [m.poisson for given in materials if given is not None for _, m in by_group(given)]
+    return [float(ratio) for ratio in ratios if not isinstance(ratio, tuple)]
 
 
 def _moduli(elasticity: Deformable) -> list[float]:

@@ -62,8 +62,7 @@ def unsolved(
     reached = f", with a residual of {residual:.1e}" if np.isfinite(residual) else ""
     message = (
         f"{failure}; {posed.unknowns['displacement']} displacement unknowns, time {posed.time:g} s, after "
-        f"{progress.steps} steps of the contact solver{reached}; what may help: "
-        f"{', or '.join(remedies)}"
+        f"{progress.steps} steps of the contact solver{reached}"
     )
     result = SolverResult(
         x=x,
@@ -80,4 +79,4 @@ def unsolved(
         message=message,
         rigid=rigid,
     )
-    return LinearSolveFailed(message, result)
+    return LinearSolveFailed(f"{message}; what may help: {', or '.join(remedies)}", result)
