@@ -44,7 +44,7 @@ def test_vtk_reads_the_body(run):
     grid = pyvista.XdmfReader(str(directory / "solution.xdmf")).read()
     grid = grid if isinstance(grid, pyvista.DataSet) else grid[0]
     assert grid.n_cells == 18 * 6 * 6 and grid.n_points == 19 * 7 * 7
-    assert set(grid.point_data.keys()) == {"displacement", "load", "held", "prescribed", "spring"}
+    assert set(grid.point_data.keys()) == {"displacement", "load", "held", "prescribed", "spring_force"}
     assert set(grid.cell_data.keys()) == {"von_mises_stress", "young", "poisson"}
     ours = solution.displacement[np.lexsort(solution.problem.elasticity.x.round(9).T)]
     theirs = np.asarray(grid["displacement"])[np.lexsort(np.asarray(grid.points).round(6).T)]

@@ -107,8 +107,7 @@ class Body(SingleBody):
         )
         self.held = self._conditions.rows.held
         self._component = mesh_components(self)
-        self.spring, self.contradictions = np.zeros_like(self.x), ()
-        self.materials, self.loads = None, ()
+        self.contradictions, self.materials, self.loads = (), None, ()
         self._known: _Stiffness | None = None
         if update is None:  # else when the coefficients have been set for a time
             self._known = self._stiff(self._a.values)

@@ -201,7 +201,7 @@ def _read_body(
 ) -> tuple[WrittenBody, Fields]:
     data = data_of(file)
     needed = (*ON_BODY, INTERNAL, ROUNDING) if forms else (*ON_CELLS, *ON_BODY)
-    optional = (HELD_OBLIQUE, TEMPERATURE, *(GROUND if forms else FIELDS))
+    optional = (HELD_OBLIQUE, TEMPERATURE, *GROUND, *(() if forms else FIELDS))
     points, cells, in_file = read_fields(data, needed, optional, group)
     refuse_misnamed(file, tuple(in_file), name, group)
     if cells.shape[1] not in CORNERS:

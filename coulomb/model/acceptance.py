@@ -112,7 +112,7 @@ class Acceptance:
             return NotConverged(f"{away}; {failure}", result) if away else failure
         certificate = self.answer(result.x, result.rigid).certificate
         remedies = ["a check of the units of lengths, forces and stiffnesses"]
-        if Reductions(problem.comm).max(problem.elasticity.spring) > 0.0:
+        if problem.elasticity.ground is not None:
             remedies.insert(0, "a clamp or stiffer springs, to prevent the rigid motion")
         if problem.stiffness.solver.tolerance > 0.0:
             remedies.insert(0, 'K factorised (linear_solver = "direct")')
