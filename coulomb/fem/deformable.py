@@ -213,6 +213,10 @@ class SingleBody(HeldSpace, Deformable):
     def held_diagonal(self) -> FloatArray:
         """The entry of K for held components, N/m: the mean diagonal of the node without supports, shape (k, 1)."""
 
+    def suspects(self) -> str:
+        """Coefficients that may make its stiffness singular, for the end of a message; collective."""
+        return ""
+
     @property
     def members(self) -> tuple[Member, ...]:
         """Itself."""

@@ -31,8 +31,8 @@ class Elasticity(LoadedBody, SingleBody):
     """K u = f on hexahedra or tetrahedra of first or second order, with prescribed displacements and springs.
 
     Held directions are eliminated (`HeldSpace.eliminated`); f, which depends on time, has the prescribed values, so
-    that K u = f holds them exactly.  Springs are integrated over their faces with the functions of the elements (Winkler
-    foundation): exact for every displacement that the elements have.
+    that K u = f holds them exactly.  Springs (Winkler foundations) are integrated over their faces with the functions
+    of the elements: exact for every displacement that these have.
 
     Raises:
         ValueError: As `LoadedBody`, or if the springs that hold the body are too soft in comparison with rounding
@@ -101,6 +101,14 @@ class Elasticity(LoadedBody, SingleBody):
         if self.ground is not None:
             forces += of_components(self.ground / stiff, self.x, component, parts, comm)
         soft = self._motions_without(component, modes, forces, limit)
+        if soft.motions and not self.springs:
+            ends = (np.max(side * self.x, axis=0, initial=-np.inf) for side in (1.0, -1.0))
+            lengths = sum(comm.allreduce(end, op=MPI.MAX) for end in ends)
+            raise ValueError(
+                f"the body is {np.max(lengths):g} m long and {np.min(lengths):g} m thin: supports and contact resist "
+                f"that it {' or '.join(map(str, soft.motions))} by no more than rounding errors of its stiffness; "
+                "check the lengths and the unit of the mesh"
+            )
         if soft.motions:
             raise ValueError(
                 "the springs are too soft in comparison with rounding errors: they hardly resist that the body "

@@ -147,6 +147,10 @@ class Body(SingleBody):
         """Nodal forces of the `rigid_modes`, shape (k, 3, 6): those of Robin terms in a; None without them."""
         return self._stiffness.ground
 
+    def suspects(self) -> str:
+        """Coefficients of a that vanish; see `SingleBody`."""
+        return self._a.suspects(self._stiffness.values)
+
     def internal_force(self, u: FloatArray) -> FloatArray:
         """The residual form a(u, v) assembled anew at u, newtons; shapes (k, 3); collective."""
         return self._a.residual(self._stiffness.values, u)
@@ -245,7 +249,7 @@ class Body(SingleBody):
     def _stiff(self, values: FormValues) -> _Stiffness:
         comm, modes = self.mesh.comm, rigid_modes(self.x, self.mesh.comm)
         K = self._a.matrix(values)
-        refuse_unsymmetric(K, self.x)
+        refuse_unsymmetric(K, self.x, self._a.suspects(values))
         diagonal = K.getDiagonal()
         stiff, noise = float(diagonal.max()[1]), 1e-12 * float(diagonal.norm())
         alone = diagonal.array.reshape(-1, 3).copy()
