@@ -127,7 +127,8 @@ def _explain(entry: Any, case: _Model) -> str:
         return f"{key} = {_shown(given)}: is a table: write {brackets}, and below it its keys{example}"
     if entry["type"] in _BOUNDS:  # pydantic writes 1e-12 as 0.000000000001
         (bound,) = entry["ctx"].values()
-        return f"{key} = {_shown(given)}: should be {_BOUNDS[entry['type']]} {bound:g}"
+        number = str(bound) if isinstance(bound, int) else f"{bound:g}"
+        return f"{key} = {_shown(given)}: should be {_BOUNDS[entry['type']]} {number}"
     message = str(entry["msg"]).removeprefix("Value error, ").replace(" after validation", "")
     for subject in ("Input ", "String ", "Tuple "):
         message = message.removeprefix(subject)

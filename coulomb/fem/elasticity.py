@@ -103,7 +103,7 @@ class Elasticity(LoadedBody, SingleBody):
         soft = self._motions_without(component, modes, forces, limit)
         if soft.motions and not self.springs:
             ends = (np.max(side * self.x, axis=0, initial=-np.inf) for side in (1.0, -1.0))
-            lengths = sum(comm.allreduce(end, op=MPI.MAX) for end in ends)
+            lengths = sum(np.max(comm.allgather(end), axis=0) for end in ends)
             raise ValueError(
                 f"the body is {np.max(lengths):g} m long and {np.min(lengths):g} m thin: supports and contact resist "
                 f"that it {' or '.join(map(str, soft.motions))} by no more than rounding errors of its stiffness; "
