@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import tempfile
 from pathlib import Path
 
 _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
@@ -51,4 +52,11 @@ def unwritable(directory: Path) -> str:
             return f"{place} is no directory"
     except OSError as error:  # a name that is too long
         return error.strerror or str(error)
-    return "" if os.access(place, os.W_OK | os.X_OK) else f"no permission to write in {place}"
+    if not os.access(place, os.W_OK | os.X_OK):
+        return f"no permission to write in {place}"
+    if os.statvfs(place).f_blocks == 0:  # /proc, /sys: root has permission, but there are no files
+        try:
+            tempfile.TemporaryFile(dir=place).close()
+        except OSError:
+            return f"{place} is a view of the system and keeps no files"
+    return ""

@@ -6,6 +6,7 @@ import numpy as np
 from mpi4py import MPI
 
 from coulomb.fem.constraints import HeldDirections
+from coulomb.fem.rigid_modes import rigid_modes
 from coulomb.model.certificate import LIMIT
 from coulomb.model.evidence import Evidence
 
@@ -69,7 +70,8 @@ def synthetic_evidence(clamped="yz", stiffness=50.0, sway=1.0):
         displacement=displacement,
         internal=internal,
         load=load,
-        spring=spring,
+        spring=-spring * displacement,
+        ground=spring[:, :, None] * rigid_modes(x, MPI.COMM_SELF),
         held=HeldDirections.of_fields(1.0 * fixed, None),
         prescribed=np.where(fixed, displacement, 0.0),
         on_body=on_body,
@@ -135,8 +137,8 @@ def net_moment(e, value, turnover):
 
 
 def drift_along_springs(e, value, turnover):
-    carried = np.abs(e.spring * e.displacement)[:, 0].sum()
-    at_scale = e.spring[:, 0].sum() * U
+    carried = np.abs(e.spring)[:, 0].sum()
+    at_scale = e.ground[:, 0, 0].sum() * U
     return replace(e, load=changed(e.load, (120, 0), e.load[120, 0] + value * max(carried, at_scale)))
 
 
@@ -148,10 +150,11 @@ def turn_on_springs(e, value, turnover):
     r = e.x - e.x.mean(axis=0)
     modes[:, 0, 0] = modes[:, 1, 1] = 1.0
     modes[:, 0, 2], modes[:, 1, 2] = -r[:, 1], r[:, 0]
-    stiffness = np.einsum("kci,kc,kcj->ij", modes, e.spring, modes)
+    of_nodes = np.einsum("kcc->kc", e.ground[:, :, :3])
+    stiffness = np.einsum("kci,kc,kcj->ij", modes, of_nodes, modes)
     stiff, vectors = np.linalg.eigh(stiffness)
     turn = modes @ vectors[:, 0]
-    carried = np.sum(np.abs(turn) * np.abs(e.spring * e.displacement))
+    carried = np.sum(np.abs(turn) * np.abs(e.spring))
     load = e.load + value * max(carried, stiff[0] * U) * against(modes @ vectors, 0)
     return replace(e, load=load)
 

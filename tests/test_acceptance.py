@@ -53,6 +53,27 @@ def test_the_residual_alone_would_have_stopped_before():
     assert blind.status is Status.CONVERGED and not problem.solution(blind).certificate.passed
 
 
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (1e6, r"; prescribed displacements reach 1e\+06 m, and the bodies together are 2\.45 m long: check"),
+        (1e-4, "ended with a residual of .*"),
+    ],
+)
+def test_where_a_solver_fails_much_too_large_motions_are_named(value, said):
+    """By millimetres for metres, for instance; not where motions are small."""
+    problem = coulomb.ContactProblem(
+        coulomb.box((2.0, 1.0, 1.0), (2, 1, 1)),
+        coulomb.Material(2e11, 0.3),
+        [coulomb.PrescribedDisplacement("top", (value, 0.0, 0.0))],
+        coulomb.Contact("bottom", friction=0.3),
+        [coulomb.Traction("right", (0.0, 0.0, -1e6))],
+    )
+    with pytest.raises(coulomb.NotConverged, match=said) as failure:
+        problem.solve(solver=coulomb.InteriorPoint(1e-8, max_iterations=1))
+    assert ("the bodies together" in str(failure.value)) == (value > 1.0)
+
+
 def asked(answers):
     """An `accept` that returns these answers, then always the last, and records the forces it was given."""
     seen = []

@@ -89,7 +89,7 @@ def test_solver_and_problem_are_what_the_case_says():
         ("contact.slip_stress=1e7", r"contact = .*: give either friction \(Coulomb\) or slip_stress \(Tresca\)"),
         ("contact={face='bottom'}", r"contact = .*: give either friction \(Coulomb\) or slip_stress \(Tresca\)"),
         ("contact.foundation={point=[0,0,0]}", r"needs normal"),
-        ("solver.tolerance=1e-3", r"solver.tolerance = 0.001: should be less than or equal to 0.000001"),
+        ("solver.tolerance=1e-3", r"solver.tolerance = 0.001: should be less than or equal to 1e-06"),
         ("solver.linear_solver='lu'", r"solver.linear_solver = 'lu': should be 'auto', 'direct' or 'iterative'"),
         ("nonsense", r"--set nonsense: must be key.key=value"),
         ("traction.9.face='top'", r"--set traction.9.face='top': there is no such place"),

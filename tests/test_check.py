@@ -111,7 +111,7 @@ def one_node(data):
         ("solution.h5", "displacement", lambda u: 1.0001 * u, "equilibrium"),
         ("solution.h5", "load", lambda f: 0.99 * f, "equilibrium"),
         ("solution.h5", "young", lambda E: 1.001 * E, "equilibrium"),
-        ("solution.h5", "spring", lambda k: k + 1e6, "equilibrium"),
+        ("solution.h5", "spring_force", lambda f: f + 1e3, "equilibrium"),
         ("contact.h5", "contact_force", one_node, "equilibrium"),
         ("contact.h5", "contact_force", lambda x: -x, "adhesion"),
         ("contact.h5", "friction", lambda F: 0.9 * F, "friction cone"),

@@ -70,7 +70,7 @@ def test_figures_of_pairs_and_bodies_are_sums_of_nodal_forces():
             {
                 "solution/upper/displacement": "solution.xdmf: von_mises_stress of upper",
                 "solution/lower/young": "solution.xdmf: young",
-                "solution/upper/spring": "solution.xdmf: spring of upper",
+                "solution/upper/spring_force": "solution.xdmf: spring_force of upper",
                 "contact/upper_bottom/contact_force": "contact.xdmf: pressure",
                 "contact/upper_bottom/area": "contact.xdmf: area",
             },

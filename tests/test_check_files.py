@@ -28,9 +28,9 @@ from coulomb.io.recheck.directory import check
 from coulomb.model.contact_faces import contact_surface as real_surface
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 
-STRESSES = ("von_mises_stress", "stress_xz", "principal_stress_2")
+ON_CELLS = ("von_mises_stress", "stress_xz", "principal_stress_2", "young", "poisson")
 RUNS = {"hexahedra": BLOCK, "tetrahedra": WEDGE}
-ON_BODY = ("displacement", "load", "held", "prescribed", "spring", *STRESSES, "young", "poisson")
+ON_BODY = ("displacement", "load", "held", "prescribed", "spring_force", "rigid_force_5", *ON_CELLS)
 ON_FACE = (
     *("pressure", "friction_traction", "slip", "gap", "friction_use", "contact_force", "normal", "initial_gap"),
     *(
@@ -50,7 +50,8 @@ GIVEN = {
     "load",
     "held",
     "prescribed",
-    "spring",
+    "spring_force",
+    "rigid_force_5",
     "young",
     "poisson",
     "normal",

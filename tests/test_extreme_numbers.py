@@ -31,7 +31,7 @@ def test_values_that_are_not_finite_fail_and_are_named(name, bad):
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_forces_of_rigid_motions_that_are_not_finite_fail(bad):
     evidence, _ = synthetic_evidence()
-    ground = np.zeros((*evidence.x.shape, 6))
+    ground = evidence.ground.copy()
     assert judge(replace(evidence, ground=ground)).passed
     ground[3, 1, 4] = bad
     certificate = judge(replace(evidence, ground=ground))
@@ -56,11 +56,11 @@ def test_extreme_scales_fail_and_are_named(factor, contents):
 
 def in_units(e, newtons=1.0, metres=1.0):
     """The same with other units: forces and lengths multiplied."""
-    forces = {name: newtons * getattr(e, name) for name in ("internal", "load", "on_body", "force", "bound")}
+    forces = {name: newtons * getattr(e, name) for name in ("internal", "load", "spring", "on_body", "force", "bound")}
     lengths = {name: metres * getattr(e, name) for name in ("displacement", "prescribed", "closure", "gap")}
     with np.errstate(over="ignore"):
-        spring = newtons * (e.spring / metres)
-    return replace(e, **forces, **lengths, spring=spring, compliance=metres * (e.compliance / newtons))
+        ground = newtons * (e.ground / metres)
+    return replace(e, **forces, **lengths, ground=ground, compliance=metres * (e.compliance / newtons))
 
 
 @pytest.mark.parametrize(("name", "error", "options"), CASES)
@@ -91,7 +91,7 @@ def test_the_limits_of_the_scales():
 def nothing():
     """No load, no displacement, no force."""
     evidence, _ = synthetic_evidence()
-    zero = {name: np.zeros_like(getattr(evidence, name)) for name in ARRAYS if name not in ("x", "spring")}
+    zero = {name: np.zeros_like(getattr(evidence, name)) for name in ARRAYS if name != "x"}
     return replace(evidence, **zero)
 
 

@@ -63,6 +63,13 @@ class Constraint:
     slaves = np.zeros(1, dtype=np.int32)
 
 
+def named(name, value):
+    """A function on the cells."""
+    function = S.on_cells(lambda x: np.full(x.shape[1], value))
+    function.name = name
+    return function
+
+
 OTHER = Script(BOX, 1)
 COUNT = BOX.domain.topology.index_map(2).size_local
 WRONG = {
@@ -92,7 +99,16 @@ WRONG = {
     "no facets": (lambda: {"faces": {"sole": []}}, "face 'sole' has no facets"),
     "no names": (lambda: {"faces": BOX.faces["bottom"]}, "faces must be names with facets"),
     "tags of cells": (lambda: {"faces": {"sole": (tags([0], 3), 7)}}, "MeshTags are of dimension 3"),
-    "not finite": (lambda: {"a": S.constant(np.nan) * A}, "a has values that are not finite"),
+    "not finite": (lambda: {"a": S.constant(np.nan) * A}, "not finite: .*coefficients; a constant in a is not finite$"),
+    "a function not set": (
+        lambda: {"a": S.elasticity(named("young", 0.0), 0.3)},
+        "0 for .* coefficients; the function 'young' in a is 0$",
+    ),
+    "a constant of 0": (lambda: {"a": S.constant(0.0) * A}, r"at x = \([0-9., ]+\); .*; a constant in a is 0$"),
+    "a function not finite": (
+        lambda: {"a": S.elasticity(named("E", np.nan), 0.3)},
+        "not finite.*; the function 'E' in a is not finite$",
+    ),
     "update fails": (lambda: {"update": lambda t: 1 / 0}, r"update\(0\): division by zero"),
     "load not finite": (lambda: {"L": S.constant(np.inf) * L}, "L: has values that are not finite"),
     "held at nan": (lambda: {"bcs": [S.bc((0.0, np.nan, 0.0), "top")]}, "bcs: a prescribed displacement is not finite"),
@@ -143,6 +159,14 @@ def test_an_indefinite_form_with_a_positive_diagonal(linear_solver, explicit):
     problem = ContactProblem(body, Contact("bottom", 0.3), linear_solver=linear_solver, explicit=explicit)
     with pytest.raises(ValueError, match="a is not positive definite"):
         problem.solve()
+
+
+def test_a_function_that_is_0_where_the_diagonal_is_not():
+    """Without shear stiffness."""
+    mu, strains = named("mu", 0.0), ufl.inner(ufl.sym(ufl.grad(S.u)), ufl.grad(S.v))
+    body = coulomb.Body((1e9 * ufl.div(S.u) * ufl.div(S.v) + mu * strains) * ufl.dx, L, [HELD], BOX)
+    with pytest.raises(ValueError, match=r"a is not positive definite.*; the function 'mu' in a is 0$"):
+        ContactProblem(body, Contact("bottom", 0.3)).solve()
 
 
 def test_a_body_takes_no_other_loads_and_a_mesh_needs_a_material():

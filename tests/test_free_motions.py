@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Material, Spring, SymmetryPlane, TotalForce
+from coulomb import Clamp, Contact, ContactProblem, Material, Spring, SymmetryPlane, TotalForce, Traction
 from coulomb.fem.elasticity import Elasticity
 from coulomb.io.summary import remarks
 from coulomb.model.certificate import judge
@@ -99,12 +99,19 @@ def test_too_large_a_push_is_refused_with_body_direction_and_amounts():
     ("loads", "friction", "said"),
     [
         ([TotalForce("top", (0.0, 0.0, 1.2e6))], 0.3, "nothing holds the body against loads of 200 kN along z"),
+        (
+            [Traction("top", lambda x: np.array([0 * x[0], 0.1 + x[1], 1e6 + 4e5 * x[1]]))],
+            0.3,
+            "against loads of .* along z$",
+        ),
         ([TotalForce("top", (0.0, 5.1e5, 0.0))], 2.0, r"it spins about -x through \(1, 1, 0\), under 10 kN m"),
         ([TotalForce("bottom", (1e3, 0.0, 0.0))], 0.0, "loads push the body along x with 1 kN; no friction holds them"),
     ],
 )
 def test_loads_that_nothing_holds_are_named(loads, friction, said):
-    """Lifted; tipped over the edge y = 1, where WEIGHT/2 per metre of height holds at most; without friction."""
+    """Lifted; lifted off its middle, which takes no centre of a rotation in words; tipped over the edge y = 1, where
+    WEIGHT/2 per metre of height holds at most; without friction.
+    """
     with pytest.raises(NoEquilibrium, match=said):
         block(loads, friction=friction).solve()
 

@@ -2,8 +2,20 @@
 
 import numpy as np
 import pytest
+from user_forms import Script
 
-from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplacement, box, join, moved
+from coulomb import (
+    Body,
+    Clamp,
+    Contact,
+    ContactProblem,
+    Elasticity,
+    Material,
+    PrescribedDisplacement,
+    box,
+    join,
+    moved,
+)
 
 STEEL, ALUMINIUM = Material(2.1e11, 0.3), Material(7e10, 0.33)
 
@@ -59,6 +71,29 @@ def test_the_finer_or_softer_face_is_the_slave(cells, young, why):
         problem = ContactProblem(join(lower=lower, upper=upper), materials, supports, contact)
         assert problem.contacts[0].face == slave
         assert why in problem.body.chosen[0]
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_bodies_of_one_material_are_not_softer_by_their_meshes(cell, degree):
+    """Cells that are thin, or high, at a clamp or not: the face that is named first stays the slave."""
+    thin, high = (box((1.0, 1.0, height), (3, 3, 1), cell, degree=degree) for height in (0.05, 2.0))
+    bodies = join(lower=thin, upper=moved(high, (0.0, 0.0, 0.05)))
+    for names in (("lower:top", "upper:bottom"), ("upper:bottom", "lower:top")):
+        contact = Contact(names[0], against=names[1], friction=0.3)
+        problem = ContactProblem(bodies, STEEL, [Clamp("lower:bottom"), Clamp("upper:front")], contact)
+        assert problem.contacts[0].face == names[0]
+        assert "it was named first" in problem.body.chosen[0]
+
+
+@pytest.mark.parametrize(("young", "why"), [(2.1e11, "named first"), (7e10, "softer")])
+def test_a_body_of_own_forms_is_as_soft_as_its_form(young, why):
+    script = Script(moved(box((1.0, 1.0, 2.0), (3, 3, 1)), (0.0, 0.0, 0.05)), 1)
+    bedded = script.elasticity(young, 0.3) + 1e9 * script.u[2] * script.v[2] * script.ds("top")
+    lower = Elasticity(box((1.0, 1.0, 0.05), (3, 3, 1)), Material(2.1e11, 0.3), [Clamp("bottom")])
+    bodies = join(lower=lower, upper=Body(bedded, None, faces=script.mesh))
+    problem = ContactProblem(bodies, Contact("lower:top", against="upper:bottom", friction=0.3))
+    assert why in problem.body.chosen[0]
 
 
 def test_a_clamped_face_is_no_slave():

@@ -122,3 +122,63 @@ def test_multigrid_knows_rigid_motions_of_a_soft_part_that_is_held(tmp_path):
         assert u.array == pytest.approx(motion, abs=1e-3)
         iterations.append(solver.iterations)
     assert iterations[1] <= 2 * iterations[0]
+
+
+BOTTOM, ALONG = (1.0, 2.0), np.array([1e9, 2e9, 3e9])
+"""Edges of the face in metres, and the stiffness of its springs along x, y, z."""
+
+
+def bedded(cell, degree, cells=(1, 1, 1), **given):
+    """A block on springs under its lower face, on the coarsest mesh unless others are asked for."""
+    mesh = coulomb.box((*BOTTOM, 0.5), cells, cell, degree=degree)
+    return Elasticity(mesh, Material(1e15, 0.3), [], springs=[Spring("bottom", ALONG)], **given)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_springs_are_integrated_over_their_face(cell, degree):
+    """The work of their forces on another displacement, by Gauss points on the face: exact for linear ones, of second
+    order also for quadratic ones, on one cell; lumped at the nodes the inertia of the face is three times too large."""
+    body = bedded(cell, degree)
+
+    def field(x, y, seed):
+        terms = np.stack([np.ones_like(x), x, y, *((x * x, x * y, y * y) if degree == 2 else ())], axis=-1)
+        return terms @ np.random.default_rng(seed).standard_normal((terms.shape[-1], 3))
+
+    u, v = (field(body.x[:, 0], body.x[:, 1], seed) for seed in (1, 2))
+    points, weights = np.polynomial.legendre.leggauss(4)
+    x, y = np.meshgrid(*(0.5 * length * (1.0 + points) for length in BOTTOM), indexing="ij")
+    work = np.einsum("i,j,ijc,c,ijc", weights, weights, field(x, y, 1), ALONG, field(x, y, 2)) * np.prod(BOTTOM) / 4.0
+    assert -np.vdot(v, body.spring_force(u)) == pytest.approx(work, rel=1e-12)
+    (force,) = body.spring_forces(u)
+    assert np.array_equal(force.forces, body.spring_force(u))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_a_stiff_block_on_springs_tilts(cell, degree):
+    """By a traction that grows with x: the moment over the stiffness of the springs times the inertia of the face."""
+    push = [Traction("top", lambda x: np.array([0 * x[0], 0 * x[0], 1e6 * (x[0] - 0.5)]))]
+    body = bedded(cell, degree, tractions=push)
+    inertia = BOTTOM[1] * BOTTOM[0] ** 3 / 12.0
+    moment = 1e6 * inertia
+    u, top = solve(body), body.x[:, 2] == 0.5
+    slope = np.polyfit(body.x[top, 0], u[top, 2], 1)[0]
+    assert slope == pytest.approx(moment / (ALONG[2] * inertia), rel=1e-5)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_stiffness_and_forces_have_the_same_springs(cell, degree):
+    """K u is internal forces less those of the springs; also in the motions that only springs resist."""
+    body = bedded(cell, degree, (2, 2, 1))
+    u = np.random.default_rng(3).standard_normal(body.x.shape)
+    given, product = body.K.createVecs()
+    given.array[:] = u.ravel()
+    body.K.mult(given, product)
+    expected = body.internal_force(u) - body.spring_force(u)
+    assert product.array.reshape(-1, 3) == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
+    softest = Elasticity(body.mesh, Material(1e4, 0.3), [], springs=[Spring("bottom", 1e12)])  # the springs dominate
+    softest.K.mult(given, product)
+    expected = softest.internal_force(u) - softest.spring_force(u)
+    assert product.array.reshape(-1, 3) == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())

@@ -12,7 +12,9 @@ from coulomb import (
     Plane,
     PrescribedDisplacement,
     PrescribedRotation,
+    Pressure,
     Rotation,
+    Sphere,
     Spring,
     SymmetryPlane,
     Traction,
@@ -24,6 +26,12 @@ TURN = PrescribedRotation("top", ORIGIN, Z, 0.1)
 
 def body(clamps, cells=(1, 1, 1), **others):
     return Elasticity(coulomb.box((1.0, 1.0, 1.0), cells), Material(1e9, 0.3), clamps, **others)
+
+
+def contact(**options):
+    return coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 1.0), (1, 1, 1)), Material(1e9, 0.3), [Clamp("top")], Contact("bottom", 0.3), **options
+    )
 
 
 @pytest.mark.parametrize(
@@ -45,6 +53,28 @@ def body(clamps, cells=(1, 1, 1), **others):
         ),
         (lambda: Rotation(ORIGIN, (0, 0, 1e-200), 0.1), "rotation: axis must have a length between 1e-100"),
         (lambda: Plane(ORIGIN, (0, 1e300, 0)), "plane: normal must have a length between 1e-100"),
+        (lambda: Spring("top", "soft"), "stiffness must be a number or three .* but is 'soft'"),
+        (lambda: Spring("top", lambda x: x[0]), "stiffness must be a number or three .* but is <function"),
+        (lambda: Spring("top", 1e300), r"not all 0 and at most 1e\+30, but is 1e\+300"),
+        (lambda: Spring("top", (1.0, None, 1.0)), "stiffness must be a number or three"),
+        (lambda: body([Clamp(3)]), "clamp: a face is given by its name, text in quotation marks, but is 3"),
+        (lambda: body([Clamp("top")], springs=[Spring(None, 1.0)]), "spring: a face is given by its name, .* is None"),
+        (
+            lambda: body([PrescribedDisplacement("top", "x")]),
+            "on 'top': the value must have three components, numbers, or be a function of x, but is 'x'",
+        ),
+        (lambda: body([Clamp("top")], tractions=[Pressure("top", "x")]), "must be a number or a function of x, but is"),
+        (lambda: Material("steel", 0.3), "young must be a positive number of pascals, but is 'steel'"),
+        (lambda: Material(1e9, "0.3"), r"poisson must be a number in \(-1, 0.5\), but is '0.3'"),
+        (lambda: Material(1e9, 0.3, "1e3"), "density must be a positive number of kg/m.3, but is '1e3'"),
+        (lambda: Sphere(ORIGIN, "1"), "sphere: radius must be a positive number of metres, but is '1'"),
+        (lambda: coulomb.box("abc", (1, 1, 1)), "box: lengths must be three positive numbers in metres"),
+        (lambda: coulomb.LoadHistory("1"), "history: times must"),
+        (
+            lambda: contact(linear_solver="direct"),
+            "linear_solver must be DirectSolver or IterativeSolver, a class",
+        ),
+        (lambda: contact().solve(solver="direct"), r"solver must be one for contact, as InteriorPoint\(\) .* 'direct'"),
         (lambda: Clamp("top", None), "components must be letters of 'xyz', .* but are None"),
         (lambda: Clamp("top", ["x", "y"]), "components must be letters of 'xyz'"),
         (lambda: PrescribedDisplacement("top", ORIGIN, 1), "components must be letters of 'xyz'"),

@@ -27,7 +27,11 @@ def test_meshes_are_right_handed_and_closed(block):
 
 
 def test_forces_and_slip_of_a_known_displacement():
-    """Uniaxial strain of the upper block over a lower one in shear: stress times area, and the difference of lines."""
+    """Uniaxial strain of the upper block over a lower one in shear: stress times area, and the difference of lines.
+
+    The springs are compressed by strain times height: over the lowest cells of height h, times the hat function of a
+    contact node, h^2 / 6 of the strain for each metre of width.
+    """
     p, strain, shear = 3, 1e-4, 2e-4
     below, above = grid(LOWER, p), grid(UPPER, p)
     upper = np.outer(above.points[:, 2] - two_blocks.HEIGHT, (0.0, 0.0, -strain))
@@ -38,8 +42,11 @@ def test_forces_and_slip_of_a_known_displacement():
     area = np.prod(np.subtract(UPPER.far, UPPER.near)[:2])
     contact = np.unique(above.faces["bottom"].corners)
     expected = modulus * strain * above.areas("bottom")[contact] - above.loads(TRACTIONS)[contact, 2]
+    height, width = np.diff(above.lines[2])[0], UPPER.far[1] - UPPER.near[1]
+    expected -= two_blocks.SPRING * strain * height / 3.0 * above.areas("left")[contact]
+    sprung = two_blocks.SPRING * strain * width * height**2 / 6.0
     assert found.forces[:, 2] == pytest.approx(expected, rel=1e-9)
-    assert found.forces[:, 2].sum() == pytest.approx(modulus * strain * area - 1.2e7 * 0.45 / (2 * 2), rel=1e-9)
+    assert found.forces[:, 2].sum() == pytest.approx(modulus * strain * area - 1.2e7 * 0.45 / 4.0 - sprung, rel=1e-9)
     assert found.figures.largest_slip == pytest.approx(0.95 * shear)
 
 

@@ -219,6 +219,11 @@ RESOURCES = (
         patch=lambda: mock.patch("os.access", lambda _, mode: not mode & os.W_OK),
     ),
     Wrong(
+        "results in /proc",
+        (*run(), "--output", "/proc/results", "--force"),
+        r"output /proc/results: cannot be written: /proc is a view of the system and keeps no files; choose another",
+    ),
+    Wrong(
         "an output directory with too long a name",
         (*run(), "--output", "x" * 300),
         r"output x+: cannot be written: File name too long; choose another",

@@ -89,4 +89,19 @@ VALUES = (
         run("contact.foundation={shape='sphere', centre=[0,0,0], radius=[1.0]}"),
         r"contact\.foundation\.radius = \[1\.0\]: should be a number$",
     ),
+    Wrong(
+        "a tolerance of 0",
+        run("solver.tolerance=0"),
+        r"solver\.tolerance = 0: should be greater than or equal to 1e-12$",
+    ),
+    Wrong(
+        "lengths in two units",
+        run("mesh.box=[3e6,1e-6,1]"),
+        r"the body is 3e\+06 m long and 1e-06 m thin: .* that it spins about x .* check the lengths and the unit",
+    ),
+    Wrong(
+        "a thickness in another unit",
+        run("mesh.box=[3.0,1.0,1e-9]"),
+        r"there are cells 1\.0e\+09 times as long as they are thick; check the lengths and the unit",
+    ),
 )

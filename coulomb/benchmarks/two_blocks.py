@@ -14,6 +14,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse
 
 from ..arrays import FloatArray
 from ..fem.body import Material
@@ -99,6 +100,17 @@ class Grid(NamedTuple):
         areas = np.zeros(len(self.points))
         np.add.at(areas, corners, area[:, None] / 4.0)
         return areas
+
+    def products(self, face: str) -> scipy.sparse.coo_matrix:
+        """Integrals of products of two nodes' hat functions over a face, in square metres, shape (k, k)."""
+        corners = self.faces[face].corners
+        a, b, _, d = np.moveaxis(self.points[corners], 1, 0)
+        area = np.linalg.norm(np.cross(b - a, d - a), axis=1)  # of rectangles
+        of_facet = np.array([[4, 2, 1, 2], [2, 4, 2, 1], [1, 2, 4, 2], [2, 1, 2, 4]]) / 36.0
+        rows, columns = np.repeat(corners, 4, axis=1).ravel(), np.tile(corners, 4).ravel()
+        size = len(self.points)
+        summed = scipy.sparse.coo_matrix((np.outer(area, of_facet).ravel(), (rows, columns)), (size, size))
+        return summed.tocsr().tocoo()
 
 
 CORNERS = dict(zip(("bottom", "top", "front", "right", "back", "left"), SIDES, strict=True))

@@ -55,6 +55,7 @@ class FoundationTable(Table):
         for names, fault in ((missing, "needs"), (odd, "has no")):
             if names:
                 raise ValueError(f'a foundation of shape "{self.shape}" {fault} {", ".join(sorted(names))}')
+        self.foundation()  # for its own errors
         return self
 
     def foundation(self) -> RigidFoundation:

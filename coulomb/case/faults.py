@@ -39,6 +39,12 @@ _OTHER_TYPES = {
 }
 """Errors of values of another type, and of lists with too few values."""
 
+_BOUNDS = {
+    **{"greater_than": "greater than", "greater_than_equal": "greater than or equal to"},
+    **{"less_than": "less than", "less_than_equal": "less than or equal to"},
+}
+"""Errors of numbers beyond a bound."""
+
 _MEANT = {
     **{"interference": "gap, negative for an interference", "master": "against", "opposite": "against"},
     "slave": "face",
@@ -119,6 +125,10 @@ def _explain(entry: Any, case: _Model) -> str:
         example = f", for example {first} = {_shown(given)}" if first and isinstance(given, str) else ""
         brackets = f"[[{names}]]" if names in tables_of_several(case) and names not in _FIRST_KEY else f"[{names}]"
         return f"{key} = {_shown(given)}: is a table: write {brackets}, and below it its keys{example}"
+    if entry["type"] in _BOUNDS:  # pydantic writes 1e-12 as 0.000000000001
+        (bound,) = entry["ctx"].values()
+        number = str(bound) if isinstance(bound, int) else f"{bound:g}"
+        return f"{key} = {_shown(given)}: should be {_BOUNDS[entry['type']]} {number}"
     message = str(entry["msg"]).removeprefix("Value error, ").replace(" after validation", "")
     for subject in ("Input ", "String ", "Tuple "):
         message = message.removeprefix(subject)

@@ -93,11 +93,11 @@ def showing_messages(of_information: Console) -> Iterator[None]:
 
 
 @contextmanager
-def bad_input() -> Iterator[None]:
-    """Turns a ValueError of all ranks into its message and exit code 2; that of a few ranks only is raised."""
+def bad_input(kind: type[ValueError] = ValueError) -> Iterator[None]:
+    """Turns an error of all ranks into its message and exit code 2; that of a few ranks only is raised."""
     try:
         yield
-    except ValueError as error:
+    except kind as error:
         if not ranks.all_arrive(_TOGETHER):
             raise
         errors.print(f"error: {error}", markup=False)

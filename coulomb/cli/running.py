@@ -27,6 +27,7 @@ from ..io.replacing import discard
 from ..io.run_directory import CASE, PICTURE, RunDirectory
 from ..io.summary import summary
 from ..io.written_case import case_text, write_case
+from ..linalg.frontal_factors import NotPositiveDefinite
 from ..model.acceptance import left_open
 from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
@@ -83,11 +84,12 @@ def compute(
         introduce(session.console, source, problem)
         show_understood(session.console, settings, problem)
         doubts(settings, problem)
-        if settings.history is not None:
-            take_steps(session, settings, problem, target, resume, overwrite)
-        else:
-            with threadpool_limits(limits=_threads(problem, renderer)):
-                solve_once(session, settings, problem, target, overwrite, renderer)
+        with bad_input(NotPositiveDefinite):  # seen when K is factorised
+            if settings.history is not None:
+                take_steps(session, settings, problem, target, resume, overwrite)
+            else:
+                with threadpool_limits(limits=_threads(problem, renderer)):
+                    solve_once(session, settings, problem, target, overwrite, renderer)
 
 
 def _threads(problem: ContactProblem, renderer: Apart | None) -> int | None:

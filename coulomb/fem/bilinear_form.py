@@ -79,6 +79,19 @@ class BilinearForm:
         """The present values of its coefficients."""
         return values_of(self._form)
 
+    def suspects(self, values: FormValues) -> str:
+        """Which of these values make a vanish or have no finite values, for the end of a message; empty if none do;
+        collective."""
+        comm = self._u.function_space.mesh.comm
+        names = [f"the function {function.name!r}" for function in compat_forms.functions_in(self._form)]
+        sizes = [float(np.max(np.abs(one), initial=0.0)) for one in values.functions]
+        sizes = [float(np.max(comm.allgather(size))) for size in sizes]  # nan is the largest
+        names += ["a constant"] * len(values.constants)
+        sizes += np.abs(values.constants).tolist()
+        wrong = ((name, size) for name, size in zip(names, sizes, strict=True) if not 0.0 < size < np.inf)
+        said = (f"; {name} in a is {'0' if size == 0.0 else 'not finite'}" for name, size in wrong)
+        return "".join(dict.fromkeys(said))
+
     def matrix(self, values: FormValues) -> PETSc.Mat:
         """The matrix with these values of the coefficients; collective."""
         with self._holding(values):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, is_number
 from . import compat
 from .cell_materials import CellMaterials
 from .compat import fem, ufl
@@ -49,15 +49,14 @@ class Material:
     expansion: float | None = None
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.young) and self.young > 0.0):
-            raise ValueError(f"material: young must be a positive number of pascals, but is {self.young}")
-        if not -1.0 < self.poisson < 0.5:
-            raise ValueError(f"material: poisson must be in (-1, 0.5), but is {self.poisson}")
-        if self.density is not None and not (math.isfinite(self.density) and self.density > 0.0):
-            raise ValueError(f"material: density must be a positive number of kg/m^3, but is {self.density}")
-        given = self.expansion
-        if given is not None and not (isinstance(given, float | int) and math.isfinite(given)):
-            raise ValueError(f"material: expansion must be a finite number in 1/K, but is {given!r}")
+        if not (is_number(self.young) and self.young > 0.0):
+            raise ValueError(f"material: young must be a positive number of pascals, but is {self.young!r}")
+        if not (is_number(self.poisson, -1.0) and -1.0 < self.poisson < 0.5):
+            raise ValueError(f"material: poisson must be a number in (-1, 0.5), but is {self.poisson!r}")
+        if self.density is not None and not (is_number(self.density) and self.density > 0.0):
+            raise ValueError(f"material: density must be a positive number of kg/m^3, but is {self.density!r}")
+        if self.expansion is not None and not is_number(self.expansion, -math.inf):
+            raise ValueError(f"material: expansion must be a finite number in 1/K, but is {self.expansion!r}")
 
 
 class ElasticBody(DisplacementSpace):

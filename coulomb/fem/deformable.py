@@ -71,13 +71,11 @@ class Deformable(HeldNodes, ABC):
     """Linear elastic bodies with their supports and loads.
 
     Attributes:
-        spring: Stiffness of springs at this rank's nodes along x, y, z in N/m, shape (k, 3); 0 where there is none.
         contradictions: Messages about supports that prescribe different displacements where they meet.
         materials: Its materials; None if they are in the user's forms.
         loads: Its loads with an amplitude.
     """
 
-    spring: FloatArray
     contradictions: tuple[str, ...]
     materials: Materials | None
     loads: tuple[AppliedLoad, ...]
@@ -142,8 +140,8 @@ class Deformable(HeldNodes, ABC):
 
     @property
     def ground(self) -> FloatArray | None:
-        """Nodal forces in newtons of the `rigid_modes`, of one metre, shape (k, 3, 6): those of elastic foundations
-        in the user's forms; None if rigid motions cause no internal forces."""
+        """Nodal forces in newtons of the `rigid_modes`, of one metre, shape (k, 3, 6): those of springs, and of elastic
+        foundations in the user's forms; None if there are none; collective."""
         return None
 
     @abstractmethod
@@ -182,12 +180,12 @@ class Deformable(HeldNodes, ABC):
         """
 
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
-        """The forces of every spring by itself at displacements u (k, 3), in the order given."""
+        """The forces of every spring by itself at displacements u (k, 3), in the order given; collective."""
         yield from ()
 
     def spring_force(self, u: FloatArray) -> FloatArray:
-        """Forces of the springs on the body at displacements u, newtons; shapes (k, 3)."""
-        return -self.spring * u
+        """Forces of the springs on the body at displacements u, newtons; shapes (k, 3); collective."""
+        return np.zeros_like(u)
 
     def blocked_displacement(self, loading: Loading) -> float:
         """Scale in metres of the displacements that loads would cause where contact and supports let nothing move;
@@ -214,6 +212,10 @@ class SingleBody(HeldSpace, Deformable):
     @abstractmethod
     def held_diagonal(self) -> FloatArray:
         """The entry of K for held components, N/m: the mean diagonal of the node without supports, shape (k, 1)."""
+
+    def suspects(self) -> str:
+        """Coefficients that may make its stiffness singular, for the end of a message; collective."""
+        return ""
 
     @property
     def members(self) -> tuple[Member, ...]:

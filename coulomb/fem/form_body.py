@@ -107,8 +107,7 @@ class Body(SingleBody):
         )
         self.held = self._conditions.rows.held
         self._component = mesh_components(self)
-        self.spring, self.contradictions = np.zeros_like(self.x), ()
-        self.materials, self.loads = None, ()
+        self.contradictions, self.materials, self.loads = (), None, ()
         self._known: _Stiffness | None = None
         if update is None:  # else when the coefficients have been set for a time
             self._known = self._stiff(self._a.values)
@@ -147,6 +146,10 @@ class Body(SingleBody):
     def ground(self) -> FloatArray | None:
         """Nodal forces of the `rigid_modes`, shape (k, 3, 6): those of Robin terms in a; None without them."""
         return self._stiffness.ground
+
+    def suspects(self) -> str:
+        """Coefficients of a that vanish; see `SingleBody`."""
+        return self._a.suspects(self._stiffness.values)
 
     def internal_force(self, u: FloatArray) -> FloatArray:
         """The residual form a(u, v) assembled anew at u, newtons; shapes (k, 3); collective."""
@@ -246,7 +249,7 @@ class Body(SingleBody):
     def _stiff(self, values: FormValues) -> _Stiffness:
         comm, modes = self.mesh.comm, rigid_modes(self.x, self.mesh.comm)
         K = self._a.matrix(values)
-        refuse_unsymmetric(K, self.x)
+        refuse_unsymmetric(K, self.x, self._a.suspects(values))
         diagonal = K.getDiagonal()
         stiff, noise = float(diagonal.max()[1]), 1e-12 * float(diagonal.norm())
         alone = diagonal.array.reshape(-1, 3).copy()

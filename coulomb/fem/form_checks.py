@@ -238,8 +238,13 @@ def _of_tags(domain: Any, tags: Any, boundary: npt.NDArray[Any]) -> NamedMesh:
     return NamedMesh(domain, found, {}, refused)
 
 
-def refuse_unsymmetric(K: PETSc.Mat, x: FloatArray) -> None:
+def refuse_unsymmetric(K: PETSc.Mat, x: FloatArray, suspects: str) -> None:
     """Check that a matrix is symmetric and its diagonal positive; collective.
+
+    Args:
+        K: The matrix of a.
+        x: The nodes, shape (k, 3).
+        suspects: Coefficients that may be the cause, for the end of a message (`BilinearForm.suspects`).
 
     Raises:
         ValueError: On every rank, if not.
@@ -253,11 +258,14 @@ def refuse_unsymmetric(K: PETSc.Mat, x: FloatArray) -> None:
     other.axpy(-1.0, image)
     off = float(other.norm())
     diagonal = K.getDiagonal()
-    least = float(diagonal.min()[1])
+    row, least = diagonal.min()
+    first, last = diagonal.getOwnershipRange()
+    own = ", ".join(f"{value:.6g}" for value in x[(row - first) // 3]) if first <= row < last else ""
+    place = "".join(diagonal.comm.tompi4py().allgather(own))
     for done in (u, image, other, diagonal):
         done.destroy()
     if not np.isfinite(length):
-        raise ValueError("Body: a has values that are not finite: look at its coefficients")
+        raise ValueError(f"Body: a has values that are not finite: look at its coefficients{suspects}")
     if not off <= SYMMETRIC * length:
         raise ValueError(
             f"Body: a is not symmetric: a(u, v) and a(v, u) differ by {off / (length or 1.0):.1e} of their size; "
@@ -265,6 +273,6 @@ def refuse_unsymmetric(K: PETSc.Mat, x: FloatArray) -> None:
         )
     if not least > 0.0:
         raise ValueError(
-            f"Body: a is not positive definite: a(u, u) = {least:.3g} for a hat function u; look at the signs of its "
-            "terms and coefficients"
+            f"Body: a is not positive definite: a(u, u) = {least:.3g} for the hat function at x = ({place}); "
+            f"look at the signs of its terms and coefficients{suspects}"
         )

@@ -57,7 +57,6 @@ class JoinedBodies(Deformable):
         self._numbers = _Numbers(comm, [(body.numbering.first, body.numbering.local) for body in parts])
         self.x: FloatArray = np.concatenate([body.x for body in parts])
         self.held = _together([body.held for body in parts], self._slices)
-        self.spring: FloatArray = np.concatenate([body.spring for body in parts])
         self.contradictions = tuple(
             f"body {name!r}: {text}" for name, body in bodies.items() for text in body.contradictions
         )
@@ -247,7 +246,7 @@ class JoinedBodies(Deformable):
 
     @property
     def ground(self) -> FloatArray | None:
-        """Of bodies with Robin terms, for the rigid motions of all bodies together."""
+        """Of bodies with springs or Robin terms, for the rigid motions of all bodies together."""
         parts = [body.ground for body in self._bodies]
         if all(part is None for part in parts):
             return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from .body import STRESSES, ElasticBody
 from .cell_materials import VECTORS
+from .compat import fem, ufl
 from .constraints import prescribed_rows
 from .contradictions import SupportedNodes, contradictions
 from .deformable import Loading
@@ -22,7 +24,7 @@ from .materials import Materials, material_of_cells
 from .mesh_components import mesh_components
 from .named_mesh import NamedMesh
 from .nodal_forces import NodalForces
-from .rigid_modes import component_modes
+from .rigid_modes import component_modes, rigid_modes
 from .supported_face import SupportedFace
 from .supports import Clamp, PrescribedDisplacement, Spring, Support
 from .temperature import Temperature, ThermalLoad, range_of, shown_range
@@ -49,7 +51,6 @@ class LoadedBody(ElasticBody, HeldSpace):
         held: The directions along which this rank's nodes are held.
         springs: Its springs.
         contradictions: Messages about supports that prescribe different displacements where they meet.
-        spring: Stiffness of the springs at this rank's nodes along x, y, z in N/m, shape (k, 3).
         thermal: Its temperature; None without one.
         loads: Its loads, with their nodal forces.
 
@@ -125,9 +126,12 @@ class LoadedBody(ElasticBody, HeldSpace):
         return self.loads_at(loading.time)
 
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
-        """The forces of every spring by itself at displacements u (k, 3), in the order given."""
-        for face, stiffness in self._springs:
-            yield NodalForces("spring", face, -stiffness * u)
+        """The forces of every spring by itself at displacements u (k, 3), in the order given: integrals of stiffness
+        times displacement over its face; collective."""
+        for spring, form in zip(self.springs, self._spring_forms, strict=True):
+            self._sprung_by.x.array[: 3 * self._owned] = u.ravel()
+            self._sprung_by.x.scatter_forward()
+            yield NodalForces("spring", spring.face, -self._assemble(form))
 
     def _temperature_at(self, time: float) -> Temperature | None:
         if self.thermal is None:
@@ -166,26 +170,32 @@ class LoadedBody(ElasticBody, HeldSpace):
         return SupportedFace(nodes, self.x[nodes], self.mesh.comm, integrals)
 
     def _support(self, springs: Sequence[Spring]) -> None:
-        self.springs = tuple(springs)
-        self.spring = np.zeros((self._owned, 3))
-        self._springs: list[tuple[str, FloatArray]] = []
-        for spring in springs:
-            stiffness = self.nodal_area(spring.face, "spring")[:, None] * spring.along_axes
-            self._springs.append((spring.face, stiffness))
-            self.spring += stiffness
+        self.springs, self._sprung_by = tuple(springs), fem.Function(self.V)
+        self._spring_forms = [fem.form(self.spring_form(spring, self._sprung_by)) for spring in springs]
+
+    def spring_form(self, spring: Spring, u: Any) -> Any:
+        """UFL's form of the integral of a spring's stiffness times u, a Function or TrialFunction of V, against every
+        hat function over its face."""
+        stiffness = fem.Constant(self.domain, np.array(spring.along_axes))
+        sprung = ufl.as_vector([stiffness[k] * u[k] for k in range(3)])
+        return ufl.inner(sprung, self._test) * self.measure(self.mesh.facets(spring.face, "spring"))
 
     def _find_free_motions(self) -> None:
-        component, springs = mesh_components(self), 1.0 * (self.spring > 0.0)
-        count = self.mesh.comm.allreduce(self.held.number + float(springs.sum()), op=MPI.SUM)
-        self._free = self._motions_without(component, springs, 1e-10 * max(count, 1.0))
+        sprung = np.zeros((self._owned, 3))
+        for spring in self.springs:
+            sprung[np.ix_(self.nodes(spring.face, "spring"), spring.along_axes > 0.0)] = 1.0
+        count = self.mesh.comm.allreduce(self.held.number + float(sprung.sum()), op=MPI.SUM)
+        component = mesh_components(self)
+        modes, _ = component_modes(self.x, component, self.mesh.comm)
+        self._free = self._motions_without(component, modes, sprung[:, :, None] * modes, 1e-10 * max(count, 1.0))
 
-    def _motions_without(self, component: npt.NDArray[np.int64], weight: FloatArray, limit: float) -> FreeMotions:
-        """The rigid motions, of size 1 at a node, against which weights (k, 3) at the nodes and held directions, with
-        the weight 1, have no energy."""
-        comm = self.mesh.comm
-        modes, _ = component_modes(self.x, component, comm)
-        against = weight[:, :, None] * modes + self.held_part(modes)
-        return free_motions(self.x, component, against, limit, self.anchor_places, comm)
+    def _motions_without(
+        self, component: npt.NDArray[np.int64], modes: FloatArray, forces: FloatArray, limit: float
+    ) -> FreeMotions:
+        """The rigid motions, of size 1 at a node, of which neither forces (k, 3, 6) of the `component_modes` nor held
+        directions, with the weight 1, have energy."""
+        against = forces + self.held_part(modes)
+        return free_motions(self.x, component, against, limit, self.anchor_places, self.mesh.comm)
 
     @property
     def free(self) -> FreeMotions:
@@ -210,8 +220,19 @@ class LoadedBody(ElasticBody, HeldSpace):
             yield NodalForces(support.kind.replace(" ", "_"), support.face, share)
 
     def spring_force(self, u: FloatArray) -> FloatArray:
-        """Forces of the springs on the body at displacements u, newtons; shapes (k, 3)."""
-        return -self.spring * u
+        """Forces of the springs on the body at displacements u, newtons; shapes (k, 3); collective."""
+        total = np.zeros_like(u)
+        for one in self.spring_forces(u):
+            total += one.forces
+        return total
+
+    @cached_property
+    def ground(self) -> FloatArray | None:
+        """Nodal forces of the `rigid_modes`, shape (k, 3, 6): those of the springs; None without them; collective."""
+        if not self.springs:
+            return None
+        modes = rigid_modes(self.x, self.mesh.comm)
+        return -np.stack([self.spring_force(modes[:, :, k]) for k in range(6)], axis=2)
 
     def supports_understood(self) -> list[dict[str, Any]]:
         """Kind, face and what it holds of every support and spring."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, is_number
 from . import compat, mesh_formats
 from .box_faces import BOX_FACES
 from .compat import mesh
@@ -49,9 +49,9 @@ def box(
         ValueError: If a length or a number of cells is not positive, the cell or degree unknown, or a position not
             finite, or if a cell becomes flat.
     """
-    if len(lengths) != 3 or not all(np.isfinite(length) and length > 0.0 for length in lengths):
+    if len(lengths) != 3 or not all(is_number(length) and length > 0.0 for length in lengths):
         raise ValueError(f"box: lengths must be three positive numbers in metres, but are {list(lengths)}")
-    if len(cells) != 3 or not all(int(n) == n and n >= 1 for n in cells):
+    if len(cells) != 3 or not all(is_number(n, 1.0) and int(n) == n for n in cells):
         raise ValueError(f"box: cells must be three whole numbers of at least 1, but are {list(cells)}")
     if cell not in CELLS:
         raise ValueError(f"box: cell must be one of {', '.join(CELLS)}, but is {cell!r}")

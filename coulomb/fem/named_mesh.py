@@ -53,7 +53,7 @@ class NamedMesh:
         Raises:
             ValueError: If there is no such face; the message begins with `what`.
         """
-        if face in self.refused:
+        if isinstance(face, str) and face in self.refused:
             raise ValueError(f"{what}: {self.refused[face]}")
         return _named(self.faces, face, what, "face")
 
@@ -67,6 +67,8 @@ class NamedMesh:
 
 
 def _named(groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str) -> npt.NDArray[np.int32]:
+    if not isinstance(name, str):
+        raise ValueError(f"{what}: a {kind} is given by its name, text in quotation marks, but is {name!r}")
     if name not in groups:
         close = difflib.get_close_matches(name, groups, n=1)
         hint = f" (did you mean {close[0]!r}?)" if close else ""

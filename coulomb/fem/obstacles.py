@@ -234,5 +234,5 @@ def check_direction(what: str, vector: Point) -> None:
 
 
 def _check_radius(what: str, radius: float) -> None:
-    if not (np.isfinite(radius) and radius > 0.0):
-        raise ValueError(f"{what} must be a positive number of metres, but is {radius}")
+    if not (is_number(radius) and radius > 0.0):
+        raise ValueError(f"{what} must be a positive number of metres, but is {radius!r}")

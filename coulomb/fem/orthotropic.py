@@ -14,14 +14,13 @@ strain energy is positive if |nu_ij| < sqrt(E_i/E_j), and the determinant of the
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, is_number
 from .user_values import Field, first_place
 
 Triple = tuple[float, float, float]
@@ -78,8 +77,8 @@ class OrthotropicMaterial:
                 raise ValueError(f"material: {name} must be three positive {unit}, but is {getattr(self, name)!r}")
         three(self.poisson, "material: poisson", "Poisson's ratios")
         refuse_indefinite(np.array([self.young]), np.array([self.poisson]))
-        if self.density is not None and not (math.isfinite(self.density) and self.density > 0.0):
-            raise ValueError(f"material: density must be a positive number of kg/m^3, but is {self.density}")
+        if self.density is not None and not (is_number(self.density) and self.density > 0.0):
+            raise ValueError(f"material: density must be a positive number of kg/m^3, but is {self.density!r}")
         if self.expansion is not None and not _finite(self.expansion):
             raise ValueError(f"material: expansion must be a finite number in 1/K, or three, but is {self.expansion!r}")
         if not isinstance(self.directions, Sequence) or len(self.directions) != 2:

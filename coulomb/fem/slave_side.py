@@ -9,6 +9,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from . import compat
 from .contact_frames import HELD_BEYOND, held_length
 from .deformable import Deformable, SingleBody
 
@@ -18,6 +19,12 @@ _FINER = 1.2
 _SOFTER = 1.5
 """Ratio of stiffnesses from which one body is softer than the other."""
 
+_STRAINS = np.zeros((5, 3, 3))
+for _k in range(3):
+    _STRAINS[_k, _k, _k - 1] = _STRAINS[_k, _k - 1, _k] = 1.0
+_STRAINS[3:] = np.diag([1.0, -1.0, 0.0]), np.diag([0.0, 1.0, -1.0])
+"""Strains without change of volume."""
+
 
 @dataclass(frozen=True)
 class _Side:
@@ -25,12 +32,10 @@ class _Side:
 
     Attributes:
         spacing: Mean distance of its nodes in metres.
-        stiffness: Of the body there, pascals: the mean diagonal of K over the distance of nodes.
         clamped: Share of its nodes whose displacement along the normal is prescribed.
     """
 
     spacing: float
-    stiffness: float
     clamped: float
 
 
@@ -49,10 +54,13 @@ def slave_side(elasticity: Deformable, face: str, against: str) -> tuple[str, st
         exchanged, why = mostly[0], "the other face is clamped"
     elif max(one.spacing, other.spacing) > _FINER * min(one.spacing, other.spacing):
         exchanged, why = other.spacing < one.spacing, "it has the finer mesh"
-    elif max(one.stiffness, other.stiffness) > _SOFTER * min(one.stiffness, other.stiffness):
-        exchanged, why = other.stiffness < one.stiffness, "its body is softer"
     else:
-        exchanged, why = False, "it was named first"
+        stiffness = [_stiffness(elasticity, name) for name in (face, against)]
+        softer = max(stiffness) > _SOFTER * min(stiffness)
+        exchanged, why = (
+            softer and stiffness[1] < stiffness[0],
+            "its body is softer" if softer else "it was named first",
+        )
     return (against, face, why) if exchanged else (face, against, why)
 
 
@@ -67,13 +75,26 @@ def clamped_nodes(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArra
 
 def _side(elasticity: Deformable, face: str) -> _Side:
     member, facets = elasticity.face(face, "contact")
-    body, comm = member.body, elasticity.comm
-    nodes, diagonal = body.nodes_of(facets), body.K.getDiagonal()
-    free = ~body.fixed[nodes]
-    stiff = diagonal.array_r.reshape(-1, 3)[nodes][free]
-    diagonal.destroy()
-    mine = [len(nodes), body.area_of(facets).sum(), stiff.sum(), stiff.size, len(clamped_nodes(body, facets))]
-    count, area, sum_of_K, entries, clamped = comm.allreduce(np.array(mine, dtype=np.float64), op=MPI.SUM)
-    spacing = float(np.sqrt(area / max(count, 1.0)))
-    mean = sum_of_K / entries if entries else np.inf
-    return _Side(spacing, float(mean / (spacing or 1.0)), float(clamped / max(count, 1.0)))
+    body, nodes = member.body, member.body.nodes_of(facets)
+    mine = [len(nodes), body.area_of(facets).sum(), len(clamped_nodes(body, facets))]
+    count, area, clamped = elasticity.comm.allreduce(np.array(mine, dtype=np.float64), op=MPI.SUM)
+    return _Side(float(np.sqrt(area / max(count, 1.0))), float(clamped / max(count, 1.0)))
+
+
+def _stiffness(elasticity: Deformable, face: str) -> float:
+    """Twice the shear modulus of a body at a face, in pascals, whatever its mesh, and also of the user's forms;
+    collective.
+
+    A uniform strain without change of volume, A, has the stress 2 mu A and the nodal forces 2 mu A n, n the integral of
+    the outward normal against the hat functions.  Of anisotropic materials it is a mean over five strains.
+    """
+    member, facets = elasticity.face(face, "contact")
+    body, nodes = member.body, member.body.nodes_of(facets)
+    body.domain.topology.create_connectivity(2, 3)
+    outward = body.normal_of(compat.mesh.exterior_facet_indices(body.domain.topology).astype(np.int32))[nodes]
+    work = np.zeros(2)
+    for A in _STRAINS:
+        forces, expected = body.internal_force(body.x @ A)[nodes], outward @ A
+        work += np.vdot(forces, expected), np.vdot(expected, expected)
+    done, of_unit = elasticity.comm.allreduce(work, op=MPI.SUM)
+    return float(done / (of_unit or 1.0))

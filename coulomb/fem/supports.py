@@ -19,6 +19,9 @@ from .user_values import Amplitude, Field, evaluate_vectors, first_place, on_all
 NORMAL, TANGENTIAL = "normal", "tangential"
 """Components along and across the normal of the face."""
 
+_STIFFEST = 1e30
+"""Largest stiffness of a spring in N/m^3: far beyond that of a clamp."""
+
 
 class Support(Protocol):
     """A support that prescribes displacements on a face."""
@@ -324,12 +327,12 @@ class Spring:
     stiffness: float | Sequence[float]
 
     def __post_init__(self) -> None:
-        if np.shape(self.stiffness) not in ((), (3,)) or not (
-            np.all(np.isfinite(self.along_axes)) and np.all(self.along_axes >= 0.0) and np.any(self.along_axes > 0.0)
-        ):
+        given = np.asarray(self.stiffness, dtype=object)
+        numbers = [float(one) if is_number(one) else math.inf for one in given.ravel()]
+        if given.shape not in ((), (3,)) or not 0.0 < max(numbers) <= _STIFFEST:
             raise ValueError(
                 f"spring on {self.face!r}: stiffness must be a number or three (along x, y, z), in N/m^3, "
-                f">= 0 and not all 0, but is {self.stiffness}"
+                f">= 0, not all 0 and at most {_STIFFEST:g}, but is {self.stiffness!r}"
             )
 
     @property

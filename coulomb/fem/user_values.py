@@ -118,9 +118,12 @@ def evaluate_vectors(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> 
             if values.shape != (3, len(x)):
                 raise ValueError(f"the function must return shape (3, {len(x)}), but returned {values.shape}")
             return _finite(values.T, x)
-        values = np.asarray(field, dtype=np.float64)
+        try:
+            values = np.asarray(field, dtype=np.float64)
+        except (TypeError, ValueError):  # text, None, rows of different lengths
+            values = np.empty(0)
         if values.shape != (3,):
-            raise ValueError(f"the value must have three components, but is {field!r}")
+            raise ValueError(f"the value must have three components, numbers, or be a function of x, but is {field!r}")
         return _finite(np.broadcast_to(values, (len(x), 3)), x)
 
     return on_all_ranks(evaluate, what, comm)
@@ -160,7 +163,10 @@ def evaluate_signed_numbers(coefficient: Coefficient, x: FloatArray, what: str, 
 
 def _numbers(coefficient: Coefficient, x: FloatArray) -> FloatArray:
     if not callable(coefficient):
-        return np.full(len(x), float(coefficient))
+        try:
+            return np.full(len(x), float(coefficient))
+        except (TypeError, ValueError):
+            raise ValueError(f"must be a number or a function of x, but is {coefficient!r}") from None
     if len(x) == 0:
         return np.empty(0)
     values = np.asarray(coefficient(x.T.copy()), dtype=np.float64)

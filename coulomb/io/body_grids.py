@@ -50,19 +50,20 @@ def body_grids(solution: Solution, given: Mapping[str, Any]) -> list[GridFields]
     problem, u = solution.problem, solution.displacement
     elasticity, loading, comm = problem.elasticity, problem.loading, problem.comm
     acting = {"load": loading.load, **elasticity.held.fields}
-    acting |= {"prescribed": loading.prescribed, "spring": elasticity.spring}
+    acting |= {"prescribed": loading.prescribed, "spring_force": elasticity.spring_force(u)}
     if not comm.allreduce(bool(np.any(elasticity.held.oblique)), op=MPI.LOR):
         del acting[HELD_OBLIQUE]
     of_forms: dict[str, FloatArray] = {}
     if elasticity.forms() is not None:
-        ground = elasticity.ground
         of_forms = {INTERNAL: elasticity.internal_force(u), ROUNDING: rounding_forces(elasticity, u)}
-        of_forms |= {} if ground is None else {name: ground[:, :, k] for k, name in enumerate(GROUND)}
+    ground = elasticity.ground
+    of_ground = {} if ground is None else {name: ground[:, :, k] for k, name in enumerate(GROUND)}
     parts = loading.parts or (loading,)
     grids = []
     own = of_bodies(given, [member.body for member in elasticity.members], comm)
     for member, part, functions in zip(elasticity.members, parts, own, strict=True):
         fields = {"displacement": u, **acting, **({} if member.body.forms() is None else of_forms)}
+        fields |= {} if member.body.ground is None else of_ground
         on_points = {name: values[member.nodes] for name, values in fields.items()}
         grids.append(_body_grid(member, on_points, part, functions, comm))
     return grids

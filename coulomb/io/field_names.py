@@ -12,7 +12,7 @@ from ..model.opposite import CARRIED
 ON_CELLS = STRESSES
 """Fields of solution.h5, one number per cell; besides those of `cell_materials`."""
 
-ON_BODY = ("displacement", "load", "held", "prescribed", "spring")
+ON_BODY = ("displacement", "load", "held", "prescribed", "spring_force")
 """Fields of solution.h5, one vector per node."""
 
 INTERNAL, ROUNDING = "internal_force", "rounding_force"
@@ -20,7 +20,7 @@ INTERNAL, ROUNDING = "internal_force", "rounding_force"
 rounding error of the displacement (`rounding_forces`)."""
 
 GROUND = tuple(f"rigid_force_{number}" for number in range(1, 7))
-"""The nodal forces of its rigid motions, if it has Robin terms: `Deformable.ground`."""
+"""The nodal forces of the rigid motions of a body with springs or Robin terms: `Deformable.ground`."""
 
 OURS = (*ON_CELLS, *ON_BODY, *FIELDS, *GROUND, HELD_OBLIQUE, INTERNAL, ROUNDING, TEMPERATURE)
 """All names of fields of solution.h5."""

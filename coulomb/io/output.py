@@ -116,8 +116,9 @@ def _size_of(problem: PosedProblem, body: SingleBody) -> float:
     facets = contact_facets(problem, body)
     on_face: int = comm.allreduce(len(body.nodes_of(facets)))
     of_face: int = comm.allreduce(facet_columns(body.domain.topology.cell_type, body.degree).shape[1] * len(facets))
-    # coordinates and 5 vectors per node; on the face coordinates, 7 vectors and 16 numbers per node
-    size: float = 24.0 * 6.0 * points + (24.0 * 8.0 + 8.0 * 16.0) * on_face + 8.0 * width * cells + 8.0 * of_face
+    vectors = 6 if body.ground is None else 12
+    # coordinates and 5 vectors per node, with springs 11; on the face coordinates, 7 vectors and 16 numbers per node
+    size: float = 24.0 * vectors * points + (24.0 * 8.0 + 8.0 * 16.0) * on_face + 8.0 * width * cells + 8.0 * of_face
     return size
 
 

@@ -66,7 +66,7 @@ class WrittenRun:
 
     @property
     def ground(self) -> FloatArray | None:
-        """Recorded nodal forces of the rigid modes, shape (k, 3, 6); None without Robin terms."""
+        """Recorded nodal forces of the rigid modes, shape (k, 3, 6); None without springs and Robin terms."""
         if GROUND[0] not in self.on_body:
             return None
         return np.stack([self.on_body[name] for name in GROUND], axis=2)

@@ -202,7 +202,7 @@ def _read_body(
 ) -> tuple[WrittenBody, Fields]:
     data = data_of(file)
     needed = (*ON_BODY, INTERNAL, ROUNDING) if forms else (*ON_CELLS, *ON_BODY)
-    optional = (HELD_OBLIQUE, TEMPERATURE, *(GROUND if forms else FIELDS))
+    optional = (HELD_OBLIQUE, TEMPERATURE, *GROUND, *(() if forms else FIELDS))
     points, cells, in_file = read_fields(data, needed, optional, group)
     constants = [one for one in (*ON_CELLS, *FIELDS) if one in in_file]
     for one in constants:

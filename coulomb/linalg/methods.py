@@ -49,6 +49,8 @@ def chosen(
     Raises:
         ValueError: If A is to be formed without a factorisation of K.
     """
+    if not (linear_solver is None or callable(linear_solver)):
+        raise ValueError(f"linear_solver must be DirectSolver or IterativeSolver, a class, but is {linear_solver!r}")
     if explicit and linear_solver is IterativeSolver:
         raise ValueError(
             'A can be formed (solver.compliance = "explicit", explicit=True) only where K is factorised: set '

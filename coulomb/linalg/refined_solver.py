@@ -24,8 +24,8 @@ _ROUNDING = 2.0 * float(np.finfo(np.float64).eps)
 """Residual of a solve in double precision, relative to |D u| with D = diag(K), in the norm of D^-1/2."""
 
 NOT_POSITIVE_DEFINITE = (
-    "the stiffness matrix is not positive definite to rounding: the body can move without resistance, or its materials "
-    "and springs are too far apart; clamp it, or give it stiffer springs"
+    "the stiffness matrix is not positive definite to rounding: the body can move without resistance, or stiffnesses "
+    "of its materials, springs and cells are too far apart"
 )
 
 _MOST = 50  # iterations of a solve, beyond any that is fast enough
@@ -91,7 +91,7 @@ class RefinedSolver:
         try:
             self._factors = self._factorised_in(np.float64)
         except NotPositiveDefinite:
-            raise ValueError(NOT_POSITIVE_DEFINITE) from None
+            raise NotPositiveDefinite(NOT_POSITIVE_DEFINITE) from None
 
     @property
     def single(self) -> bool:

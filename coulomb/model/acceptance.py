@@ -19,6 +19,9 @@ from .stopwatch import timed
 CERTIFIED_FROM = 1e-8
 """Largest tolerance (the default) at which the answer must pass the certificate; above it only the residual counts."""
 
+_FAR = 10.0
+"""Displacements beyond this many times the extent of the bodies are worth a word where a solver fails."""
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -108,16 +111,31 @@ class Acceptance:
         if result.status is Status.INTERRUPTED:
             return failure
         if not result.residual <= tolerance:
-            away = running_away(problem, result)
-            return NotConverged(f"{away}; {failure}", result) if away else failure
+            texts = [text for text in (running_away(problem, result), str(failure), far_moved(problem)) if text]
+            return NotConverged("; ".join(texts), result) if len(texts) > 1 else failure
         certificate = self.answer(result.x, result.rigid).certificate
         remedies = ["a check of the units of lengths, forces and stiffnesses"]
-        if Reductions(problem.comm).max(problem.elasticity.spring) > 0.0:
+        if problem.elasticity.ground is not None:
             remedies.insert(0, "a clamp or stiffer springs, to prevent the rigid motion")
         if problem.stiffness.solver.tolerance > 0.0:
             remedies.insert(0, 'K factorised (linear_solver = "direct")')
         said = f"{failure}; failing conditions: {what_fails(certificate)}; what may help: {', or '.join(remedies)}"
         return NotConverged(said, result)
+
+
+def far_moved(problem: PosedProblem) -> str:
+    """That what is prescribed is much larger than the bodies, as from another unit, in words; empty if it is not;
+    collective."""
+    over, x = Reductions(problem.comm), problem.elasticity.x
+    size = float(np.linalg.norm([over.max(axis) + over.max(-axis) for axis in x.T]))
+    prescribed = over.max(np.linalg.norm(problem.loading.prescribed, axis=1))
+    given = {"prescribed displacements reach": prescribed}
+    given["foundations move by"] = float(np.max(np.linalg.norm(problem.motions, axis=1)))
+    given["initial gaps reach"] = over.max(np.abs(problem.surface.gap))
+    said = [f"{what} {value:g} m" for what, value in given.items() if value > _FAR * size]
+    return (
+        f"{' and '.join(said)}, and the bodies together are {size:.3g} m long: check values and units" if said else ""
+    )
 
 
 def left_open(certificate: Certificate, tolerance: float) -> str:

@@ -93,10 +93,9 @@ def judge(e: Evidence) -> Certificate:
 
 
 def _judge(e: Evidence, over: Reductions) -> Certificate:
-    spring = -e.spring * e.displacement
-    imbalance = e.internal - e.load - spring - e.on_body
-    outer = (e.load, spring, e.held.held_part(imbalance), e.on_body)  # the third: reactions
-    scales = _scales(e, spring, outer, over)
+    imbalance = e.internal - e.load - e.spring - e.on_body
+    outer = (e.load, e.spring, e.held.held_part(imbalance), e.on_body)  # the third: reactions
+    scales = _scales(e, outer, over)
     faults = _faults(e, scales, over)
 
     # In units of the scales, so that no product of two of them overflows or vanishes.
@@ -162,10 +161,10 @@ class _Scales:
     turnover: float
 
 
-def _scales(e: Evidence, spring: FloatArray, outer: tuple[FloatArray, ...], over: Reductions) -> _Scales:
+def _scales(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> _Scales:
     """The scales, at least the effect of rounding: a body without contact and loads has no other forces."""
     noise = ROUNDING * over.norm(e.rounding)
-    nodal = worst(*(over.norm(part) for part in (e.internal, e.load, spring, e.on_body)), noise)
+    nodal = worst(*(over.norm(part) for part in (e.internal, e.load, e.spring, e.on_body)), noise)
     turnover = worst(sum(over.sum(lengths(part)) for part in outer), ROUNDING * over.sum(lengths(e.rounding)))
     motion = over.max(np.abs(e.displacement))
     energy = over.dot(e.displacement / (motion or 1.0), e.internal / (nodal or 1.0))

@@ -12,15 +12,18 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
+from ..fem import compat
 from ..fem.contact_frames import inverse_frames
-from ..fem.deformable import Deformable
+from ..fem.deformable import Deformable, SingleBody
 from ..fem.surface import ContactSurface
 from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance
 from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic
+from ..linalg.frontal_factors import NotPositiveDefinite
 from ..linalg.kept_responses import KeptResponses
 from ..linalg.methods import LinearSolver
 from ..linalg.multifrontal import MultifrontalSolver
 from ..linalg.nested_dissection import Front
+from ..linalg.reductions import Reductions
 from ..linalg.schur_compliance import SchurCompliance
 from ..linalg.soft_motions import SoftMotions
 from ..linalg.stiffness import DirectSolver, IterativeSolver, StiffnessSolver
@@ -28,24 +31,41 @@ from ..linalg.unsolved import Unsolved
 from .spring_motions import soft_motions
 from .stopwatch import timed
 
+_FLAT = 1e4
+"""Length of a cell over its thickness from which its shape is named as the cause of a singular stiffness."""
+
 
 @contextmanager
 def explained(elasticity: Deformable) -> Iterator[None]:
-    """Failures of K^-1 as errors in the form a, if K is made of the user's forms.
+    """Failures of K^-1 as errors in the form a, if K is made of the user's forms, or in the shape of cells.
 
     Raises:
         ValueError: On every rank.
     """
     try:
         yield
-    except (ValueError, PETSc.Error, Unsolved) as failure:
-        slow = isinstance(failure, Unsolved) and not failure.indefinite
-        if elasticity.forms() is None or slow:
+    except (ValueError, PETSc.Error, Unsolved) as error:
+        slow = isinstance(error, Unsolved) and not error.indefinite
+        if elasticity.forms() is not None and not slow:
+            raise ValueError(
+                "Body: a is not positive definite where bcs hold nothing, to rounding: look at the signs of its terms "
+                "and coefficients, and whether bcs or Robin terms hold every part of the body"
+                + "".join(member.body.suspects() for member in elasticity.members)
+            ) from None
+        flattest = max(_proportion(member.body) for member in elasticity.members)
+        if not isinstance(error, NotPositiveDefinite) or flattest < _FLAT:
             raise
-        raise ValueError(
-            "Body: a is not positive definite where bcs hold nothing, to rounding: look at the signs of its terms and "
-            "coefficients, and whether bcs or Robin terms hold every part of the body"
+        raise NotPositiveDefinite(
+            f"{error}: there are cells {flattest:.1e} times as long as they are thick; check the lengths and the unit "
+            "of the mesh"
         ) from None
+
+
+def _proportion(body: SingleBody) -> float:
+    """The largest extent of a cell over its smallest one, of all cells; collective."""
+    points = body.domain.geometry.x[compat.cell_geometry(body.domain)]
+    sizes = np.linalg.svd(points - points.mean(axis=1, keepdims=True), compute_uv=False)
+    return Reductions(body.comm).max(sizes[:, 0] / np.maximum(sizes[:, 2], np.finfo(float).tiny))
 
 
 class ContactStiffness:

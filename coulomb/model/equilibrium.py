@@ -80,13 +80,23 @@ def without_equilibrium(problem: PosedProblem) -> str:
     rough = FrictionLaw(problem.law.cohesion, np.where(problem.law.friction > 0.0, _ROUGH, 0.0))
     opening = LimitLoad(rigid, rough, over).unbalanced()
     if opening is not None and over.max(problem.law.friction) > 0.0:  # no friction, however large, would help
-        return _falling(problem, opening, rigid)
+        return _falling(problem, _plain(problem, LimitLoad(rigid, rough, over), opening), rigid)
     pushed = _along_foundations(rigid, over)
     if float(np.abs(pushed).max()) > _PART * float(np.abs(rigid.e).max()):
         part = limit.held_part(pushed)
         if part is not None and part < 1.0:
             return _sliding(problem, motion, rigid.e, pushed, part)
-    return _falling(problem, motion, rigid)
+    return _falling(problem, _plain(problem, limit, motion), rigid)
+
+
+def _plain(problem: PosedProblem, limit: LimitLoad, motion: FloatArray) -> FloatArray:
+    """The translation in a motion (q,), or along one axis, if nothing resists that either: it needs no centre in words;
+    collective."""
+    turning = np.array([bool(np.any(one.rotation)) for one in problem.elasticity.free.motions])
+    translation = np.where(turning, 0.0, motion)
+    along = np.diag(translation)[np.argsort(-np.abs(translation))]
+    plain = (one for one in (translation, *along) if np.any(one) and limit.drives(one))
+    return next(plain, motion)
 
 
 @dataclass(frozen=True)

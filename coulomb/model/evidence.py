@@ -27,9 +27,9 @@ class Evidence:
         displacement: Shape (k, 3).
         internal: Nodal forces of its stress, assembled anew, shape (k, 3).
         load: Shape (k, 3).
-        spring: Stiffness of the springs along x, y and z in N/m, shape (k, 3).
-        ground: Nodal forces of the `rigid_modes` in newtons, shape (k, 3, 6), where the internal forces contain those
-            of an elastic foundation; None if rigid motions cause no internal forces.
+        spring: Forces of the springs, shape (k, 3).
+        ground: Nodal forces of the `rigid_modes` in newtons, shape (k, 3, 6): those of springs, and of elastic
+            foundations among the internal forces; None if there are none.
         held: The directions along which displacements are prescribed.
         prescribed: The displacement along them, shape (k, 3).
         on_body: Contact forces on the body, shape (k, 3).

@@ -86,7 +86,7 @@ def gather_evidence(
         displacement=u,
         internal=elasticity.internal_force(u),
         load=state.loading.load,
-        spring=elasticity.spring,
+        spring=elasticity.spring_force(u),
         ground=elasticity.ground,
         component=elasticity.free.component,
         held=elasticity.held,

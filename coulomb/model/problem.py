@@ -197,6 +197,11 @@ class ContactProblem(PosedProblem):
             NotConverged: If the residual stays above the tolerance, or the certificate fails for any residual
                 reached; `solution(error.result)` is the best answer.  Also if K u = f is not solved by multigrid.
         """
+        if solver is not None and not hasattr(solver, "tolerance"):
+            raise ValueError(
+                f"solver must be one for contact, as InteriorPoint() or SuccessiveTresca(), but is {solver!r}; "
+                "how K u = f is solved is the linear_solver of the problem"
+            )
         if self.elasticity.outdated(self.loading):
             return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
         refuse_without_equilibrium(self)

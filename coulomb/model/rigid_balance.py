@@ -26,9 +26,10 @@ _OF_ALL = 1e-3
 def rigid_balance(e: Evidence, outer: FloatArray, length: float, turnover: float) -> tuple[float, float, int]:
     """Imbalance of three forces and three moments of every component; for free rigid motions, relative to the springs.
 
-    A rigid motion causes no internal force, except in an elastic foundation that is part of the internal forces.  If no
-    prescribed displacement prevents it, only the springs do, and such foundations, and their forces may be a millionth
-    of the internal forces.  So the forces along such a motion are compared with those of the springs, or with those
+    A rigid motion causes no internal force, except in an elastic foundation that is part of the internal forces.  The
+    work of springs and such foundations on a motion is that of their forces in the motion (`Evidence.ground`) on the
+    displacement.  If no prescribed displacement prevents it, only they do, and their forces may be a millionth of the
+    internal forces.  So the forces along such a motion are compared with those of the springs, or with those
     that they would have for a motion by the scale of displacements.  If they do not resist it either, contact does:
     then they are compared with all forces.
 
@@ -73,14 +74,14 @@ def _of_part(
     rows = modes.reshape(-1, modes.shape[2])  # products of matrices take a tenth of the time of sums over nodes
     sums = rows.T @ outer.sum(axis=0).ravel()
     ground = None if e.ground is None else of_part(e.ground, e.x, here, e.comm)
-    if ground is not None:
-        sums -= ground.reshape(rows.shape).T @ u.ravel()  # work of the internal forces on the motions
+    if ground is not None:  # in place of the springs' forces, and as the work of the internal forces on the motions
+        sums -= rows.T @ spring.ravel() + ground.reshape(rows.shape).T @ u.ravel()
     sums = over.total(sums)
     balance = ratio(worst(*np.abs(sums)), turnover)
 
     prevented = rows[_rows_of(held.nodes)]
     weights = over.total(prevented.T @ held.held_part(modes)[held.nodes].reshape(prevented.shape))
-    stiffness, resisted = _resistance(over, rows, spring, ground)
+    stiffness, resisted = _resistance(over, rows, ground)
     if not (np.all(np.isfinite(sums)) and np.all(np.isfinite(weights)) and np.all(np.isfinite(stiffness))):
         return balance, math.nan
     free = null_space(weights, 1e-13 * count)
@@ -90,9 +91,9 @@ def _of_part(
     free = _besides(free, loose)
     stiff, vectors = np.linalg.eigh(free.T @ stiffness @ free)
     free = free @ vectors  # motions that the springs hold independently of each other
-    carried = over.total(np.einsum("kcj,kc->j", np.abs(modes @ free), np.abs(spring * u)))
+    carried = np.zeros(free.shape[1])
     if ground is not None:
-        carried += over.total(np.abs(np.einsum("kcj,kc->kj", ground @ free, u)).sum(axis=0))
+        carried = over.total(np.einsum("kcj,kc->j", np.abs(ground @ free), np.abs(u)))
     drifts = [
         ratio(force, worst(carries, k * length) or turnover)
         for force, carries, k in zip(np.abs(free.T @ sums), carried, stiff, strict=True)
@@ -105,27 +106,20 @@ def _rows_of(nodes: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.integer[Any]
     return (3 * nodes[:, None] + np.arange(3)).ravel()
 
 
-def _resistance(
-    over: Reductions, rows: FloatArray, spring: FloatArray, ground: FloatArray | None
-) -> tuple[FloatArray, FloatArray]:
-    """Stiffness of springs and elastic foundation against the motions, and the same with springs of 1 N/m and forces of
-    the foundation over the largest of them, shapes (6, 6); collective.
+def _resistance(over: Reductions, rows: FloatArray, ground: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Stiffness of springs and elastic foundations against the motions, and the same with forces over the largest of
+    them, shapes (6, 6); collective.
 
     Args:
         over: The ranks.
         rows: The motions, shape (3 k, 6).
-        spring: Shape (k, 3).
-        ground: Forces of the foundation in the motions, shape (k, 3, 6); None without one.
+        ground: Forces of springs and foundations in the motions, shape (k, 3, 6); None without any.
     """
     stiffness, resisted = np.zeros((2, rows.shape[1], rows.shape[1]))
-    held = np.flatnonzero(spring)
-    if len(held):
-        sprung, k = rows[held], spring.ravel()[held, None]
-        stiffness, resisted = sprung.T @ (k * sprung), sprung.T @ ((k > 0.0) * sprung)
     if ground is not None:
         forces = ground.reshape(rows.shape)
-        stiffness += rows.T @ forces
-        resisted += rows.T @ (forces / (over.max(np.abs(ground)) or 1.0))
+        stiffness = rows.T @ forces
+        resisted = rows.T @ (forces / (over.max(np.abs(ground)) or 1.0))
     return over.total(stiffness), over.total(resisted)
 
 

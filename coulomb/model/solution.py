@@ -96,7 +96,7 @@ class Solution:
         held = body.held_part(inner - problem.loading.load - on_body)
         supports = chain(body.shares(held), body.spring_forces(u))
         over, members = Reductions(problem.comm), body.members
-        grounds = [(member, member.body.ground) for member in members]
+        grounds = [(member, member.body.ground) for member in members if member.body.forms() is not None]
         terms = [
             resultant_of_ground(ground, u[member.nodes], member.body.x, over, member.name)
             for member, ground in grounds

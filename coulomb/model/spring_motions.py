@@ -27,7 +27,7 @@ def soft_motions(elasticity: Deformable) -> SoftMotions | None:
     over, component = Reductions(elasticity.comm), elasticity.free.component
     modes, parts = component_modes(elasticity.x, component, elasticity.comm)
     held, ground = elasticity.held_part(modes), elasticity.ground
-    forces = (elasticity.spring + elasticity.anchoring)[:, :, None] * modes
+    forces = elasticity.anchoring[:, :, None] * modes
     if ground is not None:
         forces += of_components(ground, elasticity.x, component, parts, elasticity.comm)
     diagonal = elasticity.K.getDiagonal()

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
+from ..arrays import is_number
+
 HALVINGS = 6
 """Default of the maximum number of halvings of a failing load step."""
 
@@ -23,7 +25,7 @@ def refuse_times(start: float, times: Sequence[float]) -> None:
     ends = [start, *times]
     if len(ends) < 2:
         raise ValueError("history: times has no load step: give the time at which each ends, as times = [0.5, 1.0]")
-    if not all(math.isfinite(t) for t in ends) or any(b <= a for a, b in pairwise(ends)):
+    if not all(is_number(t, -math.inf) for t in ends) or any(b <= a for a, b in pairwise(ends)):
         raise ValueError(f"history: times must increase from start = {start:g}, but are {shortened(list(times))}")
 
 

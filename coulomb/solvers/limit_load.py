@@ -79,6 +79,14 @@ class LimitLoad:
                 break
         return found.motion
 
+    def drives(self, motion: FloatArray) -> bool:
+        """Whether loads do work on a motion (q,) and no contact force resists it; collective."""
+        gain, bounded = self._resistance(motion)[1:]
+        size = self.over.max(np.abs(self.rigid.G)) or 1.0
+        work = float(motion @ self.rigid.e) / self._size
+        free = self.over.max(gain) <= _BETTER * size * float(np.max(np.abs(motion)))
+        return free and work - float(motion @ bounded) > BALANCED
+
     def _difference(self, found: _Found) -> FloatArray:
         """Between the loads, less bounded forces, and the nearest resultant of the known rays, largest component 1."""
         from scipy.optimize import nnls
@@ -130,26 +138,33 @@ class LimitLoad:
 
     def _extended(self, found: _Found) -> bool:
         """Add the extreme forces along a motion; whether there are any that are better; collective."""
-        G, law = self.rigid.G.reshape(len(found.motion), -1, 3), self.law
-        moved = np.einsum("j,jmc->mc", found.motion, G)
-        slip = np.hypot(moved[:, 1], moved[:, 2])
-        along = moved[:, 1:] / np.where(slip > 0.0, slip, 1.0)[:, None]
-        weight = 1.0 / (1.0 + law.slope)  # of a force with pressure 1
-        gain = weight * (moved[:, 0] + law.slope * slip)
+        G = self.rigid.G.reshape(len(found.motion), -1, 3)
+        forces, gain, bounded = self._resistance(found.motion)
         size = self.over.max(np.abs(G)) or 1.0
         better = np.flatnonzero(gain > _BETTER * size)
         better = better[np.argsort(-gain[better], kind="stable")[:_PER_ROUND]]
-        forces = (weight[:, None] * np.column_stack([np.ones(len(gain)), law.slope[:, None] * along]))[better]
-        rays = np.einsum("jmc,mc->mj", G[:, better], forces)
+        rays = np.einsum("jmc,mc->mj", G[:, better], forces[better])
         new = [ray for own in self.over.comm.allgather(list(rays)) for ray in own]
         self._rays += new
-        cohesion = np.where(slip > 0.0, law.cohesion, 0.0)
-        bounded = self.over.total(np.einsum("jmc,mc->j", G[:, :, 1:], cohesion[:, None] * along)) / self._size
         gained = float(found.motion @ bounded)
         if gained > found.used + _BETTER * float(np.sum(np.abs(bounded))):
             self._bounded.append(bounded)
             return True
         return len(new) > 0
+
+    def _resistance(self, motion: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The extreme force of each node against a motion, shape (m, 3), the work that it does, shape (m,), and the
+        resultant of the bounded forces over the size of the loads, shape (q,); collective."""
+        G, law = self.rigid.G.reshape(len(motion), -1, 3), self.law
+        moved = np.einsum("j,jmc->mc", motion, G)
+        slip = np.hypot(moved[:, 1], moved[:, 2])
+        along = moved[:, 1:] / np.where(slip > 0.0, slip, 1.0)[:, None]
+        weight = 1.0 / (1.0 + law.slope)  # of a force with pressure 1
+        gain = weight * (moved[:, 0] + law.slope * slip)
+        forces = weight[:, None] * np.column_stack([np.ones(len(gain)), law.slope[:, None] * along])
+        cohesion = np.where(slip > 0.0, law.cohesion, 0.0)
+        bounded = self.over.total(np.einsum("jmc,mc->j", G[:, :, 1:], cohesion[:, None] * along)) / self._size
+        return forces, gain, bounded
 
 
 @dataclass(frozen=True)

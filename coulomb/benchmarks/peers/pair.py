@@ -21,7 +21,7 @@ def answer(
     contact = np.unique(above.faces["bottom"].corners)
     points = above.points[contact]
     forces = (_internal_forces(UPPER, above, upper) - above.loads(TRACTIONS))[contact]
-    forces += SPRING * above.areas("left")[contact, None] * upper[contact]
+    forces += SPRING * (above.products("left") @ upper)[contact]
     slip = np.linalg.norm((upper[contact] - _on_top(below, lower, points))[:, :2], axis=1)
     total = forces.sum(axis=0)
     figures = Figures(

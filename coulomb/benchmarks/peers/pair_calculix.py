@@ -1,17 +1,18 @@
 """CalculiX on the two blocks: dual mortar contact, or a penalty between faces, or between nodes and faces.
 
-All elements are fully integrated C3D8, the solver is SPOOLES.  Springs to the ground are SPRING1 at the nodes, each
-with the area of its hat function, as coulomb's.
+All elements are fully integrated C3D8, the solver is SPOOLES.  The integrated springs of coulomb are SPRING1 from the
+nodes to the ground, each with the area of its hat function, and SPRING2 of negative stiffness between nodes.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterable
+from itertools import product
 
 import numpy as np
+import scipy.sparse
 
-from ...arrays import FloatArray
 from ..two_blocks import FRICTION, LOWER, SPRING, TRACTIONS, UPPER, Grid, grid
 from .answer import Answer
 from .ccx import CONTROLS, numbered, row, run
@@ -69,7 +70,7 @@ def _deck(below: Grid, above: Grid, kind: str, slope: float, stick: float, direc
     for name, block in (("LOWER", LOWER), ("UPPER", UPPER)):
         yield from (f"*MATERIAL, NAME={name}", "*ELASTIC", row([block.young, block.poisson]))
         yield f"*SOLID SECTION, ELSET={name}, MATERIAL={name}"
-    yield from _springs(above.areas("left"), nodes + 1, cells + len(above.cells) + 1)
+    yield from _springs(above.products("left"), nodes + 1, cells + len(above.cells) + 1)
     yield from ("*SURFACE INTERACTION, NAME=CONTACT", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", f"{slope:g}")
     yield from ("*FRICTION", f"{FRICTION},{stick:g}")
     yield from (f"*CONTACT PAIR, INTERACTION=CONTACT, TYPE={kind}", "SLAVE,MASTER", "*BOUNDARY", "FIXED,1,3")
@@ -83,13 +84,22 @@ def _deck(below: Grid, above: Grid, kind: str, slope: float, stick: float, direc
     yield from ("*NODE PRINT, NSET=ALL", "U", "*END STEP")
 
 
-def _springs(areas: FloatArray, first_node: int, first_element: int) -> Iterable[str]:
-    """One set of elements for each stiffness and direction; of its two lines of data only the second has a point."""
-    sizes, which = np.unique(areas.round(12), return_inverse=True)
-    for k in np.flatnonzero(sizes > 0.0):
-        for axis in (1, 2, 3):
-            nodes = np.flatnonzero(which == k)
-            yield f"*ELEMENT, TYPE=SPRING1, ELSET=SPRING{k}{axis}"
-            yield from (f"{first_element + number},{first_node + node}" for number, node in enumerate(nodes))
-            yield from (f"*SPRING, ELSET=SPRING{k}{axis}", str(axis), f"{SPRING * sizes[k]:.12e}")
-            first_element += len(nodes)
+def _springs(products: scipy.sparse.coo_matrix, first_node: int, first_element: int) -> Iterable[str]:
+    """A spring from each node to the ground, and one between each two nodes of a facet, in every direction.
+
+    The sum of a row is the stiffness of the first, an entry beside the diagonal minus that of the second; of the two
+    lines of data that follow *SPRING only the second has a point.
+    """
+    areas = np.asarray(products.sum(axis=1)).ravel()
+    ground = np.flatnonzero(areas)
+    pairs = products.row < products.col
+    ends = np.column_stack([products.row, products.col])[pairs]
+    springs = ((1, ground[:, None], areas[ground]), (2, ends, -products.data[pairs]))
+    for (count, nodes, stiffness), axis in product(springs, (1, 2, 3)):
+        sizes, which = np.unique(stiffness.round(12), return_inverse=True)
+        for k in range(len(sizes)):
+            elements, name = nodes[which == k], f"SPRING{count}{k}{axis}"
+            yield f"*ELEMENT, TYPE=SPRING{count}, ELSET={name}"
+            yield from numbered(first_node + elements, first_element)
+            yield from (f"*SPRING, ELSET={name}", ",".join(count * [str(axis)]), f"{SPRING * sizes[k]:.12e}")
+            first_element += len(elements)

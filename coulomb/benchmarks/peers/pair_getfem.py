@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...arrays import FloatArray
 from ..two_blocks import BLOCKS, FRICTION, SPRING, TRACTIONS, UPPER, Block, Grid, grid
 from .answer import Answer, Unsolved
 from .pair import answer
@@ -57,7 +56,7 @@ def _solve(p: int, augmentation: float) -> Answer:
         model.add_initialized_data(face, [value / UPPER.young for value in traction])
         model.add_source_term_brick(points, "upper", face, FACES[face])
     nodes = {name: _numbers(made[name][1], grids[name]) for name in BLOCKS}
-    model.add_explicit_matrix("upper", "upper", _springs(gf, grids["upper"].areas("left")[nodes["upper"]]))
+    model.add_explicit_matrix("upper", "upper", _springs(gf, grids["upper"], nodes["upper"]))
 
     stress = gf.MeshFem(mesh, 3)
     stress.set_fem(gf.Fem("FEM_QK(3,1)"))
@@ -105,10 +104,11 @@ def _numbers(space: Any, made: Grid) -> Any:
     return number
 
 
-def _springs(gf: Any, areas: FloatArray) -> Any:
-    """Stiffness of springs at the nodes, each with the area of its hat function, as coulomb's."""
-    stiffness = gf.Spmat("empty", 3 * len(areas), 3 * len(areas))
-    for node in map(int, np.flatnonzero(areas)):
-        for k in range(3 * node, 3 * node + 3):
-            stiffness.add(k, k, SPRING / UPPER.young * areas[node])
+def _springs(gf: Any, made: Grid, nodes: Any) -> Any:
+    """Stiffness of the springs, integrated over the face as coulomb's; `nodes` are those of the space in the grid."""
+    stiffness, products = gf.Spmat("empty", 3 * len(nodes), 3 * len(nodes)), made.products("left")
+    place = np.argsort(nodes)
+    for row, column, area in zip(place[products.row], place[products.col], products.data, strict=True):
+        for axis in range(3):
+            stiffness.add(3 * int(row) + axis, 3 * int(column) + axis, SPRING / UPPER.young * area)
     return stiffness

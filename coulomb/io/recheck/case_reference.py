@@ -25,10 +25,12 @@ from ...fem.joined_mesh import SEPARATOR
 from ...fem.loaded_body import LoadedBody
 from ...fem.mesh_groups import corners_of
 from ...fem.obstacles import RigidFoundation
+from ...fem.rigid_modes import rigid_modes
 from ...fem.rigid_motion import RigidMotion, moved
 from ...fem.surface import plane_of_face, way_along
 from ...fem.temperature import TEMPERATURE
 from ...solvers.laws import FrictionLaw
+from ..field_names import GROUND
 from ..matched_points import midpoints, places
 from ..run_directory import SOLUTION, SUMMARY, RunDirectory
 from ..run_files import WrittenRun
@@ -217,7 +219,10 @@ class CaseReference:
             found.fault(f"solution.xdmf: its mesh{of} is not the one that the case describes")
             return False
         on_body = {name: values[part.nodes] for name, values in run.on_body.items()}
-        acting = {"prescribed": loading.prescribed, "load": loading.load, "spring": body.spring}
+        u, modes = np.empty_like(x), np.empty((*x.shape, 6))
+        u[node], modes[node] = on_body["displacement"], rigid_modes(run.body.x, MPI.COMM_SELF)[part.nodes]
+        acting = {"prescribed": loading.prescribed, "load": loading.load, "spring_force": body.spring_force(u)}
+        acting |= {name: -body.spring_force(modes[:, :, k]) for k, name in enumerate(GROUND)}
         for name, expected in (body.held.fields | acting).items():
             written = on_body.get(name, np.zeros_like(x))
             floor = _PROJECTOR if name in body.held.fields else 0.0

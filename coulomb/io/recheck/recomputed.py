@@ -137,7 +137,7 @@ def recomputed(
 
     gap = taken(nodes.gap, float(np.max(np.abs(run.body.x))))
     nodes = replace(nodes, gap=gap, origin=taken(nodes.origin))
-    body, spring, held = run.body, run.on_body["spring"], run.held
+    body, spring, held = run.body, taken(run.on_body["spring_force"]), run.held
     u, x = taken(run.on_body["displacement"]), taken(run.on_face["x"])
     on_face = taken(np.where(run.touching[:, None], run.on_face["contact_force"], 0.0))
     on_body = nodes.nodal_forces(run, on_face)
@@ -178,10 +178,10 @@ def recomputed(
         _stress(part.elastic, u[part.nodes], _of(heated, part.nodes) if THERMAL & part.on_cells.keys() else {})
         for part in body.parts
     ]
-    reactions = held.held_part(internal + spring * u - run.on_body["load"] - on_body)
+    reactions = held.held_part(internal - spring - run.on_body["load"] - on_body)
     acting = None if supported is None else supported.acting(u, reactions, on_body, taken)
     probed = probes.values(u, written, run.node[nodes.index[nodes.written]], taken)
-    numbers = derived(written, certificate, u, -spring * u, held, acting)
+    numbers = derived(written, certificate, u, spring, held, acting)
     strain: dict[str, Any] = {"gradient": body.largest_gradient(u)}
     if foundations is None:
         outside = SmallStrain(**{**_recorded_strain(run), **strain}).violations
@@ -194,7 +194,7 @@ def recomputed(
     for check in certificate.checks:
         del numbers["certificate"][check.name.replace(" ", "_")]["meaning"]
     return Variant(
-        at=Forces(u, run.on_body["load"], internal + spring * u, on_body),
+        at=Forces(u, run.on_body["load"], internal - spring, on_body),
         forces=on_face,
         fields={name: v for name, v in written.fields().items() if name in _FOLLOW} | {"slip_bound": written.bound},
         stress=stress,
@@ -210,13 +210,13 @@ def recomputed(
         outside=() if accepted else outside,
         sums={
             "loads": _sums(taken(run.on_body["load"]), body_x, None, u),
-            "reactions": _sums(reactions - spring * u, body_x, run.ground, u),
+            "reactions": _sums(reactions, body_x, run.ground, u),
         },
     )
 
 
 def _sums(forces: FloatArray, x: FloatArray, ground: FloatArray | None, u: FloatArray) -> dict[str, list[float]]:
-    """Force and moment of nodal forces (k, 3) at nodes x, and of elastic foundations."""
+    """Force and moment of nodal forces (k, 3) at nodes x, and of springs and elastic foundations."""
     force, moment = forces.sum(axis=0), np.cross(x, forces).sum(axis=0)
     if ground is not None:
         terms = resultant_of_ground(ground, u, x, Reductions(MPI.COMM_SELF))
