@@ -9,6 +9,7 @@ import pytest
 from conftest import ROOT, run_coulomb
 from report_pages import words_of
 
+from coulomb.cli.terminal import forces_in_a_step
 from coulomb.io.accuracy import accuracy, rounded
 from coulomb.io.field_files import read_grid
 from coulomb.pictures.report import picture
@@ -44,6 +45,26 @@ def test_natural_scales():
     assert accuracy(summary, 1e-8, history)["m"] == pytest.approx(1e-8)
     assert accuracy({**summary, "mean_compliance": 1e-6, "nodes": {"contact": 4}}, 1e-8)["m"] == pytest.approx(1e-12)
     assert accuracy({}, 1e-8)["N"] == 0.0
+
+
+def test_natural_scales_of_several_contacts():
+    """Their forces have no sum: those of each count."""
+    face = {"force": [0.0, 0.0, 0.0], "moment": [0.0, 0.0, 0.0]}
+    one = {**face, "normal_force": 200.0, "centre_of_pressure": [0.0, 0.2, 0.1]}
+    other = {**face, "normal_force": 100.0, "centre_of_pressure": None}
+    summary = {"faces": [one, other], "totals": {}, "mean_compliance": 1e-6, "nodes": {"contact": 4}}
+    found = accuracy(summary, 1e-8)
+    assert found["N"] == pytest.approx(2e-6) and found["N m"] == pytest.approx(4e-7)
+    assert found["m"] == pytest.approx(1e-8 * 1e-6 * 300.0 / 2.0)
+
+
+def test_steps_of_several_contacts():
+    """With the normal force of each, and the force on the body if there is one."""
+    row = {"a against b_normal_force": 3.0, "c_normal_force": 2e-9, "c_force_x": 7.0}
+    assert forces_in_a_step(row, 1e-8) == "normal a against b 3 N, c 0 N"
+    on_body = {"force_x": 5.0, "force_y": -1e-9, "force_z": -2.0}
+    assert forces_in_a_step({**row, **on_body}, 1e-8).endswith(", c 0 N, force (5, 0, -2) N")
+    assert forces_in_a_step({**on_body, "normal_force": 1e-9, "c_normal_force": 4.0}, 1e-8).startswith("normal 0 N, ")
 
 
 def test_small_numbers_are_0():

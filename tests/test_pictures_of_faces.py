@@ -133,6 +133,16 @@ def test_faces_of_similar_pressure_share_them():
     assert limits.bars(grid.fields["pressure"], grid) == [Bar(0.0, 100.0, 0.0, 100.0)]
 
 
+def test_ranges_of_pairs_are_named_by_both_faces():
+    run, grid = three_faces(100.0, 3.0)
+    entries = [{**face, "against": other} for face, other in zip(run.faces, ("low:top", "up:bottom"), strict=True)]
+    limits = limits_of(replace(run, summary={**run.summary, "faces": entries}), named("pressure"))
+    assert [bar.of for bar in limits.bars(grid.fields["pressure"], grid)] == [
+        "face 0 against low:top",
+        "face 1 against up:bottom",
+    ]
+
+
 def test_rounding_errors_get_no_colours():
     """A face whose pressures are below the accuracy is shown with pressure 0, in the range of the others."""
     run, grid = three_faces(100.0, 1e-9, 50.0)
