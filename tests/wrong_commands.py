@@ -94,7 +94,8 @@ COMMANDS = (
     Wrong(
         "check of results of another version",
         ("check", "results"),
-        r"contact\.h5: has no field 'face': incomplete, or written by another version of coulomb: run the case again",
+        r"contact\.xdmf: shows other data than contact\.h5 has: Function/face/0: incomplete, or written by another "
+        "version of coulomb: run the case again",
         ran(then=without_field),
         alone=True,
     ),

@@ -25,6 +25,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from ..fem.hdf5_target import HDF5Target
 from .field_files import WHOLE, data_of, function_at, grids_of, mesh_at, uniform
+from .run_directory import OLD
 
 KINDS = {1: "Scalar", 3: "Vector", 6: "Tensor6", 9: "Tensor"}
 """XDMF's names of fields by the number of values per point or cell."""
@@ -187,7 +188,7 @@ def described(path: Path, kinds: Mapping[int, str], collection: str) -> Describe
         grids.append(GridFields(cells, on_points, on_cells, name))
         fields += list(centres)
     if lost := sorted(shown ^ shapes.keys()):
-        raise ValueError(f"{path}: shows other data than {data_of(path).name} has: {', '.join(lost[:3])}")
+        raise ValueError(f"{path}: shows other data than {data_of(path).name} has: {', '.join(lost[:3])}: {OLD}")
     time = float(next(root.iter("Time")).get("Value", "nan"))
     expected = _description(path, grids, shapes, time, collection if any(groups) else "")
     for one, other in zip_longest(_elements(root), _elements(expected)):
