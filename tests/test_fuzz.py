@@ -142,7 +142,8 @@ def by_successive_tresca(P):
     [(by_default, 1.0, 0.01), (by_interior_point, 0.5, 0.15), (by_successive_tresca, 0.25, 0.4)],
 )
 def test_no_answer_without_full_rank_is_wrong(solve, part, giving_up):
-    """Errors of the displacements are at most 1e-6 of b, whatever the forces in the null space of A."""
+    """Errors of the displacements are at most 1e-6 of b, whatever the forces in the null space of A.  All problems
+    have solutions; the defaults may miss 1 % of them: one, if they are less than a hundred."""
     seeds, failed = range(max(int(part * EXAMPLES), 1)), []
     for P in map(singular_problem, seeds):
         try:
@@ -152,4 +153,4 @@ def test_no_answer_without_full_rank_is_wrong(solve, part, giving_up):
             failed.append(P.title)
         else:
             assert P.off(result.x) <= 1e-6, P.title
-    assert len(failed) <= giving_up * len(seeds), failed
+    assert len(failed) <= max(giving_up * len(seeds), 1), failed

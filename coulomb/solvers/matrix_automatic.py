@@ -3,6 +3,7 @@ by regularised problems where it has no full rank and contacts are few."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,15 +15,17 @@ from ..arrays import FloatArray
 from ..linalg.compliance import MatrixCompliance
 from .automatic import Automatic
 from .cone_interior_point import ConeInteriorPoint
-from .friction_problem import FrictionProblem
+from .friction_problem import FrictionProblem, Solver
 from .gauss_seidel import Sweeps, swept
 from .interior_point import InteriorPoint
 from .regularised_newton import RegularisedNewton
 from .results import Goal, NotConverged, ProgressCallback, SolverResult, Status, check_constants
+from .successive_tresca import SuccessiveTresca
 
 _FEW = 150  # contacts up to which the cone method is the quicker one, whatever A
 _FEWER = 30  # and for which, without full rank, regularised problems come before it, and less work is spent
 _WORK = 1e9  # operations of the cone method per contact, of so few
+_TRESCA = 12  # Tresca problems where A has no full rank and other methods have failed
 _SPARSE = 0.25  # of the entries
 _BY_SWEEPS = f"auto: {ConeInteriorPoint.name}"
 _DEFINITE = 1e-8  # smallest eigenvalue of a definite A, over the mean diagonal
@@ -83,15 +86,22 @@ class MatrixAutomatic:
         def regularise() -> SolverResult:
             return regularised.solve(problem, progress=progress)
 
-        def usual() -> SolverResult:
-            if not by_cones:
-                krylov = Automatic(tolerance) if problem.sloped else InteriorPoint(tolerance)
-                return krylov.solve(problem, start, gradient=gradient, progress=progress)
+        def by(krylov: Solver) -> Callable[[], SolverResult]:
+            return lambda: krylov.solve(problem, start, gradient=gradient, progress=progress)
+
+        def by_cone_method() -> SolverResult:
             if sweeps is None:
                 return cones.solve(problem, start, progress=progress)
             return cones.after(problem, sweeps, progress=progress)
 
-        methods = (regularise, usual) if singular else (usual, regularise) if few and not by_cones else (usual,)
+        if by_cones:
+            methods = [regularise, by_cone_method] if singular else [by_cone_method]
+        elif singular:
+            methods = [regularise, by(InteriorPoint(tolerance))]
+            methods += [by(SuccessiveTresca(tolerance, max_iterations=_TRESCA))] if problem.sloped else []
+        else:
+            methods = [by(Automatic(tolerance) if problem.sloped else InteriorPoint(tolerance))]
+            methods += [regularise] if few else []
         products, failed = problem.A.products, list[SolverResult]()
         for method in methods:
             try:
