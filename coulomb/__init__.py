@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from .solvers.laws import FrictionLaw
     from .solvers.matrix_automatic import MatrixAutomatic
     from .solvers.newton_systems import AugmentedSystem, SchurComplementSystem
+    from .solvers.regularised_newton import RegularisedNewton
     from .solvers.results import NotConverged, Progress, SolverResult, Status
     from .solvers.rigid_motions import RigidMotions
     from .solvers.successive_tresca import SuccessiveTresca
@@ -109,6 +110,7 @@ __all__ = [
     "Probe",
     "ProbeValue",
     "Progress",
+    "RegularisedNewton",
     "Resultant",
     "RigidMotions",
     "Rotation",
@@ -181,6 +183,7 @@ _PUBLIC = {
     "solvers.interior_point": ("InteriorPoint",),
     "solvers.kprgp": ("KPRGP",),
     "solvers.newton_systems": ("AugmentedSystem", "SchurComplementSystem"),
+    "solvers.regularised_newton": ("RegularisedNewton",),
     "solvers.results": ("NotConverged", "Progress", "SolverResult", "Status"),
     "linalg.stiffness": ("DirectSolver", "IterativeSolver"),
     "solvers.friction_problem": ("FrictionProblem",),

@@ -1,6 +1,6 @@
 """No CONVERGED with a wrong answer: random small problems, checked by plain numpy.
 
-Hundreds here; COULOMB_FUZZ=5000 python -m pytest tests/test_fuzz.py runs thousands.
+Hundreds here; COULOMB_FUZZ=10000 python -m pytest tests/test_fuzz.py runs thousands.
 """
 
 import os
@@ -10,6 +10,7 @@ import pytest
 from conftest import dense_compliance, random_spd
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from singular_problems import singular_problem
 
 from coulomb import (
     Automatic,
@@ -20,6 +21,7 @@ from coulomb import (
     Status,
     SuccessiveTresca,
     solve_coulomb,
+    solve_tresca,
 )
 
 EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "90"))
@@ -119,3 +121,36 @@ def fails(solver, A, b, friction):
     assert x[:, 0].min() >= -1e-7 * scale
     assert np.max(np.hypot(x[:, 1], x[:, 2]) - friction * np.maximum(x[:, 0], 0.0)) <= 1e-7 * max(scale, 1e-300)
     return False
+
+
+def by_default(P):
+    if not P.friction.any():
+        return solve_tresca(P.A, P.b, P.cohesion)
+    return solve_coulomb(P.A, P.b, P.friction, cohesion=P.cohesion if P.cohesion.any() else 0.0)
+
+
+def by_interior_point(P):
+    return solve_coulomb(P.A, P.b, P.friction, InteriorPoint(), cohesion=P.cohesion)
+
+
+def by_successive_tresca(P):
+    return solve_coulomb(P.A, P.b, P.friction, SuccessiveTresca(max_iterations=20), cohesion=P.cohesion)
+
+
+@pytest.mark.parametrize(
+    ("solve", "part", "giving_up"),
+    [(by_default, 1.0, 0.01), (by_interior_point, 0.5, 0.15), (by_successive_tresca, 0.25, 0.4)],
+)
+def test_no_answer_without_full_rank_is_wrong(solve, part, giving_up):
+    """Errors of the displacements are at most 1e-6 of b, whatever the forces in the null space of A.  All problems
+    have solutions; the defaults may miss 1 % of them: one, if they are less than a hundred."""
+    seeds, failed = range(max(int(part * EXAMPLES), 1)), []
+    for P in map(singular_problem, seeds):
+        try:
+            result = solve(P)
+        except NotConverged as failure:
+            assert failure.result.status is not Status.CONVERGED
+            failed.append(P.title)
+        else:
+            assert P.off(result.x) <= 1e-6, P.title
+    assert len(failed) <= max(giving_up * len(seeds), 1), failed

@@ -34,7 +34,7 @@ def test_numpy_scipy_and_petsc_alike():
         (np.eye(4), np.zeros(4), 1.0, r"A must be square with three rows per contact, but has shape \(4, 4\)"),
         (np.ones((3, 6)), np.zeros(3), 1.0, r"A must be square .* shape \(3, 6\)"),
         (np.array([[1, 2, 0], [0, 1, 0], [0, 0, 1.0]]), np.zeros(3), 1.0, "A must be symmetric"),
-        (-np.eye(3), np.zeros(3), 1.0, "A must be positive definite"),
+        (-np.eye(3), np.zeros(3), 1.0, "A must be positive semidefinite"),
         (np.full((3, 3), np.nan), np.zeros(3), 1.0, "A has entries that are not finite"),
         (np.eye(3), np.zeros(6), 1.0, r"b must have shape \(3,\)"),
         (np.eye(3), np.zeros(3), [1.0, 1.0], r"slip_bound must have shape \(1,\)"),

@@ -146,7 +146,8 @@ class Failing:
         result = InteriorPoint().solve(qp, tolerance=tolerance, progress=progress)
         self.calls.append(result)
         if len(self.calls) > 2:
-            raise NotConverged("of no use", dataclasses.replace(result, x=2.0 * result.x, gradient=-qp.b, residual=1.0))
+            twice = 2.0 * (result.gradient + qp.b) - qp.b
+            raise NotConverged("of no use", dataclasses.replace(result, x=2.0 * result.x, gradient=twice, residual=1.0))
         return result
 
 

@@ -23,7 +23,7 @@ smaller, and it is refined by forces that are assembled anew (`refined`)."""
 
 
 class Compliance(Protocol):
-    """A, in metres per newton, symmetric positive definite; rows node by node (n, t1, t2), on the node's rank.
+    """A, in metres per newton, symmetric positive semidefinite; rows node by node (n, t1, t2), on the node's rank.
 
     Attributes:
         comm: The ranks that share it.
@@ -112,7 +112,7 @@ class MatrixCompliance:
     """A as an assembled matrix, dense or sparse, rows distributed over the ranks.
 
     Args:
-        matrix: Symmetric positive definite, 3 rows per contact node, those of a node on one rank.
+        matrix: Symmetric positive semidefinite, 3 rows per contact node, those of a node on one rank.
         rows: This rank's rows in scipy's compressed format, if they are at hand.
     """
 

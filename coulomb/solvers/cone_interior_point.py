@@ -18,7 +18,7 @@ cone_problem.py:
 Proved: a fixed point of the slip is a solution; the curve has one at its end, in general position and if forces stay
 bounded.  Not proved: that the path leads to one, that the fixed point attracts, or how long the curve is.  CONVERGED
 means that the natural residual, computed afresh, is below the tolerance, and the collection's own as well
-(cones.cone_residual): the first is relative to the forces, which a compliance without full rank does not bound.
+(cones.cone_residual).
 
 Work is limited by counts, not by time, so that a result can be repeated: floating-point operations of the
 factorisations with an estimate for the rest, and sweeps.  The first curve, the convex problems, and the last sweeps

@@ -156,9 +156,6 @@ def cone_residual(r: FloatArray, u: FloatArray, friction: FloatArray, loads: flo
     """|r - P(r - (u + F |u_t| n))| / (1 + loads), P the projection on the friction cones: the FCLIB collection's
     measure.
 
-    Unlike `FrictionProblem.residual` it is not relative to the forces: where they can grow without bound, because A r
-    = 0, the latter becomes small far from any solution.
-
     Args:
         r: Forces, shape (m, 3), and
         u: displacements, shape (m, 3), without units: for a mean diagonal of A of 1 and a largest |b| of 1.

@@ -21,6 +21,9 @@ from .rigid_motions import MotionBasis, RigidMotions
 _FAR_SHORTER = 1e-3
 """Length of the shortest rigid motion over that of an iterate's from which it is preferred."""
 
+_UNDILUTED = 10.0
+"""x^T A x over a |x|^2, times this, from which on forces count as felt by A in full."""
+
 
 @dataclass(frozen=True)
 class FrictionProblem:
@@ -254,9 +257,10 @@ class FrictionProblem:
         return self.law.project(x, x[0::3], self.lower)
 
     def residual(self, x: FloatArray, gradient: FloatArray | None = None) -> float:
-        """Natural residual with the mean diagonal of A, relative and scaled: 0 exactly at a solution.
+        """Natural residual with the mean diagonal a of A, relative and scaled: 0 exactly at a solution.
 
-        With rigid motions, the larger of it and the `imbalance`.
+        With rigid motions, the larger of it and the `imbalance`.  Both are relative to |x|, and grow by the `dilution`:
+        where A has no full rank, forces may contain large parts that move nothing, beside which any error is small.
 
         Args:
             x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
@@ -265,7 +269,45 @@ class FrictionProblem:
         if gradient is None:
             gradient = self.gradient(x)
         natural = self.law.natural_residual(x, gradient, self.mean_diagonal, self.reductions, self.lower)
-        return natural if self.rigid is None else max(natural, self.imbalance(x))
+        relative = natural if self.rigid is None else max(natural, self.imbalance(x))
+        return relative * self.dilution(x, gradient) if 0.0 < relative < math.inf else relative
+
+    def without_motions(self, w: FloatArray) -> FloatArray:
+        """Displacements or forces w (3 m,) less their part that is a rigid motion; w itself without any; collective."""
+        if self.rigid is None:
+            return w
+        G = self.motion_basis.T @ self.motion_basis.G
+        without: FloatArray = w - self.reductions.total(G @ w) @ G
+        return without
+
+    @cached_property
+    def _loads(self) -> float:
+        """|b|/a less rigid motions, and |lower|, newtons."""
+        lower = np.broadcast_to(np.asarray(self.lower, dtype=float), (self.A.nodes,))
+        return self.reductions.norm(self.without_motions(self.b)) / self.mean_diagonal + self.reductions.norm(lower)
+
+    def dilution(self, x: FloatArray, gradient: FloatArray) -> float:
+        """How much larger forces are than what A feels of them; at least 1; collective.
+
+        It is a |x|^2 over 10 x^T A x, or a |x| over 10 |b| if that is more: with a residual of r the work of the forces
+        on the errors of the displacements is at most 10 r x^T A x, and these errors are at most 10 r |A x| and 10 r
+        |b|.  In elastic bodies x^T A x is 0.3 a |x|^2 and more, and this is 1.  Lower bounds count as loads, and so do
+        those that rigid motions have to balance, but not what a rigid motion would close.
+
+        Args:
+            x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
+            gradient: w in metres, shape (3 m,).
+        """
+        over, felt = self.reductions, np.where(self.A.diagonal() > 0.0, x, 0.0)  # friction of known slip is given
+        size, balancing = over.norm(felt), 0.0
+        if size == 0.0:
+            return 1.0
+        if self.rigid is not None:  # G x = e gives a part of x; A feels the rest, which rigid motions do no work on
+            balancing = float(np.linalg.norm(self.motion_basis.T @ self.rigid.e)) / size
+            felt = self.without_motions(felt)
+        work = over.dot(felt / size, (gradient + self.b) / (self.mean_diagonal * size))
+        share = _UNDILUTED * min(max(work, 0.0) + balancing**2, self._loads / size + balancing)
+        return max(1.0 / share, 1.0) if share > 0.0 else math.inf
 
 
 def refuse_slope(problem: FrictionProblem, solver: str) -> None:

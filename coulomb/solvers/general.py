@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -17,11 +18,12 @@ from ..linalg.compliance import Compliance, MatrixCompliance
 from ..linalg.reductions import Reductions
 from .friction_problem import FrictionProblem, Solver
 from .gauss_seidel import Sweeps
-from .interior_point import InteriorPoint
 from .laws import FrictionLaw
 from .matrix_automatic import MatrixAutomatic
 from .results import SolverResult
 from .rigid_motions import RigidMotions
+
+_FEW = 150  # contacts up to which the eigenvalues of A are checked
 
 
 def solve_tresca(
@@ -36,18 +38,21 @@ def solve_tresca(
     """min 1/2 x^T A x - b^T x  subject to  x_n >= lower,  |x_t| <= slip_bound  at every contact.
 
     Args:
-        A: Symmetric positive definite, shape (3 m, 3 m): a numpy array, a scipy sparse matrix, or an assembled PETSc
-            matrix (whose rows on this rank belong to whole contacts); in any consistent units.  Rows along tangents may
-            be zero, with their columns: there the slip is known, that of b.
+        A: Symmetric positive definite or semidefinite, shape (3 m, 3 m): a numpy array, a scipy sparse matrix, or an
+            assembled PETSc matrix (whose rows on this rank belong to whole contacts); in any consistent units.  Its
+            diagonal is positive, except that rows along tangents may be zero, with their columns: there the slip is
+            known, that of b.
         b: Shape (3 m,), contact by contact (n, t1, t2); with a PETSc matrix, this rank's part.
         slip_bound: Radius of every friction disc, >= 0; a number or shape (m,).
         lower: Lower bound of the normal forces; a number or shape (m,).
-        solver: InteriorPoint() by default, or KPRGP().
+        solver: By default MatrixAutomatic(): InteriorPoint() where A is definite, RegularisedNewton() where it is not
+            and contacts are few; or KPRGP().
         rigid: Rigid motions with their equilibrium G x = e, if contact alone holds a body; G and e are those of this
-            rank. A is then that of any generalised inverse of the stiffness, and positive definite all the same.
+            rank. A is then that of any generalised inverse of the stiffness.
 
     Returns:
-        The answer, x contact by contact.
+        The answer, x contact by contact.  Where A is semidefinite several x may have the same displacements A x and the
+        same objective: RegularisedNewton() gives that of least norm.
 
     Raises:
         ValueError: If A is not square, symmetric and made of blocks of three, or other arguments are inconsistent with
@@ -57,7 +62,7 @@ def solve_tresca(
     compliance = _compliance(A)
     bound = _for_each("slip_bound", slip_bound, compliance.nodes)
     qp = FrictionProblem.tresca(compliance, _numbers("b", b), bound, _numbers("lower", lower))
-    return (solver or InteriorPoint()).solve(replace(qp, rigid=_motions(rigid)))
+    return (solver or MatrixAutomatic()).solve(replace(qp, rigid=_motions(rigid)))
 
 
 def solve_coulomb(
@@ -75,8 +80,9 @@ def solve_coulomb(
         A: As for `solve_tresca`.
         b: As for `solve_tresca`.
         friction: Coefficient of every contact, >= 0; a number or shape (m,).
-        solver: By default MatrixAutomatic(): the cone method where A is small, sparse or without full rank, else
-            Automatic(); InteriorPoint(), SuccessiveTresca() or ConeInteriorPoint().
+        solver: By default MatrixAutomatic(): the cone method where A is small, sparse or without full rank, with
+            cohesion RegularisedNewton() where it has no full rank, else Automatic(); or InteriorPoint(),
+            SuccessiveTresca(), ConeInteriorPoint() or RegularisedNewton().
         cohesion: Cohesion of every contact, >= 0, in units of force; a number or (m,).
         rigid: As for `solve_tresca`.
 
@@ -144,10 +150,24 @@ def _compliance(A: Any) -> Compliance:
     known = bool(np.all(zero % 3 > 0)) and not any(np.any(matrix.getRow(first + int(row))[1]) for row in zero)
     if not (over.min(diagonal) >= 0.0 and over.all(known)):
         raise ValueError(
-            "A must be positive definite, but has a diagonal entry that is not positive (only zero rows along "
+            "A must be positive semidefinite, but has a diagonal entry that is not positive (only zero rows along "
             "tangents, where the slip is known, may have a zero)"
         )
+    _refuse_indefinite(compliance, size)
     return compliance
+
+
+def _refuse_indefinite(A: MatrixCompliance, size: float) -> None:
+    """Refuse a small A on one rank with a negative eigenvalue: Tresca's problem would have no minimum."""
+    if A.comm.size > 1 or A.nodes > _FEW:
+        return
+    matrix = A.sparse().toarray()
+    try:
+        scipy.linalg.cholesky(matrix + 1e-8 * size * np.eye(len(matrix)), overwrite_a=True, check_finite=False)
+    except scipy.linalg.LinAlgError:
+        least = float(np.linalg.eigvalsh(matrix)[0])
+        if least < -1e-8 * size:
+            raise ValueError(f"A must be positive semidefinite, but has an eigenvalue of {least:.3g}") from None
 
 
 def _square(A: Any) -> Any:

@@ -88,6 +88,15 @@ class FrictionLaw:
         p[:, 1:] = v[:, 1:] * shrink[:, None]
         return p.ravel()
 
+    def _left(self, x: FloatArray, step: FloatArray, lower: float | FloatArray) -> FloatArray:
+        """x - P(x - step) in newtons, shape (3 m,), also where x is so large that x - step rounds to x."""
+        left = (x - self.project(x - step, x[0::3], lower)).reshape(-1, 3)
+        v, s = x.reshape(-1, 3), step.reshape(-1, 3)
+        left[:, 0] = np.minimum(s[:, 0], v[:, 0] - lower)
+        inside = np.hypot(*(v - s)[:, 1:].T) <= self.radius(v[:, 0])
+        left[inside, 1:] = s[inside, 1:]
+        return left.ravel()
+
     def against(self, slip: FloatArray, x_n: FloatArray) -> FloatArray:
         """Friction where the slip is known, newtons, shape (m, 2): at its bound, and along the slip, as x_t is.
 
@@ -130,7 +139,7 @@ class FrictionLaw:
             over: Reductions over the ranks.
             lower: Lower bound of the normal forces in newtons, a number or shape (m,).
         """
-        distance = over.norm(x - self.project(x - gradient / compliance, x[0::3], lower))
+        distance = over.norm(self._left(x, gradient / compliance, lower))
         size = over.norm(x)
         if size > 0.0:
             return distance / size

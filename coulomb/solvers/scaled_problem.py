@@ -118,16 +118,9 @@ class ScaledProblem:
         least = 0.1 * over.max(np.abs(np.asarray(self.problem.lower)))
         if self.problem.rigid is not None:  # at least the size of the smallest forces that balance the loads
             least = max(least, self.problem.motion_basis.distance(self.problem.rigid.e) / over.norm(e))
-            b = self._without_motions(b)
+            b = self.problem.without_motions(b)
         s = max(over.dot(e.ravel(), b), 0.1 * over.norm(e) * over.norm(b)) / over.dot(e.ravel(), A_e)
         return max(s, least) or 1.0  # without loads any force will do
-
-    def _without_motions(self, w: FloatArray) -> FloatArray:
-        """Displacements w (3 m,) less the rigid motion nearest to them."""
-        basis = self.problem.motion_basis
-        G = basis.T @ basis.G
-        without: FloatArray = w - self._over.total(G @ w) @ G
-        return without
 
     def _motions(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """T (r, q), G~ (m, 3, r), e~ (r,) with G~ = T G W, e~ = T e/s."""

@@ -9,6 +9,7 @@
 #include "trend.h"
 
 #define SYMMETRIC 1e-8 /* largest difference of two entries that should be equal, over the Frobenius norm */
+#define UNDILUTED 10.0 /* friction_problem.py */
 /* Microseconds: of a contact in a sweep, and of a block of a force that has changed; orders of magnitude: of the path
    after them, at least, for each block, or each operation of one dense factorisation; TRIAL: part of it always spent. */
 static const double CONTACT = 0.014, BLOCK = 0.0014, PATH = 8000.0, PATH_BLOCK = 6.5, PATH_WORK = 5.6e-4, TRIAL = 0.2;
@@ -177,29 +178,32 @@ static void refresh(const struct system *s)
 }
 
 /* |r - P(r - (u + F |u_t| n))| / (1 + |q|), P the projection on the cones, and |r - P'(r - u)| / |r|, P' with the discs
-   of r: the larger one. */
+   of r, times the dilution |r|^2 / (10 r.W r) or |r| / (10 |q|), at least 1 (FrictionProblem.dilution): the larger one. */
 static double residual(const struct system *s, double loads)
 {
-    double cone = 0.0, natural = 0.0, size = 0.0;
+    double cone = 0.0, natural = 0.0, size = 0.0, work = 0.0;
     for (long i = 0; i < s->m; i++) {
         const v4 x = s->r[i], u = s->u[i];
         const double F = s->contact[i].F;
         const double y[3] = {x[0] - u[0] - F * sqrt(u[1] * u[1] + u[2] * u[2]), x[1] - u[1], x[2] - u[2]};
-        const double t = sqrt(y[1] * y[1] + y[2] * y[2]), n = x[0] - u[0], bound = F * fmax(x[0], 0.0);
+        const double t = sqrt(y[1] * y[1] + y[2] * y[2]), bound = F * fmax(x[0], 0.0);
         double p[3] = {y[0], y[1], y[2]};
         if (t > F * y[0] || y[0] < 0.0) {
             const double normal = fmax(y[0] + F * t, 0.0) / (1.0 + F * F), along = t > 0.0 ? F * normal / t : 0.0;
             p[0] = normal, p[1] = along * y[1], p[2] = along * y[2];
         }
         const double shrink = t > bound ? bound / t : 1.0;
-        const double z[3] = {fmax(n, 0.0), shrink * y[1], shrink * y[2]};
+        const double z[3] = {fmin(u[0], x[0]), x[1] - shrink * y[1], x[2] - shrink * y[2]};
         for (int k = 0; k < 3; k++) {
             cone += (x[k] - p[k]) * (x[k] - p[k]);
-            natural += (x[k] - z[k]) * (x[k] - z[k]);
+            natural += shrink == 1.0 && k > 0 ? u[k] * u[k] : z[k] * z[k];
             size += x[k] * x[k];
+            work += x[k] * (u[k] - s->q[i][k]);
         }
     }
-    const double first = sqrt(cone) / (1.0 + loads), second = natural > 0.0 ? sqrt(natural / size) : 0.0;
+    const double share = UNDILUTED * fmin(fmax(work, 0.0), loads * sqrt(size));
+    const double dilution = size > share ? size / share : 1.0;
+    const double first = sqrt(cone) / (1.0 + loads), second = natural > 0.0 ? sqrt(natural / size) * dilution : 0.0;
     return first > second || first != first ? first : second;
 }
 
