@@ -56,6 +56,8 @@ class ContactSurface:
         free_B: B without the parts of its rows along prescribed directions: A = free_B K^-1 free_B^T.  B itself if
             no contact node has a prescribed direction.
         foundations: The foundation of each face, to which gaps are measured; None against a deformable face.
+        chords: Of each face, how far gaps near the foundation or the other face are from linear between the contact
+            points, metres: h^2/(8 R) on curved faces.
         remarks: What a user should know of it.
     """
 
@@ -69,6 +71,7 @@ class ContactSurface:
     B: PETSc.Mat
     free_B: PETSc.Mat
     foundations: tuple[RigidFoundation | None, ...]
+    chords: tuple[float, ...]
     remarks: tuple[str, ...] = ()
 
     @property
@@ -209,12 +212,13 @@ def contact_surface(
         what = f"contact face {face!r}: foundation"
         gap[on_face] = on_all_ranks(lambda: way_along(mean, place, gap[on_face], foundation), what, comm)
         n = outward[points.nodes] / np.linalg.norm(outward[points.nodes], axis=1)[:, None]
-    distance = gap[points.nodes]
+    distance, chord = gap[points.nodes], 0.0
     if not points.nodal:
         on = places_on_face(body.x[points.nodes], x, outward[points.nodes])
         there = _evaluate(foundation.signed_distance, on, 1, comm, face)
         if normals == "body":
             there = on_all_ranks(lambda: way_along(n, on, there, foundation), what, comm)
+        chord = largest_near(there, 1.5 * np.abs(points.average(gap) - there), comm)
         distance = np.maximum(there, np.minimum(points.least(gap), 0.0))  # what is not negative remains so
 
     H, along = body.held.projector_at(points.nodes), held_length(n, points.held(body.held))
@@ -245,7 +249,13 @@ def contact_surface(
     left_out = comm.allreduce(int(turned.sum()), op=MPI.SUM)
     remark = f"contact face {face!r}: {left_out} of its nodes face away from the foundation and are no contact points"
     remarks = (remark,) if left_out else ()
-    return ContactSurface((face,), part, points, x, frames, gaps, field, *matrices, (foundation,), remarks)
+    return ContactSurface((face,), part, points, x, frames, gaps, field, *matrices, (foundation,), (chord,), remarks)
+
+
+def largest_near(gap: FloatArray, chord: FloatArray, comm: MPI.Comm) -> float:
+    """The largest chord (m,) of points whose gaps (m,) are no more than twice as large, metres; collective."""
+    near = np.abs(gap) <= 2.0 * chord
+    return float(comm.allreduce(float(np.max(chord[near], initial=0.0)), op=MPI.MAX))
 
 
 def places_on_face(x: FloatArray, mean: FloatArray, outward: FloatArray) -> FloatArray:
@@ -308,6 +318,7 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
         np.concatenate([surface.gap_field for surface in surfaces]),
         *matrices_of(elasticity, points, frames),
         tuple(foundation for surface in surfaces for foundation in surface.foundations),
+        tuple(chord for surface in surfaces for chord in surface.chords),
         tuple(text for surface in surfaces for text in surface.remarks),
     )
 
