@@ -27,6 +27,9 @@ Normals = Literal["foundation", "body"]
 _NEARLY_HELD = 1e-2
 """Length of the free part of a normal below which a contact node would move a hundred times its gap to close it."""
 
+_PERPENDICULAR = 1e-6
+"""Cosine of the angle between a face's normal and the foundation's below which they are perpendicular."""
+
 _ROUNDING = 8.0 * float(np.finfo(float).eps)  # of gaps, over the largest coordinate
 
 _RAY_ROUNDING = 1e-16
@@ -199,7 +202,7 @@ def contact_surface(
     refuse.where(area[on_face] <= 0.0, place, "has a node without area")
     inwards = _evaluate(foundation.normal, place, 3, comm, face)
     away, gap = np.zeros(len(body.x), dtype=bool), np.zeros(len(body.x))
-    away[on_face] = np.einsum("ki,ki->k", inwards, outward[on_face]) >= 0.0
+    away[on_face] = turned_away(inwards, outward[on_face])
     gap[on_face] = _evaluate(foundation.signed_distance, place, 1, comm, face)
     facing = comm.allreduce(int(np.sum(~away[points.nodes])), op=MPI.SUM)
     inside = away[on_face] & ((gap[on_face] <= 0.0) | (facing == 0))
@@ -250,6 +253,14 @@ def contact_surface(
     remark = f"contact face {face!r}: {left_out} of its nodes face away from the foundation and are no contact points"
     remarks = (remark,) if left_out else ()
     return ContactSurface((face,), part, points, x, frames, gaps, field, *matrices, (foundation,), (chord,), remarks)
+
+
+def turned_away(slope: FloatArray, outward: FloatArray) -> npt.NDArray[np.bool_]:
+    """Where a face cannot touch its foundation, since its normals (k, 3), of any length, are along the gradients of the
+    signed distance (k, 3) or perpendicular to them, shape (k,)."""
+    along = np.einsum("ki,ki->k", slope, outward)
+    turned: npt.NDArray[np.bool_] = along >= -_PERPENDICULAR * np.linalg.norm(outward, axis=1)
+    return turned
 
 
 def largest_near(gap: FloatArray, chord: FloatArray, comm: MPI.Comm) -> float:

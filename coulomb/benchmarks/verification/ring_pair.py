@@ -77,8 +77,8 @@ def quarter(inner: float, outer: float, cells: tuple[int, int], cell: str, degre
 
 
 Facets = Literal["as they are", "closed", "smooth", "cylinders"]
-"""How gaps between the facets of both rings are measured: as they are; those of the meshes closed by `adjust`; on smooth
-surfaces; on the cylinders."""
+"""How gaps between the facets of both rings are measured: as they are; with those of the meshes closed by `adjust`; on
+smooth surfaces; on the cylinders."""
 
 
 def rings(
@@ -131,6 +131,11 @@ def verify(cells: tuple[int, ...] = CELLS, second_order: tuple[int, ...] = CELLS
         if len(cells) > 2:
             found = order(h, np.abs(errors))
             rows.append(absolute(f"{name}: order of its error", 2.0, found, 0.25, "second order; three meshes"))
+    for kind in ("hexahedron", "tetrahedron"):
+        named = rings(cells[-1], (kind, kind), (1, 1), by_geometry=True, facets="cylinders").solve()
+        why = "t^2, t the angle of a cell: linear elements, gaps between the cylinders themselves"
+        angle, name = 0.5 * math.pi / (3 * cells[-1]), f"{kind} in {kind}, the interference by geometry, on cylinders"
+        rows.append(relative(f"{name}: mean pressure, Pa", known, mean_pressure(named), angle**2, why))
     finest = rings(second_order[-1], ("hexahedron", "hexahedron"), (2, 2), by_geometry=True).solve()
     rows.append(
         relative(
