@@ -82,6 +82,7 @@ class MortarRows:
         normal: Mean outward unit normal of the slave, shape (m, 3).
         x: Where the force acts on the slave, metres, shape (m, 3).
         separation: Mean way from the slave to the master before it, metres, shape (m, 3).
+        chord: How far distances between the point and those beside it are from linear, metres, shape (m,).
         overlap: The smallest distance of the two on the facets of each point if negative, else 0, metres, shape (m,).
         weights: Averages over the slave's nodes, shape (m, nodes of all ranks); every row has the sum 1.
         opposite: Averages over the master's nodes, likewise.
@@ -98,6 +99,7 @@ class MortarRows:
     normal: FloatArray
     x: FloatArray
     separation: FloatArray
+    chord: FloatArray
     overlap: FloatArray
     weights: scipy.sparse.csr_matrix
     opposite: scipy.sparse.csr_matrix
@@ -212,6 +214,8 @@ def _rows(
         separation = np.where(known[:, None], interpolated, separation)
     overlap = np.zeros(len(node))
     np.minimum.at(overlap, row, parts.least[facet])
+    chord = np.zeros(len(node))
+    np.maximum.at(chord, row, parts.chord[facet])
     mine = np.flatnonzero(weak[owned[0] : owned[1]]) + owned[0]
     first = slave.nodes[:, 0]
     counted = (first >= owned[0]) & (first < owned[1])  # every facet on one rank
@@ -219,7 +223,7 @@ def _rows(
     layered = int(np.count_nonzero(parts.doubled & counted))
     x = weights @ _places(slave, slave.size)
     return MortarRows(
-        node, area[node], whole[node], normal, x, separation, overlap, weights, opposite, mine, lost, layered
+        node, area[node], whole[node], normal, x, separation, chord, overlap, weights, opposite, mine, lost, layered
     )
 
 
@@ -279,4 +283,4 @@ def _none(slave: int, master: int) -> MortarRows:
     no, none = np.empty(0), np.empty(0, dtype=np.int64)
     rows, opposite = (scipy.sparse.csr_matrix((0, size)) for size in (slave, master))
     places = np.empty((0, 3))
-    return MortarRows(none, no, no, places, places, places, no, rows, opposite, none, 0.0, 0)
+    return MortarRows(none, no, no, places, places, places, no, no, rows, opposite, none, 0.0, 0)

@@ -62,6 +62,18 @@ class Segments:
     share: FloatArray
     doubled: npt.NDArray[np.bool_]
 
+    @property
+    def chord(self) -> FloatArray:
+        """How far the distance of the faces in a facet is from linear between its corners: h^2/(8 R) for facets of the
+        size h and the difference 1/R of the curvatures of both; 0 of partly covered facets; metres, shape (f,).
+
+        The mean of a function s (h - s)/(2 R) is h^2/(12 R).
+        """
+        area = self.mass.sum(axis=(1, 2))
+        mean = self.separation.sum(axis=1) / np.maximum(area, 1e-300)[:, None]
+        off: FloatArray = 1.5 * np.linalg.norm(mean - self.at_corners.mean(axis=1), axis=1)
+        return np.where(np.all(self.reached, axis=1) & (self.share > 0.999), off, 0.0)
+
 
 def segments(slave: FacetPatch, master: FacetPatch, depth: float, reach: float) -> Segments:
     """The integrals over the common parts of all slave facets.

@@ -27,7 +27,7 @@ from .mortar import LEAST_SHARE, MortarRows, mortar_rows
 from .near_facets import NearFace, NearPair, near_pair, normals_at_nodes
 from .obstacles import RigidFoundation
 from .slave_side import clamped_nodes
-from .surface import ContactSurface, matrices_of
+from .surface import ContactSurface, largest_near, matrices_of
 from .symmetric_pair import mirrored, planes_of_symmetry, within
 from .user_values import on_all_ranks
 
@@ -93,6 +93,8 @@ class Pair:
         n: Unit normals, from the slave body into the master body, shape (m, 3).
         gap: Distance along them before deformation in metres, adjusted, shape (m,).
         held: Projectors on the held directions of the slave nodes, shape (m, 3, 3).
+        chord: Largest distance of the facets near the other face from the surfaces for which they may stand, or of the
+            gap in them from linear between the contact points, metres.
         remarks: What a user should know of it.
     """
 
@@ -103,6 +105,7 @@ class Pair:
     n: FloatArray
     gap: FloatArray
     held: FloatArray
+    chord: float = 0.0
     remarks: tuple[str, ...] = ()
 
 
@@ -188,9 +191,10 @@ def pair_of(
     seen = _SEEN * near.extent
     deepest = deepest if deepest > seen else 0.0
     uncertain = _uncertainty(rows, gap, near, comm)
+    chord = max(uncertain, largest_near(gap, rows.chord, comm))
     uncertain = uncertain if uncertain > seen else 0.0
     remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), deepest, uncertain, comm)
-    return Pair(face, against, points, x, n, gap, held, remarks)
+    return Pair(face, against, points, x, n, gap, held, chord, remarks)
 
 
 def _uncertainty(rows: MortarRows, gap: FloatArray, pair: NearPair, comm: MPI.Comm) -> float:
@@ -279,7 +283,10 @@ def pair_surface(
     part = np.zeros(len(pair.x), dtype=np.int64)
     matrices = matrices_of(elasticity, pair.points, frames)
     gap = pair.gap + gap_factor * given
-    return ContactSurface((pair.face,), part, pair.points, pair.x, frames, gap, given, *matrices, (None,), pair.remarks)
+    chords, remarks = (pair.chord,), pair.remarks
+    return ContactSurface(
+        (pair.face,), part, pair.points, pair.x, frames, gap, given, *matrices, (None,), chords, remarks
+    )
 
 
 def pair_frames(pair: Pair, axes: FrictionAxes | None, comm: MPI.Comm) -> FloatArray:

@@ -27,6 +27,9 @@ Normals = Literal["foundation", "body"]
 _NEARLY_HELD = 1e-2
 """Length of the free part of a normal below which a contact node would move a hundred times its gap to close it."""
 
+_PERPENDICULAR = 1e-6
+"""Cosine of the angle between a face's normal and the foundation's below which they are perpendicular."""
+
 _ROUNDING = 8.0 * float(np.finfo(float).eps)  # of gaps, over the largest coordinate
 
 _RAY_ROUNDING = 1e-16
@@ -56,6 +59,8 @@ class ContactSurface:
         free_B: B without the parts of its rows along prescribed directions: A = free_B K^-1 free_B^T.  B itself if
             no contact node has a prescribed direction.
         foundations: The foundation of each face, to which gaps are measured; None against a deformable face.
+        chords: Of each face, how far gaps near the foundation or the other face are from linear between the contact
+            points, metres: h^2/(8 R) on curved faces.
         remarks: What a user should know of it.
     """
 
@@ -69,6 +74,7 @@ class ContactSurface:
     B: PETSc.Mat
     free_B: PETSc.Mat
     foundations: tuple[RigidFoundation | None, ...]
+    chords: tuple[float, ...]
     remarks: tuple[str, ...] = ()
 
     @property
@@ -196,7 +202,7 @@ def contact_surface(
     refuse.where(area[on_face] <= 0.0, place, "has a node without area")
     inwards = _evaluate(foundation.normal, place, 3, comm, face)
     away, gap = np.zeros(len(body.x), dtype=bool), np.zeros(len(body.x))
-    away[on_face] = np.einsum("ki,ki->k", inwards, outward[on_face]) >= 0.0
+    away[on_face] = turned_away(inwards, outward[on_face])
     gap[on_face] = _evaluate(foundation.signed_distance, place, 1, comm, face)
     facing = comm.allreduce(int(np.sum(~away[points.nodes])), op=MPI.SUM)
     inside = away[on_face] & ((gap[on_face] <= 0.0) | (facing == 0))
@@ -209,12 +215,13 @@ def contact_surface(
         what = f"contact face {face!r}: foundation"
         gap[on_face] = on_all_ranks(lambda: way_along(mean, place, gap[on_face], foundation), what, comm)
         n = outward[points.nodes] / np.linalg.norm(outward[points.nodes], axis=1)[:, None]
-    distance = gap[points.nodes]
+    distance, chord = gap[points.nodes], 0.0
     if not points.nodal:
         on = places_on_face(body.x[points.nodes], x, outward[points.nodes])
         there = _evaluate(foundation.signed_distance, on, 1, comm, face)
         if normals == "body":
             there = on_all_ranks(lambda: way_along(n, on, there, foundation), what, comm)
+        chord = largest_near(there, 1.5 * np.abs(points.average(gap) - there), comm)
         distance = np.maximum(there, np.minimum(points.least(gap), 0.0))  # what is not negative remains so
 
     H, along = body.held.projector_at(points.nodes), held_length(n, points.held(body.held))
@@ -245,7 +252,21 @@ def contact_surface(
     left_out = comm.allreduce(int(turned.sum()), op=MPI.SUM)
     remark = f"contact face {face!r}: {left_out} of its nodes face away from the foundation and are no contact points"
     remarks = (remark,) if left_out else ()
-    return ContactSurface((face,), part, points, x, frames, gaps, field, *matrices, (foundation,), remarks)
+    return ContactSurface((face,), part, points, x, frames, gaps, field, *matrices, (foundation,), (chord,), remarks)
+
+
+def turned_away(slope: FloatArray, outward: FloatArray) -> npt.NDArray[np.bool_]:
+    """Where a face cannot touch its foundation, since its normals (k, 3), of any length, are along the gradients of the
+    signed distance (k, 3) or perpendicular to them, shape (k,)."""
+    along = np.einsum("ki,ki->k", slope, outward)
+    turned: npt.NDArray[np.bool_] = along >= -_PERPENDICULAR * np.linalg.norm(outward, axis=1)
+    return turned
+
+
+def largest_near(gap: FloatArray, chord: FloatArray, comm: MPI.Comm) -> float:
+    """The largest chord (m,) of points whose gaps (m,) are no more than twice as large, metres; collective."""
+    near = np.abs(gap) <= 2.0 * chord
+    return float(comm.allreduce(float(np.max(chord[near], initial=0.0)), op=MPI.MAX))
 
 
 def places_on_face(x: FloatArray, mean: FloatArray, outward: FloatArray) -> FloatArray:
@@ -308,6 +329,7 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
         np.concatenate([surface.gap_field for surface in surfaces]),
         *matrices_of(elasticity, points, frames),
         tuple(foundation for surface in surfaces for foundation in surface.foundations),
+        tuple(chord for surface in surfaces for chord in surface.chords),
         tuple(text for surface in surfaces for text in surface.remarks),
     )
 

@@ -42,11 +42,13 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
     energy = Energy(**{field.name: record["row"][f"energy_{field.name}"] for field in fields(Energy)})
     touching = before.get("steps_in_contact", 0) + (step["totals"]["contact_area"] > 0.0)
     outside = _outside(before.get("outside"), step)
+    overlap = max(before.get("overlap", 0.0), *map(_overlap, step["understood"]["contacts"]), 0.0)
     return {
         "steps": before.get("steps", 0) + 1,
         "certified_steps": before.get("certified_steps", 0) + bool(step["certificate"]["passed"]),
         "valid_steps": before.get("valid_steps", 0) + bool(step["valid"]),
         "steps_in_contact": touching,
+        "overlap": overlap,
         "halvings": before.get("halvings", 0) + record["halvings"],
         "iterations": _sum(before.get("iterations", {}), step["iterations"]),
         "accumulated": step["accumulated"],
@@ -58,11 +60,16 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
         "warnings": _warnings(largest_strain),
         "outside": outside,
         "violations": _violations(outside, before.get("steps", 0) + 1),
-        "remarks": _remarks(energy.warning(_rounding(largest, step["mean_compliance"])), touching),
+        "remarks": _remarks(energy.warning(_rounding(largest, step["mean_compliance"]), overlap), touching),
         "seconds": _sum(before.get("seconds", {}), step["seconds"]),
         "peak_memory_bytes": max(before.get("peak_memory_bytes", 0), step["peak_memory_bytes"]),
         "runs": _runs(before.get("runs", []), step.get("run"), record["number"]),
     }
+
+
+def _overlap(contact: Mapping[str, Any]) -> float:
+    """Largest overlap of a contact face with what it touches before deformation, without a given gap, metres."""
+    return float(max(0.0, contact["given_gap"]["min"] - contact["gap"]["min"]))
 
 
 def _sum(before: Mapping[str, float], step: Mapping[str, float]) -> Entries:

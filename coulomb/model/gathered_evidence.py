@@ -18,7 +18,7 @@ from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
 from ..fem.contact_points import ContactPoints, contact_points, joined_points
 from ..fem.pair import pair_frames
 from ..fem.rigid_motion import RigidMotion
-from ..fem.surface import places_on_face, way_along
+from ..fem.surface import places_on_face, turned_away, way_along
 from ..fem.user_values import on_all_ranks
 from ..solvers.laws import FrictionLaw
 from .contact_body import ContactBody
@@ -195,7 +195,7 @@ def _face(
         distance = np.maximum(there, np.minimum(points.least(gap), 0.0))
     gaps = distance + points.average(given)
     H = elasticity.held.projector_at(points.nodes)
-    facing = np.einsum("ki,ki->k", at_vertices, outward[points.nodes]) < 0.0
+    facing = ~turned_away(at_vertices, outward[points.nodes])
     free = facing & (held_length(n, points.held(elasticity.held)) <= HELD_BEYOND)
     points, n, x, H, gaps = points.only(free), n[free], x[free], H[free], gaps[free]
     law = contact.law(x, points.area, time, slip_rate[points.nodes], comm)

@@ -44,8 +44,9 @@ class Energy:
         """Work minus elastic energy and dissipation: the error of the time discretisation."""
         return self.loads + self.prescribed + self.foundation - self.elastic - self.dissipated
 
-    def warning(self, rounding: float = 0.0) -> str:
-        """A warning if the imbalance is large and exceeds `rounding` in joules, else empty.
+    def warning(self, rounding: float = 0.0, overlap: float = 0.0) -> str:
+        """A warning if the imbalance is large and exceeds `rounding` in joules, else empty; it names the cause if
+        bodies overlap by `overlap` metres before deformation.
 
         Large: more than a quarter of the dissipation, whose error it is, and more than a thousandth of the largest of
         work, elastic energy and dissipation, so that histories with little slip give no warning.
@@ -55,10 +56,14 @@ class Energy:
         small = max(_IMBALANCE * abs(self.dissipated), _OF_ALL * turned_over, rounding)
         if abs(self.imbalance) <= small:  # False for nan
             return ""
-        return (
-            f"the energies do not add up, by {self.imbalance:.2g} J against {self.dissipated:.2g} J of friction: use "
-            "more load steps, and ramp loads, prescribed displacements and motions from 0 (amplitude)"
-        )
+        words = f"the energies do not add up, by {self.imbalance:.2g} J against {self.dissipated:.2g} J of friction"
+        if overlap > 0.0:
+            return (
+                f"{words}: the bodies overlap by {overlap:.2g} m before deformation, and the first load step presses "
+                "them apart at once; an overlap that is meant goes into gap, with gap_amplitude; one of the meshes of "
+                "curved faces is removed by finer or second-order meshes, smooth, surface or adjust"
+            )
+        return f"{words}: use more load steps, and ramp loads, prescribed displacements and motions from 0 (amplitude)"
 
     def after(
         self,

@@ -187,9 +187,7 @@ def small_strain(
         distance, turn = on_all_ranks(measure, "contact: foundation", at_nodes.comm)
     except ValueError:  # no distance or normal there: far outside
         distance, turn = np.full((2, len(before)), math.nan)
-    internal = body.internal_force(u)
-    forces = over.sum(np.linalg.norm(internal, axis=1))
-    deformation = max(0.0 if forces == 0.0 else 2.0 * over.dot(u, internal) / forces, blocked)
+    deformation = deformation_of(body, u, over, blocked)
     pairs = np.isin(part, [number for number, foundation in enumerate(foundations) if foundation is None])
     # Normals are those at the undeformed node, of the foundation at its current place; and a node keeps what it is
     # opposite to on a deformable face.
@@ -201,6 +199,20 @@ def small_strain(
         gradient=body.largest_gradient(u),
         between=_relative(_deepest(at_nodes, foundations, body.x, u, between), deformation),
     )
+
+
+def deformation_of(body: Strained, u: FloatArray, over: Reductions, blocked: float = 0.0) -> float:
+    """Mean displacement of the forces that deform a body, metres; collective.
+
+    Args:
+        body: The body.
+        u: Displacement in metres, this rank's nodes, shape (k, 3).
+        over: The ranks.
+        blocked: The deformation that the loads would cause where nothing can move, metres.
+    """
+    internal = body.internal_force(u)
+    forces = over.sum(np.linalg.norm(internal, axis=1))
+    return max(0.0 if forces == 0.0 else 2.0 * over.dot(u, internal) / forces, blocked)
 
 
 def _relative(depth: float, deformation: float) -> float:

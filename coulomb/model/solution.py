@@ -20,10 +20,13 @@ from .nodal_answer import NodalAnswer
 from .posed_problem import PosedProblem
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import Acting, Resultant, acting, resultant_of_ground
-from .small_strain import SmallStrain, small_strain
+from .small_strain import SmallStrain, deformation_of, small_strain
 from .writing import supplied
 
 _log = logging.getLogger(__name__)
+
+_CHORD = 0.1
+"""Part of the deformation above which the chord of facets in contact is remarked."""
 
 
 @dataclass(frozen=True)
@@ -156,6 +159,23 @@ class Solution:
         between = [body.nodes(face, "contact") for face in faces]
         blocked = body.blocked_displacement(problem.loading)
         return small_strain(self.at_nodes, problem.surface.foundations, body, self.displacement, between, blocked)
+
+    @cached_property
+    def coarse(self) -> tuple[str, ...]:
+        """Messages on faces where gaps between contact points are uncertain by more than a tenth of the deformation;
+        collective."""
+        problem, over = self.problem, Reductions(self.problem.comm)
+        deformation = deformation_of(problem.elasticity, self.displacement, over)
+        found = []
+        for number, (face, chord) in enumerate(zip(problem.surface.faces, problem.surface.chords, strict=True)):
+            touches = over.max(np.where(problem.surface.part == number, self.contact_force[0::3], 0.0)) > 0.0
+            if touches and chord > _CHORD * deformation > 0.0:
+                found.append(
+                    f"contact face {face!r}: where it touches, gaps between contact points are up to {chord:.2g} m "
+                    f"from linear, the chord h^2/(8 R) of its facets, {chord / deformation:.2g} times the deformation: "
+                    "the approach is uncertain by as much; use smaller facets there"
+                )
+        return tuple(found)
 
     @property
     def outside(self) -> tuple[str, ...]:

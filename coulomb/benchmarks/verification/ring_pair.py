@@ -19,6 +19,7 @@ elements are off by b t^4/960 in the mean, less than the interference by far.
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from ...fem.body import Material
 from ...fem.join import join
 from ...fem.meshes import box
 from ...fem.named_mesh import NamedMesh
+from ...fem.obstacles import Cylinder
 from ...fem.supports import SymmetryPlane
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
@@ -74,9 +76,21 @@ def quarter(inner: float, outer: float, cells: tuple[int, int], cell: str, degre
     return box((1.0, 1.0, 1.0), (*cells, 1), cell, place=place, degree=degree)
 
 
-def rings(cells: int, kinds: tuple[str, str], degrees: tuple[int, int], by_geometry: bool = False) -> ContactProblem:
+Facets = Literal["as they are", "closed", "smooth", "cylinders"]
+"""How gaps between the facets of both rings are measured: as they are; with those of the meshes closed by `adjust`; on
+smooth surfaces; on the cylinders."""
+
+
+def rings(
+    cells: int,
+    kinds: tuple[str, str],
+    degrees: tuple[int, int],
+    by_geometry: bool = False,
+    facets: Facets = "closed",
+) -> ContactProblem:
     """Both rings; kinds of cells and degrees of the inner and the outer one."""
     radius = FIT + (INTERFERENCE if by_geometry else 0.0)
+    surfaces = [Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), r) if facets == "cylinders" else None for r in (radius, FIT)]
     bodies = {
         "inner": quarter(BORE, radius, (cells, 4 * cells), kinds[0], degrees[0]),
         "outer": quarter(FIT, RIM, (cells, 3 * cells), kinds[1], degrees[1]),
@@ -90,7 +104,10 @@ def rings(cells: int, kinds: tuple[str, str], degrees: tuple[int, int], by_geome
             against="outer:left",
             friction=FRICTION,
             gap=0.0 if by_geometry else -INTERFERENCE,
-            adjust=0.5 * FIT * (0.5 * math.pi / (3 * cells)) ** 2 if max(degrees) == 1 else 0.0,
+            adjust=0.5 * FIT * (0.5 * math.pi / (3 * cells)) ** 2 if max(degrees) == 1 and facets == "closed" else 0.0,
+            smooth=facets == "smooth",
+            surface=surfaces[0],
+            against_surface=surfaces[1],
         ),
     )
 
@@ -114,6 +131,11 @@ def verify(cells: tuple[int, ...] = CELLS, second_order: tuple[int, ...] = CELLS
         if len(cells) > 2:
             found = order(h, np.abs(errors))
             rows.append(absolute(f"{name}: order of its error", 2.0, found, 0.25, "second order; three meshes"))
+    for kind in ("hexahedron", "tetrahedron"):
+        named = rings(cells[-1], (kind, kind), (1, 1), by_geometry=True, facets="cylinders").solve()
+        why = "t^2, t the angle of a cell: linear elements, gaps between the cylinders themselves"
+        angle, name = 0.5 * math.pi / (3 * cells[-1]), f"{kind} in {kind}, the interference by geometry, on cylinders"
+        rows.append(relative(f"{name}: mean pressure, Pa", known, mean_pressure(named), angle**2, why))
     finest = rings(second_order[-1], ("hexahedron", "hexahedron"), (2, 2), by_geometry=True).solve()
     rows.append(
         relative(

@@ -16,7 +16,7 @@ import scipy.sparse
 from ...arrays import FloatArray
 from ...fem.contact_frames import HELD_BEYOND, held_length, supported_frames
 from ...fem.contact_points import contact_points
-from ...fem.surface import places_on_face
+from ...fem.surface import places_on_face, turned_away
 from ...model.accumulated import ACCUMULATED
 from ...nearest import tree_of
 from ...solvers.laws import FrictionLaw
@@ -136,7 +136,7 @@ def _face(
             on_nodes[on, 1] = case.given_gap(number, time, place)
         given = weights @ on_nodes[:, 1]
         slope = -case.normals(number, time, run.on_face["x"][index])
-        turned = np.einsum("ki,ki->k", slope, unit) >= 0.0
+        turned = turned_away(slope, unit)
         distance = on_nodes[index, 0]
         if not points.nodal:
             least = np.minimum.reduceat(on_nodes[weights.indices, 0], weights.indptr[:-1])

@@ -1,0 +1,174 @@
+"""Pairs of curved faces: nothing moves against the load, nothing presses without one, and named surfaces count."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import run_python
+
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    Cylinder,
+    Material,
+    Plane,
+    PrescribedDisplacement,
+    Sphere,
+    Traction,
+    box,
+    join,
+    moved,
+)
+from coulomb.io.recheck.directory import check
+from coulomb.io.summary import remarks
+
+STEEL = Material(2.1e11, 0.3)
+RADIUS = 0.01
+
+
+def roller(cells, cell, degree, shift=0.0, half=60.0):
+    """The lower part of a roller of 2 mm, its face "bottom" along the circle by so many degrees to both sides, its face
+    "top" plane; a shift moves the nodes along the circle."""
+
+    def place(k):
+        angle = np.radians(half) * (2.0 * (k[0] + 0.2 * shift * k[0] * (1.0 - k[0])) - 1.0)
+        rim = RADIUS * np.stack([np.sin(angle), -np.cos(angle)])
+        top = np.stack(
+            [
+                0.5 * RADIUS * angle / np.radians(half),
+                np.full_like(angle, -0.3 * RADIUS if half < 90.0 else 0.7 * RADIUS),
+            ]
+        )
+        x, z = k[2] * top + (1.0 - k[2]) * rim
+        return np.stack([x, 0.002 * k[1], z])
+
+    return box((1.0, 1.0, 1.0), (cells, 1, max(cells // 3, 2)), cell, place=place, degree=degree)
+
+
+def rolled(cells, cell, degree, load, shift=0.0, **contact):
+    """The roller on a plate, pressed by a load in newtons per metre and guided, without friction."""
+    plate = moved(
+        box((0.02, 0.002, 0.004), (cells // 2, 1, 2), cell, degree=degree), translate=(-0.01, 0.0, -RADIUS - 0.004)
+    )
+    sides = [Clamp(f"{name}:{face}", "y") for name in ("upper", "lower") for face in ("front", "back")]
+    return ContactProblem(
+        join(upper=roller(cells, cell, degree, shift), lower=plate),
+        STEEL,
+        [Clamp("lower:bottom"), Clamp("upper:top", "x"), *sides],
+        Contact("upper:bottom", against="lower:top", friction=0.0, **contact),
+        [Traction("upper:top", (0.0, 0.0, -load / RADIUS))],
+    )
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("shift", [0.0, 0.3])
+def test_a_roller_moves_down_under_a_load_and_not_without(cell, degree, shift):
+    """With a vertex or an edge at the lowest place; by half the load less.  The error of the approach is at most the
+    chord of the facets, of which the run tells."""
+    for cells in (6, 9):
+        problem = rolled(cells, cell, degree, 3e5, shift)
+        assert problem.surface.gap.min() >= 0.0
+        solution, half = problem.solve(), rolled(cells, cell, degree, 1.5e5, shift).solve()
+        top = problem.elasticity.members[0].body.nodes("top", "contact")
+        down, less = (one.displacement[top, 2].mean() for one in (solution, half))
+        assert down < less < 0.0
+        if degree == 2:
+            assert any("chord" in text for text in remarks(solution)) or problem.surface.chords[0] < 2e-7
+    still = ContactProblem(
+        join(
+            upper=roller(6, cell, degree, shift),
+            lower=moved(box((0.02, 0.002, 0.004), (3, 1, 2)), translate=(-0.01, 0, -0.014)),
+        ),
+        STEEL,
+        [Clamp("lower:bottom"), PrescribedDisplacement("upper:top", (0.0, 0.0, 0.0))],
+        Contact("upper:bottom", against="lower:top", friction=0.3),
+    ).solve()
+    assert not np.any(still.contact_force)
+
+
+def test_named_surfaces_of_first_order_facets_count():
+    """A plate pressed on a roller that is the master: between its vertices the polygon is lower than the circle."""
+    cylinder = Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), RADIUS)
+    gaps = []
+    for given in ({}, {"smooth": True}, {"against_surface": cylinder}):
+        mesh = join(
+            upper=roller(9, "hexahedron", 1),
+            lower=moved(box((0.02, 0.002, 0.004), (60, 1, 2)), translate=(-0.01, 0, -0.014)),
+        )
+        problem = ContactProblem(
+            mesh,
+            STEEL,
+            [Clamp("lower:bottom"), Clamp("upper:top")],
+            Contact("lower:top", against="upper:bottom", friction=0.0, **given),
+        )
+        assert problem.surface.faces == ("lower:top",)
+        x, gap = problem.surface.x, problem.surface.gap
+        near = np.abs(x[:, 0]) < 0.002
+        gaps.append((gap - (RADIUS - np.sqrt(RADIUS**2 - x[:, 0] ** 2)))[near])
+    sagitta = RADIUS * (1.0 - np.cos(np.pi / 27))
+    assert np.abs(gaps[0]).max() == pytest.approx(sagitta, rel=0.02)
+    assert np.abs(gaps[1:]).max() < (np.pi / 13.5) ** 2 * sagitta  # the square of a facet's angle
+
+
+def test_the_surface_follows_its_face_when_slave_and_master_are_exchanged():
+    ball, plate = Sphere((0.0, 0.0, 0.0), 1.0), Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    contact = Contact("a:x", against="b:y", friction=0.1, surface=ball, against_surface=plate)
+    other = contact.exchanged()
+    assert (other.face, other.against, other.surface, other.against_surface) == ("b:y", "a:x", plate, ball)
+
+
+def test_the_wrong_surface_is_refused():
+    wrong = Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 2.0 * RADIUS)
+    with pytest.raises(ValueError, match="'upper:bottom': has a node off the surface given for it"):
+        rolled(6, "hexahedron", 1, 1e5, surface=wrong)
+    with pytest.raises(ValueError, match="smooth and surface are for faces against a deformable face"):
+        Contact("bottom", friction=0.1, smooth=True)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_what_faces_away_from_a_foundation_is_left_out(cell, degree, caplog, tmp_path):
+    """A face that goes up to 110 degrees around a roller: with the forces of one that ends at 90 degrees."""
+    problem = ContactProblem(
+        roller(12, cell, degree, half=110.0),
+        STEEL,
+        [PrescribedDisplacement("top", (0.0, 0.0, -3e-4))],
+        Contact("bottom", friction=0.3, foundation=Plane((0.0, 0.0, -RADIUS), (0.0, 0.0, 1.0))),
+    )
+    angle = np.degrees(np.arctan2(problem.surface.x[:, 0], -problem.surface.x[:, 2]))
+    assert 70.0 < np.abs(angle).max() < 95.0
+    assert "nodes face away from the foundation" in caplog.text
+    solution = problem.solve()
+    assert solution.certificate.passed and solution.contact_force[0::3].sum() > 1e3
+    solution.write(tmp_path / "run")
+    assert check(tmp_path / "run").passed
+    with pytest.raises(ValueError, match="is turned away from the foundation"):
+        foundation = Plane((0.0, 0.0, -RADIUS), (0.0, 0.0, -1.0))
+        ContactProblem(roller(11, cell, degree), STEEL, [Clamp("top")], Contact("bottom", 0.3, foundation=foundation))
+
+
+RANKS = """
+import sys
+import numpy as np
+sys.path.insert(0, sys.argv[1])
+import test_curved_pairs as t
+from coulomb import Cylinder
+for given in ({}, {"smooth": True}, {"surface": Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), t.RADIUS)}):
+    problem = t.rolled(9, "tetrahedron", 1, 3e5, 0.3, **given)
+    solution = problem.solve()
+    comm = problem.comm
+    sums = problem.surface.gap, solution.contact_force, problem.surface.gap**2
+    numbers = [*(comm.allreduce(float(np.sum(each))) for each in sums), *problem.surface.chords]
+    if comm.rank == 0:
+        print(*numbers)
+"""
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_find_the_same_gaps(ranks):
+    one, several = (run_python("-c", RANKS, Path(__file__).parent, ranks=count) for count in (1, ranks))
+    assert one.returncode == 0 and several.returncode == 0, several.stderr
+    found = [np.array([[float(n) for n in line.split()] for line in run.stdout.splitlines()]) for run in (one, several)]
+    assert found[0].shape == (3, 4) and np.allclose(found[0], found[1], rtol=1e-6, atol=1e-15)
