@@ -69,17 +69,19 @@ def test_a_roller_moves_down_under_a_load_and_not_without(cell, degree, shift):
     chord of the facets, of which the run tells."""
     for cells in (6, 9):
         problem = rolled(cells, cell, degree, 3e5, shift)
-        assert problem.surface.gap.min() >= 0.0
+        chord = (np.pi / 1.5 / cells) ** 4 * RADIUS / 384.0 if degree == 2 else 0.0  # of facets outside the circle
+        assert problem.surface.gap.min() >= -chord
         solution, half = problem.solve(), rolled(cells, cell, degree, 1.5e5, shift).solve()
         top = problem.elasticity.members[0].body.nodes("top", "contact")
         down, less = (one.displacement[top, 2].mean() for one in (solution, half))
         assert down < less < 0.0
         if degree == 2:
             assert any("chord" in text for text in remarks(solution)) or problem.surface.chords[0] < 2e-7
+    low = (np.pi / 9.0) ** 4 * RADIUS / 384.0 if degree == 2 else 0.0
     still = ContactProblem(
         join(
             upper=roller(6, cell, degree, shift),
-            lower=moved(box((0.02, 0.002, 0.004), (3, 1, 2)), translate=(-0.01, 0, -0.014)),
+            lower=moved(box((0.02, 0.002, 0.004), (3, 1, 2)), translate=(-0.01, 0, -0.014 - low)),
         ),
         STEEL,
         [Clamp("lower:bottom"), PrescribedDisplacement("upper:top", (0.0, 0.0, 0.0))],

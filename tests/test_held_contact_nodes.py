@@ -175,6 +175,6 @@ def test_only_zero_rows_along_tangents_are_accepted():
         if others:
             wrong[row], wrong[:, row] = 0.0, 0.0
         with pytest.raises(
-            ValueError, match="A must be positive definite, but has a diagonal entry that is not positive"
+            ValueError, match="A must be positive semidefinite, but has a diagonal entry that is not positive"
         ):
             coulomb.solve_coulomb(wrong, np.ones(6), 0.3)

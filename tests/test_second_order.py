@@ -114,10 +114,12 @@ def test_constant_tractions_are_the_loads_of_a_pressure(cell):
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_gaps_of_a_plane_face_are_those_at_the_mean_places(cell):
-    """Of an inclined plane, and of a ball."""
+def test_gaps_of_a_plane_face(cell):
+    """Of an inclined plane: the gap at the mean place.  Of a ball: the mean of the gaps of the nodes, that at the mean
+    place where it touches, and between the two near it."""
     inclined, ball = Plane((0.0, 0.0, -0.1), (0.0, 0.1, 1.0)), Sphere((1.0, 0.5, -3.0), 2.9)
-    for foundation in (inclined, ball):
+    touching = Sphere((1.0, 0.5, -3.0), 3.0)
+    for foundation in (inclined, ball, touching):
         problem = ContactProblem(
             coulomb.box((2.0, 1.0, 1.0), (2, 2, 1), cell, degree=2),
             STEEL,
@@ -125,7 +127,15 @@ def test_gaps_of_a_plane_face_are_those_at_the_mean_places(cell):
             Contact("bottom", 0.3, foundation=foundation),
         )
         surface = problem.surface
-        assert surface.gap == pytest.approx(foundation.signed_distance(surface.x), abs=1e-14)
+        there, x = foundation.signed_distance(surface.x), problem.elasticity.x
+        nodes = np.where(x[:, 2] == 0.0, foundation.signed_distance(x), 0.0)
+        mean = surface.points.weights @ nodes
+        far = there >= 2.0 * (mean - there)
+        assert surface.gap[far] == pytest.approx(mean[far], abs=1e-14)
+        assert np.all(surface.gap >= there - 1e-14) and np.all(surface.gap <= mean + 1e-14)
+        if foundation is touching and cell == "tetrahedron":
+            nearest = np.argmin(there)
+            assert there[nearest] == 0.0 and surface.gap[nearest] == 0.0 and mean[nearest] > 0.005
 
 
 @pytest.mark.parametrize("cells", [2, 4, 8])

@@ -18,7 +18,7 @@ from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
 from ..fem.contact_points import ContactPoints, contact_points, joined_points
 from ..fem.pair import pair_frames
 from ..fem.rigid_motion import RigidMotion
-from ..fem.surface import places_on_face, turned_away, way_along
+from ..fem.surface import gap_of_mean, places_on_face, turned_away, way_along
 from ..fem.user_values import on_all_ranks
 from ..solvers.laws import FrictionLaw
 from .contact_body import ContactBody
@@ -192,7 +192,7 @@ def _face(
     if not points.nodal:
         on = places_on_face(elasticity.x[points.nodes], x, outward[points.nodes])
         there = on_all_ranks(lambda: distances(on, n), what, comm)
-        distance = np.maximum(there, np.minimum(points.least(gap), 0.0))
+        distance = gap_of_mean(there, points.average(gap), points.least(gap))
     gaps = distance + points.average(given)
     H = elasticity.held.projector_at(points.nodes)
     facing = ~turned_away(at_vertices, outward[points.nodes])

@@ -270,8 +270,8 @@ class PosedProblem:
     def friction_problem(self) -> FrictionProblem:
         """A, b and the law, without the body."""
         self.A.under_load(self.f, self._free_part)
-        return FrictionProblem(self.A, self.b, self.law, rigid=self.rigid)
+        return FrictionProblem(self.A, self.b, self.law, rigid=self.rigid, elastic=True)
 
     def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""
-        return replace(FrictionProblem.tresca(self.A, self.b, slip_bound), rigid=self.rigid)
+        return replace(FrictionProblem.tresca(self.A, self.b, slip_bound), rigid=self.rigid, elastic=True)

@@ -52,6 +52,7 @@ class FrictionProblem:
             forces together; None if there is only A x less b.  Where A x and b nearly cancel, as for a body that soft
             springs hold, it has many more correct digits.
         rigid: Motions of bodies that contact alone holds, with the loads along them; None if supports hold all.
+        elastic: A is the compliance of elastic bodies, of full rank: forces are felt (`dilution`).
 
     Raises:
         ValueError: On every rank, if shapes do not fit, a value is not finite, or a cohesion or coefficient of friction
@@ -65,6 +66,7 @@ class FrictionProblem:
     accept: Accept | None = None
     balanced: Callable[[FloatArray], FloatArray] | None = None
     rigid: RigidMotions | None = None
+    elastic: bool = False
 
     @classmethod
     def tresca(
@@ -160,7 +162,8 @@ class FrictionProblem:
 
     def with_slip_bound(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,), without certificate."""
-        return FrictionProblem(self.A, self.b, FrictionLaw.tresca(slip_bound), self.lower, rigid=self.rigid)
+        law = FrictionLaw.tresca(slip_bound)
+        return FrictionProblem(self.A, self.b, law, self.lower, rigid=self.rigid, elastic=self.elastic)
 
     def gradient(self, x: FloatArray, alpha: FloatArray | None = None) -> FloatArray:
         """w = A x - b - G^T alpha in metres, shape (3 m,); one product by A.
@@ -291,13 +294,16 @@ class FrictionProblem:
 
         It is a |x|^2 over 10 x^T A x, or a |x| over 10 |b| if that is more: with a residual of r the work of the forces
         on the errors of the displacements is at most 10 r x^T A x, and these errors are at most 10 r |A x| and 10 r
-        |b|.  In elastic bodies x^T A x is 0.3 a |x|^2 and more, and this is 1.  Lower bounds count as loads, and so do
-        those that rigid motions have to balance, but not what a rigid motion would close.
+        |b|.  Of elastic bodies it is 1: A has full rank, x^T A x is 0.3 a |x|^2 and more, or far less where soft
+        springs make a large, beside which the certificate measures what is elastic.  Lower bounds count as loads, and
+        so do those that rigid motions have to balance, but not what a rigid motion would close.
 
         Args:
             x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
             gradient: w in metres, shape (3 m,).
         """
+        if self.elastic:
+            return 1.0
         over, felt = self.reductions, np.where(self.A.diagonal() > 0.0, x, 0.0)  # friction of known slip is given
         size, balancing = over.norm(felt), 0.0
         if size == 0.0:
