@@ -14,6 +14,7 @@ from coulomb import (
     DenseSystem,
     FrictionProblem,
     InteriorPoint,
+    MatrixAutomatic,
     NotConverged,
     RegularisedNewton,
     RigidMotions,
@@ -218,6 +219,16 @@ def test_a_refusal_takes_seconds(contacts):
             with pytest.raises(NotConverged):
                 solve_coulomb(H.T @ H, b, np.full(contacts, 0.5), cohesion=cohesion)
             assert time.process_time() - began < 5.0
+
+
+def test_successive_tresca_ends_after_newton_steps():
+    """The last of the methods, whose twenty problems took up to 100 Newton steps each: no problem begins after 300."""
+    P, outer = singular_problem(53), []
+    problem = FrictionProblem(dense_compliance(P.A), P.b, FrictionLaw(P.cohesion, P.friction))
+    with pytest.raises(NotConverged):
+        MatrixAutomatic().solve(problem, progress=lambda at: outer.append(at.outer))
+    steps = [number for number in outer if number > 0]
+    assert len(steps) >= 300 > sum(number < steps[-1] for number in steps)
 
 
 def test_an_indefinite_matrix_is_refused():
