@@ -26,7 +26,7 @@ from .successive_tresca import SuccessiveTresca
 _FEW = 150  # contacts up to which the cone method is the quicker one, whatever A
 _FEWER = 30  # and for which, without full rank, regularised problems come before it, and less work is spent
 _WORK = 1e9  # operations of the cone method per contact, of so few
-_TRESCA = 20  # Tresca problems where A has no full rank and other methods have failed
+_TRESCA = 300  # Newton steps of successive Tresca where A has no full rank and other methods have failed
 _SPARSE = 0.25  # of the entries
 _BY_SWEEPS = f"auto: {ConeInteriorPoint.name}"
 _DEFINITE = 1e-8  # smallest eigenvalue of a definite A, over the mean diagonal
@@ -99,7 +99,7 @@ class MatrixAutomatic:
             methods = [regularise, by_cone_method] if singular else [by_cone_method]
         elif singular:
             methods = [regularise, by(InteriorPoint(tolerance, newton=DenseSystem())), by(InteriorPoint(tolerance))]
-            methods += [by(SuccessiveTresca(tolerance, max_iterations=_TRESCA))] if problem.sloped else []
+            methods += [by(SuccessiveTresca(tolerance, newton_steps=_TRESCA))] if problem.sloped else []
         else:
             methods = [by(Automatic(tolerance) if problem.sloped else InteriorPoint(tolerance))]
             methods += [regularise] if few else []

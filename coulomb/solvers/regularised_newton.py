@@ -53,6 +53,10 @@ _LEAST = 1e-6  # diagonal of a node over a, for the weights
 class RegularisedNewton:
     """The method as a value, for a matrix A on one rank.
 
+    Without it `MatrixAutomatic` gives up 7 of 300 random problems without full rank in place of 2
+    (tests/singular_problems.py), takes three times as long, and forces under given slip bounds are more than 1 % larger
+    in 51 of 92 of them, 23,000 times in one.
+
     Attributes:
         tolerance: Residual at which to stop (`FrictionProblem.residual`).
         systems: Newton systems, dense, until it gives up.

@@ -42,6 +42,7 @@ class SuccessiveTresca:
         damping: The fraction of r(x_n) - g added to g, in (0, 1]; None chooses it by the measured slope of the map: on
             a wedge of slope s, where plain iteration has the factor -F/s, 1/(1 + F/s).
         max_iterations: Tresca problems before the solver gives up.
+        newton_steps: Newton steps of all Tresca problems after which no further one begins.
         patience: Tresca problems without a better change of g after which the iteration is called stagnated.
         turns: Number of successive changes of g, each opposite to the one before and none the smallest, that are called
             an oscillation.
@@ -59,6 +60,7 @@ class SuccessiveTresca:
     memory: int = 5
     damping: float | None = None
     max_iterations: int = 60
+    newton_steps: float = math.inf
     patience: int = 12
     turns: int = 5
     growth: tuple[int, float] = (8, 1e2)
@@ -74,6 +76,7 @@ class SuccessiveTresca:
             ("memory", self.memory >= 0, "at least 0"),
             ("damping", self.damping is None or 0.0 < self.damping <= 1.0, "in (0, 1], or None"),
             ("max_iterations", self.max_iterations >= 1, "at least 1"),
+            ("newton_steps", self.newton_steps >= 1, "at least 1"),
         )
         check_constants(self, bounds)
 
@@ -167,6 +170,8 @@ class SuccessiveTresca:
             seen = self._diagnosis(history, sizes, turns)
             if seen is not None:
                 status = seen
+                break
+            if sum(step.path_following for step in history) >= self.newton_steps:
                 break
             old_g, old_wanted = g, wanted
             if history[-1].change > self.near or (len(history) > 1 and history[-1].change > history[-2].change):

@@ -10,6 +10,7 @@
 
 #define SYMMETRIC 1e-8 /* largest difference of two entries that should be equal, over the Frobenius norm */
 #define UNDILUTED 10.0 /* friction_problem.py */
+#define SEARCH 20 /* contacts whose work is that of a search from one angle */
 /* Microseconds: of a contact in a sweep, and of a block of a force that has changed; orders of magnitude: of the path
    after them, at least, for each block, or each operation of one dense factorisation; TRIAL: part of it always spent. */
 static const double CONTACT = 0.014, BLOCK = 0.0014, PATH = 8000.0, PATH_BLOCK = 6.5, PATH_WORK = 5.6e-4, TRIAL = 0.2;
@@ -227,7 +228,7 @@ static double sweep(struct system *s, struct mixing *x, double tolerance, double
             double v[3], r[3] = {old[0], old[1], old[2]};
             for (int a = 0; a < 3; a++)
                 v[a] = u[a] - (W[3 * a] * r[0] + W[3 * a + 1] * r[1] + W[3 * a + 2] * r[2]);
-            one_contact(here, v, r);
+            visited += SEARCH * one_contact(here, v, r);
             const v4 new = {r[0], r[1], r[2], 0.0}, d = new - old;
             const double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
             visited++;

@@ -57,24 +57,25 @@ static int slipping(const double *W, const double *v, double F, double *d, doubl
     return 0;
 }
 
-/* The forces r of one contact with the free velocity v; unchanged if none is found. */
-static void one_contact(const struct contact *s, const double *v, double *r)
+/* The forces r of one contact with the free velocity v; unchanged if none is found.  Returns the number
+   of angles at which a direction of slip was searched, 0 for most. */
+static int one_contact(const struct contact *s, const double *v, double *r)
 {
     const double *W = s->own, *V = s->inverse, F = s->F, weight = s->proximal;
     if (v[0] >= 0.0) {
         r[0] = r[1] = r[2] = 0.0;
-        return;
+        return 0;
     }
     if (F == 0.0) {
         r[0] = -v[0] / W[0], r[1] = r[2] = 0.0;
-        return;
+        return 0;
     }
     const double y[3] = {weight * r[0] - v[0], weight * r[1] - v[1], weight * r[2] - v[2]};
     const double x[3] = {V[0] * y[0] + V[1] * y[1] + V[2] * y[2], V[3] * y[0] + V[4] * y[1] + V[5] * y[2],
                          V[6] * y[0] + V[7] * y[1] + V[8] * y[2]};
     if (x[0] >= 0.0 && x[1] * x[1] + x[2] * x[2] <= F * F * x[0] * x[0]) {
         memcpy(r, x, sizeof x);
-        return;
+        return 0;
     }
     double d[2] = {r[1], r[2]}, size = sqrt(d[0] * d[0] + d[1] * d[1]);
     if (!(size > 0.0))
@@ -82,11 +83,12 @@ static void one_contact(const struct contact *s, const double *v, double *r)
     if (size > 0.0) {
         d[0] /= size, d[1] /= size;
         if (slipping(W, v, F, d, r))
-            return;
+            return 0;
     }
     for (int k = 0; k < ANGLES; k++) {
         d[0] = cos(2.0 * M_PI * k / ANGLES), d[1] = sin(2.0 * M_PI * k / ANGLES);
         if (slipping(W, v, F, d, r))
-            return;
+            return k + 1;
     }
+    return ANGLES;
 }
