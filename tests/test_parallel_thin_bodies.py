@@ -6,7 +6,7 @@ from mpi4py import MPI
 from test_thin_bodies import CELLS, sheet
 
 from coulomb import DirectSolver, IterativeSolver, NotConverged
-from coulomb.linalg import stiffness
+from coulomb.linalg import methods, stiffness
 from coulomb.linalg.reductions import Reductions
 from coulomb.model import contact_body
 
@@ -33,6 +33,20 @@ def test_all_ranks_change(monkeypatch, slow):
     assert len(set(MPI.COMM_WORLD.allgather(problem.body.changed))) == 1
     assert ("and after 20 factors" in problem.body.changed) is slow
     exact, over = sheet(CELLS, linear_solver=DirectSolver).solve(), Reductions(MPI.COMM_WORLD)
+    assert over.max(np.abs(solution.displacement - exact.displacement)) < 1e-6 * over.max(np.abs(exact.displacement))
+
+
+@pytest.mark.parametrize("formed", [True, False])
+def test_a_sheet_is_condensed(monkeypatch, formed):
+    """After some products by a formed A, or from the beginning, on all ranks."""
+    exact, over = sheet(CELLS, linear_solver=DirectSolver).solve(), Reductions(MPI.COMM_WORLD)
+    monkeypatch.setattr(contact_body, "_PRODUCTS", 3)
+    if not formed:
+        monkeypatch.setattr(methods, "EXPLICIT_UP_TO", 0)
+    problem = sheet(CELLS, linear_solver=DirectSolver)
+    solution = problem.solve()
+    assert problem.body.condensed and bool(problem.body.changed) is formed
+    assert solution.certificate.passed and solution.result.method == "interior point"
     assert over.max(np.abs(solution.displacement - exact.displacement)) < 1e-6 * over.max(np.abs(exact.displacement))
 
 

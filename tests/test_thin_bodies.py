@@ -11,9 +11,12 @@ from user_forms import Script
 import coulomb
 from coulomb import (
     Clamp,
+    CondensedSystem,
     Contact,
     ContactProblem,
+    DenseSystem,
     DirectSolver,
+    InteriorPoint,
     IterativeSolver,
     LoadHistory,
     Material,
@@ -317,3 +320,60 @@ def test_a_history_goes_on_with_factors(caplog, by_multigrid):
         steps = list(LoadHistory([0.9, 1.0]).steps(problem))
     assert changed(problem, caplog)
     assert [step.halvings for step in steps] == [0, 0] and all(step.solution.certificate.passed for step in steps)
+
+
+CONDENSED, DENSE = InteriorPoint(newton=CondensedSystem()), InteriorPoint(newton=DenseSystem())
+
+
+def test_rounding_errors_are_not_corrected():
+    """Residuals of K u that are rounding errors bend a sheet by more than its answer is wrong."""
+    solution = sheet((24, 6, 1), explicit=False, linear_solver=DirectSolver).solve(solver=CONDENSED)
+    assert solution.valid and solution.result.newton_steps < 20
+
+
+def pressed(cells, **given):
+    """A sheet on its plane, whose compression is 2e10 times smaller than the deflection without the plane."""
+    return ContactProblem(
+        coulomb.box((0.16, 0.05, 0.0005), cells, degree=2),
+        STEEL,
+        [Clamp("left")],
+        Contact("bottom", 0.3),
+        [Traction("top", (0.0, 0.0, -48.0))],
+        **given,
+    )
+
+
+def test_a_pressed_sheet():
+    """The remaining gap is not a difference of two deflections where the certificate has refused that."""
+    problem = pressed((10, 3, 1))
+    solution = problem.solve(solver=DENSE)
+    assert solution.valid
+    lifted = solution.displacement[:, 2].min() / (-48.0 * 0.0005 / 2.1e11)
+    assert 0.5 < lifted < 2.0
+
+
+def test_condensed_systems_in_place_of_many_products(monkeypatch, caplog):
+    """Where Newton systems with A take too many iterations; the same answer."""
+    exact = sheet((24, 6, 1)).solve()
+    monkeypatch.setattr(contact_body, "_PRODUCTS", 3)
+    problem = sheet((24, 6, 1))
+    with caplog.at_level(logging.WARNING, "coulomb"):
+        solution = problem.solve()
+    assert solution.valid and problem.body.condensed and "too many Krylov iterations" in problem.body.changed
+    assert [record.message for record in caplog.records] == [problem.body.changed]
+    assert np.allclose(solution.displacement, exact.displacement, rtol=0.0, atol=1e-9)
+
+
+def test_a_sheet_of_many_contact_unknowns_is_condensed(monkeypatch):
+    """At once, without a change of the method; a block is not."""
+    monkeypatch.setattr(methods, "EXPLICIT_UP_TO", 0)
+    problem = sheet(CELLS)
+    assert problem.solve().result.method == "interior point" and not problem.body.changed
+    assert not block().body.condensed
+
+
+def test_dense_systems_in_place_of_condensed_ones(monkeypatch):
+    """Where these fail, as on a sheet that is pressed onto its plane."""
+    monkeypatch.setattr(contact_body, "_PRODUCTS", 3)
+    problem = pressed((16, 5, 1))
+    assert problem.solve().valid and problem.body.dense

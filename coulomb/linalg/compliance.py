@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+import math
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import scipy.sparse
@@ -15,11 +16,16 @@ from .learnt_columns import LearntColumns, turned_diagonal
 from .reductions import Reductions
 from .soft_motions import SoftMotions
 from .stiffness import StiffnessSolver
-from .unsolved import Unsolved
+from .unsolved import TooSlow, Unsolved
 
 _DISPLACED = 1e-8
 """Accuracy of a displacement, relative to all forces: products by K in it have rounding errors that are not much
 smaller, and it is refined by forces that are assembled anew (`refined`)."""
+
+
+_ROUNDING = 2.0 * float(np.finfo(np.float64).eps)
+"""Residual of a displacement that is due to rounding errors, relative to |D u| with D = diag(K), in the norm of
+D^-1/2."""
 
 
 class Compliance(Protocol):
@@ -87,6 +93,11 @@ class BodyCompliance(Compliance, Protocol):
         collective."""
         ...
 
+    def allow(self, products: float) -> None:
+        """Make no more than so many products from now on: `mult` then raises TooSlow, on all ranks; inf for no limit,
+        as by default."""
+        ...
+
     def under_load(self, f: PETSc.Vec, free: FloatArray) -> None:
         """The load and K^-1 f of the problem to which the products to come belong, so that A x - b is as accurate as
         the displacement under both allows; collective.
@@ -105,6 +116,15 @@ class BodyCompliance(Compliance, Protocol):
             f: Load in newtons.
             free: K^-1 f, shape (n,).
         """
+        ...
+
+
+@runtime_checkable
+class Formed(Protocol):
+    """A compliance that has A as a matrix."""
+
+    def dense(self) -> FloatArray:
+        """This rank's rows, shape (3 m, all columns); not to be changed."""
         ...
 
 
@@ -157,7 +177,23 @@ class MatrixCompliance:
         return scipy.sparse.csr_matrix((data, indices, indptr), shape=(3 * self.nodes, self.matrix.getSize()[1]))
 
 
-class MatrixFreeCompliance:
+class LimitedProducts:
+    """The number of products by a compliance, and its limit."""
+
+    products = 0
+    _most = math.inf
+
+    def allow(self, products: float) -> None:
+        """See `BodyCompliance`."""
+        self._most = self.products + products
+
+    def _begin(self) -> None:
+        """Refuse another product beyond the limit."""
+        if self.products >= self._most:
+            raise TooSlow("Newton systems with A take too many Krylov iterations")
+
+
+class MatrixFreeCompliance(LimitedProducts):
     """A as a solve with K between B^T and B.
 
     Its diagonal is estimated, see `estimated_diagonal`.
@@ -193,10 +229,14 @@ class MatrixFreeCompliance:
         self._u, self._x = B.createVecs()
         self._rhs = self._u.duplicate()
         self._last = self._u.duplicate()
+        stiffness = K.getDiagonal()
+        self._root: FloatArray = np.sqrt(np.abs(stiffness.array_r))
+        stiffness.destroy()
         self._last.set(0.0)
         self._accurate: FloatArray | None = None
         self.latest: FloatArray | None = None
         self._load: PETSc.Vec | None = None
+        self._guessed = self._found = False
         self._free: FloatArray = self._u.array.copy()
         self.rigid = None if soft is None else np.column_stack([self._moved(motion) for motion in soft.motions.T])
         self._elastic = estimated_diagonal(self, B, K, probes, self.rigid) if diagonal is None else diagonal
@@ -209,6 +249,7 @@ class MatrixFreeCompliance:
         return moved
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        self._begin()
         self._x.array[:] = x
         self.B.multTranspose(self._x, self._rhs)
         self._solver.solve(self._rhs, self._u, tolerance)
@@ -260,7 +301,8 @@ class MatrixFreeCompliance:
             left, self._accurate = forces, None
         else:
             self._u.copy(self._rhs)
-        if left > whole * size:
+        self._found = self._guessed and self.factorised and self._balanced(self._rhs.array_r)
+        if left > whole * size and not self._found:
             self._solver.solve(self._rhs, self._u, max(change, whole * size / left))
             self._last.axpy(1.0, self._u)
             self._accurate = None
@@ -270,20 +312,50 @@ class MatrixFreeCompliance:
         return self._solver.exact
 
     @property
+    def found(self) -> bool:
+        """Whether the last displacement is one of `guess`, from factors of K, that balances all forces to rounding
+        errors of K u: where K is ill-conditioned, a correction is larger than what is wrong."""
+        return self._found
+
+    def _balanced(self, residual: FloatArray) -> bool:
+        """Whether a residual of the last displacement, shape (n,), is of the size of rounding errors of K u."""
+        over = Reductions(self.comm)
+        return over.norm(residual / self._root) <= _ROUNDING * over.norm(self._root * self._last.array_r)
+
+    @property
+    def factorised(self) -> bool:
+        """Whether K is factorised."""
+        return self._solver.tolerance == 0.0
+
+    @property
     def matrix_free(self) -> MatrixFreeCompliance:
         """Itself, since it has K and B."""
         return self
 
-    def response(self, x: FloatArray, tolerance: float = 0.0) -> PETSc.Vec:
-        """K^-1 B^T x, its change to a relative accuracy; by a correction of the last one; to be read before the next
-        product."""
-        self.mult_incremental(x, np.empty_like(x), tolerance)
-        return self._u
+    def forces(self, x: FloatArray, v: PETSc.Vec) -> None:
+        """v <- B^T x - f in newtons; f is 0 before `under_load`."""
+        self._x.array[:] = x
+        self.B.multTranspose(self._x, v)
+        if self._load is not None:
+            v.axpy(-1.0, self._load)
 
-    def guess(self, response: PETSc.Vec) -> None:
-        """An approximation of K^-1 B^T x for the next x: `mult_incremental` starts there."""
-        self._last.array[:] = self._free - response.array_r
+    def response(self, x: FloatArray, v: PETSc.Vec, tolerance: float = 0.0) -> None:
+        """v <- K^-1 (B^T x - f), its change to a relative accuracy; by a correction of the last one."""
+        self.mult_incremental(x, np.empty_like(x), tolerance)
+        v.array[:] = -self._last.array_r
+
+    def guess(self, v: PETSc.Vec) -> None:
+        """An approximation of K^-1 (B^T x - f) for the next x: `mult_incremental` starts there."""
+        self._last.array[:] = -v.array_r
+        self._guessed = True
         self._accurate = self.latest = None
+
+    def displaced(self, v: PETSc.Vec) -> FloatArray:
+        """A x = B (v + K^-1 f) of v = K^-1 (B^T x - f); to be read before the next product."""
+        self._u.array[:] = self._free + v.array_r
+        self.B.mult(self._u, self._x)
+        product: FloatArray = self._x.array_r
+        return product
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
         rest: FloatArray = np.einsum("iab,ib->ia", turn**2, self._elastic.rest.reshape(-1, 3)).ravel()

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from .compliance import MatrixFreeCompliance
+from .compliance import LimitedProducts, MatrixFreeCompliance
 from .distributed_multifrontal import DistributedMultifrontalSolver
 from .learnt_columns import LearntColumns
 from .multifrontal import MultifrontalSolver, inverse_factor
@@ -31,7 +31,7 @@ _RESIDUAL = 1e-7
 """Accuracies below this are asked for where a residual is computed, not by Krylov methods."""
 
 
-class SchurCompliance:
+class SchurCompliance(LimitedProducts):
     """A = B S^-1 B^T with S = L L^T the Schur complement of K on the contact nodes, a block per body.
 
     A product takes two solves with the dense triangles L, which cost what a product with the dense A would; with the
@@ -101,6 +101,7 @@ class SchurCompliance:
         return not self._solver.single
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        self._begin()
         z = self._forces(x)
         self.products += 1
         if not self._suffices(tolerance):

@@ -302,7 +302,10 @@ class IterativeSolver:
             u.set(0.0)
             return
         if self.iterations - self._before >= self._allowed:
-            raise TooSlow(self.iterations - self._before, self._allowed)
+            raise TooSlow(
+                f"solutions of K u = f by conjugate gradients with multigrid took {self.iterations - self._before} "
+                f"iterations, and after {self._allowed:.0f} factors of K are expected to be faster"
+            )
         try:
             self.iterations += self._method.solve(rhs, u, max(tolerance, self.tolerance))
         except Unsolved as failure:

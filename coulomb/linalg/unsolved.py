@@ -24,17 +24,8 @@ class Unsolved(RuntimeError):
 
 
 class TooSlow(RuntimeError):
-    """A solve was not begun, as those before took all iterations that are allowed, on all ranks.
+    """A solve or product was not begun, as those before took all iterations that are allowed, on all ranks; with what
+    they took as message.
 
     It is no `Unsolved`: what has been reached is of no use, as another method begins anew.
-
-    Args:
-        iterations: Of the solves before.
-        allowed: For all of them.
     """
-
-    def __init__(self, iterations: int, allowed: float):
-        super().__init__(
-            f"solutions of K u = f by conjugate gradients with multigrid took {iterations} iterations, and after "
-            f"{allowed:.0f} factors of K are expected to be faster"
-        )

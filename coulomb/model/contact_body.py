@@ -22,6 +22,7 @@ from ..fem.pair import Pair
 from ..fem.rigid_motion import RigidMotion, same_place, since_at, spin
 from ..fem.surface import ContactSurface
 from ..fem.unjoined_parts import unjoined_parts
+from ..linalg.compliance import BodyCompliance
 from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic
 from ..linalg.methods import EXPLICIT_UP_TO, LinearSolver, chosen, undecided
 from ..linalg.multifrontal import MultifrontalSolver, Work, predicted_work, symbolic
@@ -42,6 +43,12 @@ from .state import Before, ContactState
 from .stopwatch import timed
 
 _log = logging.getLogger(__name__)
+
+_PRODUCTS = 1000
+"""Products by A in a load step after which Newton systems are condensed: four times as many as bent parts need."""
+
+_DENSE_UP_TO = 6000
+"""Contact unknowns up to which Newton systems are factorised where nothing else has an answer: 10 s each."""
 
 _DOUBLE_FROM, _DOUBLE_UP_TO = 8, 50_000
 """Load steps from which, and displacement unknowns up to which (half a gigabyte), factors in double precision take less
@@ -117,7 +124,8 @@ class ContactBody:
         self._given, self._load_steps = (linear_solver, explicit), 1
         self._symbolic: list[Front] | SharedSymbolic | None = None
         self._work: Work | None = None
-        self.changed = ""
+        self.changed, self._condensed, self._may_condense = "", False, True
+        self._dense = False
         self._rounding: tuple[object, float, FloatArray] | None = None
         self.kept_matrix = KeptMatrix()
         self._stiffness: ContactStiffness | None = None
@@ -177,22 +185,59 @@ class ContactBody:
         finally:
             solver.allow(math.inf)
 
+    @contextmanager
+    def few_products(self, A: BodyCompliance) -> Iterator[None]:
+        """No more than `_PRODUCTS` by A, if Newton's method can be condensed; collective."""
+        A.allow(_PRODUCTS if self._condensable and not self.condensed else math.inf)
+        try:
+            yield
+        finally:
+            A.allow(math.inf)
+
+    @property
+    def _condensable(self) -> bool:
+        """Whether condensed Newton systems may be tried: K is factorised, supports hold the bodies, and a contact point
+        is a node; collective."""
+        seen, (first, last) = self._reference.nodes_in_rows, self._reference.B.getOwnershipRangeColumn()
+        nodal = len(seen) == len(self._reference.nodes) and bool(np.all((3 * seen >= first) & (3 * seen < last)))
+        mine = nodal and self._may_condense and self._given[1] is None and len(self.elasticity.free) == 0
+        return self.linear_solver is DirectSolver and bool(self.comm.allreduce(mine, op=MPI.LAND))
+
+    @property
+    def condensed(self) -> bool:
+        """Whether Newton systems are made of K with springs in place of A (`CondensedSystem`), where the user chooses
+        no solver: from the beginning where a body bends and A is not formed; collective."""
+        return self._condensed or (not self.explicit and self._condensable and ill_conditioned(self.elasticity))
+
+    @property
+    def dense(self) -> bool:
+        """Whether Newton systems are factorised with the formed A, where the user chooses no solver and condensed ones
+        have failed."""
+        return self.explicit and self._dense
+
     def _fit(self, work: Work) -> bool:
         """Whether factors of K fit into the memory, the same on all ranks; collective."""
         return bool(self.comm.bcast(fits(work, self.precision is Precision.SINGLE, least_room(self.comm))))
 
-    def change_method(self, why: str) -> bool:
-        """From multigrid to factors of K, or from solves with these to a formed A, from now on, if that is not against
-        the user's choice and fits into the memory; whether it is done, the same on all ranks; collective.
+    def change_method(self, why: str, condense: bool = False) -> bool:
+        """From multigrid to factors of K, from products by A to condensed Newton systems, or from solves with factors
+        to a formed A, from now on, if that is not against the user's choice and fits into the memory; whether it is
+        done, the same on all ranks; collective.
 
         Args:
             why: What the present method did not do.
+            condense: Whether condensed Newton systems may help.
         """
+        condense = condense and self._condensable and not self.condensed
         solver, explicit = self._given
         if self.linear_solver is IterativeSolver and solver is None:
             explicit, then = self.interface <= EXPLICIT_UP_TO if explicit is None else explicit, "K is factorised"
+        elif condense:
+            explicit, then = False, "Newton systems are made of K with springs in place of A"
         elif self.linear_solver is DirectSolver and explicit is None and not self.explicit:
             explicit, then = True, "A is formed"
+            self._dense = self.condensed and self.comm.size == 1 and self.unknowns["contact"] <= _DENSE_UP_TO
+            self._may_condense = False
         else:
             return False
         with timed(self.seconds, "stiffness"):
@@ -202,7 +247,7 @@ class ContactBody:
             _log.warning("%s; %s", why, f"{then} instead" if fit else "factors of K do not fit into the memory")
         if fit:
             self.changed, self._symbolic, self._stiffness = f"{why}; {then} instead", found, None
-            self._chosen = (DirectSolver, explicit)
+            self._chosen, self._condensed = (DirectSolver, explicit), condense
         self._work = None  # and no limit
         return fit
 

@@ -210,6 +210,9 @@ class PosedProblem:
         """K^-1 (f - B^T x) in metres, before free motions, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,);
         collective."""
         u = self.A.displacement(x, self.f, self._free_part).reshape(-1, 3)
+        free = self.A.matrix_free
+        if free is not None and free.found:
+            return self._with_prescribed(u)
         return self._refined(self._with_prescribed(u), -self.nodal_contact_force(x))
 
     def moved(self, u: FloatArray, alpha: FloatArray) -> FloatArray:

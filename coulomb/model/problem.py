@@ -25,7 +25,10 @@ from ..linalg.native import threads
 from ..linalg.stiffness import IterativeSolver
 from ..linalg.unsolved import TooSlow, Unsolved
 from ..solvers.automatic import Automatic
+from ..solvers.condensed import CondensedSystem
+from ..solvers.dense_system import DenseSystem
 from ..solvers.friction_problem import Solver
+from ..solvers.interior_point import InteriorPoint
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from .acceptance import CERTIFIED_FROM, Acceptance
 from .contact import Contact
@@ -209,10 +212,11 @@ class ContactProblem(PosedProblem):
             try:
                 return self._solved(tolerance, solver, progress, start)
             except TooSlow as slow:
-                self.body.change_method(str(slow))
+                self.body.change_method(str(slow), condense=solver is None)
             except NotConverged as failure:
                 ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
-                if ended or not self.body.change_method(failure.result.message):
+                condense = solver is None and not self.body.explicit
+                if ended or not self.body.change_method(failure.result.message, condense):
                     raise
             self.forget_stiffness()
 
@@ -220,13 +224,14 @@ class ContactProblem(PosedProblem):
         self, tolerance: float, solver: Solver | None, progress: ProgressCallback | None, start: FloatArray | None
     ) -> Solution:
         """The answer by the present method for K^-1; arguments and errors as of `solve`."""
-        chosen = solver or Automatic(tolerance)
+        chosen = solver or self._default(tolerance)
         acceptance, counted = Acceptance(self), CountedProgress(progress)
         with self.body.limited(self.stiffness.solver):
             problem = self.friction_problem  # K^-1, A and b are timed separately
             if chosen.tolerance <= CERTIFIED_FROM:
                 problem = replace(problem, accept=acceptance, balanced=acceptance.gradient)
-            with timed(self.seconds, "solve"), _one_blas_thread(self._by_threads):
+            limit = nullcontext() if solver else self.body.few_products(self.A)
+            with timed(self.seconds, "solve"), _one_blas_thread(self._by_threads), limit:
                 try:
                     result = chosen.solve(problem, start, progress=counted)
                 except NotConverged as failure:
@@ -236,6 +241,12 @@ class ContactProblem(PosedProblem):
         answer = self.solution(result, acceptance)
         warn(answer)
         return answer
+
+    def _default(self, tolerance: float) -> Solver:
+        """The solver where the user chooses none."""
+        if self.body.condensed:
+            return InteriorPoint(tolerance, newton=CondensedSystem())
+        return InteriorPoint(tolerance, newton=DenseSystem()) if self.body.dense else Automatic(tolerance)
 
     def solution(self, result: SolverResult, acceptance: Acceptance | None = None) -> Solution:
         """Displacement and certificate of a solver's result, converged or not; from `acceptance` if it has them."""

@@ -45,8 +45,16 @@ from ..arrays import FloatArray
 from ..linalg.petsc_options import configured_ksp
 from ..linalg.reductions import Reductions
 from .linearization import Linearization, NodalInverse
-from .newton_systems import NewtonEquations, NewtonStep, NewtonSystem
+from .newton_systems import ROUNDING, NewtonEquations, NewtonStep, NewtonSystem
 from .scaled_compliance import ScaledCompliance
+
+_FACTORS: dict[str, str | float] = {
+    "ksp_norm_type": "unpreconditioned",
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": 60,
+    "mat_mumps_icntl_7": 5,
+}
 
 
 def _multigrid() -> dict[str, str | float]:
@@ -70,7 +78,7 @@ class CondensedSystem:
         tight: |e| over that of the right-hand side, at least: below it is rounding.
         first: Accuracy of the first y, at best.
         max_iterations: Krylov iterations of a step.
-        multigrid: PETSc's options.
+        multigrid: PETSc's options; where K is factorised, so is this matrix.
     """
 
     contrast: float = 1e-7
@@ -127,7 +135,7 @@ class _Condensed:
 
     def start(self, x: FloatArray, tolerance: float) -> FloatArray:
         """B y of the first iterate; the first step adds the rest of y."""
-        self._compliance.response(self._scaled.forces(x), max(tolerance, self._settings.first)).copy(self._y)
+        self._compliance.response(self._scaled.forces(x), self._y, max(tolerance, self._settings.first))
         return self._image(x)
 
     def advance(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
@@ -148,10 +156,10 @@ class _Condensed:
         return self._scaled.mult_incremental(x)
 
     def _image(self, x: FloatArray) -> FloatArray:
-        self._spread(self._scaled.forces(x), self._rhs)
+        self._compliance.forces(self._scaled.forces(x), self._rhs)
         self._K.mult(self._y, self._R)
         self._R.aypx(-1.0, self._rhs)
-        return self._gathered(self._y)
+        return self._scaled.image(self._compliance.displaced(self._y))
 
     def _spread(self, forces: FloatArray, v: PETSc.Vec) -> None:
         """v <- B^T forces."""
@@ -175,10 +183,14 @@ class _Condensed:
         self._rhs.axpy(1.0, self._R)
         size, lacking = self._rhs.norm(), self._R.norm()
         settings = self._settings
-        ksp = configured_ksp(self._stiffened, self._method, settings.multigrid, operator=self._operator)
-        _sweep_by_nodes(ksp)
+        factorised = self._compliance.factorised
+        options = _FACTORS if factorised else settings.multigrid
+        ksp = configured_ksp(self._stiffened, self._method, options, operator=self._operator)
+        if not factorised:
+            _sweep_by_nodes(ksp)
         ksp.setErrorIfNotConverged(False)  # a poor step leads to a short step length, and shows in the final residual
-        goal = max(min(settings.loose * size, settings.share * lacking), settings.tight * size)
+        least = ROUNDING if factorised else settings.tight
+        goal = max(min(settings.loose * size, settings.share * lacking), least * size)
         ksp.setTolerances(rtol=0.0, atol=goal, divtol=1e30, max_it=settings.max_iterations)
         ksp.solve(self._rhs, self._w)
         iterations = int(ksp.getIterationNumber())

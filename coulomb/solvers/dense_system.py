@@ -33,7 +33,7 @@ class _Dense(ProductImages):
         super().__init__(A)
         if A.comm.size > 1:
             raise ValueError("dense Newton systems work on one rank; use a Krylov one: solver.newton of the case file")
-        self._A: FloatArray = np.array([A.mult(e.reshape(-1, 3)).ravel() for e in np.eye(3 * A.nodes)]).T
+        self._A: FloatArray = A.dense()
 
     def solve(self, wanted: NewtonEquations) -> NewtonStep:
         """The step to rounding accuracy; weight, tolerance and cap are not used."""

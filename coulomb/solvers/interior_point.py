@@ -263,7 +263,7 @@ class _Path:
         """The iterate with its most accurate A x: once a certificate has failed, that of the balanced displacement."""
         scaled, balanced = self._scaled, self._problem.balanced
         if balanced is None or not self._goal.refused:
-            return v._replace(A_x=self._newton.exact_product(scaled.forces(v.x_n, v.y)))
+            return v._replace(A_x=self._newton.exact_product(scaled.forces(v.x_n, v.y)), w=None)
         return scaled.with_gradient(v, balanced(scaled.unscaled(v)[0]))
 
     def _steps(self, v: Iterate, patient: bool) -> SolverResult:
@@ -297,7 +297,8 @@ class _Path:
                 exact = self._exact(v)
                 forces, force_gradient, multipliers = scaled.unscaled(exact)
                 if goal.refused:
-                    v = v._replace(A_x=newton.corrected(v.A_x, exact.A_x))
+                    A_x = newton.corrected(v.A_x, exact.A_x)
+                    v = exact if A_x is exact.A_x else v._replace(A_x=A_x)
                     gradient = scaled.infeasibility(v)
                     beta = max(beta, settings.widening * gradient / theta)
                 residual = problem.residual(forces, force_gradient)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arrays import FloatArray
-from ..linalg.compliance import Compliance
+from ..linalg.compliance import Compliance, Formed
 from ..linalg.learnt_columns import LearntColumns
 from ..linalg.reductions import Reductions, summed
 
@@ -56,6 +56,14 @@ class ScaledCompliance:
         y = np.empty(self.W.size)
         self.A.mult_incremental(self.forces(x), y, tolerance)
         return self.image(y)
+
+    def dense(self) -> FloatArray:
+        """A~ as an array, shape (3 m, 3 m), on one rank: as A has it, or by 3 m products."""
+        A, W = self.A, self.W.ravel()
+        if isinstance(A, Formed):
+            dense: FloatArray = W[:, None] * A.dense() * W / self.a
+            return dense
+        return np.array([self.mult(e.reshape(-1, 3)).ravel() for e in np.eye(W.size)]).T
 
     def resultant(self, x: FloatArray) -> FloatArray:
         """G~ x of all ranks, shape (r,); collective."""

@@ -41,13 +41,17 @@ _ROUGHLY = 1e-3
 
 
 class Iterate(NamedTuple):
-    """x_n (m,), y (m, 2), nu (m, 2), A x (m, 3), alpha (r,), in scaled variables; x_n > lower, |y| < 1, nu > 0."""
+    """x_n (m,), y (m, 2), nu (m, 2), A x (m, 3), alpha (r,), in scaled variables; x_n > lower, |y| < 1, nu > 0.
+
+    w is A x - b (m, 3) where it is known as such, without the rounding errors of A x and b; else None.
+    """
 
     x_n: FloatArray
     y: FloatArray
     nu: FloatArray
     A_x: FloatArray
     alpha: FloatArray = NO_MOTION
+    w: FloatArray | None = None
 
 
 class Step(NamedTuple):
@@ -188,7 +192,7 @@ class ScaledProblem:
 
     def gradient(self, v: Iterate) -> FloatArray:
         """(w_n - nu1, w_t + nu2 y) on the unknowns, shape (m, 3)."""
-        r: FloatArray = v.A_x - self._b
+        r = self._w(v)
         if len(self.e):
             r -= self.A.G @ v.alpha
         r[:, 0] -= v.nu[:, 0]
@@ -270,8 +274,13 @@ class ScaledProblem:
 
     def displaced(self, v: Iterate) -> FloatArray:
         """A x - b in metres, shape (3 m,), without rigid motions."""
-        displaced: FloatArray = (self._a * self._s / self._W * (v.A_x - self._b)).ravel()
+        displaced: FloatArray = (self._a * self._s / self._W * self._w(v)).ravel()
         return displaced
+
+    def _w(self, v: Iterate) -> FloatArray:
+        """A~ x~ - b~ without rigid motions, shape (m, 3)."""
+        w: FloatArray = v.A_x - self._b if v.w is None else v.w.copy()
+        return w
 
     def rigid_motion(self, v: Iterate) -> FloatArray:
         """alpha (q,) in the user's units, the shortest; empty without rigid motions."""
@@ -282,7 +291,8 @@ class ScaledProblem:
 
     def with_gradient(self, v: Iterate, gradient: FloatArray) -> Iterate:
         """The iterate with A x - b in metres, shape (3 m,), without rigid motions, not from its A x."""
-        return v._replace(A_x=self.A.image(gradient) + self._b)
+        w = self.A.image(gradient)
+        return v._replace(A_x=w + self._b, w=w)
 
     # --- warm starts -------------------------------------------------------------------------------------------------
 
