@@ -76,7 +76,7 @@ def test_dense_system_and_its_matrix(system):
     exact = np.linalg.solve(J, np.concatenate([r1.ravel(), r2.ravel()]))
     newton, compliance = make(DenseSystem(), A)
     step = newton.solve(NewtonEquations(at, r1, r2, ONE, 0.1, np.inf))
-    assert compliance.products == 3 * NODES and step.iterations == 0
+    assert compliance.products == 0 and step.iterations == 0  # A is there as a matrix
     assert np.allclose(step.dx.ravel(), exact[: 3 * NODES], rtol=1e-8, atol=1e-12 * np.abs(exact).max())
     assert np.allclose(step.dnu.ravel(), exact[3 * NODES :], rtol=1e-6, atol=1e-9 * np.abs(exact).max())
     assert np.allclose(step.A_dx.ravel(), A @ step.dx.ravel())

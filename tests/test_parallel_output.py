@@ -40,7 +40,7 @@ def broken(*_, **__):
         ("coulomb.io.output.write_json", forgetful, (KeyError, RuntimeError), "a fault of the program"),
         ("h5py.File.create_dataset", broken, OSError, "solution.h5: unable to extend the file"),
         ("h5py.File.close", broken, OSError, "solution.h5: unable to extend the file"),
-        ("coulomb.io.grid_file._describe", broken, OSError, "unable to extend the file"),
+        ("coulomb.io.grid_file._description", broken, OSError, "unable to extend the file"),
     ],
 )
 def test_an_error_of_the_rank_that_writes_is_raised_on_all(solution, folder, place, action, error, said):
