@@ -164,14 +164,18 @@ class MatrixCompliance:
 
     def dense(self) -> FloatArray:
         """This rank's rows as an array, shape (3 m, all columns); not to be changed."""
-        rows: FloatArray = self.matrix.getDenseArray()
+        rows: FloatArray = self.matrix.getDenseArray() if self._is_dense else self.sparse().toarray()
         return rows
+
+    @property
+    def _is_dense(self) -> bool:
+        return self.matrix.getType() in (PETSc.Mat.Type.SEQDENSE, PETSc.Mat.Type.MPIDENSE, PETSc.Mat.Type.DENSE)
 
     def sparse(self) -> Any:
         """This rank's rows as a sparse matrix, shape (3 m, all columns); not to be changed."""
         if self._rows is not None:
             return self._rows
-        if self.matrix.getType() in (PETSc.Mat.Type.SEQDENSE, PETSc.Mat.Type.MPIDENSE, PETSc.Mat.Type.DENSE):
+        if self._is_dense:
             return scipy.sparse.csr_matrix(self.dense())
         indptr, indices, data = self.matrix.getValuesCSR()
         return scipy.sparse.csr_matrix((data, indices, indptr), shape=(3 * self.nodes, self.matrix.getSize()[1]))
