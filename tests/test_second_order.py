@@ -114,12 +114,10 @@ def test_constant_tractions_are_the_loads_of_a_pressure(cell):
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_gaps_of_a_plane_face(cell):
-    """Of an inclined plane: the gap at the mean place.  Of a ball: the mean of the gaps of the nodes, that at the mean
-    place where it touches, and between the two near it."""
+def test_gaps_are_averages(cell):
+    """Of a plane that is inclined: the gap at the mean place.  Of a ball: by the gaps of the nodes."""
     inclined, ball = Plane((0.0, 0.0, -0.1), (0.0, 0.1, 1.0)), Sphere((1.0, 0.5, -3.0), 2.9)
-    touching = Sphere((1.0, 0.5, -3.0), 3.0)
-    for foundation in (inclined, ball, touching):
+    for foundation in (inclined, ball):
         problem = ContactProblem(
             coulomb.box((2.0, 1.0, 1.0), (2, 2, 1), cell, degree=2),
             STEEL,
@@ -127,15 +125,11 @@ def test_gaps_of_a_plane_face(cell):
             Contact("bottom", 0.3, foundation=foundation),
         )
         surface = problem.surface
-        there, x = foundation.signed_distance(surface.x), problem.elasticity.x
-        nodes = np.where(x[:, 2] == 0.0, foundation.signed_distance(x), 0.0)
-        mean = surface.points.weights @ nodes
-        far = there >= 2.0 * (mean - there)
-        assert surface.gap[far] == pytest.approx(mean[far], abs=1e-14)
-        assert np.all(surface.gap >= there - 1e-14) and np.all(surface.gap <= mean + 1e-14)
-        if foundation is touching and cell == "tetrahedron":
-            nearest = np.argmin(there)
-            assert there[nearest] == 0.0 and surface.gap[nearest] == 0.0 and mean[nearest] > 0.005
+        if foundation is inclined:
+            assert surface.gap == pytest.approx(foundation.signed_distance(surface.x), abs=1e-14)
+        else:
+            on_face = np.where(problem.elasticity.x[:, 2] == 0.0, foundation.signed_distance(problem.elasticity.x), 0.0)
+            assert surface.gap == pytest.approx(surface.points.weights @ on_face, abs=1e-14)
 
 
 @pytest.mark.parametrize("cells", [2, 4, 8])
@@ -223,7 +217,7 @@ def test_a_roller_between_contact_points_is_not_missed_silently(radius, touched)
     solution = ContactProblem(mesh, Material(2e11, 0.0), [Clamp("left")], contact, [Pressure("top", 1e5)]).solve()
     assert (solution.at_nodes.totals()["normal_force"] > 1900.0) == touched
     assert solution.certificate.passed and solution.valid == touched
-    assert touched or "facets are too large" in solution.small_strain.warnings[-1]
+    assert solution.small_strain.warnings and "facets are too large" in solution.small_strain.warnings[-1]
     x, u = solution.problem.elasticity.x, solution.displacement
     depth = -roller.signed_distance(x[x[:, 2] == 0.0] + u[x[:, 2] == 0.0]).min()
     forces = np.linalg.norm(solution.problem.elasticity.internal_force(u), axis=1).sum()
@@ -232,9 +226,9 @@ def test_a_roller_between_contact_points_is_not_missed_silently(radius, touched)
 
 
 def test_a_ball_that_no_mean_touches_is_found():
-    """The body moves without deformation, past a small ball that is between its contact points."""
+    """The body moves without deformation, past a ball that is between its contact points."""
     mesh = coulomb.box((1.0, 1.0, 0.5), (4, 4, 2), "tetrahedron", degree=2)
-    ball = Contact("bottom", 0.3, foundation=Sphere((0.375, 0.5, -0.1), 0.1))
+    ball = Contact("bottom", 0.3, foundation=Sphere((0.5, 0.5, -20.0), 20.0))
     press = PrescribedDisplacement("top", (0.0, 0.0, -1e-4))
     solution = ContactProblem(mesh, STEEL, [press], ball).solve()
     assert solution.at_nodes.totals()["normal_force"] == 0.0 and not solution.valid

@@ -27,7 +27,6 @@ from . import compat
 from .compat import fem, ufl
 from .constraints import HeldDirections
 from .displacement_space import DisplacementSpace
-from .exchange import fetched, starts_of
 from .held_nodes import Nodes, distributed_rows
 
 if TYPE_CHECKING:
@@ -83,14 +82,6 @@ class ContactPoints:
         given.destroy()
         result.destroy()
         return averages
-
-    def least(self, values: FloatArray) -> FloatArray:
-        """The smallest of the values (k,) at the nodes of each average, shape (m,); collective."""
-        comm, local = self.space.comm, self.space.numbering.local
-        nodes, at = np.unique(self.weights.indices, return_inverse=True)
-        there = fetched(comm, starts_of(comm, local), nodes.astype(np.int64), values[:local])[at]
-        first = self.weights.indptr[:-1]
-        return np.minimum.reduceat(there, first) if len(first) else np.empty(0)
 
     def opposite_average(self, values: FloatArray) -> FloatArray | None:
         """Averages over the faces opposite of values (k, d) at this rank's nodes, shape (m, d), 0 against foundations;

@@ -31,7 +31,8 @@ class _Side:
     """A face, over all ranks.
 
     Attributes:
-        spacing: Mean distance of its nodes in metres.
+        spacing: Mean distance of its contact points if it were the slave in metres: nodes, vertices of 10-node
+            tetrahedra.
         clamped: Share of its nodes whose displacement along the normal is prescribed.
     """
 
@@ -76,9 +77,10 @@ def clamped_nodes(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArra
 def _side(elasticity: Deformable, face: str) -> _Side:
     member, facets = elasticity.face(face, "contact")
     body, nodes = member.body, member.body.nodes_of(facets)
-    mine = [len(nodes), body.area_of(facets).sum(), len(clamped_nodes(body, facets))]
-    count, area, clamped = elasticity.comm.allreduce(np.array(mine, dtype=np.float64), op=MPI.SUM)
-    return _Side(float(np.sqrt(area / max(count, 1.0))), float(clamped / max(count, 1.0)))
+    points = np.intersect1d(nodes, body.vertices.node).size if not body.positive else len(nodes)
+    mine = [len(nodes), points, body.area_of(facets).sum(), len(clamped_nodes(body, facets))]
+    count, number, area, clamped = elasticity.comm.allreduce(np.array(mine, dtype=np.float64), op=MPI.SUM)
+    return _Side(float(np.sqrt(area / max(number, 1.0))), float(clamped / max(count, 1.0)))
 
 
 def _stiffness(elasticity: Deformable, face: str) -> float:

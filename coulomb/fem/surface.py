@@ -59,8 +59,8 @@ class ContactSurface:
         free_B: B without the parts of its rows along prescribed directions: A = free_B K^-1 free_B^T.  B itself if
             no contact node has a prescribed direction.
         foundations: The foundation of each face, to which gaps are measured; None against a deformable face.
-        chords: Of each face, how far gaps near the foundation or the other face are from linear between the contact
-            points, metres: h^2/(8 R) on curved faces.
+        chords: Of each face, how far gaps near the face opposite are from linear between the contact points, metres:
+            h^2/(8 R) on curved faces; 0 against a foundation.
         remarks: What a user should know of it.
     """
 
@@ -163,7 +163,6 @@ def contact_surface(
     phi, the signed distance: exact to first order in u, and the condition itself for a plane.  With the body's, n is
     the mean normal of the facets around the node, weighted by its hat function, and gap is the distance along n to the
     foundation; if that ray misses it, to the tangent plane of the foundation's point nearest to the node.
-    A contact point that is a mean over several nodes has the gap of `gap_of_mean`.
 
     Nodes where the face is turned away from the foundation cannot touch it and are no contact points.
     Nodes whose normal displacement is prescribed are no contact nodes; vertices of 10-node tetrahedra only if the other
@@ -215,14 +214,7 @@ def contact_surface(
         what = f"contact face {face!r}: foundation"
         gap[on_face] = on_all_ranks(lambda: way_along(mean, place, gap[on_face], foundation), what, comm)
         n = outward[points.nodes] / np.linalg.norm(outward[points.nodes], axis=1)[:, None]
-    distance, chord = gap[points.nodes], 0.0
-    if not points.nodal:
-        on = places_on_face(body.x[points.nodes], x, outward[points.nodes])
-        there = _evaluate(foundation.signed_distance, on, 1, comm, face)
-        if normals == "body":
-            there = on_all_ranks(lambda: way_along(n, on, there, foundation), what, comm)
-        chord = largest_near(there, 1.5 * np.abs(points.average(gap) - there), comm)
-        distance = gap_of_mean(there, points.average(gap), points.least(gap))
+    distance = points.average(gap)
 
     H, along = body.held.projector_at(points.nodes), held_length(n, points.held(body.held))
     turned = away[points.nodes]
@@ -252,7 +244,7 @@ def contact_surface(
     left_out = comm.allreduce(int(turned.sum()), op=MPI.SUM)
     remark = f"contact face {face!r}: {left_out} of its nodes face away from the foundation and are no contact points"
     remarks = (remark,) if left_out else ()
-    return ContactSurface((face,), part, points, x, frames, gaps, field, *matrices, (foundation,), (chord,), remarks)
+    return ContactSurface((face,), part, points, x, frames, gaps, field, *matrices, (foundation,), (0.0,), remarks)
 
 
 def turned_away(slope: FloatArray, outward: FloatArray) -> npt.NDArray[np.bool_]:
@@ -267,39 +259,6 @@ def largest_near(gap: FloatArray, chord: FloatArray, comm: MPI.Comm) -> float:
     """The largest chord (m,) of points whose gaps (m,) are no more than twice as large, metres; collective."""
     near = np.abs(gap) <= 2.0 * chord
     return float(comm.allreduce(float(np.max(chord[near], initial=0.0)), op=MPI.MAX))
-
-
-def gap_of_mean(there: FloatArray, mean: FloatArray, least: FloatArray) -> FloatArray:
-    """The gap of contact points that are means around vertices, metres, shape (m,).
-
-    The mean of the gaps goes with the mean of the displacements: where facets are small beside the contact its error is
-    the smallest.  But where a curved face touches at a vertex, its gap at the place of the mean is 0 and the mean
-    c = h^2/(12 R) more: the vertex would go into the foundation by as much.  So at places nearer than 2 c the mean is
-    reduced, at the place that touches by c.  Measured with a ball of 10 mm on a plane, 10-node tetrahedra: see the page
-    on theory.
-
-    Args:
-        there: The gaps at `places_on_face`.
-        mean: The means of the gaps of the nodes.
-        least: The smallest of these: what is not negative remains so.
-    """
-    above = np.maximum(mean - there, 0.0)
-    gap: FloatArray = np.maximum(mean - np.clip(2.0 * above - there, 0.0, above), np.minimum(least, 0.0))
-    return gap
-
-
-def places_on_face(x: FloatArray, mean: FloatArray, outward: FloatArray) -> FloatArray:
-    """Places on a face of contact points that are means around vertices, metres, shape (m, 3): the mean places without
-    their offsets from the face, to first order.
-
-    Args:
-        x: The vertices, metres, shape (m, 3).
-        mean: The means of the places of the nodes, metres, shape (m, 3).
-        outward: Normals of the face at the vertices, of any length, shape (m, 3).
-    """
-    unit = outward / np.linalg.norm(outward, axis=1)[:, None]
-    places: FloatArray = mean - np.einsum("mi,mi->m", mean - x, unit)[:, None] * unit
-    return places
 
 
 def without_rounding(gap: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArray:

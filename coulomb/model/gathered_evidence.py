@@ -18,7 +18,7 @@ from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
 from ..fem.contact_points import ContactPoints, contact_points, joined_points
 from ..fem.pair import pair_frames
 from ..fem.rigid_motion import RigidMotion
-from ..fem.surface import gap_of_mean, places_on_face, turned_away, way_along
+from ..fem.surface import turned_away, way_along
 from ..fem.user_values import on_all_ranks
 from ..solvers.laws import FrictionLaw
 from .contact_body import ContactBody
@@ -188,12 +188,8 @@ def _face(
     gap[nodes] = on_all_ranks(lambda: distances(elasticity.x[nodes], outward[nodes]), what, comm)
     given = np.zeros(len(elasticity.x))
     given[nodes] = contact.gap_factor(time, comm) * contact.gap_at(elasticity.x[nodes], comm)
-    distance, at_vertices = gap[points.nodes], slope(elasticity.x[points.nodes])
-    if not points.nodal:
-        on = places_on_face(elasticity.x[points.nodes], x, outward[points.nodes])
-        there = on_all_ranks(lambda: distances(on, n), what, comm)
-        distance = gap_of_mean(there, points.average(gap), points.least(gap))
-    gaps = distance + points.average(given)
+    at_vertices = slope(elasticity.x[points.nodes])
+    gaps = points.average(gap + given)
     H = elasticity.held.projector_at(points.nodes)
     facing = ~turned_away(at_vertices, outward[points.nodes])
     free = facing & (held_length(n, points.held(elasticity.held)) <= HELD_BEYOND)

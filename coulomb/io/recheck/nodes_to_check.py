@@ -16,7 +16,7 @@ import scipy.sparse
 from ...arrays import FloatArray
 from ...fem.contact_frames import HELD_BEYOND, held_length, supported_frames
 from ...fem.contact_points import contact_points
-from ...fem.surface import gap_of_mean, places_on_face, turned_away
+from ...fem.surface import turned_away
 from ...model.accumulated import ACCUMULATED
 from ...nearest import tree_of
 from ...solvers.laws import FrictionLaw
@@ -134,15 +134,9 @@ def _face(
         on_nodes[on, 0] = distance
         if not case.lacks_gap(number):
             on_nodes[on, 1] = case.given_gap(number, time, place)
-        given = weights @ on_nodes[:, 1]
+        distance, given = (weights @ on_nodes).T
         slope = -case.normals(number, time, run.on_face["x"][index])
         turned = turned_away(slope, unit)
-        distance = on_nodes[index, 0]
-        if not points.nodal:
-            least = np.minimum.reduceat(on_nodes[weights.indices, 0], weights.indptr[:-1])
-            there = places_on_face(run.on_face["x"][index], x, unit)
-            there = case.distances(number, time, there, area, unit)
-            distance = gap_of_mean(there, weights @ on_nodes[:, 0], least)
         given = data["given_gap"] if case.lacks_gap(number) else given
         gap = distance + given
         law = case.law(number, x, area, time, np.zeros(len(x)) if slip_rate is None else slip_rate[index])
