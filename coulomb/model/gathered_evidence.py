@@ -176,20 +176,20 @@ def _face(
 
     n = outward[points.nodes] if contact.normals == "body" else -slope(x)
 
-    def distances(there: FloatArray, n: FloatArray) -> FloatArray:
-        """Of points (k, 3), along normals if these are the body's."""
-        place = here.undone(there)  # in the foundation's coordinates
+    def remaining() -> FloatArray:
+        place = here.undone(elasticity.x[nodes])  # in the foundation's coordinates
         if len(place) == 0:
             return np.zeros(0)
         distance = foundation.signed_distance(place)
-        return way_along(here.turned_back(n), place, distance, foundation) if contact.normals == "body" else distance
+        if contact.normals == "body":
+            return way_along(here.turned_back(outward[nodes]), place, distance, foundation)
+        return distance
 
     gap = np.zeros(len(elasticity.x))
-    gap[nodes] = on_all_ranks(lambda: distances(elasticity.x[nodes], outward[nodes]), what, comm)
-    given = np.zeros(len(elasticity.x))
-    given[nodes] = contact.gap_factor(time, comm) * contact.gap_at(elasticity.x[nodes], comm)
+    gap[nodes] = on_all_ranks(remaining, what, comm)
+    gap[nodes] += contact.gap_factor(time, comm) * contact.gap_at(elasticity.x[nodes], comm)
     at_vertices = slope(elasticity.x[points.nodes])
-    gaps = points.average(gap + given)
+    gaps = points.average(gap)
     H = elasticity.held.projector_at(points.nodes)
     facing = ~turned_away(at_vertices, outward[points.nodes])
     free = facing & (held_length(n, points.held(elasticity.held)) <= HELD_BEYOND)
