@@ -87,7 +87,7 @@ class BilinearForm:
         sizes = [float(np.max(np.abs(one), initial=0.0)) for one in values.functions]
         sizes = [float(np.max(comm.allgather(size))) for size in sizes]  # nan is the largest
         names += ["a constant"] * len(values.constants)
-        sizes += np.abs(values.constants).tolist()
+        sizes += map(float, np.abs(values.constants))
         wrong = ((name, size) for name, size in zip(names, sizes, strict=True) if not 0.0 < size < np.inf)
         said = (f"; {name} in a is {'0' if size == 0.0 else 'not finite'}" for name, size in wrong)
         return "".join(dict.fromkeys(said))

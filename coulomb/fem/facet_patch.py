@@ -154,7 +154,7 @@ class FacetPatch:
                 f"has a node off the surface given for it by {100 * np.max(off):.3g} % of its facet, at x = {where}: "
                 "give the surface on which its nodes are"
             )
-        places = self._in_second_order.reshape(-1, 3)
+        places: FloatArray = self._in_second_order.reshape(-1, 3)
         for _ in range(2):  # signed distances may be so to first order only
             places = places - surface.signed_distance(places)[:, None] * surface.normal(places)
         return replace(self, curved=places.reshape(len(self), -1, 3))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -86,7 +87,7 @@ class ContactFaces:
         return self._pairs[number]
 
     def _all_pairs(self, elasticity: Deformable) -> dict[int, Pair]:
-        taken = np.zeros(len(elasticity.x), dtype=bool)
+        taken: npt.NDArray[np.bool_] = np.zeros(len(elasticity.x), dtype=bool)
         for contact in self._contacts:
             if contact.against is None:
                 taken[elasticity.nodes(contact.face, "contact")] = True

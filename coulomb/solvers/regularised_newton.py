@@ -126,7 +126,9 @@ class _Run:
         self._products, self._history = problem.A.products, list[QPStep]()
         a, m, rigid = problem.mean_diagonal, problem.A.nodes, problem.rigid
         self._a, self._s = a, float(np.abs(problem.b).max()) / a or float(np.max(np.abs(problem.lower))) or 1.0
-        self._G, self._e, self._T = np.empty((0, 3 * m)), NO_MOTION, np.empty((0, 0))
+        self._e = NO_MOTION
+        self._G: FloatArray = np.empty((0, 3 * m))
+        self._T: FloatArray = np.empty((0, 0))
         if rigid is not None:
             basis = problem.motion_basis
             self._s = max(self._s, basis.distance(rigid.e))
@@ -139,7 +141,7 @@ class _Run:
         lower: FloatArray = np.broadcast_to(np.asarray(problem.lower, dtype=float) / s, (m,))
         self._equations = [ContactEquations(law, lower, problem.frictional, k * self._d, k * self._d) for k in _WEIGHTS]
         self._scales = Scales.of(problem) if ConeInteriorPoint().suits(problem) else None
-        self._best = (np.inf, np.zeros(3 * m), np.zeros(self._T.shape[1]))
+        self._best: tuple[float, FloatArray, FloatArray] = np.inf, np.zeros(3 * m), np.zeros(self._T.shape[1])
         self._status = Status.STAGNATED
 
     def follow(self) -> SolverResult:
