@@ -22,25 +22,27 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("GOMP_SPINCOUNT", "1000")
 
 if TYPE_CHECKING:
-    from .fem.body import Material
-    from .fem.elasticity import Elasticity
-    from .fem.form_body import Body
-    from .fem.join import join
-    from .fem.joined_mesh import JoinedMesh
-    from .fem.loads import Pressure, TotalForce, Traction
-    from .fem.meshes import box, read_gmsh, read_mesh, read_xdmf
-    from .fem.moved_mesh import moved
-    from .fem.named_mesh import NamedMesh
-    from .fem.nodal_field import NodalField
-    from .fem.obstacles import Cylinder, Plane, SignedDistance, Sphere
-    from .fem.orthotropic import OrthotropicMaterial
-    from .fem.raised import raised
-    from .fem.rigid_motion import Rotation
-    from .fem.supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, SymmetryPlane
-    from .fem.surface import ContactSurface
-    from .fem.temperature import ThermalLoad
+    from .fem.bodies import (
+        Body,
+        Clamp,
+        Elasticity,
+        Material,
+        OrthotropicMaterial,
+        PrescribedDisplacement,
+        PrescribedRotation,
+        Pressure,
+        Spring,
+        SymmetryPlane,
+        ThermalLoad,
+        TotalForce,
+        Traction,
+        join,
+    )
+    from .fem.contact import ContactSurface
+    from .fem.geometry import Cylinder, Plane, Rotation, SignedDistance, Sphere
+    from .fem.meshes import JoinedMesh, NamedMesh, NodalField, box, moved, raised, read_gmsh, read_mesh, read_xdmf
     from .io.history_files import HistoryFiles
-    from .linalg.stiffness import DirectSolver, IterativeSolver
+    from .linalg.compliance import DirectSolver, IterativeSolver
     from .load_curve import LoadCurve
     from .model.certificate import Certificate, Check
     from .model.certify import certify
@@ -55,17 +57,14 @@ if TYPE_CHECKING:
     from .model.solution import Solution
     from .solvers.automatic import Automatic
     from .solvers.condensed import CondensedSystem
-    from .solvers.cone_interior_point import ConeInteriorPoint
     from .solvers.dense_system import DenseSystem
     from .solvers.friction_problem import FrictionProblem
-    from .solvers.general import solve_coulomb, solve_tresca
     from .solvers.interior_point import InteriorPoint
     from .solvers.kprgp import KPRGP
     from .solvers.laws import FrictionLaw
-    from .solvers.matrix_automatic import MatrixAutomatic
     from .solvers.newton_systems import AugmentedSystem, SchurComplementSystem
-    from .solvers.regularised_newton import RegularisedNewton
     from .solvers.results import NotConverged, Progress, SolverResult, Status
+    from .solvers.rigid import ConeInteriorPoint, MatrixAutomatic, RegularisedNewton, solve_coulomb, solve_tresca
     from .solvers.rigid_motions import RigidMotions
     from .solvers.successive_tresca import SuccessiveTresca
 
@@ -143,52 +142,99 @@ __all__ = [
 ]
 
 _PUBLIC = {
-    "model.certificate": ("Certificate", "Check"),
+    "fem.bodies": (
+        "Body",
+        "Clamp",
+        "Elasticity",
+        "Material",
+        "OrthotropicMaterial",
+        "PrescribedDisplacement",
+        "PrescribedRotation",
+        "Pressure",
+        "Spring",
+        "SymmetryPlane",
+        "ThermalLoad",
+        "TotalForce",
+        "Traction",
+        "join",
+    ),
+    "fem.contact": ("ContactSurface",),
+    "fem.geometry": (
+        "Cylinder",
+        "Plane",
+        "Rotation",
+        "SignedDistance",
+        "Sphere",
+    ),
+    "fem.meshes": (
+        "JoinedMesh",
+        "NamedMesh",
+        "NodalField",
+        "box",
+        "moved",
+        "raised",
+        "read_gmsh",
+        "read_mesh",
+        "read_xdmf",
+    ),
+    "io.history_files": ("HistoryFiles",),
+    "linalg.compliance": (
+        "DirectSolver",
+        "IterativeSolver",
+    ),
+    "load_curve": ("LoadCurve",),
+    "model.certificate": (
+        "Certificate",
+        "Check",
+    ),
     "model.certify": ("certify",),
     "model.contact": ("Contact",),
-    "model.friction": ("SlipRateFriction", "VariableFriction"),
-    "fem.body": ("Material",),
-    "fem.orthotropic": ("OrthotropicMaterial",),
-    "fem.elasticity": ("Elasticity",),
-    "fem.form_body": ("Body",),
-    "load_curve": ("LoadCurve",),
-    "fem.supports": ("Clamp", "PrescribedDisplacement", "PrescribedRotation", "Spring", "SymmetryPlane"),
-    "fem.loads": ("Pressure", "TotalForce", "Traction"),
-    "fem.meshes": ("box", "read_gmsh", "read_mesh", "read_xdmf"),
-    "fem.named_mesh": ("NamedMesh",),
-    "fem.join": ("join",),
-    "fem.joined_mesh": ("JoinedMesh",),
-    "fem.moved_mesh": ("moved",),
-    "fem.obstacles": ("Cylinder", "Plane", "SignedDistance", "Sphere"),
-    "fem.raised": ("raised",),
-    "fem.rigid_motion": ("Rotation",),
-    "fem.surface": ("ContactSurface",),
-    "fem.temperature": ("ThermalLoad",),
-    "fem.nodal_field": ("NodalField",),
-    "io.history_files": ("HistoryFiles",),
-    "solvers.general": ("solve_coulomb", "solve_tresca"),
     "model.equilibrium": ("NoEquilibrium",),
-    "model.load_history": ("LoadHistory", "StepFailed"),
-    "model.load_step": ("Energy", "LoadStep"),
-    "model.probes": ("Probe", "ProbeValue"),
-    "model.resultants": ("Resultant",),
+    "model.friction": (
+        "SlipRateFriction",
+        "VariableFriction",
+    ),
+    "model.load_history": (
+        "LoadHistory",
+        "StepFailed",
+    ),
+    "model.load_step": (
+        "Energy",
+        "LoadStep",
+    ),
+    "model.probes": (
+        "Probe",
+        "ProbeValue",
+    ),
     "model.problem": ("ContactProblem",),
+    "model.resultants": ("Resultant",),
     "model.solution": ("Solution",),
     "solvers.automatic": ("Automatic",),
     "solvers.condensed": ("CondensedSystem",),
-    "solvers.cone_interior_point": ("ConeInteriorPoint",),
-    "solvers.matrix_automatic": ("MatrixAutomatic",),
     "solvers.dense_system": ("DenseSystem",),
-    "solvers.successive_tresca": ("SuccessiveTresca",),
+    "solvers.friction_problem": ("FrictionProblem",),
     "solvers.interior_point": ("InteriorPoint",),
     "solvers.kprgp": ("KPRGP",),
-    "solvers.newton_systems": ("AugmentedSystem", "SchurComplementSystem"),
-    "solvers.regularised_newton": ("RegularisedNewton",),
-    "solvers.results": ("NotConverged", "Progress", "SolverResult", "Status"),
-    "linalg.stiffness": ("DirectSolver", "IterativeSolver"),
-    "solvers.friction_problem": ("FrictionProblem",),
-    "solvers.rigid_motions": ("RigidMotions",),
     "solvers.laws": ("FrictionLaw",),
+    "solvers.newton_systems": (
+        "AugmentedSystem",
+        "SchurComplementSystem",
+    ),
+    "solvers.results": (
+        "NotConverged",
+        "Progress",
+        "SolverResult",
+        "Status",
+    ),
+    "solvers.rigid": (
+        "ConeInteriorPoint",
+        "MatrixAutomatic",
+        "RegularisedNewton",
+        "solve_coulomb",
+        "solve_tresca",
+    ),
+    "solvers.rigid_motions": ("RigidMotions",),
+    "solvers.successive_tresca": ("SuccessiveTresca",),
 }
 """The public names by module; a module is loaded when one of its names is first used."""
 

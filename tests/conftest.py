@@ -25,7 +25,7 @@ from petsc4py import PETSc
 from skips import pytest_addoption, pytest_sessionfinish, pytest_terminal_summary  # noqa: F401  # hooks of pytest
 
 import coulomb
-from coulomb.linalg.compliance import MatrixCompliance
+from coulomb.linalg.compliance.compliance import MatrixCompliance
 
 DATA = Path(__file__).with_name("data")
 ROOT = Path(__file__).parents[1]

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 
-from coulomb.fem.constraints import HeldDirections
-from coulomb.fem.rigid_modes import rigid_modes
+from coulomb.fem.bodies.constraints import HeldDirections
+from coulomb.fem.bodies.rigid_modes import rigid_modes
 from coulomb.model.certificate import LIMIT
 from coulomb.model.evidence import Evidence
 

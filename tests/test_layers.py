@@ -21,6 +21,12 @@ def nodes(path):
     return list(ast.walk(ast.parse(path.read_text())))
 
 
+def is_module(name):
+    """Whether an absolute name is that of a file or folder of the package."""
+    path = PACKAGE.parent.joinpath(*name.split("."))
+    return path.with_suffix(".py").exists() or path.is_dir()
+
+
 @functools.cache
 def imports(path):
     """Absolute names of everything a file imports, inside functions too."""
@@ -32,7 +38,8 @@ def imports(path):
         elif isinstance(node, ast.ImportFrom):
             base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
             module = ".".join(filter(None, (base, node.module)))
-            found |= {module} | {f"{module}.{alias.name}" for alias in node.names}
+            names = {f"{module}.{alias.name}" for alias in node.names}
+            found |= names | ({module} if any(not is_module(name) for name in names) else set())
     return found
 
 
@@ -97,6 +104,34 @@ def test_no_import_cycle_of_files():
         assert ground, f"a circle among {sorted(arrows)}"
         for name in ground:
             del arrows[name]
+
+
+INNER_ROOMS = {
+    "fem.geometry": set(),
+    "fem.meshes": {"fem.geometry"},
+    "fem.bodies": {"fem.geometry", "fem.meshes"},
+    "fem.contact": {"fem.geometry", "fem.meshes", "fem.bodies"},
+    "linalg.factors": set(),
+    "linalg.multigrid": set(),
+    "linalg.compliance": {"linalg.factors", "linalg.multigrid"},
+    "solvers.rigid": set(),
+}
+"""Rooms within rooms, and which beside them they may import; files beside them import none.  All import what their
+`__init__` gives."""
+
+
+def test_imports_of_inner_rooms():
+    wrong = set()
+    for path in FILES:
+        here = own(path).rpartition("/")[0].replace("/", ".")
+        for name in imports(path):
+            outer = name.removeprefix("coulomb.").rpartition(".")[0]
+            target = next((room for room in INNER_ROOMS if f"{outer}.".startswith(f"{room}.")), here)
+            beside = here.partition(".")[0] == target.partition(".")[0]
+            allowed = INNER_ROOMS.get(here, set()) if beside else INNER_ROOMS
+            if target != here and (outer != target or target not in allowed):
+                wrong.add((own(path), name))
+    assert not wrong
 
 
 def test_only_compat_imports_dolfinx():

@@ -10,8 +10,8 @@ import pytest
 from conftest import ROOT, run_python
 
 import coulomb
-from coulomb.fem.obstacles import Revolved, RigidFoundation
-from coulomb.linalg.stiffness import StiffnessSolver
+from coulomb.fem.geometry.obstacles import Revolved, RigidFoundation
+from coulomb.linalg.compliance.stiffness import StiffnessSolver
 from coulomb.solvers.newton_systems import NewtonChoice, NewtonSystem
 
 PROTOCOLS = (

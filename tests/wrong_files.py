@@ -209,7 +209,9 @@ RESOURCES = (
         "a disk that fills up while results are written",
         run(),
         r"results: cannot be written: No space left on device",
-        patch=lambda: mock.patch("coulomb.fem.hdf5_target.HDF5Target.close", lambda _: os.strerror(errno.ENOSPC)),
+        patch=lambda: mock.patch(
+            "coulomb.fem.meshes.hdf5_target.HDF5Target.close", lambda _: os.strerror(errno.ENOSPC)
+        ),
         code=1,
     ),
     Wrong(

@@ -85,7 +85,7 @@ def document(answers):
     lines = [
         "# Messages about wrong input",
         "",
-        "Written by `python tests/wrong_inputs.py`; `tests/test_errors.py` compares it on one rank and on two. An",
+        "Written by `python tests/wrong_inputs.py`; `tests/cli/test_errors.py` compares it on one rank and on two. An",
         "error ends with exit code 2 before anything is solved, unless another code is given; after a warning the run",
         "continues. Here the case is `case.toml`, its mesh `part.msh`, its output `results`.",
     ]

@@ -9,9 +9,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.mesh_groups import local_facets
-from ..fem.meshes import distributed
-from ..fem.named_mesh import NamedMesh
+from ..fem.meshes import NamedMesh, distributed, local_facets
 
 IntArray = npt.NDArray[np.int64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..linalg.stiffness import DirectSolver
+from ..linalg.compliance import DirectSolver
 
 _COLUMNS_AT_ONCE = 512  # right-hand sides of one MatMatSolve: bounds the memory to this many displacement fields
 

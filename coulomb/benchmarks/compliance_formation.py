@@ -7,9 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linalg.compliance import Compliance
-from ..linalg.schur_compliance import SchurCompliance
-from ..linalg.stiffness import DirectSolver
+from ..linalg.compliance import Compliance, DirectSolver, SchurCompliance
 from .block import block
 from .by_columns import compliance_by_columns
 

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..io.run_directory import RunDirectory
-from ..linalg.methods import LinearSolver
-from ..linalg.stiffness import DirectSolver, IterativeSolver
+from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
 from ..model.estimate import estimate
 
 SIZES = (8, 16, 24)

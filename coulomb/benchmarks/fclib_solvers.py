@@ -22,8 +22,8 @@ import scipy.sparse
 
 from ..arrays import FloatArray
 from ..io.fclib import FCLIBProblem, read_fclib
-from ..solvers.general import solve_coulomb
 from ..solvers.results import NotConverged
+from ..solvers.rigid import solve_coulomb
 
 TOLERANCE = 1e-8
 OURS = "coulomb"

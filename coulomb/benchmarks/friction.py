@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..linalg.stiffness import DirectSolver
+from ..linalg.compliance import DirectSolver
 from ..solvers.dense_system import DenseSystem
 from ..solvers.friction_problem import FrictionProblem, Solver
 from ..solvers.interior_point import InteriorPoint

@@ -28,10 +28,8 @@ from mpi4py import MPI
 
 from ..case.case import read_case
 from ..io.peak_memory import peak_memory
-from ..linalg.methods import PREDICTED_UP_TO
-from ..linalg.multifrontal import predicted_work, symbolic
-from ..linalg.predicted_cost import seconds_direct, seconds_multigrid
-from ..linalg.stiffness import IterativeSolver
+from ..linalg.compliance import PREDICTED_UP_TO, IterativeSolver, seconds_direct, seconds_multigrid
+from ..linalg.factors import predicted_work, symbolic
 from ..model.load_history import LoadHistory
 from ..model.problem import ContactProblem
 from ..model.solution import Solution

@@ -21,12 +21,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.deformable import Member
-from ..fem.elasticity import Clamp, Elasticity
-from ..fem.surface import interpolated_forces
+from ..fem.bodies import Clamp, Elasticity, Member
+from ..fem.contact import interpolated_forces
 from ..io.peak_memory import peak_memory
+from ..linalg.compliance import DirectSolver, IterativeSolver
 from ..linalg.petsc_options import configured_ksp
-from ..linalg.stiffness import DirectSolver, IterativeSolver
 from ..model.problem import ContactProblem
 from ..ranks import ALONE
 from ..solvers.condensed import CondensedSystem

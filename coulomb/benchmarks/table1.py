@@ -7,10 +7,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
-from ..linalg.diagonal_estimate import estimated_diagonal
-from ..linalg.multifrontal import MultifrontalSolver
-from ..linalg.schur_compliance import SchurCompliance
-from ..linalg.stiffness import DirectSolver
+from ..linalg.compliance import DirectSolver, SchurCompliance, estimated_diagonal
+from ..linalg.factors import MultifrontalSolver
 from ..model.problem import ContactProblem
 from ..solvers.friction_problem import Solver
 from ..solvers.interior_point import InteriorPoint

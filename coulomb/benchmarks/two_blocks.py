@@ -17,9 +17,7 @@ import numpy as np
 import scipy.sparse
 
 from ..arrays import FloatArray
-from ..fem.body import Material
-from ..fem.elasticity import Clamp, Spring, Traction
-from ..fem.join import join
+from ..fem.bodies import Clamp, Material, Spring, Traction, join
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
 from .array_mesh import SIDES, IntArray, mesh_of_arrays

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from pydantic import AfterValidator, model_validator
 
-from ..fem.box_faces import BOX_FACES
+from ..fem.mesh_formats import BOX_FACES
 from .body import MeshTable
 from .material import MaterialTable, MaterialTables, materials_of, refuse_groups
 from .values import Name, Number, Table, Vector
@@ -17,10 +17,9 @@ from .values import Name, Number, Table, Vector
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from ..fem.joined_mesh import JoinedMesh
-    from ..fem.materials import AnyMaterial
-    from ..fem.named_mesh import NamedMesh
-    from ..fem.rigid_motion import Rotation
+    from ..fem.bodies import AnyMaterial
+    from ..fem.geometry import Rotation
+    from ..fem.meshes import JoinedMesh, NamedMesh
 
 
 def _identifier(name: str) -> str:
@@ -48,7 +47,7 @@ class RotateTable(Table):
 
     def rotation(self) -> Rotation:
         """What it describes."""
-        from ..fem.rigid_motion import Rotation
+        from ..fem.geometry import Rotation
 
         return Rotation(self.point, self.axis, self.angle)
 
@@ -76,7 +75,7 @@ class BodyTable(MeshTable):
         Raises:
             ValueError: On every rank, if the file cannot be read or used.
         """
-        from ..fem.moved_mesh import moved
+        from ..fem.meshes import moved
 
         try:
             mesh = super().mesh(comm)
@@ -99,7 +98,7 @@ def joined_mesh(bodies: Sequence[BodyTable], comm: MPI.Comm) -> JoinedMesh:
     Raises:
         ValueError: On every rank, if one cannot be read or used.
     """
-    from ..fem.joined_mesh import JoinedMesh
+    from ..fem.meshes import JoinedMesh
 
     return JoinedMesh({body.name: body.mesh(comm) for body in bodies})
 

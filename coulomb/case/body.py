@@ -17,8 +17,8 @@ from .values import Cells, FileName, GroupNumber, Length, Name, Table, Vector
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from ..fem.loads import Pressure, TotalForce, Traction
-    from ..fem.named_mesh import NamedMesh
+    from ..fem.bodies import Pressure, TotalForce, Traction
+    from ..fem.meshes import NamedMesh
 
 
 SMALL = 200_000
@@ -80,8 +80,7 @@ class MeshTable(Table):
         Raises:
             ValueError: On every rank, if the file cannot be read or used.
         """
-        from ..fem.meshes import box, read_mesh, read_xdmf
-        from ..fem.raised import raised
+        from ..fem.meshes import box, raised, read_mesh, read_xdmf
 
         if self.file is None:
             assert self.box is not None and self.cells is not None
@@ -107,7 +106,7 @@ class TractionTable(Table):
 
     def traction(self) -> Traction:
         """What the table describes."""
-        from ..fem.loads import Traction
+        from ..fem.bodies import Traction
 
         return Traction(self.face, field(self.value), amplitude_of(self.amplitude))
 
@@ -121,7 +120,7 @@ class PressureTable(Table):
 
     def pressure(self) -> Pressure:
         """What the table describes."""
-        from ..fem.loads import Pressure
+        from ..fem.bodies import Pressure
 
         return Pressure(self.face, coefficient(self.value), amplitude_of(self.amplitude))
 
@@ -135,6 +134,6 @@ class TotalForceTable(Table):
 
     def total_force(self) -> TotalForce:
         """What the table describes."""
-        from ..fem.loads import TotalForce
+        from ..fem.bodies import TotalForce
 
         return TotalForce(self.face, self.force, amplitude_of(self.amplitude))

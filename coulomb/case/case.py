@@ -38,13 +38,9 @@ from .values import TABLES, Table, Vector
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
     from mpi4py import MPI
 
-    from ..fem.joined_mesh import JoinedMesh
-    from ..fem.loaded_body import LoadedBody, Spring, Support
-    from ..fem.loads import Load
-    from ..fem.materials import AnyMaterial
-    from ..fem.named_mesh import NamedMesh
-    from ..fem.temperature import ThermalLoad
-    from ..fem.user_values import Coefficient
+    from ..fem.bodies import AnyMaterial, Load, LoadedBody, Spring, Support, ThermalLoad
+    from ..fem.geometry import Coefficient
+    from ..fem.meshes import JoinedMesh, NamedMesh
     from ..model.load_history import LoadHistory
     from ..model.problem import ContactProblem
     from ..solvers.friction_problem import Solver
@@ -87,7 +83,7 @@ class Case(Table):
         """
         from mpi4py import MPI
 
-        from ..linalg.stiffness import DirectSolver, IterativeSolver
+        from ..linalg.compliance import DirectSolver, IterativeSolver
         from ..model.problem import ContactProblem
 
         comm = comm or MPI.COMM_WORLD
@@ -141,9 +137,8 @@ class Case(Table):
         Raises:
             ValueError: On every rank, if the parts are inconsistent.
         """
-        from ..fem.distributed_bodies import distributed_bodies, made
-        from ..fem.joined_mesh import JoinedMesh
-        from ..fem.loaded_body import LoadedBody
+        from ..fem.bodies import LoadedBody, distributed_bodies, made
+        from ..fem.meshes import JoinedMesh
 
         clamps, loads, springs = self._acting
         mesh, thermal = self._mesh(comm), self._thermal

@@ -9,24 +9,14 @@ import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from ..arrays import FloatArray
-from ..fem.obstacles import Cylinder, Plane, RigidFoundation, Sphere
+from ..fem.geometry import Cylinder, Plane, RigidFoundation, Sphere
 from .curves import AmplitudeTable, MotionTable, amplitude_of, motion_of, rows_of
 from .field_file import GapAt, gap_of
 from .place import FrictionAt, SpeedAt, StressAt, VectorAt, coefficient, field
-from .values import (
-    ISOTROPIC,
-    ORTHOTROPIC,
-    TABLES,
-    Clearance,
-    Length,
-    Name,
-    Table,
-    Vector,
-)
+from .values import ISOTROPIC, ORTHOTROPIC, TABLES, Clearance, Length, Name, Table, Vector
 
 if TYPE_CHECKING:
-    from ..fem.rigid_motion import Rotation
-    from ..fem.user_values import Coefficient
+    from ..fem.geometry import Coefficient, Rotation
     from ..model.contact import Contact
     from ..model.friction import SlipRateFriction
 
@@ -149,7 +139,7 @@ class RotationTable(Table):
 
     def rotation(self) -> Rotation:
         """What it describes."""
-        from ..fem.rigid_motion import Rotation
+        from ..fem.geometry import Rotation
 
         return Rotation(self.point, self.axis, amplitude_of(self.angle))
 

@@ -15,7 +15,7 @@ from .text import read_text
 from .values import ROWS, FileName, Number, Table
 
 if TYPE_CHECKING:
-    from ..fem.user_values import Amplitude, Motion
+    from ..fem.geometry import Amplitude, Motion
 
 ROWS_ALONE, CURVE = "rows", "a load curve"
 

@@ -13,8 +13,8 @@ from .place import EXPRESSION, NUMBER, Expression, coefficient
 from .values import FileName, Length, Name, Number, Table
 
 if TYPE_CHECKING:
-    from ..fem.nodal_field import NodalField
-    from ..fem.user_values import Coefficient
+    from ..fem.geometry import Coefficient
+    from ..fem.meshes import NodalField
 
 OF_FILE = "a field of a file"
 
@@ -48,7 +48,7 @@ class _WhenNeeded:
 
     @cached_property
     def _field(self) -> NodalField:
-        from ..fem.nodal_field import NodalField
+        from ..fem.meshes import NodalField
 
         return NodalField.from_file(self._table.file, self._table.field, self._table.scale)
 

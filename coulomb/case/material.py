@@ -11,8 +11,7 @@ from .place import NumberAt, VectorAt, coefficient, field
 from .values import TABLES, Density, Expansion, FileName, Length, Name, Number, Table, Young
 
 if TYPE_CHECKING:
-    from ..fem.materials import AnyMaterial
-    from ..fem.temperature import ThermalLoad
+    from ..fem.bodies import AnyMaterial, ThermalLoad
 
 ONE_NUMBER, THREE_NUMBERS = "one number", "three numbers"
 
@@ -84,12 +83,12 @@ class MaterialTable(Table):
             ValueError: If the strain energy is not positive, or directions are parallel.
         """
         if isinstance(self.young, tuple) and isinstance(self.poisson, tuple) and self.shear is not None:
-            from ..fem.orthotropic import COORDINATE_AXES, OrthotropicMaterial
+            from ..fem.bodies import COORDINATE_AXES, OrthotropicMaterial
 
             given = self.directions
             directions = COORDINATE_AXES if given is None else (field(given[0]), field(given[1]))
             return OrthotropicMaterial(self.young, self.poisson, self.shear, directions, self.density, self.expansion)
-        from ..fem.body import Material
+        from ..fem.bodies import Material
 
         assert not isinstance(self.young, tuple) and not isinstance(self.poisson, tuple)
         assert not isinstance(self.expansion, tuple)
@@ -165,8 +164,8 @@ class TemperatureTable(Table):
         Raises:
             ValueError: If the file cannot be read.
         """
-        from ..fem.nodal_field import NodalField
-        from ..fem.temperature import ThermalLoad
+        from ..fem.bodies import ThermalLoad
+        from ..fem.meshes import NodalField
 
         amplitude = amplitude_of(self.amplitude)
         if self.file is not None and self.field is not None:

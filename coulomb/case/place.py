@@ -12,7 +12,7 @@ from .expression import expression
 from .values import Friction, Number, Speed, Stress
 
 if TYPE_CHECKING:
-    from ..fem.user_values import Coefficient, Field
+    from ..fem.geometry import Coefficient, Field
 
 NUMBER, EXPRESSION = "a number", "an expression"
 

@@ -12,8 +12,8 @@ from .place import VectorAt, field
 from .values import Name, Number, Stiffness, Table, Vector
 
 if TYPE_CHECKING:
-    from ..fem.obstacles import RigidFoundation
-    from ..fem.supports import PrescribedDisplacement, PrescribedRotation, Spring, SymmetryPlane
+    from ..fem.bodies import PrescribedDisplacement, PrescribedRotation, Spring, SymmetryPlane
+    from ..fem.geometry import RigidFoundation
 
 Components = Literal["x", "y", "z", "xy", "xz", "yz", "xyz", "normal", "tangential"]
 
@@ -40,7 +40,7 @@ class PrescribedDisplacementTable(Table):
 
     def support(self) -> PrescribedDisplacement:
         """What the table describes."""
-        from ..fem.supports import PrescribedDisplacement
+        from ..fem.bodies import PrescribedDisplacement
 
         return PrescribedDisplacement(
             *(self.face, field(self.value), self.components, amplitude_of(self.amplitude)),
@@ -59,7 +59,7 @@ class ClampTable(PrescribedDisplacementTable):
 
     def support(self) -> PrescribedDisplacement:
         """What the table describes."""
-        from ..fem.supports import Clamp
+        from ..fem.bodies import Clamp
 
         if any(self.value) or self.amplitude:
             return super().support()
@@ -84,7 +84,7 @@ class PrescribedRotationTable(Table):
 
     def support(self) -> PrescribedRotation:
         """What the table describes."""
-        from ..fem.supports import PrescribedRotation
+        from ..fem.bodies import PrescribedRotation
 
         return PrescribedRotation(
             self.face, self.point, self.axis, self.angle, amplitude_of(self.amplitude), self.axial
@@ -98,7 +98,7 @@ class SymmetryTable(Table):
 
     def support(self) -> SymmetryPlane:
         """What the table describes."""
-        from ..fem.supports import SymmetryPlane
+        from ..fem.bodies import SymmetryPlane
 
         return SymmetryPlane(self.face)
 
@@ -118,6 +118,6 @@ class SpringTable(Table):
 
     def spring(self) -> Spring:
         """What the table describes."""
-        from ..fem.supports import Spring
+        from ..fem.bodies import Spring
 
         return Spring(self.face, self.stiffness)

@@ -157,10 +157,9 @@ def fclib(
 
     from ..io.fclib import read_fclib
     from ..solvers.dense_system import DenseSystem
-    from ..solvers.general import solve_coulomb
     from ..solvers.interior_point import InteriorPoint
-    from ..solvers.matrix_automatic import MatrixAutomatic
     from ..solvers.results import NotConverged
+    from ..solvers.rigid import MatrixAutomatic, solve_coulomb
     from ..solvers.successive_tresca import SuccessiveTresca
 
     trouble = ""
@@ -225,8 +224,8 @@ def export(
     import scipy.sparse
 
     from ..io.fclib import FCLIBProblem, write_fclib
+    from ..linalg.compliance import SchurCompliance
     from ..linalg.reductions import Reductions
-    from ..linalg.schur_compliance import SchurCompliance
 
     try:
         problem = settings.problem()

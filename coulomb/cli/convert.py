@@ -34,9 +34,7 @@ def convert(
 
     from mpi4py import MPI
 
-    from ..fem.inspection import inspect
-    from ..fem.meshes import known_format, read_file
-    from ..fem.xdmf_writing import write
+    from ..fem.meshes import inspect, known_format, read_file, write
 
     with bad_input():
         known_format(mesh)

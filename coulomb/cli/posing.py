@@ -7,7 +7,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from ..case.case import Case
-from ..fem.body import LOCKING_ABOVE
+from ..fem.bodies import LOCKING_ABOVE
 from ..io.earlier_results import refuse_to_replace
 from ..io.history_files import steps_left
 from ..io.lock import refuse_in_use

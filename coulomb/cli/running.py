@@ -27,7 +27,7 @@ from ..io.replacing import discard
 from ..io.run_directory import CASE, PICTURE, RunDirectory
 from ..io.summary import summary
 from ..io.written_case import case_text, write_case
-from ..linalg.frontal_factors import NotPositiveDefinite
+from ..linalg.factors import NotPositiveDefinite
 from ..model.acceptance import left_open
 from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep

@@ -12,8 +12,8 @@ import numpy as np
 from rich.console import Console
 
 from ..contact_names import named_faces, normal_forces
-from ..fem.deformable import Member
-from ..fem.lagrange import corner_geometry
+from ..fem.bodies import Member
+from ..fem.meshes import corner_geometry
 from ..io.accuracy import accuracy, rounded
 from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions

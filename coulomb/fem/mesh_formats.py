@@ -1,4 +1,7 @@
-"""The mesh formats that can be read, without loading a library that reads them."""
+"""What meshes a case file may name, without loading a library: the formats that can be read, the faces of a box."""
+
+BOX_FACES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "bottom": (2, 0), "top": (2, 1)}
+"""By name: axis, and whether at its lower (0) or upper (1) end."""
 
 FORMATS = {
     ".msh": "gmsh",

@@ -12,9 +12,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..contact_names import side_names
-from ..fem.constraints import HELD_OBLIQUE
-from ..fem.deformable import Loading, Member, SingleBody
-from ..fem.temperature import TEMPERATURE
+from ..fem.bodies import HELD_OBLIQUE, TEMPERATURE, Loading, Member, SingleBody
 from ..model.evidence import rounding_forces
 from ..model.nodal_answer import HELD
 from ..model.opposite import carried, carrying, spreading

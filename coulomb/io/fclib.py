@@ -23,7 +23,7 @@ import scipy.sparse.linalg
 
 from ..arrays import FloatArray
 from ..regular_file import refuse_irregular
-from ..solvers.cones import cone_residual
+from ..solvers.rigid import cone_residual
 
 _ASYMMETRIC = 1e-2  # over the largest entry: there are files of the Siconos project with 1e-4
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from ..fem.body import STRESSES
-from ..fem.cell_materials import FIELDS
-from ..fem.constraints import HELD_OBLIQUE
-from ..fem.temperature import TEMPERATURE
+from ..fem.bodies import FIELDS, HELD_OBLIQUE, STRESSES, TEMPERATURE
 from ..model.accumulated import ACCUMULATED
 from ..model.opposite import CARRIED
 

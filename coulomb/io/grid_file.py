@@ -23,7 +23,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.hdf5_target import HDF5Target
+from ..fem.meshes import HDF5Target
 from .field_files import WHOLE, data_of, function_at, grids_of, mesh_at, uniform
 from .run_directory import OLD
 

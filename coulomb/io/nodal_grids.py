@@ -10,10 +10,8 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..fem import compat
-from ..fem.displacement_space import DisplacementSpace
-from ..fem.exchange import fetched, starts_of
-from ..fem.second_order import in_vtk_order, nodes_between
-from ..fem.xdmf_writing import FACETS, SOLIDS
+from ..fem.bodies import DisplacementSpace
+from ..fem.meshes import FACETS, SOLIDS, fetched, in_vtk_order, nodes_between, starts_of
 from .grid_file import GridPart
 
 BETWEEN: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {"status": np.minimum, "face": np.maximum}

@@ -18,8 +18,8 @@ from typing import Any
 
 from ..arrays import FloatArray
 from ..fem import compat
-from ..fem.deformable import SingleBody
-from ..fem.lagrange import facet_columns
+from ..fem.bodies import SingleBody
+from ..fem.meshes import facet_columns
 from ..model.posed_problem import PosedProblem
 from ..model.provenance import moment, now, provenance
 from ..model.solution import Solution

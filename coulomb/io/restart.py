@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.user_values import on_all_ranks
+from ..fem.geometry import on_all_ranks
 from ..nearest import tree_of
 from .field_files import COINCIDENT, data_of, grids_of, parts_of_field
 from .run_directory import STEPS, SUMMARY, RunDirectory, step_place

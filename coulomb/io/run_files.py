@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.constraints import HELD_OBLIQUE, HeldDirections
-from ..fem.xdmf_writing import FACETS, SOLIDS
+from ..fem.bodies import HELD_OBLIQUE, HeldDirections
+from ..fem.meshes import FACETS, SOLIDS
 from ..model.nodal_answer import HELD
 from ..solvers.laws import LAWS
 from .body_grids import BODIES, FACES

@@ -10,11 +10,18 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.constraints import HeldDirections
-from ..fem.deformable import Deformable, Loading
-from ..fem.materials import AnyMaterial, Materials, by_group
-from ..fem.orthotropic import OrthotropicMaterial
-from ..fem.temperature import TEMPERATURE, Temperature, range_of
+from ..fem.bodies import (
+    TEMPERATURE,
+    AnyMaterial,
+    Deformable,
+    HeldDirections,
+    Loading,
+    Materials,
+    OrthotropicMaterial,
+    Temperature,
+    by_group,
+    range_of,
+)
 from ..linalg.reductions import Reductions
 from ..model.certificate import Certificate
 from ..model.equilibrium import undetermined

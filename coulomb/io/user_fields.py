@@ -10,9 +10,9 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem import compat, compat_forms
+from ..fem.bodies import DisplacementSpace
 from ..fem.compat import fem
-from ..fem.displacement_space import DisplacementSpace
-from ..fem.user_values import on_all_ranks
+from ..fem.geometry import on_all_ranks
 
 Fields = dict[str, FloatArray]
 

@@ -17,14 +17,8 @@ from scipy.sparse.csgraph import connected_components
 
 from ..arrays import FloatArray
 from ..fem import compat
-from ..fem.body import ElasticBody
-from ..fem.cell_materials import FIELDS, VECTORS, CellMaterials
-from ..fem.constraints import HELD_OBLIQUE
-from ..fem.displacement_space import DisplacementSpace
-from ..fem.inspection import inspect
-from ..fem.mesh_file import MeshFile
-from ..fem.meshes import distributed
-from ..fem.temperature import TEMPERATURE
+from ..fem.bodies import FIELDS, HELD_OBLIQUE, TEMPERATURE, VECTORS, CellMaterials, DisplacementSpace, ElasticBody
+from ..fem.meshes import MeshFile, distributed, inspect
 from .field_files import COINCIDENT, data_of, grids_of, read_fields
 from .field_names import GROUND, INTERNAL, ON_BODY, ON_CELLS, ROUNDING
 from .matched_points import numbers

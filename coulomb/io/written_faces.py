@@ -15,9 +15,7 @@ from ..arrays import FloatArray
 from ..contact_names import sides_of
 from ..fem import compat
 from ..fem.compat import mesh
-from ..fem.joined_mesh import SEPARATOR
-from ..fem.lagrange import facet_columns
-from ..fem.mesh_groups import corners_of
+from ..fem.meshes import SEPARATOR, corners_of, facet_columns
 from .field_files import OPPOSITE, data_of, grids_of, read_fields
 from .field_names import ON_FACE, ON_OPPOSITE, VECTORS_ON_FACE
 from .matched_points import numbers

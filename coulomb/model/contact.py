@@ -9,20 +9,22 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray, is_number
-from ..fem.contact_frames import FrictionAxes, supported_frames
-from ..fem.obstacles import RigidFoundation
-from ..fem.pair import Shape
-from ..fem.rigid_motion import RigidMotion, Rotation, rigid_motion
-from ..fem.surface import Normals
-from ..fem.user_values import (
+from ..fem.contact import Normals, Shape
+from ..fem.geometry import (
     Amplitude,
     Coefficient,
     Field,
+    FrictionAxes,
     Motion,
+    RigidFoundation,
+    RigidMotion,
+    Rotation,
     evaluate_amplitude,
     evaluate_numbers,
     evaluate_signed_numbers,
     on_all_ranks,
+    rigid_motion,
+    supported_frames,
 )
 from ..solvers.laws import FrictionLaw
 from .friction import FrictionModel

@@ -14,22 +14,35 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.contact_matrix import KeptMatrix
-from ..fem.deformable import Deformable
-from ..fem.named_mesh import NamedMesh
-from ..fem.obstacles import RigidFoundation
-from ..fem.pair import Pair
-from ..fem.rigid_motion import RigidMotion, same_place, since_at, spin
-from ..fem.surface import ContactSurface
-from ..fem.unjoined_parts import unjoined_parts
-from ..linalg.compliance import BodyCompliance
-from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic
-from ..linalg.methods import EXPLICIT_UP_TO, LinearSolver, chosen, undecided
-from ..linalg.multifrontal import MultifrontalSolver, Work, predicted_work, symbolic
-from ..linalg.nested_dissection import Front
-from ..linalg.predicted_cost import Measures, Precision, factorise, fits, patience
+from ..fem.bodies import Deformable, unjoined_parts
+from ..fem.contact import ContactSurface, KeptMatrix, Pair
+from ..fem.geometry import RigidFoundation, RigidMotion, same_place, since_at, spin
+from ..fem.meshes import NamedMesh
+from ..linalg.compliance import (
+    EXPLICIT_UP_TO,
+    BodyCompliance,
+    DirectSolver,
+    IterativeSolver,
+    LinearSolver,
+    Measures,
+    Precision,
+    StiffnessSolver,
+    chosen,
+    factorise,
+    fits,
+    patience,
+    undecided,
+)
+from ..linalg.factors import (
+    DistributedMultifrontalSolver,
+    Front,
+    MultifrontalSolver,
+    SharedSymbolic,
+    Work,
+    predicted_work,
+    symbolic,
+)
 from ..linalg.reductions import Reductions
-from ..linalg.stiffness import DirectSolver, IterativeSolver, StiffnessSolver
 from .accumulated import Accumulated
 from .contact import Contact
 from .contact_faces import ContactFaces, oriented

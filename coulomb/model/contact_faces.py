@@ -10,14 +10,9 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.deformable import Deformable
-from ..fem.obstacles import RigidFoundation
-from ..fem.pair import Pair, pair_of, pair_surface
-from ..fem.rigid_motion import RigidMotion, moved
-from ..fem.shared_nodes import lost_nodes
-from ..fem.slave_side import slave_side
-from ..fem.surface import ContactSurface, contact_surface, joined
-from ..fem.user_values import on_all_ranks
+from ..fem.bodies import Deformable
+from ..fem.contact import ContactSurface, Pair, contact_surface, joined, lost_nodes, pair_of, pair_surface, slave_side
+from ..fem.geometry import RigidFoundation, RigidMotion, moved, on_all_ranks
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
 from .contact import Contact

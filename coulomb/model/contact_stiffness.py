@@ -13,20 +13,28 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..fem import compat
-from ..fem.contact_frames import inverse_frames
-from ..fem.deformable import Deformable, SingleBody
-from ..fem.surface import ContactSurface
-from ..linalg.compliance import BodyCompliance, MatrixFreeCompliance
-from ..linalg.distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic
-from ..linalg.frontal_factors import NotPositiveDefinite
-from ..linalg.kept_responses import KeptResponses
-from ..linalg.methods import LinearSolver
-from ..linalg.multifrontal import MultifrontalSolver
-from ..linalg.nested_dissection import Front
+from ..fem.bodies import Deformable, SingleBody
+from ..fem.contact import ContactSurface
+from ..fem.geometry import inverse_frames
+from ..linalg.compliance import (
+    BodyCompliance,
+    DirectSolver,
+    IterativeSolver,
+    KeptResponses,
+    LinearSolver,
+    MatrixFreeCompliance,
+    SchurCompliance,
+    SoftMotions,
+    StiffnessSolver,
+)
+from ..linalg.factors import (
+    DistributedMultifrontalSolver,
+    Front,
+    MultifrontalSolver,
+    NotPositiveDefinite,
+    SharedSymbolic,
+)
 from ..linalg.reductions import Reductions
-from ..linalg.schur_compliance import SchurCompliance
-from ..linalg.soft_motions import SoftMotions
-from ..linalg.stiffness import DirectSolver, IterativeSolver, StiffnessSolver
 from ..linalg.unsolved import Unsolved
 from .spring_motions import soft_motions
 from .stopwatch import timed

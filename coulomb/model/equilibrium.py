@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.free_motions import FreeMotion, motions_in_words
-from ..fem.rigid_load import direction_in_words, in_units
+from ..fem.bodies import FreeMotion, direction_in_words, in_units, motions_in_words
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
 from ..solvers.limit_load import LimitLoad

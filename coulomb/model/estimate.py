@@ -15,8 +15,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..linalg.methods import LinearSolver
-from ..linalg.stiffness import DirectSolver, IterativeSolver
+from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
 from .free_memory import least_room
 from .machine import SAME, Slowness
 from .problem import ContactProblem

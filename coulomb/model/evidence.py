@@ -10,7 +10,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.constraints import HeldDirections
+from ..fem.bodies import HeldDirections
 from ..linalg.reductions import Reductions
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray, is_number
-from ..fem.user_values import Coefficient, evaluate_numbers
+from ..fem.geometry import Coefficient, evaluate_numbers
 
 
 @runtime_checkable

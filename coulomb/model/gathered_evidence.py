@@ -13,13 +13,18 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.contact_frames import HELD_BEYOND, held_length, inverse_frames
-from ..fem.contact_matrix import at_nodes_of, contact_matrix, rows_of
-from ..fem.contact_points import ContactPoints, contact_points, joined_points
-from ..fem.pair import pair_frames
-from ..fem.rigid_motion import RigidMotion
-from ..fem.surface import turned_away, way_along
-from ..fem.user_values import on_all_ranks
+from ..fem.contact import (
+    ContactPoints,
+    at_nodes_of,
+    contact_matrix,
+    contact_points,
+    joined_points,
+    pair_frames,
+    rows_of,
+    turned_away,
+    way_along,
+)
+from ..fem.geometry import HELD_BEYOND, RigidMotion, held_length, inverse_frames, on_all_ranks
 from ..solvers.laws import FrictionLaw
 from .contact_body import ContactBody
 from .evidence import Evidence, pair_actions

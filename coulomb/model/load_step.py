@@ -10,8 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..contact_names import named_faces
-from ..fem.constraints import HeldDirections
-from ..fem.deformable import Deformable
+from ..fem.bodies import Deformable, HeldDirections
 from ..linalg.reductions import Reductions
 from .accumulated import Accumulated
 from .columns import along_axes, body_columns, face_columns, probe_columns, reaction_columns, rotation_columns

@@ -14,8 +14,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.contact_frames import inverse_frames, tangent_lengths
-from ..fem.rigid_motion import Spin
+from ..fem.geometry import Spin, inverse_frames, tangent_lengths
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
 from .accumulated import Accumulated

@@ -15,8 +15,8 @@ import numpy as np
 import scipy.sparse
 
 from ..arrays import FloatArray
-from ..fem.contact_points import ContactPoints
-from ..fem.held_nodes import distributed_rows
+from ..fem.bodies import distributed_rows
+from ..fem.contact import ContactPoints
 from .nodal_answer import HELD, OPEN, SLIP, STICK
 
 CARRIED = (

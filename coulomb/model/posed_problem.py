@@ -12,10 +12,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.deformable import Deformable, Loading
-from ..fem.named_mesh import NamedMesh
-from ..fem.obstacles import RigidFoundation
-from ..fem.surface import ContactSurface
+from ..fem.bodies import Deformable, Loading
+from ..fem.contact import ContactSurface
+from ..fem.geometry import RigidFoundation
+from ..fem.meshes import NamedMesh
 from ..linalg.compliance import BodyCompliance
 from ..linalg.unsolved import Unsolved
 from ..solvers.friction_problem import FrictionProblem

@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.displacement_space import DisplacementSpace
-from ..fem.located_points import LocatedPoints, locate
+from ..fem.bodies import DisplacementSpace, LocatedPoints, locate
 from .nodal_answer import NodalAnswer
 
 

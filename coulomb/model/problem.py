@@ -11,18 +11,23 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..arrays import FloatArray
-from ..fem.deformable import Deformable
-from ..fem.distributed_bodies import distributed_bodies, made
-from ..fem.elasticity import Elasticity, Materials, Spring, Support
-from ..fem.joined_bodies import JoinedBodies
-from ..fem.joined_mesh import JoinedMesh
-from ..fem.loads import Load, vanishes
-from ..fem.named_mesh import NamedMesh
-from ..fem.temperature import ThermalLoad
-from ..fem.user_values import Amplitude, Coefficient, Field
-from ..linalg.methods import LinearSolver
+from ..fem.bodies import (
+    Deformable,
+    Elasticity,
+    JoinedBodies,
+    Load,
+    Materials,
+    Spring,
+    Support,
+    ThermalLoad,
+    distributed_bodies,
+    made,
+    vanishes,
+)
+from ..fem.geometry import Amplitude, Coefficient, Field
+from ..fem.meshes import JoinedMesh, NamedMesh
+from ..linalg.compliance import IterativeSolver, LinearSolver
 from ..linalg.native import threads
-from ..linalg.stiffness import IterativeSolver
 from ..linalg.unsolved import TooSlow, Unsolved
 from ..solvers.automatic import Automatic
 from ..solvers.condensed import CondensedSystem

@@ -17,9 +17,9 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.deformable import Deformable, Loading
+from ..fem.bodies import Deformable, Loading
+from ..linalg.compliance import StiffnessSolver
 from ..linalg.reductions import Reductions
-from ..linalg.stiffness import StiffnessSolver
 from ..linalg.unsolved import Unsolved
 from .rigid_balance import lengths
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.joined_mesh import SEPARATOR
-from ..fem.nodal_forces import NodalForces
+from ..fem.bodies import NodalForces
+from ..fem.meshes import SEPARATOR
 from ..linalg.reductions import Reductions
 
 

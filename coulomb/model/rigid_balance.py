@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.rigid_modes import null_space, of_part, rigid_modes
+from ..fem.bodies import null_space, of_part, rigid_modes
 from ..linalg.reductions import Reductions
 from .evidence import Evidence
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from ..fem.contact_matrix import rows_of
-from ..fem.deformable import Deformable, Loading
-from ..fem.surface import ContactSurface
+from ..fem.bodies import Deformable, Loading
+from ..fem.contact import ContactSurface, rows_of
 from ..solvers.rigid_motions import RigidMotions
 
 

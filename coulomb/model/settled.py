@@ -24,7 +24,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.contact_matrix import row_products
+from ..fem.contact import row_products
 from ..linalg.reductions import Reductions
 from .nodal_answer import OPEN_BELOW
 from .posed_problem import PosedProblem

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..fem.deformable import Deformable, SingleBody
-from ..fem.materials import by_group
-from ..fem.named_mesh import aspects, volume
-from ..fem.surface import ContactSurface
-from ..linalg.predicted_cost import Measures
+from ..fem.bodies import Deformable, SingleBody, by_group
+from ..fem.contact import ContactSurface
+from ..fem.meshes import aspects, volume
+from ..linalg.compliance import Measures
 from ..linalg.reductions import Reductions
 
 _SOFT = 1e-2  # stiffness of springs against a rigid motion, over Young's modulus times the size of the bodies

@@ -14,13 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.surface import way_along
-from ..fem.user_values import on_all_ranks
+from ..fem.contact import way_along
+from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
 from ..nearest import tree_of
 
 if TYPE_CHECKING:
-    from ..fem.obstacles import RigidFoundation
+    from ..fem.geometry import RigidFoundation
     from .evidence import Strained
     from .nodal_answer import NodalAnswer
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.deformable import Deformable
-from ..fem.rigid_modes import component_modes, null_space, of_components
+from ..fem.bodies import Deformable, component_modes, null_space, of_components
+from ..linalg.compliance import SoftMotions
 from ..linalg.reductions import Reductions
-from ..linalg.soft_motions import SoftMotions
 
 _SOFT = 1e-2
 """Stiffness of springs against a motion, over that of the body, below which it is computed apart: a product by A of a

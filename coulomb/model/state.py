@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ..arrays import FloatArray
-from ..fem.deformable import Deformable, Loading
-from ..fem.rigid_motion import RigidMotion, Spin
-from ..fem.surface import ContactSurface
+from ..fem.bodies import Deformable, Loading
+from ..fem.contact import ContactSurface
+from ..fem.geometry import RigidMotion, Spin
 from ..solvers.laws import FrictionLaw
 from .accumulated import Accumulated
 

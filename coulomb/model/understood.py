@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, is_number
-from ..fem.loads import AppliedLoad, named
-from ..fem.nodal_forces import NodalForces
-from ..fem.obstacles import RigidFoundation
-from ..fem.user_values import evaluate_amplitude, on_all_ranks
+from ..fem.bodies import AppliedLoad, NodalForces, named
+from ..fem.geometry import RigidFoundation, evaluate_amplitude, on_all_ranks
 from ..linalg.reductions import Reductions
 from .contact import Contact
 from .nodal_answer import law_numbers

@@ -22,7 +22,7 @@ from mpi4py import MPI
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from ..arrays import FloatArray
-from ..linalg.low_rank import LowRankApproximation
+from ..linalg.compliance import LowRankApproximation
 from ..linalg.reductions import Reductions, summed
 from .contact_equations import ContactDerivative
 

@@ -31,7 +31,7 @@ import math
 import numpy as np
 
 from ..arrays import FloatArray
-from ..linalg.low_rank import REPLACED, LowRankApproximation, LowRankUpdate
+from ..linalg.compliance import REPLACED, LowRankApproximation, LowRankUpdate
 from ..linalg.reductions import Reductions
 from .newton_systems import NewtonSystem
 from .scaled_problem import Iterate, ScaledProblem

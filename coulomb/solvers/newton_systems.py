@@ -31,9 +31,15 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..linalg.border import ConstraintPreconditioner, Constraints, NodalMap
-from ..linalg.krylov import CarryingKrylov
-from ..linalg.low_rank import REPLACED, LowRankApproximation, LowRankUpdate
+from ..linalg.compliance import (
+    REPLACED,
+    CarryingKrylov,
+    ConstraintPreconditioner,
+    Constraints,
+    LowRankApproximation,
+    LowRankUpdate,
+    NodalMap,
+)
 from ..linalg.reductions import Reductions
 from .linearization import Linearization, NodalInverse, disc_inverse, like
 from .rigid_motions import NO_MOTION

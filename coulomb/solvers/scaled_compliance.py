@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arrays import FloatArray
-from ..linalg.compliance import Compliance, Formed
-from ..linalg.learnt_columns import LearntColumns
+from ..linalg.compliance import Compliance, Formed, LearntColumns
 from ..linalg.reductions import Reductions, summed
 
 _LEAST_WEIGHT = 1e-3

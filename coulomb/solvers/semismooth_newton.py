@@ -25,9 +25,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..linalg.border import ConstraintPreconditioner, Constraints
-from ..linalg.krylov import CarryingKrylov
-from ..linalg.low_rank import LowRankApproximation
+from ..linalg.compliance import CarryingKrylov, ConstraintPreconditioner, Constraints, LowRankApproximation
 from .contact_equations import ContactDerivative, ContactEquations
 from .contact_preconditioner import ContactPreconditioner
 from .friction_problem import FrictionProblem

@@ -17,16 +17,7 @@ from .equilibrium import balanced_forces
 from .friction_problem import FrictionProblem, Solver
 from .interior_point import InteriorPoint
 from .newton_systems import AugmentedSystem
-from .results import (
-    Goal,
-    NotConverged,
-    OuterStep,
-    Progress,
-    ProgressCallback,
-    SolverResult,
-    Status,
-    check_constants,
-)
+from .results import Goal, NotConverged, OuterStep, Progress, ProgressCallback, SolverResult, Status, check_constants
 
 
 @dataclass(frozen=True)

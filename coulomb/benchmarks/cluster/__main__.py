@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ...io.peak_memory import peak_memory
-from ...linalg.stiffness import IterativeSolver
+from ...linalg.compliance import IterativeSolver
 from ..block import block
 
 

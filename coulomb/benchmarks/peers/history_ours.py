@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 
-from ...fem.body import Material
-from ...fem.elasticity import Clamp, Traction
+from ...fem.bodies import Clamp, Material, Traction
 from ...fem.meshes import box
 from ...model.contact import Contact
 from ...model.load_history import LoadHistory

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import FloatArray
-from ...linalg.stiffness import DirectSolver
+from ...linalg.compliance import DirectSolver
 from ...model.problem import ContactProblem
 from ..block import block
 from ..by_columns import compliance_by_columns

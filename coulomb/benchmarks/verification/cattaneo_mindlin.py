@@ -31,9 +31,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.elasticity import Clamp
+from ...fem.bodies import Clamp
+from ...fem.geometry import Sphere
 from ...fem.meshes import box
-from ...fem.obstacles import Sphere
 from ...io import summary
 from ...model.contact import Contact
 from ...model.load_history import LoadHistory

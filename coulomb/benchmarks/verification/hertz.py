@@ -31,10 +31,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.elasticity import Clamp
+from ...fem.bodies import Clamp, Material
+from ...fem.geometry import Sphere
 from ...fem.meshes import box
-from ...fem.obstacles import Sphere
 from ...io import summary
 from ...model.contact import Contact
 from ...model.problem import ContactProblem

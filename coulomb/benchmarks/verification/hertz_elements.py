@@ -27,9 +27,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.elasticity import Clamp, PrescribedDisplacement, Support
+from ...fem.bodies import Clamp, PrescribedDisplacement, Support
+from ...fem.geometry import Sphere
 from ...fem.meshes import box
-from ...fem.obstacles import Sphere
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from .hertz import RADIUS, STEEL, A, Hertz

@@ -33,11 +33,8 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.elasticity import Clamp, PrescribedDisplacement, Support
-from ...fem.join import join
-from ...fem.meshes import box
-from ...fem.named_mesh import NamedMesh
+from ...fem.bodies import Clamp, Material, PrescribedDisplacement, Support, join
+from ...fem.meshes import NamedMesh, box
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from .hertz_elements import growing

@@ -25,12 +25,9 @@ import math
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.elasticity import Clamp, PrescribedDisplacement, Support
-from ...fem.loads import Pressure
+from ...fem.bodies import Clamp, Material, PrescribedDisplacement, Pressure, Support, SymmetryPlane
+from ...fem.geometry import Plane
 from ...fem.meshes import box
-from ...fem.obstacles import Plane
-from ...fem.supports import SymmetryPlane
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from .table import Curve, Panel, Row, Verified, absolute, relative

@@ -16,10 +16,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.elasticity import Clamp, PrescribedDisplacement
-from ...fem.join import join
-from ...fem.meshes import box
-from ...fem.named_mesh import NamedMesh
+from ...fem.bodies import Clamp, PrescribedDisplacement, join
+from ...fem.meshes import NamedMesh, box
 from ...model.contact import Contact
 from ...model.load_history import LoadHistory
 from ...model.problem import ContactProblem

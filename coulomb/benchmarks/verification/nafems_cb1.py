@@ -23,13 +23,8 @@ import math
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.elasticity import Clamp, Support
-from ...fem.join import join
-from ...fem.loads import TotalForce
-from ...fem.meshes import box
-from ...fem.named_mesh import NamedMesh
-from ...fem.supports import SymmetryPlane
+from ...fem.bodies import Clamp, Material, Support, SymmetryPlane, TotalForce, join
+from ...fem.meshes import NamedMesh, box
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from .hertz_elements import growing

@@ -16,12 +16,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.elasticity import Clamp
-from ...fem.join import join
-from ...fem.loads import TotalForce
-from ...fem.named_mesh import NamedMesh
-from ...fem.supports import SymmetryPlane
+from ...fem.bodies import Clamp, Material, SymmetryPlane, TotalForce, join
+from ...fem.meshes import NamedMesh
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from ...model.solution import Solution

@@ -23,13 +23,9 @@ import math
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.elasticity import Clamp, PrescribedDisplacement
-from ...fem.materials import midpoints
-from ...fem.meshes import box
-from ...fem.named_mesh import NamedMesh
-from ...fem.obstacles import Cylinder
-from ...fem.orthotropic import OrthotropicMaterial
+from ...fem.bodies import Clamp, Material, OrthotropicMaterial, PrescribedDisplacement, midpoints
+from ...fem.geometry import Cylinder
+from ...fem.meshes import NamedMesh, box
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from ...model.solution import Solution

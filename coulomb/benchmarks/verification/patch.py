@@ -20,12 +20,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.elasticity import PrescribedDisplacement, Traction
+from ...fem.bodies import Material, PrescribedDisplacement, Traction
+from ...fem.geometry import Plane
 from ...fem.meshes import box
-from ...fem.obstacles import Plane
 from ...io import summary
-from ...linalg.schur_compliance import SchurCompliance
+from ...linalg.compliance import SchurCompliance
 from ...model.contact import Contact
 from ...model.posed_problem import PosedProblem
 from ...model.problem import ContactProblem

@@ -25,13 +25,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.elasticity import Clamp, Elasticity, PrescribedDisplacement, Traction
-from ...fem.join import join
-from ...fem.meshes import box
-from ...fem.moved_mesh import moved
+from ...fem.bodies import Clamp, Elasticity, Material, PrescribedDisplacement, Traction, join
+from ...fem.meshes import box, moved
 from ...io import summary
-from ...linalg.stiffness import DirectSolver
+from ...linalg.compliance import DirectSolver
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from ...model.solution import Solution

@@ -33,11 +33,9 @@ import math
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.elasticity import Clamp, PrescribedDisplacement, Traction
+from ...fem.bodies import Clamp, Material, PrescribedDisplacement, SymmetryPlane, Traction
+from ...fem.geometry import Cylinder, Plane
 from ...fem.meshes import box
-from ...fem.obstacles import Cylinder, Plane
-from ...fem.supports import SymmetryPlane
 from ...model.contact import Contact
 from ...model.load_history import LoadHistory
 from ...model.problem import ContactProblem

@@ -24,12 +24,9 @@ from typing import Literal
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.join import join
-from ...fem.meshes import box
-from ...fem.named_mesh import NamedMesh
-from ...fem.obstacles import Cylinder
-from ...fem.supports import SymmetryPlane
+from ...fem.bodies import Material, SymmetryPlane, join
+from ...fem.geometry import Cylinder
+from ...fem.meshes import NamedMesh, box
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from ...model.solution import Solution

@@ -23,11 +23,10 @@ from dataclasses import replace
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.elasticity import Clamp, Elasticity, PrescribedDisplacement
+from ...fem.bodies import Clamp, Elasticity, Material, PrescribedDisplacement
 from ...fem.meshes import box
 from ...io import summary
-from ...linalg.stiffness import DirectSolver
+from ...linalg.compliance import DirectSolver
 from ...model.contact import Contact
 from ...model.load_history import LoadHistory
 from ...model.load_step import LoadStep

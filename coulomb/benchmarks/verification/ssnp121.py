@@ -15,12 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...fem.body import Material
-from ...fem.elasticity import Clamp, PrescribedDisplacement, Support, Traction
-from ...fem.join import join
-from ...fem.loads import Load
-from ...fem.meshes import box
-from ...fem.moved_mesh import moved
+from ...fem.bodies import Clamp, Load, Material, PrescribedDisplacement, Support, Traction, join
+from ...fem.meshes import box, moved
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from .table import Curve, Panel, Row, Verified, relative

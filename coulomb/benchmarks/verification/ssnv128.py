@@ -18,10 +18,8 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...fem import compat
-from ...fem.body import Material
-from ...fem.elasticity import Clamp, Traction
-from ...fem.meshes import box
-from ...fem.named_mesh import NamedMesh
+from ...fem.bodies import Clamp, Material, Traction
+from ...fem.meshes import NamedMesh, box
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from ...model.solution import Solution

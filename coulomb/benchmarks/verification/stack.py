@@ -18,11 +18,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.join import join
-from ...fem.loads import TotalForce
-from ...fem.meshes import box
-from ...fem.moved_mesh import moved
+from ...fem.bodies import Material, TotalForce, join
+from ...fem.meshes import box, moved
 from ...model.contact import Contact
 from ...model.equilibrium import NoEquilibrium, sliding_limit
 from ...model.problem import ContactProblem

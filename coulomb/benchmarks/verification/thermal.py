@@ -17,12 +17,9 @@ from functools import partial
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.body import Material
-from ...fem.elasticity import Clamp
-from ...fem.materials import midpoints
-from ...fem.meshes import box
-from ...fem.named_mesh import NamedMesh
-from ...fem.obstacles import Plane
+from ...fem.bodies import Clamp, Material, midpoints
+from ...fem.geometry import Plane
+from ...fem.meshes import NamedMesh, box
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from ...model.solution import Solution

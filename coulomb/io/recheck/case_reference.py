@@ -20,15 +20,10 @@ from ...arrays import FloatArray
 from ...case.case import Case
 from ...case.field_file import FieldTable, named_files
 from ...fem import compat
-from ...fem.deformable import Loading
-from ...fem.joined_mesh import SEPARATOR
-from ...fem.loaded_body import LoadedBody
-from ...fem.mesh_groups import corners_of
-from ...fem.obstacles import RigidFoundation
-from ...fem.rigid_modes import rigid_modes
-from ...fem.rigid_motion import RigidMotion, moved
-from ...fem.surface import plane_of_face, way_along
-from ...fem.temperature import TEMPERATURE
+from ...fem.bodies import TEMPERATURE, LoadedBody, Loading, rigid_modes
+from ...fem.contact import plane_of_face, way_along
+from ...fem.geometry import RigidFoundation, RigidMotion, moved
+from ...fem.meshes import SEPARATOR, corners_of
 from ...solvers.laws import FrictionLaw
 from ..field_names import GROUND
 from ..matched_points import midpoints, places

@@ -10,8 +10,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ...fem.contact_frames import inverse_frames
-from ...fem.rigid_motion import Spin
+from ...fem.geometry import Spin, inverse_frames
 from ...model.accumulated import Accumulated
 from ...model.nodal_answer import NodalAnswer
 from ...solvers.laws import FrictionLaw

@@ -14,9 +14,8 @@ import numpy.typing as npt
 import scipy.sparse
 
 from ...arrays import FloatArray
-from ...fem.contact_frames import HELD_BEYOND, held_length, supported_frames
-from ...fem.contact_points import contact_points
-from ...fem.surface import turned_away
+from ...fem.contact import contact_points, turned_away
+from ...fem.geometry import HELD_BEYOND, held_length, supported_frames
 from ...model.accumulated import ACCUMULATED
 from ...nearest import tree_of
 from ...solvers.laws import FrictionLaw

@@ -14,11 +14,8 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ...fem import compat
-from ...fem.body import ElasticBody
-from ...fem.cell_materials import EXPANSION, ORTHOTROPIC_EXPANSION
-from ...fem.obstacles import RigidFoundation
-from ...fem.rigid_motion import Spin
-from ...fem.temperature import TEMPERATURE, range_of
+from ...fem.bodies import EXPANSION, ORTHOTROPIC_EXPANSION, TEMPERATURE, ElasticBody, range_of
+from ...fem.geometry import RigidFoundation, Spin
 from ...linalg.reductions import Reductions
 from ...model.accumulated import ACCUMULATED
 from ...model.certificate import Certificate, judge

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.rigid_motion import Spin, spin
+from ...fem.geometry import Spin, spin
 from ..run_files import WrittenRun
 from .case_reference import CaseReference
 from .face_nodes import FaceNodes, face_names

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...fem.rigid_motion import Spin, since_at
+from ...fem.geometry import Spin, since_at
 from ...model.accumulated import ACCUMULATED
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca

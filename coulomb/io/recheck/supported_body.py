@@ -11,9 +11,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ...fem.joined_mesh import SEPARATOR
-from ...fem.loaded_body import LoadedBody
-from ...fem.nodal_forces import NodalForces
+from ...fem.bodies import LoadedBody, NodalForces
+from ...fem.meshes import SEPARATOR
 from ...linalg.reductions import Reductions
 from ...model.resultants import Acting, acting
 from ..matched_points import places

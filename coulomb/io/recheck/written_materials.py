@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ...arrays import FloatArray
-from ...fem.cell_materials import EXPANSION, ISOTROPIC, ORTHOTROPIC, ORTHOTROPIC_EXPANSION
-from ...fem.joined_mesh import SEPARATOR
+from ...fem.bodies import EXPANSION, ISOTROPIC, ORTHOTROPIC, ORTHOTROPIC_EXPANSION
+from ...fem.meshes import SEPARATOR
 from ..run_files import WrittenRun
 from ..written_bodies import WrittenBody
 from .comparison import Comparison

@@ -11,11 +11,19 @@ import numpy.typing as npt
 import scipy.sparse
 
 from ...arrays import FloatArray
-from ...fem.contact_frames import HELD_BEYOND, held_length, supported_frames
-from ...fem.mortar import MortarRows, mortar_rows
-from ...fem.pair import NO_SHAPE, Shape, curved_patch
-from ...fem.shared_nodes import lost_nodes
-from ...fem.symmetric_pair import held_on_both, planes_of_symmetry, shares, within
+from ...fem.contact import (
+    NO_SHAPE,
+    MortarRows,
+    Shape,
+    curved_patch,
+    held_on_both,
+    lost_nodes,
+    mortar_rows,
+    planes_of_symmetry,
+    shares,
+    within,
+)
+from ...fem.geometry import HELD_BEYOND, held_length, supported_frames
 from ...model.accumulated import ACCUMULATED
 from ...solvers.laws import FrictionLaw
 from ..run_directory import CONTACT

@@ -10,18 +10,7 @@ from PIL import Image
 
 from .files import Step, read_run
 from .limits import limits_of
-from .scene import (
-    VIEWS,
-    Look,
-    automatic_scale,
-    camera_of,
-    caption,
-    cropped,
-    paint,
-    plotter_for,
-    shoot,
-    zone_counts,
-)
+from .scene import VIEWS, Look, automatic_scale, camera_of, caption, cropped, paint, plotter_for, shoot, zone_counts
 from .sheet import AXES, Pixels, pixels_of, sheet
 from .shown_fields import Field, named, ramp
 

@@ -1,0 +1,214 @@
+"""A linear elastic body: displacements, stresses and internal nodal forces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from ...arrays import FloatArray, is_number
+from .. import compat
+from ..compat import fem, ufl
+from .cell_materials import CellMaterials
+from .displacement_space import DisplacementSpace
+from .hexahedral_forces import hexahedral_forces
+from .orthotropic import PAIRS, UPPER
+
+LOCKING_ABOVE = 0.49
+"""Poisson's ratio above which first-order elements lock: nearly constant volume prevents their bending."""
+
+STRESSES = (
+    "von_mises_stress",
+    *(f"stress_{'xyz'[i]}{'xyz'[j]}" for i, j in PAIRS),
+    *(f"principal_stress_{number}" for number in (1, 2, 3)),
+)
+"""Names of the stresses of a cell: tension is positive, the first principal stress is the largest."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic, linear elastic.
+
+    Attributes:
+        young: Young's modulus in pascals, > 0.
+        poisson: Poisson's ratio, in (-1, 0.5).
+        density: Density in kg/m^3, > 0; only gravity needs it.
+        expansion: Coefficient of thermal expansion in 1/K; only a temperature needs it.
+
+    Raises:
+        ValueError: If a constant is outside its bounds.
+    """
+
+    young: float
+    poisson: float
+    density: float | None = None
+    expansion: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (is_number(self.young) and self.young > 0.0):
+            raise ValueError(f"material: young must be a positive number of pascals, but is {self.young!r}")
+        if not (is_number(self.poisson, -1.0) and -1.0 < self.poisson < 0.5):
+            raise ValueError(f"material: poisson must be a number in (-1, 0.5), but is {self.poisson!r}")
+        if self.density is not None and not (is_number(self.density) and self.density > 0.0):
+            raise ValueError(f"material: density must be a positive number of kg/m^3, but is {self.density!r}")
+        if self.expansion is not None and not is_number(self.expansion, -math.inf):
+            raise ValueError(f"material: expansion must be a finite number in 1/K, but is {self.expansion!r}")
+
+
+class ElasticBody(DisplacementSpace):
+    """Small strains, Hooke's law: stress = stiffness (strain - thermal strain); elements of the order of the mesh.
+
+    Isotropic bodies have the stress 2 mu strain + lambda tr(strain) I; if a cell is orthotropic, all cells have the 21
+    constants of a stiffness (`orthotropic`).
+
+    Args:
+        domain: DOLFINx mesh, coordinates in metres.
+        materials: Elastic constants of this rank's own cells.
+
+    Attributes:
+        constants: The same as functions that are constant on every cell, by their names in solution.xdmf.
+    """
+
+    def __init__(self, domain: Any, materials: CellMaterials):
+        super().__init__(compat.functionspace(domain, compat.geometry_degree(domain), (3,)))
+        self._dx = cell_measure(domain)
+        self.constants = {name: self._on_cells(values, name) for name, values in materials.fields.items()}
+        stiffness = materials.stiffness
+        if stiffness is None:
+            young, poisson = materials.young, materials.poisson
+            self._mu = self._on_cells(young / (2.0 * (1.0 + poisson)), "mu")
+            self._lame = self._on_cells(young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), "lambda")
+        self._stiffness = None if stiffness is None else self._on_cells(stiffness, "stiffness")
+        thermal = materials.thermal_stress(stiffness)
+        self._per_kelvin = None if thermal is None else self._on_cells(thermal[0], "thermal_stress")
+        self._thermal_energy = None if thermal is None else self._on_cells(thermal[1], "thermal_energy")
+        self._u = fem.Function(self.V, name="displacement")
+        self._last_force: tuple[FloatArray, FloatArray] | None = None
+        self._forces = None if stiffness is not None else hexahedral_forces(self.V, self._mu, self._lame)
+        self._internal_form = fem.form(ufl.inner(self._stress(self._u), strain(self._test)) * self._dx)
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        """Internal nodal forces of u in newtons, assembled from the stress without K; shapes (k, 3); collective.
+
+        Those of the last u are kept: certificate, energies, reactions and strains of an answer ask for the same.
+        Without the thermal stress, of which the nodal forces are a load (`thermal_force`).
+        """
+        if self._last_force is None or not self._same(u, self._last_force[0]):
+            self._u.x.array[: 3 * self._owned] = u.ravel()
+            self._u.x.scatter_forward()
+            if self._forces is None:
+                force = self._assemble(self._internal_form)
+            else:
+                force = self._added(self._forces(self._u.x.array), self._internal_form)
+            self._last_force = u.copy(), force
+        return self._last_force[1].copy()
+
+    def _same(self, u: FloatArray, last: FloatArray) -> bool:
+        """Whether two displacements are the same on all ranks; collective."""
+        return bool(self.domain.comm.allreduce(np.array_equal(u, last), op=MPI.LAND))
+
+    def thermal_force(self, change: FloatArray) -> FloatArray:
+        """Nodal forces in newtons, shape (k, 3), that cause the thermal strain of a temperature change.
+
+        Args:
+            change: Temperature minus that of the unstrained body, kelvin, at this rank's nodes, shape (k,).
+        """
+        return self._assemble(fem.form(ufl.inner(self._thermal_stress(change), strain(self._test)) * self._dx))
+
+    def thermal_displacement(self, change: FloatArray) -> float:
+        """Displacement in metres along which the forces of a temperature change (`thermal_force`) do the energy of the
+        thermal strain: the scale of displacements of a heated body, also where walls hold it; collective.
+
+        Args:
+            change: As for `thermal_force`.
+        """
+        kelvin = self._kelvin(change)
+        forces = np.linalg.norm(self.thermal_force(change), axis=1)
+        energy = fem.assemble_scalar(fem.form(self._thermal_energy * kelvin**2 * self._dx))
+        over = self.domain.comm.allreduce(np.array([energy, forces.sum()]))
+        return float(2.0 * over[0] / (over[1] or 1.0))
+
+    def stresses(self, u: Any, change: FloatArray | None = None) -> list[Any]:
+        """The stresses `STRESSES` in pascals at the cells' midpoints, DG0 Functions.
+
+        Args:
+            u: Displacement, a Function of V.
+            change: Temperature change at this rank's nodes in kelvin, shape (k,).
+        """
+        s = self._stress(u)
+        if change is not None:
+            s = s - self._thermal_stress(change)
+        W, W6 = (compat.functionspace(self.domain, 0, shape, family="DG") for shape in ((), (6,)))
+        six = fem.Function(W6)
+        six.interpolate(fem.Expression(ufl.as_vector([s[pair] for pair in PAIRS]), compat.interpolation_points(W6)))
+        of_cell = six.x.array.reshape(-1, 6)[compat.cell_dofs(W6)[:, 0]]
+        found = []
+        for name, values in zip(STRESSES, _stresses(of_cell), strict=True):
+            function = fem.Function(W, name=name)
+            function.x.array[compat.cell_dofs(W)[:, 0]] = values
+            found.append(function)
+        return found
+
+    def _stress(self, u: Any) -> Any:
+        """Of a displacement without temperature."""
+        e = strain(u)
+        if self._stiffness is None:
+            return 2.0 * self._mu * e + self._lame * ufl.tr(e) * ufl.Identity(3)
+        C = {pair: self._stiffness[k] for k, pair in enumerate(UPPER)}
+        doubled = [(1.0 if i == j else 2.0) * e[i, j] for i, j in PAIRS]
+        return _tensor([sum(C[min(i, j), max(i, j)] * doubled[j] for j in range(6)) for i in range(6)])
+
+    def _thermal_stress(self, change: FloatArray) -> Any:
+        """Stiffness times thermal strain."""
+        assert self._per_kelvin is not None
+        kelvin = self._kelvin(change)
+        if self._stiffness is None:
+            return self._per_kelvin * kelvin * ufl.Identity(3)
+        return _tensor([self._per_kelvin[k] * kelvin for k in range(6)])
+
+    def _kelvin(self, change: FloatArray) -> Any:
+        return self.function(np.repeat(change[:, None], 3, axis=1), "temperature_change")[0]
+
+
+def cell_measure(domain: Any) -> Any:
+    """UFL's measure of the cells for products of stress and strain.
+
+    Hexahedra of first order have 2 x 2 x 2 points, exact up to degree 3 in each direction.  The nodal forces of a
+    constant stress have degree 2 there on cells of any shape, so that patch tests hold to rounding; so has the
+    stiffness of a parallelepiped.  On other cells the stiffness is rational.  27 points, UFL's choice, change the
+    answer there by 7e-6 of itself if nodes are moved at random by up to 15 % of an edge, and by 5e-5 if by 30 %: less
+    than a hundredth of the error of the mesh, and its error in energy by 1e-5 (docs/measurements.md).  8 points leave
+    no motion but the rigid ones without energy, and take a third of the time.
+
+    On linear tetrahedra the points are UFL's choice, one.  In second order the rule is exact for a constant stress on
+    curved cells (degree 3 on tetrahedra, in each direction 5 on hexahedra): UFL would take up to five times as many
+    points.
+    """
+    hexahedral, order = domain.topology.cell_type.name == "hexahedron", compat.geometry_degree(domain)
+    if order == 1 and not hexahedral:
+        return ufl.dx(domain=domain)
+    degree = 5 if order == 2 and hexahedral else 3
+    return ufl.dx(domain=domain, metadata={"quadrature_degree": degree})
+
+
+def strain(u: Any) -> Any:
+    return ufl.sym(ufl.grad(u))
+
+
+def _stresses(s: FloatArray) -> list[FloatArray]:
+    """Of the components in the order of `PAIRS`, shape (c, 6), the stresses `STRESSES`; nan where these are."""
+    with np.errstate(all="ignore"):
+        deviator = s - np.repeat([1.0, 0.0], 3) * s[:, :3].mean(axis=1, keepdims=True)
+        equivalent = np.sqrt(1.5 * deviator**2 @ np.repeat([1.0, 2.0], 3))
+    finite, principal = np.all(np.isfinite(s), axis=1), np.full((len(s), 3), np.nan)
+    principal[finite] = np.linalg.eigvalsh(s[finite][:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]])[:, ::-1]
+    return [equivalent, *s.T, *principal.T]
+
+
+def _tensor(s: Sequence[Any]) -> Any:
+    """The symmetric tensor of six components in the order of `PAIRS`."""
+    return ufl.as_matrix([[s[0], s[5], s[4]], [s[5], s[1], s[3]], [s[4], s[3], s[2]]])

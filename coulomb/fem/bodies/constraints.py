@@ -1,0 +1,212 @@
+"""Directions along which nodes are held, with their prescribed displacements; they need not be coordinate axes.
+
+Each support prescribes the displacement of its nodes along up to three directions, d . u = value.  Where supports meet,
+the later one applies: of an earlier one there remains what is independent of the later ones, first what is orthogonal
+to them.  The rows of a node span its held directions; with H, the projector onto them, a nodal vector v has the held
+part H v and the free part v - H v.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import FloatArray
+
+DEPENDENT = 1e-4
+"""Sine of the angle below which a direction depends on others: more than the rounding of coordinates in single
+precision, less than any angle between the planes of two supports."""
+
+HELD_OBLIQUE = "held_oblique"
+"""Field of the files, of bodies that are held along directions other than the axes: see `HeldDirections.fields`."""
+
+Nodes = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class HeldDirections:
+    """The held directions of this rank's k nodes, as projectors.
+
+    Attributes:
+        count: k.
+        nodes: Those that are held along some direction, ascending, shape (m,).
+        projector: H of each, shape (m, 3, 3).
+    """
+
+    count: int
+    nodes: Nodes
+    projector: FloatArray
+
+    def held_part(self, v: FloatArray) -> FloatArray:
+        """The part of nodal vectors along held directions; shapes (k, 3), or (k, 3, j) for j vectors per node."""
+        part = np.zeros_like(v)
+        part[self.nodes] = np.einsum("kij,kj...->ki...", self.projector, v[self.nodes])
+        return part
+
+    def free_part(self, v: FloatArray) -> FloatArray:
+        """The part of nodal vectors along free directions; shapes as for `held_part`."""
+        part = v.copy()
+        part[self.nodes] -= np.einsum("kij,kj...->ki...", self.projector, v[self.nodes])
+        return part
+
+    def projector_at(self, nodes: npt.NDArray[np.integer[Any]]) -> FloatArray:
+        """H of some nodes, shape (q, 3, 3); zero for a free node."""
+        H = np.zeros((len(nodes), 3, 3))
+        if len(self.nodes):
+            place = np.minimum(np.searchsorted(self.nodes, nodes), len(self.nodes) - 1)
+            held = self.nodes[place] == nodes
+            H[held] = self.projector[place[held]]
+        return H
+
+    def of(self, here: npt.NDArray[np.bool_]) -> HeldDirections:
+        """Those of some of the nodes, which are True in `here` (k,)."""
+        kept = here[self.nodes]
+        return HeldDirections(int(here.sum()), (np.cumsum(here) - 1)[self.nodes[kept]], self.projector[kept])
+
+    @cached_property
+    def number(self) -> int:
+        """Number of held directions, over all nodes of this rank."""
+        return int(np.sum(np.round(np.trace(self.projector, axis1=1, axis2=2))))
+
+    @cached_property
+    def components(self) -> npt.NDArray[np.bool_]:
+        """Which components of the displacements are prescribed whatever the others are, shape (k, 3)."""
+        components = np.zeros((self.count, 3), dtype=bool)
+        components[self.nodes] = np.einsum("kii->ki", self.projector) > 1.0 - 1e-14
+        return components
+
+    @cached_property
+    def oblique(self) -> npt.NDArray[np.bool_]:
+        """Which of `nodes` have held directions that are not coordinate axes, shape (m,)."""
+        along_axes = (self.projector == 0.0) | (self.projector == np.eye(3))
+        oblique: npt.NDArray[np.bool_] = ~np.all(along_axes, axis=(1, 2))
+        return oblique
+
+    @cached_property
+    def fields(self) -> dict[str, FloatArray]:
+        """H as nodal vectors (k, 3): "held", its diagonal, and "held_oblique", its entries yz, xz and xy."""
+        H = np.zeros((self.count, 3, 3))
+        H[self.nodes] = self.projector
+        return {"held": np.einsum("kii->ki", H).copy(), HELD_OBLIQUE: H[:, [1, 0, 0], [2, 2, 1]]}
+
+    @staticmethod
+    def of_fields(diagonal: FloatArray, others: FloatArray | None) -> HeldDirections:
+        """The held directions of `fields`, all entries rounded to those of the nearest projector.
+
+        Args:
+            diagonal: "held", shape (k, 3).
+            others: "held_oblique", shape (k, 3); None if it is zero.
+        """
+        H = np.zeros((len(diagonal), 3, 3))
+        H[:, [0, 1, 2], [0, 1, 2]] = np.round(diagonal)
+        turned = np.flatnonzero(np.any(others != 0.0, axis=1)) if others is not None else np.empty(0, dtype=np.int64)
+        if others is not None and len(turned):
+            given = np.zeros((len(turned), 3, 3))
+            given[:, [0, 1, 2], [0, 1, 2]] = diagonal[turned]
+            given[:, [1, 0, 0], [2, 2, 1]] = given[:, [2, 2, 1], [1, 0, 0]] = others[turned]
+            sizes, axes = np.linalg.eigh(given)
+            H[turned] = np.einsum("kia,ka,kja->kij", axes, np.clip(np.round(sizes), 0.0, 1.0), axes)
+        nodes = np.flatnonzero(np.any(H != 0.0, axis=(1, 2)))
+        return HeldDirections(len(diagonal), nodes, H[nodes])
+
+
+@dataclass(frozen=True)
+class PrescribedRows:
+    """Rows d . u = value, those of a node independent of each other.
+
+    Attributes:
+        held: The directions that they hold.
+        node: Node of each row, shape (r,).
+        support: Number of the support that prescribes it, shape (r,).
+        direction: d, a unit vector, shape (r, 3).
+        dual: The vectors by which values become displacements: those along held directions with d' . dual = 1 for the
+            row itself and 0 for the other rows of its node; d where these are orthogonal.  Shape (r, 3).
+    """
+
+    held: HeldDirections
+    node: Nodes
+    support: Nodes
+    direction: FloatArray
+    dual: FloatArray
+
+    def displacement(self, values: FloatArray) -> FloatArray:
+        """The displacement along held directions that has these values (r,), shape (k, 3)."""
+        u = np.zeros((self.held.count, 3))
+        np.add.at(u, self.node, values[:, None] * self.dual)
+        return u
+
+    def forces(self, reaction: FloatArray) -> FloatArray:
+        """The force of each row in a reaction (k, 3) along held directions, shape (r, 3)."""
+        sizes = np.einsum("ri,ri->r", self.dual, reaction[self.node])
+        forces: FloatArray = sizes[:, None] * self.direction
+        return forces
+
+
+def prescribed_rows(count: int, supports: Sequence[tuple[npt.NDArray[np.integer[Any]], FloatArray]]) -> PrescribedRows:
+    """The rows of supports, of which a later one applies where they meet.
+
+    Args:
+        count: Number of this rank's nodes k.
+        supports: Nodes (q,) of each support and their directions, orthonormal rows or zeros, shape (q, 3, 3).
+    """
+    nodes: Nodes = np.unique(np.concatenate([np.empty(0, np.int64), *(given for given, _ in supports)]))
+    H = np.zeros((len(nodes), 3, 3))
+    found: list[tuple[Nodes, Nodes, FloatArray]] = []
+    for number, (given, directions) in reversed(list(enumerate(supports))):
+        place = np.searchsorted(nodes, given)
+        rows, added = _independent(directions, H[place])
+        H[place] += np.einsum("kai,kaj->kij", added, added)
+        full = np.round(np.trace(H[place], axis1=1, axis2=2)) >= 3.0
+        H[place[full]] = np.eye(3)
+        at, which = np.nonzero(np.any(rows != 0.0, axis=2))
+        found.append((place[at], np.full(len(at), number), rows[at, which]))
+    place, support, direction = (
+        np.concatenate(parts)
+        for parts in zip((np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3))), *found, strict=True)
+    )
+    held = HeldDirections(count, nodes, H)
+    return PrescribedRows(held, nodes[place], support, direction, _duals(place, direction, len(nodes)))
+
+
+def _independent(directions: FloatArray, H: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What directions add to those that are held.
+
+    Args:
+        directions: Orthonormal rows or zeros, shape (q, 3, 3).
+        H: Projectors onto the held directions, shape (q, 3, 3).
+
+    Returns:
+        Unit vectors in the span of the rows, independent of the held directions, or zeros, shape (q, 3, 3); and
+        orthonormal vectors that are orthogonal to H, with the same span beside H.
+    """
+    rest = directions - directions @ H
+    same, none = np.all(rest == directions, axis=2), np.all(rest == 0.0, axis=2)
+    rows = np.where(none[:, :, None], 0.0, directions)
+    added = rows.copy()
+    mixed = ~np.all(same | none, axis=1)
+    left, sizes, right = np.linalg.svd(rest[mixed])
+    new = (sizes > DEPENDENT)[:, :, None]
+    rows[mixed] = np.where(new, np.swapaxes(left, 1, 2) @ directions[mixed], 0.0)
+    added[mixed] = np.where(new, right, 0.0)
+    return rows, added
+
+
+def _duals(place: Nodes, direction: FloatArray, count: int) -> FloatArray:
+    """`PrescribedRows.dual` of directions (r, 3) at places among `count` nodes, shape (r, 3)."""
+    order = np.argsort(place, kind="stable")
+    sorted_place = place[order]
+    number = np.empty(len(place), dtype=np.int64)
+    number[order] = np.arange(len(place)) - np.searchsorted(sorted_place, sorted_place)
+    D = np.zeros((count, 3, 3))
+    D[place, number] = direction
+    gram = np.einsum("kai,kbi->kab", D, D) * (1.0 - np.eye(3))
+    askew = np.any(gram != 0.0, axis=(1, 2))
+    dual = D.copy()
+    dual[askew] = np.swapaxes(np.linalg.pinv(D[askew], rcond=0.1 * DEPENDENT), 1, 2)
+    rows: FloatArray = dual[place, number]
+    return rows

@@ -1,0 +1,249 @@
+"""What a contact problem needs of bodies: K, loads at a time, prescribed displacements, internal forces without K.
+
+`Elasticity` is a body of materials and loads of this package, `Body` one of the user's forms, each on its own mesh;
+`JoinedBodies` are several of them together.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from ..meshes import SEPARATOR
+from .free_motions import FreeMotions
+from .held_nodes import HeldNodes
+from .held_space import HeldSpace
+from .loads import AppliedLoad
+from .materials import Materials
+from .nodal_forces import NodalForces
+from .temperature import Temperature
+
+
+@dataclass(frozen=True)
+class Loading:
+    """Loads and prescribed displacements of a body at a time; this rank's k nodes.
+
+    Attributes:
+        time: The time.
+        load: Nodal forces of all loads in newtons, shape (k, 3).
+        prescribed: Prescribed displacements in metres, 0 elsewhere, shape (k, 3).
+        temperature: Temperature; None for a body without.
+        parts: Of several bodies, the loading of each, in their order.
+    """
+
+    time: float
+    load: FloatArray
+    prescribed: FloatArray
+    temperature: Temperature | None = None
+    parts: tuple[Loading, ...] = ()
+
+
+@dataclass(frozen=True)
+class Member:
+    """One of the bodies of a problem.
+
+    Attributes:
+        name: Its name; "" if it is the only one.
+        body: The body on its mesh.
+        nodes: Its nodes among those of this rank.
+    """
+
+    name: str
+    body: SingleBody
+    nodes: slice
+
+    def called(self, face: str | None) -> str | None:
+        """Name of a face of this body in the problem, such as "lower:top"; that of the body for None."""
+        if not self.name:
+            return face
+        return self.name if face is None else f"{self.name}{SEPARATOR}{face}"
+
+
+class Deformable(HeldNodes, ABC):
+    """Linear elastic bodies with their supports and loads.
+
+    Attributes:
+        contradictions: Messages about supports that prescribe different displacements where they meet.
+        materials: Its materials; None if they are in the user's forms.
+        loads: Its loads with an amplitude.
+    """
+
+    contradictions: tuple[str, ...]
+    materials: Materials | None
+    loads: tuple[AppliedLoad, ...]
+
+    @property
+    @abstractmethod
+    def members(self) -> tuple[Member, ...]:
+        """The bodies; this rank's nodes are those of one after the other."""
+
+    @property
+    def alone(self) -> SingleBody:
+        """The only body.
+
+        Raises:
+            ValueError: If there are several.
+        """
+        if len(self.members) > 1:
+            names = ", ".join(member.name for member in self.members)
+            raise ValueError(
+                f"there are several bodies, {names}: take one of elasticity.members, or of Solution.functions"
+            )
+        return self.members[0].body
+
+    @abstractmethod
+    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
+        """A face: the body that it is on, and this rank's facets of the body's mesh.
+
+        Raises:
+            ValueError: If there is no such face; the message begins with `what`.
+        """
+
+    def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
+        """This rank's nodes on a face, sorted; ValueError if there is no such face."""
+        member, facets = self.face(face, what)
+        nodes: npt.NDArray[np.int32] = (member.nodes.start + member.body.nodes_of(facets)).astype(np.int32)
+        return nodes
+
+    @abstractmethod
+    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Global numbers of nodes, of any rank, from their global numbers in the space of a body alone."""
+
+    @abstractmethod
+    def largest_gradient(self, u: FloatArray) -> float:
+        """Largest norm of the displacement gradient of u (k, 3), over all ranks; collective."""
+
+    @property
+    @abstractmethod
+    def K(self) -> PETSc.Mat:
+        """Stiffness, N/m, with held directions eliminated; block size 3, symmetric positive definite, with the rigid
+        body modes as its near-nullspace."""
+
+    @property
+    @abstractmethod
+    def free(self) -> FreeMotions:
+        """The rigid motions along which contact alone holds it."""
+
+    @property
+    @abstractmethod
+    def anchoring(self) -> FloatArray:
+        """Stiffness of the springs that K has at the anchors of `free`, N/m, shape (k, 3); they are no internal forces,
+        and carry nothing where loads and contact forces are in equilibrium."""
+
+    @property
+    def ground(self) -> FloatArray | None:
+        """Nodal forces in newtons of the `rigid_modes`, of one metre, shape (k, 3, 6): those of springs, and of elastic
+        foundations in the user's forms; None if there are none; collective."""
+        return None
+
+    @abstractmethod
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        """Internal nodal forces of u in newtons, assembled without K; shapes (k, 3); collective."""
+
+    def at_time(self, time: float) -> Deformable:
+        """The body with the coefficients that its stiffness has at a time: itself if they do not change; collective."""
+        return self
+
+    @abstractmethod
+    def at(self, time: float) -> Loading:
+        """Loads and prescribed displacements at a time; collective.
+
+        Raises:
+            ValueError: On every rank, if they have no finite value at that time.
+        """
+
+    def outdated(self, loading: Loading) -> bool:
+        """Whether loads, prescribed displacements or coefficients have been changed by hand since a loading was
+        evaluated; collective."""
+        return False
+
+    @abstractmethod
+    def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
+        """The forces of every load by itself; collective."""
+
+    @abstractmethod
+    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
+        """The forces of every support by itself, in the order given: each held direction belongs to the support that
+        prescribes it.
+
+        Args:
+            reaction: Forces of the supports on the body at this rank's nodes in newtons, along held directions:
+                `held_part` of internal forces minus loads, springs and contact forces; shape (k, 3).
+        """
+
+    def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
+        """The forces of every spring by itself at displacements u (k, 3), in the order given; collective."""
+        yield from ()
+
+    def spring_force(self, u: FloatArray) -> FloatArray:
+        """Forces of the springs on the body at displacements u, newtons; shapes (k, 3); collective."""
+        return np.zeros_like(u)
+
+    def blocked_displacement(self, loading: Loading) -> float:
+        """Scale in metres of the displacements that loads would cause where contact and supports let nothing move;
+        0 if there is none beside the displacement itself; collective."""
+        return 0.0
+
+    @abstractmethod
+    def supports_understood(self) -> list[dict[str, Any]]:
+        """Kind, face and what it holds of every support and spring."""
+
+    def forms(self) -> Mapping[str, Any] | None:
+        """What is recorded of the user's forms; None for a body without."""
+        return None
+
+    @abstractmethod
+    def f(self, loading: Loading) -> PETSc.Vec:
+        """The load in newtons, with the prescribed displacements included, so that K u = f; collective."""
+
+
+class SingleBody(HeldSpace, Deformable):
+    """A body on one mesh; held directions as in `HeldSpace`."""
+
+    @property
+    @abstractmethod
+    def held_diagonal(self) -> FloatArray:
+        """The entry of K for held components, N/m: the mean diagonal of the node without supports, shape (k, 1)."""
+
+    def suspects(self) -> str:
+        """Coefficients that may make its stiffness singular, for the end of a message; collective."""
+        return ""
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """Itself."""
+        return (Member("", self, slice(0, self._owned)),)
+
+    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
+        """A face of its mesh: see `Deformable`."""
+        return self.members[0], self.mesh.facets(name, what)
+
+    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """The same numbers."""
+        return numbers
+
+    @abstractmethod
+    def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
+        """Functions that are constant on every cell, to be written beside u, a Function of V, under a loading."""
+
+    @property
+    def numbers_per_cell(self) -> int:
+        """How many numbers per cell `cell_fields` has."""
+        return 3
+
+    def f(self, loading: Loading) -> PETSc.Vec:
+        """The load in newtons, with the prescribed displacements included, so that K u = f; collective."""
+        f, load = self.K.createVecRight(), loading.load
+        if self.mesh.comm.allreduce(bool(np.any(loading.prescribed)), op=MPI.LOR):
+            g = loading.prescribed
+            load = load - self.internal_force(g) + self.spring_force(g)
+        f.array[:] = (self.free_part(load) + self.held_diagonal * loading.prescribed).ravel()
+        return f

@@ -1,0 +1,275 @@
+"""The space of displacements of a body: its nodes, faces and loads, without a material."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from .. import compat
+from ..compat import fem, ufl
+from ..meshes import facet_columns, lagrange_points, lagrange_values
+from .held_nodes import Numbering
+
+
+@dataclass(frozen=True)
+class Vertices:
+    """The vertices of a mesh among the nodes of a space.
+
+    Attributes:
+        space: The linear displacements on the same mesh.
+        node: The node of each vertex of this rank, shape (v,).
+    """
+
+    space: DisplacementSpace
+    node: npt.NDArray[np.int64]
+
+
+class DisplacementSpace:
+    """Displacements with values at nodes: vertices, and in second order also the middles of edges, faces and cells.
+
+    Args:
+        V: Lagrange space of vectors (3,) of first or second order on tetrahedra or hexahedra, coordinates in metres.
+
+    Attributes:
+        V: The argument.
+        domain: Its DOLFINx mesh.
+        x: Coordinates of this rank's nodes, the block dofs of V that it owns, in metres, shape (k, 3).
+        points_of_faces: The `contact_points` of faces, by their facets.
+    """
+
+    def __init__(self, V: Any):
+        self.domain, self.V = V.mesh, V
+        self._test = ufl.TestFunction(self.V)
+        self._owned = self.V.dofmap.index_map.size_local
+        self.x = self._coordinates()
+        self._integrals: dict[tuple[str, bytes], FloatArray] = {}
+        self._on_each_cell: dict[tuple[int, ...], Any] = {}
+        self._nodes_of: dict[bytes, npt.NDArray[np.int32]] = {}
+        self.points_of_faces: dict[bytes, Any] = {}
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share the mesh."""
+        comm: MPI.Comm = self.domain.comm
+        return comm
+
+    @property
+    def numbering(self) -> Numbering:
+        """Global numbers of this rank's nodes."""
+        index_map = self.V.dofmap.index_map
+        return Numbering(index_map.local_range[0], index_map.size_local, index_map.size_global)
+
+    @property
+    def lifetime(self) -> object:
+        """The mesh."""
+        return self.domain
+
+    @property
+    def degree(self) -> int:
+        """Order of the displacements, 1 or 2."""
+        return 1 if self.V.dofmap.dof_layout.num_dofs in (4, 8) else 2
+
+    def function(self, u: FloatArray, name: str = "displacement") -> Any:
+        """DOLFINx Function of nodal vectors (k, 3) of this rank."""
+        function = fem.Function(self.V, name=name)
+        function.x.array[: 3 * self._owned] = u.ravel()
+        function.x.scatter_forward()
+        return function
+
+    def scalar_function(self, values: FloatArray, name: str) -> Any:
+        """DOLFINx Function of numbers (k,) at this rank's nodes, in the scalar space of the same degree."""
+        function = fem.Function(compat.functionspace(self.domain, self.degree), name=name)
+        everywhere = self.function(np.repeat(values[:, None], 3, axis=1)).x.array[::3]
+        function.x.array[compat.cell_dofs(function.function_space)] = everywhere[compat.cell_dofs(self.V)]
+        return function
+
+    def nodes_of(self, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+        """This rank's nodes on boundary facets of any rank, sorted."""
+        key = facets.tobytes()
+        if not self.comm.allreduce(key in self._nodes_of, op=MPI.LAND):
+            dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
+            self._nodes_of[key] = dofs[dofs < self._owned].astype(np.int32)
+        return self._nodes_of[key].copy()
+
+    def in_cells(self, facets: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+        """The cells of those boundary facets that this rank owns, ascending, shape (f,), and which nodes of its cell
+        are on each, in VTK's order, shape (f, n)."""
+        topology = self.domain.topology
+        own = np.sort(facets[facets < topology.index_map(2).size_local])
+        for dims in ((2, 3), (3, 2)):
+            topology.create_connectivity(*dims)
+        beside, of_cell = topology.connectivity(2, 3), topology.connectivity(3, 2)
+        cell = beside.array[beside.offsets[own]]  # a boundary facet has one
+        columns = facet_columns(topology.cell_type, self.degree)
+        number = np.argmax(of_cell.array.reshape(-1, len(columns))[cell] == own[:, None], axis=1)
+        return cell, np.asarray(columns)[number]
+
+    def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
+        """Integral of every hat function over boundary facets in m^2, this rank's nodes, shape (k,); collective."""
+
+        def area() -> FloatArray:
+            one = self.function(np.ones((self._owned, 3)))
+            return self._assemble(fem.form(ufl.inner(one, self._test) * self.measure(facets)))[:, 0]
+
+        return self._integral("area", facets, area)
+
+    def normal_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
+        """Integral of the outward normal against every hat function over boundary facets, m^2, shape (k, 3);
+        collective."""
+
+        def normal() -> FloatArray:
+            n = ufl.FacetNormal(self.domain)
+            return self._assemble(fem.form(ufl.inner(n, self._test) * self.measure(facets)))
+
+        return self._integral("normal", facets, normal)
+
+    def _integral(self, name: str, facets: npt.NDArray[np.int32], compute: Callable[[], FloatArray]) -> FloatArray:
+        """An integral over boundary facets of the undeformed mesh, computed once: load steps ask for it again and
+        again; collective."""
+        key = (name, facets.tobytes())
+        if not self.comm.allreduce(key in self._integrals, op=MPI.LAND):
+            self._integrals[key] = compute()
+        return self._integrals[key].copy()
+
+    def positive_weights(self, facets: npt.NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
+        """Area and outward normal around this rank's nodes: integrals over boundary facets in m^2, shapes (k,), (k, 3).
+
+        They are weighted by hat functions, on 10-node tetrahedra at vertices by linear ones: so they are positive.
+        """
+        area, normal = self.area_of(facets), self.normal_of(facets)
+        if not self.positive:
+            linear, node = self.vertices.space, self.vertices.node
+            area[node], normal[node] = linear.area_of(facets), linear.normal_of(facets)
+        return area, normal
+
+    @property
+    def positive(self) -> bool:
+        """Whether the integral of every hat function over facets is positive: not on 10-node tetrahedra."""
+        return int(self.V.dofmap.dof_layout.num_dofs) != 10
+
+    @cached_property
+    def vertices(self) -> Vertices:
+        """The vertices, with linear functions on them."""
+        linear = DisplacementSpace(compat.functionspace(self.domain, 1, (3,)))
+        of_linear, corners = compat.cell_dofs(linear.V), compat.cell_dofs(self.V)
+        node = np.zeros(linear.V.dofmap.index_map.size_local + linear.V.dofmap.index_map.num_ghosts, dtype=np.int64)
+        node[of_linear] = corners[:, : of_linear.shape[1]]
+        node = node[: len(linear.x)]
+        assert np.all(node < self._owned)  # a rank owns the values of the vertices that it owns, in every space
+        return Vertices(linear, node)
+
+    def linear_between_vertices(self, values: FloatArray) -> FloatArray:
+        """A nodal field that is linear on all edges and has these values (k,) or (k, d <= 3) at vertices."""
+        if values.ndim == 1:
+            return self.linear_between_vertices(values[:, None])[:, 0]
+        corners, field = np.zeros((len(self.vertices.node), 3)), fem.Function(self.V)
+        corners[:, : values.shape[1]] = values[self.vertices.node]
+        field.interpolate(self.vertices.space.function(corners))
+        linear: FloatArray = field.x.array[: 3 * self._owned].reshape(-1, 3)[:, : values.shape[1]].copy()
+        return linear
+
+    def measure(self, facets: npt.NDArray[np.int32]) -> Any:
+        """UFL's measure of boundary facets."""
+        tags = compat.meshtags(self.domain, 2, facets, np.ones(len(facets), dtype=np.int32))
+        return ufl.Measure("ds", domain=self.domain, subdomain_data=tags, subdomain_id=1)
+
+    def surface_load(self, traction: FloatArray, facets: npt.NDArray[np.int32]) -> FloatArray:
+        """Nodal forces in newtons of tractions in pascals on boundary facets; shapes (k, 3)."""
+        return self._assemble(fem.form(ufl.inner(self.function(traction), self._test) * self.measure(facets)))
+
+    def pressure_load(self, pressure: FloatArray, facets: npt.NDArray[np.int32]) -> FloatArray:
+        """Nodal forces in newtons, shape (k, 3), of a pressure (k,) in pascals on boundary facets.
+
+        The integral of -p n over each facet of the undeformed mesh; n, the outward normal, varies over a facet with
+        four corners that is not plane.
+        """
+        p = self.function(np.repeat(pressure[:, None], 3, axis=1))[0]
+        n = ufl.FacetNormal(self.domain)
+        return self._assemble(fem.form(-p * ufl.inner(n, self._test) * self.measure(facets)))
+
+    def volume_load(self, force: FloatArray) -> FloatArray:
+        """Nodal forces in newtons of forces per volume in N/m^3; shapes (k, 3)."""
+        return self._assemble(fem.form(ufl.inner(self.function(force), self._test) * ufl.dx))
+
+    def weight(self, density: FloatArray, gravity: FloatArray) -> FloatArray:
+        """Nodal forces in newtons, shape (k, 3).
+
+        Args:
+            density: Of this rank's own cells in kg/m^3, shape (c,).
+            gravity: Acceleration in m/s^2, shape (3,).
+        """
+        g = self.function(np.broadcast_to(gravity, (self._owned, 3)))
+        return self._assemble(fem.form(self._on_cells(density, "density") * ufl.inner(g, self._test) * ufl.dx))
+
+    def largest_gradient(self, u: FloatArray) -> float:
+        """Largest Frobenius norm of the displacement gradient, over all ranks; u is (k, 3).
+
+        At the cells' midpoints in first order, in second order at their corners, where bending is largest.
+        """
+        displacement, size, expression = self._gradient
+        displacement.x.array[: 3 * self._owned] = u.ravel()
+        displacement.x.scatter_forward()
+        size.interpolate(expression)
+        values = size.x.array
+        # nan is propagated, which a reduction by MPI.MAX does not guarantee
+        return float(np.max(self.domain.comm.allgather(float(np.max(values, initial=0.0)))))
+
+    @cached_property
+    def _gradient(self) -> tuple[Any, Any, Any]:
+        """A displacement, the size of its gradient, and the expression of that in the displacement."""
+        W, displacement = compat.functionspace(self.domain, self.degree - 1, family="DG"), fem.Function(self.V)
+        slope = ufl.grad(displacement)
+        size = fem.Expression(ufl.sqrt(ufl.inner(slope, slope)), compat.interpolation_points(W))
+        return displacement, fem.Function(W), size
+
+    def _coordinates(self) -> FloatArray:
+        """Of this rank's nodes, exactly those of the mesh: DOLFINx's tabulated ones have rounding errors, so that
+        functions of place such as sqrt(x) have no value at x = 0."""
+        nodes, points = compat.cell_dofs(self.V), compat.cell_geometry(self.domain)
+        in_cells = self.domain.geometry.x[points]
+        if nodes.shape[1] != points.shape[1]:  # the orders of displacements and mesh differ
+            cell = self.domain.topology.cell_type
+            values = lagrange_values(cell, compat.geometry_degree(self.domain), lagrange_points(cell, self.degree))
+            in_cells = np.einsum("ac,kci->kai", np.round(values, 12), in_cells)
+        x = np.empty((self._owned, 3))
+        mine = nodes < self._owned
+        x[nodes[mine]] = in_cells[mine]
+        return x
+
+    def _assemble(self, form: Any) -> FloatArray:
+        return self._summed(fem.petsc.assemble_vector(form))
+
+    def _added(self, part: FloatArray, form: Any) -> FloatArray:
+        """What the cells of all ranks add at this rank's nodes, shape (k, 3), from what its own add there and at its
+        ghosts, shape (n,); a form has the same layout."""
+        if self.comm.size == 1:
+            return part.reshape(-1, 3)
+        vector = fem.petsc.create_vector(form)
+        with vector.localForm() as local:
+            local.array[:] = part
+        return self._summed(vector)
+
+    def _summed(self, vector: PETSc.Vec) -> FloatArray:
+        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        values: FloatArray = vector.array.reshape(-1, 3).copy()
+        vector.destroy()
+        return values
+
+    def _on_cells(self, values: FloatArray, name: str) -> Any:
+        """Function that is constant on every cell, from this rank's own cells: numbers (c,), or rows (c, n)."""
+        width = values.shape[1:]
+        if width not in self._on_each_cell:
+            self._on_each_cell[width] = compat.functionspace(self.domain, 0, width, family="DG")
+        function = fem.Function(self._on_each_cell[width], name=name)
+        cells = compat.cell_dofs(function.function_space)[: len(values), 0]
+        function.x.array.reshape(-1, *width)[cells] = values
+        function.x.scatter_forward()
+        return function

@@ -1,0 +1,117 @@
+"""Linear elasticity of one body: stiffness K, load f, near-nullspace."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from .. import compat
+from ..compat import fem, ufl
+from ..geometry import Amplitude, Field
+from ..meshes import NamedMesh
+from .body import strain
+from .cell_assembly import assembled_matrix
+from .deformable import SingleBody
+from .loaded_body import LoadedBody
+from .loads import Load, Traction
+from .materials import Materials
+from .rigid_modes import component_modes, of_components
+from .supports import Clamp, PrescribedDisplacement, Spring, Support
+from .temperature import ThermalLoad
+
+__all__ = ["Clamp", "Elasticity", "Materials", "PrescribedDisplacement", "Spring", "Support", "Traction"]
+
+
+class Elasticity(LoadedBody, SingleBody):
+    """K u = f on hexahedra or tetrahedra of first or second order, with prescribed displacements and springs.
+
+    Held directions are eliminated (`HeldSpace.eliminated`); f, which depends on time, has the prescribed values, so
+    that K u = f holds them exactly.  Springs (Winkler foundations) are integrated over their faces with the functions
+    of the elements: exact for every displacement that these have.
+
+    Raises:
+        ValueError: As `LoadedBody`, or if the springs that hold the body are too soft in comparison with rounding
+            errors.
+    """
+
+    def __init__(
+        self,
+        mesh: NamedMesh,
+        materials: Materials,
+        clamps: Sequence[Support],
+        tractions: Sequence[Load] = (),
+        body_force: Field = (0.0, 0.0, 0.0),
+        springs: Sequence[Spring] = (),
+        body_force_amplitude: Amplitude = 1.0,
+        gravity: Sequence[float] = (0.0, 0.0, 0.0),
+        gravity_amplitude: Amplitude = 1.0,
+        thermal: ThermalLoad | None = None,
+    ):
+        super().__init__(
+            *(mesh, materials, clamps, tractions, body_force, springs, body_force_amplitude),
+            *(gravity, gravity_amplitude, thermal),
+        )
+        trial = ufl.TrialFunction(self.V)
+        form = fem.form(ufl.inner(self._stress(trial), strain(self._test)) * self._dx)
+        self._K = assembled_matrix(form, self.V)
+        self._add_springs(trial)
+        self._K, self._held_diagonal = self.eliminated(self._K)
+
+    @property
+    def K(self) -> PETSc.Mat:
+        """Stiffness, N/m; block size 3, symmetric positive definite, with the rigid body modes as its near-nullspace;
+        it does not change with time."""
+        return self._K
+
+    @property
+    def held_diagonal(self) -> FloatArray:
+        """The entry of K for held components, N/m: the mean diagonal of the node without supports, shape (k, 1)."""
+        return self._held_diagonal
+
+    @property
+    def anchoring(self) -> FloatArray:
+        """Stiffness of the springs in K at the anchors of free motions, N/m, shape (k, 3)."""
+        return self._anchoring
+
+    def _add_springs(self, trial: Any) -> None:
+        """Add springs to K, and those at the anchors of free motions (`FreeMotions`)."""
+        comm = self.mesh.comm
+        for spring in self.springs:
+            S = compat.assemble_matrix(fem.form(self.spring_form(spring, trial)))
+            self._K.axpy(1.0, S, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            S.destroy()
+        diagonal = self._K.getDiagonal()
+        stiff = comm.allreduce(float(np.max(diagonal.array, initial=0.0)), op=MPI.MAX)
+        anchored = self.free.anchored(self.x.shape)
+        # As stiff as K there: multigrid then takes as many iterations as for a clamped body; with 1e3 times K's
+        # diagonal up to twice as many.
+        self._anchoring: FloatArray = anchored * diagonal.array.reshape(-1, 3)
+        diagonal.array[:] += self._anchoring.ravel()
+        self._K.setDiagonal(diagonal)
+        diagonal.destroy()
+        limit = 1e-12 * comm.allreduce(self._owned, op=MPI.SUM)
+        component = self.free.component
+        modes, parts = component_modes(self.x, component, comm)
+        forces = anchored[:, :, None] * modes
+        if self.ground is not None:
+            forces += of_components(self.ground / stiff, self.x, component, parts, comm)
+        soft = self._motions_without(component, modes, forces, limit)
+        if soft.motions and not self.springs:
+            ends = (np.max(side * self.x, axis=0, initial=-np.inf) for side in (1.0, -1.0))
+            lengths = sum(np.max(comm.allgather(end), axis=0) for end in ends)
+            raise ValueError(
+                f"the body is {np.max(lengths):g} m long and {np.min(lengths):g} m thin: supports and contact resist "
+                f"that it {' or '.join(map(str, soft.motions))} by no more than rounding errors of its stiffness; "
+                "check the lengths and the unit of the mesh"
+            )
+        if soft.motions:
+            raise ValueError(
+                "the springs are too soft in comparison with rounding errors: they hardly resist that the body "
+                f"{' or '.join(map(str, soft.motions))}; against that the nodes have less than 1e-12 of the body's own "
+                "stiffness; make the springs stiffer, or leave them out where contact holds the body"
+            )

@@ -1,0 +1,273 @@
+"""A body from the user's forms: a(u, v) = L(v) with Dirichlet conditions, as in a script of DOLFINx."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from .. import compat_forms
+from ..geometry import on_all_ranks
+from .bilinear_form import BilinearForm, FormValues, compiled
+from .deformable import Loading, SingleBody
+from .dirichlet import DirichletConditions
+from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
+from .free_motions import FreeMotions, free_motions
+from .mesh_components import mesh_components
+from .nodal_forces import NodalForces
+from .rigid_modes import component_modes, of_components, rigid_modes
+
+_FREE = 1e-12
+"""Energy of a rigid motion below which it is free, per node of that motion and largest diagonal entry of a."""
+
+
+@dataclass
+class _Stiffness:
+    """The matrix of a with fixed values of its coefficients.
+
+    Attributes:
+        values: The values.
+        K: The matrix with held directions eliminated.
+        held_diagonal: Its entry for held components, shape (k, 1).
+        ground: Nodal forces of the rigid modes; None if they are rounding errors.
+        diagonal: Of the matrix of a alone, N/m, shape (k, 3).
+        free: The rigid motions that neither a nor held directions resist.
+        anchoring: Stiffness of the springs in K at their anchors, N/m, shape (k, 3).
+    """
+
+    values: FormValues
+    K: PETSc.Mat
+    held_diagonal: FloatArray
+    ground: FloatArray | None
+    diagonal: FloatArray
+    free: FreeMotions
+    anchoring: FloatArray
+
+
+@dataclass
+class _Present:
+    """What the copies of a body share: the last time of the callable, and the last stiffness."""
+
+    time: float | None = None
+    stiffness: _Stiffness | None = None
+
+
+class Body(SingleBody):
+    """A body from the user's forms, for contact: find u with a(u, v) = L(v) for all v, where `bcs` hold.
+
+    Any symmetric positive definite a on Lagrange vectors of first or second order on tetrahedra or hexahedra:
+    anisotropic, layered, with Robin terms that hold the body.  Lengths are in metres and forces in newtons, or in any
+    consistent units.
+
+    Coefficients of the forms and values of the boundary conditions may change.  Each state of a problem keeps the
+    values that it was posed with: a later change does not reach into an earlier answer.  `ContactProblem.solve` and
+    `.at` take the present values, after `update(time)`; K and A are made anew only if coefficients of a have changed.
+
+    Args:
+        a: The bilinear form, of UFL or compiled by `fem.form`.
+        L: The linear form; None for no load.
+        bcs: `dirichletbc` of DOLFINx on the space of a or its components; where they meet, the later one applies.
+        faces: Facets by name: {"sole": facets}, with numbers of this rank or (MeshTags, value); or MeshTags, whose
+            values become names such as "3"; or a NamedMesh of the same mesh.
+        update: Called with the time before anything is evaluated at that time, also for earlier times again; it sets
+            coefficients, constants and boundary values, which must depend on the time alone.
+        space: The function space of compiled forms, for results in the user's own space.
+
+    Raises:
+        ValueError: On every rank, if a form, a space, a boundary condition or a face is none that can be used, if a is
+            not symmetric.
+    """
+
+    def __init__(
+        self,
+        a: Any,
+        L: Any = None,
+        bcs: Sequence[Any] = (),
+        faces: Any = None,
+        *,
+        update: Callable[[float], object] | None = None,
+        space: Any = None,
+    ):
+        V = space_of_forms(a, L, space)
+        self.mesh = named_mesh(V.mesh, {} if faces is None else faces)
+        super().__init__(V)
+        self._update, self._present = update, _Present()
+        self._signatures = {name: _signature(form) for name, form in (("a", a), ("L", L))}
+        self._degree = compat_forms.lagrange_vectors(V)[1]
+        self._a, self._L = BilinearForm(a, V), None if L is None else compiled(L, "L")
+        dofs = self.V.dofmap.index_map
+        self._conditions = DirichletConditions(
+            refuse_bcs(bcs, V), self.x, 3 * (dofs.size_local + dofs.num_ghosts), self.mesh.comm
+        )
+        self.held = self._conditions.rows.held
+        self._component = mesh_components(self)
+        self.contradictions, self.materials, self.loads = (), None, ()
+        self._known: _Stiffness | None = None
+        if update is None:  # else when the coefficients have been set for a time
+            self._known = self._stiff(self._a.values)
+
+    def update(self) -> None:
+        """Coefficients have been changed by hand: the callable is called again before the next evaluation."""
+        self._present.time = None
+
+    @property
+    def _stiffness(self) -> _Stiffness:
+        if self._known is None:
+            self._known = self._stiff(self._a.values)
+        return self._known
+
+    @property
+    def K(self) -> PETSc.Mat:
+        """Stiffness with held directions eliminated, block size 3."""
+        return self._stiffness.K
+
+    @property
+    def held_diagonal(self) -> FloatArray:
+        """The entry of K for held components, shape (k, 1)."""
+        return self._stiffness.held_diagonal
+
+    @property
+    def free(self) -> FreeMotions:
+        """The rigid motions that neither a nor held directions resist."""
+        return self._stiffness.free
+
+    @property
+    def anchoring(self) -> FloatArray:
+        """Stiffness of the springs in K at the anchors of free motions, N/m, shape (k, 3)."""
+        return self._stiffness.anchoring
+
+    @property
+    def ground(self) -> FloatArray | None:
+        """Nodal forces of the `rigid_modes`, shape (k, 3, 6): those of Robin terms in a; None without them."""
+        return self._stiffness.ground
+
+    def suspects(self) -> str:
+        """Coefficients of a that vanish; see `SingleBody`."""
+        return self._a.suspects(self._stiffness.values)
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        """The residual form a(u, v) assembled anew at u, newtons; shapes (k, 3); collective."""
+        return self._a.residual(self._stiffness.values, u)
+
+    def at_time(self, time: float) -> Body:
+        """The body with the coefficients that a has at a time: itself if they are the same; collective."""
+        self._set(time)
+        values, own = self._a.values, self._stiffness
+        if self._same(own, values):
+            return self
+        last = self._present.stiffness
+        if last is None or not self._same(last, values):
+            last = self._present.stiffness = self._stiff(values)
+        then = copy.copy(self)
+        then._known = last
+        return then
+
+    def _same(self, one: _Stiffness, values: FormValues) -> bool:
+        same: bool = self.mesh.comm.allreduce(one.values.same(values), op=MPI.LAND)
+        return same
+
+    def at(self, time: float) -> Loading:
+        """L and the boundary values at a time; collective.
+
+        Raises:
+            ValueError: On every rank, if a value is not finite, or the user's callable fails.
+        """
+        self._set(time)
+        load = np.zeros_like(self.x) if self._L is None else self._assemble(self._L)
+
+        def finite() -> FloatArray:
+            if not np.all(np.isfinite(load)):
+                raise ValueError("has values that are not finite: look at its coefficients")
+            return load
+
+        return Loading(time, on_all_ranks(finite, "Body: L", self.mesh.comm), self._conditions.prescribed())
+
+    def outdated(self, loading: Loading) -> bool:
+        """Whether the values have changed since a loading of this body was evaluated; collective."""
+        if self.at_time(loading.time) is not self:
+            return True
+        now = self.at(loading.time)
+        same = np.array_equal(now.load, loading.load) and np.array_equal(now.prescribed, loading.prescribed)
+        return not self.mesh.comm.allreduce(same, op=MPI.LAND)
+
+    def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
+        """L as one load."""
+        if self._L is not None:
+            yield NodalForces("load", None, loading.load)
+
+    def blocked_displacement(self, loading: Loading) -> float:
+        """Mean displacement of the nodes, each alone under its part of L, weighted with these forces; collective."""
+        comm = self.mesh.comm
+        largest = float(np.max(comm.allgather(float(np.max(np.abs(loading.load), initial=0.0)))))
+        load = loading.load / (largest or 1.0)
+        work: float = comm.allreduce(float(np.sum(load**2 / self._stiffness.diagonal)), op=MPI.SUM)
+        size: float = comm.allreduce(float(np.sum(np.abs(load))), op=MPI.SUM)
+        return largest * work / (size or 1.0)
+
+    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
+        """The forces of every boundary condition by itself, in the order given; see `Deformable`."""
+        rows = self._conditions.rows
+        forces = rows.forces(reaction)
+        for number in range(self._conditions.count):
+            here, share = rows.support == number, np.zeros_like(reaction)
+            np.add.at(share, rows.node[here], forces[here])
+            yield NodalForces("dirichlet", None, share)
+
+    def supports_understood(self) -> list[dict[str, Any]]:
+        """Kind, face and what it holds of every boundary condition; collective."""
+        return self._conditions.words()
+
+    def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
+        """None: which stress belongs to a is not known; see `Solution.write`."""
+        return []
+
+    def forms(self) -> Mapping[str, Any]:
+        """What can be recorded of the forms: signatures of those of UFL, degree of the space, constants, conditions."""
+        return {
+            **self._signatures,
+            "degree": self._degree,
+            "bcs": self._conditions.count,
+            "constants": {
+                "a": self._stiffness.values.constants.tolist(),
+                "L": [] if self._L is None else compat_forms.packed_constants(self._L).tolist(),
+            },
+        }
+
+    def _set(self, time: float) -> None:
+        """Call the user's callable for a time, unless it was the last one."""
+        if self._update is not None and self._present.time != time:
+            update = self._update
+            on_all_ranks(lambda: update(time), f"Body: update({time:g})", self.mesh.comm)
+            self._present.time = time
+
+    def _stiff(self, values: FormValues) -> _Stiffness:
+        comm, modes = self.mesh.comm, rigid_modes(self.x, self.mesh.comm)
+        K = self._a.matrix(values)
+        refuse_unsymmetric(K, self.x, self._a.suspects(values))
+        diagonal = K.getDiagonal()
+        stiff, noise = float(diagonal.max()[1]), 1e-12 * float(diagonal.norm())
+        alone = diagonal.array.reshape(-1, 3).copy()
+        ground = np.stack([self._a.residual(values, modes[:, :, j]) for j in range(6)], axis=2)
+        sizes = np.sqrt(comm.allreduce(np.einsum("kcj,kcj->j", ground, ground), op=MPI.SUM))
+        limit = _FREE * comm.allreduce(len(self.x), op=MPI.SUM)
+        own, parts = component_modes(self.x, self._component, comm)
+        forces = self.held_part(own) + of_components(ground / stiff, self.x, self._component, parts, comm)
+        free = free_motions(self.x, self._component, forces, limit, self.anchor_places, comm)
+        anchoring = free.anchored(self.x.shape) * alone
+        diagonal.array[:] += anchoring.ravel()
+        K.setDiagonal(diagonal)
+        diagonal.destroy()
+        K, held = self.eliminated(K)
+        return _Stiffness(values, K, held, ground if np.max(sizes) > noise else None, alone, free, anchoring)
+
+
+def _signature(form: Any) -> str | None:
+    """UFL's signature of a form, which identifies its expression without the values of coefficients; None of a compiled
+    form, or of none."""
+    return str(form.signature()) if hasattr(form, "signature") else None

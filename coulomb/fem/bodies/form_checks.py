@@ -1,0 +1,278 @@
+"""What the user's forms, spaces, boundary conditions and faces must be: refused otherwise, the same on every rank."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from .. import compat, compat_forms
+from ..compat import mesh, ufl
+from ..geometry import on_all_ranks
+from ..meshes import NamedMesh
+
+SYMMETRIC = 1e-10
+"""Largest difference of a(u, v) and a(v, u), relative to their size."""
+
+
+def space_of_forms(a: Any, L: Any, space: Any) -> Any:
+    """The Python function space of the forms.
+
+    Args:
+        a: The bilinear form.
+        L: The linear form, or None.
+        space: Given by the user, or None: then that of the forms.
+
+    Raises:
+        ValueError: If there are not one or two arguments, or the space is not one of displacements in 3D.
+    """
+    _refuse_rank(a, 2, "a", "exchange a and L")
+    if L is not None:
+        _refuse_rank(L, 1, "L", "exchange a and L")
+    spaces = [*_spaces(a, "a"), *([] if L is None else _spaces(L, "L"))]
+    python = [one for one in spaces if isinstance(one, ufl.FunctionSpace)]
+    if space is not None and not isinstance(space, ufl.FunctionSpace):
+        raise ValueError(f"Body: space must be a function space of DOLFINx, but is {space!r}")
+    chosen = space if space is not None else python[0] if python else None
+    for one in spaces:
+        if compat_forms.cpp_of(one) is not compat_forms.cpp_of(spaces[0]):
+            raise ValueError(
+                "Body: a and L must have one space: the same object V for trial and test functions of both, since two "
+                "spaces that look alike may number their nodes differently"
+            )
+    _refuse_space(spaces[0])
+    if chosen is None:
+        chosen = compat_forms.space_of(spaces[0])
+    if compat_forms.cpp_of(chosen) is not compat_forms.cpp_of(spaces[0]):
+        raise ValueError("Body: space is not the space of a")
+    return chosen
+
+
+def _refuse_rank(form: Any, rank: int, what: str, hint: str) -> None:
+    if isinstance(form, ufl.Form):
+        try:
+            found = len(form.arguments())
+        except Exception:
+            raise ValueError(
+                f"Body: {what} has trial or test functions of different spaces: a and L must have one space V, "
+                "the same object everywhere"
+            ) from None
+        if len(form.ufl_domains()) > 1:
+            raise ValueError(f"Body: {what} is on {len(form.ufl_domains())} meshes; a body has one mesh")
+    elif compat_forms.is_compiled(form):
+        found = int(form.rank)
+        if np.dtype(form.dtype) != np.float64:
+            raise ValueError(f"Body: {what} is compiled for {np.dtype(form.dtype)}; compile it for float64")
+    else:
+        raise ValueError(f"Body: {what} must be a form of UFL, or one compiled by fem.form, but is {form!r}")
+    if found != rank:
+        kinds = {0: "no argument", 1: "one argument (linear)", 2: "two arguments (bilinear)"}
+        needed = "a bilinear form of a trial and a test function" if rank == 2 else "a linear form of a test function"
+        raise ValueError(f"Body: {what} must be {needed}, but has {kinds[found]}; {hint}?")
+
+
+def _spaces(form: Any, what: str) -> list[Any]:
+    if isinstance(form, ufl.Form):
+        spaces = [argument.ufl_function_space() for argument in form.arguments()]
+        if not all(hasattr(space, "_cpp_object") for space in spaces):
+            raise ValueError(f"Body: {what} is on a space of UFL alone; make it of a function space of DOLFINx")
+        return spaces
+    if form.mesh is not form.function_spaces[0].mesh:
+        raise ValueError(f"Body: {what} is integrated over another mesh than that of its space; a body has one mesh")
+    return list(form.function_spaces)
+
+
+def _refuse_space(space: Any) -> None:
+    """Check that a space is one of displacements."""
+    wanted = "a body needs continuous Lagrange vectors with three components, of degree 1 or 2"
+    topology, geometry = space.mesh.topology, space.mesh.geometry
+    if topology.dim != 3 or geometry.dim != 3:
+        where = f"of dimension {topology.dim} in {geometry.dim}D space"
+        raise ValueError(f"Body: the mesh is {where}; a 3D mesh is needed")
+    kind = topology.cell_type
+    if kind not in (mesh.CellType.tetrahedron, mesh.CellType.hexahedron):
+        raise ValueError(f"Body: the cells are of type {kind.name}; only tetrahedra and hexahedra can be used")
+    try:
+        continuous, degree, size = compat_forms.lagrange_vectors(space)
+    except RuntimeError:
+        raise ValueError(f"Body: the space of a is mixed; {wanted}: eliminate or penalise the other unknowns") from None
+    if size != 3:
+        kinds = {1: "of scalars, or no Lagrange space"}
+        raise ValueError(f"Body: the space of a is {kinds.get(size, f'of {size} values per node')}; {wanted}")
+    if not continuous:
+        raise ValueError(f"Body: the space of a is discontinuous, or not Lagrange; {wanted}")
+    if degree not in (1, 2):
+        raise ValueError(f"Body: the space of a has degree {degree}; {wanted}")
+    if degree < compat.geometry_degree(space.mesh):
+        raise ValueError(
+            f"Body: the space of a has degree {degree}, but the cells of the mesh are of degree 2: use a space of "
+            "degree 2, or a first-order mesh"
+        )
+
+
+def refuse_bcs(bcs: Any, V: Any) -> list[Any]:
+    """Boundary conditions of DOLFINx on V or its components, as a list.
+
+    Raises:
+        ValueError: If one is something else.
+    """
+    if hasattr(bcs, "dof_indices") or not isinstance(bcs, Iterable):
+        raise ValueError(f"Body: bcs must be a list of dirichletbc of DOLFINx, but is {bcs!r}")
+    given = list(bcs)
+    for number, bc in enumerate(given):
+        if hasattr(bc, "slaves") or "mpc" in type(bc).__module__:
+            raise ValueError(
+                f"Body: bcs[{number}] is a multi-point constraint; these are not supported: write the condition as a "
+                "term of a (a stiff spring or a penalty), or as a dirichletbc on V or V.sub(i)"
+            )
+        if not (hasattr(bc, "dof_indices") and hasattr(bc, "function_space")):
+            raise ValueError(f"Body: bcs[{number}] must be a dirichletbc of DOLFINx, but is {bc!r}")
+        if not compat_forms.contains(V, bc.function_space):
+            raise ValueError(
+                f"Body: bcs[{number}] is on another space than a: make it with the same V, or one of its components "
+                "V.sub(i)"
+            )
+    return given
+
+
+Faces = Mapping[str, Any] | NamedMesh | Any
+"""Facets by name, MeshTags, or a NamedMesh."""
+
+
+def named_mesh(domain: Any, faces: Any) -> NamedMesh:
+    """The mesh of the user with the faces that he names; collective.
+
+    Args:
+        domain: The mesh.
+        faces: A mapping of names to facet numbers of this rank, or to (MeshTags, value); MeshTags, whose values become
+            names such as "3"; a NamedMesh of the same mesh.
+
+    Raises:
+        ValueError: On every rank, if facets are not on the boundary of the mesh, or the argument is something else.
+    """
+    domain.topology.create_connectivity(2, 3)
+    if isinstance(faces, NamedMesh):
+        if compat_forms.cpp_of(faces.domain) is not compat_forms.cpp_of(domain):
+            raise ValueError("Body: faces is a NamedMesh of another mesh than that of a")
+        return NamedMesh(domain, faces.faces, faces.cells, faces.refused)
+    boundary = np.asarray(mesh.exterior_facet_indices(domain.topology))
+    if _is_tags(faces):
+        return _of_tags(domain, faces, boundary)
+    if not isinstance(faces, Mapping):
+        raise ValueError(
+            "Body: faces must be names with facets, such as faces={'sole': facets}, MeshTags, or a NamedMesh, but is "
+            f"{faces!r}"
+        )
+    comm: MPI.Comm = domain.comm
+    found: dict[str, npt.NDArray[np.int32]] = {}
+    for name, given in faces.items():
+        what = f"Body: face {name!r}"
+        if not isinstance(name, str) or not name:
+            raise ValueError(f"Body: faces: the name of a face must be a word, but is {name!r}")
+        facets = on_all_ranks(partial(_facets, domain, given), what, comm)
+        inside = ~np.isin(facets, boundary)
+        if count := comm.allreduce(int(np.sum(inside)), op=MPI.SUM):
+            raise ValueError(
+                f"{what}: {count} of its facets are not on the boundary of the mesh: use "
+                "mesh.locate_entities_boundary(domain, 2, ...)"
+            )
+        found[name] = facets
+        if comm.allreduce(len(facets), op=MPI.SUM) == 0:
+            raise ValueError(f"{what} has no facets")
+    return NamedMesh(domain, found)
+
+
+def _is_tags(value: Any) -> bool:
+    return all(hasattr(value, name) for name in ("dim", "indices", "values", "find"))
+
+
+def _facets(domain: Any, given: Any) -> npt.NDArray[np.int32]:
+    """Facets that this rank owns, ascending."""
+    if isinstance(given, tuple) and len(given) == 2 and _is_tags(given[0]):
+        tags, value = given
+        _refuse_tags(domain, tags)
+        given = tags.find(int(value))
+    try:
+        facets = np.asarray(given)
+    except ValueError:  # lists of different lengths
+        facets = np.empty((0, 0))
+    if facets.ndim != 1 or (facets.size and not np.issubdtype(facets.dtype, np.integer)):
+        raise ValueError(f"give the numbers of its facets, or (MeshTags, value), but this is {given!r}")
+    count = domain.topology.index_map(2)
+    outside = (facets < 0) | (facets >= count.size_local + count.num_ghosts)
+    if np.any(outside):
+        raise ValueError(
+            f"{facets[outside][0]} is no facet of this mesh, which has the facets 0 to "
+            f"{count.size_local + count.num_ghosts - 1}"
+        )
+    own: npt.NDArray[np.int32] = np.unique(facets[facets < count.size_local]).astype(np.int32)
+    return own
+
+
+def _refuse_tags(domain: Any, tags: Any) -> None:
+    if tags.dim != 2:
+        raise ValueError(f"the MeshTags are of dimension {tags.dim}, but facets have dimension 2")
+    if compat_forms.mesh_of_tags(tags) is not compat_forms.cpp_of(domain.topology):
+        raise ValueError("the MeshTags are of another mesh")
+
+
+def _of_tags(domain: Any, tags: Any, boundary: npt.NDArray[Any]) -> NamedMesh:
+    """Each value of MeshTags as a face, named by it; one with facets inside the body is refused where it is used."""
+    comm: MPI.Comm = domain.comm
+    on_all_ranks(lambda: _refuse_tags(domain, tags), "Body: faces", comm)
+    values = sorted(set().union(*comm.allgather({int(value) for value in np.unique(tags.values)})))
+    found: dict[str, npt.NDArray[np.int32]] = {}
+    refused: dict[str, str] = {}
+    for value in values:
+        facets = _facets(domain, tags.find(value))
+        if count := comm.allreduce(int(np.sum(~np.isin(facets, boundary))), op=MPI.SUM):
+            refused[str(value)] = f"face '{value}' of the MeshTags has {count} facets inside the body"
+        else:
+            found[str(value)] = facets
+    return NamedMesh(domain, found, {}, refused)
+
+
+def refuse_unsymmetric(K: PETSc.Mat, x: FloatArray, suspects: str) -> None:
+    """Check that a matrix is symmetric and its diagonal positive; collective.
+
+    Args:
+        K: The matrix of a.
+        x: The nodes, shape (k, 3).
+        suspects: Coefficients that may be the cause, for the end of a message (`BilinearForm.suspects`).
+
+    Raises:
+        ValueError: On every rank, if not.
+    """
+    (u, image), other = K.createVecs(), K.createVecRight()
+    size = float(np.max(np.abs(x), initial=0.0)) or 1.0
+    u.array[:] = np.sin(x / size @ np.array([[11.0, 23.0, 35.0], [51.0, 43.0, 72.0], [93.0, 81.0, 64.0]]) + 1.0).ravel()
+    K.mult(u, image)
+    K.multTranspose(u, other)
+    length = float(image.norm())
+    other.axpy(-1.0, image)
+    off = float(other.norm())
+    diagonal = K.getDiagonal()
+    row, least = diagonal.min()
+    first, last = diagonal.getOwnershipRange()
+    own = ", ".join(f"{value:.6g}" for value in x[(row - first) // 3]) if first <= row < last else ""
+    place = "".join(diagonal.comm.tompi4py().allgather(own))
+    for done in (u, image, other, diagonal):
+        done.destroy()
+    if not np.isfinite(length):
+        raise ValueError(f"Body: a has values that are not finite: look at its coefficients{suspects}")
+    if not off <= SYMMETRIC * length:
+        raise ValueError(
+            f"Body: a is not symmetric: a(u, v) and a(v, u) differ by {off / (length or 1.0):.1e} of their size; "
+            "contact with friction needs a symmetric positive definite a"
+        )
+    if not least > 0.0:
+        raise ValueError(
+            f"Body: a is not positive definite: a(u, u) = {least:.3g} for the hat function at x = ({place}); "
+            f"look at the signs of its terms and coefficients{suspects}"
+        )

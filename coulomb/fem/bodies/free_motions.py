@@ -1,0 +1,277 @@
+"""The free rigid motions of a body: those of its components against which no support and no spring has energy.
+
+Contact alone holds a body along them.  The stiffness K is then singular, with the free motions R as its kernel.  As
+many springs as there are motions, at single degrees of freedom (`Anchor`) on which no motion but zero vanishes, make it
+positive definite.  With E the rows of R at these, of full rank, and S the springs, K + S gives exact answers to loads
+that are in equilibrium along R: from (K + S) u = f follows R^T S u = E^T s (u at the anchors) = R^T f = 0, so that u is
+zero there, the springs carry nothing, and K u = f.  The stiffness of the springs does not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ...arrays import FloatArray
+from .anchors import Anchor, anchors_of
+from .rigid_load import SMALL, RigidLoad, direction_in_words, tidy
+from .rigid_modes import RigidPart, component_modes, null_space
+
+_PURE = 1e-6
+"""A motion whose rotation moves the component by less than this part of its motion is a translation."""
+
+_TIDY = 1e-9
+"""Components of directions below this are rounding errors."""
+
+
+@dataclass(frozen=True)
+class FreeMotion:
+    """A rigid motion of a component.
+
+    Attributes:
+        component: Number of the component.
+        part: The component.
+        translation: Of its centre in metres, shape (3,).
+        rotation: In radians, shape (3,).
+    """
+
+    component: int
+    part: RigidPart
+    translation: FloatArray
+    rotation: FloatArray
+
+    def tidied(self, part: float) -> FreeMotion:
+        """Without components below a part of the largest."""
+        radius = self.part.radius
+        most = part * float(np.max(np.abs([self.translation, radius * self.rotation])))
+        turned = np.where(radius * np.abs(self.rotation) < most, 0.0, self.rotation)
+        return replace(
+            self, translation=np.where(np.abs(self.translation) < most, 0.0, self.translation), rotation=turned
+        )
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is not zero."""
+        return bool(np.any(self.translation) or np.any(self.rotation))
+
+    def at(self, x: FloatArray) -> FloatArray:
+        """The displacements of points x (k, 3) of the component, metres, shape (k, 3)."""
+        moved: FloatArray = self.translation + np.cross(self.rotation, x - self.part.centre)
+        return moved
+
+    def __str__(self) -> str:
+        """ "moves along x", or "spins about (0, 0, 1) through (1, 0.5, 0)", with the way along the axis if there is."""
+        turn = float(np.linalg.norm(self.rotation))
+        if turn * self.part.radius <= _PURE * float(np.linalg.norm(self.translation)):
+            return f"moves along {direction_in_words(self.translation)}"
+        through = self.part.centre + np.cross(self.rotation, self.translation) / turn**2
+        along = float(self.rotation @ self.translation) / turn
+        screw = "" if abs(along) <= _PURE * turn * self.part.radius else f", {along / turn:.3g} m per radian along it"
+        place = ", ".join(f"{value:.4g}" for value in tidy(through, self.part.radius))
+        return f"spins about {direction_in_words(self.rotation)} through ({place}){screw}"
+
+
+@dataclass(frozen=True)
+class FreeMotions:
+    """The free rigid motions of a body, q of them, linearly independent; those of a component follow each other.
+
+    Attributes:
+        comm: The ranks.
+        component: The component of each of this rank's k nodes, shape (k,).
+        motions: The motions, each of one metre: at the centre of its component, or at the radius.
+        anchors: As many degrees of freedom, in the order of the motions' components.
+        bodies: What each component is called in messages.
+    """
+
+    comm: MPI.Comm
+    component: npt.NDArray[np.int64]
+    motions: tuple[FreeMotion, ...]
+    anchors: tuple[Anchor, ...]
+    bodies: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.motions)
+
+    def modes(self, x: FloatArray) -> FloatArray:
+        """R: the displacements of this rank's nodes x (k, 3) in each motion, metres, shape (k, 3, q)."""
+        R = np.zeros((*x.shape, len(self.motions)))
+        for number, motion in enumerate(self.motions):
+            here = self.component == motion.component
+            R[here, :, number] = motion.at(x[here])
+        return R
+
+    @cached_property
+    def at_anchors(self) -> FloatArray:
+        """E: the rows of R at the anchors, shape (q, q)."""
+        E = np.zeros((len(self.anchors), len(self.motions)))
+        for column, motion in enumerate(self.motions):
+            for row, anchor in enumerate(self.anchors):
+                if self.motions[row].component == motion.component:
+                    E[row, column] = motion.at(anchor.x[None])[0, anchor.axis]
+        return E
+
+    def amounts(self, u: FloatArray) -> FloatArray:
+        """The amounts of the motions in displacements u (k, 3) that are 0 at the anchors without them, shape (q,);
+        collective."""
+        there = np.array([u[a.node, a.axis] if a.rank == self.comm.rank else 0.0 for a in self.anchors])
+        total: FloatArray = np.linalg.solve(self.at_anchors, self.comm.allreduce(there, op=MPI.SUM))
+        return total
+
+    def anchored(self, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+        """Which components of this rank's nodes are anchors, shape (k, 3)."""
+        anchored = np.zeros(shape, dtype=bool)
+        for anchor in self.anchors:
+            if anchor.rank == self.comm.rank:
+                anchored[anchor.node, anchor.axis] = True
+        return anchored
+
+    def of(self, alpha: FloatArray) -> tuple[FreeMotion, ...]:
+        """The motion of every component that can move, for amounts alpha (q,) of the motions."""
+        found: dict[int, FreeMotion] = {}
+        for amount, motion in zip(alpha, self.motions, strict=True):
+            zero = FreeMotion(motion.component, motion.part, np.zeros(3), np.zeros(3))
+            last = found.get(motion.component, zero)
+            found[motion.component] = FreeMotion(
+                *(motion.component, motion.part),
+                *(last.translation + amount * motion.translation, last.rotation + amount * motion.rotation),
+            )
+        return tuple(found.values())
+
+    def resultants(self, e: FloatArray) -> tuple[RigidLoad, ...]:
+        """Force and moment on every component that can move, as far as it can, of loads e (q,) along the motions."""
+        found = []
+        for number in dict.fromkeys(motion.component for motion in self.motions):
+            own = [(motion, load) for motion, load in zip(self.motions, e, strict=True) if motion.component == number]
+            part = own[0][0].part
+            M = np.array([np.concatenate([one.translation, part.radius * one.rotation]) for one, _ in own])
+            load = np.linalg.lstsq(M, np.array([load for _, load in own]), rcond=None)[0]
+            found.append(RigidLoad(number, part, load[:3], part.radius * load[3:]))
+        return tuple(found)
+
+    def projected(self, forces: FloatArray, x: FloatArray) -> FloatArray:
+        """Nodal forces (k, 3) at nodes x (k, 3) less their resultants along the motions, which are spread over the
+        nodes as the motions are; collective."""
+        if not self.motions:
+            return forces
+        R = self.modes(x)
+        gram = self.comm.allreduce(np.einsum("kci,kcj->ij", R, R), op=MPI.SUM)
+        resultant = self.comm.allreduce(np.einsum("kci,kc->i", R, forces), op=MPI.SUM)
+        left: FloatArray = forces - R @ np.linalg.solve(gram, resultant)
+        return left
+
+
+def free_motions(
+    x: FloatArray,
+    component: npt.NDArray[np.int64],
+    forces: FloatArray,
+    limit: float,
+    places: Sequence[npt.NDArray[np.bool_]],
+    comm: MPI.Comm,
+) -> FreeMotions:
+    """The rigid motions of the components of a body that cause no forces; collective.
+
+    Args:
+        x: This rank's nodes, metres, shape (k, 3).
+        component: Their components, shape (k,).
+        forces: Nodal forces that supports and springs make of the rigid motions of each node's component
+            (`component_modes`), in any unit, shape (k, 3, 6).
+        limit: Energy of a motion up to which it is free, in the same unit and metres.
+        places: Which nodes suit as anchors, the best first, shapes (k,).
+        comm: The ranks.
+    """
+    motions: list[FreeMotion] = []
+    anchors: list[Anchor] = []
+    modes, parts = component_modes(x, component, comm)
+    for number, part in enumerate(parts):
+        here = component == number
+        energy = comm.allreduce(np.einsum("kci,kcj->ij", modes[here], forces[here]), op=MPI.SUM)
+        basis = _readable(null_space(energy, limit))
+        if basis.shape[1] == 0:
+            continue
+        found = [FreeMotion(number, part, column[:3], column[3:] / part.radius) for column in basis.T]
+        motions += found
+        anchors += anchors_of(x, [here & suited for suited in places], partial(_rows, found), comm)
+    bodies = tuple(f"component {k} of the body, {_around(part)}" for k, part in enumerate(parts, 1))
+    return FreeMotions(comm, component, tuple(motions), tuple(anchors), bodies if len(parts) > 1 else ("the body",))
+
+
+def joined_motions(parts: Sequence[FreeMotions], names: Sequence[str], nodes: Sequence[slice]) -> FreeMotions:
+    """The free motions of several bodies, of which this rank's nodes follow each other.
+
+    Args:
+        parts: Those of each body.
+        names: The names of the bodies.
+        nodes: The nodes of each among those of all.
+    """
+    motions: list[FreeMotion] = []
+    anchors: list[Anchor] = []
+    bodies: list[str] = []
+    component = []
+    for part, name, own in zip(parts, names, nodes, strict=True):
+        first = len(bodies)
+        component.append(first + part.component)
+        motions += [replace(motion, component=first + motion.component) for motion in part.motions]
+        anchors += [replace(anchor, node=own.start + anchor.node) for anchor in part.anchors]
+        bodies += [body.replace("the body", f'body "{name}"') for body in part.bodies]
+    return FreeMotions(parts[0].comm, np.concatenate(component), tuple(motions), tuple(anchors), tuple(bodies))
+
+
+def _rows(motions: Sequence[FreeMotion], x: FloatArray) -> FloatArray:
+    """The displacements of points x (p, 3) in each motion, shape (p, 3, q)."""
+    return np.stack([motion.at(x) for motion in motions], axis=2)
+
+
+def _readable(free: FloatArray) -> FloatArray:
+    """A basis of free motions: translations first, along axes where that is possible; shape (6, q)."""
+    _, sizes, right = np.linalg.svd(free[3:], full_matrices=True)
+    turning = int(np.sum(sizes > _PURE))
+    pure, other = free @ right[turning:].T, free @ right[:turning].T
+    translations = _along_axes(pure[:3])
+    directions = _along_axes(np.linalg.qr(other[3:])[0])
+    spins = other @ np.linalg.lstsq(other[3:], directions, rcond=None)[0]
+    basis = np.zeros((6, free.shape[1]))
+    basis[:3, : translations.shape[1]] = translations
+    basis[:, translations.shape[1] :] = spins / np.maximum(np.linalg.norm(spins, axis=0), 1.0)
+    return np.where(np.abs(basis) < _TIDY, 0.0, basis)
+
+
+def _along_axes(span: FloatArray) -> FloatArray:
+    """Orthonormal directions with the span of orthonormal columns (3, r), along axes where these are in it."""
+    rest, found = span @ span.T, np.zeros((3, span.shape[1]))
+    for number in range(span.shape[1]):
+        lengths = np.linalg.norm(rest, axis=0)
+        axis = int(np.argmax(lengths > (1.0 - 1e-6) * lengths.max()))
+        found[:, number] = rest[:, axis] / lengths[axis]
+        rest = rest - np.outer(found[:, number], found[:, number])
+    return found
+
+
+def motions_in_words(free: FreeMotions, combinations: FloatArray) -> tuple[str, ...]:
+    """A basis of combinations (q, p) of free motions, in words: first the motions of single components."""
+    of = np.array([motion.component for motion in free.motions])
+    left, said = combinations, []
+    for number in dict.fromkeys(of.tolist()):
+        if left.shape[1] == 0:
+            break
+        here = of == number
+        _, sizes, right = np.linalg.svd(left[~here], full_matrices=True)
+        alone = int(np.sum(sizes > _PURE))
+        own = [free.motions[k] for k in np.flatnonzero(here)]
+        M = np.array([np.concatenate([one.translation, one.part.radius * one.rotation]) for one in own]).T
+        basis = _readable(np.linalg.qr(M @ left[here] @ right[alone:].T)[0])
+        motions = [FreeMotion(number, own[0].part, c[:3], c[3:] / own[0].part.radius) for c in basis.T]
+        said += [f"{free.bodies[number]} {motion}" for motion in motions]
+        left = left @ right[:alone].T
+    for column in left.T:
+        moving = [one.tidied(SMALL) for one in free.of(column)]
+        said.append(" while ".join(f"{free.bodies[one.component]} {one}" for one in moving if one.moves))
+    return tuple(said)
+
+
+def _around(part: RigidPart) -> str:
+    return f"around ({', '.join(f'{value:.3g}' for value in tidy(part.centre, part.radius))})"

@@ -1,0 +1,344 @@
+"""Several bodies, each on its own mesh, as one: their nodes one after the other, K block diagonal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from ..geometry import Amplitude
+from ..meshes import SEPARATOR, JoinedMesh
+from .constraints import HeldDirections
+from .deformable import Deformable, Loading, Member, SingleBody
+from .free_motions import FreeMotions, joined_motions
+from .held_nodes import Numbering, distributed_rows
+from .held_space import INTERPOLATION, attach_rigid_body_modes
+from .loads import AppliedLoad
+from .materials import AnyMaterial, by_group
+from .nodal_forces import NodalForces
+from .rigid_modes import rigid_modes
+from .temperature import joined_temperatures
+
+
+class JoinedBodies(Deformable):
+    """Bodies that only contact connects; `coulomb.join` makes them.
+
+    On every rank the nodes of the first body come before those of the second, and so on; globally, those of one rank
+    before those of the next.  Faces are called "body:face".
+
+    Args:
+        bodies: The bodies by name, all on the same ranks.
+
+    Raises:
+        ValueError: On every rank, if there is none, or two are on different ranks.
+    """
+
+    def __init__(self, bodies: Mapping[str, SingleBody]):
+        if not bodies:
+            raise ValueError("join: give at least one body")
+        parts = tuple(bodies.values())
+        comm = parts[0].comm
+        for name, body in bodies.items():
+            if MPI.Comm.Compare(comm, body.comm) == MPI.UNEQUAL:
+                raise ValueError(f"join: body {name!r} is on other ranks than the first; make all on one communicator")
+        self._names, self._bodies = tuple(bodies), parts
+        self._mesh = JoinedMesh({name: body.mesh for name, body in bodies.items()})
+        ends = np.cumsum([0, *(len(body.x) for body in parts)])
+        self._slices = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
+        self._numbers = _Numbers(comm, [(body.numbering.first, body.numbering.local) for body in parts])
+        self.x: FloatArray = np.concatenate([body.x for body in parts])
+        self.held = _together([body.held for body in parts], self._slices)
+        self.contradictions = tuple(
+            f"body {name!r}: {text}" for name, body in bodies.items() for text in body.contradictions
+        )
+        self.materials = _materials(bodies)
+        self.loads = tuple(self._load_of(member, given) for member in self.members for given in member.body.loads)
+
+    # --- nodes ------------------------------------------------------------------------------------------------------
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share all bodies."""
+        return self._bodies[0].comm
+
+    @property
+    def numbering(self) -> Numbering:
+        """Global numbers of this rank's nodes of all bodies."""
+        return Numbering(self._numbers.first_of(self.comm.rank), len(self.x), self._numbers.total)
+
+    @property
+    def lifetime(self) -> object:
+        """All meshes."""
+        return tuple(body.lifetime for body in self._bodies)
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """The bodies."""
+        return tuple(map(Member, self._names, self._bodies, self._slices))
+
+    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
+        """The face "body:face": see `Deformable`."""
+        of, own = self._mesh.split(name, what)
+        member = self.members[self._names.index(of)]
+        return member, member.body.mesh.facets(own, what)
+
+    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Global numbers among the nodes of all bodies, from those in the space of one."""
+        return self._numbers.of(self._names.index(member.name), numbers)
+
+    def linear_between_vertices(self, values: FloatArray) -> FloatArray:
+        """Of bodies of 10-node tetrahedra; on others every node has its value."""
+        field = values.copy()
+        for body, nodes in zip(self._bodies, self._slices, strict=True):
+            if not body.positive:
+                field[nodes] = body.linear_between_vertices(values[nodes])
+        return field
+
+    def largest_gradient(self, u: FloatArray) -> float:
+        """Largest of all bodies."""
+        return float(np.max([body.largest_gradient(part) for body, part in self._each(u)]))
+
+    # --- stiffness ----------------------------------------------------------------------------------------------------
+
+    @property
+    def K(self) -> PETSc.Mat:
+        """The stiffnesses of the bodies, a block for each."""
+        parts = [body.K for body in self._bodies]
+        if self._K is None or any(one is not other for one, other in zip(parts, self._K[0], strict=True)):
+            self._K = (parts, self._joined(parts))
+        return self._K[1]
+
+    _K: tuple[list[PETSc.Mat], PETSc.Mat] | None = None
+
+    def _joined(self, parts: list[PETSc.Mat]) -> PETSc.Mat:
+        blocks = []
+        for member, part in zip(self.members, parts, strict=True):
+            indptr, columns, values = part.getValuesCSR()
+            rows = scipy.sparse.csr_matrix((values, columns, indptr), _shape(part))
+            blocks.append(_widened(rows, partial(self.numbers_of, member), self.numbering.total))
+        rows = scipy.sparse.vstack(blocks, format="csr")
+        K = distributed_rows(rows, (3 * len(self.x), 3 * self.numbering.total), self)
+        K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        K.setOption(PETSc.Mat.Option.SPD, True)
+        attach_rigid_body_modes(K, self.x)
+        if any(body.degree == 2 for body in self._bodies):
+            K.setAttr(INTERPOLATION, lambda: self._interpolation(parts))
+        return K
+
+    def _interpolation(self, parts: list[PETSc.Mat]) -> PETSc.Mat:
+        """From linear displacements to those of second order; displacements of first order stay as they are."""
+        blocks, places, sizes = [], [], []
+        for body, K in zip(self._bodies, parts, strict=True):
+            make = K.getAttr(INTERPOLATION)
+            if make is None:
+                first, last = K.getOwnershipRange()
+                columns = np.arange(first, last)
+                ones = (np.ones(len(columns)), columns, np.arange(len(columns) + 1))
+                blocks.append(scipy.sparse.csr_matrix(ones, (len(columns), K.getSize()[1])))
+                places.append(body.x)
+            else:
+                P = make()
+                first, last = P.getOwnershipRangeColumn()
+                indptr, of_P, values = P.getValuesCSR()
+                blocks.append(scipy.sparse.csr_matrix((values, of_P, indptr), _shape(P)))
+                places.append(body.vertices.space.x)
+                P.destroy()
+            sizes.append((first // 3, (last - first) // 3))
+        coarse, x = _Numbers(self.comm, sizes), np.concatenate(places)
+        rows = scipy.sparse.vstack(
+            [_widened(block, partial(coarse.of, place), coarse.total) for place, block in enumerate(blocks)],
+            format="csr",
+        )
+        interpolation = distributed_rows(rows, (3 * len(x), 3 * coarse.total), self)
+        attach_rigid_body_modes(interpolation, x)
+        return interpolation
+
+    @cached_property
+    def free(self) -> FreeMotions:
+        """Those of all bodies."""
+        return joined_motions([body.free for body in self._bodies], self._names, self._slices)
+
+    @property
+    def anchoring(self) -> FloatArray:
+        """Stiffness of the springs in K at the anchors of free motions, N/m, shape (k, 3)."""
+        return np.concatenate([body.anchoring for body in self._bodies])
+
+    # --- loads and forces ---------------------------------------------------------------------------------------------
+
+    def at_time(self, time: float) -> JoinedBodies:
+        """Itself, if no body has changed; the same for the same bodies."""
+        bodies = [body.at_time(time) for body in self._bodies]
+        for known in (self, self._changed):
+            if known is not None and all(one is other for one, other in zip(bodies, known._bodies, strict=True)):
+                return known
+        singles = [body for body in bodies if isinstance(body, SingleBody)]
+        self._changed = JoinedBodies(dict(zip(self._names, singles, strict=True)))
+        return self._changed
+
+    _changed: JoinedBodies | None = None
+
+    def at(self, time: float) -> Loading:
+        """The loadings of all bodies, which are its parts."""
+        parts = tuple(body.at(time) for body in self._bodies)
+        load, prescribed = (np.concatenate([getattr(part, name) for part in parts]) for name in ("load", "prescribed"))
+        temperature = joined_temperatures([part.temperature for part in parts], self._slices)
+        return Loading(time, load, prescribed, temperature, parts)
+
+    def f(self, loading: Loading) -> PETSc.Vec:
+        """The loads of all bodies."""
+        f = self.K.createVecRight()
+        for body, part, nodes in zip(self._bodies, loading.parts, self._slices, strict=True):
+            own = body.f(part)
+            f.array[3 * nodes.start : 3 * nodes.stop] = own.array_r
+            own.destroy()
+        return f
+
+    def outdated(self, loading: Loading) -> bool:
+        """Whether that of any body is."""
+        return any([body.outdated(part) for body, part in zip(self._bodies, loading.parts, strict=True)])
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        """Of all bodies."""
+        return np.concatenate([body.internal_force(part) for body, part in self._each(u)])
+
+    def spring_force(self, u: FloatArray) -> FloatArray:
+        """Of all bodies."""
+        return np.concatenate([body.spring_force(part) for body, part in self._each(u)])
+
+    def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
+        """Of all bodies, with the name of the body before that of the face."""
+        for member, part in zip(self.members, loading.parts, strict=True):
+            yield from self._named(member, member.body.loads_in(part))
+
+    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
+        """Of all bodies, with the name of the body before that of the face."""
+        for member in self.members:
+            yield from self._named(member, member.body.shares(reaction[member.nodes]))
+
+    def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
+        """Of all bodies, with the name of the body before that of the face."""
+        for member in self.members:
+            yield from self._named(member, member.body.spring_forces(u[member.nodes]))
+
+    def supports_understood(self) -> list[dict[str, Any]]:
+        """Of all bodies, with the name of the body before that of the face."""
+        given = [(member, one) for member in self.members for one in member.body.supports_understood()]
+        return [{**one, "face": member.called(one["face"])} for member, one in given]
+
+    def blocked_displacement(self, loading: Loading) -> float:
+        """The largest of all bodies."""
+        return max(body.blocked_displacement(part) for body, part in zip(self._bodies, loading.parts, strict=True))
+
+    def forms(self) -> Mapping[str, Any] | None:
+        """Of the bodies of the user's forms, by name; None if there is none."""
+        found = {name: body.forms() for name, body in zip(self._names, self._bodies, strict=True)}
+        given = {name: forms for name, forms in found.items() if forms is not None}
+        return given or None
+
+    @property
+    def ground(self) -> FloatArray | None:
+        """Of bodies with springs or Robin terms, for the rigid motions of all bodies together."""
+        parts = [body.ground for body in self._bodies]
+        if all(part is None for part in parts):
+            return None
+        whole, ground = rigid_modes(self.x, self.comm), np.zeros((len(self.x), 3, 6))
+        for member, part in zip(self.members, parts, strict=True):
+            if part is not None:  # a rigid motion of all is one of the body
+                own, given = rigid_modes(member.body.x, self.comm).reshape(-1, 6), whole[member.nodes].reshape(-1, 6)
+                gram, right = self.comm.allreduce(own.T @ own), self.comm.allreduce(own.T @ given)
+                ground[member.nodes] = part @ np.linalg.lstsq(gram, right, rcond=None)[0]
+        return ground
+
+    def _each(self, values: FloatArray) -> Iterator[tuple[SingleBody, FloatArray]]:
+        """Every body with its part of nodal values."""
+        for body, nodes in zip(self._bodies, self._slices, strict=True):
+            yield body, values[nodes]
+
+    def _lifted(self, member: Member, values: FloatArray) -> FloatArray:
+        """Nodal values of one body, 0 on the others."""
+        lifted = np.zeros((len(self.x), *values.shape[1:]))
+        lifted[member.nodes] = values
+        return lifted
+
+    def _load_of(self, member: Member, given: AppliedLoad) -> AppliedLoad:
+        load = _LoadOfBody(given.load.kind, member.called(given.load.face), given.load.amplitude)
+        return AppliedLoad(load, self._lifted(member, given.nodal_force), given.size)
+
+    def _named(self, member: Member, given: Iterable[NodalForces]) -> Iterator[NodalForces]:
+        for one in given:
+            yield NodalForces(one.kind, member.called(one.face), self._lifted(member, one.forces))
+
+
+@dataclass(frozen=True)
+class _LoadOfBody:
+    """A load with the name of its body before that of its face."""
+
+    kind: str
+    face: str | None
+    amplitude: Amplitude
+
+
+class _Numbers:
+    """Global numbers of what several bodies have on every rank, one body after the other.
+
+    Args:
+        comm: The ranks.
+        sizes: First number and count of each body on this rank, in its own numbering.
+    """
+
+    def __init__(self, comm: MPI.Comm, sizes: Sequence[tuple[int, int]]):
+        table = np.array(comm.allgather(list(sizes)), dtype=np.int64)
+        self._first, self._count = table[:, :, 0], table[:, :, 1]
+        self.total = int(self._count.sum())
+
+    def first_of(self, rank: int) -> int:
+        """The first number of a rank."""
+        return int(self._first[rank].sum())
+
+    def of(self, place: int, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Numbers among all, from those of one body; of any rank."""
+        ends = self._first[:, place] + self._count[:, place]
+        rank = np.searchsorted(ends, numbers, side="right")  # a rank without any ends where it starts
+        before = self._first.sum(axis=1) + self._count[:, :place].sum(axis=1)
+        found: npt.NDArray[np.int64] = before[rank] + numbers - self._first[rank, place]
+        return found
+
+
+def _widened(
+    rows: scipy.sparse.csr_matrix, number: Callable[[npt.NDArray[np.int64]], npt.NDArray[np.int64]], total: int
+) -> scipy.sparse.csr_matrix:
+    """Rows over the displacements of the nodes of one body as rows over those of all."""
+    node, axis = np.divmod(rows.indices.astype(np.int64), 3)
+    widened = scipy.sparse.csr_matrix((rows.data, 3 * number(node) + axis, rows.indptr), (rows.shape[0], 3 * total))
+    widened.sort_indices()
+    return widened
+
+
+def _shape(matrix: PETSc.Mat) -> tuple[int, int]:
+    """This rank's rows, and all columns."""
+    return int(matrix.getLocalSize()[0]), int(matrix.getSize()[1])
+
+
+def _together(parts: Sequence[HeldDirections], slices: Sequence[slice]) -> HeldDirections:
+    """The held directions of the nodes of all bodies."""
+    nodes = np.concatenate([part.nodes + where.start for part, where in zip(parts, slices, strict=True)])
+    return HeldDirections(slices[-1].stop, nodes, np.concatenate([part.projector for part in parts]))
+
+
+def _materials(bodies: Mapping[str, SingleBody]) -> dict[str, AnyMaterial]:
+    """Those of bodies and groups of cells, as "lower" or "lower:steel"; without those of the user's forms."""
+    found: dict[str, AnyMaterial] = {}
+    for name, body in bodies.items():
+        if body.materials is not None:
+            for group, material in by_group(body.materials):
+                found[name if group is None else f"{name}{SEPARATOR}{group}"] = material
+    return found

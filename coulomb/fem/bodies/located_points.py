@@ -1,0 +1,262 @@
+"""Points of a body found in its mesh, where nodal fields are interpolated by the shape functions of their cells.
+
+A point outside the mesh by less than `SNAP` of the cell beside it is taken for the nearest point of the boundary, so
+that points of a curved surface, of which the mesh has the chords, are found.  A point as near to a contact face is on
+that face.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ...arrays import FloatArray
+from ..compat import cell_dofs, cell_geometry, geometry_degree, mesh
+from ..meshes import corner_geometry, lagrange_points, lagrange_slopes, lagrange_values
+from .displacement_space import DisplacementSpace
+
+SNAP = 0.05
+"""Distance from the boundary that is none, relative to the shortest edge of the cell beside it."""
+
+_ROUNDING = 1e-9
+"""Reference coordinates outside the reference cell by less are inside it."""
+
+_NEWTON_STEPS = 30
+
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Interpolation:
+    """Nodes and weights by which a nodal field is interpolated at points.
+
+    Attributes:
+        nodes: Nodes of each point among this rank's, ghosts included, shape (p, n).
+        weights: Their weights; 0 for all points that another rank interpolates; shape (p, n).
+    """
+
+    nodes: Ints
+    weights: FloatArray
+
+    def of(self, values: FloatArray, comm: MPI.Comm) -> FloatArray:
+        """Vectors at the points, shape (p, 3), on every rank, from those at the nodes, ghosts included; collective."""
+        mine = np.einsum("pn,pnj->pj", self.weights, np.where(self.weights[:, :, None] != 0.0, values[self.nodes], 0.0))
+        found: FloatArray = comm.allreduce(mine)
+        return found
+
+
+@dataclass(frozen=True)
+class LocatedPoints:
+    """Points of a body; the same on every rank, except the interpolations.
+
+    Attributes:
+        x: Where they are, shape (p, 3): as given, or at the boundary nearby.
+        body: By the shape functions of a cell.
+        faces: Number of the contact face that a point is on, -1 for none, shape (p,).
+        surface: By the shape functions of a facet of that face; only zeros for other points.
+    """
+
+    x: FloatArray
+    body: Interpolation
+    faces: Ints
+    surface: Interpolation
+
+
+def locate(
+    points: FloatArray, names: Sequence[str], body: DisplacementSpace, faces: Sequence[npt.NDArray[np.int32]]
+) -> LocatedPoints:
+    """Find points in the mesh of a body; collective.
+
+    Args:
+        points: In metres, shape (p, 3), the same on every rank.
+        names: What a message calls them.
+        body: The body.
+        faces: This rank's facets of each contact face.
+
+    Raises:
+        ValueError: On every rank, if a point is outside the mesh, with the nearest point and its distance.
+    """
+    comm, cells = body.domain.comm, _Cells(body)
+    body.domain.topology.create_connectivity(2, 3)
+    boundary = cells.facets(np.asarray(mesh.exterior_facet_indices(body.domain.topology)))
+    contact = [cells.facets(np.asarray(facets)) for facets in faces]
+    count, corners = len(points), cells.dofs.shape[1]
+    x, on_face = points.copy(), np.full(count, -1)
+    inside = Interpolation(np.zeros((count, corners), dtype=np.int64), np.zeros((count, corners)))
+    on_surface = Interpolation(inside.nodes.copy(), inside.weights.copy())
+    for k, point in enumerate(points):
+        cell, X, outside = cells.holding(point)
+        if comm.allreduce(outside, op=MPI.MIN) > _ROUNDING:
+            at, distance, facet = boundary.nearest(point)
+            outside, owner = comm.allreduce((distance, comm.rank), op=MPI.MINLOC)
+            x[k], near = comm.bcast((at, distance <= SNAP * boundary.size[facet] if facet >= 0 else False), root=owner)
+            if not near:
+                raise ValueError(
+                    f"{names[k]}: the point ({_shown(point)}) is outside the body; the nearest point of the body is "
+                    f"({_shown(x[k])}), at a distance of {outside:.6g} m"
+                )
+            if comm.rank == owner:
+                cell = int(boundary.cell[facet])
+                X = cells.reference(cell, x[k])[0]
+        else:
+            _, owner = comm.allreduce((outside, comm.rank), op=MPI.MINLOC)
+        if comm.rank == owner:
+            inside.nodes[k], inside.weights[k] = cells.dofs[cell], _without_dust(cells.shape(np.clip(X, 0.0, 1.0)))
+        for number, face in enumerate(contact):
+            at, distance, facet = face.nearest(x[k])
+            distance = distance if facet >= 0 and distance <= SNAP * face.size[facet] else np.inf
+            nearest, owner = comm.allreduce((distance, comm.rank), op=MPI.MINLOC)
+            if np.isfinite(nearest) and on_face[k] < 0:
+                on_face[k] = number
+                if comm.rank == owner:
+                    cell = int(face.cell[facet])
+                    weights = cells.on_facet(np.clip(cells.reference(cell, at)[0], 0.0, 1.0), face.corners[facet])
+                    on_surface.nodes[k], on_surface.weights[k] = cells.dofs[cell], _without_dust(weights)
+    return LocatedPoints(x, inside, on_face, on_surface)
+
+
+def _without_dust(weights: FloatArray) -> FloatArray:
+    """Weights that add up to 1, those of rounding errors 0: no open node has a pressure of 1e-20 Pa."""
+    clean: FloatArray = np.where(np.abs(weights) > 1e-14, weights, 0.0)
+    clean /= clean.sum()
+    return clean
+
+
+class _Cells:
+    """The cells of this rank, hexahedra or tetrahedra; mesh and displacements are of first or second order."""
+
+    def __init__(self, body: DisplacementSpace):
+        domain = body.domain
+        self._domain, self._kind = domain, domain.topology.cell_type
+        self._order, self._degree = geometry_degree(domain), body.degree
+        self._x: FloatArray = domain.geometry.x
+        self._nodes, self._corners, self.dofs = cell_geometry(domain), corner_geometry(domain), cell_dofs(body.V)
+        self._own = domain.topology.index_map(3).size_local
+        own = self._nodes[: self._own]
+        first = self._x[own[:, 0]] if len(own) else np.empty((0, 3))
+        self._low: FloatArray = first.copy()
+        self._high: FloatArray = first.copy()
+        for node in own.T:
+            np.minimum(self._low, self._x[node], out=self._low)
+            np.maximum(self._high, self._x[node], out=self._high)
+
+    def holding(self, point: FloatArray) -> tuple[int, FloatArray, float]:
+        """This rank's own cell that holds a point: its number, the reference coordinates, and how far these are outside
+        the reference cell; infinite if there is no such cell."""
+        best: tuple[int, FloatArray, float] = (-1, np.zeros(3), np.inf)
+        beyond = 1e-6 if self._order == 1 else 0.2  # a curved cell may reach beyond its nodes
+        margin = beyond * np.max(self._high - self._low, axis=1, initial=0.0)[:, None]
+        near = np.all((self._low - margin <= point) & (point <= self._high + margin), axis=1)
+        for cell in np.flatnonzero(near):
+            X, outside = self.reference(int(cell), point)
+            if outside < best[2]:
+                best = (int(cell), X, outside)
+        return best if best[2] <= _ROUNDING else (-1, np.zeros(3), np.inf)
+
+    def reference(self, cell: int, point: FloatArray) -> tuple[FloatArray, float]:
+        """Reference coordinates of a point in a cell by Newton's method, and how far they are outside the cell."""
+        nodes, corners = self._x[self._nodes[cell]], self._corners.shape[1]
+        size = float(np.max(np.ptp(nodes, axis=0)))
+        X: FloatArray = np.full(3, 0.25 if corners == 4 else 0.5)
+        for _ in range(_NEWTON_STEPS):
+            residual = point - self._values(X, self._order) @ nodes
+            if float(np.max(np.abs(residual))) <= 1e-14 * size:
+                break
+            slopes = lagrange_slopes(self._kind, self._order, X[None])[:, 0]
+            try:
+                X = np.clip(X + np.linalg.solve((slopes @ nodes).T, residual), -2.0, 3.0)
+            except np.linalg.LinAlgError:  # a point far outside a distorted cell
+                return X, np.inf
+        if float(np.max(np.abs(point - self._values(X, self._order) @ nodes))) > _ROUNDING * size:
+            return X, np.inf
+        beyond = 1.0 - X.sum() if corners == 4 else np.min(1.0 - X)
+        return X, float(-min(np.min(X), beyond, 0.0))
+
+    def shape(self, X: FloatArray) -> FloatArray:
+        """Shape functions of the displacements at reference coordinates X (3,)."""
+        return self._values(X, self._degree)
+
+    def on_facet(self, X: FloatArray, corners: npt.NDArray[np.bool_]) -> FloatArray:
+        """The shape functions at X of the nodes on the facet with these corners of the cell, 0 for other nodes."""
+        linear = lagrange_values(self._kind, 1, lagrange_points(self._kind, self._degree))
+        beside = np.any(np.abs(linear[:, ~corners]) > 1e-9, axis=1)
+        return np.where(beside, 0.0, self.shape(X))
+
+    def _values(self, X: FloatArray, degree: int) -> FloatArray:
+        values: FloatArray = lagrange_values(self._kind, degree, X[None])[0]
+        return values
+
+    def facets(self, facets: npt.NDArray[Any]) -> _Facets:
+        """Boundary facets with the cells beside them."""
+        topology = self._domain.topology
+        for dims in ((2, 0), (3, 0), (2, 3)):
+            topology.create_connectivity(*dims)
+        of_facet, of_cell, beside = (topology.connectivity(*dims) for dims in ((2, 0), (3, 0), (2, 3)))
+        cell: Ints = np.asarray(beside.array[beside.offsets[facets]], dtype=np.int64)
+        vertices = of_cell.array.reshape(-1, self._corners.shape[1])[cell]
+        own = of_facet.array.reshape(-1, 3 if self._corners.shape[1] == 4 else 4)[facets]
+        corners = np.any(vertices[:, :, None] == own[:, None, :], axis=2)
+        x = self._x[self._corners[cell]]
+        pairs = [(i, j) for i in range(x.shape[1]) for j in range(i)]
+        apart = [np.linalg.norm(x[:, i] - x[:, j], axis=1) for i, j in pairs]
+        return _Facets(x, cell, corners, np.min(apart, axis=0))
+
+
+class _Facets:
+    """Boundary facets as triangles: f facets, of quadrilaterals both halves.
+
+    Args:
+        x: Corners of the cell beside each facet, shape (f, n, 3).
+        cell: Number of that cell, shape (f,).
+        corners: Which corners of the cell are the facet's, shape (f, n).
+        size: Smallest distance between corners of the cell, shape (f,).
+    """
+
+    def __init__(self, x: FloatArray, cell: Ints, corners: npt.NDArray[np.bool_], size: FloatArray):
+        self.cell, self.corners, self.size = cell, corners, size
+        own = x[corners].reshape(
+            len(x), 3 if x.shape[1] == 4 else 4, 3
+        )  # of a quadrilateral in the order (0, 0), (1, 0), (0, 1), (1, 1)
+        halves = [(0, 1, 2)] if own.shape[1] == 3 else [(0, 1, 3), (0, 3, 2)]
+        self._triangles = np.concatenate([own[:, half] for half in halves])
+
+    def nearest(self, point: FloatArray) -> tuple[FloatArray, float, int]:
+        """The nearest point of the facets, its distance, and the facet; infinite and -1 if there are none."""
+        if not len(self._triangles):
+            return point, np.inf, -1
+        found = _nearest_on_triangles(point, self._triangles)
+        distance = np.linalg.norm(found - point, axis=1)
+        k = int(np.argmin(distance))
+        rounding = 1e-15 * np.max(np.abs(self._triangles))
+        at: FloatArray = np.where(np.abs(found[k]) <= rounding, 0.0, found[k])
+        return at, float(distance[k]), k % len(self.cell)
+
+
+def _nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArray:
+    """The nearest point of each triangle (t, 3, 3), shape (t, 3)."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    n = np.cross(b - a, c - a)
+    area = np.einsum("ti,ti->t", n, n)
+    in_plane = point - np.einsum("ti,ti->t", point - a, n)[:, None] / area[:, None] * n
+    best = in_plane.copy()
+    least: FloatArray = np.full(len(triangles), np.inf)
+    inside = np.ones(len(triangles), dtype=bool)
+    for p, q in ((a, b), (b, c), (c, a)):
+        along = q - p
+        inside &= np.einsum("ti,ti->t", np.cross(along, in_plane - p), n) >= 0.0
+        part = np.einsum("ti,ti->t", point - p, along) / np.einsum("ti,ti->t", along, along)
+        on_edge = p + np.clip(part, 0.0, 1.0)[:, None] * along
+        distance = np.linalg.norm(on_edge - point, axis=1)
+        best = np.where((distance < least)[:, None], on_edge, best)
+        least = np.minimum(distance, least)
+    nearest: FloatArray = np.where(inside[:, None], in_plane, best)
+    return nearest
+
+
+def _shown(point: FloatArray) -> str:
+    return ", ".join(f"{value:.6g}" for value in point)

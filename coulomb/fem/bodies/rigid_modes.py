@@ -1,0 +1,109 @@
+"""The six rigid motions of a body, or of each of its components."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ...arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class RigidPart:
+    """A component of a body as a rigid body.
+
+    Attributes:
+        centre: Mean of its nodes, metres, shape (3,).
+        radius: Root mean square of their distances from it, metres.
+    """
+
+    centre: FloatArray
+    radius: float
+
+
+def rigid_modes(x: FloatArray, comm: MPI.Comm) -> FloatArray:
+    """Translations along x, y, z and rotations about these axes through the mean of all nodes; collective.
+
+    Each has the size 1: the translations at every node, the rotations in the root mean square of all nodes.
+
+    Args:
+        x: Coordinates of this rank's nodes in metres, shape (k, 3).
+        comm: The ranks.
+
+    Returns:
+        Shape (k, 3, 6).
+    """
+    count = comm.allreduce(len(x), op=MPI.SUM)
+    r = x - comm.allreduce(x.sum(axis=0), op=MPI.SUM) / count
+    size = math.sqrt(comm.allreduce(float(np.sum(r**2)), op=MPI.SUM) / count) or 1.0
+    return displacements_of(r, np.full(len(r), size))
+
+
+def displacements_of(r: FloatArray, size: FloatArray) -> FloatArray:
+    """Displacements of points r (k, 3) in translations along x, y, z and rotations about them, by 1/size radians;
+    sizes (k,), metres; shape (k, 3, 6)."""
+    modes = np.zeros((*r.shape, 6))
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        modes[:, k, k] = 1.0
+        modes[:, i, 3 + k], modes[:, j, 3 + k] = -r[:, j] / size, r[:, i] / size
+    return modes
+
+
+def component_modes(
+    x: FloatArray, component: npt.NDArray[np.int64], comm: MPI.Comm
+) -> tuple[FloatArray, tuple[RigidPart, ...]]:
+    """The six rigid motions of the component of each node, of one metre, shape (k, 3, 6), and the components;
+    collective."""
+    count = int(comm.allreduce(int(np.max(component, initial=-1)), op=MPI.MAX)) + 1
+    number = comm.allreduce(np.bincount(component, minlength=count).astype(np.float64), op=MPI.SUM)
+    sums = np.stack([np.bincount(component, weights=axis, minlength=count) for axis in x.T], axis=1)
+    centre = comm.allreduce(sums, op=MPI.SUM) / number[:, None]
+    r = x - centre[component]
+    squares = comm.allreduce(np.bincount(component, weights=np.sum(r**2, axis=1), minlength=count), op=MPI.SUM)
+    radius = np.sqrt(squares / number)
+    radius[radius == 0.0] = 1.0
+    parts = tuple(RigidPart(c, float(size)) for c, size in zip(centre, radius, strict=True))
+    return displacements_of(r, radius[component]), parts
+
+
+def of_components(
+    forces: FloatArray, x: FloatArray, component: npt.NDArray[np.int64], parts: Sequence[RigidPart], comm: MPI.Comm
+) -> FloatArray:
+    """Forces of the motions of each node's component (`component_modes`), from those of the body as a whole
+    (`rigid_modes`), linear in them, shapes (k, 3, 6); collective."""
+    count = comm.allreduce(len(x), op=MPI.SUM)
+    centre = comm.allreduce(x.sum(axis=0), op=MPI.SUM) / count
+    size = float(np.sqrt(comm.allreduce(float(np.sum((x - centre) ** 2)), op=MPI.SUM) / count)) or 1.0
+    of = np.zeros_like(forces)
+    for number, part in enumerate(parts):
+        here = component == number
+        moved = np.cross(np.eye(3), centre - part.centre) / part.radius  # of the body's centre, by unit rotations
+        of[here, :, :3] = forces[here, :, :3]
+        of[here, :, 3:] = size / part.radius * forces[here, :, 3:] + forces[here, :, :3] @ moved.T
+    return of
+
+
+def of_part(forces: FloatArray, x: FloatArray, here: npt.NDArray[np.bool_], comm: MPI.Comm) -> FloatArray:
+    """Forces of the rigid motions of a component (`rigid_modes` of its nodes), from those of the body as a whole, shape
+    (k, 3, 6); collective.
+
+    Args:
+        forces: Linear in the `rigid_modes` of all nodes, shape (k, 3, 6).
+        x: All nodes of this rank, shape (k, 3).
+        here: Those of the component, shape (k,).
+    """
+    _, parts = component_modes(x, np.where(here, 0, 1), comm)
+    return of_components(forces, x, np.where(here, 0, 1), parts, comm)[here]
+
+
+def null_space(energy: FloatArray, limit: float) -> FloatArray:
+    """The motions with an energy of at most `limit`, orthonormal columns of six components, shape (6, q)."""
+    sizes, vectors = np.linalg.eigh(0.5 * (energy + energy.T))
+    free: FloatArray = vectors[:, sizes <= limit]
+    return free

@@ -1,0 +1,358 @@
+"""Supports of a body: faces with prescribed displacements or rotations, planes of symmetry, and springs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from ...arrays import FloatArray, is_number
+from ..geometry import (
+    LEAST_LENGTH,
+    Amplitude,
+    Field,
+    Point,
+    RigidFoundation,
+    check_direction,
+    check_point,
+    evaluate_vectors,
+    first_place,
+    on_all_ranks,
+    tangent_frames,
+)
+from .held_words import held_in_words, vector_in_words
+from .supported_face import SupportedFace
+
+NORMAL, TANGENTIAL = "normal", "tangential"
+"""Components along and across the normal of the face."""
+
+_STIFFEST = 1e30
+"""Largest stiffness of a spring in N/m^3: far beyond that of a clamp."""
+
+
+class Support(Protocol):
+    """A support that prescribes displacements on a face."""
+
+    @property
+    def face(self) -> str:
+        """Name of the face."""
+        ...
+
+    @property
+    def kind(self) -> str:
+        """Its name in messages."""
+        ...
+
+    @property
+    def what(self) -> str:
+        """Kind and face, for messages."""
+        ...
+
+    @property
+    def amplitude(self) -> Amplitude:
+        """Factor of the displacement as a function of time."""
+        ...
+
+    @property
+    def holds(self) -> str:
+        """What it holds or prescribes at amplitude 1, for the list of what was understood."""
+        ...
+
+    def directions(self, face: SupportedFace) -> FloatArray:
+        """The directions that it holds: orthonormal rows or zeros, shape (q, 3, 3); collective.
+
+        Raises:
+            ValueError: On every rank, if the face does not fit.
+        """
+        ...
+
+    def displacement(self, face: SupportedFace) -> FloatArray:
+        """The displacement in metres, of which the parts along the directions are prescribed, at amplitude 1, shape
+        (q, 3); collective.
+
+        Raises:
+            ValueError: On every rank, if it has no finite value.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class PrescribedDisplacement:
+    """Prescribed displacement on a face (an inhomogeneous Dirichlet condition).
+
+    Attributes:
+        face: Name of the face.
+        value: Displacement in metres, a vector or a function of x; its parts along directions that are not prescribed
+            are ignored.
+        components: Which components are prescribed: letters of "xyz"; "normal", along the normal of the face at each
+            node; or "tangential", across it.
+        amplitude: Factor of the value as a function of time; a table is constant before its first and after its last
+            row.
+        direction: In place of components: the one direction along which the displacement is prescribed, a vector or a
+            function of x, of any length.
+        surface: The exact surface of which the face is a mesh, a `Plane`, `Sphere`, `Cylinder` or `SignedDistance`; the
+            normals are then its own.  A cylinder in a bearing turns freely only with it: normals of a mesh are not
+            quite radial.
+
+    Raises:
+        ValueError: If components is none of these, or is given beside a direction, or a surface beside other components
+            than "normal" and "tangential".
+    """
+
+    face: str
+    value: Field
+    components: str = "xyz"
+    amplitude: Amplitude = 1.0
+    direction: Field | None = None
+    surface: RigidFoundation | None = None
+
+    kind = "prescribed displacement"
+
+    def __post_init__(self) -> None:
+        letters = set(self.components) if isinstance(self.components, str) else set()
+        by_letters = bool(letters) and len(letters) == len(self.components) and not letters - set("xyz")
+        if not by_letters and self.components not in (NORMAL, TANGENTIAL):
+            raise ValueError(
+                f"{self.what}: components must be letters of 'xyz', '{NORMAL}' or '{TANGENTIAL}', "
+                f"but are {self.components!r}"
+            )
+        if self.direction is not None and self.components != "xyz":
+            raise ValueError(f"{self.what}: give components or a direction, not both")
+        if self.surface is not None and (by_letters or self.direction is not None):
+            raise ValueError(f"{self.what}: a surface goes with the components '{NORMAL}' or '{TANGENTIAL}'")
+
+    @property
+    def what(self) -> str:
+        """Kind and face, for error messages."""
+        return f"{self.kind} on {self.face!r}"
+
+    @property
+    def holds(self) -> str:
+        """What it holds or prescribes at amplitude 1."""
+        return held_in_words(self.components, self.direction, self.value)
+
+    def directions(self, face: SupportedFace) -> FloatArray:
+        """The directions that it holds: orthonormal rows or zeros, shape (q, 3, 3); collective.
+
+        Raises:
+            ValueError: On every rank, if the direction is zero or not finite at a node, or if there is an edge within
+                a face whose normals are asked for.
+        """
+        rows = np.zeros((len(face.nodes), 3, 3))
+        if self.direction is not None:
+            rows[:, 0] = self._unit_direction(face)
+        elif self.components == NORMAL:
+            rows[:, 0] = face.normals(self.what, self.surface)
+        elif self.components == TANGENTIAL:
+            rows[:, :2] = tangent_frames(face.normals(self.what, self.surface))[:, 1:]
+        else:
+            rows[:] = np.diag([float(letter in self.components) for letter in "xyz"])
+        return rows
+
+    def _unit_direction(self, face: SupportedFace) -> FloatArray:
+        assert self.direction is not None
+        what = f"{self.what}: direction"
+        vectors = evaluate_vectors(self.direction, face.x, what, face.comm)
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(vectors, axis=1)
+
+        def unit() -> FloatArray:
+            if np.any(length == 0.0):
+                raise ValueError(f"must not be zero (first seen at x = {first_place(face.x, length == 0.0)})")
+            beyond = (length < LEAST_LENGTH) | (length > 1.0 / LEAST_LENGTH)
+            if np.any(beyond):
+                between = f"between {LEAST_LENGTH:g} and {1.0 / LEAST_LENGTH:g}"
+                raise ValueError(f"must have a length {between} (first seen at x = {first_place(face.x, beyond)})")
+            directions: FloatArray = vectors / length[:, None]
+            return directions
+
+        return on_all_ranks(unit, what, face.comm)
+
+    def displacement(self, face: SupportedFace) -> FloatArray:
+        """The displacement in metres at amplitude 1, shape (q, 3); collective.
+
+        Raises:
+            ValueError: On every rank, if it has no finite value.
+        """
+        return evaluate_vectors(self.value, face.x, self.what, face.comm)
+
+
+class Clamp(PrescribedDisplacement):
+    """Zero displacement of a face, in all directions or in some.
+
+    With "normal" it is a frictionless guide, plane or curved: the face slides along itself.
+
+    Args:
+        face: Name of the face.
+        components: What is held: letters of "xyz"; "normal", along the normal of the face at each node; or
+            "tangential", across it.
+        direction: In place of components: the one direction that is held, a vector or a function of x.
+        surface: The exact surface of which the face is a mesh, for its normals.
+
+    Raises:
+        ValueError: As `PrescribedDisplacement`.
+    """
+
+    kind = "clamp"
+
+    def __init__(
+        self,
+        face: str,
+        components: str = "xyz",
+        direction: Field | None = None,
+        surface: RigidFoundation | None = None,
+    ):
+        super().__init__(face, (0.0, 0.0, 0.0), components, direction=direction, surface=surface)
+
+
+@dataclass(frozen=True)
+class SymmetryPlane:
+    """A plane of symmetry of body, supports and loads, at any angle: the face lies in it, and does not leave it.
+
+    Attributes:
+        face: Name of the face, which must be plane.  Its displacement along its normal is zero; where two planes of
+            symmetry meet, along both normals.
+    """
+
+    face: str
+
+    kind = "symmetry"
+
+    @property
+    def amplitude(self) -> Amplitude:
+        """1 at all times."""
+        return 1.0
+
+    @property
+    def what(self) -> str:
+        """Kind and face, for error messages."""
+        return f"symmetry plane on {self.face!r}"
+
+    @property
+    def holds(self) -> str:
+        """The normal of the plane."""
+        return "along the normal"
+
+    def directions(self, face: SupportedFace) -> FloatArray:
+        """The normal of the plane at every node, shape (q, 3, 3); collective.
+
+        Raises:
+            ValueError: On every rank, if the face is not plane.
+        """
+        rows = np.zeros((len(face.nodes), 3, 3))
+        rows[:, 0] = face.plane(self.what)
+        return rows
+
+    def displacement(self, face: SupportedFace) -> FloatArray:
+        """Zero, shape (q, 3)."""
+        return np.zeros_like(face.x)
+
+
+@dataclass(frozen=True)
+class PrescribedRotation:
+    """Prescribed rotation of a face about an axis, as of a rigid plate to which it is glued.
+
+    The displacement of a point x is angle * axis x (x - point): linear in the angle, as all displacements in the theory
+    of small strains, so that a body that rotates as a whole has no strain.  It differs from a circle by the part
+    angle/2 of itself.
+
+    Attributes:
+        face: Name of the face.
+        point: A point of the axis in metres.
+        axis: Direction of the axis; need not have length 1.
+        angle: In radians, right-handed about the axis.
+        amplitude: Factor of the angle as a function of time; a table is constant before its first and after its last
+            row.
+        axial: "held": no displacement along the axis; "free": the displacement along the axis is left to other supports
+            and to the loads.
+
+    Raises:
+        ValueError: If the axis is zero, or an entry is not finite.
+    """
+
+    face: str
+    point: Point
+    axis: Point
+    angle: float
+    amplitude: Amplitude = 1.0
+    axial: Literal["held", "free"] = "held"
+
+    kind = "prescribed rotation"
+
+    def __post_init__(self) -> None:
+        check_point(f"{self.what}: point", self.point)
+        check_direction(f"{self.what}: axis", self.axis)
+        if not is_number(self.angle, -math.inf):
+            raise ValueError(f"{self.what}: angle must be a finite number of radians, but is {self.angle}")
+        if self.axial not in ("held", "free"):
+            raise ValueError(f'{self.what}: axial must be "held" or "free", but is {self.axial!r}')
+
+    @property
+    def what(self) -> str:
+        """Kind and face, for error messages."""
+        return f"{self.kind} on {self.face!r}"
+
+    @property
+    def holds(self) -> str:
+        """Rotation, axis, and whether the displacement along it is held."""
+        along = "" if self.axial == "held" else ", free along it"
+        axis, point = vector_in_words(self.axis), vector_in_words(self.point)
+        return f"rotation {self.angle:g} rad about {axis} through {point} m{along}"
+
+    @property
+    def _unit_axis(self) -> FloatArray:
+        axis = np.array(self.axis, dtype=np.float64)
+        unit: FloatArray = axis / np.linalg.norm(axis)
+        return unit
+
+    def directions(self, face: SupportedFace) -> FloatArray:
+        """The axes, or two directions across the axis of rotation, shape (q, 3, 3)."""
+        rows = np.eye(3)
+        if self.axial == "free":
+            rows = np.vstack([tangent_frames(self._unit_axis[None, :])[0, 1:], np.zeros(3)])
+        return np.broadcast_to(rows, (len(face.nodes), 3, 3)).copy()
+
+    def displacement(self, face: SupportedFace) -> FloatArray:
+        """The displacement in metres at amplitude 1, shape (q, 3)."""
+        displacement: FloatArray = self.angle * np.cross(self._unit_axis, face.x - np.array(self.point))
+        return displacement
+
+
+@dataclass(frozen=True)
+class Spring:
+    """Elastic support of a face towards its undeformed position (Winkler foundation).
+
+    Attributes:
+        face: Name of the face.
+        stiffness: Force per area and displacement in N/m^3, along x, y and z; one number for all three.
+
+    Raises:
+        ValueError: If there are not one or three numbers, finite, >= 0, and one > 0.
+    """
+
+    face: str
+    stiffness: float | Sequence[float]
+
+    def __post_init__(self) -> None:
+        given = np.asarray(self.stiffness, dtype=object)
+        numbers = [float(one) if is_number(one) else math.inf for one in given.ravel()]
+        if given.shape not in ((), (3,)) or not 0.0 < max(numbers) <= _STIFFEST:
+            raise ValueError(
+                f"spring on {self.face!r}: stiffness must be a number or three (along x, y, z), in N/m^3, "
+                f">= 0, not all 0 and at most {_STIFFEST:g}, but is {self.stiffness!r}"
+            )
+
+    @property
+    def along_axes(self) -> FloatArray:
+        """Shape (3,)."""
+        return np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (3,))
+
+    @property
+    def holds(self) -> str:
+        """Its stiffness."""
+        values = self.along_axes
+        same = bool(np.all(values == values[0]))
+        return f"stiffness {f'{values[0]:g}' if same else vector_in_words(values)} N/m^3"

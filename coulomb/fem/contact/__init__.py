@@ -1,0 +1,55 @@
+"""Contact surfaces: contact points with frames, weights and gaps on a rigid foundation (`contact_surface`), pairs of
+deformable faces by dual mortar elements (`pair_of`), and the sparse matrix B from displacements to contact points.
+"""
+
+from .contact_matrix import KeptMatrix, at_nodes_of, contact_matrix, row_products, rows_of
+from .contact_points import ContactPoints, contact_points, joined_points
+from .mortar import MortarRows, mortar_rows
+from .pair import NO_SHAPE, Pair, Shape, curved_patch, pair_frames, pair_of, pair_surface
+from .shared_nodes import lost_nodes
+from .slave_side import slave_side
+from .surface import (
+    ContactSurface,
+    Normals,
+    contact_surface,
+    interpolated_forces,
+    joined,
+    plane_of_face,
+    turned_away,
+    way_along,
+)
+from .symmetric_pair import held_on_both, planes_of_symmetry, shares, within
+
+__all__ = [
+    "NO_SHAPE",
+    "ContactPoints",
+    "ContactSurface",
+    "KeptMatrix",
+    "MortarRows",
+    "Normals",
+    "Pair",
+    "Shape",
+    "at_nodes_of",
+    "contact_matrix",
+    "contact_points",
+    "contact_surface",
+    "curved_patch",
+    "held_on_both",
+    "interpolated_forces",
+    "joined",
+    "joined_points",
+    "lost_nodes",
+    "mortar_rows",
+    "pair_frames",
+    "pair_of",
+    "pair_surface",
+    "plane_of_face",
+    "planes_of_symmetry",
+    "row_products",
+    "rows_of",
+    "shares",
+    "slave_side",
+    "turned_away",
+    "way_along",
+    "within",
+]

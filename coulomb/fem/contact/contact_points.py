@@ -1,0 +1,217 @@
+"""Contact points of a face: which nodes the displacement, the gap and the place of each are averages of.
+
+On first-order faces and those of 27-node hexahedra a contact point is a node.  On faces of 10-node tetrahedra the
+integrals of the vertices' hat functions vanish; there a contact point is a vertex j with the linear hat function phi_j,
+
+    u_j = (1/a_j) int phi_j u dS,    a_j = int phi_j dS
+
+and a force x_j at it is the traction phi_j x_j/a_j: tractions are linear on every facet, and nowhere negative where
+the forces are not (Puso, Laursen and Solberg 2008).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from .. import compat
+from ..bodies import DisplacementSpace, HeldDirections, Nodes, distributed_rows
+from ..compat import fem, ufl
+
+if TYPE_CHECKING:
+    from ..bodies import Deformable, Member
+
+
+@dataclass(frozen=True)
+class ContactPoints:
+    """This rank's m contact points.
+
+    Attributes:
+        space: The nodes, of one body or of several.
+        nodes: The node that stands for each, among this rank's k nodes, shape (m,).
+        area: a_j in m^2, shape (m,).
+        weights: Weight of every node of all ranks in the average of each point, shape (m, nodes).
+        nodal: Whether each point is its node.
+        opposite: On faces against another deformable face, the weights of its nodes in the average over that face,
+            shape (m, nodes); rows against a foundation are empty.  None if there are no such faces.
+        mirrored: Projectors on the directions across planes of symmetry that both faces end on, shape (m, 3, 3):
+            averages have no part along them, as those over the face and its mirror image.  None if there are none.
+    """
+
+    space: Nodes
+    nodes: npt.NDArray[np.int32]
+    area: FloatArray
+    weights: scipy.sparse.csr_matrix
+    nodal: bool
+    opposite: scipy.sparse.csr_matrix | None = None
+    mirrored: FloatArray | None = None
+
+    @property
+    def difference(self) -> scipy.sparse.csr_matrix:
+        """The weights by which the displacement of each point against what it touches is made of those of the nodes,
+        shape (m, nodes): against a deformable face the difference of two averages."""
+        if self.opposite is None:
+            return self.weights
+        difference = (self.weights - self.opposite).tocsr()
+        difference.sort_indices()
+        return difference
+
+    def average(self, values: FloatArray) -> FloatArray:
+        """Averages of values at this rank's nodes (k,) or (k, d), shape (m,) or (m, d); collective."""
+        if self.nodal:
+            return values[self.nodes]
+        if values.ndim == 1:
+            return self.average(values[:, None])[:, 0]
+        averages = np.empty((len(self.nodes), values.shape[1]))
+        given, result = self._matrix.createVecs()
+        for column, average in zip(values.T, averages.T, strict=True):
+            given.array[:] = column
+            self._matrix.mult(given, result)
+            average[:] = result.array_r
+        given.destroy()
+        result.destroy()
+        return averages
+
+    def opposite_average(self, values: FloatArray) -> FloatArray | None:
+        """Averages over the faces opposite of values (k, d) at this rank's nodes, shape (m, d), 0 against foundations;
+        None without such faces; collective."""
+        return None if self.opposite is None else replace(self, weights=self.opposite, nodal=False).average(values)
+
+    def held(self, held: HeldDirections) -> FloatArray:
+        """How far each point is held: the mean M of the projectors of its nodes, shape (m, 3, 3); collective.
+
+        Weighted with the squares of the weights, so that of a row of B along a unit vector d the part sqrt(d^T M d) of
+        its length is along held directions.  At a point that is a node, M is its projector.  At a held vertex beside
+        free nodes it is less: the row acts on these, and without the point their part of the traction would be missing.
+
+        Args:
+            held: The held directions of this rank's nodes.
+        """
+        if self.nodal:
+            return held.projector_at(self.nodes)
+        square = self.weights.multiply(self.weights).tocsr()
+        square = scipy.sparse.diags(1.0 / np.asarray(square.sum(axis=1)).ravel()) @ square
+        projectors = held.projector_at(np.arange(held.count)).reshape(-1, 9)
+        return replace(self, weights=square.tocsr()).average(projectors).reshape(-1, 3, 3)
+
+    def spread(self, values: FloatArray) -> FloatArray:
+        """Values at the contact points (m,) or (m, d) as nodal fields, 0 at other points, shape (k,) or (k, d);
+        collective.  Between vertices that are contact points the fields are linear."""
+        field = np.zeros((len(self.space.x), *values.shape[1:]))
+        field[self.nodes] = values
+        return field if self.nodal else self.space.linear_between_vertices(field)
+
+    def only(self, which: npt.NDArray[np.bool_]) -> ContactPoints:
+        """Some of the points, in their order."""
+        if np.all(which):
+            return self
+        return replace(
+            self,
+            nodes=self.nodes[which],
+            area=self.area[which],
+            weights=self.weights[which],
+            opposite=None if self.opposite is None else self.opposite[which],
+            mirrored=None if self.mirrored is None else self.mirrored[which],
+        )
+
+    def of(self, member: Member, whole: Deformable) -> ContactPoints:
+        """The points of a body alone among the nodes of all bodies; without `opposite`."""
+        if whole is member.body:
+            return self
+        nodes = (member.nodes.start + self.nodes).astype(np.int32)
+        return replace(self, space=whole, nodes=nodes, weights=among_all(self.weights, member, whole))
+
+    def against(self, opposite: scipy.sparse.csr_matrix, mirrored: FloatArray | None = None) -> ContactPoints:
+        """The points with averages over another face, (m, nodes)."""
+        return replace(self, opposite=opposite, mirrored=mirrored)
+
+    @cached_property
+    def _matrix(self) -> PETSc.Mat:
+        size = self.space.numbering
+        return distributed_rows(self.weights, (size.local, size.total), self.space, None)
+
+
+def among_all(weights: scipy.sparse.csr_matrix, member: Member, whole: Deformable) -> scipy.sparse.csr_matrix:
+    """Weights of the nodes of one body (m, its nodes) as weights of the nodes of all bodies."""
+    columns = whole.numbers_of(member, weights.indices.astype(np.int64))
+    shape = (weights.shape[0], whole.numbering.total)
+    found = scipy.sparse.csr_matrix((weights.data, columns, weights.indptr), shape=shape)
+    found.sort_indices()
+    return found
+
+
+def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
+    """The contact points of boundary facets, in the order of their nodes; those of a face are kept, since the evidence
+    of every load step asks for them; collective."""
+    key = facets.tobytes()
+    if not space.comm.allreduce(key in space.points_of_faces, op=MPI.LAND):
+        space.points_of_faces[key] = _contact_points(space, facets)
+    kept: ContactPoints = space.points_of_faces[key]
+    return kept
+
+
+def _contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
+    if space.positive:
+        nodes = space.nodes_of(facets)
+        return ContactPoints(space, nodes, space.area_of(facets)[nodes], nodal_weights(space, nodes), True)
+    return _weighted(space, facets)
+
+
+def nodal_weights(space: DisplacementSpace, nodes: npt.NDArray[np.int32]) -> scipy.sparse.csr_matrix:
+    """The weights of contact points that are nodes."""
+    index_map, rows = space.V.dofmap.index_map, np.arange(len(nodes) + 1)
+    shape = (len(nodes), index_map.size_global)
+    return scipy.sparse.csr_matrix((np.ones(len(nodes)), index_map.local_range[0] + nodes, rows), shape=shape)
+
+
+def joined_points(parts: Sequence[ContactPoints]) -> ContactPoints:
+    """The contact points of several faces, in their order."""
+    if len(parts) == 1:
+        return parts[0]
+    opposite = None
+    if any(part.opposite is not None for part in parts):
+        none = [scipy.sparse.csr_matrix(part.weights.shape) for part in parts]
+        rows = [empty if part.opposite is None else part.opposite for part, empty in zip(parts, none, strict=True)]
+        opposite = scipy.sparse.vstack(rows, format="csr")
+    mirrored = None
+    if any(part.mirrored is not None for part in parts):
+        flat = [np.zeros((len(part.nodes), 3, 3)) if part.mirrored is None else part.mirrored for part in parts]
+        mirrored = np.concatenate(flat)
+    return ContactPoints(
+        parts[0].space,
+        np.concatenate([part.nodes for part in parts]),
+        np.concatenate([part.area for part in parts]),
+        scipy.sparse.vstack([part.weights for part in parts], format="csr"),
+        all(part.nodal for part in parts),
+        opposite,
+        mirrored,
+    )
+
+
+def _weighted(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
+    """Vertices, each with the integrals of its hat function against those of the nodes."""
+    trial, test = ufl.TrialFunction(space.V), ufl.TestFunction(space.vertices.space.V)
+    mass = compat.assemble_matrix(fem.form(ufl.inner(trial, test) * space.measure(facets)))
+    indptr, columns, values = mass.getValuesCSR()
+    rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+    x = (rows % 3 == 0) & (columns % 3 == 0)  # the same for the three components
+    shape = (len(space.vertices.node), space.V.dofmap.index_map.size_global)
+    weights = scipy.sparse.csr_matrix((values[x], (rows[x] // 3, columns[x] // 3)), shape=shape)
+    mass.destroy()
+    area: FloatArray = np.asarray(weights.sum(axis=1)).ravel()
+    at = np.flatnonzero(area > 0.0)
+    at = at[np.argsort(space.vertices.node[at], kind="stable")]
+    weights = scipy.sparse.diags(1.0 / area[at]) @ weights[at]
+    weights.eliminate_zeros()
+    weights.sort_indices()
+    nodes: npt.NDArray[Any] = space.vertices.node[at]
+    return ContactPoints(space, nodes.astype(np.int32), area[at], weights.tocsr(), False)

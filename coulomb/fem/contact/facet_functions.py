@@ -1,0 +1,134 @@
+"""Lagrange functions of facets, triangles and quadrilaterals of first and second order, with nodes in VTK's order.
+
+Written out, since pairing two surfaces evaluates them at millions of points, other ones in every facet.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import FloatArray
+from ..compat import basix
+
+
+@dataclass(frozen=True)
+class FacetKind:
+    """A kind of facet.
+
+    Attributes:
+        corners: 3 or 4.
+        degree: Order of its functions, 1 or 2.
+    """
+
+    corners: int
+    degree: int
+
+    @property
+    def width(self) -> int:
+        """Number of its nodes: 3, 4, 6 or 9."""
+        return len(self.points)
+
+    @property
+    def points(self) -> FloatArray:
+        """Its nodes in the reference facet, shape (n, 2): corners, middles of edges, the centre."""
+        return _points(self.corners, self.degree)
+
+    @property
+    def mirrored(self) -> list[int]:
+        """The columns of its nodes in the order that reverses its orientation."""
+        return {3: [0, 2, 1], 4: [0, 3, 2, 1], 6: [0, 2, 1, 5, 4, 3], 9: [0, 3, 2, 1, 7, 6, 5, 4, 8]}[self.width]
+
+    @property
+    def pieces(self) -> npt.NDArray[np.int64]:
+        """Columns of the corners of the four pieces of a second-order facet, of the one of a first-order facet."""
+        tables: dict[int, list[list[int]]] = {
+            3: [[0, 1, 2]],
+            4: [[0, 1, 2, 3]],
+            6: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
+            9: [[0, 4, 8, 7], [4, 1, 5, 8], [8, 5, 2, 6], [7, 8, 6, 3]],
+        }
+        return np.array(tables[self.width], dtype=np.int64)
+
+    @property
+    def polynomial_degree(self) -> int:
+        """Of the functions as polynomials in two variables: a bilinear one has degree 2."""
+        return self.degree if self.corners == 3 else 2 * self.degree
+
+    @property
+    def vertex_functions(self) -> FloatArray:
+        """The linear or bilinear functions of the corners as combinations of its functions, shape (corners, n)."""
+        return np.stack(FacetKind(self.corners, 1).values(self.points[:, 0], self.points[:, 1]))
+
+    def values(self, r: FloatArray, s: FloatArray) -> list[FloatArray]:
+        """The n functions at reference points, arrays of any one shape."""
+        if self.corners == 4:
+            at_r, at_s = _line(r, self.degree), _line(s, self.degree)
+            return [at_r[i] * at_s[j] for i, j in _tensor(self.degree)]
+        t = 1.0 - r - s
+        if self.degree == 1:
+            return [t, r, s]
+        return [t * (2 * t - 1), r * (2 * r - 1), s * (2 * s - 1), 4 * t * r, 4 * r * s, 4 * s * t]
+
+    def slopes(self, r: FloatArray, s: FloatArray) -> tuple[Sequence[Any], Sequence[Any]]:
+        """The derivatives of the n functions along r and along s at reference points: arrays, or numbers."""
+        if self.corners == 4:
+            at_r, at_s = _line(r, self.degree), _line(s, self.degree)
+            along_r, along_s = _line_slopes(r, self.degree), _line_slopes(s, self.degree)
+            pairs = _tensor(self.degree)
+            return [along_r[i] * at_s[j] for i, j in pairs], [at_r[i] * along_s[j] for i, j in pairs]
+        if self.degree == 1:
+            return [-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]
+        t = 1.0 - r - s
+        return (
+            [1 - 4 * t, 4 * r - 1, 0.0, 4 * (t - r), 4 * s, -4 * s],
+            [1 - 4 * t, 0.0, 4 * s - 1, -4 * r, 4 * r, 4 * (t - s)],
+        )
+
+    def rule(self, degree: int) -> tuple[FloatArray, FloatArray]:
+        """Points (q, 2) and weights (q,) of a quadrature rule on the reference facet; exact on parallelograms for
+        polynomials of that degree."""
+        return _rule(basix.CellType.triangle if self.corners == 3 else basix.CellType.quadrilateral, degree)
+
+
+def triangle_rule(degree: int) -> tuple[FloatArray, FloatArray]:
+    """Points (q, 2) and weights (q,) of a quadrature rule on the reference triangle, whose area is 1/2."""
+    return _rule(basix.CellType.triangle, degree)
+
+
+@functools.cache
+def _rule(cell: Any, degree: int) -> tuple[FloatArray, FloatArray]:
+    points, weights = basix.make_quadrature(cell, degree)
+    return np.asarray(points), np.asarray(weights)
+
+
+@functools.cache
+def _points(corners: int, degree: int) -> FloatArray:
+    if corners == 3:
+        triangle = [(0, 0), (1, 0), (0, 1), (0.5, 0), (0.5, 0.5), (0, 0.5)]
+        return np.array(triangle[: 3 if degree == 1 else 6], dtype=float)
+    line = (0.0, 1.0, 0.5)
+    return np.array([(line[i], line[j]) for i, j in _tensor(degree)])
+
+
+def _tensor(degree: int) -> list[tuple[int, int]]:
+    """Which functions of a line, at 0, 1 and 1/2, make those of a quadrilateral."""
+    second = [(2, 0), (1, 2), (2, 1), (0, 2), (2, 2)] if degree == 2 else []
+    return [(0, 0), (1, 0), (1, 1), (0, 1), *second]
+
+
+def _line(r: FloatArray, degree: int) -> list[FloatArray]:
+    if degree == 1:
+        return [1.0 - r, r]
+    return [(1.0 - r) * (1.0 - 2 * r), r * (2 * r - 1.0), 4 * r * (1.0 - r)]
+
+
+def _line_slopes(r: FloatArray, degree: int) -> list[Any]:
+    if degree == 1:
+        return [-1.0, 1.0]
+    return [4 * r - 3.0, 4 * r - 1.0, 4.0 - 8 * r]

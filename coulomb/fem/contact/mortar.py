@@ -1,0 +1,288 @@
+"""Contact of two faces: averages of their displacements, weighted by functions lambda_j on the first, the slave.
+
+    w_j = (1/a_j) int lambda_j (u_slave - u_master o pi) dS,      a_j = int lambda_j dS
+
+pi projects along the slave's normals.  With the functions N of the nodes, this is a row of D/a over the slave's nodes
+and one of M/a over the master's, each with sum 1; a force x_j at the contact point acts as D_j x_j/a_j on the slave and
+as -M_j x_j/a_j on the master.  The functions lambda_j add up to 1, so a uniform pressure is transmitted exactly.
+
+The gap before deformation is the same average of the distance g of the two faces.  But lambda_j is negative in part,
+and where a curved face touches another at the node, g = s^2/(2 R), the average is -h^2/(12 R) on 10-node tetrahedra of
+the size h, an interference that the faces have not.  So
+
+    gap_j = max((1/a_j) int lambda_j g dS, min(g, 0))           min over the facets of lambda_j
+
+On first-order facets g is replaced by its interpolant between the vertices, where these are before the master: gap_j is
+then g(x_j), exact where the faces are plane.  Measured, errors of the force of pairs of Hertz for three meshes of 4, 8
+and 12 cells in 1.2 half axes (averages of g without bound / with bound / interpolant):
+
+    two spheres of hexahedra       0.94, 0.46, 0.18 %  /  the same            /  0.94, 0.12, 0.03 %
+    of 10-node tetrahedra          4.94, 1.15, 0.18 %  /  3.59, 1.08, 0.17 %  /  7.83, 1.79, 1.09 %
+    crossed cylinders of these     4.79, 1.01, 0.13 %  /  3.48, 0.94, 0.12 %  /  7.45, 1.78, 1.14 %
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from ...arrays import FloatArray
+from ...nearest import tree_of
+from .facet_patch import FacetPatch
+from .mortar_basis import Basis, Pieces, multipliers, pieces
+from .mortar_segments import Segments, segments
+
+IntArray = npt.NDArray[np.int64]
+
+LEAST_SHARE = 0.2
+"""Covered share of a node's area below which it is no contact point.  Measured at the edge of a master: with 0.05 the
+pressure at such nodes is up to ten times that of their neighbours, with 0.2 up to three times."""
+
+RINGS = 4
+"""Rings of facets around those of a rank on which its contact points can depend."""
+
+_DEPTH = 0.25
+"""Deepest penetration that is found, over the extent of the smaller face."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """How far the master is found from the slave, in metres.
+
+    Attributes:
+        depth: Behind it: initial penetration.
+        reach: Before it.
+    """
+
+    depth: float
+    reach: float
+
+    @classmethod
+    def of(cls, distance: float, one: float, other: float) -> Search:
+        """For faces at this distance from each other, with these extents."""
+        return cls(_DEPTH * min(one, other), distance + max(one, other))
+
+
+def search_of(slave: FacetPatch, master: FacetPatch) -> Search:
+    """For two faces, neither of them empty."""
+    extents = [float(np.linalg.norm(np.ptp(patch.x.reshape(-1, 3), axis=0))) for patch in (slave, master)]
+    tree = tree_of(master.x.mean(axis=1))
+    return Search.of(float(np.min(tree.query(slave.x.mean(axis=1))[0])), *extents)
+
+
+@dataclass(frozen=True)
+class MortarRows:
+    """The contact points of a pair of faces on this rank, m of them, in the order of their nodes.
+
+    Attributes:
+        node: Global number of the slave node that stands for each, ascending, shape (m,).
+        area: a_j in m^2, shape (m,).
+        whole: The same over the whole slave face, with the covered share area/whole, shape (m,).
+        normal: Mean outward unit normal of the slave, shape (m, 3).
+        x: Where the force acts on the slave, metres, shape (m, 3).
+        separation: Mean way from the slave to the master before it, metres, shape (m, 3).
+        chord: How far distances between the point and those beside it are from linear, metres, shape (m,).
+        overlap: The smallest distance of the two on the facets of each point if negative, else 0, metres, shape (m,).
+        weights: Averages over the slave's nodes, shape (m, nodes of all ranks); every row has the sum 1.
+        opposite: Averages over the master's nodes, likewise.
+        dropped: Global numbers of this rank's slave nodes before the master that have no contact point, since less
+            than a share of 0.2 of their area is before it.
+        lost: Area before the master, m^2, on which no contact force acts since all nodes near are left out; of the
+            slave facets whose first node is on this rank.
+        layered: Number of these facets before which master facets lie in several layers, of which the nearest counts.
+    """
+
+    node: IntArray
+    area: FloatArray
+    whole: FloatArray
+    normal: FloatArray
+    x: FloatArray
+    separation: FloatArray
+    chord: FloatArray
+    overlap: FloatArray
+    weights: scipy.sparse.csr_matrix
+    opposite: scipy.sparse.csr_matrix
+    dropped: IntArray
+    lost: float
+    layered: int
+
+    def gap(self, n: FloatArray) -> FloatArray:
+        """Distance of the master before deformation along unit normals n (m, 3), metres, shape (m,); negative where the
+        faces overlap."""
+        gap: FloatArray = np.maximum(np.einsum("ki,ki->k", self.separation, n), self.overlap)
+        return gap
+
+
+def mortar_rows(
+    slave: FacetPatch,
+    master: FacetPatch,
+    owned: tuple[int, int],
+    basis: Basis = "dual",
+    left_out: IntArray | None = None,
+    search: Search | None = None,
+) -> MortarRows:
+    """The contact points whose nodes this rank owns; not collective.
+
+    Args:
+        slave: The facets of the slave, of all ranks, or those in `RINGS` rings around this rank's nodes.
+        master: Those of the master, of all ranks, or those before these.
+        owned: First number of this rank's nodes, and the one after the last.
+        basis: Of the contact forces, dual functions or hats.
+        left_out: Numbers of slave nodes without a contact point, such as clamped ones; their functions are added
+            to those of other nodes near.
+        search: How far before and behind the slave the master is found; by default that of these facets.
+
+    Raises:
+        ValueError: If the outward normals around a contact point cancel.
+    """
+    near = _around(slave, owned)
+    if not len(near) or not len(master):
+        return _none(slave.size, master.size)
+    search = search or search_of(slave, master)
+    slave = slave.only(near)
+    parts = segments(slave, master, search.depth, search.reach)
+    nodes = slave.nodes[:, slave.multiplier_columns]
+    found = multipliers(slave, parts, basis)
+    mass = parts.mass.sum(axis=2)
+    gone = np.zeros(slave.size, dtype=bool)
+    if left_out is not None:
+        gone[left_out] = True
+    hats: FloatArray = (
+        np.einsum("jn,fn->fj", slave.kind.vertex_functions, slave.whole) if slave.kind.width == 6 else slave.whole
+    )
+    whole = _summed(nodes, hats, slave.size)
+    sizes = np.einsum("fjn,fn->fj", found, mass)
+    weak = _weak(nodes, sizes, whole, gone)
+    return _rows(slave, master, parts, pieces(slave, nodes, found, sizes, gone | weak), owned, whole, weak)
+
+
+def _around(slave: FacetPatch, owned: tuple[int, int]) -> IntArray:
+    """The facets with nodes of this rank, and those near that decide which nodes are left out and what takes their
+    part."""
+    seen = np.zeros(slave.size, dtype=bool)
+    seen[owned[0] : owned[1]] = True
+    for _ in range(RINGS):
+        seen[slave.nodes[np.any(seen[slave.nodes], axis=1)]] = True
+    return np.flatnonzero(np.any(seen[slave.nodes], axis=1))
+
+
+def _weak(nodes: IntArray, sizes: FloatArray, whole: FloatArray, gone: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Slave nodes with too small a covered part; of a facet that has no others, the one with the largest part stays."""
+    covered = _summed(nodes, sizes, len(whole))
+    weak = (covered > 0.0) & (covered < LEAST_SHARE * whole) & ~gone
+    alone = np.any(sizes > 0.0, axis=1) & np.all(weak[nodes] | gone[nodes] | (covered[nodes] <= 0.0), axis=1)
+    alone &= np.any(weak[nodes], axis=1)
+    largest = np.argmax(np.where(weak[nodes[alone]], covered[nodes[alone]], -1.0), axis=1)
+    weak[nodes[alone, largest]] = False
+    return weak
+
+
+def _rows(
+    slave: FacetPatch,
+    master: FacetPatch,
+    parts: Segments,
+    functions: Pieces,
+    owned: tuple[int, int],
+    whole: FloatArray,
+    weak: npt.NDArray[np.bool_],
+) -> MortarRows:
+    facet, coefficients = functions.facet, functions.coefficients
+    products = np.einsum("kn,knm->km", coefficients, parts.mass[facet])
+    area = _summed(functions.node, products.sum(axis=1), slave.size)
+    node = owned[0] + np.flatnonzero(area[owned[0] : owned[1]] > 0.0)
+    point = np.full(slave.size, -1)
+    point[node] = np.arange(len(node))
+    own = point[functions.node] >= 0
+    facet, coefficients, products, row = facet[own], coefficients[own], products[own], point[functions.node[own]]
+    width = slave.kind.width
+    columns = facet[:, None] * width + np.arange(width)
+    shape = (len(node), len(slave) * width)
+    spread = scipy.sparse.csr_matrix((coefficients.ravel(), (np.repeat(row, width), columns.ravel())), shape=shape)
+    entries = (products.ravel(), (np.repeat(row, width), slave.nodes[facet].ravel()))
+    weights = _averages(scipy.sparse.csr_matrix(entries, shape=(len(node), slave.size)))
+    opposite = _averages(spread @ parts.coupling)
+    normal = spread @ parts.normal.reshape(-1, 3) / area[node][:, None]
+    length = np.linalg.norm(normal, axis=1)
+    if np.any(length < 0.1):
+        where = ", ".join(f"{c:.6g}" for c in _places(slave, slave.size)[node[np.argmin(length)]])
+        raise ValueError(f"the outward normals of the facets around x = {where} cancel: no contact normal is defined")
+    normal /= length[:, None]
+    separation = spread @ parts.separation.reshape(-1, 3) / area[node][:, None]
+    if slave.kind.degree == 1:
+        interpolated, known = _interpolated(slave, parts, products, facet, row, area[node])
+        separation = np.where(known[:, None], interpolated, separation)
+    overlap = np.zeros(len(node))
+    np.minimum.at(overlap, row, parts.least[facet])
+    chord = np.zeros(len(node))
+    np.maximum.at(chord, row, parts.chord[facet])
+    mine = np.flatnonzero(weak[owned[0] : owned[1]]) + owned[0]
+    first = slave.nodes[:, 0]
+    counted = (first >= owned[0]) & (first < owned[1])  # every facet on one rank
+    lost = float((parts.share * slave.areas)[functions.lost][counted[functions.lost]].sum())
+    layered = int(np.count_nonzero(parts.doubled & counted))
+    x = weights @ _places(slave, slave.size)
+    return MortarRows(
+        node, area[node], whole[node], normal, x, separation, chord, overlap, weights, opposite, mine, lost, layered
+    )
+
+
+def _interpolated(
+    slave: FacetPatch, parts: Segments, products: FloatArray, facet: IntArray, row: IntArray, area: FloatArray
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Averages of the way to the master as its interpolant at the corners of the facets, shape (m, 3), and whether it
+    is known at all corners that have a part in them, shape (m,).
+
+    Args:
+        slave: The facets.
+        parts: The ways at their corners.
+        products: Integrals of lambda_j and the facet's functions, for every piece of one, shape (k, n).
+        facet: The facet of each piece, shape (k,).
+        row: The contact point j of each, shape (k,).
+        area: a_j, shape (m,).
+    """
+    corner = slave.nodes[:, : slave.kind.corners]
+    count = _summed(corner, parts.reached.astype(np.float64), slave.size)
+    ways = [_summed(corner, part, slave.size) for part in np.moveaxis(parts.at_corners, 2, 0)]
+    way = np.stack([*(of / np.maximum(count, 1.0) for of in ways), count == 0.0], axis=1)
+    weights = products @ slave.kind.vertex_functions.T / area[row][:, None]
+    entries = (weights.ravel(), (np.repeat(row, weights.shape[1]), corner[facet].ravel()))
+    rows = scipy.sparse.csr_matrix(entries, shape=(len(area), slave.size))
+    rows.sum_duplicates()
+    unknown = abs(rows) @ way[:, 3]
+    return rows @ way[:, :3], unknown < 1e-9
+
+
+def _averages(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+    """Rows without entries that are rounding errors, divided by their sums."""
+    rows = rows.tocsr()
+    rows.sum_duplicates()
+    largest = abs(rows).max(axis=1).toarray().ravel()
+    rows.data[np.abs(rows.data) <= 1e-14 * np.repeat(largest, np.diff(rows.indptr))] = 0.0
+    rows.eliminate_zeros()
+    total = np.asarray(rows.sum(axis=1)).ravel()
+    averages = (scipy.sparse.diags(1.0 / total) @ rows).tocsr()
+    averages.sort_indices()
+    return averages
+
+
+def _summed(nodes: IntArray, values: FloatArray, size: int) -> FloatArray:
+    """Sums over the facets of values (f, j) at their nodes (f, j), shape (size,)."""
+    sums: FloatArray = np.bincount(nodes.ravel(), values.ravel(), size).astype(np.float64)
+    return sums
+
+
+def _places(patch: FacetPatch, size: int) -> FloatArray:
+    """Coordinates of the nodes of a patch, 0 of all others, shape (size, 3)."""
+    x = np.zeros((size, 3))
+    x[patch.nodes] = patch.x
+    return x
+
+
+def _none(slave: int, master: int) -> MortarRows:
+    no, none = np.empty(0), np.empty(0, dtype=np.int64)
+    rows, opposite = (scipy.sparse.csr_matrix((0, size)) for size in (slave, master))
+    places = np.empty((0, 3))
+    return MortarRows(none, no, no, places, places, places, no, no, rows, opposite, none, 0.0, 0)

@@ -1,0 +1,282 @@
+"""The facets of a pair of faces that a rank needs: those around its slave nodes, and the master facets before these.
+
+A rank's contact points depend on the facets around its nodes (`mortar.RINGS` rings of them), which it finds ring by
+ring from the ranks that own the nodes, and on the master facets that lines along the slave's normals meet.  For these
+every rank describes its slave facets by few cones, and the others send what is within one of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ...arrays import FloatArray
+from ...nearest import tree_of
+from ..meshes import Exchange, fetched, owner_of, starts_of
+from .facet_patch import FacetPatch
+from .mortar import RINGS, Search, search_of
+from .mortar_parts import FACING, Cells, cells_of
+
+IntArray = npt.NDArray[np.int64]
+Rows = npt.NDArray[Any]
+
+_CONES = 64
+"""By which each rank describes its slave facets."""
+
+_SAMPLES = 256
+"""Places in all from which the distance of the two faces is estimated first."""
+
+
+@dataclass(frozen=True)
+class NearFace:
+    """Facets of one face, of any ranks, with numbers of their nodes among themselves.
+
+    Attributes:
+        patch: The facets, in the order of the ranks; `size` is the number of nodes here.
+        numbers: Global numbers of these nodes, ascending, shape (patch.size,).
+        sagittas: Of the facets (`FacetPatch.sagittas`), shape (f,).
+        largest_sagitta: Of all facets of the face.
+    """
+
+    patch: FacetPatch
+    numbers: IntArray
+    sagittas: FloatArray
+    largest_sagitta: float
+
+
+@dataclass(frozen=True)
+class NearPair:
+    """What a rank needs of a pair of faces.
+
+    Attributes:
+        slave: The facets around this rank's nodes.
+        master: The facets before these.
+        owned: First of this rank's nodes among the numbers of `slave`, and the one after the last.
+        search: How far before and behind the slave the master is found.
+        size: Largest coordinate of the slave face, metres.
+        extent: Its largest extent along an axis, metres.
+    """
+
+    slave: NearFace
+    master: NearFace
+    owned: tuple[int, int]
+    search: Search | None
+    size: float
+    extent: float
+
+
+def near_pair(slave: FacetPatch, master: FacetPatch, nodes: tuple[int, int], comm: MPI.Comm) -> NearPair:
+    """What this rank needs of a pair; collective.
+
+    Args:
+        slave: This rank's facets of the slave, with global numbers of nodes.
+        master: Its facets of the master.
+        nodes: How many nodes of the slave's body and of the master's this rank owns.
+        comm: The ranks.
+    """
+    ends = [_ends(patch, comm) for patch in (slave, master)]
+    size = float(np.max(np.abs(ends[0]), initial=0.0, where=np.isfinite(ends[0])))
+    extents = [high - low if np.all(np.isfinite(low)) else np.zeros(3) for low, high in ends]
+    starts = [starts_of(comm, count) for count in nodes]
+    first = int(starts[0][comm.rank])
+    if comm.size == 1:
+        search = search_of(slave, master) if len(slave) and len(master) else None
+        both = _as_it_is(slave), _as_it_is(master)
+        return NearPair(both[0], both[1], (0, nodes[0]), search, size, float(np.max(extents[0])))
+    one, other = (_with_sagittas(patch, at, comm) for patch, at in zip((slave, master), starts, strict=True))
+    largest = [float(comm.allreduce(float(rows["sagitta"].max(initial=0.0)), op=MPI.MAX)) for rows in (one, other)]
+    around = _near(slave, _around(one, starts[0], comm), largest[0])
+    counts = [comm.allreduce(len(patch)) for patch in (slave, master)]
+    search = None
+    there = other[:0]
+    if all(counts):
+        lengths = [float(np.linalg.norm(extent)) for extent in extents]
+        search = Search.of(_distance(slave, master, comm), *lengths)
+        there = _before(around.patch, master, other, search, comm)
+    own = np.searchsorted(around.numbers, [first, first + nodes[0]])
+    extent = float(np.max(extents[0]))
+    return NearPair(around, _near(master, there, largest[1]), (int(own[0]), int(own[1])), search, size, extent)
+
+
+def _as_it_is(patch: FacetPatch) -> NearFace:
+    sagittas = patch.sagittas
+    return NearFace(patch, np.arange(patch.size), sagittas, float(sagittas.max(initial=0.0)))
+
+
+def _near(like: FacetPatch, rows: Rows, largest: float) -> NearFace:
+    """Facets with numbers of nodes among themselves."""
+    numbers, inverse = np.unique(rows["nodes"], return_inverse=True)
+    nodes = inverse.reshape(rows["nodes"].shape).astype(np.int64)
+    curved = None if like.curved is None else rows["curved"].copy()
+    patch = FacetPatch(like.kind, nodes, rows["x"].copy(), len(numbers), curved)
+    return NearFace(patch, numbers, rows["sagitta"].copy(), largest)
+
+
+def _ends(patch: FacetPatch, comm: MPI.Comm) -> FloatArray:
+    """Lowest and highest coordinates of a face, shape (2, 3), infinite if there is none; collective."""
+    x = patch.x.reshape(-1, 3)
+    mine = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
+    low, high = np.min(comm.allgather(mine), axis=0)
+    return np.array([low, -high])
+
+
+def _with_sagittas(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> Rows:
+    """This rank's facets as rows, with their number over all ranks and their sagittas; collective."""
+    width = patch.kind.width
+    kinds = [("key", "i8"), ("sagitta", "f8"), ("nodes", "i8", (width,)), ("x", "f8", (width, 3))]
+    if patch.curved is not None:
+        kinds.append(("curved", "f8", (patch.second_order.width, 3)))
+    rows = np.zeros(len(patch), dtype=kinds)
+    rows["key"] = starts_of(comm, len(patch))[comm.rank] + np.arange(len(patch))
+    rows["nodes"], rows["x"] = patch.nodes, patch.x
+    if patch.curved is not None:
+        rows["curved"] = patch.curved
+    elif patch.kind.degree == 1:
+        rows["sagitta"] = patch.sagittas_with(normals_at_nodes(patch, starts, comm))
+    return rows
+
+
+def normals_at_nodes(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> FloatArray:
+    """Sums of `FacetPatch.middle_vectors` of the facets of all ranks around the nodes of each, shape (f, n, 3);
+    collective.
+
+    Args:
+        patch: This rank's facets, with global numbers of nodes.
+        starts: The first node of every rank, and the number of all.
+        comm: The ranks.
+    """
+    nodes = patch.nodes.ravel()
+    to = Exchange(comm, owner_of(starts, nodes))
+    node = to.send(nodes) - starts[comm.rank]
+    normals = np.zeros((int(starts[comm.rank + 1] - starts[comm.rank]), 3))
+    np.add.at(normals, node, to.send(np.repeat(patch.middle_vectors, patch.kind.width, axis=0)))
+    return fetched(comm, starts, nodes, normals).reshape(-1, patch.kind.width, 3)
+
+
+def _around(rows: Rows, starts: IntArray, comm: MPI.Comm) -> Rows:
+    """The facets in `RINGS` rings around those with nodes of this rank, ascending; collective."""
+    facet, owner = _distinct_pairs(np.arange(len(rows)), owner_of(starts, rows["nodes"]))
+    table = Exchange(comm, owner).send(rows[facet])  # all facets with a node of this rank
+    first, last = starts[comm.rank], starts[comm.rank + 1]
+    mine = np.flatnonzero((table["nodes"].ravel() >= first) & (table["nodes"].ravel() < last))
+    order = mine[np.argsort(table["nodes"].ravel()[mine], kind="stable")]
+    node, of_node = table["nodes"].ravel()[order], order // table["nodes"].shape[1]
+    found, asked = table, np.empty(0, dtype=np.int64)
+    for _ in range(RINGS):
+        seen = np.unique(found["nodes"])
+        seen = seen[(seen < first) | (seen >= last)]
+        new, asked = np.setdiff1d(seen, asked), seen
+        ask = Exchange(comm, owner_of(starts, new))
+        wanted = ask.send(new)
+        begin, end = np.searchsorted(node, wanted), np.searchsorted(node, wanted, side="right")
+        count = end - begin
+        at = np.arange(int(count.sum())) + np.repeat(begin - np.cumsum(count) + count, count)
+        facet, source = _distinct_pairs(of_node[at], np.repeat(ask.sources, count)[:, None])
+        more = Exchange(comm, source).send(table[facet])
+        _, once = np.unique(np.concatenate([found["key"], more["key"]]), return_index=True)
+        found = np.concatenate([found, more])[once]
+    return found
+
+
+def _distinct_pairs(facet: IntArray, ranks: IntArray) -> tuple[IntArray, IntArray]:
+    """Facets (f,) and the ranks in each row (f, k), every pair once, ascending."""
+    pairs = np.unique(np.column_stack([np.repeat(facet, ranks.shape[1]), ranks.ravel()]), axis=0)
+    return pairs[:, 0], pairs[:, 1]
+
+
+def _before(near: FacetPatch, master: FacetPatch, rows: Rows, search: Search, comm: MPI.Comm) -> Rows:
+    """The master facets of all ranks that may be before the slave facets near, ascending; collective."""
+    cones, others = _cones(near), cells_of(master)
+    every = comm.allgather(cones)
+    rank_of, cone = np.repeat(np.arange(comm.size), [len(theirs) for theirs in every]), np.concatenate(every)
+    pairs = np.empty((0, 2), dtype=np.int64)
+    if len(others.facet):
+        direction = others.area_vector / np.maximum(others.area, 1e-300)[:, None]
+        centre, radius = _sphere(others.centre, others.radius)
+        found = []
+        for number in np.flatnonzero(_meets(centre, np.array(radius), cone, search)):
+            axis, angle = cone[number, 4:7], cone[number, 7]
+            hit = _meets(others.centre, others.radius, cone[number], search)
+            hit &= np.arccos(np.clip(direction @ axis, -1.0, 1.0)) > np.arccos(FACING) - angle - 1e-6
+            facet = np.unique(others.facet[hit])
+            found.append(np.column_stack([np.full(len(facet), rank_of[number]), facet]))
+        pairs = np.unique(np.concatenate([pairs, *found]), axis=0)
+    there = Exchange(comm, pairs[:, 0]).send(rows[pairs[:, 1]])
+    return there[np.argsort(there["key"])]
+
+
+def _meets(centre: FloatArray, around: FloatArray, cone: FloatArray, search: Search) -> npt.NDArray[np.bool_]:
+    """Whether lines of a cone can meet spheres with these centres (..., 3) and radii (...).
+
+    The lines begin within the cone's radius of its point, go `search.reach` along its axis or a direction that differs
+    from it by up to its angle, and as far as `search.depth` behind.
+    """
+    point, axis, angle = cone[..., :3], cone[..., 4:7], cone[..., 7]
+    near = (1.0 + 1e-6) * (cone[..., 3] + 2.0 * around)
+    away = centre - point
+    along = np.sum(away * axis, axis=-1)
+    across = np.linalg.norm(away - along[..., None] * axis, axis=-1)
+    wide = np.linalg.norm(away, axis=-1) <= max(search.depth, search.reach) + near
+    within = across <= near + (np.abs(along) + near) * np.tan(np.minimum(angle, 1.2))
+    within &= (along >= -search.depth - near) & (along <= search.reach + near)
+    found: npt.NDArray[np.bool_] = np.where(angle > 1.2, wide, within)
+    return found
+
+
+def _cones(patch: FacetPatch) -> FloatArray:
+    """Centre, radius, mean normal and largest angle to it of groups of neighbouring facets, shape (at most 64, 8)."""
+    cells = cells_of(patch)
+    if not len(cells.facet):
+        return np.empty((0, 8))
+    return np.array([_cone(cells, some) for some in _groups(cells.centre)])
+
+
+def _groups(x: FloatArray) -> list[IntArray]:
+    """Numbers of neighbouring points, in at most 64 groups."""
+    order = tree_of(x, 8).indices.astype(np.int64)  # near ones are near in this order
+    return [some for some in np.array_split(order, _CONES) if len(some)]
+
+
+def _cone(cells: Cells, some: IntArray) -> list[float]:
+    centre, radius = _sphere(cells.centre[some], cells.radius[some])
+    n = cells.frames[some, 2]
+    axis = n.sum(axis=0)
+    length = float(np.linalg.norm(axis))
+    axis = axis / length if length > 0.0 else n[0]
+    angle = float(np.arccos(np.clip(np.min(n @ axis), -1.0, 1.0)))
+    return [*centre, radius, *axis, angle + 1e-7]
+
+
+def _sphere(centre: FloatArray, radius: FloatArray) -> tuple[FloatArray, float]:
+    """Centre and radius of a sphere around spheres."""
+    middle = 0.5 * (centre.min(axis=0) + centre.max(axis=0))
+    return middle, float(np.max(np.linalg.norm(centre - middle, axis=1) + radius))
+
+
+def _distance(slave: FacetPatch, master: FacetPatch, comm: MPI.Comm) -> float:
+    """Least distance between the middles of facets of the two faces, metres; collective.
+
+    From some places on the slave at first; then only the master's facets as near to the slave's are compared.
+    """
+    x, there = slave.x.mean(axis=1), master.x.mean(axis=1)
+    few = np.concatenate(comm.allgather(x[:: max(1, len(x) * comm.size // _SAMPLES)]))
+    tree = tree_of(there) if len(there) else None
+    nearest = tree.query(few)[0].min() if tree is not None else np.inf
+    bound = float(comm.allreduce(float(nearest), op=MPI.MIN))
+    groups = _groups(x) if len(x) else []
+    spheres = np.array([[*(found := _sphere(x[some], np.zeros(1)))[0], found[1]] for some in groups]).reshape(-1, 4)
+    chosen, ranks = [], []
+    for rank, theirs in enumerate(comm.allgather(spheres)):
+        near = np.zeros(len(there), dtype=bool)
+        if tree is not None:
+            for *centre, radius in theirs:
+                near[tree.query_ball_point(centre, (1.0 + 1e-9) * (radius + bound))] = True
+        chosen.append(np.flatnonzero(near))
+        ranks.append(np.full(len(chosen[-1]), rank))
+    beside = Exchange(comm, np.concatenate(ranks)).send(there[np.concatenate(chosen)])
+    mine = float(np.min(tree_of(beside).query(x)[0], initial=bound)) if len(beside) and len(x) else bound
+    return float(comm.allreduce(mine, op=MPI.MIN))

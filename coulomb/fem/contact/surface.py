@@ -1,0 +1,378 @@
+"""The contact surface: its nodes, their frames, gaps and areas, and the matrix B from displacements to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from ...nearest import tree_of
+from ..bodies import Deformable
+from ..geometry import (
+    HELD_BEYOND,
+    FrictionAxes,
+    Plane,
+    RigidFoundation,
+    held_length,
+    inverse_frames,
+    on_all_ranks,
+    supported_frames,
+)
+from .contact_matrix import at_nodes_of, contact_matrix, free_contact_matrix, rows_of
+from .contact_points import ContactPoints, contact_points, joined_points
+
+Normals = Literal["foundation", "body"]
+"""Source of the normals of the contact frames."""
+
+
+_NEARLY_HELD = 1e-2
+"""Length of the free part of a normal below which a contact node would move a hundred times its gap to close it."""
+
+_PERPENDICULAR = 1e-6
+"""Cosine of the angle between a face's normal and the foundation's below which they are perpendicular."""
+
+_ROUNDING = 8.0 * float(np.finfo(float).eps)  # of gaps, over the largest coordinate
+
+_RAY_ROUNDING = 1e-16
+"""Steps along a ray that are shorter than this part of the way have only rounding errors."""
+
+_RAY_STEPS = 20
+"""Maximum Newton steps along a ray, far more than needed for a ray that meets the foundation."""
+
+
+@dataclass(frozen=True)
+class ContactSurface:
+    """Contact points of this rank (perhaps none), in the order of their rows in B.
+
+    Displacement and slip at the contact points are B u, and the nodal forces of contact forces x are B^T x: only B
+    defines the nodes from which the displacement of a contact point is interpolated.
+
+    Attributes:
+        faces: Names of the contact faces.
+        part: Which of them a node is on, shape (m,); nodes are in the order of the faces.
+        points: Which nodes they are averages of.
+        x: Coordinates in metres, shape (m, 3): where a contact force acts.
+        frames: Orthogonal rows n, t1, t2 of every point, shape (m, 3, 3), of length 1; t1 and t2 are shorter where
+            friction is orthotropic (`FrictionAxes`).  n points into the foundation.
+        gap: Distance to the foundation along n before deformation in metres, with the given gap, shape (m,).
+        gap_field: The given gap, metres, without its amplitude, shape (m,).
+        B: Rows n, t1, t2 of every contact point; columns the displacements.  Shape (3 m, n), distributed.
+        free_B: B without the parts of its rows along prescribed directions: A = free_B K^-1 free_B^T.  B itself if
+            no contact node has a prescribed direction.
+        foundations: The foundation of each face, to which gaps are measured; None against a deformable face.
+        chords: Of each face, how far gaps near the face opposite are from linear between the contact points, metres:
+            h^2/(8 R) on curved faces; 0 against a foundation.
+        remarks: What a user should know of it.
+    """
+
+    faces: tuple[str, ...]
+    part: npt.NDArray[np.int64]
+    points: ContactPoints
+    x: FloatArray
+    frames: FloatArray
+    gap: FloatArray
+    gap_field: FloatArray
+    B: PETSc.Mat
+    free_B: PETSc.Mat
+    foundations: tuple[RigidFoundation | None, ...]
+    chords: tuple[float, ...]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def nodes(self) -> npt.NDArray[np.int32]:
+        """The nodes that represent the contact points in the files, numbers among this rank's nodes, shape (m,)."""
+        return self.points.nodes
+
+    @property
+    def area(self) -> FloatArray:
+        """Integral of the points' hat functions over the face in m^2, shape (m,)."""
+        return self.points.area
+
+    def components(self, vectors: FloatArray) -> FloatArray:
+        """The rows of displacements (m, 3), space vectors at the contact points, as in B u: along n, t1, t2."""
+        components: FloatArray = np.einsum("kij,kj->ki", self.frames, vectors)
+        return components
+
+    def vectors(self, components: FloatArray) -> FloatArray:
+        """Forces (m, 3) with these components along n, t1, t2 (m, 3), as space vectors, as in B^T x."""
+        vectors: FloatArray = np.einsum("kij,ki->kj", self.frames, components)
+        return vectors
+
+    def force_components(self, vectors: FloatArray) -> FloatArray:
+        """The components along n, t1, t2 of forces, space vectors, both of shape (m, 3): what `vectors` takes."""
+        components: FloatArray = np.einsum("kij,kj->ki", inverse_frames(self.frames), vectors)
+        return components
+
+    def displacements(self, rows: FloatArray) -> FloatArray:
+        """The space vectors of rows along n, t1, t2, as of B u, both of shape (m, 3): what `components` takes."""
+        vectors: FloatArray = np.einsum("kij,ki->kj", inverse_frames(self.frames), rows)
+        return vectors
+
+    def rows(self, u: FloatArray) -> FloatArray:
+        """B u: displacement of the contact points in n, t1, t2 (m, 3) from u (k, 3) of this rank's nodes, metres;
+        collective."""
+        return rows_of(self.B, u)
+
+    def at_nodes(self, x: FloatArray) -> FloatArray:
+        """B^T x: contact forces x (3 m,) in newtons at this rank's nodes, shape (k, 3); collective."""
+        return at_nodes_of(self.B, x)
+
+    @property
+    def nodes_in_rows(self) -> npt.NDArray[np.int64]:
+        """Global numbers of the nodes in the rows of this rank, ascending."""
+        seen: npt.NDArray[np.int64] = np.unique(self.B.getValuesCSR()[1] // 3).astype(np.int64)
+        return seen
+
+
+def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurface) -> FloatArray:
+    """Nodal forces on another mesh of the same face, as an initial guess; collective.
+
+    Tractions are averaged over the four nearest nodes, weighted by the inverse squares of their distances.
+
+    Args:
+        x: Forces in newtons on the coarse mesh, shape (3 m,).
+        coarse: Its contact surface.
+        fine: The contact surface of the other mesh.
+
+    Returns:
+        Forces in newtons at the nodes of the other mesh, shape (3 m',).
+    """
+    comm = fine.B.getComm().tompi4py()
+    tractions = coarse.vectors(x.reshape(-1, 3)) / coarse.area[:, None]
+    points, values = (np.concatenate(comm.allgather(part)) for part in (coarse.x, tractions))
+    distance, near = tree_of(points).query(fine.x, k=min(4, len(points)))
+    distance, near = distance.reshape(len(fine.x), -1), near.reshape(len(fine.x), -1)
+    weight = 1.0 / np.maximum(distance, 1e-9 * np.max(distance, initial=1e-300)) ** 2
+    weight /= weight.sum(axis=1)[:, None]
+    averaged = np.einsum("ij,ijk->ik", weight, values[near])
+    forces: FloatArray = (fine.force_components(averaged) * fine.area[:, None]).ravel()
+    return forces
+
+
+def contact_surface(
+    elasticity: Deformable,
+    face: str,
+    foundation: RigidFoundation | None = None,
+    normals: Normals = "foundation",
+    axes: FrictionAxes | None = None,
+    gap_field: Callable[[FloatArray], FloatArray] | None = None,
+    gap_factor: float = 1.0,
+) -> ContactSurface:
+    """The contact nodes of a face against a rigid foundation.
+
+    The condition at a node is linear, u_n <= gap.  With the foundation's normals, n = -grad phi at the node and gap =
+    phi, the signed distance: exact to first order in u, and the condition itself for a plane.  With the body's, n is
+    the mean normal of the facets around the node, weighted by its hat function, and gap is the distance along n to the
+    foundation; if that ray misses it, to the tangent plane of the foundation's point nearest to the node.
+
+    Nodes where the face is turned away from the foundation cannot touch it and are no contact points.
+    Nodes whose normal displacement is prescribed are no contact nodes; vertices of 10-node tetrahedra only if the other
+    nodes of their average are held as well.  A node whose displacement along a tangent is
+    prescribed is one: its slip in that direction is known, and friction acts on the support that prescribes it.  So is
+    a node that is held obliquely to its normal, as where a plane of symmetry ends on an inclined foundation: contact
+    forces act on its free displacements, and on the support.
+
+    Args:
+        elasticity: The body with its clamps.
+        face: Name of the face.
+        foundation: The obstacle; by default the plane of the face, which must then be plane.
+        normals: Source of the normals, before deformation.
+        axes: Orthotropic friction, by which the tangents are rotated and scaled.
+        gap_field: A gap in metres that is added to the distance, of nodes x (k, 3) of this rank; collective.
+        gap_factor: Its amplitude.
+
+    Raises:
+        ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from a
+            foundation inside which it is, or wholly, or has no free node.
+    """
+    comm, (member, facets) = elasticity.comm, elasticity.face(face, "contact")
+    body = member.body  # until the end, nodes are those of this body
+    points = contact_points(body, facets)
+    area, outward = body.positive_weights(facets)
+    if comm.allreduce(len(points.nodes), op=MPI.SUM) == 0:
+        raise ValueError(f"contact: face {face!r} has no facets")
+    on_face = body.nodes_of(facets)
+    place = body.x[on_face]
+    if foundation is None:
+        foundation = plane_of_face(face, place, area[on_face], outward[on_face], comm)
+
+    if normals not in ("foundation", "body"):
+        raise ValueError(f'contact: normals must be "foundation" or "body", but is {normals!r}')
+    refuse = _Refusal(comm, f"contact face {face!r}")
+    refuse.where(area[on_face] <= 0.0, place, "has a node without area")
+    inwards = _evaluate(foundation.normal, place, 3, comm, face)
+    away, gap = np.zeros(len(body.x), dtype=bool), np.zeros(len(body.x))
+    away[on_face] = turned_away(inwards, outward[on_face])
+    gap[on_face] = _evaluate(foundation.signed_distance, place, 1, comm, face)
+    facing = comm.allreduce(int(np.sum(~away[points.nodes])), op=MPI.SUM)
+    inside = away[on_face] & ((gap[on_face] <= 0.0) | (facing == 0))
+    refuse.where(inside, place, "is turned away from the foundation: reverse the normal, or leave such facets out")
+    x = points.average(body.x)
+    if normals == "foundation":
+        n = -_evaluate(foundation.normal, x, 3, comm, face)
+    else:
+        mean = outward[on_face] / np.linalg.norm(outward[on_face], axis=1)[:, None]
+        what = f"contact face {face!r}: foundation"
+        gap[on_face] = on_all_ranks(lambda: way_along(mean, place, gap[on_face], foundation), what, comm)
+        n = outward[points.nodes] / np.linalg.norm(outward[points.nodes], axis=1)[:, None]
+    distance = points.average(gap)
+
+    H, along = body.held.projector_at(points.nodes), held_length(n, points.held(body.held))
+    turned = away[points.nodes]
+    keep: npt.NDArray[np.bool_] = (along <= HELD_BEYOND) & ~turned
+    free_length = np.sqrt(np.maximum(1.0 - along**2, 0.0))
+    refuse.where(
+        keep & (free_length < _NEARLY_HELD),
+        x,
+        "is held at less than 0.6 degrees to the foundation's normal: hold it along the normal, or not",
+    )
+    if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
+        raise ValueError(f"contact face {face!r} is fully clamped: none of its nodes can move against the foundation")
+
+    points, x, n, H, distance = points.only(keep), x[keep], n[keep], H[keep], distance[keep]
+    given = np.zeros(len(body.x))
+    if gap_field is not None:
+        given[on_face] = gap_field(place)
+    field = points.average(given)
+    gaps = without_rounding(distance + gap_factor * field, body.x, comm)
+    if axes is None:
+        frames = supported_frames(n, H)
+    else:
+        frames = axes.frames(n, H, x, f"contact face {face!r}", comm)
+    part = np.zeros(len(x), dtype=np.int64)
+    points = points.of(member, elasticity)
+    matrices = matrices_of(elasticity, points, frames)
+    left_out = comm.allreduce(int(turned.sum()), op=MPI.SUM)
+    remark = f"contact face {face!r}: {left_out} of its nodes face away from the foundation and are no contact points"
+    remarks = (remark,) if left_out else ()
+    return ContactSurface((face,), part, points, x, frames, gaps, field, *matrices, (foundation,), (0.0,), remarks)
+
+
+def turned_away(slope: FloatArray, outward: FloatArray) -> npt.NDArray[np.bool_]:
+    """Where a face cannot touch its foundation, since its normals (k, 3), of any length, are along the gradients of the
+    signed distance (k, 3) or perpendicular to them, shape (k,)."""
+    along = np.einsum("ki,ki->k", slope, outward)
+    turned: npt.NDArray[np.bool_] = along >= -_PERPENDICULAR * np.linalg.norm(outward, axis=1)
+    return turned
+
+
+def largest_near(gap: FloatArray, chord: FloatArray, comm: MPI.Comm) -> float:
+    """The largest chord (m,) of points whose gaps (m,) are no more than twice as large, metres; collective."""
+    near = np.abs(gap) <= 2.0 * chord
+    return float(comm.allreduce(float(np.max(chord[near], initial=0.0)), op=MPI.MAX))
+
+
+def without_rounding(gap: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArray:
+    """Gaps with 0 in place of what may be rounding errors of the coordinates x, (k, 3); collective.
+
+    A body on which nothing acts would otherwise have contact forces that are rounding errors, and these never converge.
+    """
+    size = float(comm.allreduce(float(np.max(np.abs(x), initial=0.0)), op=MPI.MAX))
+    return np.where(np.abs(gap) > _ROUNDING * size, gap, 0.0)
+
+
+def matrices_of(elasticity: Deformable, points: ContactPoints, frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
+    """B and free_B of `ContactSurface`; collective."""
+    B = contact_matrix(points, frames)
+    return B, free_contact_matrix(B, points, elasticity)
+
+
+def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> ContactSurface:
+    """Several contact faces as one surface; collective.
+
+    Raises:
+        ValueError: On every rank, if two faces share a node: its forces would not be unique.
+    """
+    if len(surfaces) == 1:
+        return surfaces[0]
+    points = joined_points([surface.points for surface in surfaces])
+    nodes = points.nodes
+    x = np.concatenate([surface.x for surface in surfaces])
+    order = np.argsort(nodes, kind="stable")
+    twice = np.zeros(len(nodes), dtype=bool)
+    twice[order[1:]] = nodes[order][1:] == nodes[order][:-1]
+    faces = tuple(face for surface in surfaces for face in surface.faces)
+    refuse = _Refusal(elasticity.comm, f"contact faces {', '.join(map(repr, faces))}: a node")
+    refuse.where(twice, elasticity.x[nodes], "is on two of them; end one face before the other")
+    frames = np.concatenate([surface.frames for surface in surfaces])
+    return ContactSurface(
+        faces,
+        np.repeat(np.arange(len(surfaces)), [len(surface.nodes) for surface in surfaces]),
+        points,
+        x,
+        frames,
+        np.concatenate([surface.gap for surface in surfaces]),
+        np.concatenate([surface.gap_field for surface in surfaces]),
+        *matrices_of(elasticity, points, frames),
+        tuple(foundation for surface in surfaces for foundation in surface.foundations),
+        tuple(chord for surface in surfaces for chord in surface.chords),
+        tuple(text for surface in surfaces for text in surface.remarks),
+    )
+
+
+def _evaluate(
+    function: Callable[[FloatArray], FloatArray], x: FloatArray, width: int, comm: MPI.Comm, face: str
+) -> FloatArray:
+    """Values of a foundation at the points x (k, 3): shape (k,), or (k, 3) for width 3; ValueError on every rank."""
+
+    def evaluate() -> FloatArray:
+        values: FloatArray = np.asarray(function(x)) if len(x) else np.empty((0, width)[: 2 if width > 1 else 1])
+        if not np.all(np.isfinite(values)):
+            raise ValueError("the signed distance or its gradient is not finite at a node")
+        return values
+
+    return on_all_ranks(evaluate, f"contact face {face!r}: foundation", comm)
+
+
+def way_along(n: FloatArray, x: FloatArray, distance: FloatArray, foundation: RigidFoundation) -> FloatArray:
+    """Distance in metres from x along n to the foundation (k,); Newton's method along each ray.
+
+    If a ray misses it, the distance to the tangent plane of the foundation's point nearest to x.
+    """
+    tangent: FloatArray = distance / -np.einsum("ki,ki->k", n, foundation.normal(x)) if len(x) else distance
+    way, missed = tangent.copy(), np.zeros(len(x), dtype=bool)
+    size = np.abs(tangent)
+    for _ in range(_RAY_STEPS if len(x) else 0):
+        point = x + way[:, None] * n
+        slope = -np.einsum("ki,ki->k", n, foundation.normal(point))
+        missed |= slope <= 0.1
+        step = np.where(missed, 0.0, foundation.signed_distance(point) / np.where(missed, 1.0, slope))
+        way += step
+        missed |= np.abs(way) > 10.0 * size
+        if not np.any(np.abs(step) > _RAY_ROUNDING * np.abs(way)):  # at once on a plane
+            break
+    left = np.abs(foundation.signed_distance(x + way[:, None] * n)) if len(x) else way
+    return np.where(missed | (left > 1e-8 * size + 1e-300), tangent, way)
+
+
+def plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArray, comm: MPI.Comm) -> Plane:
+    total = comm.allreduce(float(area.sum()), op=MPI.SUM)
+    point = comm.allreduce(area @ x, op=MPI.SUM) / total
+    normal = comm.allreduce(outward.sum(axis=0), op=MPI.SUM) / total
+    if not np.linalg.norm(normal) > 1.0 - 1e-8:
+        raise ValueError(f"contact face {face!r} is not plane: give its foundation (contact.foundation)")
+    normal[np.abs(normal) < 1e-12] = 0.0
+    return Plane(tuple(point), tuple(-normal))
+
+
+class _Refusal:
+    """Raises ValueError on every rank if a condition holds at a node of any rank; the message names the first such
+    node."""
+
+    def __init__(self, comm: MPI.Comm, what: str):
+        self._comm, self._what = comm, what
+
+    def where(self, condition: npt.NDArray[np.bool_], x: FloatArray, fault: str) -> None:
+        mine: Any = None
+        if np.any(condition):
+            place = x[np.argmax(condition)]
+            mine = np.where(np.abs(place) < 1e-12 * np.max(np.abs(x)), 0.0, place).tolist()
+        found = [point for point in self._comm.allgather(mine) if point is not None]
+        if found:
+            raise ValueError(f"{self._what} {fault} (first seen at x = {', '.join(f'{c:.6g}' for c in found[0])})")

@@ -1,0 +1,75 @@
+"""Points, motions and surfaces without a mesh: rigid surfaces by their signed distance, rigid motions, frames of
+contact points, and values that a user gives as numbers or functions.  Uses numpy alone.
+"""
+
+from .contact_frames import (
+    HELD_BEYOND,
+    FrictionAxes,
+    held_length,
+    inverse_frames,
+    supported_frames,
+    tangent_frames,
+    tangent_lengths,
+)
+from .obstacles import (
+    LEAST_LENGTH,
+    Cylinder,
+    Plane,
+    Point,
+    RigidFoundation,
+    SignedDistance,
+    Sphere,
+    check_direction,
+    check_point,
+)
+from .rigid_motion import RigidMotion, Rotation, Spin, Turn, moved, rigid_motion, same_place, since_at, spin
+from .user_values import (
+    Amplitude,
+    Coefficient,
+    Field,
+    Motion,
+    evaluate_amplitude,
+    evaluate_numbers,
+    evaluate_signed_numbers,
+    evaluate_vectors,
+    first_place,
+    on_all_ranks,
+)
+
+__all__ = [
+    "HELD_BEYOND",
+    "LEAST_LENGTH",
+    "Amplitude",
+    "Coefficient",
+    "Cylinder",
+    "Field",
+    "FrictionAxes",
+    "Motion",
+    "Plane",
+    "Point",
+    "RigidFoundation",
+    "RigidMotion",
+    "Rotation",
+    "SignedDistance",
+    "Sphere",
+    "Spin",
+    "Turn",
+    "check_direction",
+    "check_point",
+    "evaluate_amplitude",
+    "evaluate_numbers",
+    "evaluate_signed_numbers",
+    "evaluate_vectors",
+    "first_place",
+    "held_length",
+    "inverse_frames",
+    "moved",
+    "on_all_ranks",
+    "rigid_motion",
+    "same_place",
+    "since_at",
+    "spin",
+    "supported_frames",
+    "tangent_frames",
+    "tangent_lengths",
+]

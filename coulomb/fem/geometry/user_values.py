@@ -1,0 +1,205 @@
+"""User data, values or functions of place and time, evaluated such that a fault on one rank is an error on all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, TypeVar, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import FloatArray
+from ...load_curve import LoadCurve
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+Value = TypeVar("Value")
+
+Field = Sequence[float] | Callable[[FloatArray], FloatArray]
+"""A vector, or a function of x, shape (3, k), in metres, that returns vectors, shape (3, k)."""
+
+Coefficient = float | Callable[[FloatArray], FloatArray]
+"""A number, or a function of x, shape (3, k), in metres, that returns k numbers."""
+
+Amplitude = float | Callable[[float], float] | Sequence[tuple[float, float]] | LoadCurve
+"""Factor of a load: a number, a function of time, a table of (time, factor), or a `LoadCurve`.
+
+A table is linear between its rows, and constant before the first and after the last row; a `LoadCurve` may also be
+periodic, or refuse times after its last row."""
+
+Motion = Callable[[float], Sequence[float]] | Sequence[tuple[float, float, float, float]] | LoadCurve
+"""A translation in metres: a function of time, a table of (time, x, y, z), interpolated as for `Amplitude`, or a
+`LoadCurve` with three columns."""
+
+
+_ROUNDING = 1e-12  # values of functions of time below this are rounding errors
+
+
+def evaluate_amplitude(amplitude: Amplitude, time: float, what: str, name: str = "amplitude") -> float:
+    """The factor at a time; tables are linear between rows and constant beyond.
+
+    A value of a function below 1e-12 is a rounding error, as that of sin(pi t) at t = 1, and counts as 0: a step whose
+    loads are rounding errors has contact forces that are rounding errors, and these never converge.
+
+    Args:
+        amplitude: Its definition.
+        time: The time.
+        what: What it belongs to, for errors.
+        name: What the factor is called in errors.
+
+    Raises:
+        ValueError: If a function fails or its value is not a finite number, the table's times do not increase, or a
+            `LoadCurve` has ended.
+    """
+    if isinstance(amplitude, int | float):
+        return float(amplitude)
+    if callable(amplitude):
+        try:
+            value = float(amplitude(time))
+        except Exception as error:  # user functions may raise anything
+            raise ValueError(f"{what}: the {name} failed at time {time:g}: {error}") from None
+        if not np.isfinite(value):
+            raise ValueError(f"{what}: the {name} at time {time:g} is {value}")
+        return value if abs(value) >= _ROUNDING else 0.0
+    return float(_curve(amplitude, time, 1, f"{what}: {name}")[0])
+
+
+def evaluate_motion(motion: Motion | None, time: float, what: str) -> FloatArray:
+    """The translation at a time, shape (3,); zero without a motion.
+
+    Raises:
+        ValueError: As `evaluate_amplitude`.
+    """
+    if motion is None:
+        return np.zeros(3)
+    if callable(motion):
+        try:
+            value = np.array(motion(time), dtype=np.float64)
+        except Exception as error:  # user functions may raise anything
+            raise ValueError(f"{what}: the motion failed at time {time:g}: {error}") from None
+        if value.shape != (3,) or not np.all(np.isfinite(value)):
+            raise ValueError(f"{what}: the motion at time {time:g} must be three finite numbers, but is {value}")
+        return value
+    return _curve(motion, time, 3, f"{what}: motion")
+
+
+def _curve(table: LoadCurve | Sequence[Sequence[float]], time: float, columns: int, what: str) -> FloatArray:
+    """The values of a table at a time, shape (columns,)."""
+    if not isinstance(table, LoadCurve):
+        try:
+            rows = np.array(table, dtype=np.float64)
+        except (TypeError, ValueError):
+            rows = np.empty((0, 0))
+        if rows.ndim != 2 or rows.shape[0] == 0 or rows.shape[1] != 1 + columns or not np.all(np.isfinite(rows)):
+            form = "[time, factor]" if columns == 1 else "[time, x, y, z]"
+            raise ValueError(f"{what} must be a table of rows {form}, but is {table}")
+        if np.any(np.diff(rows[:, 0]) <= 0.0):
+            raise ValueError(f"{what}: the times of the table must increase, but are {rows[:, 0].tolist()}")
+        table = LoadCurve(rows[:, 0], rows[:, 1:])
+    if table.columns != columns:
+        raise ValueError(f"{what}: the load curve must have {columns} column{'s'[: columns - 1]}, has {table.columns}")
+    try:
+        return table.at(time)
+    except ValueError as error:
+        raise ValueError(f"{what}: {error}") from None
+
+
+def evaluate_vectors(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
+    """Vectors (k, 3) of a field at the points x (k, 3).
+
+    Raises:
+        ValueError: On every rank, if a function fails, or a value has not three finite components, on any.
+    """
+
+    def evaluate() -> FloatArray:
+        if callable(field):
+            if len(x) == 0:
+                return np.empty((0, 3))
+            values = np.asarray(field(x.T.copy()), dtype=np.float64)
+            if values.shape != (3, len(x)):
+                raise ValueError(f"the function must return shape (3, {len(x)}), but returned {values.shape}")
+            return _finite(values.T, x)
+        try:
+            values = np.asarray(field, dtype=np.float64)
+        except (TypeError, ValueError):  # text, None, rows of different lengths
+            values = np.empty(0)
+        if values.shape != (3,):
+            raise ValueError(f"the value must have three components, numbers, or be a function of x, but is {field!r}")
+        return _finite(np.broadcast_to(values, (len(x), 3)), x)
+
+    return on_all_ranks(evaluate, what, comm)
+
+
+def evaluate_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
+    """Numbers >= 0 (k,) of a coefficient at the points x (k, 3).
+
+    Raises:
+        ValueError: On every rank, if a function fails, or a value is negative or not finite, on any.
+    """
+
+    def evaluate() -> FloatArray:
+        values = _numbers(coefficient, x)
+        bad = ~(np.isfinite(values) & (values >= 0.0))
+        if np.any(bad) and callable(coefficient):
+            raise ValueError(f"must be >= 0 everywhere, but is {values[np.argmax(bad)]} at x = {first_place(x, bad)}")
+        return values
+
+    return on_all_ranks(evaluate, what, comm)
+
+
+def evaluate_signed_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
+    """Numbers of either sign (k,) of a coefficient at the points x (k, 3).
+
+    Raises:
+        ValueError: On every rank, if a function fails, or a value is not finite, on any.
+    """
+
+    def evaluate() -> FloatArray:
+        values = _numbers(coefficient, x)
+        _finite(values[:, None], x)
+        return values
+
+    return on_all_ranks(evaluate, what, comm)
+
+
+def _numbers(coefficient: Coefficient, x: FloatArray) -> FloatArray:
+    if not callable(coefficient):
+        try:
+            return np.full(len(x), float(coefficient))
+        except (TypeError, ValueError):
+            raise ValueError(f"must be a number or a function of x, but is {coefficient!r}") from None
+    if len(x) == 0:
+        return np.empty(0)
+    values = np.asarray(coefficient(x.T.copy()), dtype=np.float64)
+    if values.shape not in ((), (len(x),)):
+        raise ValueError(f"the function must return {len(x)} numbers, but returned shape {values.shape}")
+    return np.broadcast_to(values, (len(x),)).copy()
+
+
+def _finite(values: FloatArray, x: FloatArray) -> FloatArray:
+    bad = ~np.all(np.isfinite(values), axis=1)
+    if np.any(bad):
+        raise ValueError(f"the value has entries that are not finite (first seen at x = {first_place(x, bad)})")
+    return values
+
+
+def first_place(x: FloatArray, where: npt.NDArray[np.bool_]) -> str:
+    """Coordinates of the first of the points x (k, 3) where a condition (k,) holds, for a message."""
+    place = x[np.argmax(where)]
+    return ", ".join(f"{c:.6g}" for c in np.where(np.abs(place) < 1e-12 * np.max(np.abs(x)), 0.0, place))
+
+
+def on_all_ranks(evaluate: Callable[[], Value], what: str, comm: MPI.Comm) -> Value:
+    """The result of a call; or a ValueError on every rank with the first fault of any rank, after `what` if it is
+    given."""
+    fault = ""
+    value: Value | None = None
+    try:
+        value = evaluate()
+    except Exception as error:  # user functions may raise anything
+        fault = str(error) or type(error).__name__
+    faults = [text for text in comm.allgather(fault) if text]
+    if faults:
+        raise ValueError(f"{what}: {faults[0]}" if what else faults[0])
+    return cast(Value, value)

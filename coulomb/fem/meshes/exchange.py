@@ -1,0 +1,135 @@
+"""Rows of arrays sent between ranks: to given ranks and back, and rows of a distributed array by their numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ...arrays import FloatArray
+
+IntArray = npt.NDArray[np.int64]
+
+_MOST_SAMPLES = 4096
+"""Coordinates in all by which space is divided among the ranks."""
+
+
+class Exchange:
+    """Sends a row to a rank for each of this rank's k entries, and brings answers back; collective.
+
+    No rank receives more than is sent to it.  Rows arrive in the order of the ranks that sent them, and of these in
+    their order there: if entries are numbered rank after rank, they arrive in the order of their numbers.
+
+    Args:
+        comm: The ranks.
+        to: The rank to which each entry goes, shape (k,).
+    """
+
+    def __init__(self, comm: MPI.Comm, to: npt.NDArray[np.integer[Any]]):
+        self._comm = comm
+        self._order = np.argsort(to, kind="stable")
+        self._out = np.bincount(to, minlength=comm.size).astype(np.int64)
+        self._into = np.empty_like(self._out)
+        comm.Alltoall(self._out, self._into)
+
+    @property
+    def sources(self) -> IntArray:
+        """The rank that sent each of the rows received."""
+        return np.repeat(np.arange(self._comm.size), self._into)
+
+    def send(self, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """The rows (k, ...) of all ranks that go to this rank; collective."""
+        return self._moved(rows[self._order], self._out, self._into)
+
+    def reply(self, answers: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """For this rank's entries the answers (k, ...) of the ranks that got them, which give one for each row
+        received, in their order; collective."""
+        back = self._moved(answers, self._into, self._out)
+        found = np.empty_like(back)
+        found[self._order] = back
+        return found
+
+    def _moved(self, rows: npt.NDArray[Any], out: IntArray, into: IntArray) -> npt.NDArray[Any]:
+        if self._comm.size == 1:
+            return rows
+        rows = np.ascontiguousarray(rows)
+        found = np.empty((int(into.sum()), *rows.shape[1:]), dtype=rows.dtype)
+        size = rows.dtype.itemsize * int(np.prod(rows.shape[1:], dtype=np.int64))
+        kind = MPI.BYTE.Create_contiguous(size).Commit()
+        try:
+            self._comm.Alltoallv([rows, out, kind], [found, into, kind])
+        finally:
+            kind.Free()
+        return found
+
+
+def starts_of(comm: MPI.Comm, count: int) -> IntArray:
+    """Number of the first row of every rank, and the number of all, of an array whose ranks have `count` rows each;
+    collective; shape (ranks + 1,)."""
+    starts: IntArray = np.concatenate([[0], np.cumsum(comm.allgather(int(count)))]).astype(np.int64)
+    return starts
+
+
+def even_starts(ranks: int, count: int) -> IntArray:
+    """The same where so many rows are shared evenly."""
+    starts: IntArray = np.arange(ranks + 1, dtype=np.int64) * count // ranks
+    return starts
+
+
+def owner_of(starts: IntArray, numbers: npt.NDArray[np.integer[Any]]) -> IntArray:
+    """The rank that has the row of each number."""
+    owner: IntArray = np.searchsorted(starts, numbers, side="right").astype(np.int64) - 1
+    return owner
+
+
+def fetched(
+    comm: MPI.Comm, starts: IntArray, numbers: npt.NDArray[np.integer[Any]], rows: npt.NDArray[Any]
+) -> npt.NDArray[Any]:
+    """Rows of a distributed array by their numbers; collective.
+
+    Args:
+        comm: The ranks.
+        starts: As of `starts_of`.
+        numbers: The rows that this rank needs, any shape; the result has it too.
+        rows: This rank's rows.
+    """
+    found: npt.NDArray[Any]
+    if comm.size == 1:
+        found = rows[numbers]
+        return found
+    wanted, inverse = np.unique(numbers, return_inverse=True)
+    ask = Exchange(comm, owner_of(starts, wanted))
+    found = ask.reply(rows[ask.send(wanted) - starts[comm.rank]])[inverse.reshape(numbers.shape)]
+    return found
+
+
+class Slabs:
+    """A division of space into one slab per rank, with about as many points in each; collective.
+
+    Args:
+        comm: The ranks.
+        x: Points of this rank in metres, shape (k, 3), as many as are to be divided.
+    """
+
+    def __init__(self, comm: MPI.Comm, x: FloatArray):
+        few = x[:: max(1, len(x) * comm.size // _MOST_SAMPLES)]
+        every: FloatArray = np.concatenate(comm.allgather(few))
+        self._axis = int(np.argmax(np.ptp(every, axis=0))) if len(every) else 0
+        shares = np.arange(1, comm.size) / comm.size
+        self._edges = np.quantile(every[:, self._axis], shares) if len(every) else np.zeros(comm.size - 1)
+
+    def of(self, x: FloatArray) -> IntArray:
+        """The slab of every point, shape (k,)."""
+        return np.searchsorted(self._edges, x[:, self._axis], side="right").astype(np.int64)
+
+    def near(self, x: FloatArray, distance: float) -> tuple[IntArray, IntArray]:
+        """Points and slabs that are within a distance, in metres: numbers of points, and of slabs."""
+        first, last = (
+            np.searchsorted(self._edges, x[:, self._axis] + shift, side="right") for shift in (-distance, distance)
+        )
+        count = last - first + 1
+        point = np.repeat(np.arange(len(x)), count)
+        step = np.arange(len(point)) - np.repeat(np.cumsum(count) - count, count)
+        return point, (first[point] + step).astype(np.int64)

@@ -1,0 +1,175 @@
+"""Several meshes that share no nodes, as the bodies of one problem."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ..geometry import Point, Rotation
+from .moved_mesh import NOWHERE, moved
+from .named_mesh import NamedMesh
+
+SEPARATOR = ":"
+"""Between the name of a body and that of its face or group of cells: "lower:top"."""
+
+_MOST_LISTED = 24
+
+
+@dataclass(frozen=True)
+class JoinedMesh:
+    """Meshes of several bodies, each with its name; what holds them together is contact alone.
+
+    A face is called by its body and its own name, as in "lower:top", a group of cells likewise, as in "lower:steel".
+
+    Attributes:
+        bodies: The mesh of each body, by its name.
+
+    Raises:
+        ValueError: As `join`.
+    """
+
+    bodies: dict[str, NamedMesh]
+
+    def __post_init__(self) -> None:
+        _check(self.bodies)
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share the meshes."""
+        return next(iter(self.bodies.values())).comm
+
+    @property
+    def faces(self) -> dict[str, npt.NDArray[np.int32]]:
+        """This rank's boundary facets of each face by its name, as "lower:top"; facet numbers of its body's mesh."""
+        return {_joined(body, name): one for body, mesh in self.bodies.items() for name, one in mesh.faces.items()}
+
+    @property
+    def cells(self) -> dict[str, npt.NDArray[np.int32]]:
+        """This rank's own cells of each group by its name, as "lower:steel"; cell numbers of its body's mesh."""
+        return {_joined(body, name): one for body, mesh in self.bodies.items() for name, one in mesh.cells.items()}
+
+    def facets(self, face: str, what: str) -> npt.NDArray[np.int32]:
+        """This rank's facets of a face, numbers of its body's mesh.
+
+        Raises:
+            ValueError: If there is no such face; the message begins with `what`.
+        """
+        body, name = self.split(face, what)
+        return self.bodies[body].facets(name, what)
+
+    def group(self, cells: str, what: str) -> npt.NDArray[np.int32]:
+        """This rank's own cells of a group, numbers of its body's mesh.
+
+        Raises:
+            ValueError: If there is no such group; the message begins with `what`.
+        """
+        body, name = self.split_group(cells, what)
+        return self.bodies[body].cells[name]
+
+    def split(self, face: str, what: str) -> tuple[str, str]:
+        """The name of the body of a face, and the name of the face there: "lower" and "top" of "lower:top".
+
+        Raises:
+            ValueError: If there is no such face; the message begins with `what`.
+        """
+        names = {body: (*mesh.faces, *mesh.refused) for body, mesh in self.bodies.items()}
+        return self._split(face, what, "face", names)
+
+    def split_group(self, cells: str, what: str) -> tuple[str, str]:
+        """The name of the body of a group of cells, and the name of the group there.
+
+        Raises:
+            ValueError: If there is no such group; the message begins with `what`.
+        """
+        return self._split(cells, what, "cell group", {body: tuple(mesh.cells) for body, mesh in self.bodies.items()})
+
+    def body(self, name: str, what: str) -> NamedMesh:
+        """The mesh of a body.
+
+        Raises:
+            ValueError: If there is no such body; the message begins with `what`.
+        """
+        if name not in self.bodies:
+            raise ValueError(f"{what}: there is no body {name!r}{_hint(name, self.bodies)}; {self._listed}")
+        return self.bodies[name]
+
+    def moved(self, translate: Point = NOWHERE, rotate: Rotation | None = None) -> JoinedMesh:
+        """All bodies at another place: rotated, then translated (`coulomb.moved`, which moves one).
+
+        Raises:
+            ValueError: As `coulomb.moved`.
+        """
+        return JoinedMesh({name: moved(mesh, translate, rotate) for name, mesh in self.bodies.items()})
+
+    @property
+    def _listed(self) -> str:
+        return f"the bodies are {_list(self.bodies)}" if len(self.bodies) > 1 else f"the body is {_list(self.bodies)}"
+
+    def _split(self, given: str, what: str, kind: str, names: Mapping[str, tuple[str, ...]]) -> tuple[str, str]:
+        body, colon, name = given.partition(SEPARATOR) if isinstance(given, str) else ("", "", "")
+        every = [_joined(one, inner) for one, own in names.items() for inner in own]
+        if not colon:
+            homes = [_joined(one, given) for one, own in names.items() if given in own]
+            meant = f" (did you mean {' or '.join(map(repr, homes[:3]))}?)" if homes else _hint(str(given), every)
+            form = f"{next(iter(self.bodies))}:{kind.split()[-1]}"
+            raise ValueError(
+                f"{what}: {kind} {given!r} does not say of which body; name it as in {form!r}{meant}; {self._listed}"
+            )
+        self.body(body, f"{what}: {kind} {given!r}")
+        own = names[body]
+        if name not in own:
+            listed = [_joined(body, inner) for inner in own]
+            has = f"its {kind}s are {_list(listed)}" if own else f"it has no {kind}s"
+            if not name:
+                raise ValueError(f"{what}: {given!r} names a body, but none of its {kind}s; {has}")
+            raise ValueError(f"{what}: body {body!r} has no {kind} {given!r}{_hint(given, listed or every)}; {has}")
+        return body, name
+
+
+def _check(bodies: Mapping[str, NamedMesh]) -> None:
+    """Raises ValueError as `join`."""
+    if not bodies:
+        raise ValueError("join: give at least one body, as in join(lower=..., upper=...)")
+    for name in bodies:
+        check_name(name, "join: the name of a body")
+    (first, one), *others = bodies.items()
+    for name, other in others:
+        if MPI.Comm.Compare(one.comm, other.comm) not in (MPI.IDENT, MPI.CONGRUENT):
+            raise ValueError(
+                f"join: {first!r} and {name!r} are on different ranks ({one.comm.size} and {other.comm.size} of them); "
+                "make all meshes with the same comm"
+            )
+    seen: dict[int, str] = {}
+    for name, mesh in bodies.items():
+        twin = seen.setdefault(id(mesh.domain), name)
+        if twin != name:
+            raise ValueError(
+                f"join: {twin!r} and {name!r} are the same mesh at the same place; give one of them another place with "
+                "coulomb.moved(mesh, translate=...)"
+            )
+
+
+def check_name(name: object, what: str) -> None:
+    """Raises ValueError unless a name of a body is an identifier, so that it can stand before the ":"."""
+    if not (isinstance(name, str) and name.isidentifier()):
+        raise ValueError(f"{what} must be an identifier (letters, digits and _, no digit first), but is {name!r}")
+
+
+def _joined(body: str, name: str) -> str:
+    return f"{body}{SEPARATOR}{name}"
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+def _list(names: Iterable[str]) -> str:
+    names = list(names)
+    more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
+    return ", ".join(names[:_MOST_LISTED]) + more

@@ -1,0 +1,97 @@
+"""What a mesh file holds, and which cells it may have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import FloatArray
+from .second_order import CORNERS
+
+IntArray = npt.NDArray[np.int64]
+
+FACETS = {
+    4: ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
+    8: ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+"""Corners of every facet, in order round it, of cells with 4 and 8 corners, as gmsh and VTK number."""
+
+SUPPORTED = (
+    "coulomb computes with first-order tetrahedra or hexahedra, 10-node tetrahedra or 27-node hexahedra, not mixed"
+)
+_COMPLETE = (
+    "nodal areas of eight-node faces are negative at their corners; export complete second-order cells (in gmsh: "
+    "Mesh.SecondOrderIncomplete = 0), or first-order ones, which degree = 2 raises"
+)
+_TOO_HIGH = "export second-order cells (in gmsh: Mesh.ElementOrder = 2)"
+_ONE_KIND = "mesh the body with tetrahedra alone or hexahedra alone"
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh of one cell type as a file has it.
+
+    Attributes:
+        path: The file, for messages.
+        points: Coordinates, shape (p, 3).
+        cells: Points of every cell in VTK's order (`second_order`), shape (c, 4, 8, 10 or 27).
+        cell_groups: Cells of every group of cells, by name.
+        face_groups: Corners of every facet of every group of facets, by name, shape (k, 3) or (k, 4).
+        node_groups: Points of every named set of nodes.  It is a face if it covers whole facets of the boundary.
+    """
+
+    path: str
+    points: FloatArray
+    cells: IntArray
+    cell_groups: dict[str, IntArray]
+    face_groups: dict[str, IntArray]
+    node_groups: dict[str, IntArray] = field(default_factory=dict)
+
+
+_TITLES = {
+    **{4: "tetrahedra", 5: "pyramids", 6: "prisms", 8: "hexahedra", 10: "10-node tetrahedra", 13: "13-node pyramids"},
+    **{14: "14-node pyramids", 15: "15-node prisms", 18: "18-node prisms", 20: "20-node hexahedra"},
+    **{27: "27-node hexahedra"},
+}
+
+
+def solid_nodes(path: str, solids: Mapping[int, int], surface_elements: int = 0) -> int:
+    """Nodes of the cells of a mesh, 4, 8, 10 or 27.
+
+    Args:
+        path: The file, for messages.
+        solids: How many elements in 3D there are, by their number of nodes.
+        surface_elements: How many elements in 2D there are.
+
+    Raises:
+        ValueError: If there are none, or anything but cells of one kind that coulomb computes with.
+    """
+    present = [nodes for nodes, count in solids.items() if count]
+    if not present:
+        flat = f"; it has {surface_elements} surface elements, but no solid ones" if surface_elements else ""
+        raise ValueError(f"{path}: has no tetrahedra or hexahedra{flat}: export the mesh of the volume")
+    refuse_cells(path, {_TITLES.get(nodes, f"{nodes}-node cells"): nodes for nodes in sorted(present)})
+    return present[0]
+
+
+def refuse_cells(path: str, kinds: Mapping[str, int]) -> None:
+    """Check that a mesh has cells of one kind, with 4, 8, 10 or 27 nodes.
+
+    Args:
+        path: The file, for messages.
+        kinds: Nodes of the cells of each kind, by its name.
+
+    Raises:
+        ValueError: If not, saying how to export it.
+    """
+    if len(kinds) == 1 and not set(kinds.values()) - CORNERS.keys():
+        return
+    hint = _ONE_KIND
+    if any(nodes in (20, 24) and "hexahedr" in name for name, nodes in kinds.items()):
+        hint = _COMPLETE
+    elif any(nodes >= 20 and nodes != 27 for nodes in kinds.values()):
+        hint = _TOO_HIGH
+    raise ValueError(f"{path}: has {' and '.join(kinds)}, but {SUPPORTED}: {hint}")

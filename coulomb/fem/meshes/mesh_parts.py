@@ -1,0 +1,139 @@
+"""The components of a mesh from a file: whether hinges join them, and where they touch without sharing nodes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ...arrays import FloatArray
+from ...nearest import tree_of
+from .. import compat
+from ..compat import mesh
+from .exchange import Exchange, Slabs, even_starts, owner_of
+from .mesh_groups import corners_of
+
+IntArray = npt.NDArray[np.int64]
+
+SAME_PLACE = 1e-6
+"""Distance of two nodes at the same place, relative to the extent of the mesh."""
+
+
+def parts_of(domain: Any, path: str) -> tuple[int, FloatArray]:
+    """How many components the cells of a mesh make by their common facets, and the places in metres at which corners
+    of several components coincide, those found on this rank, shape (k, 3); collective.
+
+    Args:
+        domain: The mesh.
+        path: Its file, for messages.
+
+    Raises:
+        ValueError: On every rank, if components share an edge or a corner.
+    """
+    comm, topology = domain.comm, domain.topology
+    own = topology.index_map(3).size_local
+    parts, part = _components(domain, own)
+    if parts == 1:
+        return 1, np.empty((0, 3))
+    rows = compat.cell_geometry(domain)[:own]
+    numbers = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)
+    shared = _hinges(numbers[rows], part, comm)
+    bad = np.any(shared, axis=1)
+    place = None
+    if np.any(bad):
+        original = np.asarray(topology.original_cell_index, dtype=np.int64)[:own]
+        first = np.flatnonzero(bad)[np.argmin(original[bad])]
+        place = (int(original[first]), domain.geometry.x[rows[first]].mean(axis=0))
+    seen = comm.allgather((int(bad.sum()), own, place))
+    count = sum(found for found, *_ in seen)
+    if count:
+        first_place = min((place for *_, place in seen if place is not None), key=lambda one: one[0])[1]
+        where = ", ".join(f"{c:.6g}" for c in first_place)
+        raise ValueError(
+            f"{path}: {count} of {sum(of for _, of, _ in seen)} cells (first seen at x = {where}) "
+            f"{'has' if count == 1 else 'have'} edges or corners in common with a part of the mesh with which they "
+            "share no facet: the parts would turn about them freely; join them with matching nodes (in gmsh: "
+            "BooleanFragments or Coherence), or give each part nodes of its own"
+        )
+    of_node = np.zeros(len(numbers), dtype=np.int64)
+    of_node[rows] = part[:, None]
+    corners = np.unique(corners_of(domain, mesh.exterior_facet_indices(topology)))
+    return parts, _touching(domain.geometry.x[corners], numbers[corners], of_node[corners], comm)
+
+
+def _components(domain: Any, own: int) -> tuple[int, IntArray]:
+    """How many components there are, and that of each of this rank's own cells; collective.
+
+    Every rank labels the components of its own cells; labels that meet at a facet of two ranks are then joined on every
+    rank alike.
+    """
+    comm, topology = domain.comm, domain.topology
+    topology.create_connectivity(2, 3)
+    of_facet = topology.connectivity(2, 3)
+    facet = np.repeat(np.arange(len(of_facet.offsets) - 1), np.diff(of_facet.offsets))
+    mine = of_facet.array < own
+    facet, cell = facet[mine], of_facet.array[mine]
+    both = np.flatnonzero(facet[1:] == facet[:-1])
+    graph = coo_matrix((np.ones(len(both), dtype=np.int8), (cell[both], cell[both + 1])), shape=(own, own))
+    count, label = connected_components(graph, directed=False)
+    counts = comm.allgather(int(count))
+    label = sum(counts[: comm.rank]) + label.astype(np.int64)
+    at = np.bincount(facet, minlength=1) == 1
+    at[mesh.exterior_facet_indices(topology)] = False
+    single = np.flatnonzero(at)
+    of_single = np.empty(len(at), dtype=np.int64)
+    of_single[facet] = cell
+    rows = np.sort(
+        np.asarray(domain.geometry.input_global_indices, dtype=np.int64)[corners_of(domain, single.astype(np.int32))],
+        axis=1,
+    )
+    hubs = even_starts(comm.size, 1 + max(comm.allgather(int(rows.max(initial=0)))))
+    exchange = Exchange(comm, owner_of(hubs, rows[:, 0]))
+    rows, there = exchange.send(rows), exchange.send(label[of_single[single]])
+    order = np.lexsort(rows.T)
+    same = np.flatnonzero(np.all(rows[order][1:] == rows[order][:-1], axis=1))
+    met = np.unique(np.column_stack([there[order[same]], there[order[same + 1]]]), axis=0)
+    pairs = np.concatenate(comm.allgather(met))
+    whole = coo_matrix((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(sum(counts),) * 2)
+    parts, joined = connected_components(whole, directed=False)
+    return int(parts), joined.astype(np.int64)[label]
+
+
+def _hinges(cells: IntArray, part: IntArray, comm: MPI.Comm) -> npt.NDArray[np.bool_]:
+    """Which nodes of cells (c, n) several components share, although they share no facet; collective."""
+    nodes, parts = cells.ravel(), np.repeat(part, cells.shape[1])
+    pairs, inverse = np.unique(np.column_stack([nodes, parts]), axis=0, return_inverse=True)
+    exchange = Exchange(comm, pairs[:, 0] % comm.size)
+    there = exchange.send(pairs)
+    distinct, number = np.unique(there, axis=0, return_inverse=True)
+    _, of_pair, times = np.unique(distinct[:, 0], return_inverse=True, return_counts=True)
+    shared = exchange.reply((times > 1)[of_pair.ravel()[number.ravel()]])
+    return np.asarray(shared[inverse.ravel()].reshape(cells.shape), dtype=bool)
+
+
+def _touching(x: FloatArray, numbers: IntArray, part: IntArray, comm: MPI.Comm) -> FloatArray:
+    """Places at which nodes of several components coincide, those found on this rank; collective.
+
+    Args:
+        x: This rank's nodes at corners on the boundary, metres, shape (k, 3).
+        numbers: Their numbers in the file.
+        part: Component of each; components share no nodes.
+        comm: The ranks.
+    """
+    ends = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
+    near = SAME_PLACE * float(np.linalg.norm(np.min(comm.allgather(ends), axis=0).sum(axis=0)))
+    slabs = Slabs(comm, x)
+    point, slab = slabs.near(x, near)
+    exchange = Exchange(comm, slab)
+    x, numbers, part = (exchange.send(rows[point]) for rows in (x, numbers, part))
+    numbers, first = np.unique(numbers, return_index=True)  # nodes of several ranks
+    x, part = x[first], part[first]
+    pairs = tree_of(x).query_pairs(near, output_type="ndarray") if len(x) else np.empty((0, 2), dtype=np.int64)
+    pairs = pairs[part[pairs[:, 0]] != part[pairs[:, 1]]]
+    one_each = np.setdiff1d(pairs.min(axis=1, initial=len(x)), pairs.max(axis=1, initial=-1))
+    places: FloatArray = x[one_each][slabs.of(x[one_each]) == comm.rank]
+    return places

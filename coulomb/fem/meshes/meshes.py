@@ -1,0 +1,287 @@
+"""Meshes with named boundary faces and cell groups: boxes, and meshes from files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from ...arrays import FloatArray, is_number
+from .. import compat, mesh_formats
+from ..compat import mesh
+from ..geometry import evaluate_vectors
+from ..mesh_formats import BOX_FACES
+from .exchange import starts_of
+from .inspection import FLAT, InspectedMesh, inspect
+from .lagrange import lagrange_points, lagrange_slopes
+from .mesh_file import IntArray, MeshFile
+from .mesh_groups import local_cells, local_facets
+from .named_mesh import NamedMesh
+from .raised import raised
+from .second_order import CORNERS, in_dolfinx_order, is_second_order
+
+CELLS = {"hexahedron": mesh.CellType.hexahedron, "tetrahedron": mesh.CellType.tetrahedron}
+
+
+def box(
+    lengths: Sequence[float],
+    cells: Sequence[int],
+    cell: str = "hexahedron",
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    place: Callable[[FloatArray], FloatArray] | None = None,
+    degree: int = 1,
+) -> NamedMesh:
+    """Box (0, lengths) with the faces left, right (x), front, back (y), bottom, top (z).
+
+    Args:
+        lengths: Edges in metres, three of them.
+        cells: Cells along each edge.
+        cell: "hexahedron", or "tetrahedron" (each hexahedron cut into six).
+        comm: The ranks that share the mesh.
+        place: Maps the nodes x (3, k) of the regular box to their positions, shape (3, k): for graded or curved meshes.
+        degree: 1, or 2 for 27-node hexahedra or 10-node tetrahedra, whose edges and faces `place` can curve.
+
+    Raises:
+        ValueError: If a length or a number of cells is not positive, the cell or degree unknown, or a position not
+            finite, or if a cell becomes flat.
+    """
+    if len(lengths) != 3 or not all(is_number(length) and length > 0.0 for length in lengths):
+        raise ValueError(f"box: lengths must be three positive numbers in metres, but are {list(lengths)}")
+    if len(cells) != 3 or not all(is_number(n, 1.0) and int(n) == n for n in cells):
+        raise ValueError(f"box: cells must be three whole numbers of at least 1, but are {list(cells)}")
+    if cell not in CELLS:
+        raise ValueError(f"box: cell must be one of {', '.join(CELLS)}, but is {cell!r}")
+    if degree not in (1, 2):
+        raise ValueError(f"box: degree must be 1 or 2, but is {degree!r}")
+    corner = np.array(lengths, dtype=np.float64)
+    domain = mesh.create_box(comm, [np.zeros(3), corner], [int(n) for n in cells], cell_type=CELLS[cell])
+    near = 1e-6 * corner / np.asarray(cells)
+    faces = {}
+    for name, (axis, end) in BOX_FACES.items():
+        faces[name] = mesh.locate_entities_boundary(
+            domain, 2, lambda x, i=axis, e=end: np.abs(x[i] - e * corner[i]) < near[i]
+        )
+    made = NamedMesh(domain, faces) if degree == 1 else raised(NamedMesh(domain, faces))
+    if place is not None:
+        x = made.domain.geometry.x
+        x[:] = evaluate_vectors(place, x.copy(), "box: place", comm)
+        _refuse_flat_cells(made.domain, degree)
+    return made
+
+
+_UNEVEN = 1e-3
+"""Least part of a curved cell's largest Jacobian that its Jacobian must have at all nodes: with less, the stiffness is
+not positive definite to rounding."""
+
+
+def _refuse_flat_cells(domain: Any, degree: int) -> None:
+    """Raises ValueError on every rank if a cell is flat at one of its nodes, or cells are turned inside out."""
+    comm, kind = domain.comm, domain.topology.cell_type
+    cells = domain.geometry.x[compat.cell_geometry(domain)]
+    derivatives = np.einsum("dpn,cni->cpdi", lagrange_slopes(kind, degree, lagrange_points(kind, degree)), cells)
+    size = np.linalg.norm(derivatives, axis=3).max(axis=2)
+    jacobian = np.linalg.det(derivatives)
+    jacobian *= -1.0 if comm.allreduce(float(np.sum(np.sign(jacobian)))) < 0.0 else 1.0  # mirrored
+    wrong = np.min(jacobian, axis=1, initial=np.inf) <= FLAT * np.max(size, axis=1, initial=0.0) ** 3
+    if degree == 2:  # a node near the quarter of an edge: the slope is almost zero there
+        wrong |= np.min(jacobian, axis=1, initial=np.inf) < _UNEVEN * np.max(jacobian, axis=1, initial=0.0)
+    places = comm.allgather(cells[np.argmax(wrong)].mean(axis=0) if np.any(wrong) else None)
+    found = [place for place in places if place is not None]
+    if found:
+        at = ", ".join(f"{coordinate:.6g}" for coordinate in found[0])
+        middles = "; the nodes between corners must stay near the middle" if degree == 2 else ""
+        raise ValueError(f"box: place makes the cell at x = {at} flat, or turns it inside out{middles}")
+
+
+def read_gmsh(path: str | Path, scale: float = 1.0, comm: MPI.Comm = MPI.COMM_WORLD) -> NamedMesh:
+    """Mesh of a gmsh file, MSH 2.2 or 4.1, ASCII or binary, of hexahedra or tetrahedra of first or second order.
+
+    Second-order cells (10-node tetrahedra, 27-node hexahedra) keep the curved shape that they have in the file.
+
+    Physical surfaces become faces, physical volumes cell groups, by their names; one without a name by its number, as
+    in "3".  Gmsh itself is not needed.
+
+    Args:
+        path: The file; rank 0 reads it.
+        scale: Metres per unit of length of the file: 1e-3 for millimetres.
+        comm: The ranks that share the mesh.
+
+    Raises:
+        ValueError: On every rank, if the file cannot be read, or its mesh cannot be used, with the reason.
+    """
+    return _from_rank_0(comm, path, scale, lambda: _read(str(path), ".msh", {}, {}))
+
+
+def read_xdmf(
+    path: str | Path,
+    facets: str | Path | None = None,
+    cells: str | Path | None = None,
+    names: Mapping[str, int] | None = None,
+    cell_names: Mapping[str, int] | None = None,
+    scale: float = 1.0,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> NamedMesh:
+    """Mesh of an XDMF file, of hexahedra or tetrahedra of first or second order, with numbers on facets and cells.
+
+    Args:
+        path: The mesh; every rank reads a part, and none has the whole.
+        facets: File of the MeshTags on facets; by default those in the mesh's file, if there are any.
+        cells: File of the MeshTags on cells; by default those in the mesh's file, if there are any.
+        names: Names of faces, with the number of their facets.  Other numbers have the name that `coulomb convert` has
+            written into the file, or else the number itself, as in "3".
+        cell_names: Names of cell groups, with the number of their cells, likewise.
+        scale: Metres per unit of length of the file.
+        comm: The ranks that share the mesh.
+
+    Raises:
+        ValueError: On every rank, if a file cannot be read, or its mesh cannot be used, with the reason.
+    """
+
+    from . import xdmf_format
+
+    check_scale(path, scale)
+    on_facets, on_cells = (str(file) if file is not None else None for file in (facets, cells))
+    file = xdmf_format.read(str(path), on_facets, on_cells, names or {}, cell_names or {}, comm)
+    return _named(comm, path, inspect(file, scale, comm))
+
+
+def read_mesh(
+    path: str | Path,
+    names: Mapping[str, int] | None = None,
+    cell_names: Mapping[str, int] | None = None,
+    scale: float = 1.0,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> NamedMesh:
+    """Mesh of a file, of hexahedra or tetrahedra; the format is determined by the file name extension.
+
+    Cells are of first order, or 10-node tetrahedra or 27-node hexahedra, which may be curved; 27-node hexahedra not in
+    `.inp`, where programs number their nodes differently.
+
+    - `.msh` (gmsh), as `read_gmsh`; `.xdmf`, as `read_xdmf` with the numbers in the same file.
+    - `.inp` (Abaqus, CalculiX): surfaces and sets of surface elements become faces, sets of solid elements groups.
+    - `.med` (Salome): groups of faces and of volumes.
+    - `.e`, `.exo`, `.exii`, `.g` (Exodus II): side sets and blocks of shells become faces, blocks of solids groups.
+    - `.vtu`, `.vtk`, `.bdf`, `.nas` (Nastran), `.mesh` (Medit), by meshio: elements in 2D become faces, those in 3D
+      groups, by the whole number on them, in Nastran that of the property.
+
+    In `.inp`, `.med` and Exodus files a set of nodes is a face too, where no face has its name and the boundary facets
+    with all corners in the set have all of its nodes as corners.
+
+    Args:
+        path: The file; rank 0 reads it, and needs the memory for all of it, but for XDMF, of which every rank reads a
+            part.
+        names: Names of faces with the number of their facets, in formats with numbers (XDMF and those by meshio);
+            others are called by the number, as in "3".
+        cell_names: Names of cell groups with the number of their cells, in the same formats.
+        scale: Metres per unit of length of the file: 1e-3 for millimetres.
+        comm: The ranks that share the mesh.
+
+    Raises:
+        ValueError: On every rank, if the format is not known or the file cannot be read or used, with the reason.
+    """
+    end = known_format(path, bool(names or cell_names))
+    if end == ".xdmf":
+        return read_xdmf(path, names=names, cell_names=cell_names, scale=scale, comm=comm)
+    return _from_rank_0(comm, path, scale, lambda: read_file(str(path), names or {}, cell_names or {}))
+
+
+def known_format(path: str | Path, named: bool = False) -> str:
+    """The end of the name of a mesh file.
+
+    Raises:
+        ValueError: If the format is not known, or names are given and it has no numbered groups.
+    """
+    end = Path(path).suffix.lower()
+    if end not in mesh_formats.FORMATS:
+        raise ValueError(f"{path}: the name of a mesh file must end in one of {mesh_formats.listed()}")
+    if named and end not in mesh_formats.NUMBERED:
+        raise ValueError(f"{path}: names and cell_names are for formats with numbered groups, but {end} has names")
+    return end
+
+
+def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
+    """What a mesh file holds, read on this rank alone; arguments and errors as of `read_mesh`, and OSError."""
+    return _read(path, Path(path).suffix.lower(), names, cell_names)
+
+
+def _read(path: str, end: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
+    if end == ".msh":  # a run needs at most one of these modules
+        from . import gmsh_format
+
+        return gmsh_format.read(path)
+    if end == ".xdmf":
+        from . import xdmf_format
+
+        return xdmf_format.read(path, None, None, names, cell_names, MPI.COMM_SELF)
+    if end == ".inp":
+        from . import abaqus_format
+
+        return abaqus_format.read(path)
+    if end == ".med":
+        from . import med_format
+
+        return med_format.read(path)
+    if end in mesh_formats.NUMBERED:
+        from . import meshio_formats
+
+        return meshio_formats.read(path, names, cell_names)
+    from . import exodus_format
+
+    return exodus_format.read(path)
+
+
+def _from_rank_0(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[], MeshFile]) -> NamedMesh:
+    """Read and inspect on rank 0; then distribute."""
+    check_scale(path, scale)
+    sound: InspectedMesh | None = None
+    fault = ""
+    if comm.rank == 0:
+        try:
+            sound = inspect(read(), scale, MPI.COMM_SELF)
+        except OSError as error:
+            fault = f"{error.filename or path}: cannot be read: {error.strerror or error}"
+        except ValueError as error:
+            fault = str(error)
+        except Exception as error:  # no error due to a damaged file may leave the other ranks waiting
+            fault = f"{path}: is damaged, or too large for one rank: {type(error).__name__}: {error}"
+    fault = comm.bcast(fault)
+    if fault:
+        raise ValueError(fault)
+    names = None
+    if sound is not None:
+        corners = {name: rows.shape[1] for name, rows in sound.face_groups.items()}
+        names = (sound.cells.shape[1], corners, list(sound.cell_groups), sound.refused)
+    width, corners, groups, refused = comm.bcast(names)
+    if sound is None:
+        none: IntArray = np.empty((0, width), dtype=np.int64)
+        faces = {name: none[:, :count] for name, count in corners.items()}
+        sound = InspectedMesh(np.empty((0, 3)), none, {name: none[:, 0] for name in groups}, faces, refused)
+    return _named(comm, path, sound)
+
+
+def _named(comm: MPI.Comm, path: str | Path, sound: InspectedMesh) -> NamedMesh:
+    """Distribute a mesh of which each rank has some points, cells and members of groups; collective."""
+    from .mesh_parts import parts_of
+
+    domain = distributed(comm, sound.points, sound.cells)
+    components, touching = parts_of(domain, str(path))
+    faces = local_facets(domain, sound.face_groups)
+    cells = local_cells(domain, starts_of(comm, len(sound.cells)), sound.cell_groups)
+    return NamedMesh(domain, faces, cells, sound.refused, components, touching)
+
+
+def check_scale(path: str | Path, scale: float) -> None:
+    """Raises ValueError unless a scale is positive and finite."""
+    if not (math.isfinite(scale) and scale > 0.0):
+        raise ValueError(f"{path}: scale must be a positive number of metres per unit, but is {scale}")
+
+
+def distributed(comm: MPI.Comm, points: FloatArray, cells: IntArray) -> Any:
+    """The DOLFINx mesh of the cells and points given on this rank, as in `MeshFile`; collective."""
+    width = cells.shape[1]
+    kind, degree = "tetrahedron" if CORNERS[width] == 4 else "hexahedron", 2 if is_second_order(width) else 1
+    return compat.create_mesh(comm, kind, in_dolfinx_order(cells), points, degree)

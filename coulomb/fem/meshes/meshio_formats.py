@@ -1,0 +1,139 @@
+"""Meshes in formats that meshio reads: VTU and VTK, Nastran, Medit.  Whole numbers on their cells become groups.
+
+These formats have numbers on cells only, which meshio (tried: 5.3.5) returns unchanged.  Files that it misreads are
+refused here:  Nastran's elements in large fields, which it skips, and points in local coordinates.
+
+Not by meshio, since it loses faces there: `abaqus_format`, `med_format`, `exodus_format`.  Nor gmsh's format and XDMF:
+of MSH 4.1 it accepts some files that are cut short (4 of 205 lengths tried), and it cannot read XDMF files with several
+Grids, which DOLFINx writes.  Time is no reason: MSH 2.2 takes as long as ours, MSH 4.1 (binary, 12288 cells)
+takes 1 ms, ours 9 ms.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...regular_file import read_bytes
+from .mesh_file import IntArray, MeshFile, solid_nodes
+from .numbered_groups import members_by_name, only_set
+from .second_order import CORNERS
+
+_MODULES = {".vtu": "vtu", ".vtk": "vtk", ".bdf": "nastran", ".nas": "nastran", ".mesh": "medit"}
+"""meshio's name of the format, by the end of the file's name."""
+
+_SOLIDS = {
+    4: {"tetra": 4, "tetra10": 10, "VTK_LAGRANGE_TETRAHEDRON": 10},
+    8: {"hexahedron": 8, "hexahedron27": 27, "VTK_LAGRANGE_HEXAHEDRON": 27},
+}
+_FACES = {
+    4: ({"triangle": 3, "triangle6": 6, "VTK_LAGRANGE_TRIANGLE": 6}, 3),
+    8: ({"quad": 4, "quad8": 8, "quad9": 9, "VTK_LAGRANGE_QUADRILATERAL": 9}, 4),
+}
+"""meshio's types of cells and of facets on them, by the number of the cells' corners, with their numbers of nodes."""
+
+_OWN_NUMBERS = re.compile(
+    r"(?i)(vtk|global|pedigree|original).*|.*\bghost.*"
+)  # written by programs, not chosen by users
+_LARGE = re.compile(rb"^(?:CTETRA|CHEXA|CPENTA|CPYRAM?|CTRIA3|CQUAD4)\*", re.MULTILINE)
+
+
+def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
+    """Read a file on this rank.
+
+    Args:
+        path: The file; its extension determines the format.
+        names: Names of groups of facets, with the number of these.
+        cell_names: Names of groups of cells.
+
+    Raises:
+        OSError: If it cannot be read.
+        ValueError: If it is damaged, or has no cells or not the numbers that are asked for; or if meshio is missing.
+    """
+    data = read_bytes(path)
+    mesh = by_meshio(path, data, _MODULES[Path(path).suffix.lower()])
+    solids: dict[int, int] = {}
+    flat = 0
+    for block in mesh.cells:
+        if block.type.startswith(("tetra", "hexa", "wedge", "pyramid", "polyhedron", "VTK_LAGRANGE")):
+            solids[block.data.shape[1]] = solids.get(block.data.shape[1], 0) + len(block.data)
+        elif block.type.startswith(("tri", "quad", "polygon")):
+            flat += len(block.data)
+    width = solid_nodes(path, solids, flat)
+    points = np.asarray(mesh.points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"{path}: has points in {points.shape[-1]}D, but a body in 3D is needed")
+    cells, cell_numbers = _blocks(mesh, _SOLIDS[CORNERS[width]], width)
+    facets, facet_numbers = _blocks(mesh, *_FACES[CORNERS[width]])
+    cell_groups = _groups(path, cell_numbers, cell_names, "cell_names")
+    face_groups = {name: facets[rows] for name, rows in _groups(path, facet_numbers, names, "names").items()}
+    return MeshFile(path, points, cells, cell_groups, face_groups)
+
+
+def by_meshio(path: str, data: bytes, form: str) -> Any:
+    try:
+        import meshio  # when a file needs it: it takes 0.1 s to load, and may be missing
+    except ImportError:
+        raise ValueError(
+            f"{path}: this format is read by meshio, which is not installed: ./install.sh, or pip install meshio"
+        ) from None
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):  # meshio prints its warnings
+            if form == "nastran":
+                mesh = meshio.read(io.StringIO(_nastran(path, data)), form)
+            else:
+                mesh = getattr(meshio, form).read(path)
+    except _Refused:
+        raise
+    except Exception as error:  # a damaged file may cause any exception in meshio
+        fault = " ".join(str(error).split()) or "it is damaged, or of a kind that meshio does not know"
+        raise ValueError(f"{path}: cannot be read as {form} (by meshio {meshio.__version__}): {fault}") from None
+    if form == "nastran" and np.any(mesh.point_data.get("nastran:ref", 0)):
+        raise ValueError(f"{path}: has GRID points in a local coordinate system; export them in the basic one")
+    return mesh
+
+
+class _Refused(ValueError):
+    """What meshio would misread."""
+
+
+def _nastran(path: str, data: bytes) -> str:
+    """The file as meshio reads it: with BEGIN BULK, which gmsh leaves out, and nothing that it would skip."""
+    if _LARGE.search(data):
+        raise _Refused(f"{path}: has elements in large fields (CHEXA*, CTETRA*); export small fields or free format")
+    if re.search(rb"^INCLUDE\b", data, re.MULTILINE | re.IGNORECASE):
+        raise _Refused(f"{path}: refers to other files by INCLUDE; export one file")
+    if b"\nBEGIN BULK" not in b"\n" + data:
+        data = b"BEGIN BULK\n" + data
+    return data.decode("utf-8-sig", "replace")
+
+
+def _blocks(mesh: Any, kinds: Mapping[str, int], width: int) -> tuple[IntArray, dict[str, IntArray]]:
+    """The first `width` nodes of all cells of these kinds, and the whole numbers on them by the name of the set."""
+    mine = [
+        number
+        for number, block in enumerate(mesh.cells)
+        if block.type in kinds and block.data.shape[1] == kinds[block.type]
+    ]
+    rows = np.vstack([np.empty((0, width), dtype=np.int64), *(mesh.cells[number].data[:, :width] for number in mine)])
+    sets = {}
+    for name, values in mesh.cell_data.items():
+        found = [np.asarray(values[number]) for number in mine]
+        if found and not _OWN_NUMBERS.fullmatch(name) and all(v.size == len(v) and v.dtype.kind in "iu" for v in found):
+            sets[name] = np.concatenate(found).ravel().astype(np.int64)
+    return rows.astype(np.int64), sets
+
+
+def _groups(path: str, sets: dict[str, IntArray], names: Mapping[str, int], key: str) -> dict[str, IntArray]:
+    if not sets:
+        if names:
+            raise ValueError(f"{path}: has no whole numbers on its facets or cells, to go by {key}")
+        return {}
+    return members_by_name(path, sets[only_set(path, list(sets))], names, key)

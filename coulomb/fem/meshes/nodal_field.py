@@ -1,0 +1,182 @@
+"""A scalar field from a file, as a temperature or a gap, with its own mesh, interpolated at the nodes of the body.
+
+A point that is a node of the field's mesh has its value exactly; elsewhere the field is linear in tetrahedra, into
+which other cells are split.  No interpolator of SciPy keeps the cells: its Delaunay triangulation fills slots and
+hollows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import FloatArray
+from ...nearest import tree_of
+from ..geometry import first_place
+from .field_file import read_nodal_field
+
+SNAP = 0.25
+"""Distance outside a cell, relative to its mean edge, up to which its values are taken: the field's mesh may have other
+chords of a curved surface than that of the body."""
+
+_SAME = 1e-9
+"""Distance, relative to the extent of the field, up to which a point is a node of its mesh."""
+
+_AT_ONCE = 5_000
+"""Points that are located at a time, so that little memory is needed."""
+
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class NodalField:
+    """A number at each node of a mesh, as temperatures or gaps; a function of place, as `ContactProblem` and `Contact`
+    take it.
+
+    Attributes:
+        points: Nodes of the mesh in metres, shape (n, 3).
+        tetrahedra: Its cells, split into tetrahedra, rows of node numbers, shape (t, 4).
+        values: Numbers at the nodes, shape (n,): temperatures in kelvin or degrees Celsius, gaps in metres.
+        name: What messages call it.
+
+    Raises:
+        ValueError: If a value is not finite, or the arrays do not match.
+    """
+
+    points: FloatArray
+    tetrahedra: Ints
+    values: FloatArray
+    name: str = "the field"
+
+    def __post_init__(self) -> None:
+        count = len(self.points)
+        if self.points.shape != (count, 3) or self.values.shape != (count,) or not count:
+            raise ValueError(f"{self.name}: {self.values.shape} values do not match points {self.points.shape}")
+        if not np.all(np.isfinite(self.values)) or not np.all(np.isfinite(self.points)):
+            raise ValueError(f"{self.name}: has entries that are not finite")
+        cells = self.tetrahedra
+        if cells.ndim != 2 or cells.shape[1] != 4 or not len(cells) or not 0 <= cells.min() <= cells.max() < count:
+            raise ValueError(f"{self.name}: its tetrahedra must be rows of four node numbers below {count}")
+
+    @classmethod
+    def from_file(cls, path: str | Path, field: str, scale: float = 1.0) -> NodalField:
+        """Read numbers at nodes from a file, on every rank by itself.
+
+        Args:
+            path: XDMF (of DOLFINx or meshio), or a format that meshio reads: VTU, VTK, gmsh, MED, Exodus.
+            field: Name of the field, one number per node.
+            scale: Metres per unit of length of the file.
+
+        Raises:
+            ValueError: If the file cannot be read, or has no such field or no solid cells, with the fields it has.
+        """
+        points, tetrahedra, values = read_nodal_field(str(path), field)
+        return cls(scale * points, tetrahedra, values, f"{path}: {field}")
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Values at points x (3, k) in metres, shape (k,).
+
+        Raises:
+            ValueError: If a point is outside the mesh of the field, with its place.
+        """
+        at = np.ascontiguousarray(x.T)
+        distance, node = self._nodes.query(at)
+        found: FloatArray = self.values[node]
+        missing = np.flatnonzero(distance > _SAME * self._extent)
+        for first in range(0, len(missing), _AT_ONCE):
+            part = missing[first : first + _AT_ONCE]
+            found[part] = self._interpolated(at[part])
+        return found
+
+    @cached_property
+    def _nodes(self) -> Any:
+        return tree_of(self.points)
+
+    @cached_property
+    def _extent(self) -> float:
+        return float(np.max(np.ptp(self.points, axis=0)))
+
+    @cached_property
+    def _cells(self) -> _Cells:
+        return _Cells(self.points, self.tetrahedra)
+
+    def _interpolated(self, x: FloatArray) -> FloatArray:
+        """Values at points (k, 3) that are no nodes."""
+        cell, weights = self._cells.holding(x)
+        if np.any(cell < 0):
+            low, high = (", ".join(f"{c:.6g}" for c in end(self.points, axis=0)) for end in (np.min, np.max))
+            raise ValueError(
+                f"{self.name} does not cover the body: it has no cell at x = {first_place(x, cell < 0)}; its points "
+                f"are between ({low}) and ({high}) metres (is scale, the metres per unit of length, right?)"
+            )
+        nodes = self._cells.rows[cell]
+        values: FloatArray = np.einsum("ki,ki->k", weights, self.values[nodes])
+        return values
+
+
+class _Cells:
+    """Tetrahedra in classes of similar size, in which those near a point are found by their centroids.
+
+    Attributes:
+        rows: Node numbers, shape (t, 4), without tetrahedra of no volume.
+    """
+
+    def __init__(self, points: FloatArray, rows: Ints):
+        x = points[rows]
+        edges = x[:, 1:] - x[:, :1]
+        pairs = [(i, j) for i in range(4) for j in range(i)]
+        edge = np.mean([np.linalg.norm(x[:, i] - x[:, j], axis=1) for i, j in pairs], axis=0)
+        solid = np.abs(np.linalg.det(edges)) > 1e-12 * edge**3
+        self.rows, self._edge = rows[solid], edge[solid]
+        self._corners, self._inverse = x[solid], np.linalg.inv(edges[solid].transpose(0, 2, 1))
+        self._slopes = np.concatenate([-self._inverse.sum(axis=1, keepdims=True), self._inverse], axis=1)
+        self._height = 1.0 / np.linalg.norm(self._slopes, axis=2)
+        centroid = x[solid].mean(axis=1)
+        radius = np.max(np.linalg.norm(x[solid] - centroid[:, None], axis=2), axis=1) + SNAP * self._edge
+        size = np.floor(np.log2(radius))
+        members = [np.flatnonzero(size == octave) for octave in np.unique(size)]
+        self._classes = [(tree_of(centroid[own]), own, float(np.max(radius[own]))) for own in members]
+
+    def holding(self, x: FloatArray) -> tuple[Ints, FloatArray]:
+        """The tetrahedron of each point (k, 3), -1 where none is near, shape (k,), and the weights of its nodes, shape
+        (k, 4); of a point outside those of a point of the boundary nearby."""
+        best, cell = np.full(len(x), np.inf), np.full(len(x), -1)
+        weights = np.zeros((len(x), 4))
+        for tree, own, radius in self._classes:
+            near = tree.query_ball_point(x, radius)
+            count = np.array([len(found) for found in near])
+            if not count.sum():
+                continue
+            point = np.repeat(np.arange(len(x)), count)
+            tetrahedron = own[np.concatenate([np.array(found, dtype=np.int64) for found in near if found])]
+            shares = self._nearest(x[point], tetrahedron)
+            at = np.einsum("pi,pij->pj", shares, self._corners[tetrahedron])
+            beyond = np.linalg.norm(x[point] - at, axis=1)
+            beyond = np.where(beyond <= SNAP * self._edge[tetrahedron], beyond, np.inf)
+            order = np.lexsort((beyond, point))
+            points, first = np.unique(point[order], return_index=True)
+            chosen = order[first]
+            better = beyond[chosen] < best[points]
+            points, chosen = points[better], chosen[better]
+            best[points], cell[points], weights[points] = beyond[chosen], tetrahedron[chosen], shares[chosen]
+        return cell, weights
+
+    def _nearest(self, x: FloatArray, tetrahedron: Ints) -> FloatArray:
+        """Barycentric coordinates of points (k, 3) in tetrahedra (k,), of a point outside those of the nearest point of
+        the face beyond which it is, or of one near that; shape (k, 4)."""
+        height, number = self._height[tetrahedron], np.arange(len(x))
+        worst = np.argmin(self._shares(x, tetrahedron) * height, axis=1)
+        beyond = np.minimum(self._shares(x, tetrahedron)[number, worst], 0.0) * height[number, worst] ** 2
+        shares = np.maximum(self._shares(x - beyond[:, None] * self._slopes[tetrahedron, worst], tetrahedron), 0.0)
+        nearest: FloatArray = shares / shares.sum(axis=1, keepdims=True)
+        return nearest
+
+    def _shares(self, x: FloatArray, tetrahedron: Ints) -> FloatArray:
+        """Barycentric coordinates of points (k, 3) in tetrahedra (k,), shape (k, 4)."""
+        inner = np.einsum("pij,pj->pi", self._inverse[tetrahedron], x - self._corners[tetrahedron, 0])
+        return np.column_stack([1.0 - inner.sum(axis=1), inner])

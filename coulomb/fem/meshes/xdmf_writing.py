@@ -1,0 +1,111 @@
+"""Meshes written as XDMF with an HDF5 file, so that ranks can read them in parts; DOLFINx reads them too."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from xml.sax.saxutils import escape, quoteattr
+
+import h5py
+import numpy as np
+
+from ...arrays import FloatArray
+from .hdf5_target import HDF5Target
+from .inspection import InspectedMesh
+from .mesh_file import IntArray
+from .xdmf_data import NAMES
+
+SOLIDS = {4: "Tetrahedron", 8: "Hexahedron", 10: "Tetrahedron_10", 27: "Hexahedron_27"}
+"""XDMF's names of cells by the number of their nodes."""
+
+FACETS = {3: "Triangle", 4: "Quadrilateral", 6: "Triangle_6", 9: "Quadrilateral_9"}
+"""XDMF's names of facets by the number of their nodes."""
+
+
+def write(mesh: InspectedMesh, path: Path) -> None:
+    """Write a mesh that one rank has; groups become numbers, whose names are in an Information element.
+
+    Args:
+        mesh: The mesh; points that belong to no cell are left out.
+        path: The file, .xdmf; the arrays are written beside it, .h5.
+
+    Raises:
+        OSError: If a file cannot be written; earlier ones of these names are kept then, and no partial ones left.
+    """
+    data = path.with_suffix(".h5")
+    partial = [file.with_name(f".{file.name}.partial") for file in (data, path)]
+    try:
+        target = HDF5Target(partial[0])
+        with h5py.File(target, "w") as file:
+            text = _filled(mesh, file, data.name)
+        if fault := target.close():
+            raise OSError(errno.EIO, fault, str(data))
+        partial[1].write_text(text, encoding="utf-8")
+        for written, file_ in zip(partial, (data, path), strict=True):
+            os.replace(written, file_)
+    except OSError:
+        for written in partial:
+            written.unlink(missing_ok=True)
+        raise
+
+
+def _filled(mesh: InspectedMesh, file: h5py.File, name_of_file: str) -> str:
+    """Write the arrays; what the XDMF file has to contain."""
+    used, inverse = np.unique(mesh.cells, return_inverse=True)
+    position = np.full(len(mesh.points), -1, dtype=np.int64)
+    position[used] = np.arange(len(used))
+    cells: IntArray = inverse.reshape(mesh.cells.shape).astype(np.int64)
+    faces = {name: position[rows] for name, rows in mesh.face_groups.items()}
+    numbers = {"faces": _numbered(faces), "cells": _numbered(mesh.cell_groups)}
+
+    def item(name: str, values: IntArray | FloatArray) -> str:
+        file[name] = values
+        kind = 'NumberType="Float" Precision="8"' if values.dtype.kind == "f" else 'NumberType="Int" Precision="8"'
+        shape = " ".join(map(str, values.shape))
+        return f'<DataItem Dimensions="{shape}" {kind} Format="HDF">{escape(name_of_file)}:/{name}</DataItem>'
+
+    def grid(name: str, kind: str, rows: IntArray, values: IntArray | None) -> list[str]:
+        geometry = f'<Geometry GeometryType="XYZ">{points}</Geometry>'
+        size = f'NumberOfElements="{len(rows)}" NodesPerElement="{rows.shape[1]}"'
+        topology = f'<Topology TopologyType="{kind}" {size}>{item(f"{name}/rows", rows)}</Topology>'
+        attribute = []
+        if values is not None:
+            numbers_of_cells = item(f"{name}/numbers", values)
+            center = f'Name="{name}" AttributeType="Scalar" Center="Cell"'
+            attribute.append(f"<Attribute {center}>{numbers_of_cells}</Attribute>")
+        return [f'<Grid Name="{name}" GridType="Uniform">', geometry, topology, *attribute, "</Grid>"]
+
+    points = item("points", mesh.points[used])
+    members = np.concatenate([np.empty(0, dtype=np.int64), *mesh.cell_groups.values()])
+    on_cells = _repeated(mesh.cell_groups, numbers["cells"])
+    lines = []
+    if len(members) and len(members) == len(cells) == len(np.unique(members)):
+        of_cell = np.empty(len(cells), dtype=np.int64)
+        of_cell[members] = on_cells
+        lines += grid("mesh", SOLIDS[cells.shape[1]], cells, of_cell)
+    else:  # cells in no group, or in several
+        lines += grid("mesh", SOLIDS[cells.shape[1]], cells, None)
+        if len(members):
+            lines += grid("cell_groups", SOLIDS[cells.shape[1]], cells[members], on_cells)
+    if faces:
+        rows = np.concatenate(list(faces.values()))
+        lines += grid("facets", FACETS[rows.shape[1]], rows, _repeated(faces, numbers["faces"]))
+    named = quoteattr(json.dumps(numbers))
+    text = ['<?xml version="1.0"?>', '<Xdmf Version="3.0">', "<Domain>"]
+    text += [f'<Information Name="{NAMES}" Value={named}/>', *lines, "</Domain>", "</Xdmf>", ""]
+    return "\n".join(text)
+
+
+def _numbered(groups: Mapping[str, IntArray]) -> dict[str, int]:
+    """A number for every group, its own if its name is one."""
+    taken = {int(name) for name in groups if name.isdecimal()}
+    free = (number for number in range(1, 2 * len(groups) + 1) if number not in taken)
+    return {name: int(name) if name.isdecimal() else next(free) for name in groups}
+
+
+def _repeated(groups: Mapping[str, IntArray], numbers: Mapping[str, int]) -> IntArray:
+    """The number of the group of every member of all groups, in their order."""
+    return np.repeat([numbers[name] for name in groups], [len(rows) for rows in groups.values()]).astype(np.int64)

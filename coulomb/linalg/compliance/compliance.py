@@ -1,0 +1,395 @@
+"""The contact compliance (Delassus operator) A = B K^-1 B^T: displacements of the contact nodes under their forces."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from ..reductions import Reductions
+from ..unsolved import TooSlow, Unsolved
+from .diagonal_estimate import DiagonalEstimate, estimated_diagonal
+from .learnt_columns import LearntColumns, turned_diagonal
+from .soft_motions import SoftMotions
+from .stiffness import StiffnessSolver
+
+_DISPLACED = 1e-8
+"""Accuracy of a displacement, relative to all forces: products by K in it have rounding errors that are not much
+smaller, and it is refined by forces that are assembled anew (`refined`)."""
+
+
+_ROUNDING = 2.0 * float(np.finfo(np.float64).eps)
+"""Residual of a displacement that is due to rounding errors, relative to |D u| with D = diag(K), in the norm of
+D^-1/2."""
+
+
+class Compliance(Protocol):
+    """A, in metres per newton, symmetric positive semidefinite; rows node by node (n, t1, t2), on the node's rank.
+
+    Attributes:
+        comm: The ranks that share it.
+        nodes: Contact nodes m of this rank, possibly 0.
+        products: Products made so far.
+        exact: Whether a product is as exact as rounding allows, at any tolerance.
+        name: Its name in the summary.
+        matrix_free: Itself if it has K and B, which condensed Newton systems need; else None.
+        learnt: What earlier problems with it have found of it.
+    """
+
+    comm: MPI.Comm
+    nodes: int
+    products: int
+    name: str
+    learnt: LearntColumns
+
+    @property
+    def exact(self) -> bool: ...
+
+    @property
+    def matrix_free(self) -> MatrixFreeCompliance | None: ...
+
+    def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        """y <- A x, both of shape (3 m,); counted, collective.
+
+        Args:
+            x: Forces in newtons.
+            y: Displacements in metres.
+            tolerance: Largest relative residual, if a product is the solution of a system.
+        """
+        ...
+
+    def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        """As `mult` for an x that changes little from call to call: only the change is solved for.
+
+        Its relative residual may be `tolerance`; residuals do not add up from call to call.  With 0, the product is as
+        exact as mult's.
+        """
+        ...
+
+    def diagonal(self) -> FloatArray:
+        """diag(A), or an estimate of it, shape (3 m,); collective."""
+        ...
+
+
+class BodyCompliance(Compliance, Protocol):
+    """A = B K^-1 B^T with access to K and B."""
+
+    def rotated(self, B: PETSc.Mat, turn: FloatArray) -> BodyCompliance:
+        """A in other frames, T A T^T; collective.
+
+        Args:
+            B: The contact matrix in these frames, T times the present one.
+            turn: T, node by node, shape (m, 3, 3).
+        """
+        ...
+
+    def known_product(self, x: FloatArray) -> FloatArray | None:
+        """A x in metres, shape (3 m,), as accurate as any product, if it takes no solve with K; else None; not counted;
+        collective."""
+        ...
+
+    def allow(self, products: float) -> None:
+        """Make no more than so many products from now on: `mult` then raises TooSlow, on all ranks; inf for no limit,
+        as by default."""
+        ...
+
+    def under_load(self, f: PETSc.Vec, free: FloatArray) -> None:
+        """The load and K^-1 f of the problem to which the products to come belong, so that A x - b is as accurate as
+        the displacement under both allows; collective.
+
+        Args:
+            f: Load in newtons; not to be changed afterwards.
+            free: K^-1 f in metres, this rank's part, shape (n,); not to be changed afterwards.
+        """
+        ...
+
+    def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
+        """K^-1 (f - B^T x) in metres, this rank's part, shape (n,), to be refined; collective.
+
+        Args:
+            x: Contact forces in newtons, shape (3 m,).
+            f: Load in newtons.
+            free: K^-1 f, shape (n,).
+        """
+        ...
+
+
+@runtime_checkable
+class Formed(Protocol):
+    """A compliance that has A as a matrix."""
+
+    def dense(self) -> FloatArray:
+        """This rank's rows, shape (3 m, all columns); not to be changed."""
+        ...
+
+
+class MatrixCompliance:
+    """A as an assembled matrix, dense or sparse, rows distributed over the ranks.
+
+    Args:
+        matrix: Symmetric positive semidefinite, 3 rows per contact node, those of a node on one rank.
+        rows: This rank's rows in scipy's compressed format, if they are at hand.
+    """
+
+    name = "matrix"
+    exact = True
+    matrix_free: MatrixFreeCompliance | None = None
+
+    def __init__(self, matrix: PETSc.Mat, rows: Any = None):
+        self.matrix, self._rows = matrix, rows
+        self.comm: MPI.Comm = matrix.getComm().tompi4py()
+        self.nodes = matrix.getLocalSize()[0] // 3
+        self.products, self.learnt = 0, LearntColumns()
+        self._y, self._x = matrix.createVecs("left"), matrix.createVecs("right")
+        d = matrix.getDiagonal()
+        self._diagonal: FloatArray = d.array.copy()
+        d.destroy()
+
+    def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        self._x.array[:] = x
+        self.matrix.mult(self._x, self._y)
+        y[:] = self._y.array_r
+        self.products += 1
+
+    def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        self.mult(x, y)
+
+    def diagonal(self) -> FloatArray:
+        return self._diagonal
+
+    def dense(self) -> FloatArray:
+        """This rank's rows as an array, shape (3 m, all columns); not to be changed."""
+        rows: FloatArray = self.matrix.getDenseArray() if self._is_dense else self.sparse().toarray()
+        return rows
+
+    @property
+    def _is_dense(self) -> bool:
+        return self.matrix.getType() in (PETSc.Mat.Type.SEQDENSE, PETSc.Mat.Type.MPIDENSE, PETSc.Mat.Type.DENSE)
+
+    def sparse(self) -> Any:
+        """This rank's rows as a sparse matrix, shape (3 m, all columns); not to be changed."""
+        if self._rows is not None:
+            return self._rows
+        if self._is_dense:
+            return scipy.sparse.csr_matrix(self.dense())
+        indptr, indices, data = self.matrix.getValuesCSR()
+        return scipy.sparse.csr_matrix((data, indices, indptr), shape=(3 * self.nodes, self.matrix.getSize()[1]))
+
+
+class LimitedProducts:
+    """The number of products by a compliance, and its limit."""
+
+    products = 0
+    _most = math.inf
+
+    def allow(self, products: float) -> None:
+        """See `BodyCompliance`."""
+        self._most = self.products + products
+
+    def _begin(self) -> None:
+        """Refuse another product beyond the limit."""
+        if self.products >= self._most:
+            raise TooSlow("Newton systems with A take too many Krylov iterations")
+
+
+class MatrixFreeCompliance(LimitedProducts):
+    """A as a solve with K between B^T and B.
+
+    Its diagonal is estimated, see `estimated_diagonal`.
+
+    Args:
+        B: Contact matrix, 3 rows per contact node.
+        K: The stiffness matrix.
+        solver: K^-1.
+        probes: Products spent on the diagonal.
+        diagonal: Replaces the estimate of the diagonal of A - F F^T.
+        soft: The motions that the solver computes apart, if there are any.
+
+    Attributes:
+        rigid: F, what soft motions move the contact nodes, shape (3 m, q): F F^T is a part of A; None without any.
+        latest: The x of the last `mult_incremental` or `displacement` that did not fail, shape (3 m,); or None.
+    """
+
+    name = "matrix-free"
+
+    def __init__(
+        self,
+        B: PETSc.Mat,
+        K: PETSc.Mat,
+        solver: StiffnessSolver,
+        probes: int = 8,
+        diagonal: DiagonalEstimate | None = None,
+        soft: SoftMotions | None = None,
+    ):
+        self.B, self.K, self._solver, self._soft = B, K, solver, soft
+        self.comm: MPI.Comm = B.getComm().tompi4py()
+        self.nodes = B.getLocalSize()[0] // 3
+        self.products, self.learnt = 0, LearntColumns()
+        self._u, self._x = B.createVecs()
+        self._rhs = self._u.duplicate()
+        self._last = self._u.duplicate()
+        stiffness = K.getDiagonal()
+        self._root: FloatArray = np.sqrt(np.abs(stiffness.array_r))
+        stiffness.destroy()
+        self._last.set(0.0)
+        self._accurate: FloatArray | None = None
+        self.latest: FloatArray | None = None
+        self._load: PETSc.Vec | None = None
+        self._guessed = self._found = False
+        self._free: FloatArray = self._u.array.copy()
+        self.rigid = None if soft is None else np.column_stack([self._moved(motion) for motion in soft.motions.T])
+        self._elastic = estimated_diagonal(self, B, K, probes, self.rigid) if diagonal is None else diagonal
+
+    def _moved(self, u: FloatArray) -> FloatArray:
+        """B u, shapes (n,) and (3 m,)."""
+        self._u.array[:] = u
+        self.B.mult(self._u, self._x)
+        moved: FloatArray = self._x.array.copy()
+        return moved
+
+    def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        self._begin()
+        self._x.array[:] = x
+        self.B.multTranspose(self._x, self._rhs)
+        self._solver.solve(self._rhs, self._u, tolerance)
+        self.B.mult(self._u, self._x)
+        y[:] = self._x.array_r
+        self.products += 1
+
+    def under_load(self, f: PETSc.Vec, free: FloatArray) -> None:
+        """Compute A x of iterates as B (K^-1 f - u) from now on, u the displacement under loads and contact forces.
+
+        Where soft springs hold the body, f and B^T x alone move it far, and together hardly: rounding errors of K u are
+        then those of the small displacement, and errors of K^-1 f cancel in A x - b.
+        """
+        if f is self._load:
+            return
+        self._accurate = self.latest = None
+        self._last.array[:] = free - (self._free - self._last.array_r)
+        self._load, self._free = f, free
+
+    def mult_incremental(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
+        """B (K^-1 f - u), K u = f - B^T x, for u by a correction of the last u; f is 0 before `under_load`."""
+        self._follow(x, tolerance, self._solver.tolerance)
+        self.latest = x.copy()
+        self._accurate = self.latest if tolerance == 0.0 else None
+        y[:] = self.latest_product()
+        self.products += 1
+
+    def latest_product(self) -> FloatArray:
+        """A x of `latest`; to be read before the next product."""
+        self._u.array[:] = self._free - self._last.array_r
+        self.B.mult(self._u, self._x)
+        product: FloatArray = self._x.array_r
+        return product
+
+    def _follow(self, x: FloatArray, change: float, whole: float) -> None:
+        """The last displacement corrected for another x, to an accuracy relative to the change or to the whole of the
+        contact forces."""
+        self._x.array[:] = -x
+        self.B.multTranspose(self._x, self._rhs)
+        size = self._rhs.norm()
+        if self._load is not None:
+            self._rhs.axpy(1.0, self._load)
+        forces = self._rhs.norm()
+        self._solver.multiply(self._last, self._u)
+        self._u.aypx(-1.0, self._rhs)
+        left = self._u.norm()
+        if left > forces:  # nothing is a better start: a correction would keep a part of what vanished loads caused
+            self._last.set(0.0)
+            left, self._accurate = forces, None
+        else:
+            self._u.copy(self._rhs)
+        self._found = self._guessed and self.factorised and self._balanced(self._rhs.array_r)
+        if left > whole * size and not self._found:
+            self._solver.solve(self._rhs, self._u, max(change, whole * size / left))
+            self._last.axpy(1.0, self._u)
+            self._accurate = None
+
+    @property
+    def exact(self) -> bool:
+        return self._solver.exact
+
+    @property
+    def found(self) -> bool:
+        """Whether the last displacement is one of `guess`, from factors of K, that balances all forces to rounding
+        errors of K u: where K is ill-conditioned, a correction is larger than what is wrong."""
+        return self._found
+
+    def _balanced(self, residual: FloatArray) -> bool:
+        """Whether a residual of the last displacement, shape (n,), is of the size of rounding errors of K u."""
+        over = Reductions(self.comm)
+        return over.norm(residual / self._root) <= _ROUNDING * over.norm(self._root * self._last.array_r)
+
+    @property
+    def factorised(self) -> bool:
+        """Whether K is factorised."""
+        return self._solver.tolerance == 0.0
+
+    @property
+    def matrix_free(self) -> MatrixFreeCompliance:
+        """Itself, since it has K and B."""
+        return self
+
+    def forces(self, x: FloatArray, v: PETSc.Vec) -> None:
+        """v <- B^T x - f in newtons; f is 0 before `under_load`."""
+        self._x.array[:] = x
+        self.B.multTranspose(self._x, v)
+        if self._load is not None:
+            v.axpy(-1.0, self._load)
+
+    def response(self, x: FloatArray, v: PETSc.Vec, tolerance: float = 0.0) -> None:
+        """v <- K^-1 (B^T x - f), its change to a relative accuracy; by a correction of the last one."""
+        self.mult_incremental(x, np.empty_like(x), tolerance)
+        v.array[:] = -self._last.array_r
+
+    def guess(self, v: PETSc.Vec) -> None:
+        """An approximation of K^-1 (B^T x - f) for the next x: `mult_incremental` starts there."""
+        self._last.array[:] = -v.array_r
+        self._guessed = True
+        self._accurate = self.latest = None
+
+    def displaced(self, v: PETSc.Vec) -> FloatArray:
+        """A x = B (v + K^-1 f) of v = K^-1 (B^T x - f); to be read before the next product."""
+        self._u.array[:] = self._free + v.array_r
+        self.B.mult(self._u, self._x)
+        product: FloatArray = self._x.array_r
+        return product
+
+    def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
+        rest: FloatArray = np.einsum("iab,ib->ia", turn**2, self._elastic.rest.reshape(-1, 3)).ravel()
+        diagonal = DiagonalEstimate(turned_diagonal(self._elastic.whole, self.learnt, turn), rest)
+        return MatrixFreeCompliance(B, self.K, self._solver, diagonal=diagonal, soft=self._soft)
+
+    def known_product(self, x: FloatArray) -> FloatArray | None:
+        """That of the last most accurate product, if x is the same."""
+        last = self._accurate
+        if not Reductions(self.comm).all(last is not None and np.array_equal(last, x)):
+            return None
+        return self.latest_product().copy()
+
+    def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
+        """By a correction of K^-1 B^T x of the last products; if that fails, with what it reached: the certificate
+        judges it."""
+        try:
+            self._follow(x, 0.0, _DISPLACED)
+            self.latest = x.copy()
+        except Unsolved:
+            self._last.axpy(1.0, self._u)
+            self._accurate = self.latest = None
+        u: FloatArray = self._last.array_r.copy()
+        return u if free is self._free else free - (self._free - u)
+
+    def diagonal(self) -> FloatArray:
+        whole = self._elastic.whole
+        return whole if self.rigid is None else whole + np.sum(self.rigid**2, axis=1)
+
+    @property
+    def rest_of_diagonal(self) -> FloatArray:
+        """An estimate of diag(A) without the few large eigenvalues of A, shape (3 m,)."""
+        return self._elastic.rest

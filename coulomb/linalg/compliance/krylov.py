@@ -1,0 +1,159 @@
+"""PETSc's Krylov methods for the Newton systems, with one product by A per iteration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from ..unsolved import TooSlow, Unsolved
+from .border import Constraints, NodalMap
+
+_RESTART = 100  # restart of FGMRES: far beyond the usual iterations of a step
+_NEGLIGIBLE = 0.1  # of the tolerance: constraints violated by less are left to a later step
+
+
+class CarryingKrylov:
+    """PETSc's CG or FGMRES on vectors extended by A x: A dx is known at the end without another product.
+
+    Each node has `block` unknowns, the first three of which are x, followed by the three of w = A x.  The product w_z =
+    A x_z is computed by the preconditioner for its result z.  Directions and solution of both methods are linear
+    combinations of the z's, so that their w is A x, and the operator reads A x from the vector instead of computing it.
+    Residuals have w = 0, so that inner products are unchanged.  One product per iteration, none at the end.
+
+    With constraints G x = r3 and their multipliers alpha, w = A x - G^T alpha, and the multipliers are further entries
+    of the vectors of the first rank.  FGMRES solves [J, -G^T; G, 0] as it stands.  CG starts with x that satisfies the
+    constraints, and stays on them, since the constraint preconditioner (border.py) makes G z = 0: it is projected CG,
+    and as alpha is among the unknowns, its residual goes to zero as a whole and has no part that cancels (the residual
+    update strategy of N. I. M. Gould, M. E. Hribar, J. Nocedal, SIAM J. Sci. Comput. 23, 2001).  If r3 is not
+    negligible, the start costs CG a product, counted as an iteration.
+
+    Args:
+        comm: The ranks.
+        nodes: Contact nodes of this rank.
+        block: Unknowns per node, the three of x first.
+        apply_A: x (m, 3) -> A x (m, 3).
+        operator: (unknowns (m, block), A x - G^T alpha (m, 3)) -> image (m, block).
+        preconditioner: Residual (m, block) and (r,) -> unknowns (m, block) and multipliers (r,).
+        method: KSP.Type.CG or KSP.Type.FGMRES, which preconditions from the right and keeps its z's.
+        constraints: The constraints G; None if there are none.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        nodes: int,
+        block: int,
+        apply_A: NodalMap,
+        operator: Callable[[FloatArray, FloatArray], FloatArray],
+        preconditioner: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
+        method: str = PETSc.KSP.Type.CG,
+        constraints: Constraints | None = None,
+    ):
+        self._comm, self._block, self._apply_A = comm, block, apply_A
+        self._operator, self._preconditioner = operator, preconditioner
+        self._constraints = constraints or Constraints(comm, np.empty((nodes, 3, 0)))
+        self._failure: Unsolved | TooSlow | None = None
+        self._on_constraints = method == PETSc.KSP.Type.CG
+        width = block + 3
+        self._nodal = width * nodes
+        extra = self._constraints.count if comm.rank == 0 else 0
+        sizes = (self._nodal + extra, PETSc.DETERMINE)
+        self._limit = 100 + 3 * comm.allreduce(nodes)  # as many as exact arithmetic needs, and some
+        self._matrix = PETSc.Mat().createPython((sizes, sizes), context=self, comm=comm)
+        self._matrix.setUp()
+        self._rhs = PETSc.Vec().createMPI(sizes, comm=comm)
+        self._solution = self._rhs.duplicate()
+        self._ksp = PETSc.KSP().create(comm)
+        self._ksp.setOperators(self._matrix)
+        self._ksp.setType(method)
+        if method == PETSc.KSP.Type.FGMRES:
+            self._ksp.setGMRESRestart(_RESTART)
+        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        self._ksp.setInitialGuessNonzero(True)
+        pc = self._ksp.getPC()
+        pc.setType(PETSc.PC.Type.PYTHON)
+        pc.setPythonContext(self)
+
+    def _nodewise(self, v: PETSc.Vec, readonly: bool = False) -> FloatArray:
+        array: FloatArray = v.array_r if readonly else v.array_w
+        return array[: self._nodal].reshape(-1, self._block + 3)
+
+    def _shared(self, v: PETSc.Vec) -> FloatArray:
+        """The multipliers of a vector, shape (r,), on every rank; collective if there are any."""
+        if not self._constraints.count:
+            return np.empty(0)
+        shared = v.array_r[self._nodal :].copy() if self._comm.rank == 0 else np.empty(self._constraints.count)
+        self._comm.Bcast(shared)
+        return shared
+
+    def _share(self, v: PETSc.Vec, multipliers: FloatArray) -> None:
+        """Set the multipliers of a vector.  Every rank opens the array: PETSc keeps norms until a vector changes, and
+        the ranks must agree on whether it has, or some wait for a norm that others know."""
+        array: FloatArray = v.array_w
+        if self._comm.rank == 0:
+            array[self._nodal :] = multipliers
+
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        p, q = self._nodewise(x, readonly=True), self._nodewise(y)
+        q[:, : self._block] = self._operator(p[:, : self._block], p[:, self._block :])
+        q[:, self._block :] = 0.0
+        self._share(y, self._resultant(p[:, :3]))
+
+    def _resultant(self, x: FloatArray) -> FloatArray:
+        """G x; of CG's directions, which satisfy G x = 0 up to rounding, 0."""
+        return np.zeros(self._constraints.count) if self._on_constraints else self._constraints.resultant(x)
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        r, z = self._nodewise(x, readonly=True), self._nodewise(y)
+        z[:, : self._block], alpha = self._preconditioner(r[:, : self._block], self._shared(x))
+        try:
+            product = self._apply_A(z[:, :3])
+        except (Unsolved, TooSlow) as failure:
+            self._failure = failure
+            raise
+        z[:, self._block :] = self._constraints.without(product, alpha)
+        self._share(y, alpha)
+
+    def solve(
+        self, rhs: FloatArray, guess: FloatArray, atol: float, r3: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+        """Unknowns (m, block), A x - G^T alpha (m, 3), alpha (r,), iterations.
+
+        Args:
+            rhs: Shape (m, block).
+            guess: Shape (m, block), with x = 0.
+            atol: Tolerance of the residual.
+            r3: Right-hand side of the constraints, shape (r,).
+        """
+        b, s = self._nodewise(self._rhs), self._nodewise(self._solution)
+        b[:, : self._block], b[:, self._block :] = rhs, 0.0
+        s[:, : self._block], s[:, self._block :] = guess, 0.0
+        start: FloatArray = np.zeros(self._constraints.count)
+        before = 0
+        if self._on_constraints:
+            if np.linalg.norm(r3) > _NEGLIGIBLE * atol:
+                z, start = self._preconditioner(rhs - self._operator(guess, np.zeros_like(guess[:, :3])), r3)
+                s[:, : self._block] += z
+                s[:, self._block :] = self._constraints.without(self._apply_A(z[:, :3]), start)
+                before = 1
+            r3 = np.zeros_like(r3)
+        self._share(self._rhs, r3)
+        self._share(self._solution, start)
+        self._ksp.setTolerances(rtol=0.0, atol=atol, divtol=1e30, max_it=self._limit)
+        self._failure = None
+        try:
+            self._ksp.solve(self._rhs, self._solution)
+        except PETSc.Error:  # newer versions of petsc4py raise this in place of the exception of a callback
+            if self._failure is not None:
+                raise self._failure from None
+            raise
+        alpha, s = self._shared(self._solution), self._nodewise(self._solution, readonly=True).copy()
+        return s[:, : self._block], s[:, self._block :], alpha, before + int(self._ksp.getIterationNumber())
+
+    def free(self) -> None:  # not `destroy`: PETSc calls a method of that name on its Python contexts
+        for thing in (self._ksp, self._matrix, self._rhs, self._solution):
+            thing.destroy()

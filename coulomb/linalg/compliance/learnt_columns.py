@@ -1,0 +1,60 @@
+"""Pairs X, A X that the Krylov methods of earlier problems with the same A have found, kept beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...arrays import FloatArray
+
+
+class LearntColumns:
+    """X and U = A X with X^T A X = 1, in the user's units: what `LowRankApproximation` has found of A.
+
+    In a load history A is the same in all steps, except that the frames of the contact nodes turn.
+
+    Attributes:
+        X: Forces in newtons, shape (3 m, r), this rank's rows; None as long as nothing is known.
+        U: Displacements in metres, shape (3 m, r).
+        part: Size of A outside U over its diagonal, in (0, 1].
+        prepared: What was made of them, which a later problem with the same A takes as it is; else None.
+    """
+
+    def __init__(self) -> None:
+        self.X: FloatArray | None = None
+        self.U: FloatArray | None = None
+        self.part = 1.0
+        self.prepared: object | None = None
+
+    def keep(self, X: FloatArray, U: FloatArray, part: float, prepared: object | None = None) -> None:
+        """Replace what is known."""
+        self.X, self.U, self.part, self.prepared = X, U, part, prepared
+
+    def turned(self, turn: FloatArray) -> LearntColumns:
+        """The same for A' = T A T^T with T node by node, shape (m, 3, 3): U' = T U, X' = T^-T X."""
+        after = LearntColumns()
+        if self.X is not None and self.U is not None:
+            back = np.linalg.inv(turn).transpose(0, 2, 1) if len(turn) else turn
+            X, U = (
+                (by @ columns.reshape(len(turn), 3, columns.shape[1])).reshape(columns.shape)
+                for by, columns in ((back, self.X), (turn, self.U))
+            )
+            after.keep(X, U, self.part)
+        return after
+
+
+_LEAST_REST = 0.1  # of the diagonal: what is at least left of it beside the columns
+
+
+def turned_diagonal(diagonal: FloatArray, learnt: LearntColumns, turn: FloatArray) -> FloatArray:
+    """diag(T A T^T) from diag(A) and what is known of A, both of shape (3 m,); T node by node, shape (m, 3, 3).
+
+    Of A ~ diag(rest) + U U^T; exact for T = 1.
+    """
+    before, turned = diagonal.reshape(-1, 3), learnt.turned(turn)
+    known, after = np.zeros_like(before), np.zeros_like(before)
+    if learnt.U is not None and turned.U is not None:
+        known, after = (np.sum(U**2, axis=1).reshape(-1, 3) for U in (learnt.U, turned.U))
+        share = np.min((1.0 - _LEAST_REST) * before / np.where(known > 0.0, known, 1.0), axis=1, initial=1.0)
+        known, after = share[:, None] * known, share[:, None] * after  # an estimate of the diagonal may be too small
+    moved: FloatArray = np.einsum("iab,ib->ia", turn**2, before - known) + after
+    return moved.ravel()

@@ -1,0 +1,251 @@
+"""A low-rank approximation of A from products already made, to precondition the steps to come.
+
+Every Krylov iteration of a path-following step makes a pair (x, A x).  From pairs X, Y = A X follows Nyström's
+approximation Y (X^T Y)^-1 Y^T <= A, U U^T once X^T A X = 1, and with D, the diagonal of the rest, an approximation of A
+for the preconditioners,
+
+    A ~ D - V V^T + U U^T,    D = diag(A - U U^T) > 0,    V = D X (X^T D X)^-1/2,
+
+in place of the paper's diag(A).  It is symmetric positive definite, and on the span of X it is A itself, as D - V V^T
+is zero there: what a Krylov method has found once, it need not find again.  (It is the block form of the update of
+Broyden, Fletcher, Goldfarb and Shanno for D; S. Gratton, A. Sartenaer, J. Tshimanga: On a class of limited memory
+preconditioners for large scale linear systems with multiple right-hand sides, SIAM J. Optim. 21, 2011.  D + U U^T,
+without V, takes a quarter more products.) Inexact products show too small an A in some directions; there nine tenths of
+D are replaced in path following (`replaced`), until the errors show, and the approximation is A plus a tenth of D. A is
+the same in every step, only the nodal part of J changes: products of one step serve all later ones. A compliance is
+well suited: its few large eigenvalues, the smooth motions of the body, are found first by a Krylov method and are not
+in diag(A). (Z. Frangella, J. A. Tropp, M. Udell: Randomized Nyström preconditioning, SIAM J. Matrix Anal. Appl. 44,
+2023, for U U^T and its bounds, there with random X.)
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ...arrays import FloatArray
+from ..reductions import Reductions, summed
+from .border import NodalMap
+from .learnt_columns import LearntColumns
+
+REPLACED = 0.9
+"""Part of D that is replaced on the span of inexact products in path following (docs/measurements.md)."""
+
+_SEEN = 0.5
+"""Least part of the bound of the rest that is left where inexact products show that little of A is new; with all of it,
+load steps of a half ring with eleven nodes in contact take twice the products (docs/measurements.md)."""
+
+_RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are rounding
+
+
+class LowRankApproximation:
+    """A as diag(rest) - V V^T + U U^T, from pairs (x, A x).
+
+    Args:
+        comm: The ranks of A.
+        diagonal: diag(A) or an estimate of it, shape (m, 3), this rank's nodes.
+        rank: Columns of U to keep, at most; 0 keeps diag(A).
+        exact: Whether products are exact; only then is the part of A outside U measured from new pairs without a bound,
+            and all of D replaced on the span of X: what inexact products show there of small A is their error, and
+            without D a body on soft springs is not solved (tests/solvers/test_inexact_products.py).
+        replaced: Part of D that is replaced there if products are not exact, at least 0 and below 1.
+        least_rest: The rest is at least this part of `local`, as far as A is not yet in U.
+        known: Columns with which to begin; None if there are none; the same on all ranks, and then it is collective.
+        rigid: Columns F of a part F F^T of A that is known exactly, shape (3 m, q), as of bodies on soft springs
+            (soft_motions.py): the rest is approximated, and F F^T added; None if there are none.
+        local: An estimate of diag(A) without the few large eigenvalues of A, shape (m, 3); by default diag(A).
+
+    Attributes:
+        rest: Shape (m, 3), positive.
+        U: Shape (3 m, r), r <= rank.
+        columns: U, V and F side by side, shape (3 m, s).
+        signs: Of their products, 1 for U and F, -1 for V, shape (s,).
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        diagonal: FloatArray,
+        rank: int,
+        exact: bool,
+        replaced: float = 0.0,
+        least_rest: float = 0.2,
+        known: LearntColumns | None = None,
+        rigid: FloatArray | None = None,
+        local: FloatArray | None = None,
+    ):
+        self._comm, self._whole, self._rank, self._exact = comm, diagonal, rank, exact
+        self._F: FloatArray = np.empty((diagonal.size, 0)) if rigid is None else rigid
+        diagonal = diagonal - np.sum(self._F**2, axis=1).reshape(-1, 3) if self._F.shape[1] else diagonal
+        self._diagonal: FloatArray = diagonal
+        self._local = diagonal if local is None else local
+        self._replaced, self._least_rest = 1.0 if exact else replaced, least_rest
+        self._new: list[tuple[FloatArray, FloatArray]] = []
+        self._X: FloatArray = np.empty((diagonal.size, 0))
+        self._new_part = 1.0
+        self.U: FloatArray = np.empty((diagonal.size, 0))
+        self.columns: FloatArray = self._F
+        self.signs: FloatArray = np.ones(self._F.shape[1])
+        self.rest: FloatArray = diagonal
+        self._weighted_gram: FloatArray | None = None
+        if known is not None and known.X is not None and known.U is not None and rank > 0:
+            self._X, self._new_part = known.X[:, :rank], known.part
+            self._set(known.U[:, :rank])
+
+    @property
+    def learnt(self) -> LearntColumns:
+        """What is known of A."""
+        known = LearntColumns()
+        if self.U.shape[1] > 0:
+            known.keep(self._X, self.U, self._new_part)
+        return known
+
+    def fits(self, diagonal: FloatArray, rank: int, exact: bool) -> bool:
+        """Whether it was made with these arguments; collective."""
+        same = self._rank == rank and self._exact == exact and np.array_equal(self._whole, diagonal)
+        return Reductions(self._comm).all(same)
+
+    def forget_new(self) -> None:
+        """Discard the products recorded since the last update."""
+        self._new.clear()
+
+    def replace_nothing(self) -> None:
+        """Keep all of D from now on, if products are not exact: their errors have shown; collective."""
+        if not self._exact and self._replaced > 0.0:
+            self._replaced = 0.0
+            self._set(self.U)
+
+    @property
+    def exact(self) -> bool:
+        """Whether products are exact."""
+        return self._exact
+
+    @property
+    def new(self) -> int:
+        """Number of products recorded since the last update."""
+        return len(self._new)
+
+    def record(self, x: FloatArray, A_x: FloatArray) -> None:
+        """Record a product, both (m, 3)."""
+        if self._rank > 0:
+            self._new.append((x.ravel().copy(), A_x.ravel().copy()))
+
+    def update(self) -> None:
+        """Bring U and the rest up to date with the recorded products; collective."""
+        if not self._new:
+            return
+        X, Y = (np.column_stack(columns) for columns in zip(*self._new, strict=True))
+        self._new.clear()
+        if self._F.shape[1]:
+            Y = Y - self._F @ summed(self._comm, self._F.T @ X)
+        self._new_part = min(max(self._unknown(X, Y), 0.0 if self._exact else _SEEN), 1.0)
+        X, Y = np.column_stack([self._X, X]), np.column_stack([self.U, Y])
+        G = self._gram(X, X)
+        size = np.sqrt(np.maximum(G.diagonal(), 1e-300))
+        T = _inverse_root(G / np.outer(size, size)) / size[:, None]  # orthonormal X, ...
+        X, Y = X @ T, Y @ T
+        T = _inverse_root(self._gram(X, Y))  # ... then X^T A X = I, so that Nyström's is Y Y^T; truncated by its size
+        X, Y = X @ T, Y @ T
+        size, V = np.linalg.eigh(self._gram(Y, Y))
+        V = np.ascontiguousarray(V[:, ::-1][:, : self._rank])  # of a reversed view products take ten times as long
+        self._X = X @ V
+        self._set(Y @ V)
+
+    def _set(self, U: FloatArray) -> None:
+        """U = A X, the rest and V; collective."""
+        rest = self._diagonal - np.sum(U**2, axis=1).reshape(-1, 3)
+        self.rest = np.maximum(rest, self._least_rest * self._new_part * self._local)
+        V: FloatArray = np.empty((len(U), 0))
+        if self._replaced > 0.0:
+            DX = self.rest.reshape(-1, 1) * self._X
+            V = math.sqrt(self._replaced) * (DX @ _inverse_root(self._gram(self._X, DX)))
+        self.columns = np.hstack([U, V, self._F])
+        self.U = self.columns[:, : U.shape[1]]
+        self.signs = np.repeat([1.0, -1.0, 1.0], [U.shape[1], V.shape[1], self._F.shape[1]])
+        self._weighted_gram = None
+
+    @property
+    def weighted_gram(self) -> FloatArray:
+        """C^T D^-1 C of the columns C, shape (s, s); collective after a change."""
+        if self._weighted_gram is None:
+            self._weighted_gram = self._gram(self.columns, self.weighted_columns)
+        return self._weighted_gram
+
+    @property
+    def weighted_columns(self) -> FloatArray:
+        """D^-1 C, shape (3 m, s); 0 in rows of A that are 0 as all of their displacements are prescribed."""
+        D = self.rest.reshape(-1, 1)
+        weighted: FloatArray = np.divide(self.columns, D, out=np.zeros_like(self.columns), where=D > 0.0)
+        return weighted
+
+    def _unknown(self, X: FloatArray, Y: FloatArray) -> float:
+        """Size of A on the new part of the pairs (X, Y) relative to diag(A); unchanged without a new part.
+
+        Much less than 1 if diag(A) is dominated by a few motions: rigid motions of a body on soft springs.
+        """
+        known = summed(self._comm, self.U.T @ X)
+        new, A_new = X - self._X @ known, Y - self.U @ known  # A-orthogonal to the range of U
+        d = self._diagonal.reshape(-1, 1)
+        sizes = [float(np.vdot(v, w)) for v, w in ((new, A_new), (new, d * new), (X, d * X))]
+        size, diagonal, whole = summed(self._comm, np.array(sizes))
+        return float(max(size / diagonal, 1e-4)) if diagonal > 1e-6 * whole else self._new_part
+
+    def mult(self, x: FloatArray) -> FloatArray:
+        """(diag(rest) - V V^T + U U^T + F F^T) x, shapes (m, 3); collective."""
+        low_rank: FloatArray = self.columns @ (self.signs * summed(self._comm, self.columns.T @ x.ravel()))
+        return self.rest * x + low_rank.reshape(x.shape)
+
+    def nodal_columns(self, block: int, frictional: npt.NDArray[np.bool_]) -> FloatArray:
+        """`columns`, shape (m, block, s), with zeros for the unknowns behind the three of x, and for friction except at
+        the nodes `frictional`, shape (m,); not to be changed."""
+        m, s = len(self._diagonal), self.columns.shape[1]
+        nodal: FloatArray = self.columns.reshape(m, 3, s)
+        if block == 3 and np.all(frictional):
+            return nodal
+        padded = np.zeros((m, block, s))
+        padded[:, :3] = nodal
+        padded[~frictional, 1:3] = 0.0
+        return padded
+
+    def _gram(self, X: FloatArray, Y: FloatArray) -> FloatArray:
+        """X^T Y over all ranks, symmetrised."""
+        G = summed(self._comm, X.T @ Y)
+        symmetric: FloatArray = 0.5 * (G + G.T)
+        return symmetric
+
+
+class LowRankUpdate:
+    """(P0 + U S U^T)^-1 from P0^-1, by Woodbury's formula: P0^-1 - P0^-1 U (S + U^T P0^-1 U)^-1 U^T P0^-1, S = S^-1.
+
+    Args:
+        comm: The ranks.
+        nodal_inverse: P0^-1 on (m, block, ...), nodal, perhaps unsymmetric.
+        U: Shape (m, block, r).
+        signs: Diagonal of S, each 1 or -1, shape (r,).
+    """
+
+    def __init__(self, comm: MPI.Comm, nodal_inverse: NodalMap, U: FloatArray, signs: FloatArray):
+        self._comm, self._nodal_inverse = comm, nodal_inverse
+        r = U.shape[2]
+        self._U = U.reshape(U.shape[0] * U.shape[1], r)
+        self._PU = nodal_inverse(U).reshape(self._U.shape)
+        self._core: FloatArray = np.linalg.inv(np.diag(signs) + summed(comm, self._U.T @ self._PU))
+
+    def __call__(self, r: FloatArray) -> FloatArray:
+        """The inverse applied to r (m, block) or (m, block, columns); collective."""
+        z = self._nodal_inverse(r)
+        if self._U.shape[1] > 0:
+            columns = z.reshape(len(self._U), *z.shape[2:])
+            z -= (self._PU @ (self._core @ summed(self._comm, self._U.T @ columns))).reshape(z.shape)
+        return z
+
+
+def _inverse_root(G: FloatArray) -> FloatArray:
+    """T with T^T G T = I on the range of the positive semidefinite G."""
+    size, V = np.linalg.eigh(G)
+    kept = size > _RANK_DEFICIENT * size[-1]
+    root: FloatArray = V[:, kept] / np.sqrt(size[kept])
+    return root

@@ -1,0 +1,204 @@
+"""Which is faster, K factorised or multigrid: processor seconds predicted before either is begun.
+
+The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`), whether it has to
+be repeated in double precision by a rule (`model.slenderness.ill_conditioned`).  The iterations of multigrid are not
+known: they are estimated from what decides the condition of A and the number of its products (`Measures`), and vary by
+a factor of up to two around this rule, of thin bodies by more: a run that takes three times as many as expected is
+given up for factors (`patience`).  Of a body on soft springs they are three to ten times as many, and it is factorised
+if that fits into the memory.
+
+On tetrahedra of first order iterations are 1.3 times as many as on hexahedra with the same nodes: the least eigenvalue
+of A over its diagonal is half as large (0.018 and 0.037 on the block at p = 6, 0.024 and 0.052 at p = 10), which costs
+conjugate gradients up to sqrt(2) times as many products.  Of a curved face most nodes are far from the foundation and
+stay open: only those near it take part.
+
+Cells of aspect 8 take 5 times as many iterations as cubes, in first and second order; a beam of length 20 thicknesses
+3 to 6 times as many as one of 5; Poisson's ratio 0.49 4 times as many as 0.3, 0.499 15 times and 0.4999 50 times.
+
+In a load history the factors are made once, and a later step costs a third to two thirds of the first path; by
+multigrid it takes about as many iterations as the first, which have less to do for contact.  So a block of 41 616
+unknowns is left to multigrid for a single problem, and factorised for two load steps.
+
+The constants are least squares over the block (p = 6 to 24) and parts with 2 000 to 80 000 unknowns, of processor time
+on one thread; their ratios matter (docs/measurements.md).  What they are fitted to:
+
+    coulomb benchmark parts --method direct --method iterative --clscale 1 --clscale 0.5 --clscale 0.3
+    coulomb benchmark scaling --method direct --p 10 --p 16 --p 24                 # and --method iterative
+    coulomb benchmark histories --p 10 --p 16 --peer coulomb
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import NamedTuple
+
+from ..factors import SINGLE_FROM, Work
+
+_OPERATION = 1.1e-11  # seconds per operation of the factorisation, in single precision
+_BYTE = 2.7e-9  # the rest of it, per byte of the factors
+_PATH = (0.034, 3.3e-8, 1.3e-9)  # path following: constant, per square of contact unknowns, per byte of the factors
+
+_SET_UP = 2.2e-6  # multigrid, per displacement unknown
+_ITERATION = (2.5e-4, 9.2e-8, 1.5e-7)  # constant, per displacement unknown; in the first load step, per contact unknown
+_ITERATIONS = 230.0  # of a block of hexahedra with 1000 contact unknowns
+_CONTACT = 0.2  # they grow with this power of the contact unknowns,
+_NEAR = 0.3  # with this one of the part of the contact face that is near,
+_LEAST_NEAR = 0.03
+_SLENDER = 0.12  # and with this one of the slenderness
+_BLOCK = 1.7  # slenderness of the block
+_TETRAHEDRA = 1.27
+_UNHELD = 1.5
+_SECOND_ORDER = 1.6
+_ASPECT = 0.8  # iterations grow with this power of the aspect of cells,
+_LONG = 3.3  # with the elongation of the contact face over that of the block,
+_INCOMPRESSIBLE, _STEEL = 0.5, 0.3  # and with this power of 1 / (1 - 2 nu) over that of steel
+_LEAST_COMPRESSIBLE = 1e-6
+
+_PATIENCE = 3.0  # times the expected iterations, before factors are made instead
+
+_FACTOR_RANKS = 0.9  # speed-up of everything but the operations of the fronts: ranks to this power; 1.87 on two
+_MULTIGRID_RANKS = 0.63  # of multigrid and its path following; 1.55 on two
+
+
+class Precision(Enum):
+    """Of the factors: their time over that in single precision, seconds per cube of contact unknowns besides, and the
+    time of a later load step over the first path.
+
+    In double precision a solve is one substitution, and the inverses that many solves need are kept.
+    """
+
+    SINGLE = 1.0, 0.0, 0.6
+    DOUBLE = 2.0, 1.0e-11, 0.3
+    REPEATED = 3.0, 1.0e-11, 0.3
+    """In single precision, and then in double, as that was not accurate enough."""
+
+
+class Measures(NamedTuple):
+    """What is known of a problem before it is solved, and decides how long multigrid takes.
+
+    Attributes:
+        displacement: Displacement unknowns.
+        contact: Displacements on which contact forces act.
+        slenderness: Width of the contact face over the thickness of the body behind it.
+        near: Part of the contact face that can touch soon, by its area: whose gap is hardly more than the smallest.
+        tetrahedra: Whether a body is of tetrahedra.
+        unheld: Whether contact alone resists a rigid motion.
+        second_order: Whether displacements are quadratic.
+        aspect: Of the cells in the mean, over that of cubes, or of tetrahedra that fill a cube.
+        elongation: Square of the diagonal of the contact face over its area: 2 for a square, 40 for a long strip.
+        poisson: Largest Poisson's ratio.
+    """
+
+    displacement: int
+    contact: int
+    slenderness: float
+    near: float = 1.0
+    tetrahedra: bool = False
+    unheld: bool = False
+    second_order: bool = False
+    aspect: float = 1.0
+    elongation: float = _LONG
+    poisson: float = _STEEL
+
+    @property
+    def iterations(self) -> float:
+        """Expected of multigrid in the first load step."""
+        cells = (_TETRAHEDRA if self.tetrahedra else 1.0) * (_SECOND_ORDER if self.second_order else 1.0)
+        stiffer = (1.0 - 2.0 * _STEEL) / max(1.0 - 2.0 * self.poisson, _LEAST_COMPRESSIBLE)
+        hard: float = max(self.aspect, 1.0) ** _ASPECT * max(stiffer, 1.0) ** _INCOMPRESSIBLE
+        cells *= hard * (_UNHELD if self.unheld else 1.0)
+        face: float = (self.contact / 1000.0) ** _CONTACT * max(self.near, _LEAST_NEAR) ** _NEAR
+        slender: float = max(self.slenderness / _BLOCK, 1.0) ** _SLENDER * max(self.elongation / _LONG, 1.0)
+        return _ITERATIONS * cells * face * slender
+
+
+def seconds_direct(
+    work: Work, contact: int, steps: int = 1, precision: Precision = Precision.SINGLE, ranks: int = 1
+) -> float:
+    """With K factorised and the Schur complement on the contact nodes, to the certificate of the last load step.
+
+    Args:
+        work: What the factorisation takes.
+        contact: Displacements on which contact forces act.
+        steps: Number of load steps.
+        precision: Expected of the factors.
+        ranks: Number of ranks.
+    """
+    constant, square, byte = _PATH
+    shared: float = ranks**_FACTOR_RANKS
+    factors = _OPERATION * work.longest + _BYTE * work.bytes / shared
+    path = constant + (square * contact**2 + byte * work.bytes) / shared
+    times, cube, later = precision.value
+    return times * factors + cube * contact**3 / ranks + path * (1.0 + later * (steps - 1))
+
+
+def seconds_multigrid(measures: Measures, steps: int = 1, ranks: int = 1) -> float:
+    """With products by multigrid, to the certificate of the last load step.
+
+    Args:
+        measures: What decides it.
+        steps: Number of load steps.
+        ranks: Number of ranks.
+    """
+    constant, of_all, of_contact = _ITERATION
+    shared: float = ranks**_MULTIGRID_RANKS
+    iteration = constant + of_all * measures.displacement / shared
+    first = iteration + of_contact * measures.contact / shared
+    later = (steps - 1) * iteration
+    return _SET_UP * measures.displacement / shared + measures.iterations * (first + later)
+
+
+def factorise(
+    work: Work,
+    measures: Measures,
+    steps: int = 1,
+    soft: bool = False,
+    precision: Precision = Precision.SINGLE,
+    room: float = math.inf,
+    ranks: int = 1,
+) -> bool:
+    """Whether K should be factorised: it fits into the memory, and takes no longer than multigrid.
+
+    Args:
+        work: What the factorisation takes.
+        measures: What decides how long multigrid takes.
+        steps: Number of load steps.
+        soft: Whether soft springs alone hold the body.
+        precision: Expected of the factors.
+        room: Free memory in bytes, of all ranks.
+        ranks: Number of ranks.
+    """
+    if not fits(work, not soft and precision is Precision.SINGLE, room):
+        return False
+    multigrid = seconds_multigrid(measures, steps, ranks)
+    return soft or seconds_direct(work, measures.contact, steps, precision, ranks) <= multigrid
+
+
+def fits(work: Work, single: bool, room: float) -> bool:
+    """Whether factors fit into the memory.
+
+    Args:
+        work: What the factorisation takes.
+        single: Whether they are in single precision where that is faster.
+        room: Free memory in bytes, of all ranks.
+    """
+    return work.bytes * (1.0 if single and work.operations >= SINGLE_FROM else 2.0) <= room
+
+
+def patience(
+    work: Work, measures: Measures, steps: int = 1, precision: Precision = Precision.SINGLE, ranks: int = 1
+) -> float:
+    """Iterations of multigrid in a load step after which factors are made instead, if they fit into the memory.
+
+    Multigrid then does not contract as predicted, and has taken as long as the step takes with factors.
+
+    Args:
+        work: What the factorisation takes.
+        measures: What decides how long multigrid takes.
+        steps: Number of load steps.
+        precision: Expected of the factors.
+        ranks: Number of ranks.
+    """
+    direct = seconds_direct(work, measures.contact, steps, precision, ranks)
+    return max(direct / seconds_multigrid(measures, steps, ranks), _PATIENCE) * measures.iterations

@@ -1,0 +1,161 @@
+"""The numerical part of the multifrontal factorisation: L of every front, in single or double precision.
+
+The fronts are dense: LAPACK and BLAS do nearly all of the work.  Memory is allocated twice, for L as a whole and for
+the update matrices, since the first access to new memory takes about as long as the sums there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg.blas import dsyrk, dtrsm, ssyrk, strsm
+from scipy.linalg.lapack import dpotrf, spotrf
+
+from ...arrays import FloatArray
+from ..nodal_blocks import NodalRows
+from .front_operations import Real, front_operations, split_columns
+from .nested_dissection import Front, Nodes
+
+_ROUTINES = {
+    np.dtype(np.float32): (spotrf, strsm, ssyrk),
+    np.dtype(np.float64): (dpotrf, dtrsm, dsyrk),
+}
+
+
+class NotPositiveDefinite(ValueError):
+    """A pivot is not positive in this precision."""
+
+
+class FrontalFactors:
+    """L of K = L L^T, of every front its columns: head (own, own), a lower triangle, and below (border, own).
+
+    Of a part of a body (`dissect_part`) the last front has a border, whose nodes come last.
+
+    Args:
+        K: The matrix, 3 rows per node.
+        fronts: The fronts, children before parents.
+        dtype: float32 or float64.
+
+    Attributes:
+        order: Nodes in the order of elimination, of a part also those of the last border.
+        heads: Of every front.
+        below: Of every front.
+        update: What remains on the border of the last front, a lower triangle; entries above it are undefined.
+
+    Raises:
+        NotPositiveDefinite: If a pivot is not positive in this precision.
+    """
+
+    def __init__(self, K: NodalRows, fronts: list[Front], dtype: npt.DTypeLike):
+        self._fronts, self.dtype = fronts, np.dtype(dtype)
+        self.order: Nodes = np.concatenate([*(front.own for front in fronts), fronts[-1].border])
+        own, border = (np.array([len(getattr(front, side)) for front in fronts]) for side in ("own", "border"))
+        memory = np.empty(9 * int(np.sum(own * (own + border))), dtype=self.dtype)
+        self._operations = front_operations(fronts, self.order, len(K.indptr) - 1, memory)
+        self._operations.assemble(K)
+        self.heads, self.below = split_columns(memory, own, border)
+        with np.errstate(all="ignore"):  # above the diagonal is anything
+            self._eliminate()
+
+    def _eliminate(self) -> None:
+        potrf, trsm, syrk = _ROUTINES[self.dtype]
+        fronts, updates, operations = self._fronts, dict[int, Real](), self._operations
+        whole = {front.children[0]: number for number, front in enumerate(fronts) if _is_update_of_child(fronts, front)}
+        stacks = Stacks(fronts, self.dtype)
+        for number, (front, head, below) in enumerate(zip(fronts, self.heads, self.below, strict=True)):
+            added = () if number in whole.values() else front.children
+            for child in added:
+                operations.add_to_columns(updates[child], fronts[child], head, below)
+            if len(head):
+                _, failed = potrf(head, lower=1, clean=0, overwrite_a=1)
+                if failed:
+                    raise NotPositiveDefinite(f"pivot {failed} of front {number}")
+            if number in whole:  # what remains is the whole of the last front, where K is already
+                update = self.heads[whole[number]]
+                if below.size:
+                    syrk(-1.0, trsm(1.0, head, below, 1, 1, 1, overwrite_b=1), 1.0, update, lower=1, overwrite_c=1)
+            else:
+                update = stacks.push(number)
+                if below.size:
+                    syrk(-1.0, trsm(1.0, head, below, 1, 1, 1, overwrite_b=1), 0.0, update, lower=1, overwrite_c=1)
+                else:
+                    update.fill(0.0)
+            for child in added:
+                operations.add_to_update(updates.pop(child), fronts[child], len(head), update)
+                stacks.pop(child)
+            updates[number] = update
+        self.update = updates[len(fronts) - 1]
+
+    def forward(self, x: Real) -> None:
+        """x <- L^-1 x in the order of elimination, shape (3 k,); on the last border, what remains of x."""
+        self._operations.forward(x)
+
+    def backward(self, x: Real) -> None:
+        """x <- L^-T x in the order of elimination, shape (3 k,), with given x on the last border."""
+        self._operations.backward(x)
+
+    def solve(self, rhs: FloatArray) -> FloatArray:
+        """K^-1 rhs, shapes (n, 3), in this precision."""
+        size = float(np.max(np.abs(rhs), initial=0.0)) or 1.0  # single precision has a small range
+        x = (rhs[self.order] / size).astype(self.dtype).ravel()
+        self.forward(x)
+        self.backward(x)
+        solution = np.empty_like(rhs)
+        solution[self.order] = x.reshape(-1, 3)
+        solution *= size
+        return solution
+
+
+class Stacks:
+    """Memory for the update matrices of the fronts.
+
+    When a front is assembled, the update matrices of its children are the latest ones at depths of their parity.  So
+    fronts of even and of odd depth have a stack each.
+
+    Args:
+        fronts: The fronts, children before parents.
+        dtype: Of the numbers.
+
+    Attributes:
+        entries: Numbers in both.
+    """
+
+    def __init__(self, fronts: list[Front], dtype: npt.DTypeLike):
+        self._side, height = stack_heights(fronts)
+        self._width = [3 * len(front.border) for front in fronts]
+        self._top = [0, 0]
+        self._memory = [np.empty(size, dtype=dtype) for size in height]
+
+    def push(self, number: int) -> Real:
+        """A square for the border of a front, in Fortran order; its content is undefined."""
+        side, width = self._side[number], self._width[number]
+        square = self._memory[side][self._top[side] : self._top[side] + width**2]
+        self._top[side] += width**2
+        return square.reshape((width, width), order="F")
+
+    def pop(self, number: int) -> None:
+        """Release the square that was pushed last on the side of this front."""
+        self._top[self._side[number]] -= self._width[number] ** 2
+
+
+def stack_heights(fronts: list[Front]) -> tuple[list[int], tuple[int, int]]:
+    """The stack of every front, 0 or 1, and the numbers that each stack has to hold."""
+    depth = [0] * len(fronts)
+    for number in reversed(range(len(fronts))):
+        for child in fronts[number].children:
+            depth[child] = depth[number] + 1
+    side = [d % 2 for d in depth]
+    last = {front.children[0] for front in fronts if _is_update_of_child(fronts, front)}
+    sizes = [0 if number in last else (3 * len(front.border)) ** 2 for number, front in enumerate(fronts)]
+    top, height = [0, 0], [0, 0]
+    for number, front in enumerate(fronts):
+        top[side[number]] += sizes[number]
+        height[side[number]] = max(height[side[number]], top[side[number]])
+        for child in front.children:
+            top[1 - side[number]] -= sizes[child]
+    return side, (height[0], height[1])
+
+
+def _is_update_of_child(fronts: list[Front], front: Front) -> bool:
+    """Whether a front is the last of a body, and the update matrix of its only child is all of it."""
+    return front.root and len(front.children) == 1 and len(fronts[front.children[0]].border) == len(front.own)

@@ -1,0 +1,229 @@
+"""K = L L^T on one rank by nested dissection, the contact nodes last: K^-1, and their Schur complement as a factor.
+
+The multifrontal method (Duff and Reid 1983) with dense fronts and LAPACK, in single precision where that is faster: at
+twice the rate, with half the memory.  A solve is then conjugate gradients in double precision, preconditioned by the
+factors: every iteration gains three to four digits on the block, and the last residual is that of a factorisation in
+double precision.  Where K is too ill-conditioned for that, because a pivot fails or the iterations converge slowly, it
+is factorised in double precision.
+
+It was compared with MUMPS 5.5, called from C (docs/measurements.md): MUMPS accepts the same order of elimination
+(ICNTL(7) = 1), also beside a Schur complement (ICNTL(19)), makes the same number of operations, and takes 1.2 to 1.7
+times as long as this method in double precision at p = 8 to 16.  PETSc 3.18 cannot pass the order on: the option
+mat_mumps_icntl_7 refuses 1, and MUMPS's Cholesky factorisation ignores the ordering of the preconditioner.  Without it
+MUMPS uses AMD beside a Schur complement: twice the operations at p = 16, and 2.2 times as long.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from petsc4py import PETSc
+from scipy.linalg.blas import dtrsv, strsv
+from scipy.linalg.lapack import dlauum, dpotri, dtrtri, strtri
+
+from ...arrays import FloatArray
+from ..nodal_blocks import NodalRows
+from .dense_inverse import DenseInverse
+from .front_operations import Real
+from .frontal_factors import FrontalFactors, stack_heights
+from .nested_dissection import Front, Nodes, dissect
+from .refined_solver import RefinedSolver
+
+SINGLE_FROM = 5e8
+"""Operations from which single precision is faster, refinement included (docs/measurements.md)."""
+
+
+_MANY = 1 / 8
+"""Solves with the Schur complement per row of it from which on its inverse is formed."""
+
+_PANEL = 256  # rows of the inverse of a factor that are used at once
+
+
+class Work(NamedTuple):
+    """What a factorisation takes.
+
+    Attributes:
+        operations: Additions and multiplications together.
+        bytes: Memory of factors and update matrices, in single precision; in double precision twice as much.
+        longest: Operations of the rank that has most to do; on one rank all.
+    """
+
+    operations: float
+    bytes: float
+    longest: float
+
+
+def predicted_work(fronts: list[Front]) -> Work:
+    """What it takes to factorise K with these fronts, without doing it."""
+    own = 3.0 * np.array([len(front.own) for front in fronts])
+    border = 3.0 * np.array([len(front.border) for front in fronts])
+    operations = float(np.sum(own**3 / 3 + own**2 * border + own * border**2))
+    entries = float(np.sum(own * (own + border))) + sum(stack_heights(fronts)[1])
+    return Work(operations, 4.0 * entries, operations)
+
+
+def symbolic(K: PETSc.Mat, points: FloatArray, last: npt.NDArray[np.integer[Any]]) -> list[Front]:
+    """The fronts of K, children before parents; arguments as of `MultifrontalSolver`."""
+    return _fronts_of(NodalRows(K), points, last)
+
+
+class MultifrontalSolver(RefinedSolver):
+    """Cholesky factorisation of K on one rank, some of its nodes last.
+
+    Args:
+        K: Symmetric positive definite, assembled, 3 rows per node, on one rank.
+        points: The nodes' coordinates, shape (k, 3).
+        last: Nodes to eliminate last, ascending.
+        single: Whether to factorise in single precision; by default where it is faster.
+        fronts: The result of `symbolic`, if it is known.
+        many: Whether many solves with the Schur complement are expected: the inverse of its factor, which the diagonal
+            takes, is then kept, and its inverse takes half the time later.
+
+    Attributes:
+        last: The same nodes, in the order of `schur_factors`, body after body.
+
+    Raises:
+        ValueError: If K is not positive definite.
+    """
+
+    method = "direct (nested dissection)"
+    _factors: FrontalFactors
+
+    def __init__(
+        self,
+        K: PETSc.Mat,
+        points: FloatArray,
+        last: npt.NDArray[np.integer[Any]],
+        single: bool | None = None,
+        fronts: list[Front] | None = None,
+        many: bool = False,
+    ):
+        super().__init__(K)
+        self._nodal: NodalRows | None = NodalRows(K)
+        self._fronts = _fronts_of(self._nodal, points, last) if fronts is None else fronts
+        roots = [number for number, front in enumerate(self._fronts) if front.root]
+        self._roots = [number for number in roots if len(self._fronts[number].own)]
+        self.last: Nodes = np.concatenate([np.empty(0, np.int64), *(self._fronts[root].own for root in self._roots)])
+        self._schur_solves, self._inverses = 0, list[DenseInverse]()
+        self._many, self._halves = many, list[Real]()
+        self._last: Nodes = (3 * self.last[:, None] + np.arange(3)).ravel()
+        if single is None:
+            single = predicted_work(self._fronts).operations >= SINGLE_FROM
+        self._factorise(single)
+        self._nodal = None  # it is large
+
+    def _factorised_in(self, dtype: npt.DTypeLike) -> FrontalFactors:
+        return FrontalFactors(self._nodal or NodalRows(self._K), self._fronts, dtype)
+
+    @property
+    def schur_factors(self) -> list[Real]:
+        """L of the Schur complement S = L L^T on the nodes `last` of each of the bodies, which S does not couple.
+
+        Lower triangles, shape (3 m, 3 m), Fortran order; entries above the diagonal are undefined.  The block of K^-1
+        on these nodes is S^-1.
+        """
+        return [self._factors.heads[root] for root in self._roots]
+
+    def contact_part(self, u: FloatArray) -> FloatArray:
+        """Displacements of the nodes `last`, shape (3 last,), of those of all nodes, shape (n,)."""
+        part: FloatArray = u[self._last]
+        return part
+
+    def contact_forces(self, z: FloatArray) -> FloatArray:
+        """Forces on the nodes `last`, shape (3 last,), among those on all nodes, shape (n,)."""
+        forces = np.zeros(len(self._root))
+        forces[self._last] = z
+        return forces
+
+    def schur_solve(self, z: FloatArray) -> FloatArray:
+        """S^-1 z, shape (3 last,): by the factors, or in double precision by the inverse, where many solves are
+        expected or have been made.
+
+        A product with a symmetric matrix reads half as much memory as two substitutions, with a vector of many zeros
+        still less (`DenseInverse`), and the inverse takes about as long as `_MANY` solves per row save; a third of that
+        where the inverse of the factor is known.
+        """
+        if self.exact:
+            self._schur_solves += 1
+            if self._halves or self._inverses or self._schur_solves > _MANY * len(self._last):
+                return self._by_inverse(z)
+        size = float(np.max(np.abs(z), initial=0.0)) or 1.0  # single precision has a small range
+        w: Real = (z / size).astype(self._factors.dtype)
+        trsv = strsv if self.single else dtrsv
+        start = 0
+        for L in self.schur_factors:
+            here = slice(start, start + len(L))
+            half = trsv(L, w[here], lower=1)
+            w[here] = trsv(L, half, lower=1, trans=1, overwrite_x=1)
+            start += len(L)
+        solution: FloatArray = w * np.float64(size)
+        return solution
+
+    def _by_inverse(self, z: FloatArray) -> FloatArray:
+        if not self._inverses:
+            if self._halves:
+                inverses = [dlauum(half, lower=1, overwrite_c=1)[0] for half in self._halves]
+                self._halves = []
+            else:
+                inverses = [dpotri(np.array(L, order="F"), lower=1, overwrite_c=1)[0] for L in self.schur_factors]
+            self._inverses = [DenseInverse(inverse) for inverse in inverses]
+        w, start = np.empty(len(z)), 0
+        for inverse in self._inverses:
+            here = slice(start, start + inverse.size)
+            w[here] = inverse @ z[here]
+            start += inverse.size
+        return w
+
+    def schur_diagonal(self, rows: scipy.sparse.csr_matrix) -> FloatArray:
+        """b^T S^-1 b for each row b of a matrix, shape (k, 3 last)."""
+        inverses = [inverse_factor(L) for L in self.schur_factors]
+        diagonal: FloatArray = np.zeros(rows.shape[0])
+        start = 0
+        for half in inverses:
+            diagonal += _squares(half, rows[:, start : start + len(half)])
+            start += len(half)
+        if self._many and self.exact and not self._inverses:
+            self._halves = inverses
+        return diagonal
+
+    def destroy(self) -> None:
+        """Free the factors."""
+        super().destroy()
+        self._fronts, self._inverses, self._halves = [], [], []
+
+
+def inverse_factor(L: Real) -> Real:
+    """L^-1, with zeros above the diagonal of its nodal blocks, and anything above these."""
+    inverse: Real = (strtri if L.dtype == np.float32 else dtrtri)(L, lower=1)[0]
+    for i in range(0, len(inverse), 3):
+        inverse[i, i + 1 : i + 3] = inverse[i + 1, i + 2] = 0.0
+    return inverse
+
+
+def _squares(inverse: Real, rows: scipy.sparse.csr_matrix) -> FloatArray:
+    """|L^-1 b|^2 for each row b of a matrix, shape (k, n), with the `inverse_factor` of a body.
+
+    For a row that sees one node, as before a rigid foundation and on the slave's side, only three columns count.
+    """
+    columns = [inverse[i:, i : i + 3] for i in range(0, len(inverse), 3)]
+    blocks = np.array([c.T @ c for c in columns], dtype=np.float64).reshape(-1, 3, 3)
+    each = np.arange(len(blocks) + 1)
+    nodal = scipy.sparse.bsr_matrix((blocks, each[:-1], each), inverse.shape)
+    squares: FloatArray = np.asarray((rows @ nodal).multiply(rows).sum(axis=1)).ravel()
+    of_row, node = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr)), rows.indices // 3
+    several = np.unique(of_row[node != node[rows.indptr[of_row]]])
+    squares[several], chosen = 0.0, rows[several]
+    for first in range(0, len(inverse), _PANEL) if len(several) else ():
+        end = min(first + _PANEL, len(inverse))
+        panel = np.triu(inverse.T[:end, first:end], -first)
+        squares[several] += np.sum((chosen[:, :end] @ panel) ** 2, axis=1)
+    return squares
+
+
+def _fronts_of(rows: NodalRows, points: FloatArray, last: npt.NDArray[np.integer[Any]]) -> list[Front]:
+    coupled = (np.empty(len(rows.indices), np.int8), rows.indices, rows.indptr)
+    graph = scipy.sparse.csr_matrix(coupled, shape=(len(points), len(points)))
+    return dissect(graph, points, last.astype(np.int64))

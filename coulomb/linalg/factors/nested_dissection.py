@@ -1,0 +1,310 @@
+"""Nested dissection of a body by planes: an order of elimination that ends on the contact nodes.
+
+A plane cuts the nodes into two halves and a separator, which is eliminated after both; the halves are cut recursively
+(George 1973; by coordinates: Heath and Raghavan 1995).  The contact nodes are the last separator, so the matrix that
+remains before their elimination is their Schur complement.  In a multifrontal factorisation (Duff and Reid 1983) each
+separator has a front: the nodes eliminated there, and a border, the nodes eliminated later that are coupled with these
+or with nodes eliminated below.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from scipy.sparse.csgraph import connected_components
+
+from ...arrays import FloatArray
+from ..native import kernels
+
+Nodes = npt.NDArray[np.int64]
+
+_Pairs = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]
+
+LEAF = 80
+"""Largest number of nodes of a part that is not cut (30 to 80 take the same time)."""
+
+_PART = 0.01
+"""Part of the nodes from which those that are coupled with no others are a body of their own."""
+
+_PARALLEL = 0.999  # component of a unit vector along an axis to which it is nearly parallel
+
+_BLOCK = 8  # nodes whose order along a separator is not changed
+
+
+@dataclass(frozen=True)
+class Front:
+    """A separator, or a part of the body that is not cut.
+
+    Attributes:
+        own: Nodes eliminated here.
+        border: Nodes coupled with them or with nodes eliminated below, and eliminated later; in the parent's order.
+        children: Numbers of the fronts whose update matrices are added here.
+        runs: The border's places in the parent, as runs of nodes that are contiguous in both: first in the border,
+            first in the parent's (own, border), and length, shape (k, 3).  None extends from own to border.
+        root: Whether it is the last one of a body.
+    """
+
+    own: Nodes
+    border: Nodes
+    children: tuple[int, ...]
+    runs: Nodes
+    root: bool = False
+
+
+def dissect(graph: scipy.sparse.csr_matrix, points: FloatArray, last: Nodes, leaf: int = LEAF) -> list[Front]:
+    """Fronts in the order of elimination, children before parents.
+
+    Bodies that are not coupled have a tree each, whose last front has no border; that with most nodes in it comes last.
+
+    Args:
+        graph: Coupled nodes, symmetric, shape (k, k); the values are not used.
+        points: The nodes' coordinates, shape (k, 3).  The amount of work depends on them, the result does not.
+        last: Nodes of the last fronts, ascending.
+        leaf: Largest number of nodes of a part that is not cut.
+    """
+    tree = _tree(graph, points, leaf)
+    body = _bodies(graph)
+    for number in np.argsort(np.bincount(body[last], minlength=np.max(body, initial=0) + 1), kind="stable"):
+        here = body == number
+        mine = last[here[last]]
+        here[mine] = False
+        tree.children.append(tree.grow(np.flatnonzero(here)))
+        tree.own.append(mine)
+    return _in_order(tree.own, _borders(graph, tree.own, tree.children), tree.children, points)
+
+
+def dissect_part(graph: scipy.sparse.csr_matrix, points: FloatArray, count: int, leaf: int = LEAF) -> list[Front]:
+    """Fronts of the first `count` nodes; the last one has those of the other nodes as its border that are coupled.
+
+    Args:
+        graph: Nodes coupled with the first ones, shape (k, k); the other rows are empty.
+        points: The nodes' coordinates, shape (k, 3).
+        count: Number of the nodes to eliminate.
+        leaf: Largest number of nodes of a part that is not cut.
+
+    Returns:
+        The fronts in the order of elimination; the border of the last one is ascending.
+    """
+    tree = _tree(graph, points, leaf)
+    tree.grow(np.arange(count))
+    return _in_order(tree.own, _borders(graph, tree.own, tree.children), tree.children, points)
+
+
+def _bodies(graph: scipy.sparse.csr_matrix) -> Nodes:
+    """Number of the body of each node, shape (k,): bodies are not coupled with each other."""
+    _, label = connected_components(graph, directed=False)
+    return large_parts(label)
+
+
+def large_parts(label: npt.NDArray[np.integer[Any]]) -> Nodes:
+    """Number of the body of each node, from that of the part of nodes that are coupled with each other, shape (k,).
+
+    Parts with few of the nodes, such as held nodes, which are coupled with none, belong to the first body.
+    """
+    size = np.bincount(label)
+    large = size >= _PART * len(label)
+    number = np.where(large, np.cumsum(large) - 1, 0)
+    found: Nodes = number[label].astype(np.int64)
+    return found
+
+
+def _tree(graph: scipy.sparse.csr_matrix, points: FloatArray, leaf: int) -> _Tree:
+    """An empty tree, which grows in C where there are kernels: in a tenth of the time."""
+    library = kernels()
+    return _Tree(graph, points, leaf) if library is None else _TreeInC(graph, points, leaf, library)
+
+
+class _Tree:
+    """Separators in the order of elimination: the nodes of each, and its children."""
+
+    def __init__(self, graph: scipy.sparse.csr_matrix, points: FloatArray, leaf: int):
+        self.points, self.leaf = points, leaf
+        self.own: list[Nodes] = []
+        self.children: list[tuple[int, ...]] = []
+        self._graph = graph
+
+    @cached_property
+    def _pairs(self) -> _Pairs:
+        row = np.repeat(np.arange(len(self.points), dtype=np.int32), np.diff(self._graph.indptr))
+        once = row < self._graph.indices
+        return row[once], self._graph.indices[once].astype(np.int32)
+
+    def grow(self, nodes: Nodes) -> tuple[int, ...]:
+        """Cut these nodes down to the leaves; the number of their front, or nothing if there are no nodes."""
+        part = np.ones(len(self.points), dtype=np.int8)
+        part[nodes] = 0
+        return self._grow(nodes, _within(part, 0, nodes, self._pairs))
+
+    def _grow(self, nodes: Nodes, pairs: _Pairs) -> tuple[int, ...]:
+        """As `grow`, with the coupled pairs of these nodes by their places among them."""
+        if len(nodes) == 0:
+            return ()
+        part = self._cut(nodes, pairs) if len(nodes) > self.leaf else None
+        own, below = nodes, tuple[int, ...]()
+        if part is not None:
+            low, high, separator = (np.flatnonzero(part == number) for number in range(3))
+            own = nodes[separator]
+            below = self._grow(nodes[low], _within(part, 0, low, pairs))
+            below += self._grow(nodes[high], _within(part, 1, high, pairs))
+        self.children.append(below)
+        self.own.append(own)
+        return (len(self.own) - 1,)
+
+    def _cut(self, nodes: Nodes, pairs: _Pairs) -> npt.NDArray[np.int8] | None:
+        """0 and 1 for the nodes of two parts that are not coupled, 2 for the smallest separator found; or None."""
+        best, least = None, len(nodes)
+        for high in halves(self.points[nodes]):
+            across = np.flatnonzero(high[pairs[0]] != high[pairs[1]])
+            touching = np.zeros(len(nodes), dtype=bool)
+            for ends in pairs:
+                touching[ends[across]] = True
+            for separator in (touching & high, touching & ~high):
+                count = int(np.count_nonzero(separator))
+                if best is None or count < least:
+                    best, least = (high, separator), count
+        if best is None:
+            return None
+        part = best[0].astype(np.int8)
+        part[best[1]] = 2
+        return part
+
+
+class _TreeInC(_Tree):
+    """By native/dissection.c: the same cuts."""
+
+    def __init__(self, graph: scipy.sparse.csr_matrix, points: FloatArray, leaf: int, library: ctypes.CDLL):
+        super().__init__(graph, np.ascontiguousarray(points, dtype=np.float64), leaf)
+        self._dissect = library.dissect_nodes
+        self._dissect.restype = ctypes.c_long
+        self._ptr, self._col = graph.indptr.astype(np.int64), graph.indices.astype(np.int64)
+
+    def grow(self, nodes: Nodes) -> tuple[int, ...]:
+        count, first = len(nodes), len(self.own)
+        if count == 0:
+            return ()
+        given, own, counts, below = (np.empty(size * count, dtype=np.int64) for size in (1, 1, 2, 4))  # some are empty
+        given[:] = nodes
+        arrays = (self._ptr, self._col, self.points)
+        made = self._dissect(
+            *(ctypes.c_long(len(self.points)), ctypes.c_long(count), ctypes.c_void_p(given.ctypes.data)),
+            *(ctypes.c_void_p(array.ctypes.data) for array in arrays),
+            *(ctypes.c_long(self.leaf), *(ctypes.c_void_p(array.ctypes.data) for array in (own, counts, below))),
+        )
+        if made < 0:
+            raise MemoryError("the order of elimination needs more memory than there is")
+        self.own += np.split(own, np.cumsum(counts[: made - 1]))
+        self.children += [
+            tuple(first + child for child in two if child >= 0) for two in below[: 2 * made].reshape(-1, 2).tolist()
+        ]
+        return (len(self.own) - 1,)
+
+
+def _within(part: npt.NDArray[np.int8], number: int, nodes: Nodes, pairs: _Pairs) -> _Pairs:
+    """Pairs of which both are in the part with a number, by their places among its nodes."""
+    place = np.empty(len(part), dtype=np.int32)
+    place[nodes] = np.arange(len(nodes), dtype=np.int32)
+    inside = part == number
+    both = np.flatnonzero(inside[pairs[0]] & inside[pairs[1]])
+    return place[pairs[0][both]], place[pairs[1][both]]
+
+
+def halves(x: FloatArray, low: float = 0.5) -> Iterator[npt.NDArray[np.bool_]]:
+    """Which nodes lie beyond the median along each coordinate axis and along the longest principal axis.
+
+    Args:
+        x: Coordinates, shape (k, 3).
+        low: Part of the nodes before the cut, if it is not the half.
+    """
+    centred = x - x.mean(axis=0)
+    _, principal = np.linalg.eigh(centred.T @ centred)
+    axes, longest = [*centred.T], principal[:, 2]
+    most = longest[np.argmax(np.abs(longest))]
+    if abs(most) < _PARALLEL:
+        axes.append(centred @ longest * np.sign(most))  # LAPACK's vectors may have either sign
+    for along in axes:
+        extent = np.ptp(along)
+        middle = int(low * (len(along) - 1))
+        cut = np.partition(along, middle)[middle]
+        high = along > cut + 1e-9 * extent
+        if 2 * np.count_nonzero(high) < (1.0 - low) * len(along):  # many nodes at the cut itself
+            high = along > cut - 1e-9 * extent
+        if high.any() and not high.all():
+            yield high
+
+
+def _borders(graph: scipy.sparse.csr_matrix, own: list[Nodes], children: list[tuple[int, ...]]) -> list[Nodes]:
+    """The border of every front, ascending."""
+    left = np.ones(graph.shape[0], dtype=bool)  # not eliminated
+    borders: list[Nodes] = []
+    starts, counts = graph.indptr[:-1], np.diff(graph.indptr)
+    for nodes, below in zip(own, children, strict=True):
+        left[nodes] = False
+        count = counts[nodes]
+        entries = np.repeat(starts[nodes] - np.cumsum(count) + count, count) + np.arange(count.sum())
+        coupled = np.concatenate([graph.indices[entries], *(borders[child] for child in below)])
+        borders.append(np.unique(coupled[left[coupled]]))
+    return borders
+
+
+def _in_order(
+    own: list[Nodes], borders: list[Nodes], children: list[tuple[int, ...]], points: FloatArray
+) -> list[Front]:
+    """The fronts, with their nodes ordered so that the border of each consists of few runs in its parent.
+
+    Neighbours in space are neighbours in every front: its own nodes are in the order of `along_space`, its border in
+    the order of the parent.
+    """
+    place = np.empty(len(points), dtype=np.int64)
+    order_of_border = list(borders)
+    runs: list[Nodes] = [np.empty((0, 3), dtype=np.int64)] * len(own)
+    fronts: list[Front] = []
+    inner = {child for below in children for child in below}
+    for number in reversed(range(len(own))):
+        mine = own[number] if not children[number] else along_space(own[number], points)
+        both = np.concatenate([mine, order_of_border[number]])
+        place[both] = np.arange(len(both))
+        for child in children[number]:
+            border = borders[child][np.argsort(place[borders[child]])]
+            order_of_border[child], runs[child] = border, runs_of(place[border], len(mine))
+        root = number not in inner
+        fronts.append(Front(mine, order_of_border[number], children[number], runs[number], root))
+    return fronts[::-1]
+
+
+def runs_of(places: Nodes, own: int) -> Nodes:
+    """Ascending places as runs (first, its place, length), split where they leave the parent's own nodes."""
+    if len(places) == 0:
+        return np.empty((0, 3), dtype=np.int64)
+    cut = places[1:] != places[:-1] + 1
+    border = int(np.searchsorted(places, own))
+    if 0 < border < len(places):
+        cut[border - 1] = True
+    runs = np.empty((1 + np.count_nonzero(cut), 3), dtype=np.int64)
+    runs[0, 0], runs[1:, 0] = 0, np.flatnonzero(cut) + 1
+    runs[:, 1] = places[runs[:, 0]]
+    runs[:-1, 2] = runs[1:, 0] - runs[:-1, 0]
+    runs[-1, 2] = len(places) - runs[-1, 0]
+    return runs
+
+
+def along_space(nodes: Nodes, points: FloatArray) -> Nodes:
+    """The nodes ordered by halves, quarters and so on along their longest extents."""
+    library = kernels()
+    if library is not None:
+        ordered, places = nodes.astype(np.int64), np.ascontiguousarray(points, dtype=np.float64)
+        given = (ctypes.c_void_p(array.ctypes.data) for array in (ordered, places))
+        if not library.order_along_space(ctypes.c_long(len(nodes)), *given, ctypes.c_long(_BLOCK)):
+            return ordered
+    if len(nodes) <= _BLOCK:
+        return nodes
+    x = points[nodes]
+    nodes = nodes[np.argsort(x[:, np.argmax(np.ptp(x, axis=0))], kind="stable")]
+    half = len(nodes) // 2
+    return np.concatenate([along_space(nodes[:half], points), along_space(nodes[half:], points)])

@@ -1,0 +1,325 @@
+"""Matrices in small dense blocks with products in C (native/): symmetric ones, and interpolations between grids.
+
+Values are stored in single precision, half the memory that a product reads; vectors and sums are in double precision.
+A symmetric matrix keeps what single precision rounds off as well, for products as accurate as in double precision.
+The entries in columns of other ranks are a matrix of their own, of which only the rows that have such entries are kept.
+While the blocks of a vector that they need come from other ranks (ghost_blocks.py), the product with this rank's own
+columns is made.
+
+Vectors of this rank are arrays with room for a few numbers behind their end (`padded`).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from mpi4py import MPI
+
+from ...arrays import FloatArray
+from ..native import threads
+from ..petsc_arrays import DistributedEntries, Entries
+from .ghost_blocks import PADDING, Exchange, GhostBlocks, address, padded
+
+__all__ = [
+    "PADDING",
+    "SHAPES",
+    "BlockInterpolation",
+    "Blocks",
+    "DistributedBlocks",
+    "SymmetricBlocks",
+    "address",
+    "distributed_blocks",
+    "in_kernel_blocks",
+    "joined_rows",
+    "on_every_rank",
+    "padded",
+]
+
+SHAPES = ((3, 3), (3, 6), (6, 6))
+"""Shapes of blocks for which there are kernels."""
+
+_LANES = {3: 4, 6: 8}
+_ALONE = 180_000  # entries below which one thread takes less time than several
+_Array = npt.NDArray[Any]
+
+
+class _OthersOfKernels(ctypes.Structure):
+    """`struct others` of native/exchange.h."""
+
+    _fields_ = (
+        ("ghosts", ctypes.POINTER(Exchange)),
+        *((name, ctypes.c_void_p) for name in ("rows", "ptr", "col", "val", "low", "sums")),
+        *((name, ctypes.c_int) for name in ("n", "columns")),
+    )
+
+
+class _BlocksOfKernels(ctypes.Structure):
+    """`struct blocks` of native/exchange.h."""
+
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("shares", "ptr", "col", "val", "low", "sums")),
+        ("others", ctypes.POINTER(_OthersOfKernels)),
+        *((name, ctypes.c_int) for name in ("n", "columns", "threads")),
+    )
+
+
+class Blocks(NamedTuple):
+    """Rows of blocks.
+
+    Attributes:
+        pointers: Where the blocks of a row begin, shape (rows + 1,).
+        columns: Columns of blocks.
+        values: In single precision, block after block by rows, padded.
+        low: What single precision rounds off, padded; None if it is not kept.
+    """
+
+    pointers: npt.NDArray[np.int32]
+    columns: npt.NDArray[np.int32]
+    values: npt.NDArray[np.float32]
+    low: npt.NDArray[np.float32] | None
+
+
+def in_kernel_blocks(
+    library: ctypes.CDLL, entries: Entries, shape: tuple[int, int], accurate: bool = False, upper: bool = False
+) -> Blocks:
+    """Entries in blocks; of an upper triangle the block on the diagonal is first in its row, and always there."""
+    rows = (len(entries.indptr) - 1) // shape[0]
+    indptr, indices = (array.astype(np.int32, copy=False) for array in entries[:2])
+    pointers = np.empty(rows + 1, dtype=np.int32)
+
+    def convert(values: _Array, *out: _Array | None) -> int:
+        arrays = [indptr, indices, values, pointers, *out]
+        return int(library.to_blocks(ctypes.c_long(rows), *shape, int(upper), *map(address, arrays)))
+
+    values = entries.values
+    count = convert(values, None, None, None)
+    if count < 0:  # columns do not ascend
+        csr = scipy.sparse.csr_matrix((values.copy(), indices.copy(), indptr))
+        csr.sort_indices()
+        return in_kernel_blocks(library, Entries(csr.indptr, csr.indices, csr.data), shape, accurate, upper)
+    columns = np.empty(count, dtype=np.int32)
+    high = np.zeros(count * shape[0] * shape[1] + PADDING, dtype=np.float32)
+    low = np.zeros_like(high) if accurate else None
+    convert(values, columns, high, low)
+    return Blocks(pointers, columns, high, low)
+
+
+class DistributedBlocks(NamedTuple):
+    """Rows of this rank of a distributed matrix in blocks.
+
+    Attributes:
+        comm: The ranks.
+        own: Blocks in this rank's columns.
+        others: Blocks in columns of other ranks, as places in `needed`; None on one rank.
+        needed: Numbers of columns of other ranks, ascending.
+        starts: Number of the first column of each rank, and of all columns, shape (ranks + 1,).
+    """
+
+    comm: MPI.Comm
+    own: Blocks
+    others: Blocks | None
+    needed: _Array
+    starts: _Array
+
+
+def distributed_blocks(
+    library: ctypes.CDLL,
+    entries: DistributedEntries,
+    shape: tuple[int, int],
+    accurate: bool = False,
+    upper: bool = False,
+) -> DistributedBlocks:
+    """Entries in blocks, the rows and columns of a block on one rank; of this rank's columns the upper triangle if
+    `upper`, with what single precision rounds off if `accurate`."""
+    needed, place = np.unique(entries.columns // shape[1], return_inverse=True)
+    own, others = in_kernel_blocks(library, entries.own, shape, accurate, upper), None
+    if entries.others is not None:
+        at = (shape[1] * place.reshape(-1) + entries.columns % shape[1]).astype(np.int32)
+        indptr, indices, values = entries.others
+        indices = at[indices] if len(indices) else np.empty(0, np.int32)
+        others = in_kernel_blocks(library, Entries(indptr, indices, values), shape, accurate)
+    return DistributedBlocks(entries.comm, own, others, needed, entries.starts // shape[1])
+
+
+def joined_rows(*parts: Blocks) -> Blocks:
+    """Matrices of as many rows as one, without what single precision rounds off; columns do not ascend."""
+    row = np.concatenate([np.repeat(np.arange(len(part.pointers) - 1), np.diff(part.pointers)) for part in parts])
+    order = np.argsort(row, kind="stable")
+    blocks = np.concatenate([part.values[:-PADDING] for part in parts]).reshape(len(row), -1 if len(row) else 0)
+    values = np.concatenate([blocks[order].ravel(), np.zeros(PADDING, np.float32)])
+    pointers = sum((part.pointers for part in parts), np.zeros_like(parts[0].pointers))
+    return Blocks(pointers, np.concatenate([part.columns for part in parts])[order], values, None)
+
+
+def on_every_rank(P: DistributedBlocks) -> DistributedBlocks:
+    """An interpolation from a grid that every rank has as a whole: all columns are this rank's."""
+    if P.others is None:
+        return P
+    first = P.starts[P.comm.rank]
+    parts = (P.own, P.own.columns + first), (P.others, P.needed[P.others.columns])
+    whole = joined_rows(*(part._replace(columns=columns.astype(np.int32)) for part, columns in parts))
+    return DistributedBlocks(MPI.COMM_SELF, whole, None, P.needed[:0], np.array([0, P.starts[-1]]))
+
+
+class _InKernels:
+    """A matrix in blocks with all that the kernels need for products; collective.
+
+    Args:
+        matrix: The matrix.
+        shape: Rows and columns of a block.
+        shares: How threads share the rows of an upper triangle; None for one thread.
+        sums: Blocks of sums that a product needs.
+        team: Threads.
+
+    Attributes:
+        reference: For kernels; valid until `destroy`.
+    """
+
+    def __init__(self, matrix: DistributedBlocks, shape: tuple[int, int], shares: _Array | None, sums: int, team: int):
+        own, others, lanes = matrix.own, matrix.others, _LANES[shape[1]]
+        columns = int(np.diff(matrix.starts)[matrix.comm.rank])
+        arrays = [shares, *own, np.zeros(lanes * sums + PADDING)]
+        sizes = len(own.pointers) - 1, columns, team
+        self._ghosts: GhostBlocks | None = None
+        elsewhere = None
+        if others is not None:
+            self._ghosts = GhostBlocks(matrix.comm, matrix.starts, matrix.needed, shape[1])
+            rows = np.flatnonzero(np.diff(others.pointers)).astype(np.int32)
+            pointers = np.append(others.pointers[rows], others.pointers[-1]).astype(np.int32)
+            needed = len(matrix.needed)
+            of_others = [rows, pointers, *others[1:], np.zeros(lanes * needed + PADDING)]
+            arrays += of_others
+            places = map(address, of_others)
+            elsewhere = _OthersOfKernels(ctypes.pointer(self._ghosts.exchange), *places, len(rows), needed)
+        self._arrays = arrays  # keeps them alive
+        pointer = None if elsewhere is None else ctypes.pointer(elsewhere)
+        self.reference = ctypes.byref(_BlocksOfKernels(*map(address, arrays[:6]), pointer, *sizes))
+
+    def destroy(self) -> None:
+        """Free the requests of messages."""
+        if self._ghosts is not None:
+            self._ghosts.destroy()
+
+
+def _checked(error: int) -> None:
+    """Raise MPI's error, if there is one."""
+    if error:
+        raise MPI.Exception(error)
+
+
+def _team(blocks: Blocks) -> int:
+    """Threads for a matrix."""
+    return threads() if len(blocks.values) >= _ALONE else 1
+
+
+def _shares(blocks: Blocks, team: int) -> tuple[npt.NDArray[np.int32] | None, int]:
+    """How threads share the rows of an upper triangle, as `shared` in native/blocks.h has it, and how many rows have
+    further sums; None for one thread."""
+    pointers, columns = blocks.pointers, blocks.columns
+    if team == 1:
+        return None, 0
+    begin = np.searchsorted(pointers, np.arange(1, team) * (len(columns) / team))
+    begin = np.concatenate([[0], begin, [len(pointers) - 1]])
+    parts = (columns[pointers[a] : pointers[b]] for a, b in itertools.pairwise(begin))
+    reach = np.maximum([1 + part.max(initial=-1) for part in parts], begin[1:])
+    return np.concatenate([[team], begin, reach]).astype(np.int32), int((reach - begin[1:]).sum())
+
+
+class SymmetricBlocks:
+    """A symmetric matrix by its upper triangle in blocks.
+
+    Args:
+        library: The kernels.
+        matrix: Symmetric; the rows of a block on one rank.
+        size: Rows of a block, 3 or 6.
+        accurate: Whether `mult` is as accurate as in double precision, for which it keeps twice as many numbers.
+
+    Attributes:
+        size: Rows of this rank.
+        threads: Of its products.
+    """
+
+    def __init__(self, library: ctypes.CDLL, matrix: DistributedEntries, size: int, accurate: bool = False):
+        blocks = distributed_blocks(library, matrix, (size, size), accurate, upper=True)
+        self._blocks = blocks.own
+        n = len(self._blocks.pointers) - 1
+        self.size, self._width = size * n, size
+        self.threads = _team(self._blocks)
+        shares, beyond = _shares(self._blocks, self.threads)
+        self._matrix = _InKernels(blocks, (size, size), shares, n + beyond, self.threads)
+        self._product, self._residual, self._smooth = (
+            getattr(library, f"{name}_{size}_{size}") for name in ("product", "residual", "smooth")
+        )
+
+    @property
+    def diagonal(self) -> FloatArray:
+        """In single precision, shape (size,)."""
+        at = np.arange(self._width)
+        blocks = self._blocks.values[:-PADDING].reshape(-1, self._width, self._width)
+        diagonal: FloatArray = blocks[self._blocks.pointers[:-1, None], at, at].astype(np.float64).ravel()
+        return diagonal
+
+    def mult(self, x: FloatArray, y: FloatArray, accurate: bool = True) -> None:
+        """y <- K x, in double precision if `accurate`, here and in the matrix; x padded; collective."""
+        _checked(self._product(self._matrix.reference, int(accurate), address(x), address(y)))
+
+    def residual(self, b: FloatArray, x: FloatArray, r: FloatArray) -> None:
+        """r <- b - K x, K in single precision; x padded; collective."""
+        _checked(self._residual(self._matrix.reference, *map(address, (b, x, r))))
+
+    def smooth(
+        self, inverse: FloatArray, b: FloatArray, x: FloatArray, d: FloatArray, factors: FloatArray, zero: bool = False
+    ) -> None:
+        """Steps d <- first d + second inverse (b - K x), x <- x + d, K in single precision; collective.
+
+        Args:
+            inverse, b, x, d: Of this rank; x padded.
+            factors: The two of each step, shape (steps, 2).
+            zero: Whether x and d are 0 before the first step, whatever they hold.
+        """
+        vectors = map(address, (inverse, b, x, d))
+        _checked(self._smooth(self._matrix.reference, *vectors, len(factors), address(factors), int(zero)))
+
+    def destroy(self) -> None:
+        """Free the requests of messages."""
+        self._matrix.destroy()
+
+
+class BlockInterpolation:
+    """An interpolation P from a coarse grid, in blocks.
+
+    Args:
+        library: The kernels.
+        matrix: P.
+        shape: Rows and columns of a block, one of SHAPES.
+
+    Attributes:
+        shape: The argument.
+        columns: Unknowns of this rank on the coarse grid.
+    """
+
+    def __init__(self, library: ctypes.CDLL, matrix: DistributedBlocks, shape: tuple[int, int]):
+        self.shape = shape
+        coarse, team = int(np.diff(matrix.starts)[matrix.comm.rank]), _team(matrix.own)
+        self.columns = shape[1] * coarse
+        self._matrix = _InKernels(matrix, shape, None, coarse * team, team)
+        self._prolong, self._restrict = (
+            getattr(library, f"{name}_{shape[0]}_{shape[1]}") for name in ("prolong", "restrict_to")
+        )
+
+    def prolong(self, e: FloatArray, x: FloatArray) -> None:
+        """x <- x + P e; e padded; collective."""
+        _checked(self._prolong(self._matrix.reference, address(e), address(x)))
+
+    def restrict(self, r: FloatArray, b: FloatArray) -> None:
+        """b <- P^T r; collective."""
+        _checked(self._restrict(self._matrix.reference, address(r), address(b)))
+
+    def destroy(self) -> None:
+        """Free the requests of messages."""
+        self._matrix.destroy()

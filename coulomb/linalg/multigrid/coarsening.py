@@ -1,0 +1,265 @@
+"""From a grid of multigrid to a coarser one: aggregates, smoothed interpolation, and the Galerkin product.
+
+Smoothed aggregation (Vanek, Mandel, Brezina 1996) as PETSc's GAMG has it, in C with threads (native/coarsening.h), in
+blocks of a node's displacements, or of an aggregate's six rigid motions.  Aggregates are of one rank.  On each, the
+motions are made orthonormal: with the rows that K holds (no entry beside the diagonal) left out, so that a coarse
+displacement moves nothing that is held.  The Galerkin product is made row by row, from rows of P^T K that are kept as
+long as they are needed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import FloatArray
+from ..native import threads
+from ..petsc_arrays import DistributedEntries, Entries
+from ..reductions import concatenated
+from .block_matrix import PADDING, Blocks, DistributedBlocks, address, joined_rows
+from .row_exchange import RowExchange, to_owners
+from .whole_blocks import WholeBlocks, entries_of
+
+_Array = npt.NDArray[Any]
+
+_STRONG = 0.02  # part of the diagonals from which on nodes belong together, as GAMG's threshold
+_DAMPING = 1.7  # over the largest eigenvalue of D^-1 K, which is estimated a little too small
+_MOTIONS = 6
+_ALONE = 2_000  # nodes below which one thread takes less time than several
+
+
+class Coarser(NamedTuple):
+    """A coarser grid.
+
+    Attributes:
+        P: Interpolation from it.
+        matrix: P^T K P.
+        motions: Of its unknowns, that P makes the motions of the finer grid, shape (unknowns of this rank, 6).
+    """
+
+    P: DistributedBlocks
+    matrix: DistributedEntries
+    motions: FloatArray
+
+
+def coarser(
+    library: ctypes.CDLL,
+    matrix: DistributedEntries,
+    size: int,
+    motions: FloatArray,
+    inverse: FloatArray,
+    largest: float,
+) -> Coarser | None:
+    """The next grid; None if no two nodes belong together; collective.
+
+    Args:
+        library: The kernels.
+        matrix: K, symmetric.
+        size: Rows of a block, 3 or 6.
+        motions: The six that K maps to almost zero, shape (rows of this rank, 6).
+        inverse: Of the diagonal of K, shape (rows of this rank,).
+        largest: Eigenvalue of D^-1 K.
+    """
+    K = WholeBlocks(library, matrix, size)
+    team = threads() if K.count >= _ALONE else 1
+    aggregates, count, loose = _aggregates(library, K, team)
+    starts = np.concatenate([[0], np.cumsum(concatenated(K.comm, np.array([count])))])
+    if starts[-1] == 0:
+        return None
+    P0, R = _orthonormal(library, size, aggregates, count, loose, motions, team)
+    P = _smoothed(library, K, aggregates, starts, P0, _DAMPING / largest * inverse, team)
+    del P0
+    coarse = galerkin(library, K, P, _MOTIONS)
+    return Coarser(P, with_diagonal(coarse), R.reshape(-1, _MOTIONS))
+
+
+def _aggregates(library: ctypes.CDLL, K: WholeBlocks, team: int) -> tuple[npt.NDArray[np.int32], int, _Array]:
+    """The aggregate of each node of this rank or -1, how many there are, and which rows have entries beside the
+    diagonal."""
+    n, size = K.count, K.size
+    norms, loose = np.zeros(n), np.zeros(size * n, np.uint8)
+    examine = getattr(library, f"examine_{size}_6")
+    examine(n, team, *(address(array) for array in (*K.own, norms, loose)))
+    if K.others is not None:
+        examine(n, team, *(address(array) for array in (*K.others, None, loose)))
+    strong, aggregates = np.empty(len(K.own.columns), np.uint8), np.empty(n, np.int32)
+    strength = getattr(library, f"strength_{size}_6")
+    strength(n, team, *(address(array) for array in (*K.own, norms)), ctypes.c_double(_STRONG), address(strong))
+    graph: tuple[_Array, ...] = (K.own.pointers, K.own.columns, strong, aggregates)
+    count = library.aggregate(n, *map(address, graph))
+    return aggregates, count, loose
+
+
+def _orthonormal(
+    library: ctypes.CDLL, size: int, aggregates: _Array, count: int, loose: _Array, motions: FloatArray, team: int
+) -> tuple[FloatArray, FloatArray]:
+    """The motions with orthonormal columns on each aggregate, shape (rows, 6), padded; and R, shape (count, 6, 6)."""
+    members = np.argsort(aggregates, kind="stable").astype(np.int32)
+    begin = np.searchsorted(aggregates[members], np.arange(count + 1)).astype(np.int32)
+    P0 = np.zeros(motions.size + PADDING)[: motions.size].reshape(motions.shape)
+    P0[:] = motions
+    P0.reshape(len(aggregates), size * _MOTIONS)[aggregates < 0] = 0.0
+    R = np.zeros((count, _MOTIONS, _MOTIONS))
+    kernel = getattr(library, f"orthonormal_{size}_6")
+    kernel(count, team, *map(address, (begin, members, loose, P0, R)))
+    return P0, R
+
+
+def _smoothed(
+    library: ctypes.CDLL,
+    K: WholeBlocks,
+    aggregates: npt.NDArray[np.int32],
+    starts: _Array,
+    P0: FloatArray,
+    S: FloatArray,
+    team: int,
+) -> DistributedBlocks:
+    """(1 - S K) P0; collective."""
+    n, size, own = K.count, K.size, int(np.diff(starts)[K.comm.rank])
+    needed: _Array = np.empty(0, np.int64)
+    if K.others is not None:
+        numbers = np.where(aggregates >= 0, aggregates + starts[K.comm.rank], -1)
+        ghosts = _fetched(K, np.column_stack([numbers, P0.reshape(n, size * _MOTIONS)]))
+        of_ghosts = ghosts[:, 0].astype(np.int64)
+        needed = np.unique(of_ghosts[of_ghosts >= 0])
+        places = np.where(of_ghosts >= 0, own + np.searchsorted(needed, of_ghosts), -1)
+        aggregates = np.concatenate([aggregates, places]).astype(np.int32)
+        P0 = np.concatenate([P0.ravel(), ghosts[:, 1:].ravel(), np.zeros(PADDING)])
+    count = own + len(needed)
+    pointers = np.zeros(n + 1, np.int32)
+    library.coupled_aggregates(n, team, *K.pattern, address(aggregates), count, address(pointers[1:]))
+    np.cumsum(pointers, out=pointers)
+    columns = np.empty(pointers[-1], np.int32)
+    values = np.zeros(len(columns) * size * _MOTIONS + PADDING, np.float32)
+    kernel = getattr(library, f"smoothed_{size}_6")
+    kernel(n, team, *K.parts, address(aggregates), count, *map(address, (P0, S, pointers, columns, values)))
+    whole = Blocks(pointers, columns, values, None)
+    if K.others is None:
+        return DistributedBlocks(K.comm, whole, None, needed, starts)
+    mine = columns < own
+    others = _chosen(whole, ~mine, size * _MOTIONS)
+    others = others._replace(columns=others.columns - np.int32(own))
+    return DistributedBlocks(K.comm, _chosen(whole, mine, size * _MOTIONS), others, needed, starts)
+
+
+def _chosen(blocks: Blocks, chosen: npt.NDArray[np.bool_], numbers: int) -> Blocks:
+    """Some of the blocks, of so many numbers."""
+    pointers = np.concatenate([[0], np.cumsum(chosen)])[blocks.pointers].astype(np.int32)
+    values = np.zeros(int(pointers[-1]) * numbers + PADDING, np.float32)
+    values[:-PADDING] = blocks.values[:-PADDING].reshape(-1, numbers)[chosen].ravel()
+    return Blocks(pointers, blocks.columns[chosen], values, None)
+
+
+def _fetched(K: WholeBlocks, rows: FloatArray) -> FloatArray:
+    """Rows (nodes, k) of the nodes of other ranks; collective."""
+    exchange = RowExchange(K.comm, K.starts, K.ghosts)
+    fetched: FloatArray = exchange.fetched(rows[exchange.asked], np.ones(len(exchange.asked), np.int64))
+    return fetched
+
+
+def galerkin(library: ctypes.CDLL, K: WholeBlocks, P: DistributedBlocks, width: int) -> DistributedEntries:
+    """P^T K P, of P with blocks of so many columns; collective.
+
+    On several ranks the rows of P of other ranks' nodes are fetched, and what this rank's rows of K add to coarse rows
+    of other ranks is sent to these.
+    """
+    team = threads() if K.count >= _ALONE else 1
+    own = int(np.diff(P.starts)[K.comm.rank])
+    rows, numbers = (P.own, np.arange(own)) if P.others is None else _with_ghosts(K, P, own, width)
+    n, nodes = K.count, len(rows.pointers) - 1
+    coarse = own + len(P.needed)
+    begin = np.empty(coarse + 1, np.int32)
+    of, places = np.empty((2, rows.pointers[n]), np.int32)
+    library.by_columns(n, coarse, *map(address, (*rows[:2], begin, of, places)))
+    pointers = np.zeros(coarse + 1, np.int32)
+    pattern = (*map(address, (begin, of)), *K.pattern, *map(address, rows[:2]))
+    sizes = n, nodes, coarse, len(numbers), team
+    library.product_pattern(*sizes, *pattern, address(pointers[1:]), None)
+    np.cumsum(pointers, out=pointers)
+    columns = np.empty(pointers[-1], np.int32)
+    most = library.product_pattern(*sizes, *pattern, address(pointers), address(columns))
+    blocks = np.empty((len(columns), width, width))
+    kernel = getattr(library, f"galerkin_{K.size}_{width}")
+    out: tuple[_Array, ...] = (rows.pointers, rows.columns, rows.values, pointers, columns, blocks)
+    kernel(*sizes, most, *map(address, (begin, of, places)), *K.parts, *map(address, out))
+    if P.others is None:
+        entries = entries_of(library, pointers, columns, blocks, team)
+        return DistributedEntries(K.comm, entries, None, np.empty(0, np.int32), width * P.starts)
+    return _gathered(library, P, pointers, numbers[columns], blocks)
+
+
+def _with_ghosts(K: WholeBlocks, P: DistributedBlocks, own: int, width: int) -> tuple[Blocks, _Array]:
+    """The rows of P of this rank's nodes and of those to which K couples them, and the numbers of its columns: those of
+    this rank, those that its own rows need, and others; collective."""
+    assert P.others is not None
+    both = joined_rows(P.own, P.others._replace(columns=P.others.columns + np.int32(own)))
+    columns, lengths = both.columns, np.diff(both.pointers)
+    values = both.values[:-PADDING].reshape(len(columns), K.size * width)
+    known = np.concatenate([np.arange(own) + P.starts[K.comm.rank], P.needed])
+    rows = RowExchange(K.comm, K.starts, K.ghosts)
+    of_ghosts = rows.fetched(lengths[rows.asked], np.ones(len(rows.asked), np.int64))
+    asked = _rows_of(lengths, rows.asked)
+    fetched = rows.fetched(known[columns[asked]], lengths[rows.asked])
+    more = rows.fetched(values[asked], lengths[rows.asked])
+    numbers_of_columns = np.concatenate([known, np.setdiff1d(fetched, known)])
+    order = np.argsort(numbers_of_columns)
+    places = order[np.searchsorted(numbers_of_columns, fetched, sorter=order)].astype(np.int32)
+    pointers = np.concatenate([[0], np.cumsum(np.concatenate([lengths, of_ghosts]))]).astype(np.int32)
+    together = np.concatenate([values.ravel(), more.ravel(), np.zeros(PADDING, np.float32)])
+    return Blocks(pointers, np.concatenate([columns, places]).astype(np.int32), together, None), numbers_of_columns
+
+
+def _rows_of(lengths: _Array, chosen: _Array) -> _Array:
+    """The places of the entries of some rows, one row after the other."""
+    begin = np.concatenate([[0], np.cumsum(lengths)])[chosen]
+    ends = np.cumsum(lengths[chosen])
+    places: _Array = np.arange(ends[-1] if len(ends) else 0)
+    places += np.repeat(begin - ends + lengths[chosen], lengths[chosen])
+    return places
+
+
+def _gathered(
+    library: ctypes.CDLL, P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: FloatArray
+) -> DistributedEntries:
+    """The sums of what all ranks have for a row; collective."""
+    comm, width = P.comm, blocks.shape[1]
+    first, end = P.starts[comm.rank : comm.rank + 2]
+    own = end - first
+    row = np.repeat(np.concatenate([np.arange(first, end), P.needed]), np.diff(pointers))
+    mine = int(pointers[own])
+    arrays = row, columns, blocks
+    given = to_owners(comm, P.starts, row[mine:], *(array[mine:] for array in arrays))
+    rows, numbers, values = (np.concatenate([array[:mine], more]) for array, more in zip(arrays, given, strict=True))
+    order = np.lexsort((numbers, rows))
+    rows, numbers = rows[order] - first, numbers[order]
+    new = np.append(True, (np.diff(rows) != 0) | (np.diff(numbers) != 0))[: len(rows)]
+    at = np.flatnonzero(new)
+    values = np.add.reduceat(values[order], at, axis=0) if len(at) else values
+    rows, numbers = rows[at], numbers[at]
+
+    inside = (numbers >= first) & (numbers < end)
+    needed, place = np.unique(numbers[~inside], return_inverse=True)
+
+    def part(chosen: _Array, places: _Array) -> Entries:
+        lengths = np.bincount(rows[chosen], minlength=own)
+        begin = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+        return entries_of(library, begin, places.astype(np.int32), values[chosen], 1)
+
+    others = part(~inside, place.reshape(-1))
+    single = (width * needed[:, None] + np.arange(width)).ravel()
+    return DistributedEntries(comm, part(inside, numbers[inside] - first), others, single, width * P.starts)
+
+
+def with_diagonal(matrix: DistributedEntries) -> DistributedEntries:
+    """With mean numbers where the diagonal is 0, in rows of motions that an aggregate does not have."""
+    indptr, indices, values = matrix.own
+    row = np.repeat(np.arange(len(indptr) - 1, dtype=np.int32), np.diff(indptr))
+    at = np.flatnonzero(indices == row)
+    none = values[at] == 0.0
+    if np.any(none):
+        mean = values[at][~none].mean() if not np.all(none) else 1.0
+        values[at[none]] = mean
+    return matrix

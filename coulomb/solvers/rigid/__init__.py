@@ -1,0 +1,18 @@
+"""Coulomb's law for an explicit matrix A, as rigid bodies have it: Gauss-Seidel, an interior point of second-order
+cones and regularised Newton steps.  The door is `solve_coulomb`.
+"""
+
+from .cone_interior_point import ConeInteriorPoint
+from .cones import cone_residual
+from .general import solve_coulomb, solve_tresca
+from .matrix_automatic import MatrixAutomatic
+from .regularised_newton import RegularisedNewton
+
+__all__ = [
+    "ConeInteriorPoint",
+    "MatrixAutomatic",
+    "RegularisedNewton",
+    "cone_residual",
+    "solve_coulomb",
+    "solve_tresca",
+]

@@ -1,0 +1,255 @@
+"""The curve of smoothed problems, for problems of rigid bodies on which the interior-point path is blocked.
+
+    Z = W X + q + (eta |Z_t|_tau + tau) e,   X o Z = tau^2 e / rho,   |z|_tau = sqrt(|z|^2 + tau^2) - tau,
+    eta = max(0, 1 - tau),   tau from 1 to 0
+
+For every tau > 0 this has a solution wherever X in L, W X + q in L^* has one (V. Acary, F. Cadoux, C. Lemarechal, J.
+Malick, ZAMM 91, 2011: their fixed point of the slip by Brouwer's theorem, here with the barrier of the cones), and at
+tau = 1, where eta = 0, it is a convex problem with one solution.  So, generically, the solutions form a curve from
+there to tau = 0, with the forces at its end or with forces that grow without bound.  Friction makes it turn: tau may
+increase again for a part of it, and there Newton's method at a given, smaller tau is blocked.  Here tau is one of the
+unknowns, and the curve is followed in predictor and corrector steps (E. L. Allgower, K. Georg: Introduction to
+Numerical Continuation Methods, 2003): tau decreases where the determinant of the Newton matrix is positive, and
+increases where it is negative.  That needs no knowledge of the last direction, so that a step to another part of the
+curve does no harm.
+
+X and Z are functions of one unknown V = X - rho Z: with its eigenvalues l in the algebra of the cone, those of X are
+(l + r)/2, r = sqrt(l^2 + 4 tau^2), those of rho Z (r - l)/2.  Lengths are measured in V/r: the size of a step relative
+to where a contact changes its state.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...arrays import FloatArray
+from .cone_problem import ConeProblem
+from .cones import radius, times
+
+_FIRST, _LARGEST, _SHORTEST = 0.3, 3.0, 1e-6  # steps along the curve
+_TRAIL = 8  # points that are remembered
+_REACHED = 1e-8  # tau at which the curve ends
+_STARTING = 100  # Newton steps to its start
+
+
+class _Care(NamedTuple):
+    """How near the curve its points are.
+
+    Attributes:
+        accepted: Largest correction of a point.
+        contracting: Largest first correction after a predictor.
+        wanted: Of the first correction.
+        corrections: Their largest number.
+    """
+
+    accepted: float
+    contracting: float
+    wanted: float
+    corrections: int
+
+
+_QUICK, _CAREFUL = _Care(0.3, 1.0, 0.5, 4), _Care(0.1, 0.5, 0.25, 4)
+_CENTRED = _Care(1e-3, 1.0, 1.0, 8)
+
+
+class CurvePoint:
+    """A point (V, log tau), near the curve.
+
+    Args:
+        problem: The problem.
+        V: X - rho Z, shape (m, 3).
+        log: log tau.
+        rho: Forces over displacements, shape (m, 1).
+
+    Attributes:
+        V: X - rho Z, shape (m, 3).
+        log: log tau.
+        tau: tau.
+        X: Forces, inside L, shape (m, 3).
+        Z: Displacements, inside L, shape (m, 3).
+        G: Z - W X - q - (eta |Z_t|_tau + tau) e, shape (m, 3), 0 on the curve.
+    """
+
+    def __init__(self, problem: ConeProblem, V: FloatArray, log: float, rho: FloatArray):
+        self.V, self.log, self.tau = V, log, float(np.exp(log))
+        tau, size = self.tau, radius(V)
+        self._direction = V[:, 1:] / np.where(size > 0.0, size, 1.0)[:, None]
+        self._l = np.stack([V[:, 0] - size, V[:, 0] + size])
+        self._r = np.hypot(self._l, 2.0 * tau)
+        larger = 0.5 * (np.abs(self._l) + self._r)
+        smaller = tau**2 / larger
+        self._x = np.where(self._l > 0.0, larger, smaller)
+        self._z = np.where(self._l > 0.0, smaller, larger)
+        self.X, self.Z = self._vectors(self._x), self._vectors(self._z) / rho
+        eta, smoothed = max(0.0, 1.0 - tau), np.sqrt(radius(self.Z) ** 2 + tau**2)
+        self.G: FloatArray = self.Z - problem.w(self.X)
+        self.G[:, 0] -= eta * (smoothed - tau) + tau
+        self._E = np.tile(np.eye(3), (len(V), 1, 1))
+        self._E[:, 0, 1:] = -eta * self.Z[:, 1:] / smoothed[:, None]
+        moved = self._vectors(2.0 * tau**2 / self._r)  # dX/d(log tau) at this V, and rho dZ/d(log tau)
+        problem.products += 1
+        self.G_log = times(self._E, moved / rho) - (problem.W @ moved.ravel()).reshape(-1, 3)
+        self.G_log[:, 0] -= eta * (tau**2 / smoothed - tau) + tau - (tau * (smoothed - tau) if eta > 0.0 else 0.0)
+        self._rho = rho
+
+    def _vectors(self, eigenvalues: FloatArray) -> FloatArray:
+        """Those with these eigenvalues (2, m) and the frames of V."""
+        first, second = eigenvalues
+        x = np.empty_like(self.V)
+        x[:, 0], x[:, 1:] = 0.5 * (first + second), (0.5 * (second - first))[:, None] * self._direction
+        return x
+
+    def _blocks(self, eigenvalues: FloatArray, across: FloatArray) -> FloatArray:
+        """Symmetric matrices with these eigenvalues (2, m) in the frames of V, and (m,) across, shape (m, 3, 3)."""
+        first, second = eigenvalues
+        d, B = self._direction, np.zeros((len(self.V), 3, 3))
+        along = d[:, :, None] * d[:, None, :]
+        B[:, 0, 0] = 0.5 * (first + second)
+        B[:, 0, 1:] = B[:, 1:, 0] = (0.5 * (second - first))[:, None] * d
+        B[:, 1:, 1:] = B[:, :1, :1] * along + across[:, None, None] * (np.eye(2) - along)
+        return B
+
+    def newton_blocks(self) -> FloatArray:
+        """D of the matrix W + D for dX: -dZ/dX at constant tau, and with it the slip."""
+        D = self._blocks(self._z / self._x, self._z.sum(axis=0) / self._x.sum(axis=0)) / self._rho[:, :, None]
+        blocks: FloatArray = self._E @ D
+        return blocks
+
+    def unknowns(self, dX: FloatArray) -> FloatArray:
+        """dV of a dX at constant tau."""
+        return times(self._blocks(self._r / self._x, self._r.sum(axis=0) / self._x.sum(axis=0)), dX)
+
+    def relative(self, dV: FloatArray) -> FloatArray:
+        """dV over r, per contact, shape (m, 3)."""
+        return times(self._blocks(1.0 / self._r, 2.0 / self._r.sum(axis=0)), dV)
+
+
+class _Directions(NamedTuple):
+    """What a factorised Newton matrix says at a point: steps in V.
+
+    Attributes:
+        correction: To the curve at constant tau.
+        along: dV/d(log tau) of the curve.
+        forward: Sign of log tau along the curve, from its start to its end.
+    """
+
+    correction: FloatArray
+    along: FloatArray
+    forward: float
+
+
+class ConeCurve:
+    """The curve, step by step.
+
+    Args:
+        problem: The problem.
+        weight: rho over that of the natural map; each makes another curve.  On 13 problems whose contact forces
+            oppose each other 0.1 needs a half of the steps of 1.
+
+    Attributes:
+        rejected: Steps that were too long.
+        h: Length of the next step.
+    """
+
+    def __init__(self, problem: ConeProblem, weight: float = 0.1):
+        self._problem, self._care, self.h = problem, _QUICK, _FIRST
+        self._rho: FloatArray = weight * problem.rho
+        self.rejected = 0
+        self._trail: list[tuple[CurvePoint, _Directions]] = []
+
+    def start(self) -> CurvePoint | None:
+        """The solution at tau = 1, by damped Newton steps; None where they fail."""
+        problem = self._problem
+        at = self._point(np.zeros((problem.contacts, 3)), 0.0)
+        for _ in range(_STARTING):
+            found = self._directions(at)
+            if found is None:
+                return None
+            self._found = found
+            if float(np.abs(at.relative(found.correction)).max()) < 0.1 * self._care.accepted:
+                return at
+            size, alpha = float(np.linalg.norm(at.G)), 1.0
+            new = self._point(at.V + found.correction, 0.0)
+            while not np.linalg.norm(new.G) < (1.0 - 1e-4 * alpha) * size and alpha > _SHORTEST:
+                alpha *= 0.5
+                new = self._point(at.V + alpha * found.correction, 0.0)
+            at = new
+        return None
+
+    def _point(self, V: FloatArray, log: float) -> CurvePoint:
+        return CurvePoint(self._problem, V, log, self._rho)
+
+    def _directions(self, at: CurvePoint) -> _Directions | None:
+        matrix = self._problem.matrix
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            if not matrix.factorise(at.newton_blocks()):
+                return None
+            correction, along = at.unknowns(matrix.solve(at.G)), at.unknowns(matrix.solve(at.G_log))
+            if not (np.isfinite(correction).all() and np.isfinite(along).all()):
+                return None
+        return _Directions(correction, along, -matrix.sign())
+
+    def step(self, at: CurvePoint) -> CurvePoint | None:
+        """The next point; None at the end of the curve, or where no step succeeds."""
+        if at.tau < _REACHED:
+            return None
+        self._trail = [*self._trail[1 - _TRAIL :], (at, self._found)]
+        new = self._stepped(at)
+        if new is None and self._care is _QUICK:
+            self._care = _CAREFUL
+            for earlier, found in self._trail[::-1]:
+                centred = self._corrected(earlier, found.forward * found.along, found.forward, _CENTRED)[0]
+                if centred is not None:
+                    self.h = 0.1 * _FIRST
+                    new = self._stepped(centred)
+                    if new is not None:
+                        break
+        return new
+
+    def _stepped(self, at: CurvePoint) -> CurvePoint | None:
+        found = self._found
+        length = _norm(at, found.along, 1.0)
+        t, t_log = found.forward * found.along / length, found.forward / length
+        back = -_inner(at, t, t_log, found.correction, 0.0) / _inner(at, t, t_log, found.along, 1.0)
+        V, log = at.V + found.correction + back * found.along, at.log + back
+        while self.h > _SHORTEST:
+            new, first = self._corrected(self._point(V + self.h * t, log + self.h * t_log), t, t_log, self._care)
+            if new is not None:
+                grown = min(2.0, max(0.3, np.sqrt(self._care.wanted / max(first, 1e-9))))
+                self.h = min(self.h * grown, _LARGEST / max(abs(t_log), 0.1))
+                return new
+            self.rejected += 1
+            self.h *= 0.5
+        return None
+
+    def _corrected(self, at: CurvePoint, t: FloatArray, t_log: float, care: _Care) -> tuple[CurvePoint | None, float]:
+        """A point near the curve, by Newton steps orthogonal to (t, t_log), and the size of the first correction."""
+        first, last = 0.0, np.inf
+        for number in range(care.corrections):
+            found = self._directions(at)
+            if found is None:
+                break
+            along = _inner(at, t, t_log, found.along, 1.0)
+            d_log = -_inner(at, t, t_log, found.correction, 0.0) / along if along else np.inf
+            dV = found.correction + d_log * found.along
+            size = max(float(np.sqrt((at.relative(dV) ** 2).sum(axis=1)).max()), abs(d_log))
+            first = first if number else size
+            if size < care.accepted:
+                self._found = found
+                return at, first
+            if not size < min(care.contracting, 0.5 * last):
+                break
+            last = size
+            at = self._point(at.V + dV, at.log + d_log)
+        return None, first
+
+
+def _inner(at: CurvePoint, V: FloatArray, log: float, dV: FloatArray, dlog: float) -> float:
+    """The scalar product of two steps, that of V/r in the mean over the contacts."""
+    return float(np.vdot(at.relative(V), at.relative(dV))) / len(V) + log * dlog
+
+
+def _norm(at: CurvePoint, dV: FloatArray, dlog: float) -> float:
+    return float(np.sqrt(_inner(at, dV, dlog, dV, dlog)))

@@ -1,0 +1,167 @@
+"""Second-order cones L = {x: x_0 >= |(x_1, x_2)|}, many at once: arrays of shape (m, 3), a cone per row.
+
+F. Alizadeh, D. Goldfarb: Second-order cone programming, Mathematical Programming 95 (2003).  L is the cone of squares
+of the product x o y = (x.y, x_0 y_1 + y_0 x_1, x_0 y_2 + y_0 x_2) with the unit e = (1, 0, 0).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...arrays import FloatArray
+
+
+def radius(x: FloatArray) -> FloatArray:
+    """|(x_1, x_2)|, shape (m,)."""
+    size: FloatArray = np.sqrt(x[:, 1] ** 2 + x[:, 2] ** 2)
+    return size
+
+
+def determinant(x: FloatArray) -> FloatArray:
+    """x_0^2 - x_1^2 - x_2^2 without cancellation, shape (m,): positive inside the cone, 0 on its surface."""
+    t = radius(x)
+    product: FloatArray = (x[:, 0] - t) * (x[:, 0] + t)
+    return product
+
+
+def times(matrices: FloatArray, x: FloatArray) -> FloatArray:
+    """Matrices (m, 3, 3) times vectors (m, 3)."""
+    image: FloatArray = (matrices @ x[:, :, None])[:, :, 0]
+    return image
+
+
+def product(x: FloatArray, y: FloatArray) -> FloatArray:
+    """x o y, shape (m, 3)."""
+    xy = x[:, :1] * y + y[:, :1] * x
+    xy[:, 0] = np.einsum("ij,ij->i", x, y)
+    return xy
+
+
+def quotient(x: FloatArray, y: FloatArray) -> FloatArray:
+    """The z with x o z = y, shape (m, 3), for x inside the cone."""
+    z = np.empty_like(y)
+    z[:, 0] = (x[:, 0] * y[:, 0] - x[:, 1] * y[:, 1] - x[:, 2] * y[:, 2]) / determinant(x)
+    z[:, 1:] = (y[:, 1:] - z[:, :1] * x[:, 1:]) / x[:, :1]
+    return z
+
+
+def step_to_boundary(x: FloatArray, dx: FloatArray) -> float:
+    """The largest t for which x + t dx is in all cones, x inside them; inf if there is none."""
+    a = dx[:, 0] ** 2 - dx[:, 1] ** 2 - dx[:, 2] ** 2
+    b = x[:, 0] * dx[:, 0] - x[:, 1] * dx[:, 1] - x[:, 2] * dx[:, 2]
+    c = determinant(x)
+    discriminant = b**2 - a * c
+    root = np.sqrt(np.maximum(discriminant, 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = np.where(b <= 0.0, c / (root - b), np.where(a < 0.0, (b + root) / -a, np.inf))
+        t[discriminant < 0.0] = np.inf
+        axis = np.where(dx[:, 0] < 0.0, -x[:, 0] / dx[:, 0], np.inf)
+    return float(min(np.min(t), np.min(axis)))
+
+
+class Scaling(NamedTuple):
+    """Nesterov and Todd's scaling of x and z inside the cones: P x = P^-1 z = point.
+
+    Attributes:
+        P: Symmetric positive definite, maps the cone to itself, shape (m, 3, 3).
+        inverse: P^-1.
+        square: P^2, with P^2 x = z.
+        point: Shape (m, 3).
+    """
+
+    P: FloatArray
+    inverse: FloatArray
+    square: FloatArray
+    point: FloatArray
+
+
+def scaling(x: FloatArray, z: FloatArray) -> Scaling:
+    """The scaling of x and z, both inside the cones.
+
+    With x' = x / sqrt(det x), z' likewise, J = diag(1, -1, -1) and w = (z' + J x') / sqrt(2 + 2 x'.z'), P^2 is
+    sqrt(det z / det x) (2 w w^T - J), and P is the same with the square root of the hyperbolic rotation.
+    """
+    m, det_x, det_z = len(x), determinant(x), determinant(z)
+    unit_x, unit_z = x / np.sqrt(det_x)[:, None], z / np.sqrt(det_z)[:, None]
+    w = unit_z.copy()
+    w[:, 0] += unit_x[:, 0]
+    w[:, 1:] -= unit_x[:, 1:]
+    w /= np.sqrt(2.0 + 2.0 * np.einsum("ij,ij->i", unit_x, unit_z))[:, None]
+    size = np.sqrt(np.sqrt(det_z / det_x))[:, None, None]
+    P = np.empty((m, 3, 3))
+    P[:, 0, 0], P[:, 0, 1:], P[:, 1:, 0] = w[:, 0], w[:, 1:], w[:, 1:]
+    P[:, 1:, 1:] = np.eye(2) + w[:, 1:, None] * w[:, None, 1:] / (1.0 + w[:, :1, None])
+    inverse = P.copy()
+    inverse[:, 0, 1:] *= -1.0
+    inverse[:, 1:, 0] *= -1.0
+    P, inverse = size * P, inverse / size
+    return Scaling(P, inverse, P @ P, times(P, x))
+
+
+class Projection(NamedTuple):
+    """The nearest points of the cones to y.
+
+    Attributes:
+        point: Shape (m, 3).
+        lower: y_0 - |(y_1, y_2)|, shape (m,); the projection is y where it is not negative.
+        upper: y_0 + |(y_1, y_2)|; the projection is 0 where it is not positive.
+        direction: (y_1, y_2) / |(y_1, y_2)|, shape (m, 2), 0 on the axis.
+    """
+
+    point: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    direction: FloatArray
+
+    def derivative(self) -> FloatArray:
+        """An element of the generalised derivative, shape (m, 3, 3)."""
+        G = np.zeros((len(self.lower), 3, 3))
+        G[self.lower >= 0.0] = np.eye(3)
+        between = (self.lower < 0.0) & (self.upper > 0.0)
+        d, upper = self.direction[between], self.upper[between]
+        B = np.empty((len(d), 3, 3))
+        B[:, 0, 0], B[:, 0, 1:], B[:, 1:, 0] = 0.5, 0.5 * d, 0.5 * d
+        along = d[:, :, None] * d[:, None, :]
+        across = upper / (upper - self.lower[between])
+        B[:, 1:, 1:] = 0.5 * along + across[:, None, None] * (np.eye(2) - along)
+        G[between] = B
+        return G
+
+
+def project(y: FloatArray) -> Projection:
+    """The nearest points of the cones to y (m, 3)."""
+    t = radius(y)
+    lower, upper = y[:, 0] - t, y[:, 0] + t
+    direction = y[:, 1:] / np.where(t > 0.0, t, 1.0)[:, None]
+    p, q = np.maximum(lower, 0.0), np.maximum(upper, 0.0)
+    point = np.empty_like(y)
+    point[:, 0] = 0.5 * (p + q)
+    point[:, 1:] = (0.5 * (q - p))[:, None] * direction
+    return Projection(point, lower, upper, direction)
+
+
+def project_on_friction_cones(r: FloatArray, friction: FloatArray) -> FloatArray:
+    """The nearest forces with |r_t| <= F r_n; r has shape (m, 3), F shape (m,)."""
+    size = radius(r)
+    inside, polar = size <= friction * r[:, 0], friction * size <= -r[:, 0]
+    normal = (r[:, 0] + friction * size) / (1.0 + friction**2)
+    along = (friction * normal / np.where(size > 0.0, size, 1.0))[:, None] * r[:, 1:]
+    nearest: FloatArray = np.where(inside[:, None], r, np.where(polar[:, None], 0.0, np.column_stack([normal, along])))
+    return nearest
+
+
+def cone_residual(r: FloatArray, u: FloatArray, friction: FloatArray, loads: float) -> float:
+    """|r - P(r - (u + F |u_t| n))| / (1 + loads), P the projection on the friction cones: the FCLIB collection's
+    measure.
+
+    Args:
+        r: Forces, shape (m, 3), and
+        u: displacements, shape (m, 3), without units: for a mean diagonal of A of 1 and a largest |b| of 1.
+        friction: Coefficients F, shape (m,).
+        loads: |b|.
+    """
+    v = u.copy()
+    v[:, 0] += friction * radius(u)
+    return float(np.linalg.norm(r - project_on_friction_cones(r - v, friction)) / (1.0 + loads))

@@ -1,0 +1,128 @@
+"""The benchmark of real parts: one part by both methods, meshes made by a program, errors."""
+
+import csv
+import shutil
+
+import pytest
+from conftest import ROOT, run_coulomb
+
+from coulomb.benchmarks import real_parts
+from coulomb.benchmarks.real_parts import PARTS, Failure, Row, measure, over_better, parts_in, run
+from coulomb.linalg.compliance.predicted_cost import Precision
+
+MESH = ROOT / "demos" / "foot.msh"
+
+
+def test_both_methods_find_the_same_contact():
+    """The foot of the tutorial, on its mesh."""
+    settings = [f'mesh.file="{MESH}"']
+    rows = [run(PARTS / "foot.toml", settings, method, 1e-8) for method in ("direct", "iterative")]
+    assert [row.path for row in rows] == ["direct", "iterative"]
+    for row in rows:
+        assert row.certified and row.residual <= 1e-8 and 0.0 < row.setup_processor_seconds < row.processor_seconds
+        assert 3 * (row.open + row.stick + row.slip) == row.contact < row.unknowns
+        assert row.entries > 27 * row.unknowns  # at least nine nodes are coupled with each, on average
+    assert rows[0][2:8] == rows[1][2:8] and rows[0][-5:] == rows[1][-5:]
+    assert rows[0].near == 1.0 and rows[0].operations > 1e7 and 2.3 < rows[0].slenderness < 2.4
+    assert 0.0 < rows[0].predicted_direct < rows[0].predicted_multigrid < 2.0
+    assert rows[1].multigrid_iterations > rows[1].products > 0
+
+
+@pytest.mark.parametrize("method", ["direct", "iterative"])
+def test_load_steps(method):
+    """The work of all of them; their loads grow to those of the single problem in four, and on in the fifth."""
+    case, cells = PARTS / "block.toml", ["mesh.cells=[6,2,2]"]
+    one, four, five = (run(case, cells, method, 1e-8, steps) for steps in (1, 4, 5))
+    assert four[4:8] == one[4:8] and four.certified and five.certified and (four.load_steps, one.load_steps) == (4, 1)
+    assert one.products < four.products < five.products and one.path_following < four.path_following
+    assert four.predicted_direct > one.predicted_direct and four.predicted_multigrid > 3.0 * one.predicted_multigrid
+    assert (one.multigrid_iterations < four.multigrid_iterations) == (method == "iterative")
+
+
+def test_the_method_knows_the_number_of_load_steps(monkeypatch):
+    asked = []
+    monkeypatch.setattr(real_parts, "seconds_direct", lambda *given: asked.append(given[2:]) or 1.0)
+    for steps in (1, 8):
+        run(PARTS / "block.toml", ["mesh.cells=[3,1,1]"], "direct", 1e-8, steps)
+    assert asked == [(1, Precision.SINGLE), (8, Precision.DOUBLE)]
+
+
+def test_load_steps_of_a_case(tmp_path):
+    """Its own, as many as it has."""
+    case = tmp_path / "pressed.toml"
+    case.write_text((PARTS / "block.toml").read_text() + "[history]\ntimes = [1.0, 2.0]\n")
+    assert run(case, ["mesh.cells=[6,2,2]"], "direct", 1e-8, 2).load_steps == 2
+    with pytest.raises(ValueError, match="has 2 load steps, fewer than 3"):
+        run(case, ["mesh.cells=[6,2,2]"], "direct", 1e-8, 3)
+
+
+def test_boxes_are_refined(monkeypatch):
+    """Of one body or of several, without gmsh; at least one cell along each edge."""
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    parts = parts_in(None, ["block", "two-blocks"])
+    block, two = (next(measure([part], [8.0], ["direct"])) for part in parts)
+    assert isinstance(block, Row) and isinstance(two, Row)
+    assert (block.part, block.clscale, block.unknowns, block.contact) == ("block", 8.0, 3 * 6 * 3 * 3, 3 * 6 * 3)
+    assert (two.unknowns, two.contact) == (3 * (6 * 3 * 1 + 5 * 3 * 2), 3 * 5 * 3)
+    (failure,) = measure(parts[:1], [8.0], ["direct"], limit=1e-3, steps=[2])
+    assert failure == Failure("block", 8.0, 2, "direct", "it did not end within 0.001 s")
+
+
+@pytest.fixture
+def fake_gmsh(tmp_path, monkeypatch):
+    """A program that copies a mesh to where gmsh would write it; mesh sizes above 10 make it fail."""
+    program = tmp_path / "bin" / "gmsh"
+    program.parent.mkdir()
+    copy = f'[ "$1" = - ] && exit; [ "$4" = 20 ] && {{ echo no volume >&2; exit 1; }}; [ "$4" = 30 ] || cp {MESH} "$6"'
+    program.write_text(f"#!/bin/sh\n{copy}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(program.parent), prepend=":")
+
+
+def test_command(tmp_path, fake_gmsh):
+    parts = tmp_path / "mine"
+    parts.mkdir()
+    for name in ("foot.geo", "foot.toml"):
+        shutil.copy(PARTS / name, parts)
+    wanted = ("--clscale", 20, "--clscale", 0.9, "--method", "auto", "--output", tmp_path)
+    done = run_coulomb("benchmark", "parts", parts, *wanted)
+    assert done.returncode == 1 and "no volume" in done.stderr and "certificate passed" in done.stdout, done.stderr
+    with (tmp_path / "parts.csv").open() as file:
+        (row,) = csv.DictReader(file)  # the one after the failure
+    assert list(row) == list(Row._fields)
+    assert (row["part"], row["clscale"], row["method"], row["path"]) == ("foot", "0.9", "auto", "direct")
+    (parts / "foot.toml").write_text((parts / "foot.toml").read_text().replace('"seat"', '"bolt"'))
+    done = run_coulomb("benchmark", "parts", parts, "--clscale", 30, "--clscale", 0.9, "--method", "direct")
+    assert done.returncode == 1 and "no mesh was made" in done.stderr and "bolt" in done.stderr, done.stderr
+
+
+def test_every_part_has_a_case_and_a_geometry():
+    boxes = ["block", "block-of-tetrahedra", "block-second-order", "two-blocks"]
+    meshed = ["clip", "foot", "hook", "plate", "ring", "wedge"]
+    assert [path.stem for path in parts_in(None)] == sorted(boxes + meshed)
+    assert sorted(path.stem for path in PARTS.glob("*.geo")) == meshed and len(list(PARTS.iterdir())) == 16
+
+
+def test_wrong_inputs(tmp_path, monkeypatch):
+    for arguments, message in (
+        (("--part", "wheel"), "there is no part 'wheel'"),
+        (("--method", "magic"), "--method is direct, iterative or auto, not 'magic'"),
+        ((tmp_path,), "there is no part: a case NAME.toml with boxes, or a geometry NAME.geo"),
+    ):
+        done = run_coulomb("benchmark", "parts", *arguments)
+        assert done.returncode == 2 and message in done.stderr, done.stderr
+    monkeypatch.setenv("PATH", str(tmp_path))
+    done = run_coulomb("benchmark", "parts")
+    assert done.returncode == 2 and 'the program "gmsh"' in done.stderr
+
+
+def test_the_ratio_is_to_the_faster_method():
+    """With the same number of load steps; of the chosen method, run twice, the quicker run counts."""
+    rows = [Row("a", 1.0, 1, *[0] * 5, m, m, 0, 0, 0, 0.0, s, 0.0, 0, 0, 0.0, True) for m, s in (("direct", 4.0),)]
+    rows.append(rows[0]._replace(method="iterative", processor_seconds=2.0, path="iterative"))
+    rows.append(rows[1]._replace(load_steps=8, processor_seconds=0.1))
+    auto = rows[0]._replace(method="auto", processor_seconds=3.0)
+    assert over_better(auto, [*rows, auto]) == 1.5
+    assert over_better(auto._replace(processor_seconds=5.0), rows) == 2.0
+    assert over_better(rows[0], rows) is None and over_better(auto, [rows[0], auto]) is None
+    assert over_better(auto, [rows[0], Failure("a", 1.0, 1, "iterative", "it did not end"), auto]) == 1.0

@@ -1,0 +1,188 @@
+"""[[body]] tables of a case: several bodies, each with mesh, material and place."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mesh_files import BoxFile
+from mpi4py import MPI
+
+from coulomb.case.case import Case, read_case
+from coulomb.fem.meshes.named_mesh import volume
+from coulomb.io.case_record import case_record, differences
+from coulomb.io.written_case import case_text
+
+BLOCKS = """
+[[body]]
+name = "lower"
+box = [1.2, 0.6, 0.4]
+cells = [2, 1, 1]
+[body.material]
+young = 2.1e11
+poisson = 0.3
+
+[[body]]
+name = "upper"
+box = [0.8, 0.4, 0.4]
+cells = [1, 1, 1]
+cell = "tetrahedron"
+translate = [0.2, 0.1, 0.4]
+rotate = { axis = [0.0, 0.0, 2.0], angle = 1.5707963267948966, point = [0.4, 0.2, 0.0] }
+[body.material]
+young = 7.0e10
+poisson = 0.33
+
+[[clamp]]
+face = "lower:bottom"
+
+[[clamp]]
+face = "upper:top"
+
+[contact]
+face = "upper:bottom"
+against = "lower:top"
+friction = 0.4
+"""
+
+
+ONE = """
+[mesh]
+box = [1.0, 1.0, 1.0]
+cells = [1, 1, 1]
+[material]
+young = 1e9
+poisson = 0.3
+[contact]
+face = "bottom"
+friction = 0.3
+"""
+
+
+@pytest.fixture(autouse=True)
+def blocks(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("case.toml").write_text(BLOCKS)
+
+
+def said(*changes, text=BLOCKS):
+    """The message about a case; empty if it is right."""
+    Path("case.toml").write_text(text)
+    try:
+        assert isinstance(read_case("case.toml", changes), Case)
+    except ValueError as fault:
+        return str(fault)
+    return ""
+
+
+def test_bodies_are_where_their_tables_say():
+    bodies = read_case("case.toml").loaded_bodies(MPI.COMM_WORLD)
+    assert list(bodies) == ["lower", "upper"]
+    x = bodies["upper"].mesh.domain.geometry.x
+    low, high = MPI.COMM_WORLD.allreduce(x.min(axis=0), MPI.MIN), MPI.COMM_WORLD.allreduce(x.max(axis=0), MPI.MAX)
+    # (x, y) -> (0.4 - (y - 0.2), 0.2 + (x - 0.4)) of a rectangle 0.8 x 0.4 is one 0.4 x 0.8; then the translation
+    assert np.allclose(low, [0.4, -0.1, 0.4], atol=1e-12) and np.allclose(high, [0.8, 0.7, 0.8], atol=1e-12)
+    assert MPI.COMM_WORLD.allreduce(volume(bodies["upper"].mesh)) == pytest.approx(0.8 * 0.4 * 0.4)
+    assert bodies["lower"].materials.young == 2.1e11 and bodies["upper"].materials.poisson == 0.33
+    assert [support.face for support in bodies["upper"].supports] == ["top"]
+
+
+def test_groups_and_files_of_bodies():
+    """A file in two bodies: two copies of one part; the case that is kept names it by its whole path."""
+    BoxFile().write(Path("part.msh"))
+    part = '[[body]]\nname = "{}"\nfile = "part.msh"\ntranslate = [0.0, 0.0, {}]\n[[body.material]]\ncells = "{}"\n'
+    constants = "young = 1e9\npoisson = 0.3\n"
+    text = "".join(part.format(name, 2.0 * k, "steel") + constants for k, name in enumerate(("one", "other")))
+    text += '[contact]\nface = "one:top"\nagainst = "other:bottom"\nfriction = 0.3\n'
+    Path("case.toml").write_text(text)
+    case = read_case("case.toml")
+    assert list(case.materials()) == ["one:steel", "other:steel"]
+    kept = json.loads(case_text(case))
+    assert [body["file"] for body in kept["body"]] == [str(Path("part.msh").absolute())] * 2
+    record = case_record(case, MPI.COMM_WORLD)
+    assert list(record["files"]) == ["body.0.file", "body.1.file"]
+    assert not differences(case, record["files"], Case.model_validate(record["tables"]), record["files"])
+    changed = {**record["files"], "body.1.file": "another digest"}
+    assert differences(case, record["files"], case, changed) == ["the contents of body.1.file"]
+
+
+def test_the_temperature_of_one_body():
+    changes = ["temperature={value=20, body='upper', reference=5}", "body.1.material.expansion=1e-5"]
+    bodies = read_case("case.toml", changes).loaded_bodies(MPI.COMM_WORLD)
+    assert bodies["lower"].thermal is None and np.all(bodies["upper"].at(0.0).temperature.change == 15.0)
+    assert "temperature.body = 'upper': there are no [[body]] tables" in said(changes[0], text=ONE)
+
+
+def test_gravity_of_one_body():
+    """Its weight is density times volume times its own gravity; the others have that of the case, here none."""
+    changes = ["body.1.gravity=[0.0, 1.0, -10.0]", "body.1.material.density=1000.0"]
+    bodies = read_case("case.toml", changes).loaded_bodies(MPI.COMM_WORLD)
+    load = MPI.COMM_WORLD.allreduce(bodies["upper"].at(0.0).load.sum(axis=0))
+    assert load == pytest.approx(np.array([0.0, 1.0, -10.0]) * 1000.0 * 0.8 * 0.4 * 0.4, abs=1e-9)
+    assert not bodies["lower"].loads
+    other = ["gravity=[0.0, 0.0, -5.0]", "body.0.material.density=10.0", "body.1.gravity=[0.0, 0.0, 0.0]"]
+    bodies = read_case("case.toml", other).loaded_bodies(MPI.COMM_WORLD)
+    size = volume(bodies["lower"].mesh)
+    assert bodies["lower"].at(0.0).load.sum(axis=0)[2] == pytest.approx(-5.0 * 10.0 * size)
+    assert not bodies["upper"].loads  # and it needs no density
+
+
+def test_adjust_may_be_0():
+    """It is the default: no gap is closed; only with a size does it need a face against."""
+    given = ["contact.adjust=0", "contact.adjust=0.0", "contact.adjust=1e-4"]
+    assert [read_case("case.toml", [one]).contact.adjust for one in given] == [0.0, 0.0, 1e-4]
+    assert not said("contact.adjust=0", text=ONE) and "adjust goes with against" in said(
+        "contact.adjust=1e-4", text=ONE
+    )
+    assert "contact.adjust = -0.1: should be greater than or equal to 0" in said("contact.adjust=-0.1")
+
+
+def test_changes_reach_a_body():
+    case = read_case("case.toml", ["body.1.cells=[3,2,1]", "body.0.material.young=1e9", "contact.friction=0.1"])
+    assert case.body[1].cells == (3, 2, 1) and case.body[0].material.young == 1e9 and case.contact.friction == 0.1
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ("body.1.name='lower'", "body.0 and body.1 have the name 'lower'; give each body its own"),
+        ("body.1.name='the upper'", "body.1.name = 'the upper': should be an identifier"),
+        ("body.1.name='a:b'", "should be an identifier"),
+        ("body.0.translate=[0,0]", "body.0.translate = [0, 0]: should be a list of 3 numbers"),
+        ("body.0.rotate={angle=1.0}", "body.0.rotate.axis: is missing"),
+        ("body.0.rotate={axis=[0,0,0],angle=1.0}", "axis must not be zero"),
+        ("body.0.colour='red'", "body.0.colour = 'red': there is no such key (known here: box, cells, cell, degree"),
+        (
+            "body.0.material=[{cells='a',young=1.0,poisson=0.3}]",
+            "a box has no groups of cells; give one [body.material]",
+        ),
+        ("mesh={box=[1,1,1],cells=[1,1,1]}", "every [[body]] has its own, box or file; leave out [mesh]"),
+        ("material={young=1.0,poisson=0.3}", "every [[body]] has its own, [body.material]; leave out [mat"),
+        ("clamp=[{face='bottom'}]", "clamp.0.face = 'bottom': should name body and face, as in \"lower:bottom\""),
+        (
+            "clamp=[{face='lowr:bottom'}]",
+            "there is no body 'lowr' (did you mean 'lower'?); the bodies are lower",
+        ),
+        ("clamp=[{face='lower:'}]", "clamp.0.face = 'lower:': should be 'lower:left', 'lower:right'"),
+        (
+            "temperature={value=1,body='uper'}",
+            "temperature.body = 'uper': there is no body 'uper' (did you mean 'upper'?)",
+        ),
+        ("body.0.clamp={face='top'}", "there is no such key; [[clamp]] is a table of its own (known"),
+        ("body.0.mesh={box=[1,1,1]}", "there is no such key; its keys, as box or file, stand in [[body]] itself"),
+        ("contact.master='lower:top'", "there is no such key; did you mean against?"),
+        ("clamp=[{face='lower.bottom'}]", 'should name body and face, as in "lower:bottom"'),
+        ("contact.against='lower:up'", "contact.against = 'lower:up': should be 'lower:left'"),
+        ("contact.against='upper:bottom'", "against must be another face than face"),
+        ("contact.foundation={point=[0,0,0],normal=[0,0,1]}", "foundation does not go with against"),
+        ("contact.motion=[[0,0,0,0],[1,0,0,1]]", "motion does not go with against"),
+        ("body=[]", "case.toml: mesh: is missing\n"),
+    ],
+)
+def test_wrong_bodies(change, message):
+    assert message in said(change)
+
+
+def test_one_table_in_place_of_several():
+    one = '[body]\nname = "lower"\nbox = [1.0, 1.0, 1.0]\n[contact]\nface = "lower:top"\nfriction = 0.3\n'
+    assert "body: there may be several: write [[body]], with double brackets, in place of [body]" in said(text=one)

@@ -1,0 +1,250 @@
+"""Implausible case files and common mistakes: refused at once, with the probable intention."""
+
+import os
+import re
+import socket
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import SMALL_CASE as BLOCK
+from conftest import run_coulomb
+from mesh_files import BoxFile
+
+from coulomb.case.case import Case, read_case
+from coulomb.case.text import LARGEST
+from coulomb.fem.meshes.meshes import read_gmsh, read_xdmf
+from coulomb.model.estimate import refuse_uncountable
+
+
+def said(text, *changes, name="case.toml"):
+    """The message about a case; empty if it is right."""
+    Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    try:
+        assert isinstance(read_case(name, changes), Case)
+    except ValueError as fault:
+        return str(fault)
+    return ""
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+LONG = "x" * 300
+ABSURD = {
+    "history={end=1.0, steps=1000000000}": r"history\.steps = 1000000000: should be less than or equal to 100000$",
+    "history={end=1e-300, steps=2}": r"history\.end = 1e-300: should be from 1e-30 to 1e\+30",
+    "history={end=1.0, steps=2, halvings=1000000000}": r"halvings = 1000000000: should be less than or equal to 30",
+    "contact.friction=1e-300": r"contact\.friction = 1e-300: should be 0, or from 1e-09 to 1000 in size",
+    "contact.friction=1e300": r"contact\.friction = 1e\+300: should be 0, or from 1e-09 to 1000",
+    "contact={face='bottom', slip_stress=1e-300}": r"contact\.slip_stress = 1e-300: should be 0, or from 1e-30",
+    "contact.region=[{box=[[0,0,0],[1e200,1,1]], friction=0.1}]": r"region\.0\.box\.1\.0 = 1e\+200: should be 0, or",
+    "contact.foundation={shape='sphere', centre=[0,0,-1], radius=1e-200}": r"radius = 1e-200: should be from 1e-12",
+    "contact.motion=[]": r"contact\.motion = \[\]: should have at least 1 item",
+    "mesh.box=[1e-200,1,1]": r"mesh\.box\.0 = 1e-200: should be from 1e-12 to 1e\+12 in size",
+    "mesh.cells=[1000000000000,1,1]": r"mesh\.cells\.0 = 1000000000000: should be less than or equal to 1000000",
+    "mesh={file='part.msh', scale=1e-300}": r"mesh\.scale = 1e-300: should be from",
+    "mesh={file='part.xdmf', names={a=99999999999}}": r"mesh\.names\.a = 99999999999: should be less than",
+    "material.young=1e-300": r"material\.young = 1e-300: should be from 1e-06 to 1e\+24 in size",
+    "material.young=1e300": r"material\.young = 1e\+300: should be from",
+    "traction.0.value=[0,0,1e-200]": r"traction\.0\.value\.2 = 1e-200: should be 0, or from 1e-60 to 1e\+30",
+    "spring=[{face='top', stiffness=1e-300}]": r"spring\.0\.stiffness\.0 = 1e-300: should be 0, or from 1e-12",
+    "solver.tolerance=1e-300": r"solver\.tolerance = 1e-300: should be greater than or equal",
+    "solver={method='successive-tresca', max_outer=1000000000}": r"max_outer = 10+: should be less than or equal",
+    f"contact.face='{LONG}'": r"contact\.face = 'x+\.\.\.x+': should have at most 200 characters",
+    f"output.directory='{4 * LONG}'": r"output\.directory = 'x+\.\.\.x+': should have at most 1000 characters",
+    'output.directory="a\\u0000b"': r"output\.directory = 'a\\x00b': should have no control characters",
+    "contact.face=''": r"contact\.face = '': should have at least 1 character",
+    "mesh.cells=" + 5000 * "[": r"--set mesh\.cells=\[+ \.\.\.: lists or tables are nested too deeply",
+    "mesh.cells=" + 300 * "[" + 300 * "]": r"mesh\.cells\.0 = \[\[\[\[\.\.\.\]\]\]\]: should be a whole number",
+    ".".join(30_000 * "a") + "=1": r"--set a\.a.* \.\.\.: must be key\.key=value",
+    "mesh.cells=[" + 4000 * "9" + ",1,1]": r"mesh\.cells\.0 = 9+\.\.\.9+: should be less than or equal to 1000000",
+    "mesh.cells=["
+    + 5000 * "9"
+    + ",1,1]": r"mesh\.cells = '\[9+\.\.\.9+,1,1\]': should be a list of 3 whole.*, not text",
+    "material.young=" + 4000 * "9": r"material\.young = 9+\.\.\.9+: is too large: numbers are at most 1\.8e\+308",
+    "traction.0.value=[" + 30_000 * "1," + "]": r"value = \[1, 1, 1, 1, 1, 1, \.\.\.\]: should have at most 3 items",
+}
+
+
+@pytest.mark.parametrize("change", ABSURD, ids=lambda change: change[:40])
+def test_implausible_values(change):
+    text = said(BLOCK, change)
+    assert re.search(ABSURD[change], text), text
+    assert all(len(line) < 300 for line in text.splitlines())
+
+
+MONSTERS = {
+    "lists in lists": (BLOCK + "a = " + 100_000 * "[", r"lists or tables are nested too deeply"),
+    "tables in tables": (f"{BLOCK}[{'.'.join(100_000 * 'a')}]\n", r"lists or tables are nested too deeply"),
+    "keys in keys": (f"{BLOCK}a = {{{'.'.join(100_000 * 'a')} = 1}}\n", r"lists or tables are nested too deeply"),
+    "quoted keys": (f"{BLOCK}{'.'.join(100_000 * [chr(34) + 'a' + chr(34)])} = 1\n", r"nested too deeply"),
+    "tables inside lines": (BLOCK + "a = " + 5000 * "{a=" + "1" + 5000 * "}", r"nested too deeply"),
+    "digits": (BLOCK + "a = " + 5000 * "9", r"is not TOML: Exceeds the limit \(4300 digits\) [^;]* 5000 digits\s*$"),
+    "fewer digits": (
+        BLOCK + f'[[traction]]\nface = "top"\nvalue = [0.0, 0.0, -{4000 * "9"}]\n',
+        r"traction\.\d\.value\.2 = -9+\.\.\.9+: is too large: numbers are at most 1\.8e\+308",
+    ),
+    "a word": (BLOCK + 3_000_000 * "x", r"is not TOML: Expected '='"),
+    "too many clamps": (
+        BLOCK + 1001 * '[[clamp]]\nface = "left"\n',
+        r"clamp = .*: should have at most 1000 items, not",
+    ),
+    "wrong clamps": (BLOCK + 900 * "[[clamp]]\n", r"clamp\.10\.face: is missing\ncase\.toml: and 890 more"),
+    "too many times": (
+        f"{BLOCK}[history]\ntimes = [{','.join(map(str, range(1, 100_002)))}]\n",
+        r"at most 100000 items",
+    ),
+    "times that stand still": (f"{BLOCK}[history]\ntimes = [{'1,' * 5000}]\n", r"1\.0, \.\.\.\] \(5000 of them\)"),
+    "a file without end": (BLOCK + "#" * LARGEST, r"case\.toml: cannot be read: it is larger than 4 MB"),
+}
+
+
+@pytest.mark.parametrize("name", MONSTERS)
+def test_huge_cases_are_refused_at_once(name):
+    text, expected = MONSTERS[name]
+    began = time.process_time()
+    found = said(text)
+    assert re.search(expected, found), found[:1000]
+    assert len(found) < 2000
+    assert time.process_time() - began < 60.0  # a bound on hours, not a measurement
+
+
+def test_large_plausible_values_are_accepted():
+    rows = ",".join(f"[{k}, {k % 2}]" for k in range(20_000))
+    timed = BLOCK.replace('face = "left"', f'face = "left"\namplitude = [{rows}]')
+    steps = f"[history]\ntimes = [{','.join(map(str, range(1, 100_001)))}]\n"
+    assert said(timed + steps) == ""
+    assert said(f"# {'.' * 200} = 3.1.4\n# See e.g. chapter 1. Then 2. Then 3.\n" + BLOCK) == ""
+    assert said(BLOCK, "contact.friction=0", "traction.0.value=[0,0,0]", "material.young=1e-3") == ""
+
+
+SLIPS = {
+    "[clamp]": (
+        BLOCK.replace("[[clamp]]", "[clamp]"),
+        r"clamp: there may be several: write \[\[clamp\]\], with double brackets, in place of \[clamp\]$",
+    ),
+    "[clamp] twice": (
+        BLOCK.replace("[[clamp]]", "[clamp]") + '[clamp]\nface = "top"\n',
+        r"Cannot declare .* twice .*: \[clamp\]; there may be several: each is written \[\[clamp\]\]",
+    ),
+    "[contact.region]": (
+        BLOCK + "[contact.region]\nbox = [[0,0,0],[1,1,1]]\nfriction = 0.2\n",
+        r"contact\.region: there may be several: write \[\[contact\.region\]\]",
+    ),
+    "[[mesh]]": (
+        BLOCK.replace("[mesh]", "[[mesh]]"),
+        r"mesh: there is only one: write \[mesh\], with single brackets",
+    ),
+    "mesh = ...": (
+        BLOCK.replace("[mesh]\nbox = [3.0, 1.0, 1.0]\ncells = [3, 1, 1]\n", 'mesh = "part.msh"\n'),
+        r"mesh = 'part\.msh': is a table: write \[mesh\], and below it its keys, for example file = 'part\.msh'",
+    ),
+    "contact = ...": (
+        'contact = "bottom"\n' + BLOCK.replace('[contact]\nface = "bottom"\nfriction = 0.3\n', ""),
+        r"contact = 'bottom': is a table: write \[contact\], and below it its keys, for example face = 'bottom'",
+    ),
+    "a key of the whole case below a table": (
+        BLOCK + "body_force = [0, 0, 1]\n",
+        r"output\.body_force = \[0, 0, 1\]: .*; it belongs at the top of the file, above the first table",
+    ),
+    "a key below its table's table": (
+        BLOCK + "[contact.foundation]\npoint = [0,0,0]\nnormal = [0,0,1]\nnormals = 'body'\n",
+        r"contact\.foundation\.normals = 'body': .*; it belongs to \[contact\], above \[contact\.foundation\]",
+    ),
+    "a key above its table": ("young = 2e11\n" + BLOCK, r"young = 200000000000\.0: .*; it belongs to \[material\] \("),
+    "a key of another table": (
+        BLOCK + "tolerance = 1e-8\n",
+        r"output\.tolerance = 1e-08: .*; it belongs to \[solver\]",
+    ),
+    "True": (BLOCK.replace("false", "False"), r"Invalid value .*: picture = False; in TOML it is false"),
+    "no quotes": (BLOCK.replace('"left"', "left"), r"Invalid value .*: face = left; text must be in quotes"),
+    "UTF-16": (BLOCK.encode("utf-16"), r"case\.toml: cannot be read: it is text in UTF-16; save it as UTF-8$"),
+    "Latin-1": (b"# Reibungs\xfcbung\n" + BLOCK.encode(), r"case\.toml: cannot be read: it is not UTF-8 text: "),
+}
+
+
+@pytest.mark.parametrize("name", SLIPS)
+def test_mistakes_are_reported_with_the_correction(name):
+    text, expected = SLIPS[name]
+    found = said(text)
+    assert re.search(expected, found, re.DOTALL), found
+
+
+def test_a_byte_order_mark_is_accepted():
+    assert said(b"\xef\xbb\xbf" + BLOCK.encode()) == ""
+    path = BoxFile().write(Path("part.msh"))
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert "bottom" in read_gmsh(path).faces
+    path.write_bytes(path.read_bytes().decode("utf-8-sig").encode("utf-16"))
+    with pytest.raises(ValueError, match=r"part\.msh: is text in UTF-16; save it as plain text"):
+        read_gmsh(path)
+
+
+def test_a_byte_order_mark_in_case_json_is_accepted():
+    from mpi4py import MPI
+
+    from coulomb.io.written_case import write_case, written_case
+
+    Path("case.toml").write_text(BLOCK)
+    write_case(read_case("case.toml"), Path("out"), MPI.COMM_WORLD)
+    kept = Path("out/case.json")
+    kept.write_bytes(b"\xef\xbb\xbf" + kept.read_bytes())
+    assert written_case(Path("out")) == read_case("case.toml")
+    kept.write_text(100_000 * "[")
+    with pytest.raises(ValueError, match=r"out/case\.json: "):
+        written_case(Path("out"))
+
+
+@pytest.fixture
+def odd_files():
+    """A pipe without a writer, a device and a socket."""
+    os.mkfifo("pipe.msh")
+    listening = socket.socket(socket.AF_UNIX)
+    listening.bind("socket.msh")
+    yield {"pipe.msh": "a pipe", "/dev/zero": "a device", "socket.msh": "a socket"}
+    listening.close()
+
+
+def test_pipes_and_devices_are_refused_unopened(odd_files):
+    for name, kind in odd_files.items():
+        for read in (read_case, read_gmsh, read_xdmf):
+            with pytest.raises(ValueError, match=f"{name}: cannot be read: it is {kind}: save the contents in a file"):
+                read(name)
+    Path("mesh.xdmf").write_text(
+        '<Xdmf><Domain><Grid><Geometry><DataItem Format="HDF">pipe.msh:/x</DataItem></Geometry></Grid></Domain></Xdmf>'
+    )
+    with pytest.raises(ValueError, match="it is a pipe"):
+        read_xdmf("mesh.xdmf")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("run", "pipe"), ("run", "case.toml", "--set", "mesh={file='pipe'}"), ("fclib", "pipe"), ("check-case", "pipe")],
+    ids=" ".join,
+)
+def test_a_pipe_on_the_command_line(command):
+    Path("case.toml").write_text(BLOCK)
+    os.mkfifo("pipe")
+    done = run_coulomb(*(word.replace("'pipe'", "'pipe.msh'") for word in command), timeout=300, process=True)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert "pipe" in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("option", ["--output", "--log"])
+def test_long_output_names(option):
+    Path("case.toml").write_text(BLOCK)
+    done = run_coulomb("run", "case.toml", option, LONG)
+    assert done.returncode == 2 and done.stderr.count("File name too long") == 1 and "Traceback" not in done.stderr
+
+
+def test_more_unknowns_than_petsc_has_numbers_for():
+    """With --force too: it overrides the estimate of memory, not the range of integers."""
+    Path("case.toml").write_text(BLOCK)
+    done = run_coulomb("run", "case.toml", "--force", "--set", "mesh.cells=[1000000,1000000,1000000]", process=True)
+    assert done.returncode == 2 and "too many unknowns: a mesh of 1000000 x 1000000 x 1000000 cells" in done.stderr
+    refuse_uncountable((800, 800, 800), 1)
+    assert np.prod([801, 801, 801]) * 3 < 2**31 < np.prod([901, 901, 901]) * 3

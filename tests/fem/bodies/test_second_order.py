@@ -1,0 +1,237 @@
+"""Contact of 10-node tetrahedra and 27-node hexahedra: contact points, their weights, and multigrid."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+from conftest import STEEL, run_python
+
+import coulomb
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    Cylinder,
+    IterativeSolver,
+    Material,
+    Plane,
+    PrescribedDisplacement,
+    Pressure,
+    Sphere,
+    Traction,
+)
+from coulomb.benchmarks.block import block
+from coulomb.fem.contact.contact_points import contact_points
+
+CELLS = ["tetrahedron", "hexahedron"]
+
+
+def rows(matrix):
+    indptr, columns, values = matrix.getValuesCSR()
+    return scipy.sparse.csr_matrix((values, columns, indptr)).toarray()
+
+
+def pressed(cell, **given):
+    """A block of 2 x 1 x 1 m on a plane; the mesh is curved inside its faces."""
+
+    def bulged(x):
+        y = x.copy()
+        y[0] += 0.06 * np.sin(np.pi * x[0] / 2.0) * np.cos(2.0 * x[1])
+        y[2] += 0.05 * np.sin(np.pi * x[2]) * np.sin(3.0 * x[0])
+        return y
+
+    mesh = coulomb.box((2.0, 1.0, 1.0), (2, 2, 1), cell, degree=2, place=bulged)
+    loads = [Pressure("top", 1e7), Traction("right", (1e6, 0.0, 0.0))]
+    return ContactProblem(mesh, STEEL, [Clamp("left")], Contact("bottom", 0.3), loads, **given)
+
+
+def of_triangle(area):
+    """Integrals of the linear functions times the quadratic ones over a plane triangle with straight edges, from
+    int L1^a L2^b L3^c dS = 2 S a! b! c!/(a + b + c + 2)!; edges 12, 02, 01."""
+    vertices = area * (np.eye(3) * (1 / 30 + 1 / 60) - 1 / 60)
+    edges = area * (2 / 15 - np.eye(3) / 15)
+    return np.hstack([vertices, edges])
+
+
+def test_weights_of_vertices_are_integrals_over_the_triangles():
+    mesh = coulomb.box((2.0, 1.0, 1.0), (2, 1, 1), "tetrahedron", degree=2)
+    problem = ContactProblem(mesh, STEEL, [Clamp("top")], Contact("bottom", 0.3))
+    x, points = problem.elasticity.x, problem.surface.points
+    assert not points.nodal
+
+    def node(place):
+        return int(np.flatnonzero(np.linalg.norm(x - place, axis=1) < 1e-9)[0])
+
+    integrals = np.zeros((len(x), len(x)))
+    bottom = np.abs(x[:, 2]) < 1e-9
+    corners = [point for point in x[bottom] if np.allclose(point, np.round(point))]
+    for a in corners:
+        for b in corners:
+            for c in corners:
+                numbers = [node(v) for v in (a, b, c)]
+                if len({*numbers}) < 3 or numbers != sorted(numbers):
+                    continue
+                area = 0.5 * np.linalg.norm(np.cross(b - a, c - a))
+                middles = [0.5 * (b + c), 0.5 * (a + c), 0.5 * (a + b)]
+                if area != pytest.approx(0.5) or not is_facet(problem, (a, b, c)):
+                    continue
+                integrals[np.ix_(numbers, [*numbers, *map(node, middles)])] += of_triangle(area)
+    a_j = integrals.sum(axis=1)[points.nodes]
+    assert points.area == pytest.approx(a_j, rel=1e-12) and points.area.sum() == pytest.approx(2.0)
+    assert points.weights.toarray() == pytest.approx(integrals[points.nodes] / a_j[:, None], abs=1e-13)
+
+
+def is_facet(problem, corners):
+    """Whether a cell has these corners."""
+    domain = problem.mesh.domain
+    for cell in domain.geometry.x[coulomb.fem.compat.cell_geometry(domain)[:, :4]]:
+        if all(np.any(np.all(np.abs(cell - corner) < 1e-9, axis=1)) for corner in corners):
+            return True
+    return False
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_forces_and_moments_are_those_of_the_contact_points(cell):
+    """B^T x has the resultant of the forces x and their moment about any point, on curved cells too."""
+    problem = pressed(cell)
+    surface = problem.surface
+    x = np.random.default_rng(3).normal(size=(len(surface.nodes), 3))
+    at_nodes, forces = surface.at_nodes(x), surface.vectors(x)
+    assert at_nodes.sum(axis=0) == pytest.approx(forces.sum(axis=0), abs=1e-12)
+    moment = np.cross(problem.elasticity.x, at_nodes).sum(axis=0)
+    assert moment == pytest.approx(np.cross(surface.x, forces).sum(axis=0), abs=1e-12)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_constant_tractions_are_the_loads_of_a_pressure(cell):
+    """Contact forces p a_j are exactly the nodal forces of the pressure p on the face: the condition of patch tests."""
+    problem = pressed(cell)
+    body, facets = problem.elasticity, problem.mesh.facets("bottom", "test")
+    points = contact_points(body, facets)
+    load = body.pressure_load(np.full(len(body.x), 3.0), facets)
+    there = np.zeros_like(load)
+    there[:, 2] = points.weights.T @ (3.0 * points.area)
+    assert there == pytest.approx(load, abs=1e-12 * np.abs(load).max())
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_gaps_are_averages(cell):
+    """Of a plane that is inclined: the gap at the mean place.  Of a ball: by the gaps of the nodes."""
+    inclined, ball = Plane((0.0, 0.0, -0.1), (0.0, 0.1, 1.0)), Sphere((1.0, 0.5, -3.0), 2.9)
+    for foundation in (inclined, ball):
+        problem = ContactProblem(
+            coulomb.box((2.0, 1.0, 1.0), (2, 2, 1), cell, degree=2),
+            STEEL,
+            [Clamp("top")],
+            Contact("bottom", 0.3, foundation=foundation),
+        )
+        surface = problem.surface
+        if foundation is inclined:
+            assert surface.gap == pytest.approx(foundation.signed_distance(surface.x), abs=1e-14)
+        else:
+            on_face = np.where(problem.elasticity.x[:, 2] == 0.0, foundation.signed_distance(problem.elasticity.x), 0.0)
+            assert surface.gap == pytest.approx(surface.points.weights @ on_face, abs=1e-14)
+
+
+@pytest.mark.parametrize("cells", [2, 4, 8])
+def test_singular_values_of_B_next_to_clamps(cells):
+    """The rows of tetrahedra stay independent on the free nodes when the mesh is refined: the smallest singular value
+    is 0.18 to 0.19 with one edge of the face clamped, 0.086 to 0.109 with all four; the largest at most 0.76."""
+    all_four = [Clamp(face) for face in ("left", "right", "front", "back")]
+    for clamps, least in (([Clamp("left")], 0.18), (all_four, 0.085)):
+        mesh = coulomb.box((1.0, 1.0, 1.0), (cells, cells, 1), "tetrahedron", degree=2)
+        problem = ContactProblem(mesh, STEEL, clamps, Contact("bottom", 0.3))
+        values = np.linalg.svd(rows(problem.surface.free_B), compute_uv=False)
+        assert values[-1] > least and values[0] < 0.77
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_the_certificate_names_means(cell):
+    solution = pressed(cell).solve()
+    assert solution.valid and solution.acting.balance < 1e-12
+    assert ("means around vertices" in str(solution.certificate)) == (cell == "tetrahedron")
+    assert solution.at_nodes.totals()["normal_force"] == pytest.approx(solution.force_on_body.sum(axis=0)[2], rel=1e-12)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_multigrid_by_linear_elements(cell):
+    """The same answer as by factors; a solve takes fewer iterations than with multigrid on the matrix alone."""
+    direct, by_multigrid = (
+        block(2, 0.3, cell, 2, **options) for options in ({}, {"linear_solver": IterativeSolver, "explicit": False})
+    )
+    forces = [problem.solve(1e-9).at_nodes.totals()["force"] for problem in (direct, by_multigrid)]
+    assert forces[1] == pytest.approx(forces[0], rel=1e-6)
+    finer = block(4, 0.3, cell, 2)
+    K, f = finer.elasticity.K, finer.f
+    alone = K.copy()
+    alone.setNearNullSpace(K.getNearNullSpace())
+    iterations = []
+    for matrix in (K, alone):
+        solver, u = IterativeSolver(matrix, 1e-8), K.createVecRight()
+        solver.solve(f, u)
+        iterations.append(solver.iterations)
+        assert (K * u - f).norm() <= 1e-8 * f.norm()
+    assert iterations[0] < iterations[1]
+
+
+ON_RANKS = """
+import sys
+import coulomb
+from mpi4py import MPI
+from coulomb import Clamp, Contact, ContactProblem, Material, Spring, Sphere, SymmetryPlane, Traction
+
+for cell in ("tetrahedron", "hexahedron"):
+    mesh = coulomb.box((3.0, 1.0, 1.0), (4, 2, 1), cell, degree=2)
+    supports = [Clamp("left"), SymmetryPlane("front")]
+    contact = Contact("bottom", 0.3, foundation=Sphere((1.5, 0.5, -100.0), 100.0))
+    loads = [Traction("top", (0.0, 1e7, -4e7)), Traction("right", (2e7, 0.0, 0.0))]
+    problem = ContactProblem(mesh, Material(2e11, 0.3), supports, contact, loads, springs=[Spring("back", (1e9,) * 3)])
+    answer = problem.solve(1e-11)
+    assert answer.certificate.passed and answer.acting.balance < 1e-10
+    totals = answer.at_nodes.totals()
+    if MPI.COMM_WORLD.rank == 0:
+        print(*totals["force"], *totals["moment"])
+"""
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return [[float(number) for number in line.split()] for line in run_python("-c", ON_RANKS).stdout.splitlines()]
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_the_same_on_several_ranks(alone, ranks):
+    done = run_python("-c", ON_RANKS, ranks=ranks)
+    assert done.returncode == 0, done.stderr
+    for line, expected in zip(done.stdout.splitlines(), alone, strict=True):
+        found = [float(number) for number in line.split()]
+        assert found == pytest.approx(expected, abs=1e-8 * max(map(abs, expected)))
+
+
+@pytest.mark.parametrize(("radius", "touched"), [(0.2, False), (100.0, True)])
+def test_a_roller_between_contact_points_is_not_missed_silently(radius, touched):
+    """A cantilever bends onto a roller.  Beside facets of 0.1 m a radius of 0.2 m is narrow: no mean gap is closed."""
+    gap = 3.5e-4
+    roller = Cylinder((0.95, 0.0, -gap - radius), (0.0, 1.0, 0.0), radius)
+    mesh = coulomb.box((1.0, 0.1, 0.1), (10, 1, 1), "tetrahedron", degree=2)
+    contact = Contact("bottom", 0.0, foundation=roller)
+    solution = ContactProblem(mesh, Material(2e11, 0.0), [Clamp("left")], contact, [Pressure("top", 1e5)]).solve()
+    assert (solution.at_nodes.totals()["normal_force"] > 1900.0) == touched
+    assert solution.certificate.passed and solution.valid == touched
+    assert solution.small_strain.warnings and "facets are too large" in solution.small_strain.warnings[-1]
+    x, u = solution.problem.elasticity.x, solution.displacement
+    depth = -roller.signed_distance(x[x[:, 2] == 0.0] + u[x[:, 2] == 0.0]).min()
+    forces = np.linalg.norm(solution.problem.elasticity.internal_force(u), axis=1).sum()
+    deformation = 2.0 * np.vdot(u, solution.problem.elasticity.internal_force(u)) / forces
+    assert solution.small_strain.between == pytest.approx(depth / deformation, rel=1e-9)
+
+
+def test_a_ball_that_no_mean_touches_is_found():
+    """The body moves without deformation, past a ball that is between its contact points."""
+    mesh = coulomb.box((1.0, 1.0, 0.5), (4, 4, 2), "tetrahedron", degree=2)
+    ball = Contact("bottom", 0.3, foundation=Sphere((0.5, 0.5, -20.0), 20.0))
+    press = PrescribedDisplacement("top", (0.0, 0.0, -1e-4))
+    solution = ContactProblem(mesh, STEEL, [press], ball).solve()
+    assert solution.at_nodes.totals()["normal_force"] == 0.0 and not solution.valid
+    assert solution.small_strain.between == 100.0
+    lifted = ContactProblem(mesh, STEEL, [PrescribedDisplacement("top", (0.0, 0.0, 1e-4))], ball).solve()
+    assert lifted.valid and lifted.small_strain.between == 0.0

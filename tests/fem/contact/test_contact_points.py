@@ -1,0 +1,163 @@
+"""Contact points whose displacement is a mean over several nodes: slip, gap, forces and work go through B alone.
+
+Mortar elements and second-order faces have such rows.  Here each point takes 0.6 of its node and the rest of its
+neighbours on the face; everything is compared with dense algebra of these weights.
+"""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, Sphere
+from coulomb.fem.contact import contact_points, surface
+from coulomb.io import output
+from coulomb.io.restart import nodal_vectors
+from coulomb.model import gathered_evidence
+
+RUBBER = Material(1e7, 0.3)
+PATH = [(0, 0, 0, 0), (1, 0, 0, 1e-3), (2, 2e-3, 0, 1e-3), (3, -1e-3, 5e-4, 1e-3)]
+H = 0.025
+
+
+def several_nodes(elasticity, nodes):
+    """The weights of the points at these nodes, shape (m, nodes); on one rank."""
+    x, y = elasticity.x, elasticity.x[nodes]
+    distance = np.linalg.norm(y[:, None] - x[None], axis=2)
+    beside = (np.abs(distance - H) < 1e-9) & (np.abs(x[None, :, 2] - y[:, None, 2]) < 1e-9)
+    weights = 0.4 * beside / beside.sum(axis=1, keepdims=True) + 0.6 * (distance < 1e-9)
+    return scipy.sparse.csr_matrix(weights)
+
+
+def averages(space, facets):
+    nodal = contact_points.contact_points(space, facets)
+    return replace(nodal, weights=several_nodes(space, nodal.nodes), nodal=False)
+
+
+@pytest.fixture(autouse=True)
+def weights(monkeypatch):
+    for module in (surface, gathered_evidence):
+        monkeypatch.setattr(module, "contact_points", averages)
+
+
+def dragged(friction=0.4, foundation=None, **ways):
+    """A block of rubber that a foundation presses and rubs to and fro; no contact node is clamped."""
+    contact = Contact("bottom", friction, foundation=foundation or Plane((0, 0, 0), (0, 0, 1)), motion=PATH)
+    return ContactProblem(coulomb.box((0.1, 0.1, 0.05), (4, 4, 2)), RUBBER, [Clamp("top")], contact, **ways)
+
+
+def weights_of(problem):
+    return several_nodes(problem.elasticity, problem.surface.nodes)
+
+
+def dense(matrix):
+    indptr, indices, values = matrix.getValuesCSR()
+    return scipy.sparse.csr_matrix((values, indices, indptr), shape=matrix.getSize()).toarray()
+
+
+WAYS = {
+    "Schur complement": {"explicit": True},
+    "matrix-free": {"explicit": False},
+    "multigrid": {"linear_solver": coulomb.IterativeSolver, "explicit": False},
+}
+
+
+@pytest.mark.parametrize("ways", WAYS.values(), ids=WAYS)
+def test_A_b_and_displacement_are_those_of_the_weights(ways):
+    problem = dragged(**ways).at(2.0)
+    surface, elasticity = problem.surface, problem.elasticity
+    assert surface.points.weights.nnz > 3 * len(surface.nodes)
+    B = np.einsum("kij,kl->kilj", surface.frames, weights_of(problem).toarray()).reshape(3 * len(surface.nodes), -1)
+    K, f = dense(elasticity.K), problem.f.array_r
+    x = np.random.default_rng(1).normal(size=len(B)) * 10.0
+    u = np.linalg.solve(K, f - B.T @ x)
+    assert problem.displacement(x).ravel() == pytest.approx(u, abs=1e-9 * np.abs(u).max())
+    closed = (B @ u).reshape(-1, 3)
+    closed[:, 0] -= surface.gap
+    Ax = np.empty_like(x)
+    problem.A.mult(x, Ax)
+    assert problem.b - Ax == pytest.approx(closed.ravel(), abs=1e-9 * np.abs(closed).max())
+    assert surface.at_nodes(x).ravel() == pytest.approx(B.T @ x, abs=1e-12 * np.abs(x).max())
+
+
+@pytest.mark.parametrize("foundation", [None, Sphere((0.05, 0.05, -0.5), 0.5)], ids=["plane", "ball"])
+def test_every_step_is_certified_and_slips_by_the_weights(foundation, tmp_path):
+    problem = dragged(foundation=foundation)
+    W, motion, before = weights_of(problem), problem.motions[0], np.zeros_like(problem.elasticity.x)
+    for step in LoadHistory([1.0, 1.5, 2.0, 3.0]).steps(problem):
+        solution, surface = step.solution, step.solution.problem.surface
+        assert solution.certificate.passed, solution.certificate
+        here = solution.problem.motions[0]
+        slip = surface.components(W @ (solution.displacement - before) - (here - motion))
+        slip[:, 0] = 0.0
+        answer = solution.at_nodes
+        assert answer.fields()["slip"] == pytest.approx(surface.vectors(slip), abs=1e-12)
+        assert answer.moved == pytest.approx(W @ solution.displacement, abs=1e-12)
+        gap = surface.gap - surface.components(W @ solution.displacement)[:, 0]
+        assert answer.fields()["gap"] == pytest.approx(gap, abs=1e-12)
+        assert solution.small_strain.slip_over_cell < 1.0
+        motion, before = here, solution.displacement
+    assert np.abs(slip).max() > 1e-4  # it does slip
+    output.write(solution, tmp_path)
+    written = nodal_vectors(tmp_path / "contact.h5", "slip", problem.elasticity.x[surface.nodes], problem.comm)
+    assert written == pytest.approx(surface.vectors(slip), abs=1e-12)
+
+
+def test_work_is_that_of_forces_and_displacements_at_the_points():
+    """Loads, clamps and contact do the work that the body stores; the work of the foundation is force times motion."""
+    problem = dragged()
+    W, steps = weights_of(problem), list(LoadHistory([1.0, 1.5, 2.0, 3.0]).steps(problem))
+    for earlier, later in pairwise(steps):
+        u0, u1 = earlier.state.displacement, later.state.displacement
+        force = 0.5 * (earlier.state.force_on_body + later.state.force_on_body)
+        energy = {
+            name: getattr(later.state.energy, name) - getattr(earlier.state.energy, name)
+            for name in ("loads", "prescribed", "foundation", "elastic", "dissipated")
+        }
+        contact = np.vdot(force, W @ (u1 - u0))
+        assert energy["loads"] + energy["prescribed"] + contact == pytest.approx(energy["elastic"], abs=1e-9)
+        moved = later.solution.problem.motions[0] - earlier.solution.problem.motions[0]
+        assert energy["foundation"] == pytest.approx(force.sum(axis=0) @ moved, rel=1e-9)
+        surface, end = later.solution.problem.surface, later.state.force_on_body
+        slip = W @ (u1 - u0) - moved
+        slip -= surface.frames[:, 0] * np.einsum("ki,ki->k", slip, surface.frames[:, 0])[:, None]
+        assert energy["dissipated"] == pytest.approx(-np.vdot(end, slip), rel=1e-9)
+        assert energy["dissipated"] > 0.0
+
+
+def test_steady_sliding():
+    path = [(0.0, 0.0, 0.0, 1e-3), (10.0, 0.1, 0.0, 1e-3)]
+    problem = dragged()
+    contact = replace(problem.contacts[0], motion=path)
+    sliding = ContactProblem(problem.mesh, RUBBER, [Clamp("top")], contact)
+    *_, step = LoadHistory([1.0, 4.0, 7.0, 10.0], tolerance=1e-11).steps(sliding)
+    assert step.row["force_x"] == pytest.approx(0.4 * step.row["force_z"], rel=1e-9)
+
+
+def test_a_history_goes_on_from_its_files(tmp_path):
+    times = [1.0, 2.0, 3.0]
+    *_, expected = LoadHistory(times).steps(dragged())
+    history, files = LoadHistory(times), coulomb.HistoryFiles(tmp_path)
+    history.run(dragged(), files, on_step=lambda step: step.state.number == 2)
+    taken = []
+    history.run(dragged(), coulomb.HistoryFiles(tmp_path, resume=True), on_step=taken.append)
+    (step,) = taken
+    assert step.row["force_x"] == pytest.approx(expected.row["force_x"], rel=1e-7)
+    assert step.state.energy.foundation == pytest.approx(expected.state.energy.foundation, rel=1e-7)
+
+
+def test_evidence_is_built_from_the_weights():
+    """Points that the solver omits or moves are detected, as with one node per point."""
+    problem = dragged().at(1.0)
+    solution = problem.solve()
+    judged = problem.evidence(solution.contact_force, solution.displacement)
+    order = np.argsort(problem.surface.nodes)
+    assert judged.closure[:, 0] == pytest.approx(
+        np.einsum("ki,ki->k", problem.surface.frames[:, 0], weights_of(problem) @ solution.displacement)[order],
+        abs=1e-12,
+    )
+    total = solution.force_on_body.sum(axis=0)
+    assert judged.on_body.sum(axis=0) == pytest.approx(total, rel=1e-9, abs=1e-9 * np.abs(total).max())

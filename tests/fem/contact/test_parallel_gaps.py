@@ -1,0 +1,52 @@
+"""Press fits on any number of ranks: alone, or `mpirun -n 3 python -m pytest` with the path of this file."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from test_parallel import same_error
+
+import coulomb
+from coulomb import (
+    Contact,
+    ContactProblem,
+    Cylinder,
+    DirectSolver,
+    IterativeSolver,
+    LoadHistory,
+    Material,
+    SymmetryPlane,
+)
+
+comm = MPI.COMM_WORLD
+
+
+def ring(over, gap=lambda x: -5e-5 * (1.0 + x[2]), degree=1, **more):
+    def place(x):
+        r, angle = 0.1 + 0.1 * x[0], 0.5 * np.pi * x[1]
+        return np.stack([r * np.cos(angle), r * np.sin(angle), 0.1 * x[2]])
+
+    mesh = coulomb.box((1.0, 1.0, 1.0), (2, 4, 2), "tetrahedron", comm=over, place=place, degree=degree)
+    pin = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.1)
+    way = [(1.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 2e-5)]
+    fit = Contact("left", 0.2, foundation=pin, gap=gap, gap_amplitude=[(0.0, 0.0), (1.0, 1.0)], motion=way)
+    supports = [SymmetryPlane(face) for face in ("front", "back", "bottom", "top")]
+    return ContactProblem(mesh, Material(2e11, 0.3), supports, fit, **more)
+
+
+@pytest.mark.parametrize(("linear_solver", "degree"), [(IterativeSolver, 1), (DirectSolver, 2)])
+def test_a_press_fit_that_is_pulled(linear_solver, degree):
+    history = LoadHistory(times=[1.0, 2.0], tolerance=1e-10)
+    alone = history.steps(ring(MPI.COMM_SELF, degree=degree))
+    together = history.steps(ring(comm, degree=degree, linear_solver=linear_solver))
+    for one, other in zip(alone, together, strict=True):
+        expected, found = (answer.solution.at_nodes.totals() for answer in (one, other))
+        assert other.solution.certificate.passed
+        assert found["normal_force"] == pytest.approx(expected["normal_force"], rel=1e-8)
+        assert np.allclose(found["force"], expected["force"], rtol=0.0, atol=1e-8 * expected["normal_force"])
+        assert other.state.energy.foundation == pytest.approx(one.state.energy.foundation, rel=1e-8)
+
+
+def test_wrong_gaps_are_errors_on_all_ranks():
+    assert "larger than the body" in same_error(lambda: ring(comm, -3.0, time=1.0))
+    nan_at_one_end = lambda x: np.where(x[0] > 0.09, np.nan, 0.0)  # noqa: E731
+    assert "not finite" in same_error(lambda: ring(comm, nan_at_one_end))

@@ -1,0 +1,138 @@
+import numpy as np
+import pytest
+from conftest import STEEL, make_block
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, Elasticity, Plane
+from coulomb.fem.contact.surface import contact_surface
+from coulomb.fem.geometry.contact_frames import tangent_frames
+
+
+def body(clamps=(Clamp("left"),), cell="hexahedron"):
+    return Elasticity(coulomb.box((3.0, 1.0, 1.0), (6, 2, 2), cell), STEEL, clamps)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_nodes_frames_gap_and_area(cell):
+    surface = contact_surface(body(cell=cell), "bottom")
+    assert len(surface.nodes) == 6 * 3  # the clamped edge is left out
+    assert np.allclose(surface.x[:, 2], 0.0, atol=1e-14) and np.all(surface.x[:, 0] > 0.0)
+    assert np.allclose(surface.frames, np.array([[0, 0, -1], [1, 0, 0], [0, 1, 0]]))
+    assert np.allclose(surface.gap, 0.0)
+    inner = (surface.x[:, 0] < 2.99) & np.isclose(surface.x[:, 1], 0.5)
+    assert np.allclose(surface.area[inner], 0.25)
+    assert surface.area.sum() == pytest.approx(3.0 - 0.25)  # without the hats of the clamped edge
+
+
+def test_contact_matrix_takes_components():
+    elasticity = body()
+    surface = contact_surface(elasticity, "bottom")
+    u = np.random.default_rng(61).standard_normal(elasticity.x.shape)
+    v = elasticity.K.createVecRight()
+    v.array[:] = u.ravel()
+    product = surface.B.createVecLeft()
+    surface.B.mult(v, product)
+    assert np.allclose(product.array.reshape(-1, 3), surface.components(u[surface.nodes]))
+    assert np.allclose(surface.vectors(surface.components(u[surface.nodes])), u[surface.nodes])
+
+
+def test_gap_to_a_plane_below_and_tilted():
+    elasticity = body()
+    low = contact_surface(elasticity, "bottom", Plane((0, 0, -0.25), (0, 0, 2.0)))
+    assert np.allclose(low.gap, 0.25)
+    tilted = contact_surface(elasticity, "bottom", Plane((0, 0, 0), (-0.6, 0, 0.8)))
+    assert np.allclose(tilted.gap, -0.6 * tilted.x[:, 0])
+    assert np.allclose(tilted.frames[:, 0], [0.6, 0, -0.8])
+
+
+def test_frames_are_orthonormal_and_keep_axes():
+    rng = np.random.default_rng(62)
+    n = rng.standard_normal((200, 3))
+    n[np.arange(50), rng.integers(0, 3, 50)] = 0.0
+    n[50:53] = np.eye(3)
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    frames = tangent_frames(n)
+    assert np.allclose(np.einsum("kij,klj->kil", frames, frames), np.eye(3), atol=1e-12)
+    assert np.array_equal(frames[:, 0], n)
+    for k in range(200):
+        for axis in range(3):
+            if n[k, axis] == 0.0:  # an axis perpendicular to n is a tangent, up to rounding
+                assert np.abs(frames[k, 1:, axis]).max() == pytest.approx(1.0, abs=1e-12)
+
+
+def test_nodes_held_along_a_tangent_stay_and_carry_no_friction_there():
+    """Plane strain: u_y = 0 everywhere. No friction along y, the rest as usual."""
+    problem = ContactProblem(
+        coulomb.box((3.0, 0.25, 1.0), (12, 1, 4)),
+        STEEL,
+        [Clamp("left"), Clamp("front", "y"), Clamp("back", "y")],
+        Contact("bottom", friction=0.3),
+        [coulomb.Traction("top", (0.0, 0.0, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
+    )
+    assert len(problem.surface.nodes) == 24
+    solution = problem.solve()
+    force = solution.contact_force.reshape(-1, 3)
+    assert solution.certificate.passed
+    assert np.abs(force[:, 1]).max() > 1e4 and np.abs(force[:, 2]).max() <= 1e-9 * np.abs(force).max()
+
+
+@pytest.mark.parametrize(
+    ("clamps", "face", "foundation", "message"),
+    [
+        ([Clamp("left")], "left", None, "contact face 'left' is fully clamped"),
+        ([Clamp("left"), Clamp("bottom", "z")], "bottom", None, "contact face 'bottom' is fully clamped"),
+        ([Clamp("left")], "botom", None, "contact: there is no face 'botom' on this mesh"),
+        ([Clamp("left")], "bottom", Plane((0, 0, 0), (0, 0, -1)), "turned away from the foundation"),
+        (
+            [Clamp("left"), Clamp("right", "x")],
+            "bottom",
+            Plane((0, 0, 0), (1, 0, 5e-3)),
+            "held at less than 0.6 degrees",
+        ),
+    ],
+)
+def test_bad_input(clamps, face, foundation, message):
+    with pytest.raises(ValueError, match=message):
+        contact_surface(body(clamps), face, foundation)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Contact("bottom"), "either friction .* or slip_stress"),
+        (lambda: Contact("bottom", 0.3, 1e7), "either friction .* or slip_stress"),
+        (lambda: Contact("bottom", -0.3), "friction must be a number >= 0"),
+        (lambda: Contact("bottom", "rough"), "friction must be a number >= 0, but is 'rough'"),
+        (lambda: Contact("bottom", slip_stress=float("inf")), "slip_stress must be a number >= 0"),
+        (lambda: Plane((0, 0, 0), (0, 0, 0)), "normal must not be zero"),
+        (lambda: Plane((0, 0, float("nan")), (0, 0, 1)), "point must be three finite numbers"),
+        (
+            lambda: make_block(2, explicit=True, linear_solver=coulomb.IterativeSolver),
+            "explicit=True.* only where K is factorised",
+        ),
+    ],
+)
+def test_bad_contact(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_frames_at_45_degrees_do_not_depend_on_rounding():
+    """Two axes at equal angles to the normal: a normal rounded in a file must give the same tangents."""
+    n = np.array([1.0, 0.0, -1.0]) / np.sqrt(2.0) + 1e-16 * np.random.default_rng(0).integers(-3, 4, (40, 3))
+    frames = tangent_frames(n)
+    assert np.abs(frames - frames[0]).max() < 1e-14
+
+
+def test_a_surface_is_computed_once_per_position_of_its_foundation():
+    """A load step with the foundation and the gaps where they were has the same surface; with others it has its own."""
+    factor = {0.0: 0.0, 1.0: 0.0, 2.0: 0.0, 3.0: 1.0}
+    contact = coulomb.Contact(
+        "bottom", 0.3, motion=lambda t: (0.0, 0.0, 1e-3 * (t == 1.0)), gap=1e-4, gap_amplitude=lambda t: factor[t]
+    )
+    problem = coulomb.ContactProblem(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), STEEL, [coulomb.Clamp("top")], contact)
+    surfaces = [problem.body.state(time).surface for time in (0.0, 1.0, 2.0, 2.0, 3.0)]
+    at_rest, moved, back, again, wider = surfaces
+    assert at_rest is problem.surface and again is back
+    gaps = [np.unique(np.round(surface.gap, 12)).tolist() for surface in (at_rest, moved, back, wider)]
+    assert gaps == [[0.0], [-1e-3], [0.0], [1e-4]]

@@ -1,0 +1,291 @@
+"""A face in two pairs: its contact points, files, check, history, resume and report have both; sums that have none are
+not given."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from check_runs import change, run_case
+from conftest import run_coulomb
+from report_pages import page_without_pictures
+from resumed_rows import rows_of, same_to_the_tolerance
+from test_several_faces import jaws
+from two_pairs_runs import LENS, write_lens
+
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, SymmetryPlane, Traction, box, join, moved
+from coulomb.contact_names import side_names
+from coulomb.fem.contact.shared_nodes import lost_nodes
+from coulomb.fem.meshes.named_mesh import NamedMesh
+from coulomb.io import output
+from coulomb.io.field_files import OPPOSITE, read_grids
+from coulomb.io.history_files import HistoryFiles
+from coulomb.io.recheck.directory import check
+from coulomb.io.written_case import written_case
+from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
+from coulomb.model.opposite import CARRIED, carried
+
+BELOW, ABOVE = "mid:around against low:top", "mid:around against up:bottom"
+LAST = "steps/0002"
+
+
+def lens(folder, cell="hexahedron", degree=1, text=LENS):
+    """The directory of the run of `LENS`."""
+    folder.mkdir()
+    write_lens(folder, cell, degree)
+    return run_case(text, folder / "run")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return lens(tmp_path_factory.mktemp("lens") / "of")
+
+
+def last_row(folder):
+    """Without the sum of the forces on the cushion, which is 0 up to the residual."""
+    return {name: value for name, value in rows_of(folder)[-1].items() if not name.startswith("body_mid")}
+
+
+def touched(grid):
+    return np.round(grid.fields["status"]) != HELD
+
+
+def test_every_pair_has_its_own_fields_on_both_sides(run):
+    faces = read_grids(run / LAST / "contact.xdmf")
+    assert list(faces) == [BELOW, ABOVE, "low:top", "up:bottom"]
+    below, above = faces[BELOW], faces[ABOVE]
+    assert np.array_equal(below.points, above.points)
+    assert np.any(touched(below)) and np.any(touched(above)) and not np.any(touched(below) & touched(above))
+    assert np.all(below.points[touched(below), 2] < 0.2) and np.all(above.points[touched(above), 2] > 0.2)
+    summary = json.loads((run / LAST / "summary.json").read_text())
+    for number, (slave, master) in enumerate(((below, faces["low:top"]), (above, faces["up:bottom"]))):
+        force, opposite = (grid.fields["contact_force"].sum(axis=0) for grid in (slave, master))
+        assert np.allclose(force, -opposite, atol=1e-9 * np.linalg.norm(force)) and abs(force[2]) > 1e5
+        entry = summary["faces"][number]
+        assert np.allclose(entry["force"], force, rtol=1e-9) and np.allclose(
+            entry["opposite_force"], opposite, rtol=1e-9
+        )
+        assert np.all(master.fields[OPPOSITE] == number) and np.all(slave.fields["face"] == number)
+        assert np.array_equal(master.fields["status"] != OPEN, master.fields["pressure"] > 0.0)
+    both = [grid.fields["contact_force"].sum(axis=0) for grid in (below, above)]
+    assert np.allclose(both[0], -both[1], atol=1e-6 * np.linalg.norm(both[0]))  # nothing else holds the cushion
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("tetrahedron", 2), ("hexahedron", 2), ("tetrahedron", 1)])
+def test_the_check_passes_with_every_cell(cell, degree, tmp_path):
+    found = check(lens(tmp_path / "of", cell, degree, LENS.replace("[0.5, 1]", "[1]")))
+    assert found.passed and not found.faults, str(found)
+
+
+def test_the_check_has_both_pairs(run, tmp_path):
+    assert check(run).passed, str(check(run))
+    for place, fault in {
+        "mid_around_against_low_top/contact_force": "pressure",
+        "mid_around_against_up_bottom/contact_force": "pressure",
+        "mid_around_against_up_bottom/initial_gap": "initial_gap",
+        "low_top/pressure": "pressure of low:top",
+        "up_bottom/contact_force": "contact_force of up:bottom",
+    }.items():
+        folder = shutil.copytree(run, tmp_path / place.replace("/", "-"))
+        change(folder / LAST / "contact.h5", place, lambda values: values * 1.001)
+        faults = [line for step in check(folder).steps for line in step.faults]
+        assert any(line.startswith(f"contact.xdmf: {fault}") for line in faults), (place, faults)
+    folder = shutil.copytree(run / LAST, tmp_path / "without-a-case")
+    assert check(folder).passed, str(check(folder))
+
+
+def test_history_has_both_pairs_and_no_sum_of_them(run):
+    summary, rows = json.loads((run / LAST / "summary.json").read_text()), rows_of(run)
+    for name, face in zip((BELOW, ABOVE), summary["faces"], strict=True):
+        assert float(rows[-1][f"{name}_force_z"]) == face["force"][2]
+        assert float(rows[-1][f"{name}_normal_force"]) == face["normal_force"] > 1e5
+        assert float(rows[-1][f"{name}_opposite_force_x"]) == face["opposite_force"][0]
+    assert not {"force_x", "moment_x", "normal_force", "centre_of_pressure_x"} & set(rows[-1])
+    assert not {"force", "moment", "normal_force", "centre_of_pressure"} & set(summary["totals"])
+    assert "force_on_body" not in summary
+    area = sum(face["contact_area"] for face in summary["faces"])
+    assert summary["totals"]["contact_area"] == pytest.approx(area, rel=1e-12)
+
+
+def test_the_terminal_has_the_forces_of_each_pair(tmp_path):
+    write_lens(tmp_path)
+    (tmp_path / "lens.toml").write_text(LENS)
+    done = run_coulomb("run", "lens.toml", cwd=tmp_path, ranks=2)  # and two ranks write what one does
+    assert done.returncode == 0, done.stderr
+    faces = json.loads((tmp_path / "run" / LAST / "summary.json").read_text())["faces"]
+    shown = [f"{name} {face['normal_force']:.6g} N" for name, face in zip((BELOW, ABOVE), faces, strict=True)]
+    assert f"normal {', '.join(shown)}, open" in done.stdout
+    assert check(tmp_path / "run").passed
+    one, other = last_row(tmp_path / "run"), last_row(lens(tmp_path / "alone"))
+    assert list(one) == list(other)
+    for name in [name for name in one if name.startswith((BELOW, ABOVE)) and name.endswith("_force_z")]:
+        assert float(one[name]) == pytest.approx(float(other[name]), rel=1e-6)
+
+
+def test_a_history_is_continued(run, tmp_path):
+    folder = shutil.copytree(run, tmp_path / "run")
+    shutil.rmtree(folder / LAST)
+    settings = written_case(folder)
+    settings.load_history().run(settings.problem(), HistoryFiles(folder, resume=True))
+    assert same_to_the_tolerance(last_row(run), last_row(folder)) and check(folder).passed
+
+
+def test_the_page_has_both_pairs(run):
+    pytest.importorskip("pyvista")
+    text, nodes = (
+        page_without_pictures(run, charts=True),
+        json.loads((run / LAST / "summary.json").read_text())["nodes"],
+    )
+    assert f"{nodes['open']} / {nodes['stick']} / {nodes['slip']}" in text
+    assert f"normal force of {BELOW} / {ABOVE}" in text and f"normal force of {ABOVE}" in text
+    assert f"contact at {BELOW}" in text and f"contact at {ABOVE}" in text
+    assert text.count('"name": "mid:around"') == 1  # of the faces to choose from
+
+
+def test_a_picture_shows_every_face_once_with_both_pairs(run):
+    pytest.importorskip("pyvista")
+    from coulomb.pictures.report.merged import drawn_apart, merged
+    from coulomb.pictures.report.scene import zone_counts
+
+    faces, bodies = (read_grids(run / LAST / f"{name}.xdmf") for name in ("contact", "solution"))
+    whole = merged(faces)
+    assert [block.name for block in whole.blocks] == ["mid:around", "low:top", "up:bottom"]
+    pressure = whole.fields["pressure"][whole.blocks[0].points]
+    assert np.array_equal(pressure, faces[BELOW].fields["pressure"] + faces[ABOVE].fields["pressure"])
+    nodes = json.loads((run / LAST / "summary.json").read_text())["nodes"]
+    counts = zone_counts(whole)
+    assert {name: counts[name] for name in ("open", "stick", "slip")} == {
+        name: nodes[name] for name in ("open", "stick", "slip")
+    }
+    apart, _ = drawn_apart(merged(bodies), whole)
+    low, mid, up = ((apart.points - merged(bodies).points)[block.points.start] for block in apart.blocks)
+    assert mid[2] - low[2] > 0.3 and up[2] - mid[2] > 0.3 and np.allclose((low - up)[:2], 0.0, atol=1e-6)
+
+
+def test_a_coarse_face_is_the_master_of_both_pairs(tmp_path):
+    """Its side has the status, the pressure and the forces of each pair apart."""
+    text = LENS.replace("cells = [2, 1, 1]", "cells = [10, 6, 1]").replace("[0.5, 1]", "[1]")
+    folder = lens(tmp_path / "of", text=text)
+    faces = read_grids(folder / "steps/0001/contact.xdmf")
+    assert list(faces) == ["low:top", "up:bottom", BELOW, ABOVE]
+    for name, side in ((BELOW, -1.0), (ABOVE, 1.0)):
+        grid = faces[name]
+        assert np.all(side * (grid.points[touched(grid), 2] - 0.2) > 0.0)
+        assert side * grid.fields["contact_force"][:, 2].sum() < -1e5
+        assert np.array_equal(grid.fields["status"] != OPEN, (grid.fields["pressure"] > 0.0) | ~touched(grid))
+    found = check(folder)
+    assert found.passed, str(found)
+
+
+def test_a_face_is_the_slave_of_one_pair_and_the_master_of_another(tmp_path):
+    before, cells, after = LENS.rpartition("cells = [2, 1, 1]")
+    folder = lens(tmp_path / "of", text=f"{before}cells = [10, 6, 1]{after}".replace("[0.5, 1]", "[1]"))
+    assert cells and list(read_grids(folder / "steps/0001/contact.xdmf")) == [BELOW, "up:bottom", "low:top", ABOVE]
+    assert f"{BELOW}_force_x" in last_row(folder) and "up:bottom_opposite_force_x" in last_row(folder)
+    found = check(folder)
+    assert found.passed, str(found)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_nodes_in_both_pairs_count_at_one(cell, tmp_path):
+    """A pad across the joint of two bases: a uniform pressure stays uniform, and is that of the load on both."""
+    bases = {name: moved(box((1.0, 1.0, 0.5), (2, 2, 1)), (x, 0.0, -0.5)) for name, x in (("one", 0.0), ("two", 1.0))}
+    pad = box((2.0, 1.0, 0.5), (7, 4, 2), cell)
+    pressed = [Traction("pad:top", (0.0, 0.0, -1e7))]
+    planes = [SymmetryPlane(f"{name}:front") for name in ("pad", *bases)]
+    planes += [SymmetryPlane(face) for face in ("pad:left", "one:left", "one:bottom", "two:bottom", "two:right")]
+    contacts = [Contact("pad:bottom", against=f"{name}:top", friction=0.3) for name in bases]
+    problem = ContactProblem(join(pad=pad, **bases), Material(2e11, 0.0), planes, contacts, pressed)
+    solution = problem.solve(1e-11)
+    output.write(solution, tmp_path)
+    assert len(np.unique(problem.surface.nodes)) == len(problem.surface.nodes) == 8 * 5
+    assert np.allclose(solution.at_nodes.fields()["pressure"], 1e7, rtol=1e-8)
+    for face in json.loads((tmp_path / "summary.json").read_text())["faces"]:
+        assert face["force"][2] == pytest.approx(1e7, rel=1e-8)
+    found = check(tmp_path)
+    assert found.passed, str(found)
+
+
+def test_nodes_in_both_pairs_are_remarked():
+    """The three nodes in the middle of the pad are opposite to both bases."""
+    bases = {name: moved(box((1.0, 1.0, 0.5), (1, 1, 1)), (x, 0.0, -0.5)) for name, x in (("one", 0.0), ("two", 1.0))}
+    pad = box((2.0, 1.0, 0.5), (4, 2, 1))
+    contacts = [Contact("pad:bottom", against=f"{name}:top", friction=0.3) for name in bases]
+    clamps = [Clamp("one:bottom"), Clamp("two:bottom")]
+    for gap, first in ((0.0, [9, 6]), (-1e-4, [6, 9])):  # the second base nearer than the first, or as near
+        raised = {"one": moved(bases["one"], (0.0, 0.0, gap)), "two": bases["two"]}
+        problem = ContactProblem(join(pad=pad, **raised), Material(2e11, 0.0), clamps, contacts)
+        assert np.bincount(problem.surface.part).tolist() == first
+        remarks = [text for number in (0, 1) for text in problem.body.pair(number).remarks]
+        assert sum("3 of its nodes are contact points of another face" in text for text in remarks) == 1
+
+
+def test_a_node_counts_at_the_nearest_master():
+    points = {
+        4: (np.array([0, 1, 2]), np.array([0.0, 2e-3, -1e-3])),
+        7: (np.array([1, 2, 3]), np.array([1e-3, 1e-3, 5.0])),
+    }
+    lost = lost_nodes(points, 5, 1.0)
+    assert lost[4].tolist() == [False, True, False, False, False]
+    assert lost[7].tolist() == [False, False, True, False, False]  # as near: the first pair
+
+
+def test_the_same_pair_twice_is_refused():
+    mesh = join(base=box((1.0, 1.0, 1.0), (1, 1, 1)), pad=moved(box((1.0, 1.0, 1.0), (1, 1, 1)), (0.0, 0.0, 1.0)))
+    contacts = [Contact("pad:bottom", 0.3, against="base:top"), Contact("base:top", 0.2, against="pad:bottom")]
+    with pytest.raises(ValueError, match="the pair of 'base:top' and 'pad:bottom' is given twice"):
+        ContactProblem(mesh, Material(2e11, 0.0), [Clamp("base:bottom")], contacts)
+
+
+def test_names_of_sides():
+    assert side_names([("a", "b"), ("c", None)]) == [("a", "b"), ("c", None)]
+    assert side_names([("a", "b"), ("a", "c")]) == [("a against b", "b"), ("a against c", "c")]
+    assert side_names([("a", "b"), ("b", "c"), ("b", None)]) == [
+        ("a", "b against a"),
+        ("b against c", "c"),
+        ("b", None),
+    ]
+
+
+def test_the_master_is_not_open_where_pressure_acts():
+    """Fewer of the points opposite touch than do not: their pressure acts all the same."""
+    fields = {name: np.array([0.0, 0.0, 4.0, 1.0]) for name in CARRIED}
+    fields |= {name: np.zeros((4, 3)) for name in ("friction_traction", "slip")}
+    fields["status"] = np.array([OPEN, OPEN, STICK, SLIP], dtype=float)
+    weights = np.array([[3.0, 1.0, 0.0, 5.0], [3.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 2.0]])
+    found = carried(fields, lambda values: weights.T @ values)
+    assert found["status"].tolist() == [STICK, OPEN, HELD, SLIP] and found["pressure"].tolist() == [
+        4 / 7,
+        0.0,
+        0.0,
+        0.75,
+    ]
+
+
+def test_of_several_foundations_only_the_force_is_a_sum(tmp_path):
+    """On one body forces add up; normal forces of different faces do not."""
+    files = HistoryFiles(tmp_path)
+    LoadHistory([1.0]).run(jaws(), files)
+    (row,), summary = files.rows, json.loads((tmp_path / "steps/0001/summary.json").read_text())
+    assert "force_x" in row and "normal_force" not in row and "centre_of_pressure_x" not in row
+    assert summary["force_on_body"].keys() == {"vector"} and "force" in summary["totals"]
+    assert row["top_normal_force"] == summary["faces"][1]["normal_force"] > 0.0
+    assert check(tmp_path).passed
+
+
+def test_one_face_of_a_body_alone_in_two_pairs(tmp_path):
+    """Components need no case: the face is made here."""
+    mid = moved(box((1.0, 0.6, 0.4), (3, 2, 1)), (0.0, 0.0, 0.0))
+    both = np.unique(np.concatenate([mid.faces["bottom"], mid.faces["top"]]))
+    mid = NamedMesh(mid.domain, {**mid.faces, "both": both})
+    plates = {name: moved(box((1.0, 0.6, 0.2), (2, 1, 1)), (0.0, 0.0, z)) for name, z in (("low", -0.2), ("up", 0.4))}
+    planes = [SymmetryPlane(f"{name}:{face}") for name in ("mid", *plates) for face in ("left", "front")]
+    contacts = [Contact("mid:both", against=face, friction=0.3) for face in ("low:top", "up:bottom")]
+    load = [Traction("up:top", (0.0, 0.0, -1e7))]
+    supports = [SymmetryPlane("low:bottom"), *planes]
+    problem = ContactProblem(join(mid=mid, **plates), Material(2e11, 0.0), supports, contacts, load)
+    solution = problem.solve(1e-11)
+    assert np.allclose(solution.at_nodes.fields()["pressure"], 1e7, rtol=1e-8)
+    output.write(solution, tmp_path)
+    found = check(tmp_path)
+    assert found.passed, str(found)

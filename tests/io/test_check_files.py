@@ -1,0 +1,350 @@
+"""`coulomb check` refuses fields and numbers that do not follow from the answer, or differ from the case."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from check_runs import (
+    BALL,
+    BLOCK,
+    UNASKED,
+    WEDGE,
+    change,
+    copied,
+    edit,
+    field,
+    get,
+    leaves,
+    made,
+    one_entry,
+    put,
+    run_case,
+    scaled,
+    shown,
+)
+
+from coulomb.io.recheck.directory import check
+from coulomb.model.contact_faces import contact_surface as real_surface
+from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
+
+ON_CELLS = ("von_mises_stress", "stress_xz", "principal_stress_2", "young", "poisson")
+RUNS = {"hexahedra": BLOCK, "tetrahedra": WEDGE}
+ON_BODY = ("displacement", "load", "held", "prescribed", "spring_force", "rigid_force_5", *ON_CELLS)
+ON_FACE = (
+    *("pressure", "friction_traction", "slip", "gap", "friction_use", "contact_force", "normal", "initial_gap"),
+    *(
+        "given_gap",
+        "tangent_1",
+        "tangent_2",
+        "area",
+        "coefficient",
+        "friction",
+        "cohesion",
+        "slip_bound",
+        "slip_origin",
+        "face",
+    ),
+)
+GIVEN = {
+    "load",
+    "held",
+    "prescribed",
+    "spring_force",
+    "rigid_force_5",
+    "young",
+    "poisson",
+    "normal",
+    "tangent_1",
+    "tangent_2",
+    "initial_gap",
+    "given_gap",
+    "friction",
+    "cohesion",
+    "slip_origin",
+}
+
+
+@pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
+def test_unchanged_results_agree(text):
+    found = check(made(text))
+    assert found.passed and found.recorded, found
+    assert not any("taken as written" in line for line in found.trusted)
+
+
+@pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
+def test_a_missing_case_is_reported(text, tmp_path):
+    folder = copied(text, tmp_path / "run")
+    (folder / "case.json").unlink()
+    found = check(folder)
+    assert found.passed, found
+    assert any("without a case.json: materials, friction, normals" in line for line in found.trusted)
+
+
+@pytest.mark.parametrize("spoil", [scaled(1.0 + 1e-6), one_entry], ids=["all", "one entry"])
+@pytest.mark.parametrize("name", [*ON_BODY, *ON_FACE])
+@pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
+def test_every_field(text, name, spoil, tmp_path):
+    folder = copied(text, tmp_path / "run")
+    file = "solution" if name in ON_BODY else "contact"
+    change(folder / f"{file}.h5", name, spoil)
+    found = check(folder)
+    assert not found.passed
+    if name in ("displacement", "contact_force"):
+        assert len(found.faults) >= 3  # all that follows from them
+    else:
+        assert any(
+            fault.startswith((f"{file}.xdmf: {name}", f"{file}.xdmf: length of {name}")) for fault in found.faults
+        )
+
+
+@pytest.mark.parametrize("name", sorted({*ON_BODY, *ON_FACE} - GIVEN - {"face"}))
+def test_computed_fields_without_a_case(name, tmp_path):
+    folder = copied(BLOCK, tmp_path / "run")
+    (folder / "case.json").unlink()
+    change(folder / f"{'solution' if name in ON_BODY else 'contact'}.h5", name, scaled(1.0 + 1e-6))
+    assert not check(folder).passed
+
+
+@pytest.mark.parametrize("name", sorted(GIVEN))
+def test_given_fields_without_a_case(name, tmp_path):
+    """A change by a thousandth fails the certificate or contradicts a number of summary.json."""
+    folder = copied(BLOCK, tmp_path / "run")
+    (folder / "case.json").unlink()
+    change(folder / f"{'solution' if name in ON_BODY else 'contact'}.h5", name, lambda v: 1.001 * v + 1e-6)
+    assert not check(folder).passed
+
+
+@pytest.mark.parametrize("entry", ["young", "poisson"])
+def test_material_without_a_case(entry, tmp_path):
+    folder = copied(BLOCK, tmp_path / "run")
+    (folder / "case.json").unlink()
+    edit(
+        folder / "summary.json",
+        lambda contents: contents["material"][0].update({entry: contents["material"][0][entry] * 1.000001}),
+    )
+    assert any(fault.startswith("summary.json.material") for fault in check(folder).faults)
+
+
+@pytest.mark.parametrize(("old", "new"), [(STICK, SLIP), (SLIP, STICK), (SLIP, OPEN), (SLIP, HELD), (HELD, STICK)])
+def test_status_of_one_node(old, new, tmp_path):
+    folder = copied(BLOCK, tmp_path / "run")
+
+    def spoil(status):
+        status[np.argmax(np.round(status[:, 0]) == old)] = new
+        return status
+
+    assert np.any(np.round(field(folder / "contact.h5", "status")) == old)
+    change(folder / "contact.h5", "status", spoil)
+    assert any(fault.startswith("contact.xdmf: status") for fault in check(folder).faults)
+
+
+def test_held_nodes_have_no_fields(tmp_path):
+    folder = copied(BLOCK, tmp_path / "run")
+    held = np.round(field(folder / "contact.h5", "status")) == HELD
+    change(folder / "contact.h5", "pressure", lambda p: np.where(held[:, None], 1.0, p))
+    assert any(fault.startswith("contact.xdmf: pressure of held nodes") for fault in check(folder).faults)
+
+
+@pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
+def test_every_number(text, tmp_path):
+    """All are changed at once, each by a millionth of itself unless it is a rounding error; each is named."""
+    folder = copied(text, tmp_path / "run")
+    first, *others = check(folder).variants
+    millionths, spoilt = 0, json.loads((folder / "summary.json").read_text())
+    for path, value in leaves(first.numbers):
+        rounding = max(abs(get(other.numbers, path) - value) for other in others) if isinstance(value, float) else 0.0
+        if isinstance(value, bool):
+            put(spoilt, path, not value)
+        elif isinstance(value, int):
+            put(spoilt, path, value + 1)
+        elif isinstance(value, float):
+            exact = rounding < 1e-7 * abs(value)
+            millionths += exact
+            put(spoilt, path, value * (1.0 + 1e-6) if exact else value + 10.0 * rounding + 1e-12)
+        elif path != ("law",) and "faces" not in path[-2:]:
+            put(spoilt, path, "other")
+    assert millionths > 40
+    (folder / "summary.json").write_text(json.dumps(spoilt))
+    faults = check(folder).faults
+    for path, _ in leaves(first.numbers):
+        if path[-1] != "law" and "faces" not in path[-2:]:
+            assert any(fault.startswith(shown(path)) for fault in faults), path
+    for path in (
+        ("totals", "force", 0),
+        ("totals", "contact_area"),
+        ("maximum", "contact_pressure"),
+        ("nodes", "slip"),
+    ):
+        assert any(fault.startswith(shown(path)) for fault in faults)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        (("law",), "tresca"),
+        (("totals", "faces"), ["top"]),
+        (("faces", 0, "faces"), ["top"]),
+        (("material", 0, "young"), 2.000002e11),
+        (("material", 0, "cells"), "stiff"),
+        (("friction",), 0.3),
+        (("friction", "min"), 0.1000001),
+        (("certificate", "passed"), False),
+        (("certificate", "penetration", "limit"), 1e-5),
+        (("certificate", "penetration", "value"), 1e-7),
+        (("small_strain", "gradient"), 1e-9),
+    ],
+    ids=lambda value: ".".join(map(str, value)) if isinstance(value, tuple) else None,
+)
+def test_numbers_of_the_case_and_the_certificate(key, value, tmp_path):
+    folder = copied(BLOCK, tmp_path / "run")
+    edit(folder / "summary.json", lambda contents: put(contents, key, value))
+    assert any(fault.startswith(shown(key)) for fault in check(folder).faults)
+
+
+@pytest.mark.parametrize("key", ["totals", "nodes", "maximum", "certificate.penetration", "small_strain", "material"])
+def test_missing_numbers(key, tmp_path):
+    folder = copied(BLOCK, tmp_path / "run")
+    *path, last = key.split(".")
+    edit(folder / "summary.json", lambda contents: get(contents, path).pop(last))
+    try:
+        assert any(key in fault for fault in check(folder).faults)
+    except ValueError as error:
+        assert f"has no {key!r}" in str(error)
+
+
+OTHER_CASES = {
+    "friction": lambda c: c["contact"].update(friction=0.300001),
+    "friction of a region": lambda c: c["contact"]["region"][0].update(friction=0.1000001),
+    "place of a region": lambda c: c["contact"]["region"][0]["box"][1].__setitem__(0, 0.7),
+    "no region": lambda c: c["contact"].pop("region"),
+    "law": lambda c: c.update(contact={"face": "bottom", "slip_stress": 1e6}),
+    "face": lambda c: c["contact"].update(face="back"),
+    "foundation": lambda c: c["contact"].update(foundation={"point": [0, 0, -1e-9], "normal": [0, 0, 1]}),
+    "inclination": lambda c: c["contact"].update(foundation={"point": [0, 0, 0], "normal": [0, 1e-7, 1]}),
+    "clamp": lambda c: c["clamp"][0].update(components="xy"),
+    "another clamp": lambda c: c["clamp"].append({"face": "right", "components": "y"}),
+    "value of the clamp": lambda c: c["clamp"][0].update(value=[0.0, 1e-6, -2.000002e-6]),
+    "spring": lambda c: c["spring"][0].update(stiffness=[0.0, 1e9, 2.000002e9]),
+    "no spring": lambda c: c.pop("spring"),
+    "traction": lambda c: c["traction"][0].update(value=[1e6, 2e6, -2.00002e7]),
+    "body force": lambda c: c.update(body_force=[0.0, 0.0, -1.0]),
+    "young": lambda c: c["material"].update(young=2.000002e11),
+    "poisson": lambda c: c["material"].update(poisson=0.3000003),
+    "mesh": lambda c: c["mesh"].update(cells=[6, 3, 3]),
+    "size": lambda c: c["mesh"].update(box=[1.2, 0.6, 0.400001]),
+    "cells": lambda c: c["mesh"].update(cell="tetrahedron"),
+    "history": lambda c: c.update(history={"times": [1.0]}),
+    "a face that is none": lambda c: c["traction"][0].update(face="left"),
+}
+
+
+@pytest.mark.parametrize("other", OTHER_CASES.values(), ids=OTHER_CASES)
+def test_another_case(other, tmp_path):
+    folder = copied(BLOCK, tmp_path / "run")
+    edit(folder / "case.json", other)
+    found = check(folder)
+    assert found.faults and not found.passed
+
+
+def two_faces(*changes):
+    return lambda c: [c["contact"][k].update(table) for k, table in changes]
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        two_faces((0, {"slip_stress": 2.000002e6})),
+        two_faces((1, {"slip_stress": 2e6})),
+        two_faces((0, {"normals": "foundation"})),
+        two_faces((0, {"face": "right"}), (1, {"face": "bottom"})),
+        lambda c: c["contact"].pop(),
+        lambda c: c["contact"][0]["foundation"].update(radius=2000.0000101),
+    ],
+    ids=["slip stress", "of the other face", "normals", "faces changed round", "one face", "radius"],
+)
+def test_another_case_of_two_faces(other, tmp_path):
+    folder = copied(WEDGE, tmp_path / "run")
+    edit(folder / "case.json", other)
+    assert check(folder).faults
+
+
+def test_a_missing_mesh_file(tmp_path):
+    """The rest of the case is compared nevertheless."""
+    folder = copied(BLOCK, tmp_path / "run")
+    gone = str(tmp_path / "part.msh")
+    edit(folder / "case.json", lambda c: c.update(mesh={"file": gone}))
+    found = check(folder)
+    assert found.passed and any(f"since {gone} is not there" in line for line in found.trusted)
+    edit(folder / "case.json", lambda c: c["contact"].update(friction=0.300001))
+    assert not check(folder).passed
+
+
+@pytest.fixture
+def lost_nodes(monkeypatch):
+    """A faulty contact surface that omits the middle third of the face."""
+    from coulomb.fem.contact.contact_matrix import contact_matrix
+    from coulomb.model import contact_faces
+
+    def without_the_middle(elasticity, face, *arguments):
+        surface = real_surface(elasticity, face, *arguments)
+        keep = ~((surface.x[:, 0] > 0.39) & (surface.x[:, 0] < 0.81))
+        of_points = {name: getattr(surface, name)[keep] for name in ("part", "x", "frames", "gap", "gap_field")}
+        points = surface.points.only(keep)
+        B = contact_matrix(points, of_points["frames"])
+        return replace(surface, **of_points, points=points, B=B, free_B=B)
+
+    monkeypatch.setattr(contact_faces, "contact_surface", without_the_middle)
+
+
+@pytest.mark.parametrize("with_case", [True, False])
+def test_nodes_missing_from_the_surface(lost_nodes, with_case, tmp_path):
+    folder = run_case(BLOCK.replace("[[contact.region]]", "").split("box = [[")[0] + UNASKED, tmp_path / "run")
+    assert np.sum(np.round(field(folder / "contact.h5", "status")) == HELD) > 10
+    if not with_case:
+        (folder / "case.json").unlink()
+    found = check(folder)
+    assert any("nodes are left out, but are not prescribed in solution.h5" in fault for fault in found.faults)
+    if with_case:  # the foundation of the case gives the depth
+        assert found.certificate["penetration"].value > 1e-2
+
+
+def test_normals_and_signs_without_a_case(tmp_path):
+    folder = copied(BLOCK, tmp_path / "run")
+    (folder / "case.json").unlink()
+    change(folder / "contact.h5", "normal", lambda n: -n)
+    assert any("normal that points into the body" in fault for fault in check(folder).faults)
+
+
+def test_a_single_step(tmp_path):
+    folder = copied(BALL, tmp_path / "run")
+    (folder / "steps" / "0002").rename(tmp_path / "alone")
+    found = check(tmp_path / "alone")
+    assert found.passed, found
+    assert any("without the load step before: slip_origin" in line for line in found.trusted)
+
+
+SQUEEZED = (
+    BLOCK.split("[[clamp]]")[0]
+    + """\
+[[clamp]]
+face = "top"
+value = [0.0, 0.0, -0.15]
+[contact]
+face = "bottom"
+friction = 0.3
+"""
+)
+
+
+@pytest.mark.parametrize("accepted", [False, True])
+@pytest.mark.parametrize("with_case", [False, True])
+def test_outside_the_theory(accepted, with_case, tmp_path):
+    folder = copied(f'small_strain = "warn"\n{SQUEEZED}' if accepted else SQUEEZED, tmp_path / "run")
+    if not with_case:
+        (folder / "case.json").unlink()
+    found = check(folder)
+    assert found.certificate.passed and not found.faults, found
+    assert found.passed is accepted and ("outside small-strain theory: displacement grad" in str(found)) is not accepted
+    edit(folder / "summary.json", lambda contents: contents.update(valid=not accepted))
+    assert any(fault.startswith("summary.json.valid") for fault in check(folder).faults)

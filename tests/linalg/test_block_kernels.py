@@ -1,0 +1,320 @@
+"""Products in small dense blocks, in C, against scipy's; multigrid with them against PETSc's."""
+
+import ctypes
+import gc
+import os
+
+import numpy as np
+import pytest
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from coulomb import Clamp, Material, box
+from coulomb.benchmarks.block import block
+from coulomb.fem.bodies.elasticity import Elasticity
+from coulomb.linalg import native
+from coulomb.linalg.compliance import stiffness
+from coulomb.linalg.multigrid import block_matrix, recycled_cg
+from coulomb.linalg.multigrid.block_matrix import (
+    SHAPES,
+    BlockInterpolation,
+    SymmetricBlocks,
+    address,
+    distributed_blocks,
+    in_kernel_blocks,
+    padded,
+)
+from coulomb.linalg.multigrid.multigrid_cycle import Level
+from coulomb.linalg.petsc_arrays import Entries, distributed_entries
+
+pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
+
+
+def petsc(matrix):
+    csr = scipy.sparse.csr_matrix(matrix)
+    csr.sort_indices()
+    return PETSc.Mat().createAIJ(csr.shape, csr=(csr.indptr, csr.indices, csr.data), comm=PETSc.COMM_SELF)
+
+
+def in_blocks(rows, columns, shape, density, rng):
+    """A random matrix of dense blocks."""
+    pattern = scipy.sparse.random(rows, columns, density, random_state=3)
+    return scipy.sparse.kron(pattern, np.ones(shape)).multiply(
+        rng.standard_normal((rows * shape[0], columns * shape[1]))
+    )
+
+
+def vector(values):
+    v = padded(len(values))
+    v[:] = values
+    return v
+
+
+@pytest.fixture(params=[1, 2, 5])
+def team(monkeypatch, request):
+    """Threads of a kernel, however small the matrix."""
+    monkeypatch.setattr(block_matrix, "threads", lambda: request.param)
+    monkeypatch.setattr(block_matrix, "_ALONE", 0)
+    return request.param
+
+
+@pytest.mark.parametrize("size", [3, 6])
+def test_symmetric_blocks(size, team):
+    rng = np.random.default_rng(size)
+    half = in_blocks(40, 40, (size, size), 0.1, rng).tocsr()
+    keep = np.repeat(np.arange(40) != 7, size)  # a row and a column without any entry
+    K = (half + half.T).multiply(np.outer(keep, keep)).tocsr()
+    matrix = petsc(K)
+    blocks = SymmetricBlocks(native.kernels(), distributed_entries(matrix), size, accurate=True)
+    rough = SymmetricBlocks(native.kernels(), distributed_entries(matrix), size)
+    n = 40 * size
+    x, b, inverse, d, y = (vector(rng.standard_normal(n)) for _ in range(5))
+    scale = np.abs(K).sum(axis=1).max()
+    for _ in range(2):  # the second time with what the first left behind
+        blocks.mult(x, y)
+        assert np.abs(y - K @ x).max() <= 1e-13 * scale
+        rough.mult(x, y)
+        assert 1e-10 * scale < np.abs(y - K @ x).max() <= 1e-6 * scale
+    blocks.residual(b, x, y)
+    assert np.abs(y - (b - K @ x)).max() <= 1e-6 * scale
+    direction = 0.3 * d + 0.7 * inverse * (b - K @ x)
+    moved = x + direction
+    blocks.smooth(inverse, b, x, d, np.array([[0.3, 0.7]]))
+    assert np.abs(d - direction).max() <= 1e-5 * scale and np.abs(x - moved).max() <= 1e-5 * scale
+
+
+def test_a_thread_that_adds_to_rows_of_all_later_ones(team):
+    """The first row couples with the last, all others with themselves only."""
+    size, count = 3, 30
+    pattern = scipy.sparse.eye(count).tolil()
+    pattern[0, count - 1] = pattern[count - 1, 0] = 0.5
+    K = scipy.sparse.kron(pattern, np.eye(size) + 0.1).tocsr()
+    matrix = petsc(K)  # must outlive its arrays
+    blocks = SymmetricBlocks(native.kernels(), distributed_entries(matrix), size, accurate=True)
+    x, y = vector(np.arange(1.0, size * count + 1.0)), padded(size * count)
+    for _ in range(2):
+        blocks.mult(x, y)
+        assert np.abs(y - K @ x).max() <= 1e-13 * np.abs(K @ x).max()
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_block_interpolation(shape, team):
+    rng = np.random.default_rng(shape)
+    P = in_blocks(50, 12, shape, 0.3, rng).tocsr()
+    matrix = petsc(P)
+    in_blocks_of_kernels = distributed_blocks(native.kernels(), distributed_entries(matrix), shape)
+    blocks = BlockInterpolation(native.kernels(), in_blocks_of_kernels, shape)
+    e, x, r, b = (vector(rng.standard_normal(size)) for size in (P.shape[1], P.shape[0], P.shape[0], P.shape[1]))
+    expected = x + P @ e
+    blocks.prolong(e, x)
+    assert np.abs(x - expected).max() <= 1e-5
+    for _ in range(2):
+        blocks.restrict(r, b)
+        assert np.abs(b - P.T @ r).max() <= 1e-5
+
+
+def test_entries_in_any_order():
+    """The blocks of a matrix whose columns do not ascend are those of the same matrix in order."""
+    csr = in_blocks(20, 15, (3, 6), 0.3, np.random.default_rng(1)).tocsr()
+    csr.sort_indices()
+    backwards = [np.concatenate([row[::-1] for row in np.split(a, csr.indptr[1:-1])]) for a in (csr.indices, csr.data)]
+    sorted_, unsorted = (
+        in_kernel_blocks(native.kernels(), Entries(csr.indptr, *arrays), (3, 6), accurate=True)
+        for arrays in ((csr.indices, csr.data), backwards)
+    )
+    for a, b in zip(sorted_, unsorted, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_multigrid_beside_petscs(monkeypatch, cell, degree):
+    """No more iterations than PETSc's multigrid, and a solution as accurate."""
+    K = block(4, 0.3, cell, degree).elasticity.K
+    f, u = K.createVecs()
+    f.array[:] = np.random.default_rng(5).standard_normal(f.getLocalSize())
+    iterations = []
+    for library in (native.kernels(), None):
+        monkeypatch.setattr(stiffness, "kernels", lambda library=library: library)
+        solver = stiffness.IterativeSolver(K, tolerance=1e-11)
+        solver.solve(f, u)
+        assert (K * u - f).norm() <= 2e-11 * f.norm()
+        iterations.append(solver.iterations)
+        product = f.duplicate()
+        solver.multiply(u, product)
+        assert (K * u - product).norm() <= 1e-14 * K.norm() * u.norm()
+        solver.destroy()
+    assert 5 < iterations[0] <= iterations[1]
+
+
+def test_a_mesh_that_has_one_grid():
+    """So small that it has no coarser one."""
+    K = Elasticity(box((1.0, 1.0, 1.0), (1, 1, 1)), Material(1e9, 0.3), [Clamp("left")]).K
+    f, u = K.createVecs()
+    f.array[:] = np.arange(f.getLocalSize())
+    solver = stiffness.IterativeSolver(K)
+    solver.solve(f, u)
+    assert (K * u - f).norm() <= 1e-10 * f.norm()
+    solver.destroy()
+
+
+def test_threads_change_rounding_only(monkeypatch):
+    """Of multigrid as a whole, with more threads than there are processors too."""
+    K = block(6, 0.3).elasticity.K
+    f, u = K.createVecs()
+    f.array[:] = np.random.default_rng(5).standard_normal(f.getLocalSize())
+    answers, iterations = [], []
+    for count in (1, 3):
+        for module in (block_matrix, recycled_cg):
+            monkeypatch.setattr(module, "threads", lambda count=count: count)
+            monkeypatch.setattr(module, "_ALONE", 0)
+        solver = stiffness.IterativeSolver(K, tolerance=1e-8)
+        solver.solve(f, u)
+        answers.append(u.array.copy())
+        iterations.append(solver.iterations)
+        solver.destroy()
+    assert iterations[0] == iterations[1]
+    assert 0.0 < np.linalg.norm(answers[1] - answers[0]) <= 1e-10 * np.linalg.norm(answers[0])
+
+
+@pytest.mark.parametrize(("given", "count"), [("", 1), ("1", 1), ("2,1", 2), ("64", 3), ("many", 1), ("0", 1)])
+def test_threads_are_those_of_the_environment(monkeypatch, given, count):
+    monkeypatch.setenv("OMP_NUM_THREADS", given)
+    monkeypatch.setattr(native.os, "sched_getaffinity", lambda _: {0, 1, 2})
+    assert native.threads.__wrapped__() == count
+    assert os.environ["OMP_WAIT_POLICY"] == "passive"  # of the library of OpenMP, set before it is loaded
+    assert os.environ["GOMP_SPINCOUNT"] == "1000"
+
+
+def test_without_compiler(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("CC", str(tmp_path / "absent"))
+    native.kernels.cache_clear()
+    try:
+        assert native.kernels() is None
+    finally:
+        native.kernels.cache_clear()
+
+
+def test_solves_start_from_earlier_solutions():
+    """A combination of earlier right-hand sides costs nothing at their accuracy; older solutions than are kept do."""
+    K = block(4, 0.3).elasticity.K
+    solver = stiffness.IterativeSolver(K)
+    rng, rhs = np.random.default_rng(6), []
+    f, u = K.createVecs()
+    for _ in range(25):
+        f.array[:] = rng.standard_normal(f.getLocalSize())
+        rhs.append(f.array.copy())
+        solver.solve(f, u, 1e-3)
+    costs = []
+    for among in (rhs[5:], rhs[:5]):
+        before = solver.iterations
+        f.array[:] = sum(c * r for c, r in zip(rng.standard_normal(len(among)), among, strict=True))
+        solver.solve(f, u, 1e-2)
+        assert (K * u - f).norm() <= 1.01e-2 * f.norm()
+        costs.append(solver.iterations - before)
+    assert costs[0] == 0 and costs[1] > 0
+    f.array[:] = rhs[-1]
+    solver.solve(f, u)  # to full accuracy, although what is kept of earlier solutions is in single precision
+    assert (K * u - f).norm() <= 2e-11 * f.norm()
+    solver.destroy()
+
+
+@pytest.mark.parametrize("unit", [1e-60, 1e60])
+def test_earlier_solutions_are_used_in_any_unit(unit):
+    """Their images are kept in single precision, which ends at 1e-38 and 1e38."""
+    K = np.diag(np.arange(1.0, 31.0))
+
+    def mult(x, y):
+        y[:] = K @ x
+
+    cg = recycled_cg.RecycledCG(MPI.COMM_SELF, native.kernels(), 30, mult, lambda r: r.copy())
+    rhs, u = unit * np.random.default_rng(8).standard_normal(30), np.empty(30)
+    assert cg.solve(rhs, u, 1e-3) > 3 and cg.solve(-0.7 * rhs, u, 1e-2) == 0
+    assert np.linalg.norm(K @ u + 0.7 * rhs) <= 1e-2 * np.linalg.norm(rhs)
+    assert cg.solve(0.0 * rhs, u, 1e-2) == 0 and not u.any()
+
+
+def test_nearly_equal_solutions_are_no_start_that_is_worse_than_none():
+    """Directions that are dependent to the rounding of single precision."""
+    K = block(4, 0.3).elasticity.K
+    solver = stiffness.IterativeSolver(K)
+    rng = np.random.default_rng(7)
+    f, u = K.createVecs()
+    first = rng.standard_normal(f.getLocalSize())
+    costs = []
+    for _ in range(12):
+        f.array[:] = first + 1e-5 * rng.standard_normal(len(first))
+        before = solver.iterations
+        solver.solve(f, u, 3e-7)
+        assert (K * u - f).norm() <= 3.03e-7 * f.norm()
+        costs.append(solver.iterations - before)
+    assert costs[0] > 8 and max(costs[1:]) <= 6
+    solver.destroy()
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("n", [5, 8, 21])
+def test_vectors_of_conjugate_gradients(n, threads):
+    """Also of sizes that are no multiples of a vector register."""
+    library, rng = native.kernels(), np.random.default_rng(n)
+    p, image, x, r, z = (vector(rng.standard_normal(n)) for _ in range(5))
+    moved, left, direction = x + 0.3 * p, r - 0.3 * image, z + 0.7 * p
+    square = library.advance(n, threads, ctypes.c_double(0.3), *map(address, (p, image, x, r)))
+    assert square == pytest.approx(left @ left) and np.allclose(x, moved) and np.allclose(r, left)
+    library.next_direction(n, threads, ctypes.c_double(0.7), address(z), address(p))
+    assert np.allclose(p, direction)
+
+
+def bytes_in_use():
+    """Of this process's heap, by glibc."""
+    names = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost".split()
+    info = type("mallinfo2", (ctypes.Structure,), {"_fields_": [(name, ctypes.c_size_t) for name in names]})
+    call = ctypes.CDLL(None).mallinfo2
+    call.restype = info
+    gc.collect()
+    now = call()
+    return now.uordblks + now.hblkhd
+
+
+def array_bytes(thing, seen):
+    """Of all arrays that an object of ours holds."""
+    if id(thing) in seen or isinstance(thing, (type, PETSc.Object)):
+        return 0
+    seen[id(thing)] = thing
+    if isinstance(thing, np.ndarray):
+        return thing.nbytes if thing.base is None else array_bytes(thing.base, seen)
+    parts = thing if isinstance(thing, (list, tuple)) else getattr(thing, "__dict__", {}).values()
+    return sum(array_bytes(part, seen) for part in parts)
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_what_the_set_up_needs_is_freed(cell, degree):
+    """Multigrid holds its own arrays, and K is referred to as often as before: neither matrices of the grids nor the
+    linear elements of second order remain."""
+    problem = block(8 // degree, 0.3, cell, degree)
+    K = problem.elasticity.K
+    stiffness.IterativeSolver(K).destroy()  # loads modules, and the space of linear elements
+    before, references = bytes_in_use(), K.refcount
+    solver = stiffness.IterativeSolver(K)
+    held, own = bytes_in_use() - before, array_bytes(solver, {})
+    assert own > 0.5 * K.getInfo()["nz_used"] * 12  # the count sees the blocks
+    assert held <= own + 200_000
+    assert K.refcount == references
+    solver.destroy()
+    del solver
+    assert bytes_in_use() <= before + 200_000
+
+
+def test_largest_eigenvalue_that_belongs_to_few_rows():
+    """Of a chain of 100 000 nodes with eigenvalues up to 1.7 and one pair of nodes with 1.95.
+
+    The smoother takes 1.05 times the estimate as its bound; where that is too small, multigrid is not definite.
+    """
+    count = 100_000
+    beside = np.full(count - 1, 0.35)
+    beside[:3] = 0.0, 0.95, 0.0
+    K = scipy.sparse.kron(scipy.sparse.diags([beside, np.ones(count), beside], [-1, 0, 1]), np.eye(3)).tocsr()
+    matrix = petsc(scipy.sparse.csr_matrix(K))
+    level = Level(native.kernels(), distributed_entries(matrix), 3)
+    assert 1.94 <= level.largest <= 1.9501

@@ -1,0 +1,150 @@
+"""The kernels of coarse grids in C, against their formulas."""
+
+import ctypes
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+from coulomb.linalg import native
+from coulomb.linalg.multigrid.block_matrix import address, padded
+from coulomb.linalg.multigrid.coarse_grids import exact_solver
+from coulomb.linalg.petsc_arrays import Entries
+
+pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
+
+
+def blocks_of_all_sizes(count, size, rng):
+    """Dense blocks of a symmetric pattern, those beside the diagonal of sizes from 1e-3 to 1; two rows are held."""
+    pattern = np.triu(rng.random((count, count)) < 0.4)
+    pattern |= pattern.T | np.eye(count, dtype=bool)
+    K = rng.standard_normal((count, size, count, size))
+    K *= 10.0 ** rng.uniform(-3.0, 0.0, (count, 1, count, 1))
+    K[np.arange(count), :, np.arange(count)] = rng.standard_normal((count, size, size)) + 3.0 * np.eye(size)
+    K *= pattern[:, None, :, None]
+    for row in (0, 1):  # the second is held in the middle of its block
+        diagonal = K[row, row, row, row]
+        K[row, row] = 0.0
+        K[row, row, row, row] = diagonal
+    columns = [np.flatnonzero(row) for row in pattern]
+    pointers = np.concatenate([[0], np.cumsum([len(c) for c in columns])]).astype(np.int32)
+    values = np.concatenate([K[i, :, c, :].transpose(1, 0, 2).ravel() for i, c in enumerate(columns)])
+    return K, pointers, np.concatenate(columns).astype(np.int32), values
+
+
+@pytest.mark.parametrize("team", [1, 3])
+@pytest.mark.parametrize("size", [3, 6])
+def test_strength_of_coupling(size, team):
+    rng, count, part = np.random.default_rng(size), 25, 0.1
+    K, pointers, columns, values = blocks_of_all_sizes(count, size, rng)
+    norms, loose, strong = np.zeros(count), np.zeros(size * count, np.uint8), np.empty(len(columns), np.uint8)
+    library, pattern = native.kernels(), tuple(map(address, (pointers, columns, values)))
+    getattr(library, f"examine_{size}_6")(count, team, *pattern, address(norms), address(loose))
+    frobenius = np.sqrt((K**2).sum(axis=(1, 3)))
+    np.testing.assert_allclose(norms, np.diag(frobenius) ** 2, rtol=1e-13)
+    beside = K.reshape(size * count, -1) * ~np.eye(size * count, dtype=bool)
+    np.testing.assert_array_equal(loose, beside.any(axis=1))
+    assert 0 < loose.sum() < len(loose)
+    getattr(library, f"strength_{size}_6")(
+        count, team, *pattern, address(norms), ctypes.c_double(part), address(strong)
+    )
+    row = np.repeat(np.arange(count), np.diff(pointers))
+    ratio = frobenius[row, columns] / np.sqrt(np.diag(frobenius)[row] * np.diag(frobenius)[columns])
+    np.testing.assert_array_equal(strong, (ratio > part) & (row != columns))
+    assert 0 < strong.sum() < np.sum((ratio > part**2) & (row != columns))
+
+
+def aggregates_of(edges, count):
+    """Of a graph, edges (row, column) in both directions."""
+    graph = scipy.sparse.csr_matrix((np.ones(len(edges)), np.array(edges).T), shape=(count, count))
+    graph.sort_indices()
+    out, strong = np.empty(count, np.int32), np.ones(len(edges), np.uint8)
+    arrays = (graph.indptr.astype(np.int32), graph.indices.astype(np.int32), strong, out)
+    number = native.kernels().aggregate(count, *map(address, arrays))
+    return number, out
+
+
+def both_ways(*edges):
+    return [*edges, *((b, a) for a, b in edges)]
+
+
+def test_a_node_joins_the_aggregate_of_most_of_its_neighbours():
+    """Nodes 0 to 3 and 4 to 8 are stars, node 9 touches one node of the first and two of the second, node 10 none.
+    Node 2 stays in the first star, though it touches two nodes of the second."""
+    edges = both_ways((0, 1), (0, 2), (0, 3), (4, 5), (4, 6), (4, 7), (4, 8), (9, 1), (9, 5), (9, 6), (2, 7), (2, 8))
+    number, out = aggregates_of(edges, 11)
+    assert number == 2
+    assert out.tolist() == [0, 0, 0, 0, 1, 1, 1, 1, 1, 1, -1]
+
+
+def test_votes_of_one_node_are_not_those_of_the_next():
+    """Node 9 has two neighbours in the first star; node 10 has one there, then two in the second."""
+    edges = both_ways((0, 1), (0, 2), (0, 3), (4, 5), (4, 6), (4, 7), (4, 8), (9, 1), (9, 2), (10, 3), (10, 5), (10, 6))
+    number, out = aggregates_of(edges, 11)
+    assert number == 2 and out[9] == 0 and out[10] == 1
+
+
+def test_of_equal_votes_the_first_counts():
+    edges = both_ways((0, 1), (0, 2), (3, 4), (3, 5), (6, 1), (6, 4))
+    number, out = aggregates_of(edges, 7)
+    assert number == 2 and out[6] == 0
+
+
+@pytest.mark.parametrize("team", [1, 3])
+@pytest.mark.parametrize("size", [3, 6])
+def test_orthonormal_motions(size, team):
+    """Nearly dependent columns, an aggregate of one node, and one with held rows."""
+    rng, nodes = np.random.default_rng(size), 12
+    given = rng.standard_normal((size * nodes, 6))
+    given[:, 1] = given[:, 0] + 1e-6 * given[:, 1]
+    given[:, 4] = given[:, 2] - 2.0 * given[:, 3]  # dependent but for rounding
+    loose = np.ones(size * nodes, np.uint8)
+    loose[-2 * size : -size] = 0
+    members = np.arange(nodes, dtype=np.int32)
+    begin = np.array([0, 6, 7, nodes], np.int32)
+    modes, R = given.copy(), np.zeros((3, 6, 6))
+    arrays = map(address, (begin, members, loose, modes, R))
+    getattr(native.kernels(), f"orthonormal_{size}_6")(3, team, *arrays)
+    for a in range(3):
+        rows = slice(size * begin[a], size * begin[a + 1])
+        Q, held = modes[rows], loose[rows] == 0
+        kept = np.diag(R[a]) > 0.0
+        assert kept.sum() == min(size * (begin[a + 1] - begin[a]), 5) and not Q[:, ~kept].any()
+        np.testing.assert_allclose(Q.T @ Q, np.diag(kept.astype(float)), atol=1e-14)
+        assert not Q[held].any() and not np.tril(R[a], -1).any()
+        np.testing.assert_allclose((Q @ R[a])[~held], given[rows][~held], atol=1e-13)
+
+
+@pytest.mark.parametrize("copies", [1, 3])
+def test_a_coarsest_grid_that_nothing_holds(copies):
+    """A chain of springs without a support: Cholesky's method fails, the solution exists for forces in equilibrium."""
+    n = 6
+    chain = np.diag([1.0, *[2.0] * (n - 2), 1.0]) - np.eye(n, k=1) - np.eye(n, k=-1)
+    K = scipy.sparse.csr_matrix(np.kron(np.eye(copies), chain))
+    forces = np.tile(np.arange(n) - 0.5 * (n - 1), copies)
+    solver = exact_solver(Entries(K.indptr, K.indices, K.data))
+    r = padded(len(forces))
+    r[:] = forces
+    assert np.abs(K @ solver(r) - forces).max() <= 1e-8
+    solver.destroy()
+
+
+@pytest.mark.parametrize(
+    "rows, blocks",
+    [
+        (3 * [[0, 1, 2, 6, 7, 8]], [0, 2]),
+        (3 * [[0, 1, 2, 6, 7, 8, 9]], None),  # a part of a block
+        (3 * [[6, 7, 8, 0, 1, 2]], None),  # not ascending
+        ([[0, 1, 2], [3, 4, 5], [0, 1, 2]], None),  # other blocks in the second row
+        ([[0, 1, 2], [0, 1, 2], [0, 1, 2, 3, 4, 5]], None),
+        (3 * [[1, 2, 3]], None),  # across two blocks
+    ],
+)
+def test_blocks_of_which_every_entry_is_stored(rows, blocks):
+    pointers = np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int32)
+    entries, begin = np.concatenate(rows).astype(np.int32), np.empty(2, np.int32)
+    found = np.empty(len(entries), np.int32)
+    whole = native.kernels().block_pattern(1, 3, *map(address, (pointers, entries, begin, found)))
+    assert whole == (blocks is not None)
+    if blocks is not None:
+        assert begin.tolist() == [0, len(blocks)] and found[: len(blocks)].tolist() == blocks

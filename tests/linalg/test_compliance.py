@@ -1,0 +1,154 @@
+import numpy as np
+import pytest
+from conftest import make_block
+from mpi4py import MPI
+from scipy.sparse import csr_array
+
+import coulomb
+from coulomb import AugmentedSystem, DirectSolver, InteriorPoint, IterativeSolver, Plane
+from coulomb.benchmarks.by_columns import compliance_by_columns
+from coulomb.linalg.compliance.diagonal_estimate import estimated_diagonal
+from coulomb.linalg.factors.multifrontal import MultifrontalSolver
+from coulomb.linalg.unsolved import Unsolved
+
+
+def to_numpy(matrix):
+    indptr, indices, values = matrix.getValuesCSR()
+    return csr_array((values, indices, indptr), shape=matrix.getSize()).toarray()
+
+
+def dense(problem):
+    """A, b from numpy alone: K and B as dense matrices."""
+    K, B = to_numpy(problem.elasticity.K), to_numpy(problem.surface.B)
+    c = np.column_stack([problem.surface.gap, np.zeros((len(problem.surface.gap), 2))]).ravel()
+    return B @ np.linalg.solve(K, B.T), B @ np.linalg.solve(K, problem.f.array) - c
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"explicit": False, "linear_solver": DirectSolver}, {"linear_solver": IterativeSolver}],
+    ids=["explicit", "matrix-free", "iterative"],
+)
+def test_product_and_b(options):
+    problem = make_block(2, **options)
+    A, b = dense(problem)
+    x = np.random.default_rng(71).standard_normal(len(b))
+    y = np.empty_like(x)
+    before = problem.A.products
+    problem.A.mult(x, y)
+    assert problem.A.products == before + 1
+    assert np.linalg.norm(y - A @ x) <= 1e-9 * np.linalg.norm(y)
+    assert np.linalg.norm(problem.b - b) <= 1e-9 * np.linalg.norm(b)
+
+
+def test_schur_complement_is_that_of_dense_algebra():
+    """On a tilted plane, so that rows of B mix components."""
+    problem = make_block(2, foundation=Plane((0, 0, -1.0), (-0.3, 0.2, 1.0)))
+    assert isinstance(problem.body.stiffness_solver, MultifrontalSolver)
+    A, _ = dense(problem)
+    assert np.allclose(problem.A.dense(), A, rtol=1e-9, atol=1e-11 * A.max())
+    assert np.allclose(problem.A.diagonal(), np.diag(A), rtol=1e-9, atol=0.0)
+
+
+def test_blocks_of_columns_fit_together(monkeypatch):
+    """The benchmark's other method: A by right-hand sides."""
+    monkeypatch.setattr("coulomb.benchmarks.by_columns._COLUMNS_AT_ONCE", 7)
+    problem = make_block(2)
+    A, _ = dense(problem)
+    formed = compliance_by_columns(problem.surface.B, DirectSolver(problem.elasticity.K))
+    assert np.allclose(formed, A, rtol=1e-10, atol=1e-12 * A.max())
+
+
+def test_estimated_diagonal_needs_few_more_products():
+    """The estimate depends on the neighbourhood of a node, not its position: CG with P_AM needs few more products."""
+    exact, estimated = make_block(4, slip_stress=1e7), make_block(4, slip_stress=1e7, explicit=False)
+    assert estimated.A.diagonal().sum() == pytest.approx(exact.A.diagonal().sum(), rel=0.5)
+    paper = InteriorPoint(newton=AugmentedSystem(rank=0))
+    a, b = exact.solve(solver=paper).result, estimated.solve(solver=paper).result
+    assert np.linalg.norm(a.x - b.x) <= 1e-6 * np.linalg.norm(a.x)
+    assert sum(s.krylov for s in b.history) <= 1.25 * sum(s.krylov for s in a.history)
+    recycled = (
+        estimated.solve().result
+    )  # the low-rank approximation still saves products; the estimate costs a few more
+    assert sum(s.krylov for s in recycled.history) < sum(s.krylov for s in b.history)
+
+
+def plate(cells, linear_solver):
+    """Held at its left end, lifted at its right one: diag(A) varies by three orders of magnitude along the contact."""
+    return coulomb.ContactProblem(
+        coulomb.box((0.1, 0.08, 0.004), cells),
+        coulomb.Material(7e10, 0.33),
+        clamps=[coulomb.Clamp("left")],
+        tractions=[coulomb.Traction("right", (1e6, 0.0, 2e5)), coulomb.Traction("top", (0.0, 0.0, -2e4))],
+        contact=coulomb.Contact("bottom", 0.4),
+        linear_solver=linear_solver,
+    )
+
+
+def test_estimated_diagonal_of_a_plate():
+    """Traces alone give an estimate 264 times too large near the clamp, and a negative one on meshes like these."""
+    exact, estimate = (plate((20, 16, 2), solver).A.diagonal() for solver in (DirectSolver, IterativeSolver))
+    assert exact.max() >= 1e3 * exact.min()
+    ratio = estimate / exact
+    assert ratio.min() >= 0.4 and ratio.max() <= 25.0
+    assert np.sqrt(np.mean(np.log(ratio) ** 2)) <= 0.7
+
+
+def test_few_products_on_a_plate():
+    """24 steps and 250 products with the estimate by traces alone."""
+    result = plate((30, 24, 2), IterativeSolver).solve().result
+    assert result.newton_steps <= 16 and result.products <= 125
+
+
+class Products:
+    """Products by a matrix that are counted, and fail from one on."""
+
+    comm = MPI.COMM_SELF
+
+    def __init__(self, A, fails=99):
+        self.A, self.nodes, self.left = A, len(A) // 3, fails
+
+    def mult(self, x, y, tolerance=0.0):
+        self.left -= 1
+        if self.left < 0:
+            raise Unsolved(1, 1.0, tolerance, False)
+        y[:] = self.A @ x
+
+
+def test_a_compliance_of_low_rank_is_found_as_it_is():
+    """Its diagonal to a thousandth, and next to nothing left; B diag(K)^-1 B^T alone where products fail."""
+    problem = make_block(2)
+    B, K = problem.surface.B, problem.elasticity.K
+    U = np.random.default_rng(72).standard_normal((B.getSize()[0], 3)) * np.array([1.0, 0.1, 0.01]) * 1e-6
+    found = estimated_diagonal(Products(U @ U.T), B, K)
+    assert np.abs(found.whole - np.sum(U**2, axis=1)).max() <= 0.01 * np.sum(U**2, axis=1).max()
+    assert 0.0 < found.rest.sum() <= 0.01 * found.whole.sum()
+    local = to_numpy(B) ** 2 @ (1.0 / to_numpy(K).diagonal())
+    for failing in (Products(U @ U.T, 0), Products(U @ U.T, 5), Products(0.0 * U @ U.T)):
+        found = estimated_diagonal(failing, B, K)
+        assert np.allclose(found.whole, local) and np.allclose(found.rest, local)
+
+
+def test_an_estimated_diagonal_is_positive():
+    """Also of a component that is much smaller than what others add to it, by chance with either sign."""
+    problem = make_block(2)
+    B, K = problem.surface.B, problem.elasticity.K
+    size = B.getSize()[0]
+    scale = np.tile([1.0, 1.0, 1e-3], size // 3)
+    for seed in range(8):
+        U = scale[:, None] * np.random.default_rng(seed).standard_normal((size, size))
+        found = estimated_diagonal(Products(U @ U.T), B, K)
+        assert found.rest.min() > 0.0 and np.all(found.whole > found.rest)
+
+
+def test_displacement_of_given_forces():
+    """u = K^-1 (f - B^T x): pressing up lifts the block."""
+    problem = make_block(2)
+    x = np.zeros(3 * len(problem.surface.nodes))
+    free = problem.displacement(x)
+    x[0::3] = 1e6
+    lifted = problem.displacement(x) - free
+    assert lifted[problem.surface.nodes, 2].min() > 0.0
+    gradient = problem.surface.components(-(free + lifted)[problem.surface.nodes])
+    A, b = dense(problem)
+    assert np.allclose(gradient.ravel(), A @ x - b, rtol=1e-8, atol=1e-10 * np.abs(b).max())

@@ -1,0 +1,161 @@
+"""Products in small dense blocks on any number of ranks: run alone, or as `mpirun -n 3 python -m pytest ...`."""
+
+import contextlib
+import ctypes
+
+import numpy as np
+import pytest
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from coulomb.benchmarks.block import block
+from coulomb.linalg import native
+from coulomb.linalg.compliance import stiffness
+from coulomb.linalg.multigrid import ghost_blocks, multigrid_grids
+from coulomb.linalg.multigrid.block_matrix import BlockInterpolation, SymmetricBlocks, distributed_blocks, padded
+from coulomb.linalg.petsc_arrays import distributed_entries
+
+COMM = MPI.COMM_WORLD
+pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
+
+
+def in_blocks(rows, columns, shape, density, rng):
+    """A random matrix of dense blocks, the same on all ranks."""
+    pattern = scipy.sparse.random(rows, columns, density, random_state=3)
+    return scipy.sparse.kron(pattern, np.ones(shape)).multiply(
+        rng.standard_normal((rows * shape[0], columns * shape[1]))
+    )
+
+
+def shares(count, size):
+    """First rows of the ranks, in whole blocks; the last rank of several has none."""
+    parts = max(COMM.size - 1, 1)
+    edges = np.append(np.arange(parts + 1) * count // parts, count)[: COMM.size + 1]
+    return size * edges
+
+
+def distributed(matrix, rows, columns):
+    csr = scipy.sparse.csr_matrix(matrix)[rows[COMM.rank] : rows[COMM.rank + 1]]
+    csr.sort_indices()
+    sizes = [(np.diff(edges)[COMM.rank], edges[-1]) for edges in (rows, columns)]
+    petsc = PETSc.Mat().createAIJ(sizes, comm=COMM)
+    petsc.setPreallocationCSR((csr.indptr.astype(PETSc.IntType), csr.indices.astype(PETSc.IntType), csr.data))
+    petsc.assemble()
+    return petsc
+
+
+def part(values, edges):
+    v = padded(edges[COMM.rank + 1] - edges[COMM.rank])
+    v[:] = values[edges[COMM.rank] : edges[COMM.rank + 1]]
+    return v
+
+
+@pytest.mark.parametrize("size", [3, 6])
+def test_symmetric_blocks(size):
+    rng = np.random.default_rng(size)
+    half = in_blocks(40, 40, (size, size), 0.1, rng).tocsr()
+    keep = np.repeat(np.arange(40) != 7, size)  # a row and a column without any entry
+    K = (half + half.T).multiply(np.outer(keep, keep)).tocsr()
+    edges = shares(40, size)
+    matrix = distributed(K, edges, edges)
+    blocks = SymmetricBlocks(native.kernels(), distributed_entries(matrix), size, accurate=True)
+    vectors = x, b, inverse, d = rng.standard_normal((4, 40 * size))
+    mine = [part(v, edges) for v in vectors]
+    y, scale = padded(blocks.size), np.abs(K).sum(axis=1).max()
+    for _ in range(2):  # the second time with what the first left behind
+        blocks.mult(mine[0], y)
+        assert np.abs(y - part(K @ x, edges)).max(initial=0.0) <= 1e-13 * scale
+    blocks.residual(mine[1], mine[0], y)
+    assert np.abs(y - part(b - K @ x, edges)).max(initial=0.0) <= 1e-6 * scale
+    direction = 0.3 * d + 0.7 * inverse * (b - K @ x)
+    x_mine, b_mine, inverse_mine, d_mine = mine
+    blocks.smooth(inverse_mine, b_mine, x_mine, d_mine, np.array([[0.3, 0.7]]))
+    assert np.abs(d_mine - part(direction, edges)).max(initial=0.0) <= 1e-5 * scale
+    assert np.abs(x_mine - part(x + direction, edges)).max(initial=0.0) <= 1e-5 * scale
+    first = 0.5 * inverse * b
+    direction = 0.3 * first + 0.7 * inverse * (b - K @ first)
+    factors = np.array([[np.nan, 0.5], [0.3, 0.7]])  # from zero the first step has no direction before it
+    blocks.smooth(inverse_mine, b_mine, x_mine, d_mine, factors, zero=True)
+    assert np.abs(d_mine - part(direction, edges)).max(initial=0.0) <= 1e-5 * scale
+    assert np.abs(x_mine - part(first + direction, edges)).max(initial=0.0) <= 1e-5 * scale
+    blocks.destroy()
+
+
+@pytest.mark.parametrize("started", [True, False])
+def test_an_error_of_mpi_is_raised(monkeypatch, started):
+    """Where the kernels start messages, and where they wait for them."""
+    edges, function = shares(40, 3), ctypes.CFUNCTYPE(ctypes.c_int)
+    succeed, fail = function(lambda: 0), function(lambda: MPI.ERR_TRUNCATE)
+    monkeypatch.setattr(ghost_blocks, "_start_and_wait", lambda: (succeed, fail) if started else (fail, succeed))
+    K = distributed(scipy.sparse.kron(np.ones((40, 40)), np.eye(3)), edges, edges)
+    blocks = SymmetricBlocks(native.kernels(), distributed_entries(K), 3)
+    x, b, y = (part(np.ones(120), edges) for _ in range(3))
+    raised = pytest.raises(MPI.Exception) if COMM.size > 1 else contextlib.nullcontext()
+    with raised:
+        blocks.mult(x, y)
+    with raised:
+        blocks.residual(b, x, y)
+    with raised:
+        blocks.smooth(b, b, x, y, np.ones((1, 2)))
+    blocks.destroy()
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (3, 6), (6, 6)])
+def test_block_interpolation(shape):
+    rng = np.random.default_rng(shape)
+    P = in_blocks(50, 12, shape, 0.3, rng).tocsr()
+    rows, columns = shares(50, shape[0]), shares(12, shape[1])
+    matrix = distributed(P, rows, columns)
+    converted = distributed_blocks(native.kernels(), distributed_entries(matrix), shape)
+    blocks = BlockInterpolation(native.kernels(), converted, shape)
+    x, r = rng.standard_normal((2, P.shape[0]))
+    e = rng.standard_normal(P.shape[1])
+    mine = part(x, rows)
+    blocks.prolong(part(e, columns), mine)
+    assert np.abs(mine - part(x + P @ e, rows)).max(initial=0.0) <= 1e-5
+    for _ in range(2):
+        b = padded(columns[COMM.rank + 1] - columns[COMM.rank])
+        blocks.restrict(part(r, rows), b)
+        assert np.abs(b - part(P.T @ r, columns)).max(initial=0.0) <= 1e-5
+    blocks.destroy()
+
+
+def test_coarse_grids_that_every_rank_has(monkeypatch):
+    """Multigrid makes the same iterations wherever its coarse grids are."""
+    K = block(4).elasticity.K
+    f, u = K.createVecs()
+    f.array[:] = np.sin(np.arange(*K.getOwnershipRange()))
+    iterations = []
+    for most in (0, 200, 10**9):
+        monkeypatch.setattr(multigrid_grids, "REPLICATED_UP_TO", most)
+        solver = stiffness.IterativeSolver(K, tolerance=1e-10)
+        u.set(0.0)
+        solver.solve(f, u)
+        assert (K * u - f).norm() <= 2e-10 * f.norm()
+        iterations.append(solver.iterations)
+        solver.destroy()
+    assert max(iterations) - min(iterations) <= 1 and max(iterations) <= 30
+
+
+def test_small_distributed_grids_have_one_cycle(monkeypatch):
+    """A W-cycle on a distributed coarse grid after the first begins at TWICE_FROM unknowns per rank."""
+    K = block(12).elasticity.K
+    f, u = K.createVecs()
+    f.array[:] = np.sin(np.arange(*K.getOwnershipRange()))
+    for name in ("REPLICATED_UP_TO", "DENSE_UP_TO"):
+        monkeypatch.setattr(multigrid_grids, name, 60)
+    iterations, unknowns = [], 0
+    for more, cycles in ((1, 2), (10**9, 2 if COMM.size == 1 else 1)):
+        monkeypatch.setattr(multigrid_grids, "TWICE_FROM", more * unknowns / COMM.size)
+        solver = stiffness.IterativeSolver(K, tolerance=1e-10)
+        first = solver._method._cycle._coarser
+        second = first._coarser
+        assert first._again and second._again == (cycles == 2)
+        u.set(0.0)
+        solver.solve(f, u)
+        assert (K * u - f).norm() <= 2e-10 * f.norm()
+        iterations.append(solver.iterations)
+        unknowns = COMM.allreduce(second.size)
+        solver.destroy()
+    assert iterations[0] <= iterations[1] <= 1.3 * iterations[0]

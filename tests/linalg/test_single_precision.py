@@ -1,0 +1,172 @@
+"""Factors in single precision: accuracy of solves and products, their counts, and where they are not good enough."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+from conftest import make_block
+
+from coulomb import Clamp, Contact, ContactProblem, Material, Spring, Traction, box
+from coulomb.benchmarks.block import block
+from coulomb.linalg.compliance.schur_compliance import SchurCompliance
+from coulomb.linalg.factors import multifrontal
+from coulomb.linalg.factors.frontal_factors import FrontalFactors
+from coulomb.linalg.factors.multifrontal import MultifrontalSolver, predicted_work, symbolic
+from coulomb.linalg.factors.nested_dissection import dissect_part
+from coulomb.linalg.nodal_blocks import NodalRows, nodal_blocks
+
+
+def solver_of(problem, single=True):
+    return MultifrontalSolver(problem.elasticity.K, problem.elasticity.x, np.sort(problem.surface.nodes), single)
+
+
+def residual(K, rhs, u):
+    """Relative to |D u| with D = diag(K), in the norm of D^-1/2."""
+    root = np.sqrt(K.getDiagonal().array)
+    return np.linalg.norm((K * u - rhs).array / root) / np.linalg.norm(u.array * root)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_as_accurate_as_double_precision(cell, degree):
+    problem = block(2, cell=cell, degree=degree)
+    K, single, double = problem.elasticity.K, solver_of(problem), solver_of(problem, single=False)
+    assert "single" in single.name and "single" not in double.name
+    assert single.schur_factors[0].dtype == np.float32
+    rhs, u = K.createVecs()
+    rhs.array[:] = np.random.default_rng(4).standard_normal(rhs.getSize())
+    errors = []
+    for solver in (single, double):
+        solver.solve(rhs, u)
+        errors.append(residual(K, rhs, u))
+    assert errors[0] <= 2.0 * errors[1] + np.finfo(float).eps
+    assert 2 <= single.refinements <= 4 and double.refinements == 0
+    assert 1e-8 < single.error < 1e-2 and double.error == 0.0
+
+
+def test_where_single_precision_does_not_suffice():
+    """A body on soft springs and nearly incompressible: refinement would be slow, or a pivot fails."""
+    for stiffness, poisson in ((1e3, 0.3), (1e10, 0.49999999)):
+        problem = ContactProblem(
+            box((1.0, 1.0, 1.0), (3, 3, 3)),
+            Material(2e11, poisson),
+            [],
+            make_block(1).contacts[0],
+            [Traction("top", (0.0, 0.0, -1e4))],
+            springs=[Spring("top", stiffness)],
+        )
+        K, solver = problem.elasticity.K, solver_of(problem)
+        rhs, u = K.createVecs()
+        rhs.array[:] = np.random.default_rng(4).standard_normal(rhs.getSize())
+        solver.solve(rhs, u)
+        assert not solver.single and "single" not in solver.name
+        assert residual(K, rhs, u) <= 4.0 * np.finfo(float).eps
+
+
+def test_products_are_as_accurate_as_asked_for():
+    """A sequence that converges, as that of the iterates: few solves with K, which a dense A confirms."""
+    problem = block(3)
+    B, solver = problem.surface.free_B, solver_of(problem)
+    dense = SchurCompliance(B, solver_of(problem, single=False)).dense()
+    A = SchurCompliance(B, solver)
+    assert not A.exact
+    random = np.random.default_rng(5)
+    limit, away = random.standard_normal((2, len(dense)))
+    before, y = np.zeros(len(dense)), np.empty(len(dense))
+    for step in range(16):
+        x = limit + 0.3**step * away
+        A.mult_incremental(x, y, 0.03)
+        assert np.linalg.norm(y - dense @ x) <= 0.15 * np.linalg.norm(dense @ (x - before)), step  # a bound of forces
+        before = x
+    assert 3 <= solver.refinements <= 14 and A.products == 16
+    A.mult_incremental(x, y)
+    assert np.linalg.norm(y - dense @ x) <= 1e-12 * np.linalg.norm(y)
+    spent = solver.refinements
+    A.mult(away, y, 0.01)
+    assert solver.refinements == spent
+    assert np.linalg.norm(y - dense @ away) <= 1e-4 * np.linalg.norm(y)
+    A.mult(away, y, 1e-9)
+    assert solver.refinements - spent == 2
+    assert np.linalg.norm(y - dense @ away) <= 1e-8 * np.linalg.norm(y)
+    assert np.allclose(A.diagonal(), np.diag(dense), rtol=1e-4)
+
+
+def test_many_accurate_products_are_made_in_double_precision():
+    problem = block(2)
+    solver = solver_of(problem)
+    A = SchurCompliance(problem.surface.free_B, solver)
+    x, y = np.ones(3 * A.nodes), np.empty(3 * A.nodes)
+    for _ in range(20):
+        A.mult(x, y)
+    assert not A.exact
+    A.mult(x, y)
+    assert A.exact
+    assert np.linalg.norm(y - A.dense() @ x) <= 1e-12 * np.linalg.norm(y)
+
+
+def test_a_slender_body_is_factorised_in_double_precision_before_the_first_step():
+    """Single precision is judged under contact forces: given up in the course of a solution, it would change A."""
+    problem = ContactProblem(
+        box((20.0, 1.0, 1.0), (40, 2, 2)),
+        Material(2e11, 0.3),
+        [Clamp("left")],
+        Contact("bottom", friction=0.3),
+        [Traction("right", (1e6, 0.0, 0.0))],
+    )
+    solver = solver_of(problem)
+    assert solver.single
+    assert SchurCompliance(problem.surface.free_B, solver).exact
+    stocky = solver_of(block(3))
+    assert not SchurCompliance(block(3).surface.free_B, stocky).exact
+
+
+def test_the_same_answer(monkeypatch):
+    answers = []
+    for at_least in (0.0, np.inf):
+        monkeypatch.setattr(multifrontal, "SINGLE_FROM", at_least)
+        solution = block(4).solve(1e-9)
+        answers.append(solution.contact_force)
+        assert solution.certificate.passed and solution.result.newton_steps <= 25
+        assert ("single" in solution.problem.body.stiffness_solver.name) == (at_least == 0.0)
+    assert np.linalg.norm(answers[0] - answers[1]) <= 1e-8 * np.linalg.norm(answers[1])
+
+
+def test_predicted_work():
+    """Operations of a dense Cholesky factorisation, if there is one front; bytes of what is allocated."""
+    problem = block(4)
+    K, x = problem.elasticity.K, problem.elasticity.x
+    n = 3.0 * len(x)
+    one = predicted_work(symbolic(K, x, np.arange(len(x))))
+    assert one.operations == pytest.approx(n**3 / 3) and one.bytes == 4.0 * n**2 and one.longest == one.operations
+    several = predicted_work(symbolic(K, x, np.sort(problem.surface.nodes)))
+    assert several.operations < one.operations and several.bytes < one.bytes
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_part_of_a_body(dtype):
+    """Factors and update matrix of the first nodes, and solves by parts, against dense algebra."""
+    problem = block(2)
+    count = len(problem.elasticity.x) - 20
+    blocks = nodal_blocks(problem.elasticity.K).tocsr()
+    K = blocks.toarray()
+    rows = scipy.sparse.vstack([blocks[: 3 * count], scipy.sparse.csr_matrix((60, len(K)))]).tobsr((3, 3))
+    graph = scipy.sparse.csr_matrix((np.ones(len(rows.indices)), rows.indices, rows.indptr))
+    fronts = dissect_part(graph, problem.elasticity.x, count, 12)
+    factors = FrontalFactors(NodalRows(rows), fronts, dtype)
+    update = np.tril(factors.update)
+    assert len(fronts) > 3 and update.dtype == dtype
+    border = (3 * fronts[-1].border[:, None] + np.arange(3)).ravel()
+    first = slice(3 * count)
+    expected = -np.tril(K[border, first] @ np.linalg.solve(K[first, first], K[first, border]))
+    tolerance = 1e-4 if dtype == np.float32 else 1e-12
+    assert np.abs(update - expected).max() <= tolerance * np.abs(expected).max()
+    rhs = np.random.default_rng(6).standard_normal(len(K)).astype(dtype)
+    assert np.array_equal(factors.order[count:], fronts[-1].border)
+    x = rhs.reshape(-1, 3)[factors.order].ravel()
+    factors.forward(x)
+    left = rhs[border] - K[border, first] @ np.linalg.solve(K[first, first], rhs[first])
+    assert np.abs(x[3 * count :] - left).max() <= tolerance * np.abs(left).max()
+    x[3 * count :] = 0.0
+    factors.backward(x)
+    solution = np.empty(3 * count)
+    solution.reshape(-1, 3)[factors.order[:count]] = x[: 3 * count].reshape(-1, 3)
+    assert np.allclose(K[first, first] @ solution, rhs[first], rtol=0.0, atol=10.0 * tolerance)

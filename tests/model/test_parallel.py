@@ -1,0 +1,345 @@
+"""Tests for any number of ranks: run alone, or as `mpirun -n 3 python -m pytest tests/model/test_parallel.py`."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import STEEL, indentation, make_block, reference
+from mesh_files import BoxFile
+from mpi4py import MPI
+from petsc4py import PETSc
+from synthetic_evidence import BODY, CASES, CONTACT, synthetic_evidence
+
+import coulomb
+from coulomb import (
+    Clamp,
+    CondensedSystem,
+    Contact,
+    ContactProblem,
+    FrictionProblem,
+    InteriorPoint,
+    IterativeSolver,
+    PrescribedDisplacement,
+)
+from coulomb.case.case import read_case
+from coulomb.fem.bodies.constraints import HeldDirections
+from coulomb.io import output
+from coulomb.io.summary import summary
+from coulomb.linalg.nodal_blocks import symmetric_blocks
+from coulomb.linalg.reductions import Reductions
+from coulomb.model.certificate import judge
+
+comm = MPI.COMM_WORLD
+
+
+def everywhere(values):
+    """Rows of all ranks, on every rank."""
+    return np.concatenate(comm.allgather(values))
+
+
+@pytest.fixture(scope="module")
+def shared_directory(tmp_path_factory):
+    """One directory for all ranks."""
+    return comm.bcast(tmp_path_factory.mktemp("shared") if comm.rank == 0 else None)
+
+
+def same_error(action):
+    """The ValueError of an action; every rank must raise the same one."""
+    with pytest.raises(ValueError) as failure:
+        action()
+    texts = comm.allgather(str(failure.value))
+    assert len(set(texts)) == 1
+    return texts[0]
+
+
+@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+def test_block_against_the_independent_solver(law):
+    totals, fields = reference(6, law)
+    solution = make_block(6, slip_stress=1e7 if law == "tresca" else None).solve()
+    surface = solution.problem.surface
+    force = everywhere(-surface.vectors(solution.contact_force.reshape(-1, 3)))
+    x = everywhere(surface.x)
+    order, mine = np.lexsort(fields["contact_coordinates"].round(9).T), np.lexsort(x.round(9).T)
+    expected = fields["force_on_body"][order]
+    assert len(x) == totals["contact_nodes"]  # every node on exactly one rank
+    assert np.linalg.norm(force[mine] - expected) <= 1e-6 * np.linalg.norm(expected)
+    assert solution.certificate.passed
+    result = summary(solution)
+    assert [result["nodes"][k] for k in ("open", "stick", "slip")] == [totals[k] for k in ("open", "stick", "slip")]
+    assert len(set(comm.allgather(json.dumps(result["force_on_body"])))) == 1
+
+
+@pytest.mark.parametrize(("name", "error", "options"), CASES)
+def test_the_certificate_does_not_depend_on_the_partition(name, error, options):
+    """Each rank has its nodes, the last one none."""
+    evidence, turnover = synthetic_evidence(**options)
+    wrong = error(evidence, 1e-6, turnover)
+    part = slice(comm.rank, None, max(comm.size - 1, 1)) if comm.rank + 1 < max(comm.size, 2) else slice(0, 0)
+    shared = {k: v[part] for k, v in vars(wrong).items() if np.ndim(v) and len(v) in (BODY, CONTACT)}
+    shared["held"] = HeldDirections.of_fields(1.0 * wrong.held.components[part], None)
+    alone, together = judge(wrong), judge(replace(wrong, comm=comm, **shared))
+    for one, other in zip(alone.checks, together.checks, strict=True):
+        assert other.value == pytest.approx(one.value, rel=1e-3, abs=1e-3 * one.limit), one.name
+
+
+def test_iterative_solver_gives_the_same_forces():
+    """Matched by coordinates: two meshes of one run need not be partitioned alike."""
+    forces = []
+    for options in ({}, {"linear_solver": IterativeSolver}):
+        solution = make_block(4, **options).solve()
+        order = np.lexsort(everywhere(solution.problem.surface.x).round(9).T)
+        forces.append(everywhere(solution.contact_force.reshape(-1, 3))[order])
+    assert np.linalg.norm(forces[0] - forces[1]) <= 1e-6 * np.linalg.norm(forces[0])
+
+
+@pytest.mark.parametrize("newton", ["default", "condensed"])
+@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+def test_same_forces_on_any_number_of_ranks(law, newton):
+    """Multigrid, matrix-free: to 1e-8 of what one rank gets by factorisation (each rank solves that for itself)."""
+
+    def block(comm, **options):
+        return ContactProblem(
+            coulomb.box((3.0, 1.0, 1.0), (9, 3, 3), comm=comm),
+            STEEL,
+            [Clamp("left")],
+            Contact("bottom", 0.3 if law == "coulomb" else None, 1e7 if law == "tresca" else None),
+            [coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
+            **options,
+        )
+
+    solver = None
+    if newton == "condensed":
+        solver = InteriorPoint(1e-10, newton=CondensedSystem())
+    alone = block(MPI.COMM_SELF).solve(1e-10)
+    together = block(comm, linear_solver=IterativeSolver, explicit=False).solve(1e-10, solver)
+    expected = alone.contact_force.reshape(-1, 3)[np.lexsort(alone.problem.surface.x.round(9).T)]
+    x = everywhere(together.problem.surface.x)
+    force = everywhere(together.contact_force.reshape(-1, 3))[np.lexsort(x.round(9).T)]
+    assert np.linalg.norm(force - expected) <= 1e-8 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"linear_solver": IterativeSolver, "explicit": False}], ids=["default", "multigrid"]
+)
+def test_same_history_on_any_number_of_ranks(options):
+    """A ball pressed in and dragged along: frames turn, slip counts from step to step, energies add up, to 1e-8."""
+    alone, history = indentation(comm=MPI.COMM_SELF)
+    together, _ = indentation(comm=comm, **options)
+    for expected, step in zip(history.steps(alone), history.steps(together), strict=True):
+        one, many = expected.solution, step.solution
+        forces = one.problem.surface.vectors(one.contact_force.reshape(-1, 3))
+        forces = forces[np.lexsort(one.problem.surface.x.round(9).T)]
+        surface = many.problem.surface
+        mine = everywhere(surface.vectors(many.contact_force.reshape(-1, 3)))
+        mine = mine[np.lexsort(everywhere(surface.x).round(9).T)]
+        assert np.linalg.norm(mine - forces) <= 1e-8 * np.linalg.norm(forces)
+        row, known = step.row, expected.row
+        for name in ("normal_force", "moment_x", "contact_area", "energy_foundation", "energy_elastic"):
+            assert row[name] == pytest.approx(known[name], rel=1e-8)
+        assert row["energy_dissipated"] == pytest.approx(known["energy_dissipated"], abs=1e-8 * known["energy_elastic"])
+        assert len(set(comm.allgather(json.dumps(row)))) == 1
+
+
+def test_symmetric_blocks_are_the_same_matrix():
+    K = make_block(4).elasticity.K
+    x, expected = K.createVecs()
+    x.array[:] = np.random.default_rng([12, comm.rank]).standard_normal(x.getLocalSize())
+    K.mult(x, expected)
+    blocks = symmetric_blocks(K)
+    assert blocks.getBlockSize() == 3
+    entries = [matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] for matrix in (blocks, K)]
+    assert entries[0] < 0.6 * entries[1]
+    difference = blocks * x - expected
+    assert difference.norm() <= 1e-14 * expected.norm()
+
+
+def test_a_function_that_fails_on_one_rank_fails_on_all():
+    """Without an agreement before the next collective call this hangs."""
+
+    def friction(x):
+        if comm.rank == comm.size - 1:
+            raise RuntimeError("no friction today")
+        return 0.3 + 0.0 * x[0]
+
+    text = same_error(
+        lambda: ContactProblem(
+            coulomb.box((3.0, 1.0, 1.0), (12, 3, 3)),
+            STEEL,
+            [Clamp("left")],
+            Contact("bottom", friction),
+        )
+    )
+    assert "friction: no friction today" in text
+
+    def traction(x):
+        if comm.rank == comm.size - 1:
+            raise RuntimeError("no load today")
+        return 0.0 * x
+
+    text = same_error(
+        lambda: ContactProblem(
+            coulomb.box((3.0, 1.0, 1.0), (12, 3, 3)),
+            STEEL,
+            [Clamp("left")],
+            Contact("bottom", 0.3),
+            [coulomb.Traction("top", traction)],
+        )
+    )
+    assert "traction on 'top': no load today" in text
+
+
+def test_a_rank_without_contact_nodes():
+    """A tall column touches on its small end: of several ranks, one has no contact node."""
+    problem = ContactProblem(
+        coulomb.box((1.0, 1.0, 12.0), (2, 2, 24)),
+        STEEL,
+        [PrescribedDisplacement("top", (0.0, 0.0, -1e-3))],
+        Contact("bottom", friction=0.3),
+    )
+    nodes = comm.allgather(len(problem.surface.nodes))
+    assert sum(nodes) == 9
+    assert comm.size == 1 or min(nodes) == 0
+    solution = problem.solve()
+    assert solution.certificate.passed
+    condensed = ContactProblem(
+        problem.mesh, STEEL, [PrescribedDisplacement("top", (0.0, 0.0, -1e-3))], problem.contacts, explicit=False
+    ).solve(solver=InteriorPoint(newton=CondensedSystem()))
+    assert condensed.certificate.passed
+    # a column between two plates, free to bulge: a force between those of free and of hindered bulging
+    force = Reductions(comm).sum(solution.contact_force[0::3])
+    E, nu = STEEL.young, STEEL.poisson
+    hindered = (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    assert E * 1e-3 / 12.0 < force < hindered * E * 1e-3 / 12.0
+
+
+def test_ranks_without_cells(shared_directory):
+    """A body of one cell: the other ranks have no cells, and still take part in writing."""
+    problem = ContactProblem(coulomb.box((1, 1, 1), (1, 1, 1)), STEEL, [Clamp("top")], Contact("bottom", friction=0.3))
+    output.write(problem.solve(), shared_directory)
+
+
+def test_output_is_written_by_all_ranks(shared_directory):
+    solution = make_block(4).solve()
+    contents = output.write(solution, shared_directory / "run")
+    assert len(set(comm.allgather(json.dumps(contents)))) == 1
+    if comm.rank == 0:
+        from coulomb.io.field_files import read_grid
+
+        body, contact = (read_grid(shared_directory / "run" / f"{name}.xdmf") for name in ("solution", "contact"))
+        assert len(body.points) == 13 * 5 * 5 and len(contact.points) == 13 * 5
+        area = 1.0 / 16 * np.where(np.isin(contact.points[:, 1].round(9), (0.0, 1.0)), 0.5, 1.0)
+        area *= np.where(np.isclose(contact.points[:, 0], 3.0), 0.5, 1.0)
+        normal = float(contact.fields["pressure"] @ area)
+        assert normal == pytest.approx(contents["force_on_body"]["normal"], rel=1e-6)
+        assert not list(shared_directory.glob("run/.partial*"))
+    comm.barrier()
+
+
+def test_input_that_is_wrong_on_one_rank_is_an_error_on_all():
+    last = comm.size - 1
+    problem = make_block(2)
+    bound = np.ones(len(problem.surface.nodes))
+    b = np.zeros(3 * len(bound))
+    if comm.rank == last and len(b):
+        b[0] = np.nan
+    if any(comm.allgather(bool(np.isnan(b).any()))):
+        assert "not finite" in same_error(lambda: FrictionProblem.tresca(problem.A, b, bound))
+    text = same_error(
+        lambda: make_block(2, cells=(6, 2, 2), friction=0.3, explicit=True, linear_solver=IterativeSolver)
+    )
+    assert "explicit=True" in text
+    explicit = make_block(2, explicit=True)
+    assert "explicit=False" in same_error(lambda: explicit.solve(solver=InteriorPoint(newton=CondensedSystem())))
+
+
+def test_wrong_bodies_are_errors_on_all_ranks():
+    mesh = coulomb.box((3.0, 1.0, 1.0), (6, 2, 2))
+    contact = Contact("bottom", friction=0.3)
+    assert "fully clamped" in same_error(
+        lambda: ContactProblem(mesh, STEEL, [Clamp("left")], Contact("left", friction=0.3))
+    )
+    wrong_here = PrescribedDisplacement(
+        "left", lambda x: np.full(x.shape, np.nan if comm.rank == comm.size - 1 else 0.0)
+    )
+    rows = comm.allgather(int((mesh.domain.geometry.x[:, 0] == 0.0).sum()))
+    if rows[-1]:
+        text = comm.allgather(_error(lambda: ContactProblem(mesh, STEEL, [wrong_here], contact)))
+        assert len(set(text)) == 1
+
+
+def _error(action):
+    try:
+        action()
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def test_case_is_read_once_and_shared(shared_directory):
+    path = shared_directory / "case.toml"
+    if comm.rank == 0:
+        path.write_text("[mesh]\nbox = [1.0, 1.0, 1.0]\ncells = [1, 1, 0]\n")
+    comm.barrier()
+    assert "mesh.cells.2 = 0" in same_error(lambda: read_case(path))
+    assert "cannot be read" in same_error(lambda: read_case(shared_directory / "none.toml"))
+
+
+def test_reductions_with_empty_ranks():
+    over = Reductions(comm)
+    mine = np.array([3.0, -4.0]) if comm.rank == 0 else np.zeros(0)
+    assert over.norm(mine) == 5.0 and over.max(mine) == 3.0 and over.min(mine) == -4.0 and over.sum(mine) == -1.0
+    assert over.max(np.zeros(0)) == -np.inf and over.norm(np.zeros(0)) == 0.0
+    assert np.isnan(over.max(np.array([np.nan]) if comm.rank == comm.size - 1 else mine))
+    assert over.norm(1e200 * mine) == pytest.approx(5e200) and over.norm(1e-200 * mine) == pytest.approx(5e-200)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_mesh_from_a_file_with_two_materials_on_springs(cell, shared_directory):
+    """The same on all ranks together as on every rank alone; groups go with their cells and facets."""
+    path = shared_directory / f"{cell}.msh"
+    if comm.rank == 0:
+        BoxFile(cell=cell).write(path)
+    comm.barrier()
+    forces = []
+    for ranks in (comm, MPI.COMM_SELF):
+        mesh = coulomb.read_gmsh(path, comm=ranks)
+        solution = ContactProblem(
+            mesh,
+            {"soft": coulomb.Material(1e11, 0.2), "stiff": coulomb.Material(2e11, 0.4)},
+            [],
+            Contact("bottom", friction=0.3),
+            [coulomb.Traction("top", (1e6, 0.0, -1e7))],
+            springs=[coulomb.Spring("left", 1e10), coulomb.Spring("right", (1e10, 1e10, 1e9))],
+        ).solve(tolerance=1e-10)
+        assert solution.certificate.passed
+        surface = solution.problem.surface
+        force, x = -surface.vectors(solution.contact_force.reshape(-1, 3)), surface.x
+        data = summary(solution)
+        assert np.allclose(
+            np.array(data["force_on_body"]["vector"]) + data["spring_force_on_body"], [-2e6, 0.0, 2e7], atol=1.0
+        )
+        if ranks is comm:
+            force, x = everywhere(force), everywhere(x)
+        forces.append(force[np.lexsort(x.round(9).T)])
+    assert np.linalg.norm(forces[0] - forces[1]) <= 1e-6 * np.linalg.norm(forces[1])
+
+
+def test_wrong_mesh_files_are_errors_on_all_ranks(shared_directory):
+    whole, cut, folded = (shared_directory / f"{name}.msh" for name in ("whole", "cut", "folded"))
+    if comm.rank == 0:
+        file = BoxFile()
+        file.faces["inside"] = file.interface
+        cut.write_bytes(file.write(whole, "4.1", True).read_bytes()[:-300])
+        file.cells[0, [0, 1]] = file.cells[0, [1, 0]]
+        file.write(folded)
+    comm.barrier()
+    assert "cut short" in same_error(lambda: coulomb.read_gmsh(cut))
+    assert "changes its sign" in same_error(lambda: coulomb.read_gmsh(folded))
+    assert "cannot be read" in same_error(lambda: coulomb.read_gmsh(shared_directory / "none.msh"))
+    assert "is not XDMF" in same_error(lambda: coulomb.read_xdmf(whole))
+    mesh = coulomb.read_gmsh(whole)
+    assert "lies inside the body" in same_error(lambda: coulomb.Elasticity(mesh, STEEL, [Clamp("inside")]))
+    assert "without a material" in same_error(lambda: coulomb.Elasticity(mesh, {"soft": STEEL}, [Clamp("left")]))
+    soft = coulomb.Spring("left", 1e-6)
+    assert "too soft" in same_error(lambda: coulomb.Elasticity(mesh, STEEL, [], springs=[soft]))

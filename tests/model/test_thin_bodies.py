@@ -1,0 +1,379 @@
+"""Thin bodies, flat cells and nearly incompressible materials: iterations of multigrid, and factors in its place."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ufl
+from user_forms import Script
+
+import coulomb
+from coulomb import (
+    Clamp,
+    CondensedSystem,
+    Contact,
+    ContactProblem,
+    DenseSystem,
+    DirectSolver,
+    InteriorPoint,
+    IterativeSolver,
+    LoadHistory,
+    Material,
+    NotConverged,
+    Status,
+    Traction,
+)
+from coulomb.io.summary import remarks, summary
+from coulomb.linalg.compliance import methods, stiffness
+from coulomb.linalg.compliance.predicted_cost import Measures, patience, seconds_direct, seconds_multigrid
+from coulomb.linalg.factors.multifrontal import Work
+from coulomb.model import contact_body
+from coulomb.model.certificate import judge
+from coulomb.solvers.automatic import Automatic
+
+STEEL, CELLS = Material(2.1e11, 0.3), (8, 2, 1)
+QUADRATIC = {"second_order": True}
+TETRAHEDRA = {"second_order": True, "tetrahedra": True}
+MEASURED = {  # measures, and iterations to the certificate
+    "block, cells of aspect 4": (Measures(3060, 180, 1.6, aspect=4.0), 420),
+    "block, cells of aspect 8": (Measures(5940, 180, 1.6, aspect=8.0), 899),
+    "block, needles of aspect 4": (Measures(10_404, 612, 1.6, aspect=4.0), 526),
+    "block, second order": (Measures(900, 180, 1.7, **QUADRATIC), 266),
+    "block, second order, aspect 8": (Measures(5940, 180, 1.7, aspect=8.0, **QUADRATIC), 1604),
+    "block, 10-node tetrahedra, aspect 5": (Measures(5940, 195, 1.7, aspect=5.27, **TETRAHEDRA), 1766),
+    "block, nu = 0.49": (Measures(900, 180, 1.6, poisson=0.49), 731),
+    "block, nu = 0.4999": (Measures(900, 180, 1.6, poisson=0.4999), 8479),
+    "block, second order, nu = 0.49": (Measures(2352, 336, 1.7, aspect=1.12, poisson=0.49, **QUADRATIC), 1757),
+    "block, 10-node tetrahedra, nu = 0.4999": (Measures(2352, 357, 1.7, poisson=0.4999, **TETRAHEDRA), 17_224),
+    "pad, nu = 0.49, second order": (Measures(13_230, 1323, 5.0, aspect=2.5, poisson=0.49, **QUADRATIC), 3519),
+    "beam, length 10 thicknesses": (Measures(900, 300, 4.3, elongation=5.2), 433),
+    "beam, length 20 thicknesses": (Measures(1800, 600, 6.2, elongation=10.1), 790),
+    "beam, length 40 thicknesses": (Measures(3600, 1200, 8.9, elongation=20.1), 1697),
+    "sheet, width 16 thicknesses": (Measures(9504, 3168, 15.6, elongation=2.0), 727),
+}
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_iterations_as_measured(name):
+    """To a factor of two; by unknowns and slenderness alone they were wrong by three to fifty."""
+    measures, iterations = MEASURED[name]
+    assert 0.5 < measures.iterations / iterations < 2.0
+
+
+def sheet(cells=(16, 5, 1), gap=1e-3, amplitude=1.0, **given):
+    """A sheet of steel, 0.5 mm thick, clamped at one end, pressed down over a plane 1 mm below: 27-node hexahedra of
+    aspect 20."""
+    return ContactProblem(
+        coulomb.box((0.16, 0.05, 0.0005), cells, degree=2),
+        STEEL,
+        [Clamp("left")],
+        Contact("bottom", 0.3, gap=gap),
+        [Traction("top", (0.0, 0.0, -48.0), amplitude)],
+        **given,
+    )
+
+
+@pytest.mark.parametrize(
+    ("cell", "cells", "aspect"),
+    [
+        ("hexahedron", (6, 2, 4), 4.0),
+        ("hexahedron", (6, 2, 1), 1.0),
+        ("hexahedron", (3, 2, 1), 2.0),
+        ("tetrahedron", (6, 2, 1), 1.0),
+    ],
+)
+def test_shape_of_cells_and_face(cell, cells, aspect):
+    """Of a strip of 6 by 2 by 1, with the aspect of its cells by hand."""
+    strip = coulomb.box((6.0, 2.0, 1.0), cells, cell)
+    measures = ContactProblem(strip, Material(1e9, 0.45), [Clamp("top")], Contact("bottom", 0.3)).body.measures
+    assert measures.aspect == pytest.approx(aspect)
+    assert measures.elongation == pytest.approx(40.0 / 12.0) and measures.poisson == 0.45
+    assert not measures.second_order and measures.tetrahedra is (cell == "tetrahedron")
+
+
+def test_elongation_is_of_one_face():
+    """Two squares far apart are no strip."""
+    mesh = coulomb.box((9.0, 1.0, 1.0), (9, 1, 1))
+    ends = [Contact("left", 0.3), Contact("right", 0.3)]
+    body = ContactProblem(mesh, STEEL, [Clamp("top")], ends).body
+    # nodes of the clamp are no contact nodes: each face has a row of nodes, with half of its area
+    assert body.measures.elongation == pytest.approx(1.0 / 0.5)
+
+
+def test_a_thin_sheet_wants_factors(monkeypatch):
+    """By its measures, although it has more contact unknowns than are factorised in any case."""
+    monkeypatch.setattr(contact_body, "undecided", lambda *_: True)
+    body = sheet().body
+    assert body.measures.second_order and body.measures.aspect == pytest.approx(20.0)
+    assert body.linear_solver is DirectSolver and not body.changed
+    monkeypatch.setattr(contact_body, "measures_of", lambda *_: Measures(3168, 1056, 1.7))
+    assert sheet().body.linear_solver is IterativeSolver
+
+
+def test_patience():
+    """Three times the expected iterations at least, and as long as factors take where these take longer."""
+    body, quick, slow = Measures(40_000, 2500, 1.7), Work(1e9, 1e7, 1e9), Work(1e13, 1e9, 1e13)
+    assert patience(quick, body) == pytest.approx(3.0 * body.iterations)
+    ratio = seconds_direct(slow, 2500) / seconds_multigrid(body)
+    assert ratio > 3.0 and patience(slow, body) == pytest.approx(ratio * body.iterations)
+    assert patience(slow, body, 100) < patience(slow, body)  # the factors are for many steps
+
+
+@pytest.fixture
+def by_multigrid(monkeypatch):
+    """Multigrid is chosen, wrongly; solves end after 100 iterations."""
+    monkeypatch.setattr(contact_body, "undecided", lambda _, __, *given: given == (None, None))
+    monkeypatch.setattr(contact_body, "factorise", lambda *_: False)
+    monkeypatch.setattr(stiffness, "_ITERATIONS", 100)
+
+
+def changed(problem, caplog):
+    """The reason of the change, which is logged once."""
+    said = [record.message for record in caplog.records if "K is factorised instead" in record.message]
+    assert problem.body.linear_solver is DirectSolver and problem.body.explicit
+    assert said == [problem.body.changed]
+    return problem.body.changed
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_factors_in_place_of_multigrid(monkeypatch, caplog, by_multigrid, slow):
+    """Where a solve fails, or all solves together take too many iterations; the same answer as by factors."""
+    if slow:
+        monkeypatch.setattr(stiffness, "_ITERATIONS", 1000)
+        monkeypatch.setattr(contact_body, "patience", lambda *_: 20.0)
+    problem = sheet()
+    assert problem.body.linear_solver is IterativeSolver
+    with caplog.at_level(logging.WARNING, "coulomb"):
+        solution = problem.solve()
+    why = changed(problem, caplog)
+    assert ("and after 20 factors of K are expected to be faster" if slow else "failed: after 100 iterations") in why
+    assert solution.valid and solution.problem is problem
+    exact = sheet(linear_solver=DirectSolver).solve()
+    assert np.allclose(solution.displacement, exact.displacement, rtol=0.0, atol=1e-9)
+    method = summary(solution)["method"]
+    assert method["changed"] == why and method["compliance"] == "explicit" and "direct" in method["stiffness"]
+    assert "changed" not in summary(exact)["method"]
+
+
+def test_deflection_of_the_free_sheet(caplog, by_multigrid):
+    """q L^4 / (8 E I) of a strip, less what the clamp holds of its anticlastic curvature."""
+    problem = sheet(gap=1e-2)
+    with caplog.at_level(logging.WARNING, "coulomb"):
+        solution = problem.solve()
+    assert changed(problem, caplog) and solution.valid and not np.any(solution.contact_force)
+    assert -solution.displacement[:, 2].min() == pytest.approx(
+        48.0 * 0.16**4 / (8.0 * 2.1e11 * 0.0005**3 / 12.0), rel=0.05
+    )
+
+
+def test_the_choice_of_the_user_stands(caplog, by_multigrid):
+    with caplog.at_level(logging.WARNING, "coulomb"), pytest.raises(NotConverged, match="failed: after 100 iterations"):
+        sheet(linear_solver=IterativeSolver).solve()
+    assert not caplog.records
+
+
+def test_factors_that_do_not_fit(monkeypatch, caplog, by_multigrid):
+    """Multigrid goes on beyond its patience then, and fails for itself."""
+    monkeypatch.setattr(contact_body, "least_room", lambda _: 1.0)
+    monkeypatch.setattr(contact_body, "patience", lambda *_: 1.0)
+    problem = sheet()
+    with caplog.at_level(logging.WARNING, "coulomb"), pytest.raises(NotConverged, match="failed: after 100 iterations"):
+        problem.solve()
+    assert "factors of K do not fit into the memory" in caplog.text
+    assert problem.body.linear_solver is IterativeSolver and not problem.body.changed
+
+
+def block(**given):
+    """A block, on which multigrid does as expected."""
+    return ContactProblem(
+        coulomb.box((2.0, 1.0, 1.0), (10, 5, 5)),
+        STEEL,
+        [Clamp("left")],
+        Contact("bottom", 0.3),
+        [Traction("top", (0.0, 0.0, -1e7))],
+        **given,
+    )
+
+
+def test_a_penetration_is_no_open_gap(monkeypatch, by_multigrid):
+    """Where no product by A is made: the free sheet is inside the plane, and the remark agrees with the certificate."""
+    problem = sheet(linear_solver=IterativeSolver)
+    with pytest.raises(NotConverged) as failure:
+        problem.solve()
+    answer = problem.solution(failure.value.result)
+    inside, checks = answer.certificate.penetration, {check.name: check for check in answer.certificate.checks}
+    assert not np.any(answer.contact_force) and inside > 1e-4 and not checks["penetration"].passed
+    assert remarks(answer) == [
+        f"no contact forces were found, although contact nodes penetrate by up to {inside:.3g} m: not the answer"
+    ]
+
+
+def test_unbalanced_forces_hide_no_penetration():
+    """A displacement that is a micrometre wrong inside the block has internal forces of meganewtons: the scale of the
+    certificate is not their work over the load of 1 mN, which was 91 m."""
+    problem = ContactProblem(
+        coulomb.box((1.0, 0.2, 0.2), (10, 4, 4)),
+        STEEL,
+        [Clamp("left")],
+        Contact("bottom", 0.3, gap=1e-5),
+        [Traction("right", (0.0, 0.0, -0.025))],
+    )
+    x, u = problem.elasticity.x, np.zeros_like(problem.elasticity.x)
+    below, inner = (x[:, 0] > 0.35) & (x[:, 2] < 0.01), (x[:, 0] > 0.35) & (x[:, 2] > 0.06)
+    u[below, 2] = -1.1e-5
+    u[inner] += 1e-6 * np.random.default_rng(3).standard_normal((int(inner.sum()), 3))
+    certificate = judge(problem.evidence(np.zeros_like(problem.b), u))
+    assert certificate.penetration == pytest.approx(1e-6, rel=1e-6)
+    (check,) = (check for check in certificate.checks if check.name == "penetration")
+    assert check.value == pytest.approx(1e-6 / (2.0 * np.sqrt(3.0) * 1.1e-5)) and not check.passed
+
+
+class Demanding(Automatic):
+    """Fails where A is not formed."""
+
+    def solve(self, problem, *arguments, **given):
+        result = super().solve(problem, *arguments, **given)
+        if problem.A.matrix_free is not None or problem.A.name == "matrix-free":
+            raise NotConverged("stagnated", replace(result, status=Status.STAGNATED, message="stagnated"))
+        return result
+
+
+@pytest.mark.parametrize("explicit", [None, False])
+def test_a_formed_in_place_of_solves(monkeypatch, caplog, explicit):
+    """Where K is factorised and solves with it are not enough; not against the choice of the user."""
+    monkeypatch.setattr(methods, "EXPLICIT_UP_TO", 0)
+    problem = block(explicit=explicit)
+    assert problem.body.linear_solver is DirectSolver and not problem.body.explicit
+    with caplog.at_level(logging.WARNING, "coulomb"):
+        if explicit is None:
+            solution = problem.solve(solver=Demanding())
+            assert solution.valid and summary(solution)["method"]["compliance"] == "explicit"
+            assert problem.body.changed == "stagnated; A is formed instead" == caplog.records[0].message
+        else:
+            with pytest.raises(NotConverged, match="stagnated"):
+                problem.solve(solver=Demanding())
+            assert not problem.body.explicit and not caplog.records
+
+
+@pytest.mark.parametrize("linear_solver", [None, IterativeSolver])
+def test_a_thin_body_of_forms(monkeypatch, linear_solver):
+    """Forms that are positive definite were called wrong where multigrid needs more iterations than it has."""
+    monkeypatch.setattr(methods, "DIRECT_UP_TO", 0)
+    monkeypatch.setattr(stiffness, "_ITERATIONS", 20)
+    script = Script(coulomb.box((0.16, 0.05, 0.0005), CELLS, degree=2), 2)
+    load = ufl.inner(script.constant((0.0, 0.0, -48.0 / 0.0005)), script.v) * ufl.dx
+    held = [script.bc((0.0, 0.0, 0.0), "left")]
+    body = coulomb.Body(script.elasticity(2.1e11, 0.3), load, held, faces=script.mesh)
+    problem = ContactProblem(body, Contact("bottom", 0.3, gap=1e-3), linear_solver=linear_solver)
+    assert problem.body.linear_solver is IterativeSolver
+    if linear_solver is None:
+        assert problem.solve().valid and problem.body.changed
+    else:
+        with pytest.raises(NotConverged, match="K u = f"):
+            problem.solve()
+
+
+def test_a_sheet_that_solves_with_factors_do_not_solve(monkeypatch):
+    """As sheets of more than 10 000 contact unknowns."""
+    monkeypatch.setattr(methods, "EXPLICIT_UP_TO", 0)
+    problem = sheet(CELLS)
+    assert not problem.body.explicit
+    assert problem.solve().valid
+
+
+@pytest.mark.parametrize("stop", [True, False])
+def test_an_interrupted_run_does_not_change(monkeypatch, by_multigrid, stop):
+    """Nor does one that converges."""
+    problem = block()
+    if stop:
+        with pytest.raises(NotConverged) as failure:
+            problem.solve(progress=lambda _: True)
+        assert failure.value.result.status is Status.INTERRUPTED
+    else:
+        assert problem.solve().valid
+    assert problem.body.linear_solver is IterativeSolver and not problem.body.changed
+
+
+def test_patience_is_of_a_solution(monkeypatch, by_multigrid):
+    """The next load step has it again, and what the user asks for afterwards is not refused."""
+    problem = block()
+    solution = problem.solve()
+    taken = problem.stiffness.solver.iterations
+    monkeypatch.setattr(contact_body, "patience", lambda *_: 1.5 * taken)
+    for time in (1.0, 2.0, 3.0):
+        assert problem.at(time).solve().valid
+    assert problem.stiffness.solver.iterations > 2.0 * taken and not problem.body.changed
+    monkeypatch.setattr(contact_body, "patience", lambda *_: 1.0)
+    problem.at(4.0).solve()
+    assert problem.body.changed
+    x, y = solution.contact_force, np.empty_like(solution.contact_force)
+    problem.A.mult(x, y)  # of the problem that was solved by multigrid
+    gap = (y - problem.b)[0::3]
+    assert np.abs(np.where(x[0::3] > 0.0, gap, np.minimum(gap, 0.0))).max() < 1e-6 * np.abs(problem.b).max()
+
+
+def test_a_history_goes_on_with_factors(caplog, by_multigrid):
+    """The first step changes; no step is halved, and the others are solved by the factors."""
+    problem = sheet(amplitude=lambda time: time)
+    with caplog.at_level(logging.WARNING, "coulomb"):
+        steps = list(LoadHistory([0.9, 1.0]).steps(problem))
+    assert changed(problem, caplog)
+    assert [step.halvings for step in steps] == [0, 0] and all(step.solution.certificate.passed for step in steps)
+
+
+CONDENSED, DENSE = InteriorPoint(newton=CondensedSystem()), InteriorPoint(newton=DenseSystem())
+
+
+def test_rounding_errors_are_not_corrected():
+    """Residuals of K u that are rounding errors bend a sheet by more than its answer is wrong."""
+    solution = sheet((24, 6, 1), explicit=False, linear_solver=DirectSolver).solve(solver=CONDENSED)
+    assert solution.valid and solution.result.newton_steps < 20
+
+
+def pressed(cells, **given):
+    """A sheet on its plane, whose compression is 2e10 times smaller than the deflection without the plane."""
+    return ContactProblem(
+        coulomb.box((0.16, 0.05, 0.0005), cells, degree=2),
+        STEEL,
+        [Clamp("left")],
+        Contact("bottom", 0.3),
+        [Traction("top", (0.0, 0.0, -48.0))],
+        **given,
+    )
+
+
+def test_a_pressed_sheet():
+    """The remaining gap is not a difference of two deflections where the certificate has refused that."""
+    problem = pressed((10, 3, 1))
+    solution = problem.solve(solver=DENSE)
+    assert solution.valid
+    lifted = solution.displacement[:, 2].min() / (-48.0 * 0.0005 / 2.1e11)
+    assert 0.5 < lifted < 2.0
+
+
+def test_condensed_systems_in_place_of_many_products(monkeypatch, caplog):
+    """Where Newton systems with A take too many iterations; the same answer."""
+    exact = sheet((24, 6, 1)).solve()
+    monkeypatch.setattr(contact_body, "_PRODUCTS", 3)
+    problem = sheet((24, 6, 1))
+    with caplog.at_level(logging.WARNING, "coulomb"):
+        solution = problem.solve()
+    assert solution.valid and problem.body.condensed and "too many Krylov iterations" in problem.body.changed
+    assert [record.message for record in caplog.records] == [problem.body.changed]
+    assert np.allclose(solution.displacement, exact.displacement, rtol=0.0, atol=1e-9)
+
+
+def test_a_sheet_of_many_contact_unknowns_is_condensed(monkeypatch):
+    """At once, without a change of the method; a block is not."""
+    monkeypatch.setattr(methods, "EXPLICIT_UP_TO", 0)
+    problem = sheet(CELLS)
+    assert problem.solve().result.method == "interior point" and not problem.body.changed
+    assert not block().body.condensed
+
+
+def test_dense_systems_in_place_of_condensed_ones(monkeypatch):
+    """Where these fail, as on a sheet that is pressed onto its plane."""
+    monkeypatch.setattr(contact_body, "_PRODUCTS", 3)
+    problem = pressed((16, 5, 1))
+    assert problem.solve().valid and problem.body.dense

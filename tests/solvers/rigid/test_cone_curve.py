@@ -1,0 +1,162 @@
+"""The curve of smoothed problems: its derivative, its orientation, and problems that the other methods do not solve."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+from coulomb import FrictionProblem, NotConverged, Status, solve_coulomb
+from coulomb.benchmarks.rigid_bodies import capsules, scattered, stack
+from coulomb.solvers.rigid import cone_curve
+from coulomb.solvers.rigid.cone_curve import ConeCurve, CurvePoint
+from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
+from coulomb.solvers.rigid.cone_problem import ConeProblem, Scales
+from coulomb.solvers.rigid.cones import product, times
+from coulomb.solvers.rigid.general import _compliance
+from coulomb.solvers.rigid.newton_matrix import NewtonMatrix
+
+
+def cones(problem):
+    friction = FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
+    return ConeProblem(friction, friction.A.sparse(), Scales.of(friction))
+
+
+@pytest.mark.parametrize("problem", [stack(10, 2.0, 1203), capsules(4, 4, 0.7, 800)], ids=lambda problem: problem.title)
+def test_problems_on_which_the_path_is_blocked(problem):
+    """The curve turns; without it, and sweeps, neither the path nor convex problems lead to an answer."""
+    result = solve_coulomb(problem.W, -problem.q, problem.mu)
+    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
+    with pytest.raises(NotConverged):
+        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False, curve=0, convex=4))
+
+
+def test_the_curve_leaves_work_to_convex_problems():
+    """A long curve, with many turns, spends at most half of the work; convex problems and another curve the rest."""
+    problem = scattered(30, 120, 2.0, 703)
+    with pytest.raises(NotConverged, match=r"\(max_iterations\)") as failure:
+        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(work=4e9))
+    result = failure.value.result
+    assert result.outer_steps >= 1
+    friction = FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
+    whole = Scales.of(friction).residual(friction, result.x, friction.gradient(result.x))
+    assert result.residual == pytest.approx(whole, rel=1e-6) and whole >= problem.residual(result.x)
+
+
+@pytest.mark.parametrize("log", [-0.5, -4.0])
+def test_derivative_along_the_curve(log):
+    """Of G by V, through the Newton matrix, and by log tau: central differences; X o Z = tau^2 e / rho."""
+    problem, rng = cones(stack(3, 0.7, 1)), np.random.default_rng(2)
+    V, dV, h = rng.standard_normal((12, 3)), rng.standard_normal((12, 3)), 1e-6
+    rho = 0.1 * problem.rho
+    at = CurvePoint(problem, V, log, rho)
+    expected = np.zeros((12, 3))
+    expected[:, 0] = at.tau**2
+    assert np.allclose(product(at.X, rho * at.Z), expected, atol=1e-14)
+    by_log = (CurvePoint(problem, V, log + h, rho).G - CurvePoint(problem, V, log - h, rho).G) / (2 * h)
+    assert np.allclose(at.G_log, by_log, atol=1e-8)
+    by_V = (CurvePoint(problem, V + h * dV, log, rho).G - CurvePoint(problem, V - h * dV, log, rho).G) / (2 * h)
+    dX = (CurvePoint(problem, V + h * dV, log, rho).X - CurvePoint(problem, V - h * dV, log, rho).X) / (2 * h)
+    image = (problem.W @ dX.ravel()).reshape(-1, 3) + times(at.newton_blocks(), dX)
+    assert np.allclose(-image, by_V, atol=1e-6 * np.abs(by_V).max())
+    assert np.allclose(at.unknowns(dX), dV, atol=1e-6)
+
+
+@pytest.mark.parametrize("contacts", [5, 60], ids=["dense", "sparse"])
+@pytest.mark.parametrize("seed", range(4))
+def test_sign_of_the_determinant(contacts, seed):
+    rng = np.random.default_rng(seed)
+    W = scipy.sparse.diags([1.0, -0.3, -0.3], [0, 7, -7], shape=(3 * contacts, 3 * contacts)).tocsr()
+    matrix, D = NewtonMatrix(W), rng.standard_normal((contacts, 3, 3))
+    assert matrix.factorise(D) and matrix.dense == (contacts == 5)
+    full = W.toarray()
+    for k in range(contacts):
+        full[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += D[k]
+    assert matrix.sign() == np.linalg.slogdet(full)[0]
+    assert matrix.factorise(D) and matrix.sign() == np.linalg.slogdet(full)[0]  # in the order of the first
+
+
+def determinants_sign(problem, at):
+    full, D = problem.W.toarray(), at.newton_blocks()
+    for k in range(problem.contacts):
+        full[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += D[k]
+    return np.linalg.slogdet(full)[0]
+
+
+def distance(curve, at):
+    """Of a point from the curve: the largest correction of a contact, orthogonal to its direction."""
+    found = curve._directions(at)
+    along = found.along / cone_curve._norm(at, found.along, 1.0)
+    log = 1.0 / cone_curve._norm(at, found.along, 1.0)
+    back = cone_curve._inner(at, along, log, found.correction, 0.0)
+    return np.sqrt((at.relative(found.correction - back * along) ** 2).sum(axis=1)).max()
+
+
+def test_points_are_near_the_curve_and_its_direction_is_that_of_the_determinant():
+    """log tau decreases where the determinant is positive, and increases where it is negative: both are met."""
+    problem = cones(stack(10, 2.0, 1203))
+    curve, signs = ConeCurve(problem), set()
+    at = curve.start()
+    while at.tau > 1e-5:
+        new = curve.step(at)
+        assert curve._trail[-1][0] is at and len(curve._trail) <= 8
+        at, forward = new, curve._found.forward
+        assert forward == -determinants_sign(problem, at)
+        assert distance(curve, at) < 0.5
+        signs.add(forward)
+    assert signs == {-1.0, 1.0} and curve.rejected > 0
+
+
+def test_the_curve_ends_where_tau_is_small(monkeypatch):
+    monkeypatch.setattr(cone_curve, "_REACHED", 1e-2)
+    curve = ConeCurve(cones(stack(3, 0.7, 1)))
+    points = [curve.start()]
+    while (new := curve.step(points[-1])) is not None:
+        points.append(new)
+    assert points[-1].tau < 1e-2 <= points[-2].tau and curve.h > 1e-2
+
+
+def test_a_step_that_fails_is_repeated_with_care():
+    """From a point that is centred first, with a tenth of the first length and points nearer to the curve; once."""
+    problem = cones(stack(10, 2.0, 1203))
+    curve = ConeCurve(problem)
+    at = curve.start()
+    for _ in range(10):
+        at = curve.step(at)
+    curve.h = 1e-7
+    new = curve.step(at)
+    assert curve._care is cone_curve._CAREFUL and 0.0 < curve.h <= 0.06
+    assert 0.0 < abs(new.log - at.log) < 0.1
+    for _ in range(10):
+        new = curve.step(new)
+        assert distance(curve, new) < 0.1
+    curve.h = 1e-7
+    assert curve.step(new) is None
+
+
+def test_first_correction_is_of_second_order_in_the_step():
+    """Predictors are tangents at the curve itself, not at the point that is near it."""
+    problem = cones(stack(3, 0.7, 1))
+    curve, first = ConeCurve(problem), []
+    at = curve.start()
+    for _ in range(3):
+        at = curve.step(at)
+    found, corrected = curve._directions(at), curve._corrected
+    t, t_log = (x / cone_curve._norm(at, found.along, 1.0) for x in (found.forward * found.along, found.forward))
+    at, _ = curve._corrected(at, t, t_log, cone_curve._CENTRED)
+    curve._corrected = lambda *given: first.append(corrected(*given)[1]) or (at, first[-1])
+    found = curve._found
+    for h in (0.02, 0.01):
+        curve.h, curve._found = h, found
+        curve._stepped(at)
+    assert 0.0 < first[0] < 0.01 and 3.0 < first[0] / first[1] < 5.0
+
+
+def test_the_curve_starts_with_a_convex_problem_and_turns():
+    """The determinant is positive at tau = 1, log tau increases on a part of the curve, and it ends at tau = 0."""
+    curve = ConeCurve(cones(stack(10, 2.0, 1203)))
+    at, logs = curve.start(), [0.0]
+    assert at.tau == 1.0 and np.abs(at.G).max() < 0.1
+    while at is not None and len(logs) < 60:
+        at = curve.step(at)
+        if at is not None:
+            logs.append(at.log)
+    assert max(np.diff(logs)) > 0.0 and min(logs) < np.log(1e-5)

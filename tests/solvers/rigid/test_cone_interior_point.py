@@ -1,0 +1,159 @@
+"""Contact of rigid bodies, whose compliance has half rank or less: solved, or refused with a reason."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+import coulomb
+from coulomb import Automatic, NotConverged, Status, solve_coulomb
+from coulomb.benchmarks.rigid_bodies import TouchPoint, arch, assembled, random_rank, scattered, stack, tower, walled
+from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
+from coulomb.solvers.rigid.general import _compliance
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def solved(problem, solver=None):
+    return solve_coulomb(problem.W, -problem.q, problem.mu, solver)
+
+
+NO_SWEEPS = ConeInteriorPoint(sweeps=False)
+
+
+@pytest.mark.parametrize("solver", [None, NO_SWEEPS], ids=["auto", "no sweeps"])
+@pytest.mark.parametrize(
+    "problem",
+    [stack(8, 2.0, 3), tower(3, 0.3, 1), arch(9, 0.8, 1), walled(20, 1.0, 2), scattered(10, 60, 0.7, 2)],
+    ids=lambda problem: problem.title,
+)
+def test_generated_problems(problem, solver):
+    """To 1e-8 by the collection's measure; most forces are not unique."""
+    result = solved(problem, solver)
+    assert result.status is Status.CONVERGED
+    assert result.method == ("cone interior point" if solver else "auto: cone interior point")
+    assert problem.residual(result.x) <= 1e-8
+
+
+def test_resting_stack_carries_its_weight():
+    """Boxes that fall straight and stick: the impulses of a joint stop all boxes above it."""
+    problem = stack(6, 0.5, 4, push=0.0)
+    r = solved(problem).x.reshape(6, 4, 3)
+    assert np.allclose(r[:, :, 0].sum(axis=1), np.arange(6, 0, -1), atol=1e-7)
+    assert np.allclose(problem.W @ r.ravel() + problem.q, 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2, 2.0])
+def test_cube_thrown_along_the_ground(friction):
+    """Unit cube, velocity (3, 0, -1): the impulse 1 stops its fall, and friction F brakes it, or 3 stops it."""
+    corners = [(x, y) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
+    points = [TouchPoint(-1, 0, np.array([x, y, 0.0]), UP) for x, y in corners]
+    centre = np.array([[0.0, 0.0, 1e-9]])  # friction has no arm: it does not tilt
+    v = np.array([[3.0, 0.0, -1.0, 0.0, 0.0, 0.0]])
+    problem = assembled("cube", centre, np.array([[1.0, 1.0, 1.0, 6.0, 6.0, 6.0]]), v, points, friction)
+    r = solved(problem).x.reshape(4, 3)
+    assert r[:, 0].sum() == pytest.approx(1.0, abs=1e-7)
+    assert np.linalg.norm(r[:, 1:].sum(axis=0)) == pytest.approx(min(friction, 3.0), abs=1e-7)
+
+
+def test_no_forces_keep_a_body_between_closing_walls():
+    """Both walls come nearer: refused, with the contacts."""
+    points = [TouchPoint(-1, 0, np.array([0.0, 0.0, -1.0]), UP), TouchPoint(-1, 0, np.array([0.0, 0.0, 1.0]), -UP)]
+    problem = assembled("walls", np.zeros((1, 3)), np.ones((1, 6)), np.zeros((1, 6)), points, 0.5)
+    q = problem.q.copy()
+    q[[0, 3]] -= 1e-2
+    with pytest.raises(NotConverged, match=r"normal forces on contacts 0, 1 .* 1\.0e-02 too small") as failure:
+        solve_coulomb(problem.W, -q, problem.mu)
+    assert failure.value.result.status is Status.NO_EQUILIBRIUM
+    q[3] += 2e-2  # one comes, the other goes: the body goes along
+    assert solve_coulomb(problem.W, -q, problem.mu).status is Status.CONVERGED
+
+
+def test_work_is_limited_by_counts():
+    problem = scattered(10, 60, 0.7, 2)
+    with pytest.raises(NotConverged, match=r"\(max_iterations\), above .* 4 factorisations") as failure:
+        solved(problem, ConeInteriorPoint(systems=4, sweeps=False))
+    result = failure.value.result
+    assert result.newton_steps == 4 and problem.residual(result.x) == pytest.approx(result.residual, rel=1e-6)
+    with pytest.raises(NotConverged, match=r"of at most 1\.0e"):
+        solved(problem, ConeInteriorPoint(work=1e6))
+
+
+def test_sweeps_at_last():
+    """A stack on which the other methods are cut short: 90 000 sweeps from those at the start, for half of the work."""
+    problem, short = stack(8, 1.0, 2), {"newton": 1, "path": 1, "curve": 0, "convex": 0}
+    result = solved(problem, ConeInteriorPoint(**short))
+    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
+    assert result.products > 50_000 and result.newton_steps < 5
+    with pytest.raises(NotConverged, match=r"\d{4} sweeps and 0 convex") as failure:
+        solved(problem, ConeInteriorPoint(**short, work=2e8))
+    few = failure.value.result
+    assert few.status is Status.STAGNATED and 8000 < few.products < 14_000
+    with pytest.raises(NotConverged, match="0 sweeps"):
+        solved(problem, ConeInteriorPoint(**short, sweeps=False))
+
+
+def test_sweeps_at_last_are_interrupted():
+    problem, seen = stack(8, 1.0, 2), []
+    friction = coulomb.FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
+    with pytest.raises(NotConverged) as failure:
+        ConeInteriorPoint(newton=1, path=1, curve=0, convex=0, work=2e9).solve(
+            friction, progress=lambda at: seen.append(at.residual) or len(seen) > 8
+        )
+    assert failure.value.result.status is Status.INTERRUPTED and len(seen) == 9
+    assert failure.value.result.residual == pytest.approx(min(seen), rel=0.5)
+
+
+def test_forces_without_bound_are_no_answer():
+    """Two contacts that press against each other: r = c (1, 0, 0, 1, 0, 0) has W r = 0, and the residual relative to r
+    becomes small with large c, but the collection's measure does not."""
+    points = [TouchPoint(-1, 0, np.array([0.0, 0.0, -1.0]), UP), TouchPoint(-1, 0, np.array([0.0, 0.0, 1.0]), -UP)]
+    problem = assembled("walls", np.zeros((1, 3)), np.ones((1, 6)), np.zeros((1, 6)), points, 0.5)
+    q = problem.q - np.array([1e-2, 0.0, 0.0] * 2)
+    for solver in (ConeInteriorPoint(tolerance=1e-2), None):
+        with pytest.raises(NotConverged) as failure:
+            solve_coulomb(problem.W, -q, problem.mu, solver)
+        assert failure.value.result.status is not Status.CONVERGED
+
+
+def test_convex_problems_where_the_path_ends_early():
+    """Four steps of the path are too few; four convex problems with given slip, of four steps each, are enough."""
+    problem = random_rank(10, 20, 0.4, 1)
+    result = solved(problem, ConeInteriorPoint(sweeps=False, newton=1, path=4))
+    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
+    assert 1 <= result.outer_steps <= 8 and result.products > result.newton_steps == len(result.history)
+    with pytest.raises(NotConverged, match="and 1 convex problems"):
+        solved(problem, ConeInteriorPoint(sweeps=False, newton=1, path=4, convex=1))
+
+
+def test_progress_interrupts():
+    with pytest.raises(NotConverged) as failure:
+        solve = NO_SWEEPS.solve
+        matrix = _compliance(stack(3, 0.5, 1).W)
+        problem = coulomb.FrictionProblem.coulomb(matrix, -stack(3, 0.5, 1).q, np.full(12, 0.5))
+        solve(problem, progress=lambda at: at.path_following == 2)
+    assert failure.value.result.status is Status.INTERRUPTED and failure.value.result.newton_steps == 2
+
+
+def test_what_it_does_not_solve_is_refused():
+    problem = stack(3, 0.5, 1)
+    with pytest.raises(ValueError, match="Coulomb's law without cohesion"):
+        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(), cohesion=1.0)
+    with pytest.raises(ValueError, match="work must be > 0"):
+        ConeInteriorPoint(work=0.0)
+
+
+def test_same_answer_as_the_krylov_method_where_forces_are_unique():
+    rng = np.random.default_rng(142)
+    G = rng.standard_normal((90, 90))
+    A, b = scipy.sparse.csr_matrix(G @ G.T / 90 + 0.1 * np.eye(90)), rng.standard_normal(90)
+    x, y, z = (solve_coulomb(A, b, 0.4, solver).x for solver in (None, Automatic(), NO_SWEEPS))
+    assert max(np.linalg.norm(x - y), np.linalg.norm(z - y)) <= 1e-6 * np.linalg.norm(y)
+
+
+def test_start_from_the_answer_takes_no_path():
+    problem = stack(5, 0.7, 2)
+    x = solved(problem, NO_SWEEPS).x
+    friction = coulomb.FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
+    assert NO_SWEEPS.solve(friction, x).newton_steps <= 1
+    again = ConeInteriorPoint().solve(friction, x)
+    assert again.newton_steps == 0 and again.products == 1

@@ -1,0 +1,188 @@
+"""Step lengths, with one step per condition that violates it alone; sigma; and starting points."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from conftest import dense_compliance, random_spd, random_tresca
+
+from coulomb import FrictionLaw, FrictionProblem, InteriorPoint, NotConverged
+from coulomb.linalg.compliance.compliance import MatrixCompliance
+from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
+from coulomb.solvers.steps import Step, step_length
+
+NODES, BETA, SIGMA = 5, 10.0, 0.1
+SOLVER = InteriorPoint(gamma=0.2)
+
+
+@pytest.fixture(params=["Tresca", "Coulomb", "both"])
+def at(request):
+    """A scaled problem, and its iterate with equal pressure, no friction, nu z = 1 everywhere and gradient 0."""
+    rng = np.random.default_rng(3)
+    A, b = dense_compliance(random_spd(3 * NODES, 10.0, rng)), rng.standard_normal(3 * NODES)
+    cohesion, friction = {"Tresca": (1.0, 0.0), "Coulomb": (0.0, 0.5), "both": (1.0, 0.5)}[request.param]
+    law = FrictionLaw(np.full(NODES, cohesion), np.full(NODES, friction))
+    scaled = ScaledProblem(FrictionProblem(A, b, law))
+    v = Iterate(np.ones(NODES), np.zeros((NODES, 2)), np.zeros((NODES, 2)), np.zeros((NODES, 3)))
+    v = v._replace(nu=1.0 / scaled.slack(v.x_n, v.y))
+    return scaled, v._replace(A_x=-scaled.gradient(v))
+
+
+def length(at, dnu, A_dx=0.0):
+    """Length of a step that keeps the forces, changes nu by dnu nu (m, 2), and the gradient's rms by A_dx."""
+    scaled, v = at
+    rows = np.zeros((NODES, 3))
+    A_dx = rows + [A_dx * np.sqrt(3.0), 0.0, 0.0]  # normal rows: they have the weight 1
+    return step_length(SOLVER, scaled, Step(v, rows[:, 0], rows[:, 1:], dnu * v.nu, A_dx, 0.0, 1), BETA, SIGMA)
+
+
+def longest(allowed):
+    """The largest permitted length of 1, 0.9, 0.81, ..."""
+    return next(alpha for alpha in 0.9 ** np.arange(100) if allowed(alpha))
+
+
+def test_a_full_step_is_accepted(at):
+    alpha, new = length(at, -0.9 * np.ones((NODES, 2)))
+    assert alpha == 1.0 and new is not None
+
+
+def test_the_gradient_stays_below_beta_theta(at):
+    """|gradient| = alpha beta/2 beside theta = 1 - 0.9 alpha."""
+    _, v = at  # of the change of the gradient, the normal multipliers have a part
+    alpha, _ = length(at, -0.9 * np.ones((NODES, 2)), -0.9 * v.nu[0, 0] / np.sqrt(3.0) + 0.5 * BETA)
+    assert alpha == pytest.approx(longest(lambda alpha: 0.5 * alpha <= 1.0 - 0.9 * alpha))
+
+
+def test_products_stay_near_their_mean(at):
+    """One nu z falls by 0.95, the others by half: below gamma = 0.2 of the mean at the end."""
+    dnu = -0.5 * np.ones((NODES, 2))
+    dnu[0, 0] = -0.95
+    alpha, _ = length(at, dnu)
+    mean = dnu.mean()
+    assert alpha == pytest.approx(longest(lambda alpha: 1.0 - 0.95 * alpha >= 0.2 * (1.0 + mean * alpha)))
+    assert alpha < 1.0
+
+
+def test_theta_decreases(at):
+    alpha, new = length(at, 0.05 * np.ones((NODES, 2)))
+    assert new is None and alpha < 1e-9
+    small = 0.5 * SOLVER.omega * (1.0 - SIGMA)
+    assert length(at, -small * np.ones((NODES, 2)))[1] is None  # not enough
+    assert length(at, -4.0 * small * np.ones((NODES, 2)))[0] == 1.0
+
+
+def test_a_step_goes_to_the_boundary_and_not_over_it(at):
+    scaled, v = at
+    rows = np.zeros((NODES, 3))
+    dx_n = np.where(np.arange(NODES) == 2, -1.0, 0.0)
+    step = Step(v, 4.0 * dx_n, rows[:, 1:], -0.9 * v.nu, rows, 0.0, 1)
+    alpha, _ = step_length(InteriorPoint(gamma=1e-9), scaled, step, 1e9, SIGMA)
+    assert alpha == pytest.approx(SOLVER.to_boundary / 4.0)
+
+
+def test_centring_follows_the_last_step():
+    """sigma = (1 - alpha)^2 within [0.1, 0.5]."""
+    for alpha, sigma in ((1.0, 0.1), (0.9, 0.1), (0.5, 0.25), (0.4, 0.36), (0.1, 0.5)):
+        assert SOLVER.centring(alpha) == pytest.approx(sigma)
+
+
+def test_sigma_is_larger_where_the_gradient_limits_theta():
+    """Three times the part of beta theta that is taken, up to 0.9."""
+    for alpha, used, sigma in ((1.0, 0.0, 0.1), (0.5, 0.0, 0.25), (0.1, 0.1, 0.5), (1.0, 0.2, 0.6), (0.5, 0.5, 0.9)):
+        assert SOLVER.centring(alpha, used) == pytest.approx(sigma)
+
+
+class Inexact(MatrixCompliance):
+    """Exact products that are declared inexact."""
+
+    exact = False
+
+
+def test_sigma_is_larger_only_where_products_are_inexact():
+    """beta so small that the gradient takes up much of the neighbourhood."""
+    qp, A = random_tresca(30, seed=5)
+    matrix = dense_compliance(A).matrix
+    solver = InteriorPoint(beta=1.0)
+    exact, inexact = (
+        solver.solve(FrictionProblem.tresca(kind(matrix), qp.b, qp.law.cohesion)).history
+        for kind in (MatrixCompliance, Inexact)
+    )
+
+    def waited(history):
+        return [step.sigma / solver.centring(before.alpha) for before, step in pairwise(history)]
+
+    assert waited(exact) == pytest.approx(np.ones(len(exact) - 1))
+    assert max(waited(inexact)) > 1.5 and min(waited(inexact)) >= 1.0
+
+
+def test_a_blocked_start_is_replaced_by_one_farther_inside(monkeypatch):
+    """From the free gaps first, then theta of the starts, over rms(A x - b) at equal pressure: one after the other."""
+    qp, _ = random_tresca(20, seed=7)
+    seen = []
+
+    def short(settings, scaled, step, beta, sigma):
+        seen.append(scaled.theta(step.v.nu, scaled.slack(step.v.x_n, step.v.y)) / start_rms(scaled))
+        alpha = 0.02
+        return alpha, step.at(1e-12)
+
+    def start_rms(scaled):
+        x_n, zero = scaled.lower + 1.0, np.zeros((20, 2))
+        v = Iterate(x_n, zero, zero, scaled.A.mult(scaled.forces(x_n, zero)))
+        return scaled.rms(scaled.gradient(v))
+
+    monkeypatch.setattr("coulomb.solvers.interior_point.step_length", short)
+    with pytest.raises(NotConverged):
+        InteriorPoint(max_iterations=5).solve(qp)
+    assert 0.0 < max(seen[:3]) < 0.1
+    assert seen[3:] == pytest.approx([1e3] * 3 + [1e6] * 5, rel=1e-6)  # the last has no limit of short steps
+
+
+def test_a_warm_start_is_on_the_central_path_of_its_projection():
+    """D (x - q) balances the multipliers at every node, and nu z = theta: q far outside, near the edge, and inside."""
+    rng = np.random.default_rng(6)
+    A, g = dense_compliance(random_spd(60, 10.0, rng)), 10.0 ** rng.uniform(-2, 1, 20)
+    g[3] = 0.0
+    problem = ScaledProblem(FrictionProblem.tresca(A, rng.standard_normal(60), g))
+    q = rng.standard_normal((20, 3)) * 10.0 ** rng.uniform(-2, 1, (20, 1))
+    for theta in (1.0, 1e-4, 1e-9):
+        x_n, y, nu = problem.smoothed_projection(q, theta)
+        x, z, d, f = problem.forces(x_n, y), problem.slack(x_n, y), problem.isotropic(), problem.frictional
+        assert np.all(z[:, 0] > 0.0) and np.all(z[f, 1] > 0.0) and not x[~f, 1:].any()
+        assert np.allclose(nu[:, 0] * z[:, 0], theta, rtol=1e-6) and np.allclose((nu * z)[f, 1], theta, rtol=1e-6)
+        assert np.allclose(d[:, 0] * (x - q)[:, 0], nu[:, 0], rtol=1e-6, atol=1e-9)
+        friction = nu[:, 1:] * y
+        assert np.allclose((d[:, 1:] * (x - q)[:, 1:])[f], -friction[f], rtol=1e-4, atol=1e-6)
+
+
+def test_a_start_from_forces_alone_is_well_inside():
+    """x_n at least 0.3 nominal forces over its lower bound, |y| at most 0.9; nearest to the forces given."""
+    rng = np.random.default_rng(8)
+    law = FrictionLaw(rng.uniform(0.0, 1.0, 20), np.where(np.arange(20) % 2, 0.4, 0.0))
+    A = dense_compliance(random_spd(60, 10.0, rng))
+    problem = ScaledProblem(FrictionProblem(A, rng.standard_normal(60), law, lower=0.1))
+    x = problem._s * rng.standard_normal((20, 3))
+    x_n, y = problem.inside(x.ravel(), 0.3, 0.9)
+    assert np.allclose(x_n, np.maximum(x[:, 0] / problem._s, problem.lower + 0.3))
+    kept, forces = np.linalg.norm(y, axis=1) < 0.9 - 1e-9, problem.forces(x_n, y) * problem._W * problem._s
+    assert np.linalg.norm(y, axis=1).max() <= 0.9 + 1e-12 and 0 < kept.sum() < 20
+    assert np.allclose(forces[kept, 1:], x[kept, 1:])
+    assert np.allclose(forces[:, 1] * x[:, 2], forces[:, 2] * x[:, 1])  # the direction is unchanged
+
+
+def test_a_warm_start_with_slope_takes_its_settings(monkeypatch):
+    """The first iterate: x_n >= 0.3 nominal forces, |y| <= 0.9, and nu z = 0.03 rms(A x - b) everywhere."""
+    rng = np.random.default_rng(9)
+    problem = FrictionProblem.coulomb(dense_compliance(random_spd(60, 10.0, rng)), rng.uniform(0.1, 1, 60), np.ones(20))
+    seen = []
+
+    def first(settings, scaled, step, beta, sigma):
+        seen.append((scaled, step.v))
+        return 0.0, None
+
+    monkeypatch.setattr("coulomb.solvers.interior_point.step_length", first)
+    with pytest.raises(NotConverged):
+        InteriorPoint().solve(problem, 1e-3 * rng.standard_normal(60))
+    scaled, v = seen[0]
+    rms = scaled.rms(scaled.gradient(v._replace(nu=np.zeros((20, 2)))))
+    assert v.x_n.min() == pytest.approx(0.3) and np.linalg.norm(v.y, axis=1).max() <= 0.9 + 1e-12
+    assert np.allclose(v.nu * scaled.slack(v.x_n, v.y), 0.03 * rms)
