@@ -11,6 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from threadpoolctl import threadpool_info
 
+from .. import native
 from ..fem import compat
 from ..version import __version__
 
@@ -53,6 +54,7 @@ def details() -> dict[str, str]:
         "PETSc's packages": ", ".join(name for name in _PACKAGES if PETSc.Sys.hasExternalPackage(name)),
         "MPI": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0"),
         "BLAS": ", ".join(sorted({str(e.get("filepath")) for e in threadpool_info() if e["user_api"] == "blas"})),
+        "kernels in C": native.state(),
         **{
             name: version(name) for name in ("numpy", "scipy", "mpi4py", "petsc4py", "h5py", "meshio", "pyvista", "vtk")
         },

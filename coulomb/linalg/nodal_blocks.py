@@ -1,4 +1,4 @@
-"""K in 3 x 3 blocks, one per pair of coupled nodes, in formats of scipy and PETSc."""
+"""K in 3 x 3 blocks, one per pair of coupled nodes."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ from petsc4py import PETSc
 from .petsc_arrays import own_and_others
 
 _Array = npt.NDArray[Any]
-
-
-_AT_ONCE = 16_384  # blocks, so that intermediate results stay in the cache
 
 
 class NodalRows:
@@ -55,15 +52,6 @@ class NodalRows:
         self.stride = np.repeat(length.astype(np.int64), coupled)
         self.indices = indices[self.first].astype(np.int64) // 3
 
-    def scatter(self, chosen: _Array, where: _Array, stride: _Array, memory: _Array) -> None:
-        """memory[where + stride i + j] <- entry (i, j) of the chosen blocks."""
-        i, j = np.arange(3)[:, None], np.arange(3)
-        for begin in range(0, len(chosen), _AT_ONCE):
-            some = slice(begin, begin + _AT_ONCE)
-            blocks, at = chosen[some], (slice(None), None, None)
-            source = self.first[blocks][at] + (self.stride[blocks][at] * i + j)
-            memory[where[some][at] + (stride[some][at] * i + j)] = self.values[source]
-
 
 def _whole(indptr: _Array, indices: _Array) -> bool:
     """Whether rows (n,) and columns of a matrix consist of 3 x 3 blocks of which every entry is stored."""
@@ -79,38 +67,3 @@ def nodal_blocks(K: PETSc.Mat) -> scipy.sparse.bsr_matrix:
     indptr, indices, values = K.getValuesCSR()
     shape = (len(indptr) - 1, K.getSize()[1])
     return scipy.sparse.csr_matrix((values, indices, indptr), shape=shape).tobsr((3, 3))
-
-
-def symmetric_blocks(K: PETSc.Mat) -> PETSc.Mat:
-    """K as its upper triangle in blocks (PETSc's SBAIJ): a product reads half as much memory; collective.
-
-    PETSc's own conversion takes fifty times as long.
-
-    Args:
-        K: Symmetric, assembled, 3 rows per node, those of a node on one rank.
-    """
-    pointers, columns, blocks = upper_blocks(nodal_blocks(K), K.getOwnershipRange()[0] // 3)
-    matrix = PETSc.Mat().create(comm=K.comm)
-    matrix.setSizes(K.getSizes(), 3)
-    matrix.setType(PETSc.Mat.Type.SBAIJ)
-    matrix.setPreallocationCSR((pointers.astype(PETSc.IntType), columns.astype(PETSc.IntType), blocks))
-    matrix.assemble()
-    return matrix
-
-
-def upper_blocks(blocks: scipy.sparse.bsr_matrix, first: int) -> tuple[_Array, _Array, _Array]:
-    """Pointers, columns and blocks on and above the diagonal, that on the diagonal first in its row, where there is
-    none a block of zeros; `first` is the number of the first row."""
-    rows = len(blocks.indptr) - 1
-    row = np.repeat(np.arange(rows), np.diff(blocks.indptr))
-    upper = blocks.indices >= row + first
-    pointers = np.concatenate([[0], np.cumsum(np.bincount(row[upper], minlength=rows))])
-    columns, values = blocks.indices[upper], blocks.data[upper]
-    has_diagonal = np.zeros(rows, dtype=bool)
-    has_diagonal[row[blocks.indices == row + first]] = True
-    missing = np.flatnonzero(~has_diagonal)
-    if len(missing) > 0:
-        columns = np.insert(columns, pointers[missing], missing + first)
-        values = np.insert(values, pointers[missing], 0.0, axis=0)
-        pointers = pointers + np.concatenate([[0], np.cumsum(~has_diagonal)])
-    return pointers, columns, values

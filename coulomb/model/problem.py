@@ -27,8 +27,8 @@ from ..fem.bodies import (
 from ..fem.geometry import Amplitude, Coefficient, Field
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..linalg.compliance import IterativeSolver, LinearSolver
-from ..linalg.native import threads
 from ..linalg.unsolved import TooSlow, Unsolved
+from ..native import threads
 from ..solvers.automatic import Automatic
 from ..solvers.condensed import CondensedSystem
 from ..solvers.dense_system import DenseSystem

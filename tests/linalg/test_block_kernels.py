@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,25 +11,23 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from coulomb import Clamp, Material, box
+from coulomb import Clamp, Material, box, native
 from coulomb.benchmarks.block import block
 from coulomb.fem.bodies.elasticity import Elasticity
-from coulomb.linalg import native
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.multigrid import block_matrix, recycled_cg
 from coulomb.linalg.multigrid.block_matrix import (
     SHAPES,
     BlockInterpolation,
     SymmetricBlocks,
-    address,
     distributed_blocks,
     in_kernel_blocks,
     padded,
 )
 from coulomb.linalg.multigrid.multigrid_cycle import Level
 from coulomb.linalg.petsc_arrays import Entries, distributed_entries
-
-pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
+from coulomb.linalg.petsc_options import configured_ksp
+from coulomb.native import address
 
 
 def petsc(matrix):
@@ -66,8 +65,8 @@ def test_symmetric_blocks(size, team):
     keep = np.repeat(np.arange(40) != 7, size)  # a row and a column without any entry
     K = (half + half.T).multiply(np.outer(keep, keep)).tocsr()
     matrix = petsc(K)
-    blocks = SymmetricBlocks(native.kernels(), distributed_entries(matrix), size, accurate=True)
-    rough = SymmetricBlocks(native.kernels(), distributed_entries(matrix), size)
+    blocks = SymmetricBlocks(distributed_entries(matrix), size, accurate=True)
+    rough = SymmetricBlocks(distributed_entries(matrix), size)
     n = 40 * size
     x, b, inverse, d, y = (vector(rng.standard_normal(n)) for _ in range(5))
     scale = np.abs(K).sum(axis=1).max()
@@ -91,7 +90,7 @@ def test_a_thread_that_adds_to_rows_of_all_later_ones(team):
     pattern[0, count - 1] = pattern[count - 1, 0] = 0.5
     K = scipy.sparse.kron(pattern, np.eye(size) + 0.1).tocsr()
     matrix = petsc(K)  # must outlive its arrays
-    blocks = SymmetricBlocks(native.kernels(), distributed_entries(matrix), size, accurate=True)
+    blocks = SymmetricBlocks(distributed_entries(matrix), size, accurate=True)
     x, y = vector(np.arange(1.0, size * count + 1.0)), padded(size * count)
     for _ in range(2):
         blocks.mult(x, y)
@@ -103,8 +102,8 @@ def test_block_interpolation(shape, team):
     rng = np.random.default_rng(shape)
     P = in_blocks(50, 12, shape, 0.3, rng).tocsr()
     matrix = petsc(P)
-    in_blocks_of_kernels = distributed_blocks(native.kernels(), distributed_entries(matrix), shape)
-    blocks = BlockInterpolation(native.kernels(), in_blocks_of_kernels, shape)
+    in_blocks_of_kernels = distributed_blocks(distributed_entries(matrix), shape)
+    blocks = BlockInterpolation(in_blocks_of_kernels, shape)
     e, x, r, b = (vector(rng.standard_normal(size)) for size in (P.shape[1], P.shape[0], P.shape[0], P.shape[1]))
     expected = x + P @ e
     blocks.prolong(e, x)
@@ -120,7 +119,7 @@ def test_entries_in_any_order():
     csr.sort_indices()
     backwards = [np.concatenate([row[::-1] for row in np.split(a, csr.indptr[1:-1])]) for a in (csr.indices, csr.data)]
     sorted_, unsorted = (
-        in_kernel_blocks(native.kernels(), Entries(csr.indptr, *arrays), (3, 6), accurate=True)
+        in_kernel_blocks(Entries(csr.indptr, *arrays), (3, 6), accurate=True)
         for arrays in ((csr.indices, csr.data), backwards)
     )
     for a, b in zip(sorted_, unsorted, strict=True):
@@ -128,23 +127,23 @@ def test_entries_in_any_order():
 
 
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
-def test_multigrid_beside_petscs(monkeypatch, cell, degree):
+def test_multigrid_beside_petscs(cell, degree):
     """No more iterations than PETSc's multigrid, and a solution as accurate."""
     K = block(4, 0.3, cell, degree).elasticity.K
     f, u = K.createVecs()
     f.array[:] = np.random.default_rng(5).standard_normal(f.getLocalSize())
-    iterations = []
-    for library in (native.kernels(), None):
-        monkeypatch.setattr(stiffness, "kernels", lambda library=library: library)
-        solver = stiffness.IterativeSolver(K, tolerance=1e-11)
-        solver.solve(f, u)
-        assert (K * u - f).norm() <= 2e-11 * f.norm()
-        iterations.append(solver.iterations)
-        product = f.duplicate()
-        solver.multiply(u, product)
-        assert (K * u - product).norm() <= 1e-14 * K.norm() * u.norm()
-        solver.destroy()
-    assert 5 < iterations[0] <= iterations[1]
+    petscs = configured_ksp(
+        K, "cg", {"pc_type": "gamg", "pc_gamg_threshold": 0.02, "ksp_rtol": 1e-11, "ksp_norm_type": "unpreconditioned"}
+    )
+    petscs.solve(f, u)
+    solver = stiffness.IterativeSolver(K, tolerance=1e-11)
+    solver.solve(f, u)
+    assert (K * u - f).norm() <= 2e-11 * f.norm()
+    assert 5 < solver.iterations <= petscs.getIterationNumber()
+    product = f.duplicate()
+    solver.multiply(u, product)
+    assert (K * u - product).norm() <= 1e-14 * K.norm() * u.norm()
+    solver.destroy()
 
 
 def test_a_mesh_that_has_one_grid():
@@ -186,14 +185,38 @@ def test_threads_are_those_of_the_environment(monkeypatch, given, count):
     assert os.environ["GOMP_SPINCOUNT"] == "1000"
 
 
-def test_without_compiler(monkeypatch, tmp_path):
+@pytest.mark.parametrize(("compiler", "says"), [("absent", "needed as for DOLFINx's forms"), ("fails", "no such luck")])
+def test_without_compiler(monkeypatch, tmp_path, compiler, says):
+    """A compiler that is not there or fails is asked once."""
+    script = tmp_path / "fails"
+    script.write_text("#!/bin/sh\necho x >> $0.called\necho no such luck >&2\nexit 1\n")
+    script.chmod(0o755)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setenv("CC", str(tmp_path / "absent"))
-    native.kernels.cache_clear()
+    monkeypatch.setenv("CC", str(tmp_path / compiler))
+    native._loaded.cache_clear()
     try:
-        assert native.kernels() is None
+        for _ in range(2):
+            with pytest.raises(ValueError, match=says):
+                native.kernels()
     finally:
-        native.kernels.cache_clear()
+        native._loaded.cache_clear()
+    if compiler == "fails":
+        assert Path(f"{script}.called").read_text().count("x") == 2  # with threads and without
+
+
+def test_a_cache_that_cannot_be_written(monkeypatch, tmp_path):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    native._loaded.cache_clear()
+    try:
+        assert native.kernels().order_along_space(0, None, None, 1) == 0
+    finally:
+        native._loaded.cache_clear()
+
+
+def test_arguments_of_another_type_are_refused():
+    with pytest.raises(ctypes.ArgumentError):
+        native.kernels().order_along_space(native.address(np.zeros(3)), 3, None, 1.5)
 
 
 def test_solves_start_from_earlier_solutions():
@@ -228,7 +251,7 @@ def test_earlier_solutions_are_used_in_any_unit(unit):
     def mult(x, y):
         y[:] = K @ x
 
-    cg = recycled_cg.RecycledCG(MPI.COMM_SELF, native.kernels(), 30, mult, lambda r: r.copy())
+    cg = recycled_cg.RecycledCG(MPI.COMM_SELF, 30, mult, lambda r: r.copy())
     rhs, u = unit * np.random.default_rng(8).standard_normal(30), np.empty(30)
     assert cg.solve(rhs, u, 1e-3) > 3 and cg.solve(-0.7 * rhs, u, 1e-2) == 0
     assert np.linalg.norm(K @ u + 0.7 * rhs) <= 1e-2 * np.linalg.norm(rhs)
@@ -257,12 +280,12 @@ def test_nearly_equal_solutions_are_no_start_that_is_worse_than_none():
 @pytest.mark.parametrize("n", [5, 8, 21])
 def test_vectors_of_conjugate_gradients(n, threads):
     """Also of sizes that are no multiples of a vector register."""
-    library, rng = native.kernels(), np.random.default_rng(n)
+    rng = np.random.default_rng(n)
     p, image, x, r, z = (vector(rng.standard_normal(n)) for _ in range(5))
     moved, left, direction = x + 0.3 * p, r - 0.3 * image, z + 0.7 * p
-    square = library.advance(n, threads, ctypes.c_double(0.3), *map(address, (p, image, x, r)))
+    square = native.kernels().advance(n, threads, 0.3, *map(address, (p, image, x, r)))
     assert square == pytest.approx(left @ left) and np.allclose(x, moved) and np.allclose(r, left)
-    library.next_direction(n, threads, ctypes.c_double(0.7), address(z), address(p))
+    native.kernels().next_direction(n, threads, 0.7, address(z), address(p))
     assert np.allclose(p, direction)
 
 
@@ -316,5 +339,5 @@ def test_largest_eigenvalue_that_belongs_to_few_rows():
     beside[:3] = 0.0, 0.95, 0.0
     K = scipy.sparse.kron(scipy.sparse.diags([beside, np.ones(count), beside], [-1, 0, 1]), np.eye(3)).tocsr()
     matrix = petsc(scipy.sparse.csr_matrix(K))
-    level = Level(native.kernels(), distributed_entries(matrix), 3)
+    level = Level(distributed_entries(matrix), 3)
     assert 1.94 <= level.largest <= 1.9501

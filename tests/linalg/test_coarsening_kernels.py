@@ -1,17 +1,13 @@
 """The kernels of coarse grids in C, against their formulas."""
 
-import ctypes
-
 import numpy as np
 import pytest
 import scipy.sparse
 
-from coulomb.linalg import native
-from coulomb.linalg.multigrid.block_matrix import address, padded
+from coulomb.linalg.multigrid.block_matrix import padded
 from coulomb.linalg.multigrid.coarse_grids import exact_solver
 from coulomb.linalg.petsc_arrays import Entries
-
-pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
+from coulomb.native import address, kernels
 
 
 def blocks_of_all_sizes(count, size, rng):
@@ -38,16 +34,14 @@ def test_strength_of_coupling(size, team):
     rng, count, part = np.random.default_rng(size), 25, 0.1
     K, pointers, columns, values = blocks_of_all_sizes(count, size, rng)
     norms, loose, strong = np.zeros(count), np.zeros(size * count, np.uint8), np.empty(len(columns), np.uint8)
-    library, pattern = native.kernels(), tuple(map(address, (pointers, columns, values)))
-    getattr(library, f"examine_{size}_6")(count, team, *pattern, address(norms), address(loose))
+    pattern = tuple(map(address, (pointers, columns, values)))
+    kernels()[f"examine_{size}_6"](count, team, *pattern, address(norms), address(loose))
     frobenius = np.sqrt((K**2).sum(axis=(1, 3)))
     np.testing.assert_allclose(norms, np.diag(frobenius) ** 2, rtol=1e-13)
     beside = K.reshape(size * count, -1) * ~np.eye(size * count, dtype=bool)
     np.testing.assert_array_equal(loose, beside.any(axis=1))
     assert 0 < loose.sum() < len(loose)
-    getattr(library, f"strength_{size}_6")(
-        count, team, *pattern, address(norms), ctypes.c_double(part), address(strong)
-    )
+    kernels()[f"strength_{size}_6"](count, team, *pattern, address(norms), part, address(strong))
     row = np.repeat(np.arange(count), np.diff(pointers))
     ratio = frobenius[row, columns] / np.sqrt(np.diag(frobenius)[row] * np.diag(frobenius)[columns])
     np.testing.assert_array_equal(strong, (ratio > part) & (row != columns))
@@ -60,7 +54,7 @@ def aggregates_of(edges, count):
     graph.sort_indices()
     out, strong = np.empty(count, np.int32), np.ones(len(edges), np.uint8)
     arrays = (graph.indptr.astype(np.int32), graph.indices.astype(np.int32), strong, out)
-    number = native.kernels().aggregate(count, *map(address, arrays))
+    number = kernels().aggregate(count, *map(address, arrays))
     return number, out
 
 
@@ -104,7 +98,7 @@ def test_orthonormal_motions(size, team):
     begin = np.array([0, 6, 7, nodes], np.int32)
     modes, R = given.copy(), np.zeros((3, 6, 6))
     arrays = map(address, (begin, members, loose, modes, R))
-    getattr(native.kernels(), f"orthonormal_{size}_6")(3, team, *arrays)
+    kernels()[f"orthonormal_{size}_6"](3, team, *arrays)
     for a in range(3):
         rows = slice(size * begin[a], size * begin[a + 1])
         Q, held = modes[rows], loose[rows] == 0
@@ -144,7 +138,7 @@ def test_blocks_of_which_every_entry_is_stored(rows, blocks):
     pointers = np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int32)
     entries, begin = np.concatenate(rows).astype(np.int32), np.empty(2, np.int32)
     found = np.empty(len(entries), np.int32)
-    whole = native.kernels().block_pattern(1, 3, *map(address, (pointers, entries, begin, found)))
+    whole = kernels().block_pattern(1, 3, *map(address, (pointers, entries, begin, found)))
     assert whole == (blocks is not None)
     if blocks is not None:
         assert begin.tolist() == [0, len(blocks)] and found[: len(blocks)].tolist() == blocks

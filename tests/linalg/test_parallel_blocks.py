@@ -10,14 +10,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from coulomb.benchmarks.block import block
-from coulomb.linalg import native
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.multigrid import ghost_blocks, multigrid_grids
 from coulomb.linalg.multigrid.block_matrix import BlockInterpolation, SymmetricBlocks, distributed_blocks, padded
 from coulomb.linalg.petsc_arrays import distributed_entries
 
 COMM = MPI.COMM_WORLD
-pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
 
 
 def in_blocks(rows, columns, shape, density, rng):
@@ -59,7 +57,7 @@ def test_symmetric_blocks(size):
     K = (half + half.T).multiply(np.outer(keep, keep)).tocsr()
     edges = shares(40, size)
     matrix = distributed(K, edges, edges)
-    blocks = SymmetricBlocks(native.kernels(), distributed_entries(matrix), size, accurate=True)
+    blocks = SymmetricBlocks(distributed_entries(matrix), size, accurate=True)
     vectors = x, b, inverse, d = rng.standard_normal((4, 40 * size))
     mine = [part(v, edges) for v in vectors]
     y, scale = padded(blocks.size), np.abs(K).sum(axis=1).max()
@@ -89,7 +87,7 @@ def test_an_error_of_mpi_is_raised(monkeypatch, started):
     succeed, fail = function(lambda: 0), function(lambda: MPI.ERR_TRUNCATE)
     monkeypatch.setattr(ghost_blocks, "_start_and_wait", lambda: (succeed, fail) if started else (fail, succeed))
     K = distributed(scipy.sparse.kron(np.ones((40, 40)), np.eye(3)), edges, edges)
-    blocks = SymmetricBlocks(native.kernels(), distributed_entries(K), 3)
+    blocks = SymmetricBlocks(distributed_entries(K), 3)
     x, b, y = (part(np.ones(120), edges) for _ in range(3))
     raised = pytest.raises(MPI.Exception) if COMM.size > 1 else contextlib.nullcontext()
     with raised:
@@ -107,8 +105,8 @@ def test_block_interpolation(shape):
     P = in_blocks(50, 12, shape, 0.3, rng).tocsr()
     rows, columns = shares(50, shape[0]), shares(12, shape[1])
     matrix = distributed(P, rows, columns)
-    converted = distributed_blocks(native.kernels(), distributed_entries(matrix), shape)
-    blocks = BlockInterpolation(native.kernels(), converted, shape)
+    converted = distributed_blocks(distributed_entries(matrix), shape)
+    blocks = BlockInterpolation(converted, shape)
     x, r = rng.standard_normal((2, P.shape[0]))
     e = rng.standard_normal(P.shape[1])
     mine = part(x, rows)

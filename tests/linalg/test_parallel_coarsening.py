@@ -8,7 +8,6 @@ from petsc4py import PETSc
 
 from coulomb import Clamp, Elasticity, Material, SymmetryPlane, box
 from coulomb.fem.bodies.elasticity import Spring
-from coulomb.linalg import native
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.multigrid import coarsening, multigrid_grids
 from coulomb.linalg.multigrid.block_matrix import PADDING, padded
@@ -18,7 +17,6 @@ from coulomb.linalg.petsc_arrays import distributed_entries
 from coulomb.linalg.reductions import concatenated
 
 COMM = MPI.COMM_WORLD
-pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no C compiler")
 
 
 def dense(matrix):
@@ -45,7 +43,7 @@ def next_grid(matrix, size, motions):
     largest = scipy.linalg.eigh(K, np.diag(np.diag(K)), eigvals_only=True)[-1]
     first = matrix.starts[COMM.rank]
     inverse = 1.0 / np.diag(K)[first : first + len(motions)]
-    return K, coarsening.coarser(native.kernels(), matrix, size, motions, inverse, largest)
+    return K, coarsening.coarser(matrix, size, motions, inverse, largest)
 
 
 @pytest.mark.parametrize("team", [1, 3])
@@ -86,8 +84,8 @@ def test_rows_that_are_coupled_with_another_rank_only_are_not_held():
         K[3 * a : 3 * a + 3, 3 * a + 3 : 3 * a + 6] = K[3 * a + 3 : 3 * a + 6, 3 * a : 3 * a + 3] = np.ones((3, 3))
     mine = scipy.sparse.csr_matrix(K[6 * COMM.rank : 6 * COMM.rank + 6])
     matrix = PETSc.Mat().createAIJ(((6, None), (6, None)), csr=(mine.indptr, mine.indices, mine.data), comm=COMM)
-    blocks = WholeBlocks(native.kernels(), distributed_entries(matrix), 3)
-    loose = concatenated(COMM, coarsening._aggregates(native.kernels(), blocks, 1)[2])
+    blocks = WholeBlocks(distributed_entries(matrix), 3)
+    loose = concatenated(COMM, coarsening._aggregates(blocks, 1)[2])
     np.testing.assert_array_equal(loose, np.count_nonzero(K, axis=1) > 1)
 
 
@@ -111,8 +109,8 @@ def test_ranks_without_nodes_or_without_aggregates(last):
     P = dense_interpolation(coarse.P, (3, 6))
     assert P.shape == (15, 6) and np.any(P[9:12]) and not np.any(P[12:])
     np.testing.assert_allclose(dense(coarse.matrix), P.T @ K @ P, atol=1e-12)
-    cycle = multigrid_grids._cycle(native.kernels(), entries, 3, motions, finest=True)
-    cg, u = RecycledCG(COMM, native.kernels(), cycle.size, cycle.mult, cycle, rough=cycle), padded(end - first)
+    cycle = multigrid_grids._cycle(entries, 3, motions, finest=True)
+    cg, u = RecycledCG(COMM, cycle.size, cycle.mult, cycle, rough=cycle), padded(end - first)
     for f in forces:
         cg.solve(f[first:end], u, 1e-9)
         assert np.linalg.norm(K @ concatenated(COMM, u) - f) <= 1.1e-9 * np.linalg.norm(f)

@@ -8,7 +8,6 @@ import pytest
 from conftest import STEEL, indentation, make_block, reference
 from mesh_files import BoxFile
 from mpi4py import MPI
-from petsc4py import PETSc
 from synthetic_evidence import BODY, CASES, CONTACT, synthetic_evidence
 
 import coulomb
@@ -26,7 +25,6 @@ from coulomb.case.case import read_case
 from coulomb.fem.bodies.constraints import HeldDirections
 from coulomb.io import output
 from coulomb.io.summary import summary
-from coulomb.linalg.nodal_blocks import symmetric_blocks
 from coulomb.linalg.reductions import Reductions
 from coulomb.model.certificate import judge
 
@@ -139,19 +137,6 @@ def test_same_history_on_any_number_of_ranks(options):
             assert row[name] == pytest.approx(known[name], rel=1e-8)
         assert row["energy_dissipated"] == pytest.approx(known["energy_dissipated"], abs=1e-8 * known["energy_elastic"])
         assert len(set(comm.allgather(json.dumps(row)))) == 1
-
-
-def test_symmetric_blocks_are_the_same_matrix():
-    K = make_block(4).elasticity.K
-    x, expected = K.createVecs()
-    x.array[:] = np.random.default_rng([12, comm.rank]).standard_normal(x.getLocalSize())
-    K.mult(x, expected)
-    blocks = symmetric_blocks(K)
-    assert blocks.getBlockSize() == 3
-    entries = [matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] for matrix in (blocks, K)]
-    assert entries[0] < 0.6 * entries[1]
-    difference = blocks * x - expected
-    assert difference.norm() <= 1e-14 * expected.norm()
 
 
 def test_a_function_that_fails_on_one_rank_fails_on_all():

@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, NotConverged, Status, Traction
 from coulomb.cli.app import app
-from coulomb.linalg import native
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.compliance.stiffness import IterativeSolver
 from coulomb.linalg.multigrid.recycled_cg import RecycledCG
@@ -35,25 +34,11 @@ def pressed():
     )
 
 
-@pytest.fixture(params=["kernels", "PETSc"])
-def multigrid(request, monkeypatch):
-    """By coulomb's own grids, or by PETSc's."""
-    if request.param == "PETSc":
-        monkeypatch.setattr(stiffness, "kernels", lambda: None)
-    elif native.kernels() is None:
-        pytest.skip("no C compiler")
-
-
 def limited(problem, iterations):
     """Solves end after so many iterations from now on."""
-    method = problem.stiffness.solver._method
-    if isinstance(method, stiffness._InBlocks):
-        method._cg._limit = iterations
-    else:
-        method._ksp.setTolerances(max_it=iterations)
+    problem.stiffness.solver._cg._limit = iterations
 
 
-@pytest.mark.usefixtures("multigrid")
 @pytest.mark.parametrize("steps", [0, 5])
 @pytest.mark.parametrize("interrupted", [False, True])
 def test_the_error_says_what_failed_and_the_last_iterate_is_kept(steps, interrupted):
@@ -82,15 +67,13 @@ def test_the_error_says_what_failed_and_the_last_iterate_is_kept(steps, interrup
 
 def test_what_a_solve_has_reached_is_kept():
     """Of K = diag(1..n) without a preconditioner; of one that is not positive definite nothing is taken over."""
-    if native.kernels() is None:
-        pytest.skip("no C compiler")
     n = 40
 
     def solved(diagonal, limit):
         def mult(x, y):
             y[:] = diagonal * x
 
-        cg = RecycledCG(MPI.COMM_SELF, native.kernels(), n, mult, np.copy, limit=limit)
+        cg = RecycledCG(MPI.COMM_SELF, n, mult, np.copy, limit=limit)
         u = np.zeros(n)
         with pytest.raises(Unsolved) as failure:
             cg.solve(np.ones(n), u, 1e-12)

@@ -6,29 +6,26 @@ products.  Both integrate the same stress with the same points and agree to roun
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ...arrays import FloatArray
+from ...native import address, kernels
 from .. import compat
-from ..native import kernels
 
 
 class HexahedralForces:
     """The forces of the cells that this rank owns.
 
     Args:
-        library: The kernels.
         V: Displacements on linear hexahedra.
         mu: Lame's second constant, a Function that is constant on every cell, pascals.
         lame: Lame's first constant likewise.
     """
 
-    def __init__(self, library: ctypes.CDLL, V: Any, mu: Any, lame: Any):
-        self._library, self._V = library, V
+    def __init__(self, V: Any, mu: Any, lame: Any):
+        self._V = V
         self._cells = int(V.mesh.topology.index_map(3).size_local)
         self._nodes, self._points = (
             np.ascontiguousarray(table[: self._cells], dtype=np.int32)
@@ -43,17 +40,12 @@ class HexahedralForces:
         x, u = (np.ascontiguousarray(of, dtype=np.float64) for of in (self._V.mesh.geometry.x, u))
         forces = np.zeros(u.size)
         tables = (self._nodes, self._points, x, self._mu, self._lame, u, forces)
-        self._library.hexahedral_forces(ctypes.c_long(self._cells), *map(_at, tables))
+        kernels().hexahedral_forces(self._cells, *map(address, tables))
         return forces
 
 
 def hexahedral_forces(V: Any, mu: Any, lame: Any) -> HexahedralForces | None:
-    """The kernel for a space of displacements, arguments as of `HexahedralForces`; None for other cells, and without a
-    compiler."""
+    """The kernel for a space of displacements, arguments as of `HexahedralForces`; None for other cells."""
     linear = V.mesh.topology.cell_type.name == "hexahedron" and compat.geometry_degree(V.mesh) == 1
-    library = kernels() if linear and V.dofmap.dof_layout.num_dofs == 8 else None
-    return None if library is None else HexahedralForces(library, V, mu, lame)
-
-
-def _at(array: npt.NDArray[Any]) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)
+    linear = linear and V.dofmap.dof_layout.num_dofs == 8
+    return HexahedralForces(V, mu, lame) if linear else None

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from typing import Protocol
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..multigrid import SECOND_ORDER_STEPS, MultigridCycle, RecycledCG, multigrid, padded
-from ..native import kernels
-from ..nodal_blocks import symmetric_blocks
+from ..multigrid import RecycledCG, multigrid, padded
 from ..petsc_options import configured_ksp
 from ..unsolved import TooSlow, Unsolved
 from .soft_motions import SoftMotions
@@ -53,23 +49,6 @@ class StiffnessSolver(Protocol):
     def destroy(self) -> None:
         """Free its PETSc objects."""
         ...
-
-
-def _linear(K: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
-    """P^T K P, with the mean diagonal where all displacements of a vertex are held, and P's near-nullspace."""
-    linear = K.PtAP(P)
-    diagonal = linear.getDiagonal()
-    held = diagonal.array == 0.0
-    total, count = PETSc.Vec.sum(diagonal), diagonal.getSize()
-    zeros = diagonal.duplicate()
-    zeros.array[:] = held
-    mean = total / max(count - zeros.sum(), 1.0)
-    diagonal.array[:] += mean * held
-    linear.setDiagonal(diagonal)
-    linear.setNearNullSpace(P.getNearNullSpace())
-    for vector in (diagonal, zeros):
-        vector.destroy()
-    return linear
 
 
 class DirectSolver:
@@ -117,134 +96,8 @@ class DirectSolver:
         self._ksp.destroy()
 
 
-_SMOOTHER: dict[str, object] = {"mg_levels_ksp_type": "chebyshev", "mg_levels_pc_type": "jacobi"}
-_GAMG: dict[str, object] = {"pc_type": "gamg", "pc_gamg_threshold": 0.02}
 _DIRECTIONS = 20  # of earlier solutions from which a solve starts
 _ITERATIONS = 1000  # of a solve, at most
-
-
-class _InBlocks:
-    """CG and multigrid in blocks of single precision (multigrid_cycle.py)."""
-
-    def __init__(self, comm: MPI.Comm, library: ctypes.CDLL, cycle: MultigridCycle):
-        self._cycle, self._u = cycle, padded(cycle.size)
-        self.soft: SoftMotions | None = None
-        self._cg = RecycledCG(
-            comm, library, cycle.size, cycle.mult, self._precondition, _DIRECTIONS, _ITERATIONS, cycle
-        )
-
-    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float) -> int:
-        """u <- K^-1 rhs; iterations."""
-        try:
-            return self._cg.solve(rhs.array_r, self._u, tolerance)
-        finally:
-            u.array[:] = self._u
-
-    def _precondition(self, r: FloatArray) -> FloatArray:
-        """A cycle for r.
-
-        In motions that are computed apart, products leave only rounding errors, which a cycle would magnify as the
-        springs are soft: they are removed from r.  In single precision a cycle leaves some in its result: these are
-        removed too, or CG does not converge where few unknowns are on many ranks.
-        """
-        if self.soft is None:
-            return self._cycle(r)
-        self.soft.take_from_forces(r)
-        z = self._cycle(r)
-        self.soft.take_from(z)
-        return z
-
-    def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
-        """product <- K u."""
-        self._u[:] = u.array_r
-        self._cycle.mult(self._u, product.array)
-
-    def destroy(self) -> None:
-        """Free the PETSc objects."""
-        self._cycle.destroy()
-
-
-class _ByPETSc:
-    """CG and GAMG by PETSc, with the finest matrix in blocks of double precision.
-
-    Products with the finest matrix are nearly all of the work: CG and the smoother (pc_use_amat) use it in blocks.
-    """
-
-    soft: SoftMotions | None = None
-
-    def __init__(self, K: PETSc.Mat, P: PETSc.Mat | None):
-        self._blocks = symmetric_blocks(K)
-        krylov: dict[str, object] = {
-            "ksp_atol": 0.0,
-            "ksp_max_it": _ITERATIONS,
-            "ksp_norm_type": "unpreconditioned",
-            "ksp_guess_type": "fischer",
-            "ksp_guess_fischer_model": f"2,{_DIRECTIONS}",
-            "pc_use_amat": True,
-        }
-        if P is None:
-            self._ksp = configured_ksp(K, "cg", krylov | _SMOOTHER | _GAMG, self._blocks)
-        else:
-            self._ksp = self._from_second_order(K, P, krylov | _SMOOTHER)
-        self._ksp.setErrorIfNotConverged(False)
-
-    def _from_second_order(self, K: PETSc.Mat, P: PETSc.Mat, krylov: dict[str, object]) -> PETSc.KSP:
-        linear = _linear(K, P)
-
-        def prepare(pc: PETSc.PC) -> None:
-            pc.setType("mg")
-            pc.setMGLevels(2)
-            pc.setMGInterpolation(1, P)
-            pc.getMGCoarseSolve().setOperators(linear, linear)
-            pc.getMGSmoother(1).setOperators(self._blocks, K)
-
-        krylov |= {"mg_levels_ksp_max_it": SECOND_ORDER_STEPS, "mg_coarse_ksp_type": "preonly"}
-        krylov |= {f"mg_coarse_{key}": value for key, value in (_GAMG | _SMOOTHER).items()}
-        ksp = configured_ksp(K, "cg", krylov, self._blocks, prepare)
-        linear.destroy()  # the KSP has a reference
-        return ksp
-
-    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float) -> int:
-        """u <- K^-1 rhs; iterations."""
-        self._ksp.setTolerances(rtol=tolerance)
-        self._ksp.solve(rhs, u)
-        iterations, reason = int(self._ksp.getIterationNumber()), self._ksp.getConvergedReason()
-        if reason < 0:
-            if not math.isfinite(u.norm()):
-                u.set(0.0)
-            left = self._ksp.getResidualNorm() / rhs.norm()
-            raise Unsolved(iterations, left, tolerance, reason != PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
-        return iterations
-
-    def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
-        """product <- K u."""
-        self._blocks.mult(u, product)
-
-    def destroy(self) -> None:
-        """Free the PETSc objects."""
-        self._ksp.destroy()
-        self._blocks.destroy()
-
-
-def _in_blocks(K: PETSc.Mat, P: PETSc.Mat | None) -> _InBlocks | None:
-    """CG and multigrid in C; None if some rank has no kernels, or the mesh is so small that there is one grid;
-    collective.
-
-    Args:
-        K: The stiffness matrix.
-        P: Interpolation of linear displacements in second order.
-    """
-    comm = K.comm.tompi4py()
-    if comm.rank > 0:
-        comm.Barrier()
-    library = kernels()  # compiled by the first rank, if at all
-    if comm.rank == 0:
-        comm.Barrier()
-    everywhere = comm.allreduce(library is not None, op=MPI.LAND)
-    if library is None or not everywhere:
-        return None
-    cycle = multigrid(library, K, P)
-    return None if cycle is None else _InBlocks(comm, library, cycle)
 
 
 class IterativeSolver:
@@ -252,7 +105,7 @@ class IterativeSolver:
 
     The grids are made in C (coarsening.py), in blocks and with threads: PETSc's GAMG takes four to five times as long
     and twice the memory of K, and with its grids solves take 1.4 to 1.6 times the iterations.  Products on them are
-    made in C as well (multigrid_cycle.py).  Without a compiler PETSc does all of this, by GAMG.
+    made in C as well (multigrid_cycle.py).
 
     In second order K also has an attribute "interpolation", which makes the matrix that interpolates linear
     displacements.  Multigrid then goes from second order to first, and to aggregates from there: by PETSc, on the block
@@ -274,14 +127,31 @@ class IterativeSolver:
     def __init__(self, K: PETSc.Mat, tolerance: float = 1e-11):
         self.tolerance, self.iterations = tolerance, 0
         self._before, self._allowed = 0, math.inf
+        self._soft: SoftMotions | None = None
         interpolation = K.getAttr("interpolation")
         P = None if interpolation is None else interpolation()
-        self._method: _InBlocks | _ByPETSc = _in_blocks(K, P) or _ByPETSc(K, P)
+        self._cycle = cycle = multigrid(K, P)
         if P is not None:
             P.destroy()
+        self._u, comm = padded(cycle.size), K.comm.tompi4py()
+        self._cg = RecycledCG(comm, cycle.size, cycle.mult, self._precondition, _DIRECTIONS, _ITERATIONS, cycle)
+
+    def _precondition(self, r: FloatArray) -> FloatArray:
+        """A cycle for r.
+
+        In motions that are computed apart, products leave only rounding errors, which a cycle would magnify as the
+        springs are soft: they are removed from r.  In single precision a cycle leaves some in its result: these are
+        removed too, or CG does not converge where few unknowns are on many ranks.
+        """
+        if self._soft is None:
+            return self._cycle(r)
+        self._soft.take_from_forces(r)
+        z = self._cycle(r)
+        self._soft.take_from(z)
+        return z
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
-        soft = self._method.soft
+        soft = self._soft
         if soft is None:
             self._solved(rhs, u, tolerance)
             return
@@ -304,10 +174,12 @@ class IterativeSolver:
                 f"iterations, and after {self._allowed:.0f} factors of K are expected to be faster"
             )
         try:
-            self.iterations += self._method.solve(rhs, u, max(tolerance, self.tolerance))
+            self.iterations += self._cg.solve(rhs.array_r, self._u, max(tolerance, self.tolerance))
         except Unsolved as failure:
             self.iterations += failure.iterations
             raise
+        finally:
+            u.array[:] = self._u
 
     def allow(self, iterations: float) -> None:
         """Begin no solve after so many iterations of all solves from now on, the same number on all ranks; inf for no
@@ -317,10 +189,11 @@ class IterativeSolver:
     def separate(self, soft: SoftMotions) -> None:
         """Compute rigid motions on soft springs apart from now on, exactly; tolerances are then relative to the forces
         less what the springs carry in these motions."""
-        self._method.soft = soft
+        self._soft = soft
 
     def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
-        self._method.multiply(u, product)
+        self._u[:] = u.array_r
+        self._cycle.mult(self._u, product.array)
 
     def destroy(self) -> None:
-        self._method.destroy()
+        self._cycle.destroy()

@@ -13,7 +13,7 @@ from scipy.linalg.lapack import dpotrf, spotrf
 
 from ...arrays import FloatArray
 from ..nodal_blocks import NodalRows
-from .front_operations import Real, front_operations, split_columns
+from .front_operations import FrontOperations, Real, split_columns
 from .nested_dissection import Front, Nodes
 
 _ROUTINES = {
@@ -51,7 +51,7 @@ class FrontalFactors:
         self.order: Nodes = np.concatenate([*(front.own for front in fronts), fronts[-1].border])
         own, border = (np.array([len(getattr(front, side)) for front in fronts]) for side in ("own", "border"))
         memory = np.empty(9 * int(np.sum(own * (own + border))), dtype=self.dtype)
-        self._operations = front_operations(fronts, self.order, len(K.indptr) - 1, memory)
+        self._operations = FrontOperations(fronts, self.order, len(K.indptr) - 1, memory)
         self._operations.assemble(K)
         self.heads, self.below = split_columns(memory, own, border)
         with np.errstate(all="ignore"):  # above the diagonal is anything

@@ -9,10 +9,8 @@ or with nodes eliminated below.
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,11 +19,10 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
 from ...arrays import FloatArray
-from ..native import kernels
+from ...native import kernels
 
 Nodes = npt.NDArray[np.int64]
 
-_Pairs = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]
 
 LEAF = 80
 """Largest number of nodes of a part that is not cut (30 to 80 take the same time)."""
@@ -69,7 +66,7 @@ def dissect(graph: scipy.sparse.csr_matrix, points: FloatArray, last: Nodes, lea
         last: Nodes of the last fronts, ascending.
         leaf: Largest number of nodes of a part that is not cut.
     """
-    tree = _tree(graph, points, leaf)
+    tree = _Tree(graph, points, leaf)
     body = _bodies(graph)
     for number in np.argsort(np.bincount(body[last], minlength=np.max(body, initial=0) + 1), kind="stable"):
         here = body == number
@@ -92,7 +89,7 @@ def dissect_part(graph: scipy.sparse.csr_matrix, points: FloatArray, count: int,
     Returns:
         The fronts in the order of elimination; the border of the last one is ascending.
     """
-    tree = _tree(graph, points, leaf)
+    tree = _Tree(graph, points, leaf)
     tree.grow(np.arange(count))
     return _in_order(tree.own, _borders(graph, tree.own, tree.children), tree.children, points)
 
@@ -115,88 +112,28 @@ def large_parts(label: npt.NDArray[np.integer[Any]]) -> Nodes:
     return found
 
 
-def _tree(graph: scipy.sparse.csr_matrix, points: FloatArray, leaf: int) -> _Tree:
-    """An empty tree, which grows in C where there are kernels: in a tenth of the time."""
-    library = kernels()
-    return _Tree(graph, points, leaf) if library is None else _TreeInC(graph, points, leaf, library)
-
-
 class _Tree:
-    """Separators in the order of elimination: the nodes of each, and its children."""
+    """Separators in the order of elimination: the nodes of each, and its children; cut by native/dissection.c, with the
+    planes of `halves`."""
 
     def __init__(self, graph: scipy.sparse.csr_matrix, points: FloatArray, leaf: int):
-        self.points, self.leaf = points, leaf
         self.own: list[Nodes] = []
         self.children: list[tuple[int, ...]] = []
-        self._graph = graph
-
-    @cached_property
-    def _pairs(self) -> _Pairs:
-        row = np.repeat(np.arange(len(self.points), dtype=np.int32), np.diff(self._graph.indptr))
-        once = row < self._graph.indices
-        return row[once], self._graph.indices[once].astype(np.int32)
-
-    def grow(self, nodes: Nodes) -> tuple[int, ...]:
-        """Cut these nodes down to the leaves; the number of their front, or nothing if there are no nodes."""
-        part = np.ones(len(self.points), dtype=np.int8)
-        part[nodes] = 0
-        return self._grow(nodes, _within(part, 0, nodes, self._pairs))
-
-    def _grow(self, nodes: Nodes, pairs: _Pairs) -> tuple[int, ...]:
-        """As `grow`, with the coupled pairs of these nodes by their places among them."""
-        if len(nodes) == 0:
-            return ()
-        part = self._cut(nodes, pairs) if len(nodes) > self.leaf else None
-        own, below = nodes, tuple[int, ...]()
-        if part is not None:
-            low, high, separator = (np.flatnonzero(part == number) for number in range(3))
-            own = nodes[separator]
-            below = self._grow(nodes[low], _within(part, 0, low, pairs))
-            below += self._grow(nodes[high], _within(part, 1, high, pairs))
-        self.children.append(below)
-        self.own.append(own)
-        return (len(self.own) - 1,)
-
-    def _cut(self, nodes: Nodes, pairs: _Pairs) -> npt.NDArray[np.int8] | None:
-        """0 and 1 for the nodes of two parts that are not coupled, 2 for the smallest separator found; or None."""
-        best, least = None, len(nodes)
-        for high in halves(self.points[nodes]):
-            across = np.flatnonzero(high[pairs[0]] != high[pairs[1]])
-            touching = np.zeros(len(nodes), dtype=bool)
-            for ends in pairs:
-                touching[ends[across]] = True
-            for separator in (touching & high, touching & ~high):
-                count = int(np.count_nonzero(separator))
-                if best is None or count < least:
-                    best, least = (high, separator), count
-        if best is None:
-            return None
-        part = best[0].astype(np.int8)
-        part[best[1]] = 2
-        return part
-
-
-class _TreeInC(_Tree):
-    """By native/dissection.c: the same cuts."""
-
-    def __init__(self, graph: scipy.sparse.csr_matrix, points: FloatArray, leaf: int, library: ctypes.CDLL):
-        super().__init__(graph, np.ascontiguousarray(points, dtype=np.float64), leaf)
-        self._dissect = library.dissect_nodes
-        self._dissect.restype = ctypes.c_long
+        self._points, self._leaf = np.ascontiguousarray(points, dtype=np.float64), leaf
         self._ptr, self._col = graph.indptr.astype(np.int64), graph.indices.astype(np.int64)
 
     def grow(self, nodes: Nodes) -> tuple[int, ...]:
+        """Cut these nodes down to the leaves; the number of their front, or nothing if there are no nodes."""
         count, first = len(nodes), len(self.own)
         if count == 0:
             return ()
         given, own, counts, below = (np.empty(size * count, dtype=np.int64) for size in (1, 1, 2, 4))  # some are empty
         given[:] = nodes
-        arrays = (self._ptr, self._col, self.points)
-        made = self._dissect(
-            *(ctypes.c_long(len(self.points)), ctypes.c_long(count), ctypes.c_void_p(given.ctypes.data)),
-            *(ctypes.c_void_p(array.ctypes.data) for array in arrays),
-            *(ctypes.c_long(self.leaf), *(ctypes.c_void_p(array.ctypes.data) for array in (own, counts, below))),
-        )
+        arrays = (given, self._ptr, self._col, self._points)
+        made = kernels().dissect_nodes(
+            len(self._points), count, *(array.ctypes.data for array in arrays), self._leaf,
+            *(array.ctypes.data for array in (own, counts, below)),
+        )  # fmt: skip
         if made < 0:
             raise MemoryError("the order of elimination needs more memory than there is")
         self.own += np.split(own, np.cumsum(counts[: made - 1]))
@@ -204,15 +141,6 @@ class _TreeInC(_Tree):
             tuple(first + child for child in two if child >= 0) for two in below[: 2 * made].reshape(-1, 2).tolist()
         ]
         return (len(self.own) - 1,)
-
-
-def _within(part: npt.NDArray[np.int8], number: int, nodes: Nodes, pairs: _Pairs) -> _Pairs:
-    """Pairs of which both are in the part with a number, by their places among its nodes."""
-    place = np.empty(len(part), dtype=np.int32)
-    place[nodes] = np.arange(len(nodes), dtype=np.int32)
-    inside = part == number
-    both = np.flatnonzero(inside[pairs[0]] & inside[pairs[1]])
-    return place[pairs[0][both]], place[pairs[1][both]]
 
 
 def halves(x: FloatArray, low: float = 0.5) -> Iterator[npt.NDArray[np.bool_]]:
@@ -296,15 +224,7 @@ def runs_of(places: Nodes, own: int) -> Nodes:
 
 def along_space(nodes: Nodes, points: FloatArray) -> Nodes:
     """The nodes ordered by halves, quarters and so on along their longest extents."""
-    library = kernels()
-    if library is not None:
-        ordered, places = nodes.astype(np.int64), np.ascontiguousarray(points, dtype=np.float64)
-        given = (ctypes.c_void_p(array.ctypes.data) for array in (ordered, places))
-        if not library.order_along_space(ctypes.c_long(len(nodes)), *given, ctypes.c_long(_BLOCK)):
-            return ordered
-    if len(nodes) <= _BLOCK:
-        return nodes
-    x = points[nodes]
-    nodes = nodes[np.argsort(x[:, np.argmax(np.ptp(x, axis=0))], kind="stable")]
-    half = len(nodes) // 2
-    return np.concatenate([along_space(nodes[:half], points), along_space(nodes[half:], points)])
+    ordered, places = nodes.astype(np.int64), np.ascontiguousarray(points, dtype=np.float64)
+    if kernels().order_along_space(len(nodes), ordered.ctypes.data, places.ctypes.data, _BLOCK):
+        raise MemoryError("the order of elimination needs more memory than there is")
+    return ordered

@@ -21,9 +21,9 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ..native import threads
+from ...native import address, kernels, threads
 from ..petsc_arrays import DistributedEntries, Entries
-from .ghost_blocks import PADDING, Exchange, GhostBlocks, address, padded
+from .ghost_blocks import PADDING, Exchange, GhostBlocks, padded
 
 __all__ = [
     "PADDING",
@@ -84,9 +84,7 @@ class Blocks(NamedTuple):
     low: npt.NDArray[np.float32] | None
 
 
-def in_kernel_blocks(
-    library: ctypes.CDLL, entries: Entries, shape: tuple[int, int], accurate: bool = False, upper: bool = False
-) -> Blocks:
+def in_kernel_blocks(entries: Entries, shape: tuple[int, int], accurate: bool = False, upper: bool = False) -> Blocks:
     """Entries in blocks; of an upper triangle the block on the diagonal is first in its row, and always there."""
     rows = (len(entries.indptr) - 1) // shape[0]
     indptr, indices = (array.astype(np.int32, copy=False) for array in entries[:2])
@@ -94,14 +92,14 @@ def in_kernel_blocks(
 
     def convert(values: _Array, *out: _Array | None) -> int:
         arrays = [indptr, indices, values, pointers, *out]
-        return int(library.to_blocks(ctypes.c_long(rows), *shape, int(upper), *map(address, arrays)))
+        return int(kernels().to_blocks(rows, *shape, int(upper), *map(address, arrays)))
 
     values = entries.values
     count = convert(values, None, None, None)
     if count < 0:  # columns do not ascend
         csr = scipy.sparse.csr_matrix((values.copy(), indices.copy(), indptr))
         csr.sort_indices()
-        return in_kernel_blocks(library, Entries(csr.indptr, csr.indices, csr.data), shape, accurate, upper)
+        return in_kernel_blocks(Entries(csr.indptr, csr.indices, csr.data), shape, accurate, upper)
     columns = np.empty(count, dtype=np.int32)
     high = np.zeros(count * shape[0] * shape[1] + PADDING, dtype=np.float32)
     low = np.zeros_like(high) if accurate else None
@@ -128,7 +126,6 @@ class DistributedBlocks(NamedTuple):
 
 
 def distributed_blocks(
-    library: ctypes.CDLL,
     entries: DistributedEntries,
     shape: tuple[int, int],
     accurate: bool = False,
@@ -137,12 +134,12 @@ def distributed_blocks(
     """Entries in blocks, the rows and columns of a block on one rank; of this rank's columns the upper triangle if
     `upper`, with what single precision rounds off if `accurate`."""
     needed, place = np.unique(entries.columns // shape[1], return_inverse=True)
-    own, others = in_kernel_blocks(library, entries.own, shape, accurate, upper), None
+    own, others = in_kernel_blocks(entries.own, shape, accurate, upper), None
     if entries.others is not None:
         at = (shape[1] * place.reshape(-1) + entries.columns % shape[1]).astype(np.int32)
         indptr, indices, values = entries.others
         indices = at[indices] if len(indices) else np.empty(0, np.int32)
-        others = in_kernel_blocks(library, Entries(indptr, indices, values), shape, accurate)
+        others = in_kernel_blocks(Entries(indptr, indices, values), shape, accurate)
     return DistributedBlocks(entries.comm, own, others, needed, entries.starts // shape[1])
 
 
@@ -234,7 +231,6 @@ class SymmetricBlocks:
     """A symmetric matrix by its upper triangle in blocks.
 
     Args:
-        library: The kernels.
         matrix: Symmetric; the rows of a block on one rank.
         size: Rows of a block, 3 or 6.
         accurate: Whether `mult` is as accurate as in double precision, for which it keeps twice as many numbers.
@@ -244,8 +240,8 @@ class SymmetricBlocks:
         threads: Of its products.
     """
 
-    def __init__(self, library: ctypes.CDLL, matrix: DistributedEntries, size: int, accurate: bool = False):
-        blocks = distributed_blocks(library, matrix, (size, size), accurate, upper=True)
+    def __init__(self, matrix: DistributedEntries, size: int, accurate: bool = False):
+        blocks = distributed_blocks(matrix, (size, size), accurate, upper=True)
         self._blocks = blocks.own
         n = len(self._blocks.pointers) - 1
         self.size, self._width = size * n, size
@@ -253,7 +249,7 @@ class SymmetricBlocks:
         shares, beyond = _shares(self._blocks, self.threads)
         self._matrix = _InKernels(blocks, (size, size), shares, n + beyond, self.threads)
         self._product, self._residual, self._smooth = (
-            getattr(library, f"{name}_{size}_{size}") for name in ("product", "residual", "smooth")
+            kernels()[f"{name}_{size}_{size}"] for name in ("product", "residual", "smooth")
         )
 
     @property
@@ -294,7 +290,6 @@ class BlockInterpolation:
     """An interpolation P from a coarse grid, in blocks.
 
     Args:
-        library: The kernels.
         matrix: P.
         shape: Rows and columns of a block, one of SHAPES.
 
@@ -303,13 +298,13 @@ class BlockInterpolation:
         columns: Unknowns of this rank on the coarse grid.
     """
 
-    def __init__(self, library: ctypes.CDLL, matrix: DistributedBlocks, shape: tuple[int, int]):
+    def __init__(self, matrix: DistributedBlocks, shape: tuple[int, int]):
         self.shape = shape
         coarse, team = int(np.diff(matrix.starts)[matrix.comm.rank]), _team(matrix.own)
         self.columns = shape[1] * coarse
         self._matrix = _InKernels(matrix, shape, None, coarse * team, team)
         self._prolong, self._restrict = (
-            getattr(library, f"{name}_{shape[0]}_{shape[1]}") for name in ("prolong", "restrict_to")
+            kernels()[f"{name}_{shape[0]}_{shape[1]}"] for name in ("prolong", "restrict_to")
         )
 
     def prolong(self, e: FloatArray, x: FloatArray) -> None:

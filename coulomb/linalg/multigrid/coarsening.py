@@ -9,17 +9,16 @@ long as they are needed.
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ..native import threads
+from ...native import address, kernels, threads
 from ..petsc_arrays import DistributedEntries, Entries
 from ..reductions import concatenated
-from .block_matrix import PADDING, Blocks, DistributedBlocks, address, joined_rows
+from .block_matrix import PADDING, Blocks, DistributedBlocks, joined_rows
 from .row_exchange import RowExchange, to_owners
 from .whole_blocks import WholeBlocks, entries_of
 
@@ -46,7 +45,6 @@ class Coarser(NamedTuple):
 
 
 def coarser(
-    library: ctypes.CDLL,
     matrix: DistributedEntries,
     size: int,
     motions: FloatArray,
@@ -56,45 +54,44 @@ def coarser(
     """The next grid; None if no two nodes belong together; collective.
 
     Args:
-        library: The kernels.
         matrix: K, symmetric.
         size: Rows of a block, 3 or 6.
         motions: The six that K maps to almost zero, shape (rows of this rank, 6).
         inverse: Of the diagonal of K, shape (rows of this rank,).
         largest: Eigenvalue of D^-1 K.
     """
-    K = WholeBlocks(library, matrix, size)
+    K = WholeBlocks(matrix, size)
     team = threads() if K.count >= _ALONE else 1
-    aggregates, count, loose = _aggregates(library, K, team)
+    aggregates, count, loose = _aggregates(K, team)
     starts = np.concatenate([[0], np.cumsum(concatenated(K.comm, np.array([count])))])
     if starts[-1] == 0:
         return None
-    P0, R = _orthonormal(library, size, aggregates, count, loose, motions, team)
-    P = _smoothed(library, K, aggregates, starts, P0, _DAMPING / largest * inverse, team)
+    P0, R = _orthonormal(size, aggregates, count, loose, motions, team)
+    P = _smoothed(K, aggregates, starts, P0, _DAMPING / largest * inverse, team)
     del P0
-    coarse = galerkin(library, K, P, _MOTIONS)
+    coarse = galerkin(K, P, _MOTIONS)
     return Coarser(P, with_diagonal(coarse), R.reshape(-1, _MOTIONS))
 
 
-def _aggregates(library: ctypes.CDLL, K: WholeBlocks, team: int) -> tuple[npt.NDArray[np.int32], int, _Array]:
+def _aggregates(K: WholeBlocks, team: int) -> tuple[npt.NDArray[np.int32], int, _Array]:
     """The aggregate of each node of this rank or -1, how many there are, and which rows have entries beside the
     diagonal."""
     n, size = K.count, K.size
     norms, loose = np.zeros(n), np.zeros(size * n, np.uint8)
-    examine = getattr(library, f"examine_{size}_6")
+    examine = kernels()[f"examine_{size}_6"]
     examine(n, team, *(address(array) for array in (*K.own, norms, loose)))
     if K.others is not None:
         examine(n, team, *(address(array) for array in (*K.others, None, loose)))
     strong, aggregates = np.empty(len(K.own.columns), np.uint8), np.empty(n, np.int32)
-    strength = getattr(library, f"strength_{size}_6")
-    strength(n, team, *(address(array) for array in (*K.own, norms)), ctypes.c_double(_STRONG), address(strong))
+    strength = kernels()[f"strength_{size}_6"]
+    strength(n, team, *(address(array) for array in (*K.own, norms)), _STRONG, address(strong))
     graph: tuple[_Array, ...] = (K.own.pointers, K.own.columns, strong, aggregates)
-    count = library.aggregate(n, *map(address, graph))
+    count = kernels().aggregate(n, *map(address, graph))
     return aggregates, count, loose
 
 
 def _orthonormal(
-    library: ctypes.CDLL, size: int, aggregates: _Array, count: int, loose: _Array, motions: FloatArray, team: int
+    size: int, aggregates: _Array, count: int, loose: _Array, motions: FloatArray, team: int
 ) -> tuple[FloatArray, FloatArray]:
     """The motions with orthonormal columns on each aggregate, shape (rows, 6), padded; and R, shape (count, 6, 6)."""
     members = np.argsort(aggregates, kind="stable").astype(np.int32)
@@ -103,13 +100,12 @@ def _orthonormal(
     P0[:] = motions
     P0.reshape(len(aggregates), size * _MOTIONS)[aggregates < 0] = 0.0
     R = np.zeros((count, _MOTIONS, _MOTIONS))
-    kernel = getattr(library, f"orthonormal_{size}_6")
+    kernel = kernels()[f"orthonormal_{size}_6"]
     kernel(count, team, *map(address, (begin, members, loose, P0, R)))
     return P0, R
 
 
 def _smoothed(
-    library: ctypes.CDLL,
     K: WholeBlocks,
     aggregates: npt.NDArray[np.int32],
     starts: _Array,
@@ -130,11 +126,11 @@ def _smoothed(
         P0 = np.concatenate([P0.ravel(), ghosts[:, 1:].ravel(), np.zeros(PADDING)])
     count = own + len(needed)
     pointers = np.zeros(n + 1, np.int32)
-    library.coupled_aggregates(n, team, *K.pattern, address(aggregates), count, address(pointers[1:]))
+    kernels().coupled_aggregates(n, team, *K.pattern, address(aggregates), count, address(pointers[1:]))
     np.cumsum(pointers, out=pointers)
     columns = np.empty(pointers[-1], np.int32)
     values = np.zeros(len(columns) * size * _MOTIONS + PADDING, np.float32)
-    kernel = getattr(library, f"smoothed_{size}_6")
+    kernel = kernels()[f"smoothed_{size}_6"]
     kernel(n, team, *K.parts, address(aggregates), count, *map(address, (P0, S, pointers, columns, values)))
     whole = Blocks(pointers, columns, values, None)
     if K.others is None:
@@ -160,7 +156,7 @@ def _fetched(K: WholeBlocks, rows: FloatArray) -> FloatArray:
     return fetched
 
 
-def galerkin(library: ctypes.CDLL, K: WholeBlocks, P: DistributedBlocks, width: int) -> DistributedEntries:
+def galerkin(K: WholeBlocks, P: DistributedBlocks, width: int) -> DistributedEntries:
     """P^T K P, of P with blocks of so many columns; collective.
 
     On several ranks the rows of P of other ranks' nodes are fetched, and what this rank's rows of K add to coarse rows
@@ -173,22 +169,22 @@ def galerkin(library: ctypes.CDLL, K: WholeBlocks, P: DistributedBlocks, width: 
     coarse = own + len(P.needed)
     begin = np.empty(coarse + 1, np.int32)
     of, places = np.empty((2, rows.pointers[n]), np.int32)
-    library.by_columns(n, coarse, *map(address, (*rows[:2], begin, of, places)))
+    kernels().by_columns(n, coarse, *map(address, (*rows[:2], begin, of, places)))
     pointers = np.zeros(coarse + 1, np.int32)
     pattern = (*map(address, (begin, of)), *K.pattern, *map(address, rows[:2]))
     sizes = n, nodes, coarse, len(numbers), team
-    library.product_pattern(*sizes, *pattern, address(pointers[1:]), None)
+    kernels().product_pattern(*sizes, *pattern, address(pointers[1:]), None)
     np.cumsum(pointers, out=pointers)
     columns = np.empty(pointers[-1], np.int32)
-    most = library.product_pattern(*sizes, *pattern, address(pointers), address(columns))
+    most = kernels().product_pattern(*sizes, *pattern, address(pointers), address(columns))
     blocks = np.empty((len(columns), width, width))
-    kernel = getattr(library, f"galerkin_{K.size}_{width}")
+    kernel = kernels()[f"galerkin_{K.size}_{width}"]
     out: tuple[_Array, ...] = (rows.pointers, rows.columns, rows.values, pointers, columns, blocks)
     kernel(*sizes, most, *map(address, (begin, of, places)), *K.parts, *map(address, out))
     if P.others is None:
-        entries = entries_of(library, pointers, columns, blocks, team)
+        entries = entries_of(pointers, columns, blocks, team)
         return DistributedEntries(K.comm, entries, None, np.empty(0, np.int32), width * P.starts)
-    return _gathered(library, P, pointers, numbers[columns], blocks)
+    return _gathered(P, pointers, numbers[columns], blocks)
 
 
 def _with_ghosts(K: WholeBlocks, P: DistributedBlocks, own: int, width: int) -> tuple[Blocks, _Array]:
@@ -221,9 +217,7 @@ def _rows_of(lengths: _Array, chosen: _Array) -> _Array:
     return places
 
 
-def _gathered(
-    library: ctypes.CDLL, P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: FloatArray
-) -> DistributedEntries:
+def _gathered(P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: FloatArray) -> DistributedEntries:
     """The sums of what all ranks have for a row; collective."""
     comm, width = P.comm, blocks.shape[1]
     first, end = P.starts[comm.rank : comm.rank + 2]
@@ -246,7 +240,7 @@ def _gathered(
     def part(chosen: _Array, places: _Array) -> Entries:
         lengths = np.bincount(rows[chosen], minlength=own)
         begin = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
-        return entries_of(library, begin, places.astype(np.int32), values[chosen], 1)
+        return entries_of(begin, places.astype(np.int32), values[chosen], 1)
 
     others = part(~inside, place.reshape(-1))
     single = (width * needed[:, None] + np.arange(width)).ravel()

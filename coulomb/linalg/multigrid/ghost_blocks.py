@@ -17,6 +17,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
+from ...native import address
 
 PADDING = 8
 """Numbers behind the end of an array that the kernels may read."""
@@ -28,11 +29,6 @@ _Array = npt.NDArray[Any]
 def padded(size: int) -> FloatArray:
     """A vector of zeros with room behind its end; the room is not part of it."""
     return np.zeros(size + PADDING)[:size]
-
-
-def address(array: _Array | None) -> ctypes.c_void_p:
-    """The address of an array's first number, for a kernel."""
-    return ctypes.c_void_p(None if array is None else array.ctypes.data)
 
 
 class Exchange(ctypes.Structure):

@@ -8,7 +8,6 @@ smoother, of relative size 1e-7.
 
 from __future__ import annotations
 
-import ctypes
 import math
 
 import numpy as np
@@ -35,7 +34,6 @@ class Level:
     """A grid in blocks with its smoother: Chebyshev's iteration with the diagonal.
 
     Args:
-        library: The kernels.
         K: The matrix; not kept.
         size: Rows of a block.
         steps: Steps of the smoother before and after the coarser grids.
@@ -45,13 +43,13 @@ class Level:
         blocks: K.
         inverse: Of the diagonal of K.
         largest: Estimated eigenvalue of D^-1 K.
-        interpolation: From the next coarser grid; set when that is known.
+        interpolation: From the next coarser grid, if there is one; set when that is known.
     """
 
-    interpolation: BlockInterpolation
+    interpolation: BlockInterpolation | None = None
 
-    def __init__(self, library: ctypes.CDLL, K: DistributedEntries, size: int, steps: int = 2, accurate: bool = False):
-        self.blocks = SymmetricBlocks(library, K, size, accurate)
+    def __init__(self, K: DistributedEntries, size: int, steps: int = 2, accurate: bool = False):
+        self.blocks = SymmetricBlocks(K, size, accurate)
         self.inverse: FloatArray = 1.0 / self.blocks.diagonal
         self.b, self.x, self._d, self._r = (padded(self.blocks.size) for _ in range(4))
         self.largest = self._largest_eigenvalue(K.comm)
@@ -95,15 +93,16 @@ class Level:
         forces = np.divide(x, self.inverse, out=self._d)
         return 2.0**-48 * float(forces @ forces)
 
-    def restrict(self, coarse: FloatArray) -> None:
-        """coarse <- P^T (b - K x)."""
+    def residual(self) -> FloatArray:
+        """b - K x; to be read before the next one."""
         self.blocks.residual(self.b, self.x, self._r)
-        self.interpolation.restrict(self._r, coarse)
+        return self._r
 
     def destroy(self) -> None:
         """Free the requests of messages."""
         self.blocks.destroy()
-        self.interpolation.destroy()
+        if self.interpolation is not None:
+            self.interpolation.destroy()
 
 
 def _chebyshev(theta: float, delta: float, steps: int) -> FloatArray:
@@ -122,7 +121,7 @@ class MultigridCycle:
 
     Args:
         level: The grid, with its interpolation.
-        coarser: The solver on the next one.
+        coarser: The solver on the next one; None if a mesh is so small that there is none.
         again: Whether a call makes a second cycle for the residual of the first (W-cycle), for a coarse grid: there it
             takes little time, and the finer grid then needs fewer iterations.  The residual has to be accurate: on
             soft springs the first cycle makes large rigid motions.
@@ -131,10 +130,10 @@ class MultigridCycle:
         size: Unknowns of this rank.
     """
 
-    def __init__(self, level: Level, coarser: CoarseSolver, again: bool = False):
+    def __init__(self, level: Level, coarser: CoarseSolver | None = None, again: bool = False):
         self._level, self._coarser, self._again = level, coarser, again
         self.size = level.blocks.size
-        self._right = padded(level.interpolation.columns)
+        self._right = padded(level.interpolation.columns if level.interpolation is not None else 0)
         self._sum, self._left = (padded(self.size if again else 0) for _ in range(2))
 
     def __call__(self, r: FloatArray) -> FloatArray:
@@ -153,8 +152,9 @@ class MultigridCycle:
         level = self._level
         level.b = r
         level.smooth_from_zero()
-        level.restrict(self._right)
-        level.interpolation.prolong(self._coarser(self._right), level.x)
+        if level.interpolation is not None and self._coarser is not None:
+            level.interpolation.restrict(level.residual(), self._right)
+            level.interpolation.prolong(self._coarser(self._right), level.x)
         level.smooth()
 
     def mult(self, x: FloatArray, y: FloatArray) -> None:
@@ -172,4 +172,5 @@ class MultigridCycle:
     def destroy(self) -> None:
         """Free the requests of messages and the PETSc objects."""
         self._level.destroy()
-        self._coarser.destroy()
+        if self._coarser is not None:
+            self._coarser.destroy()

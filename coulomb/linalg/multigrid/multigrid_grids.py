@@ -5,8 +5,6 @@ On several ranks the small grids are on each rank as a whole, and their coarser 
 
 from __future__ import annotations
 
-import ctypes
-
 from petsc4py import PETSc
 
 from ...arrays import FloatArray, side_by_side
@@ -28,21 +26,21 @@ ones messages take longer than products, and parts take as many iterations witho
 _STALLED = 0.7  # unknowns over those of the finer grid from which on ranks have a grid as a whole
 
 
-def multigrid(library: ctypes.CDLL, K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle | None:
-    """Multigrid for K; None if the mesh is so small that there is one grid; collective.
+def multigrid(K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle:
+    """Multigrid for K; collective.
 
     Args:
-        library: The kernels.
         K: Symmetric positive definite, three rows per node, with a near-nullspace of six rigid motions.
         P: In second order the interpolation of linear displacements, with the motions of these.
     """
     matrix = distributed_entries(K)
     if P is None:
-        return _cycle(library, matrix, 3, _motions(K), finest=True)
-    level = Level(library, matrix, 3, SECOND_ORDER_STEPS, accurate=True)
-    blocks = distributed_blocks(library, distributed_entries(P), (3, 3))
-    linear = with_diagonal(galerkin(library, WholeBlocks(library, matrix, 3), blocks, 3))
-    return _cycle_on(library, level, blocks, (3, 3), _solver(library, linear, 3, _motions(P)))
+        cycle = _cycle(matrix, 3, _motions(K), finest=True)
+        return MultigridCycle(Level(matrix, 3, accurate=True)) if cycle is None else cycle
+    level = Level(matrix, 3, SECOND_ORDER_STEPS, accurate=True)
+    blocks = distributed_blocks(distributed_entries(P), (3, 3))
+    linear = with_diagonal(galerkin(WholeBlocks(matrix, 3), blocks, 3))
+    return _cycle_on(level, blocks, (3, 3), _solver(linear, 3, _motions(P)))
 
 
 def _motions(matrix: PETSc.Mat) -> FloatArray:
@@ -51,7 +49,6 @@ def _motions(matrix: PETSc.Mat) -> FloatArray:
 
 
 def _cycle(
-    library: ctypes.CDLL,
     matrix: DistributedEntries,
     size: int,
     motions: FloatArray,
@@ -59,19 +56,18 @@ def _cycle(
     first: bool = False,
 ) -> MultigridCycle | None:
     """On a grid with its coarser ones; None if there are none; `first` if it is the first of aggregates."""
-    level = Level(library, matrix, size, accurate=finest or size == 6)
-    found = coarser(library, matrix, size, motions, level.inverse, level.largest)
+    level = Level(matrix, size, accurate=finest or size == 6)
+    found = coarser(matrix, size, motions, level.inverse, level.largest)
     if found is None:
         level.blocks.destroy()
         return None
     stalled = found.matrix.starts[-1] > _STALLED * matrix.starts[-1]
-    solver = _solver(library, found.matrix, 6, found.motions, stalled, first=size == 3)
+    solver = _solver(found.matrix, 6, found.motions, stalled, first=size == 3)
     large = first or matrix.others is None or matrix.starts[-1] >= TWICE_FROM * matrix.comm.size
-    return _cycle_on(library, level, found.P, (size, 6), solver, again=size == 6 and large)
+    return _cycle_on(level, found.P, (size, 6), solver, again=size == 6 and large)
 
 
 def _cycle_on(
-    library: ctypes.CDLL,
     level: Level,
     P: DistributedBlocks,
     shape: tuple[int, int],
@@ -80,12 +76,11 @@ def _cycle_on(
 ) -> MultigridCycle:
     """With the solver on the coarser grid from which P, in blocks of this shape, interpolates."""
     P = on_every_rank(P) if isinstance(coarser, Replicated) else P
-    level.interpolation = BlockInterpolation(library, P, shape)
+    level.interpolation = BlockInterpolation(P, shape)
     return MultigridCycle(level, coarser, again)
 
 
 def _solver(
-    library: ctypes.CDLL,
     matrix: DistributedEntries,
     size: int,
     motions: FloatArray,
@@ -97,11 +92,11 @@ def _solver(
     cycle = None
     if matrix.others is None:
         if unknowns > DENSE_UP_TO:
-            cycle = _cycle(library, matrix, size, motions)
+            cycle = _cycle(matrix, size, motions)
         return exact_solver(matrix.own) if cycle is None else cycle
     if unknowns > REPLICATED_UP_TO and not stalled:
-        cycle = _cycle(library, matrix, size, motions, first=first)
+        cycle = _cycle(matrix, size, motions, first=first)
     if cycle is None:
-        solver = _solver(library, whole(matrix), size, concatenated(matrix.comm, motions))
+        solver = _solver(whole(matrix), size, concatenated(matrix.comm, motions))
         return Replicated(matrix.comm, solver)
     return cycle

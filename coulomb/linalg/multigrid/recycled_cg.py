@@ -8,7 +8,6 @@ have.)  The combination minimises the norm of the residual; directions are repla
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable
 from typing import Protocol
@@ -17,10 +16,10 @@ import numpy as np
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ..native import threads
+from ...native import address, kernels, threads
 from ..reductions import Reductions, summed
 from ..unsolved import Unsolved
-from .block_matrix import address, padded
+from .block_matrix import padded
 
 _RECOMPUTED = 1e-4
 """Tolerance below which the residual at the start is computed by a product, since images of directions are kept in
@@ -56,7 +55,6 @@ class RecycledCG:
     Args:
         comm: The ranks.
         size: Unknowns of this rank.
-        library: The kernels.
         mult: (x, y): y <- K x, both of this rank and padded (block_matrix.py); collective.
         precondition: r -> an approximation of K^-1 r, symmetric positive definite, to be read before the next;
             collective; it may correct rounding errors of r.
@@ -68,7 +66,6 @@ class RecycledCG:
     def __init__(
         self,
         comm: MPI.Comm,
-        library: ctypes.CDLL,
         size: int,
         mult: Callable[[FloatArray, FloatArray], None],
         precondition: Callable[[FloatArray], FloatArray],
@@ -76,14 +73,14 @@ class RecycledCG:
         limit: int = 1000,
         rough: RoughProducts | None = None,
     ):
-        self._comm, self._over, self._library, self._limit = comm, Reductions(comm), library, limit
+        self._comm, self._over, self._limit = comm, Reductions(comm), limit
         self._mult, self._precondition, self._rough = mult, precondition, rough
         self._r, self._p, self._image, self._moved = (padded(size) for _ in range(4))
         self._directions = np.empty((directions, size))
         self._images = np.empty((directions, size), dtype=np.float32)
         self._gram: FloatArray = np.zeros((directions, directions))
         self._count, self._next = 0, 0
-        self._threads, self._length = threads() if size >= _ALONE else 1, ctypes.c_long(size)
+        self._threads, self._length = threads() if size >= _ALONE else 1, size
 
     @property
     def residual(self) -> FloatArray:
@@ -141,7 +138,7 @@ class RecycledCG:
         kept = sizes > _DEPENDENT * sizes[-1]
         c = V[:, kept] @ ((V[:, kept].T @ products) / sizes[kept])
         factors = np.ascontiguousarray(size * c)
-        self._library.combine(
+        kernels().combine(
             *(self._length, self._threads, k, address(factors)),
             *(address(self._directions), address(self._images), address(u), address(self._r)),
         )
@@ -149,7 +146,7 @@ class RecycledCG:
     def _projected(self, r: FloatArray) -> FloatArray:
         """The inner products of r with the images of all ranks, shape (count,)."""
         products = np.empty(self._count)
-        self._library.project(*(self._length, self._threads, self._count), *map(address, (self._images, r, products)))
+        kernels().project(*(self._length, self._threads, self._count), *map(address, (self._images, r, products)))
         return summed(self._comm, products)
 
     def _iterate(self, left: float, size: float, tolerance: float, rough: bool, u: FloatArray) -> int:
@@ -172,9 +169,7 @@ class RecycledCG:
             if iteration == 0:
                 p[:] = z
             else:
-                self._library.next_direction(
-                    self._length, self._threads, ctypes.c_double(product / before), address(z), address(p)
-                )
+                kernels().next_direction(self._length, self._threads, product / before, address(z), address(p))
             mult(p, image)
             curvature = self._dot(p, image)
             if rough and not curvature > 0.0:  # rounding errors of a motion that is hardly held
@@ -183,8 +178,8 @@ class RecycledCG:
                 curvature = self._dot(p, image)
             if not (product > 0.0 and curvature > 0.0):  # or NaN
                 break
-            step = ctypes.c_double(product / curvature)
-            square = self._library.advance(self._length, self._threads, step, *map(address, (p, image, self._moved, r)))
+            step = product / curvature
+            square = kernels().advance(self._length, self._threads, step, *map(address, (p, image, self._moved, r)))
             left, before = math.sqrt(self._over.sum(square)), product
         if math.isfinite(self._norm(self._moved)):
             u += self._moved
@@ -195,7 +190,7 @@ class RecycledCG:
         scale = 1.0 / size
         k, most = self._next, len(self._directions)
         into = address(self._directions[k]), address(self._images[k])
-        self._library.keep(self._length, self._threads, ctypes.c_double(scale), address(u), address(self._image), *into)
+        kernels().keep(self._length, self._threads, scale, address(u), address(self._image), *into)
         self._count, self._next = max(self._count, k + 1), (k + 1) % most
         of_new = scale * self._projected(self._image)
         self._gram[k, : self._count] = self._gram[: self._count, k] = of_new

@@ -11,9 +11,9 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
+from ...native import address, kernels
 from ..petsc_arrays import DistributedEntries, Entries
 from ..reductions import concatenated
-from .block_matrix import address
 
 _Array = npt.NDArray[Any]
 
@@ -36,7 +36,6 @@ class WholeBlocks:
     """Rows of this rank of a square matrix.
 
     Args:
-        library: The kernels.
         matrix: The matrix; its values are used where they are, if all entries of its blocks are stored.
         size: Rows and columns of a block.
 
@@ -48,16 +47,16 @@ class WholeBlocks:
         ghosts: Numbers of blocks of other ranks, ascending.
     """
 
-    def __init__(self, library: ctypes.CDLL, matrix: DistributedEntries, size: int):
+    def __init__(self, matrix: DistributedEntries, size: int):
         self.comm, self.size, self.starts = matrix.comm, size, matrix.starts // size
         self.ghosts, place = np.unique(matrix.columns // size, return_inverse=True)
-        self.own = _block_rows(library, matrix.own, size, len(matrix.own.indptr) - 1)
+        self.own = _block_rows(matrix.own, size, len(matrix.own.indptr) - 1)
         self.others: BlockRows | None = None
         if matrix.others is not None:
             at = size * place.reshape(-1) + matrix.columns % size
             indptr, indices, values = matrix.others
             numbers = at[indices] if len(indices) else indices
-            self.others = _block_rows(library, Entries(indptr, numbers, values), size, size * len(self.ghosts))
+            self.others = _block_rows(Entries(indptr, numbers, values), size, size * len(self.ghosts))
 
     @property
     def count(self) -> int:
@@ -82,28 +81,28 @@ class WholeBlocks:
         return tuple(map(address, (*self.own, *others)))
 
 
-def _block_rows(library: ctypes.CDLL, entries: Entries, size: int, columns: int) -> BlockRows:
+def _block_rows(entries: Entries, size: int, columns: int) -> BlockRows:
     rows = (len(entries.indptr) - 1) // size
     indptr, indices = (array.astype(np.int32, copy=False) for array in entries[:2])
     pointers, found = np.empty(rows + 1, np.int32), np.empty(len(indices) // size, np.int32)
-    if library.block_pattern(rows, size, *map(address, (indptr, indices, pointers, found))):
+    if kernels().block_pattern(rows, size, *map(address, (indptr, indices, pointers, found))):
         return BlockRows(pointers, found[: pointers[-1]], entries.values)
     blocks = scipy.sparse.csr_matrix((entries.values, indices, indptr), shape=(size * rows, columns)).tobsr(
         (size, size)
     )
     blocks.sort_indices()
     pointers, found = (array.astype(np.int32, copy=False) for array in (blocks.indptr, blocks.indices))
-    return BlockRows(pointers, found, entries_of(library, pointers, found, blocks.data, 1).values)
+    return BlockRows(pointers, found, entries_of(pointers, found, blocks.data, 1).values)
 
 
-def entries_of(library: ctypes.CDLL, pointers: _Array, columns: _Array, blocks: FloatArray, threads: int) -> Entries:
+def entries_of(pointers: _Array, columns: _Array, blocks: FloatArray, threads: int) -> Entries:
     """The entries of blocks (k, b, b) by rows."""
     rows, size = len(pointers) - 1, blocks.shape[1]
     indptr = np.empty(size * rows + 1, np.int32)
     indices, values = np.empty(blocks.size, np.int32), np.empty(blocks.size)
     blocks = np.ascontiguousarray(blocks, dtype=np.float64)
     arrays = map(address, (pointers, columns, blocks, indptr, indices, values))
-    library.entries_of_blocks(rows, size, threads, *arrays)
+    kernels().entries_of_blocks(rows, size, threads, *arrays)
     return Entries(indptr, indices, values)
 
 

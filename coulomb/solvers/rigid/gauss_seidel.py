@@ -16,22 +16,14 @@ the checks in Python find out what it is.
 
 from __future__ import annotations
 
-import ctypes
-import functools
-import logging
-import subprocess
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...arrays import FloatArray
-from ...compiled import compiled_library
+from ...native import kernels
 from ..results import Goal, SolverResult, Status
 
-_log = logging.getLogger(__name__)
-
-_NATIVE = Path(__file__).parent / "native"
 _FLOAT, _INT, _LARGEST = np.dtype(np.float64), np.dtype(np.int32), np.iinfo(np.int32).max
 
 
@@ -71,22 +63,6 @@ class Sweeps(NamedTuple):
         )
 
 
-@functools.cache
-def _kernel() -> Any:
-    try:
-        headers = [_NATIVE / name for name in ("mixing.h", "one_contact.h", "trend.h")]
-        library = compiled_library("gauss_seidel", [_NATIVE / "gauss_seidel.c"], headers)
-    except (OSError, subprocess.SubprocessError) as error:
-        _log.info("no kernels in C, contact of few rigid bodies is slower: %s", error)
-        return None
-    pointer, number, count = ctypes.c_void_p, ctypes.c_double, ctypes.c_long
-    library.gauss_seidel.restype = count
-    library.gauss_seidel.argtypes = (
-        [count] * 2 + [pointer] * 3 + [count] * 2 + [pointer] * 2 + [number, pointer, number, number, pointer]
-    )
-    return library.gauss_seidel
-
-
 def swept(
     A: Any, b: FloatArray, friction: FloatArray | float, tolerance: float, start: Any = None, work: float = 0.0
 ) -> Sweeps | None:
@@ -101,11 +77,10 @@ def swept(
         work: Contacts and blocks that change, in microseconds; 0 for as many as promise to be quicker.
 
     Returns:
-        None without a compiler, and where any argument is not valid or not suitable: types, shapes, numbers that are
+        None where any argument is not valid or not suitable: types, shapes, numbers that are
         not finite, an asymmetric A, one with a diagonal entry that is not positive, or negative friction.
     """
-    kernel = _kernel()
-    if kernel is None or b.ndim != 1 or not b.flags.c_contiguous or b.dtype != _FLOAT:
+    if b.ndim != 1 or not b.flags.c_contiguous or b.dtype != _FLOAT:
         return None
     n = len(b)
     m = n // 3
@@ -137,7 +112,7 @@ def swept(
         number = friction
     out = np.empty(2 + 9 * m)
     begin = None if start is None else start.ctypes.data
-    made = kernel(
+    made = kernels().gauss_seidel(
         m, entries, indptr, indices, data, *strides, b.ctypes.data, coefficients, number, begin, tolerance, work,
         out.ctypes.data,
     )  # fmt: skip

@@ -1,0 +1,142 @@
+"""Kernels in C, compiled once per machine by the compiler that DOLFINx needs for its forms, and loaded by ctypes.
+
+The library is kept in `$XDG_CACHE_HOME/coulomb` (`~/.cache/coulomb`), under a name made of its sources, the compiler
+and the processor, since it uses all that this processor can do.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import functools
+import hashlib
+import os
+import platform
+import re
+import shlex
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+_SOURCES = sorted(Path(__file__).parent.glob("*.c"))
+_HEADERS = sorted(Path(__file__).parent.glob("*.h"))
+_FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-shared", "-fPIC")
+_SECONDS = 120  # limit of the compiler's time
+_MOST_THREADS = 64  # MOST_THREADS of lanes.h
+_TYPES = {"void": None, "int": ctypes.c_int, "long": ctypes.c_long, "double": ctypes.c_double}
+_FUNCTION = re.compile(r"^(void|int|long|double) (?:NAME\()?(\w+)\)?\(([^)]*)\)", re.MULTILINE)
+
+
+class Kernels(ctypes.CDLL):
+    """The compiled library; its functions have the types that the sources declare, pointers as `c_void_p`."""
+
+    @functools.cached_property
+    def _declared(self) -> dict[str, tuple[Any, list[Any]]]:
+        text = "\n".join(path.read_text() for path in (*_SOURCES, *_HEADERS))
+        found = _FUNCTION.findall(text)
+        return {name: (_TYPES[returned], [*map(_type, given.split(","))]) for returned, name, given in found}
+
+    def __getitem__(self, name: str) -> Any:
+        function = super().__getitem__(name)
+        stem = name if name in self._declared else re.sub(r"_(float\d+|\d+|\d+_\d+)$", "", name)
+        function.restype, function.argtypes = self._declared[stem]
+        return function
+
+
+def _type(argument: str) -> Any:
+    return ctypes.c_void_p if "*" in argument else _TYPES.get(argument.split()[-2], ctypes.c_void_p)
+
+
+def kernels() -> Kernels:
+    """The compiled kernels.
+
+    Raises:
+        ValueError: If they cannot be compiled or loaded.
+    """
+    library = _loaded()
+    if isinstance(library, str):
+        raise ValueError(library)
+    return library
+
+
+def state() -> str:
+    """The library's file, or why there is none."""
+    library = _loaded()
+    return library if isinstance(library, str) else str(library._name)
+
+
+@functools.cache
+def _loaded() -> Kernels | str:
+    """The library, or why there is none, which is asked once."""
+    try:
+        compiler = shlex.split(os.environ.get("CC", "cc"))
+        path = _cache() / f"kernels_{_key(compiler)}.so"
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if not path.exists():
+                with path.with_suffix(".lock").open("w") as lock:
+                    fcntl.flock(lock, fcntl.LOCK_EX)  # one of this machine's processes compiles
+                    if not path.exists():
+                        _compile(compiler, path)
+            return Kernels(str(path))
+        except OSError:  # a home that cannot be written
+            with tempfile.TemporaryDirectory() as directory:
+                path = Path(directory) / path.name
+                _compile(compiler, path)
+                return Kernels(str(path))
+    except subprocess.CalledProcessError as error:
+        return f"the kernels in C cannot be compiled: {error.stderr.decode(errors='replace').strip()[-500:]}"
+    except (OSError, subprocess.SubprocessError) as error:
+        return f"the kernels in C cannot be compiled, for which a C compiler is needed as for DOLFINx's forms: {error}"
+
+
+def _compile(compiler: list[str], path: Path) -> None:
+    with tempfile.TemporaryDirectory(dir=path.parent) as directory:
+        made = Path(directory) / path.name
+        command = [*compiler, *_FLAGS, "-o", str(made), *map(str, _SOURCES), "-lm"]
+        with_threads = subprocess.run([*command, "-fopenmp"], check=False, capture_output=True, timeout=_SECONDS)
+        if with_threads.returncode != 0:  # a compiler without the library of OpenMP
+            subprocess.run(command, check=True, capture_output=True, timeout=_SECONDS)
+        made.replace(path)  # at once: other machines may do the same
+
+
+def _cache() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "coulomb"
+
+
+def _key(compiler: list[str]) -> str:
+    """Of all on which the compiled library depends."""
+    text = [file.read_text() for file in (*_SOURCES, *_HEADERS)] + [
+        *compiler,
+        *_FLAGS,
+        platform.machine(),
+        _processor(),
+    ]
+    return hashlib.sha256("\n".join(text).encode()).hexdigest()[:16]
+
+
+@functools.cache
+def _processor() -> str:
+    """The first processor's model and instructions."""
+    info = Path("/proc/cpuinfo")
+    if not info.exists():
+        return ""
+    lines = info.read_text().split("\n\n")[0].splitlines()
+    return "\n".join(line for line in lines if line.startswith(("model", "flags")))
+
+
+def address(array: npt.NDArray[Any] | None) -> ctypes.c_void_p:
+    """Where a contiguous array begins, for a kernel, which does not keep it alive; None is NULL."""
+    return ctypes.c_void_p(None if array is None else array.ctypes.data)
+
+
+@functools.cache
+def threads() -> int:
+    """Threads of a kernel: as many as OMP_NUM_THREADS says, but no more than there are processors; 1 if it is unset, so
+    that ranks do not compete."""
+    first = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(int(first), processors, _MOST_THREADS)) if first.isdigit() else 1
