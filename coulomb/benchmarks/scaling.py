@@ -25,7 +25,7 @@ from ..fem.bodies import Clamp, Elasticity, Member
 from ..fem.contact import interpolated_forces
 from ..io.peak_memory import peak_memory
 from ..linalg.compliance import DirectSolver, IterativeSolver
-from ..linalg.petsc_options import configured_ksp
+from ..linalg.petsc_arrays import configured_ksp
 from ..model.problem import ContactProblem
 from ..ranks import ALONE
 from ..solvers.condensed import CondensedSystem

@@ -20,7 +20,7 @@ from ..linalg.compliance import (
     BodyCompliance,
     DirectSolver,
     IterativeSolver,
-    KeptResponses,
+    LinearResponseCache,
     LinearSolver,
     MatrixFreeCompliance,
     SchurCompliance,
@@ -110,7 +110,7 @@ class ContactStiffness:
     ):
         self.elasticity, self._reference, self._symbolic = elasticity, reference, symbolic
         self._linear_solver, self._explicit, self._seconds = linear_solver, explicit, seconds
-        self.responses, self._many = KeptResponses(elasticity.comm), many
+        self.responses, self._many = LinearResponseCache(elasticity.comm), many
         self._latest: tuple[ContactSurface, BodyCompliance] | None = None
 
     @property

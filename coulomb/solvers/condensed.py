@@ -42,7 +42,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..linalg.petsc_options import configured_ksp
+from ..linalg.petsc_arrays import configured_ksp
 from ..linalg.reductions import Reductions
 from .linearization import Linearization, NodalInverse
 from .newton_systems import ROUNDING, NewtonEquations, NewtonStep, NewtonSystem

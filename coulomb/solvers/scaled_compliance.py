@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arrays import FloatArray
-from ..linalg.compliance import Compliance, Formed, LearntColumns
+from ..linalg.compliance import Compliance, Formed, RecycledColumns
 from ..linalg.reductions import Reductions, summed
 
 _LEAST_WEIGHT = 1e-3
@@ -72,7 +72,7 @@ class ScaledCompliance:
         """s W x in newtons, shape (3 m,)."""
         return (self.s * self.W * x).ravel()
 
-    def known(self) -> LearntColumns | None:
+    def known(self) -> RecycledColumns | None:
         """The columns that earlier problems with this A have found, scaled; None if there are none, or if the weights
         are too far apart; collective if there are any."""
         learnt = self.A.learnt
@@ -80,11 +80,11 @@ class ScaledCompliance:
             return None
         if Reductions(self.comm).min(self.W) < _LEAST_WEIGHT:
             return None
-        scaled, root, W = LearntColumns(), np.sqrt(self.a), self.W.reshape(-1, 1)
+        scaled, root, W = RecycledColumns(), np.sqrt(self.a), self.W.reshape(-1, 1)
         scaled.keep(root * learnt.X / W, W * learnt.U / root, learnt.part)
         return scaled
 
-    def keep(self, found: LearntColumns, prepared: object | None = None) -> None:
+    def keep(self, found: RecycledColumns, prepared: object | None = None) -> None:
         """Keep the columns found by a Newton system, scaled, for problems to come; and what was `prepared` of them, in
         the variables of this problem."""
         if found.X is not None and found.U is not None:

@@ -16,7 +16,7 @@ import coulomb
 from coulomb.benchmarks.estimates import measure
 from coulomb.cli import app as cli
 from coulomb.fem.meshes.named_mesh import volume
-from coulomb.linalg.compliance.methods import DIRECT_UP_TO, chosen
+from coulomb.linalg.compliance.predicted_cost import DIRECT_UP_TO, chosen
 from coulomb.linalg.compliance.stiffness import DirectSolver, IterativeSolver
 from coulomb.model.estimate import estimate, estimate_of, gigabytes, slenderness
 from coulomb.model.free_memory import free_memory

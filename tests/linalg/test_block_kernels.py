@@ -25,8 +25,7 @@ from coulomb.linalg.multigrid.block_matrix import (
     padded,
 )
 from coulomb.linalg.multigrid.multigrid_cycle import Level
-from coulomb.linalg.petsc_arrays import Entries, distributed_entries
-from coulomb.linalg.petsc_options import configured_ksp
+from coulomb.linalg.petsc_arrays import Entries, configured_ksp, distributed_entries
 from coulomb.native import address
 
 

@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse
 
 from coulomb.linalg.multigrid.block_matrix import padded
-from coulomb.linalg.multigrid.coarse_grids import exact_solver
+from coulomb.linalg.multigrid.multigrid_cycle import exact_solver
 from coulomb.linalg.petsc_arrays import Entries
 from coulomb.native import address, kernels
 

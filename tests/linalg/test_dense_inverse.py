@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from coulomb.linalg.factors.dense_inverse import DenseInverse
+from coulomb.linalg.factors.multifrontal import DenseInverse
 
 
 def triangle(n, seed=1):

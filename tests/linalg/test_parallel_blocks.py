@@ -11,7 +11,8 @@ from petsc4py import PETSc
 
 from coulomb.benchmarks.block import block
 from coulomb.linalg.compliance import stiffness
-from coulomb.linalg.multigrid import ghost_blocks, multigrid_grids
+from coulomb.linalg.multigrid import block_matrix as ghost_blocks
+from coulomb.linalg.multigrid import multigrid_grids
 from coulomb.linalg.multigrid.block_matrix import BlockInterpolation, SymmetricBlocks, distributed_blocks, padded
 from coulomb.linalg.petsc_arrays import distributed_entries
 

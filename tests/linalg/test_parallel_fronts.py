@@ -25,7 +25,7 @@ from coulomb import (
     moved,
 )
 from coulomb.benchmarks.block import block
-from coulomb.linalg.compliance import methods
+from coulomb.linalg.compliance import predicted_cost as methods
 from coulomb.linalg.compliance.schur_compliance import SchurCompliance
 from coulomb.linalg.factors import blas, distributed_multifrontal, shared_dissection
 from coulomb.linalg.factors.distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic

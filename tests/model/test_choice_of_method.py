@@ -14,13 +14,16 @@ from coulomb.benchmarks.two_blocks import two_blocks
 from coulomb.case.case import read_case
 from coulomb.cli.posing import posed
 from coulomb.io.case_record import case_record
-from coulomb.linalg.compliance.methods import EXPLICIT_UP_TO, PREDICTED_UP_TO, chosen, undecided
 from coulomb.linalg.compliance.predicted_cost import (
+    EXPLICIT_UP_TO,
+    PREDICTED_UP_TO,
     Measures,
     Precision,
+    chosen,
     factorise,
     seconds_direct,
     seconds_multigrid,
+    undecided,
 )
 from coulomb.linalg.factors import multifrontal
 from coulomb.linalg.factors.multifrontal import Work, predicted_work, symbolic

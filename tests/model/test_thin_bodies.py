@@ -25,7 +25,8 @@ from coulomb import (
     Traction,
 )
 from coulomb.io.summary import remarks, summary
-from coulomb.linalg.compliance import methods, stiffness
+from coulomb.linalg.compliance import predicted_cost as methods
+from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.compliance.predicted_cost import Measures, patience, seconds_direct, seconds_multigrid
 from coulomb.linalg.factors.multifrontal import Work
 from coulomb.model import contact_body

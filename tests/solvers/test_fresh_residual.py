@@ -21,7 +21,7 @@ from coulomb import (
     Status,
     SuccessiveTresca,
 )
-from coulomb.linalg.compliance.learnt_columns import LearntColumns
+from coulomb.linalg.compliance.recycling import RecycledColumns
 from coulomb.solvers.kprgp import norm_of
 
 TOLERANCE = 1e-8
@@ -115,7 +115,7 @@ class Sloppy:
         self._A, self._once = A, once
         self._formed = dense_compliance(A)
         self.comm, self.nodes, self.products = self._formed.comm, len(A) // 3, 0
-        self.learnt = LearntColumns()
+        self.learnt = RecycledColumns()
         self._last, self._rng = np.zeros(len(A)), np.random.default_rng(4)
 
     def mult(self, x, y, tolerance=0.0):

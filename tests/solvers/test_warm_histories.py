@@ -25,9 +25,8 @@ from coulomb import (
     box,
 )
 from coulomb.fem.contact.contact_matrix import KeptMatrix, contact_matrix, rows_of
-from coulomb.linalg.compliance.kept_responses import KeptResponses
-from coulomb.linalg.compliance.learnt_columns import LearntColumns, turned_diagonal
 from coulomb.linalg.compliance.low_rank import LowRankApproximation
+from coulomb.linalg.compliance.recycling import LinearResponseCache, RecycledColumns, turned_diagonal
 from coulomb.solvers.contact_equations import ContactEquations
 from coulomb.solvers.laws import FrictionLaw
 from coulomb.solvers.semismooth_newton import SemismoothNewton
@@ -129,11 +128,13 @@ def test_columns_and_diagonal_turn():
     T = np.zeros((12, 12))
     for i in range(4):
         T[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = turn[i]
-    learnt = LearntColumns()
+    learnt = RecycledColumns()
     learnt.keep(X, A @ X, 0.5)
     turned = learnt.turned(turn)
     np.testing.assert_allclose(T @ A @ T.T @ turned.X, turned.U, atol=1e-12 * np.abs(A).max())
-    whole = LearntColumns()  # all of A in the columns: the diagonal turns exactly, up to the part that is kept as rest
+    whole = (
+        RecycledColumns()
+    )  # all of A in the columns: the diagonal turns exactly, up to the part that is kept as rest
     root = np.linalg.cholesky(0.85 * A)
     whole.keep(np.linalg.solve(A, root), root, 0.5)
     expected = np.diag(T @ (0.85 * A) @ T.T) + (turn**2 @ (0.15 * np.diag(A)).reshape(4, 3, 1)).ravel()
@@ -200,7 +201,7 @@ def test_a_certificate_that_refuses_is_never_converged():
 def test_combinations_of_loads_need_no_solve():
     rng = np.random.default_rng(0)
     K, loads, calls = random_spd(9, 1e3, rng), rng.standard_normal((3, 9)), []
-    kept = KeptResponses(MPI.COMM_SELF)
+    kept = LinearResponseCache(MPI.COMM_SELF)
 
     def response(f):
         def solve():
@@ -221,7 +222,7 @@ def test_loads_of_nearly_one_pattern_lose_no_digits():
     f, g = rng.standard_normal((2, 9))
     held = np.where(np.arange(9) < 2, 1.0, 0.0)
     for other, something in ((f + 1e-7 * g, 1.0), (f + 1e-7 * g, 0.0), (f + 0.05 * g, 1.0)):
-        kept, calls = KeptResponses(MPI.COMM_SELF), []
+        kept, calls = LinearResponseCache(MPI.COMM_SELF), []
 
         def response(load, prescribed, kept=kept, calls=calls):
             calls.append(load)

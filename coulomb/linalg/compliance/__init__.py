@@ -2,18 +2,27 @@
 low-rank corrections of systems with it.
 """
 
-from .border import ConstraintPreconditioner, Constraints, NodalMap
 from .compliance import BodyCompliance, Compliance, Formed, MatrixCompliance, MatrixFreeCompliance
 from .diagonal_estimate import estimated_diagonal
-from .kept_responses import KeptResponses
-from .krylov import CarryingKrylov
-from .learnt_columns import LearntColumns
+from .krylov import CarryingKrylov, ConstraintPreconditioner, Constraints, NodalMap
 from .low_rank import REPLACED, LowRankApproximation, LowRankUpdate
-from .methods import EXPLICIT_UP_TO, PREDICTED_UP_TO, LinearSolver, chosen, undecided
-from .predicted_cost import Measures, Precision, factorise, fits, patience, seconds_direct, seconds_multigrid
+from .predicted_cost import (
+    EXPLICIT_UP_TO,
+    PREDICTED_UP_TO,
+    LinearSolver,
+    Measures,
+    Precision,
+    chosen,
+    factorise,
+    fits,
+    patience,
+    seconds_direct,
+    seconds_multigrid,
+    undecided,
+)
+from .recycling import LinearResponseCache, RecycledColumns
 from .schur_compliance import SchurCompliance
-from .soft_motions import SoftMotions
-from .stiffness import DirectSolver, IterativeSolver, StiffnessSolver
+from .stiffness import DirectSolver, IterativeSolver, SoftMotions, StiffnessSolver
 
 __all__ = [
     "EXPLICIT_UP_TO",
@@ -27,8 +36,7 @@ __all__ = [
     "DirectSolver",
     "Formed",
     "IterativeSolver",
-    "KeptResponses",
-    "LearntColumns",
+    "LinearResponseCache",
     "LinearSolver",
     "LowRankApproximation",
     "LowRankUpdate",
@@ -37,6 +45,7 @@ __all__ = [
     "Measures",
     "NodalMap",
     "Precision",
+    "RecycledColumns",
     "SchurCompliance",
     "SoftMotions",
     "StiffnessSolver",

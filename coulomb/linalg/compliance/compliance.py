@@ -14,9 +14,8 @@ from ...arrays import FloatArray
 from ..reductions import Reductions
 from ..unsolved import TooSlow, Unsolved
 from .diagonal_estimate import DiagonalEstimate, estimated_diagonal
-from .learnt_columns import LearntColumns, turned_diagonal
-from .soft_motions import SoftMotions
-from .stiffness import StiffnessSolver
+from .recycling import RecycledColumns, turned_diagonal
+from .stiffness import SoftMotions, StiffnessSolver
 
 _DISPLACED = 1e-8
 """Accuracy of a displacement, relative to all forces: products by K in it have rounding errors that are not much
@@ -45,7 +44,7 @@ class Compliance(Protocol):
     nodes: int
     products: int
     name: str
-    learnt: LearntColumns
+    learnt: RecycledColumns
 
     @property
     def exact(self) -> bool: ...
@@ -144,7 +143,7 @@ class MatrixCompliance:
         self.matrix, self._rows = matrix, rows
         self.comm: MPI.Comm = matrix.getComm().tompi4py()
         self.nodes = matrix.getLocalSize()[0] // 3
-        self.products, self.learnt = 0, LearntColumns()
+        self.products, self.learnt = 0, RecycledColumns()
         self._y, self._x = matrix.createVecs("left"), matrix.createVecs("right")
         d = matrix.getDiagonal()
         self._diagonal: FloatArray = d.array.copy()
@@ -229,7 +228,7 @@ class MatrixFreeCompliance(LimitedProducts):
         self.B, self.K, self._solver, self._soft = B, K, solver, soft
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
-        self.products, self.learnt = 0, LearntColumns()
+        self.products, self.learnt = 0, RecycledColumns()
         self._u, self._x = B.createVecs()
         self._rhs = self._u.duplicate()
         self._last = self._u.duplicate()

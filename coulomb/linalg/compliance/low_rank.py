@@ -28,8 +28,8 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ..reductions import Reductions, summed
-from .border import NodalMap
-from .learnt_columns import LearntColumns
+from .krylov import NodalMap
+from .recycling import RecycledColumns
 
 REPLACED = 0.9
 """Part of D that is replaced on the span of inexact products in path following (docs/measurements.md)."""
@@ -73,7 +73,7 @@ class LowRankApproximation:
         exact: bool,
         replaced: float = 0.0,
         least_rest: float = 0.2,
-        known: LearntColumns | None = None,
+        known: RecycledColumns | None = None,
         rigid: FloatArray | None = None,
         local: FloatArray | None = None,
     ):
@@ -96,9 +96,9 @@ class LowRankApproximation:
             self._set(known.U[:, :rank])
 
     @property
-    def learnt(self) -> LearntColumns:
+    def learnt(self) -> RecycledColumns:
         """What is known of A."""
-        known = LearntColumns()
+        known = RecycledColumns()
         if self.U.shape[1] > 0:
             known.keep(self._X, self.U, self._new_part)
         return known

@@ -13,7 +13,7 @@ from ...arrays import FloatArray
 from ..factors import DistributedMultifrontalSolver, MultifrontalSolver, inverse_factor
 from ..reductions import Reductions
 from .compliance import LimitedProducts, MatrixFreeCompliance
-from .learnt_columns import LearntColumns
+from .recycling import RecycledColumns
 
 SchurSolver = MultifrontalSolver | DistributedMultifrontalSolver
 
@@ -62,7 +62,7 @@ class SchurCompliance(LimitedProducts):
         self.B = B  # kept, since the communicator lives as long as the matrix
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
-        self.products, self.learnt = 0, LearntColumns()
+        self.products, self.learnt = 0, RecycledColumns()
         self._solver, self._given_diagonal = solver, diagonal
         indptr, indices, values = B.getValuesCSR()
         last = (3 * solver.last[:, None] + np.arange(3)).ravel()

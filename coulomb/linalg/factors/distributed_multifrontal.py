@@ -6,7 +6,8 @@ Each rank factorises its parts of the bodies alone, with the fronts of one rank;
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,14 +16,240 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..nodal_blocks import nodal_blocks
-from ..reductions import concatenated
-from .distributed_factors import DistributedFactors, Entries, LocalPart, local_parts, shared_work
-from .front_blocks import column_ranks
-from .multifrontal import SINGLE_FROM, Work
-from .nested_dissection import Nodes
+from ..nodal_blocks import NodalRows, nodal_blocks
+from ..reductions import Reductions, concatenated, summed
+from .blas import Real
+from .distributed_front import Block, DistributedFront, Update, column_ranks
+from .frontal_factors import FrontalFactors, NotPositiveDefinite
+from .multifrontal import SINGLE_FROM, Work, predicted_work
+from .nested_dissection import Front, Nodes, dissect_part
 from .refined_solver import RefinedSolver
-from .shared_dissection import dissect_shared
+from .shared_dissection import Part, SharedDissection, dissect_shared
+
+
+class Entries(NamedTuple):
+    """Rows of K that a rank needs, without the entries of nodes that are eliminated before.
+
+    Attributes:
+        row: Nodes, ascending, shape (k,).
+        column: Coupled nodes, shape (k,).
+        values: Entries of K, shape (k, 3, 3).
+    """
+
+    row: Nodes
+    column: Nodes
+    values: FloatArray
+
+
+class LocalPart:
+    """A part of a body on this rank.
+
+    Args:
+        part: The part.
+        entries: Rows of K, those of the part among them.
+        points: Coordinates of all nodes, shape (k, 3).
+
+    Attributes:
+        fronts: Its fronts, children before parents.
+    """
+
+    def __init__(self, part: Part, entries: Entries, points: FloatArray):
+        self.part = part
+        nodes = np.concatenate([part.own, part.border])
+        place = np.zeros(len(points), dtype=np.int64)
+        place[nodes] = np.arange(len(nodes))
+        here = np.zeros(len(points), dtype=bool)
+        here[part.own] = True
+        self._chosen = np.flatnonzero(here[entries.row])
+        counts = np.bincount(place[entries.row[self._chosen]], minlength=len(nodes))
+        self._indptr, self._indices = np.concatenate([[0], np.cumsum(counts)]), place[entries.column[self._chosen]]
+        coupled = (np.empty(len(self._indices), np.int8), self._indices, self._indptr)
+        graph = scipy.sparse.csr_matrix(coupled, shape=(len(nodes),) * 2)
+        self.fronts: list[Front] = dissect_part(graph, points[nodes], len(part.own))
+        self._nodes = nodes
+
+    def factorise(self, entries: Entries, dtype: npt.DTypeLike) -> Real:
+        """Make the factors; the update matrix on the border.
+
+        Raises:
+            NotPositiveDefinite: If a pivot is not positive in this precision.
+        """
+        blocks = (entries.values[self._chosen], self._indices, self._indptr)
+        rows = NodalRows(scipy.sparse.bsr_matrix(blocks, shape=(3 * len(self._nodes),) * 2))
+        self._factors = FrontalFactors(rows, self.fronts, dtype)
+        own, border = np.split(self._nodes[self._factors.order], [len(self.part.own)])
+        self._own, self._border = own, border
+        update, self._factors.update = self._factors.update, np.empty((0, 0))
+        return update
+
+    def forward(self, x: Real) -> None:
+        """x <- L^-1 x on the nodes of the part, the rest subtracted on its border; shape (nodes, 3)."""
+        mine = np.zeros((len(self._nodes), 3), dtype=x.dtype)
+        mine[: len(self._own)] = x[self._own]
+        self._factors.forward(mine.reshape(-1))
+        x[self._own] = mine[: len(self._own)]
+        x[self._border] += mine[len(self._own) :]
+
+    def backward(self, x: Real) -> None:
+        """x <- L^-T x on the nodes of the part, with the solution on its border; shape (nodes, 3)."""
+        mine = np.concatenate([x[self._own], x[self._border]])
+        self._factors.backward(mine.reshape(-1))
+        x[self._own] = mine[: len(self._own)]
+
+
+def local_parts(comm: MPI.Comm, dissection: SharedDissection, entries: Entries, points: FloatArray) -> list[LocalPart]:
+    """The parts of this rank, not yet factorised."""
+    return [LocalPart(part, entries, points) for part in dissection.parts if part.rank == comm.rank]
+
+
+def shared_work(comm: MPI.Comm, dissection: SharedDissection, parts: list[LocalPart]) -> Work:
+    """What a factorisation takes, without doing it, the same on all ranks; collective."""
+    each = [predicted_work(part.fronts) for part in parts]
+    mine, kept = float(sum(work.operations for work in each)), float(sum(work.bytes for work in each))
+    own, border = (np.array([3.0 * len(getattr(f, side)) for f in dissection.fronts]) for side in ("own", "border"))
+    shared = own**3 / 3 + own**2 * border + own * border**2
+    ranks = np.array([len(front.ranks) for front in dissection.fronts])
+    total, memory = summed(comm, np.array([mine, kept]))
+    longest = Reductions(comm).max(np.array([mine])) + float(np.sum(shared / ranks))
+    fronts = 4.0 * float(np.sum(own * (own + border)) + np.max(border**2, initial=0.0))
+    return Work(float(total + shared.sum()), float(memory) + fronts, longest)
+
+
+class DistributedFactors:
+    """K = L L^T on all ranks; all calls are collective.
+
+    Args:
+        comm: The ranks.
+        dissection: Parts of the bodies, and the fronts above.
+        parts: The parts of this rank.
+        entries: The rows of K that this rank needs.
+        owned: Number of nodes of each rank in vectors.
+        dtype: float32 or float64.
+
+    Raises:
+        NotPositiveDefinite: On every rank, if a pivot is not positive in this precision.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        dissection: SharedDissection,
+        parts: list[LocalPart],
+        entries: Entries,
+        owned: Nodes,
+        dtype: npt.DTypeLike,
+    ):
+        self.comm, self._dissection, self._parts, self.dtype = comm, dissection, parts, np.dtype(dtype)
+        self._plan_solves(owned)
+        self._shared = [
+            DistributedFront(comm, front, dtype) if comm.rank in front.ranks else None for front in dissection.fronts
+        ]
+        self._factorise(entries)
+
+    def _factorise(self, entries: Entries) -> None:
+        dissection, failed = self._dissection, False
+        matrices: dict[int, Real] = {}
+        for part in self._parts:
+            try:
+                matrices[id(part.part)] = part.factorise(entries, self.dtype)
+            except NotPositiveDefinite:
+                failed = True
+        self._refuse(failed)
+        updates: dict[int, Update] = {}
+        for number, one in enumerate(dissection.parts):
+            columns = {0: matrices.pop(id(one))} if id(one) in matrices else {}
+            updates[number] = Update(one.border, [Block(0, 3 * len(one.border), one.rank)], columns)
+        count = len(dissection.parts)
+        for number, (front, columns_of) in enumerate(zip(dissection.fronts, self._shared, strict=True)):
+            if columns_of is None:
+                updates[count + number] = Update.of(front, {})
+                continue
+            self._add_entries(columns_of, entries)
+            below = [*front.parts, *(count + child for child in front.children)]
+            columns_of.add_updates([updates.pop(child) for child in below])
+            updates[count + number] = columns_of.factorise()
+            failed |= columns_of.failed
+        self._refuse(failed)
+
+    def _refuse(self, failed: bool) -> None:
+        if Reductions(self.comm).any(failed):
+            raise NotPositiveDefinite("a pivot on one of the ranks")
+
+    def _add_entries(self, columns: DistributedFront, entries: Entries) -> None:
+        """Add this rank's entries of K to its columns of a shared front."""
+        front = columns.front
+        place = np.full(len(self._dissection.label), -1, dtype=np.int64)
+        both = np.concatenate([front.own, front.border])
+        place[both] = np.arange(len(both))
+        mine = np.zeros(len(place), dtype=bool)
+        mine[front.own[column_ranks(front) == self.comm.rank]] = True
+        chosen = np.flatnonzero(mine[entries.row])
+        column, row = place[entries.row[chosen]], place[entries.column[chosen]]
+        later = row >= column
+        columns.add_entries(column[later], row[later], entries.values[chosen[later]])
+
+    # --- solves -------------------------------------------------------------------------------------------------------
+
+    def _plan_solves(self, owned: Nodes) -> None:
+        """Where the entries of a right-hand side go, and those of the solution come from."""
+        home = np.empty(len(self._dissection.label), dtype=np.int64)
+        for part in self._dissection.parts:
+            home[part.own] = part.rank
+        for front in self._dissection.fronts:
+            home[front.own] = front.ranks[0]
+        first = int(owned[: self.comm.rank].sum())
+        mine = home[first : first + int(owned[self.comm.rank])]
+        self._out = np.argsort(mine, kind="stable")
+        self._out_counts = np.bincount(mine, minlength=self.comm.size)
+        self._here = np.flatnonzero(home == self.comm.rank)
+        owner = np.repeat(np.arange(self.comm.size), owned)
+        self._here_counts = np.bincount(owner[self._here], minlength=self.comm.size)
+
+    def solve(self, rhs: FloatArray) -> FloatArray:
+        """K^-1 rhs in this precision, of this rank's nodes, shapes (k, 3)."""
+        comm = self.comm
+        size = Reductions(comm).max(np.abs(rhs)) or 1.0
+        x = np.zeros((len(self._dissection.label), 3), dtype=self.dtype)
+        received = np.empty((len(self._here), 3), dtype=self.dtype)
+        sent = (rhs[self._out] / size).astype(self.dtype)
+        comm.Alltoallv((sent, 3 * self._out_counts), (received, 3 * self._here_counts))
+        x[self._here] = received
+        parts: list[LocalPart | DistributedFront] = [*self._parts, *filter(None, self._shared)]
+        for one in parts:
+            one.forward(x)
+        for one in reversed(parts):
+            one.backward(x)
+        comm.Alltoallv((x[self._here], 3 * self._here_counts), (sent, 3 * self._out_counts))
+        solution = np.empty_like(rhs)
+        solution[self._out] = sent
+        solution *= size
+        return solution
+
+    def schur_solve(self, z: FloatArray) -> FloatArray:
+        """S^-1 z for the Schur complement S of K on the last nodes, the same on all ranks."""
+        size = float(np.max(np.abs(z), initial=0.0)) or 1.0
+        w = (z / size).astype(self.dtype)
+        part = np.empty_like(w)
+        for front, here in self._roots():
+            part[here] = front.product(w[here])
+        self.comm.Allreduce(part, w)
+        solution: FloatArray = w * np.float64(size)
+        return solution
+
+    def schur_squares(self, columns: scipy.sparse.csr_matrix) -> FloatArray:
+        """b^T S^-1 b for each column b of a matrix, the same on all ranks."""
+        part = sum((front.squares(columns[here]) for front, here in self._roots()), np.zeros(columns.shape[1]))
+        total = np.empty_like(part)
+        self.comm.Allreduce(part, total)
+        return total
+
+    def _roots(self) -> Iterator[tuple[DistributedFront, slice]]:
+        """The last front of every body, and the place of its displacements among those of all last nodes."""
+        start = 0
+        for front in self._shared:
+            if front is not None and front.front.root:
+                yield front, slice(start, start + front.own)
+                start += front.own
 
 
 class SharedSymbolic:

@@ -11,9 +11,16 @@ from ...arrays import FloatArray, side_by_side
 from ..petsc_arrays import DistributedEntries, distributed_entries
 from ..reductions import concatenated
 from .block_matrix import BlockInterpolation, DistributedBlocks, distributed_blocks, on_every_rank
-from .coarse_grids import DENSE_UP_TO, REPLICATED_UP_TO, CoarseSolver, Replicated, exact_solver
 from .coarsening import coarser, galerkin, with_diagonal
-from .multigrid_cycle import Level, MultigridCycle
+from .multigrid_cycle import (
+    DENSE_UP_TO,
+    REPLICATED_UP_TO,
+    CoarseSolver,
+    Level,
+    MultigridCycle,
+    Replicated,
+    exact_solver,
+)
 from .whole_blocks import WholeBlocks, whole
 
 SECOND_ORDER_STEPS = 1
