@@ -148,7 +148,7 @@ def test_small_distributed_grids_have_one_cycle(monkeypatch):
     for more, cycles in ((1, 2), (10**9, 2 if COMM.size == 1 else 1)):
         monkeypatch.setattr(multigrid_grids, "TWICE_FROM", more * unknowns / COMM.size)
         solver = stiffness.IterativeSolver(K, tolerance=1e-10)
-        first = solver._method._cycle._coarser
+        first = solver._cycle._coarser
         second = first._coarser
         assert first._again and second._again == (cycles == 2)
         u.set(0.0)
