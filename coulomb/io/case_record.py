@@ -40,6 +40,24 @@ def case_record(case: Case, comm: MPI.Comm) -> dict[str, Any]:
         raise ValueError(f"{error.filename}: cannot be read: {error.strerror or error}") from None
 
 
+def lasting_part(case: Case) -> tuple[dict[str, Any], dict[str, str]]:
+    """The tables of a case that are the same in all load steps, without names of files, and the digests of the files
+    that are there; on one rank.
+
+    Raises:
+        ValueError: If a file cannot be read.
+    """
+    free = {top: {below} if below else True for top, _, below in (key.partition(".") for key in _FREE)}
+    tables = case.model_dump(mode="json", exclude=free)
+    digests = {key: _digest(Path(name)) for key, name in _files(tables).items() if Path(name).exists()}
+    for *tops, key in named_files(tables):
+        table: Any = tables
+        for top in tops:
+            table = table[top]
+        del table[key]
+    return tables, digests
+
+
 def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm) -> list[str]:
     """Compare a case with the one that a load step was computed from; collective.
 

@@ -35,6 +35,7 @@ class Automatic:
     Attributes:
         tolerance: Residual at which to stop.
         interior_point: Replaces the settings of the interior-point method, except its tolerance.
+        successive_tresca: Likewise.
 
     Raises:
         ValueError: If the tolerance is not positive.
@@ -42,6 +43,7 @@ class Automatic:
 
     tolerance: float = 1e-8
     interior_point: InteriorPoint | None = None
+    successive_tresca: SuccessiveTresca | None = None
 
     name = "auto"
 
@@ -65,8 +67,8 @@ class Automatic:
             NotConverged: With the better answer of the two, and the messages of both, if neither converges.
         """
         products, tolerance = problem.A.products, self.tolerance if tolerance is None else tolerance
-        given, second = self.interior_point, SuccessiveTresca(tolerance)
-        first = replace(given or InteriorPoint(finish=_FINISH), tolerance=tolerance)
+        first = replace(self.interior_point or InteriorPoint(finish=_FINISH), tolerance=tolerance)
+        second = replace(self.successive_tresca or SuccessiveTresca(), tolerance=tolerance)
         tried: SolverResult | None = None
         if start is not None:
             near = SemismoothNewton(tolerance)

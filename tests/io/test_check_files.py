@@ -1,10 +1,13 @@
 """`coulomb check` refuses fields and numbers that do not follow from the answer, or differ from the case."""
 
 import json
+import re
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
+from bodies_runs import TWO
 from check_runs import (
     BALL,
     BLOCK,
@@ -348,3 +351,37 @@ def test_outside_the_theory(accepted, with_case, tmp_path):
     assert found.passed is accepted and ("outside small-strain theory: displacement grad" in str(found)) is not accepted
     edit(folder / "summary.json", lambda contents: contents.update(valid=not accepted))
     assert any(fault.startswith("summary.json.valid") for fault in check(folder).faults)
+
+
+def put_at_most(path, group, name, where, value):
+    """A value of a field at the node where another field has its largest value."""
+    with h5py.File(path, "r+") as file:
+        fields = file["Function"][group]
+        node = int(np.argmax(next(iter(fields[where].values()))[:, 0]))
+        next(iter(fields[name].values()))[node] = value
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_clamped_node_that_is_called_open(tmp_path):
+    """It is written without a normal: that of its facets shows that it is clamped."""
+    folder = copied(BLOCK, tmp_path / "run")
+    (folder / "case.json").unlink()
+    put_at_most(folder / "contact.h5", ".", "status", "status", OPEN)
+    faults = check(folder).faults
+    assert any("1 nodes are written as contact nodes, but are prescribed along their normal" in one for one in faults)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize(
+    ("text", "folder", "group"), [(BLOCK, ".", "."), (TWO, "steps/0001", "upper_bottom")], ids=["foundation", "pair"]
+)
+@pytest.mark.parametrize("name", ["normal", "tangent_1"])
+def test_a_contact_node_without_an_axis(text, folder, group, name, tmp_path):
+    run = copied(text, tmp_path / "run")
+    (run / "case.json").unlink()
+    put_at_most(run / folder / "contact.h5", group, name, "pressure", 0.0)
+    if folder == ".":
+        faults = check(run).faults
+    else:
+        faults = check(run).steps[0].faults
+    assert any(re.match(rf"contact.xdmf: (length of|{name})", fault) for fault in faults), faults

@@ -8,6 +8,7 @@ import pytest
 from bodies_runs import TWO
 from check_runs import BALL, BLOCK, copied, edit, leaves, made, put
 from conftest import run_coulomb
+from mesh_files import BoxFile
 from mpi4py import MPI
 from test_check_files import SQUEEZED
 from test_load_history import FailsAt
@@ -212,3 +213,42 @@ def test_a_halved_step_agrees(tmp_path):
     write_case(settings, tmp_path / "run", MPI.COMM_SELF)
     found = check(tmp_path / "run")
     assert found.passed and len(found.steps) == 5
+
+
+OF_FILE = """\
+mesh = {file = "part.msh"}
+material = {young = 2e11, poisson = 0.3}
+contact = {face = "bottom", friction = 0.3}
+[[clamp]]
+face = "left"
+[[traction]]
+face = "top"
+value = [1e6, 0.0, -2e7]
+amplitude = [[0, 0], [2, 1]]
+[history]
+times = [1, 2]
+halvings = 3
+[solver]
+tolerance = 1e-9
+"""
+
+
+def test_the_case_of_a_step(tmp_path):
+    """What may not change between steps is compared with case.json, and what may is named."""
+    BoxFile().write(tmp_path / "part.msh")
+    (tmp_path / "case.toml").write_text(OF_FILE)
+    run = tmp_path / "run"
+    done = run_coulomb("run", "case.toml", "--set", "output.picture=false", "--output", run, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    path, passing = run / "steps/0001/summary.json", set()
+    contents, said = json.loads(path.read_text()), named(check(run))
+    for place, value in leaves(contents["step"]["case"]):
+        other = "other.msh" if isinstance(value, str) else value + 1 if isinstance(value, int) else 1.5 * value or 0.5
+        put(contents["step"]["case"], place, other)
+        path.write_text(json.dumps(contents))
+        passing |= {place} if check(run).passed else set()
+        put(contents["step"]["case"], place, value)
+    free = {("mesh", "file"), ("history", "halvings"), ("solver", "tolerance")}
+    assert passing == {("tables", *place) for place in free}
+    assert {"file of step", "halvings of step", "solver of step"} <= set(said)
+    assert "case of step" not in said and "tables of step" not in said and "files of step" not in said

@@ -4,6 +4,7 @@ contact points, and values that a user gives as numbers or functions.  Uses nump
 
 from .contact_frames import (
     HELD_BEYOND,
+    LEAST_RATIO,
     FrictionAxes,
     held_length,
     inverse_frames,
@@ -39,6 +40,7 @@ from .user_values import (
 __all__ = [
     "HELD_BEYOND",
     "LEAST_LENGTH",
+    "LEAST_RATIO",
     "Amplitude",
     "Coefficient",
     "Cylinder",

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
+from pydantic import ValidationError
 
 from ...arrays import FloatArray
 from ...case.case import Case
@@ -25,9 +26,10 @@ from ...fem.contact import plane_of_face, way_along
 from ...fem.geometry import RigidFoundation, RigidMotion, moved
 from ...fem.meshes import SEPARATOR, corners_of
 from ...solvers.laws import FrictionLaw
+from ..case_record import lasting_part
 from ..field_names import GROUND
 from ..matched_points import midpoints, places
-from ..run_directory import SOLUTION, SUMMARY, RunDirectory
+from ..run_directory import CASE, SOLUTION, SUMMARY, RunDirectory
 from ..run_files import WrittenRun
 from ..summary import material_entries
 from ..written_bodies import WrittenBody
@@ -245,6 +247,26 @@ class CaseReference:
             width = part.on_cells[name].shape[1:]
             expected = function.x.array.reshape(-1, *width)[compat.cell_dofs(function.function_space)[:, 0]][cell]
             found.field(f"{SOLUTION}: {name}", part.on_cells[name], expected, middle, _SOURCE)
+
+    def compare_record(self, run: WrittenRun, found: Comparison) -> None:
+        """Compare the case from which a load step was computed, if it is recorded, but for what may change between
+        steps."""
+        record = run.summary.get("step", {}).get("case")
+        if record is None:
+            return
+        what = f"{SUMMARY}.step.case"
+        try:
+            written, _ = lasting_part(Case.model_validate(record["tables"]))
+        except ValidationError:
+            found.fault(f"{what}.tables: is no case")
+            return
+        tables, digests = self._lasting
+        found.tree(f"{what}.tables", written, tables, source=CASE)
+        found.tree(f"{what}.files", record["files"], digests, source=f"the files of {CASE}")
+
+    @cached_property
+    def _lasting(self) -> tuple[dict[str, Any], dict[str, str]]:
+        return lasting_part(self.settings)
 
     def compare_numbers(self, run: WrittenRun, found: Comparison) -> None:
         """Compare the input data in summary.json: names of faces, materials."""

@@ -25,7 +25,18 @@ from ..written_faces import WrittenFace
 from .case_reference import CaseReference
 from .comparison import Comparison
 from .face_nodes import FaceNodes, face_names
-from .written_pair import GAPS, LAW, TANGENTS, compare_axes, everywhere, on_face, pair_nodes, report, written_pairs
+from .written_pair import (
+    GAPS,
+    LAW,
+    TANGENTS,
+    compare_axes,
+    everywhere,
+    have_axes,
+    on_face,
+    pair_nodes,
+    report,
+    written_pairs,
+)
 
 _NEARLY_HELD = 0.9
 """Without a case, the normal of a held node is that of its facets, which is only near the foundation's."""
@@ -118,12 +129,14 @@ def _face(
     written = (run.touching & said)[index]
     data = {name: run.on_face[name][index] for name in ("normal", *TANGENTS, *GAPS, *LAW, "slip_origin")}
     unit = outward[index] / np.linalg.norm(outward[index], axis=1)[:, None]
+    axes = np.stack([data["normal"], *(data[name] for name in TANGENTS)], axis=1)
     if case is None:
-        n = np.where(written[:, None], data["normal"], unit)
+        told = written & have_axes(axes)
+        n = np.where(told[:, None], data["normal"], unit)
         gap, given = (data[name] for name in GAPS)
         law = FrictionLaw(data["cohesion"] * area, data["friction"])
-        beyond = np.where(written, HELD_BEYOND, _NEARLY_HELD)
-        near = data["normal"][written][tree_of(x[written]).query(x)[1]] if np.any(written) else n
+        beyond = np.where(told, HELD_BEYOND, _NEARLY_HELD)
+        near = data["normal"][told][tree_of(x[told]).query(x)[1]] if np.any(told) else n
         turned = np.einsum("ki,ki->k", near, unit) <= _TURNED
     else:
         place = run.on_face["x"][on]
@@ -145,7 +158,7 @@ def _face(
     free: npt.NDArray[np.bool_] = held_length(n, points.held(held)) <= beyond
     frames = supported_frames(n, H)
     if case is None:
-        frames[written] = np.stack([data[name][written] for name in ("normal", *TANGENTS)], axis=1)
+        frames[told] = axes[told]
     else:
         frames[free] = case.frames(number, n[free], H[free], x[free])
 
@@ -153,7 +166,7 @@ def _face(
     size, file = float(np.max(np.abs(run.body.x))), CONTACT
     found.field(f"{file}: area", run.on_face["area"][index][here], area[here], x[here], "the facets")
     if case is None:
-        compare_axes(found, frames[here], x[here])
+        compare_axes(found, axes[here], x[here])
         away = here & ~(np.einsum("ki,ki->k", data["normal"], unit) > 0.0)
         if np.any(away):
             report(found, run, everywhere(run, index[away]), "have a normal that points into the body")

@@ -172,6 +172,7 @@ def check_run(
             found.fault("case.json: has a [history], but these are the results of a single run")
         case.orient(run)
         case.compare_numbers(run, found)
+        case.compare_record(run, found)
         if case.absent_gaps:
             trusted.append(f"taken as written, since {', '.join(case.absent_gaps)} is not there: given_gap")
         if case.absent:

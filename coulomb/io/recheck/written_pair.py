@@ -23,7 +23,7 @@ from ...fem.contact import (
     shares,
     within,
 )
-from ...fem.geometry import HELD_BEYOND, held_length, supported_frames
+from ...fem.geometry import HELD_BEYOND, LEAST_RATIO, held_length, supported_frames
 from ...model.accumulated import ACCUMULATED
 from ...solvers.laws import FrictionLaw
 from ..run_directory import CONTACT
@@ -93,7 +93,8 @@ def pair_nodes(
     if frames is None:
         frames = np.stack([n, *(data[name] for name in TANGENTS)], axis=1)
         compare_axes(found, frames[written], at)
-        frames[~written] = supported_frames(n[~written], np.zeros((int(np.sum(~written)), 3, 3)))
+        untold = ~(written & have_axes(frames))
+        frames[untold] = supported_frames(n[untold], np.zeros((int(np.sum(untold)), 3, 3)))
     else:
         found.field(f"{file}: given_gap", data["given_gap"][written], given[written], at, "the case", floor=floor)
         for k, name in enumerate(TANGENTS, start=1):
@@ -191,12 +192,19 @@ def on_face(
     return in_file[nodes], widened
 
 
+def have_axes(frames: FloatArray) -> npt.NDArray[np.bool_]:
+    """Whether none of the rows n, t1, t2 is zero, as all are written where there is no contact, shape (m,)."""
+    have: npt.NDArray[np.bool_] = np.all(np.any(frames != 0.0, axis=2), axis=1)
+    return have
+
+
 def compare_axes(found: Comparison, frames: FloatArray, x: FloatArray) -> None:
     """Check the lengths of the rows n, t1, t2 of contact points x (m, 3), and their angles, without a case."""
     length, none = np.linalg.norm(frames, axis=2), np.zeros(len(x))
     found.field("contact.xdmf: length of normal", length[:, 0], none + 1.0, x, "its direction")
-    longer = np.max(length[:, 1:], axis=1, initial=0.0)
+    longer, shorter = np.max(length[:, 1:], axis=1), np.minimum(np.min(length[:, 1:], axis=1), LEAST_RATIO)
     found.field("contact.xdmf: length of the longer tangent", longer, none + 1.0, x, "its direction")
+    found.field("contact.xdmf: length of the shorter tangent", shorter, none + LEAST_RATIO, x, "the least ratio")
     for name, i, j in (("tangent_1", 0, 1), ("tangent_2", 0, 2), ("tangent_2", 1, 2)):
         along = np.einsum("kj,kj->k", frames[:, i], frames[:, j])
         found.field(f"contact.xdmf: {name} along the other axes", along, none, x, "right angles", floor=1e-14)

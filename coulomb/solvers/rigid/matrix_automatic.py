@@ -26,7 +26,7 @@ from .regularised_newton import RegularisedNewton
 _FEW = 150  # contacts up to which the cone method is the quicker one, whatever A
 _FEWER = 30  # and for which, without full rank, regularised problems come before it, and less work is spent
 _WORK = 1e9  # operations of the cone method per contact, of so few
-_TRESCA = 300  # Newton steps of successive Tresca where A has no full rank and other methods have failed
+_TRESCA = 300  # Newton steps of successive Tresca where other methods have failed, without full rank or on so few
 _SPARSE = 0.25  # of the entries
 _BY_SWEEPS = f"auto: {ConeInteriorPoint.name}"
 _DEFINITE = 1e-8  # smallest eigenvalue of a definite A, over the mean diagonal
@@ -78,6 +78,7 @@ class MatrixAutomatic:
         """
         tolerance = self.tolerance if tolerance is None else tolerance
         cones, regularised = ConeInteriorPoint(tolerance), RegularisedNewton(tolerance)
+        ending = SuccessiveTresca(tolerance, newton_steps=_TRESCA)
         by_cones = cones.suits(problem) and (sweeps is not None or _for_cones(problem.A))
         few = regularised.suits(problem) and problem.A.nodes <= (_FEWER if by_cones else _FEW)
         singular = few and not _definite(_matrix(problem.A).toarray())
@@ -99,9 +100,10 @@ class MatrixAutomatic:
             methods = [regularise, by_cone_method] if singular else [by_cone_method]
         elif singular:
             methods = [regularise, by(InteriorPoint(tolerance, newton=DenseSystem())), by(InteriorPoint(tolerance))]
-            methods += [by(SuccessiveTresca(tolerance, newton_steps=_TRESCA))] if problem.sloped else []
+            methods += [by(ending)] if problem.sloped else []
         else:
-            methods = [by(Automatic(tolerance) if problem.sloped else InteriorPoint(tolerance))]
+            both = Automatic(tolerance, successive_tresca=ending if problem.A.nodes <= _FEWER else None)
+            methods = [by(both if problem.sloped else InteriorPoint(tolerance))]
             methods += [regularise] if few else []
         products, failed = problem.A.products, list[SolverResult]()
         for method in methods:

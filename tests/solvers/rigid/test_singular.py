@@ -222,10 +222,12 @@ def test_a_refusal_takes_seconds(contacts):
             assert time.process_time() - began < 5.0
 
 
-def test_successive_tresca_ends_after_newton_steps():
+@pytest.mark.parametrize("definite", [False, True])
+def test_successive_tresca_ends_after_newton_steps(definite):
     """The last of the methods, whose twenty problems took up to 100 Newton steps each: no problem begins after 300."""
     P, outer = singular_problem(53), []
-    problem = FrictionProblem(dense_compliance(P.A), P.b, FrictionLaw(P.cohesion, P.friction))
+    A = P.A + 2e-8 * P.compliance * np.eye(3 * P.m) if definite else P.A
+    problem = FrictionProblem(dense_compliance(A), P.b, FrictionLaw(P.cohesion, P.friction))
     with pytest.raises(NotConverged):
         MatrixAutomatic().solve(problem, progress=lambda at: outer.append(at.outer))
     steps = [number for number in outer if number > 0]
