@@ -137,6 +137,12 @@ def projected_gradient(qp, A, tolerance=1e-11, steps=200_000):
     return x
 
 
+def without_sweeps(monkeypatch):
+    """Methods for an explicit matrix begin without sweeps of Gauss and Seidel."""
+    for module in ("cone_interior_point", "cone_run", "general", "matrix_automatic"):
+        monkeypatch.setattr(f"coulomb.solvers.rigid.{module}.swept", lambda *_, **__: None, raising=False)
+
+
 def run_coulomb(*arguments, ranks=None, cwd=None, timeout=600, process=False):
     """Run the command line.
 
