@@ -11,8 +11,8 @@ DIRECT_UP_TO = 50_000
 """Displacement unknowns up to which K is factorised by default where no cost is predicted, as of the user's forms
 (measured: docs/measurements.md)."""
 
-PREDICTED_UP_TO = 200_000
-"""Displacement unknowns beyond which K is not factorised by default: the fronts alone would take a second to find."""
+PREDICTED_UP_TO = 1_000_000
+"""Displacement unknowns beyond which K is not factorised by default: of a block the factors take 20 GB and more."""
 
 _SMALL = (12_000, 3_000)
 """Displacement and contact unknowns up to which K is factorised in any case."""
@@ -26,8 +26,7 @@ LinearSolver = type[DirectSolver] | type[IterativeSolver]
 def undecided(displacement: int, contact: int, linear_solver: LinearSolver | None, explicit: bool | None) -> bool:
     """Whether the faster method is to be found by predicted seconds; arguments as of `chosen`."""
     small = displacement <= _SMALL[0] and contact <= _SMALL[1]
-    open_size = contact <= EXPLICIT_UP_TO and displacement <= PREDICTED_UP_TO and not small
-    return linear_solver is None and explicit is None and open_size
+    return linear_solver is None and explicit is None and displacement <= PREDICTED_UP_TO and not small
 
 
 def chosen(
