@@ -41,8 +41,24 @@ from ...fem.supports import SymmetryPlane
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
 from ...model.solution import Solution
-from . import hertz_pairs, press_fit, ring_pair
-from .ring_pair import ALUMINIUM, BORE, FIT, FRICTION, INTERFERENCE, RIM, STEEL
+from .hertz_pairs import SPHERES, UNIFORM, A, Ellipse, Pair
+from .hertz_pairs import problem as pressed_quarters
+from .press_fit import INNER, expected_force, normal_force, ring
+from .ring_pair import (
+    ALUMINIUM,
+    BORE,
+    FIT,
+    FRICTION,
+    INTERFERENCE,
+    RIM,
+    STEEL,
+    Facets,
+    lame,
+    mean_pressure,
+    quarter,
+    rings,
+    softness,
+)
 from .table import Row, Verified, absolute, relative
 
 Kind = tuple[str, int]
@@ -66,7 +82,7 @@ BORE_PRESSURE = 3.3e7
 ACROSS = {1: (6, 4), 2: (4, 3)}
 """Cells of ball and socket in 45 degrees, of size 1, by order."""
 
-SOCKET = hertz_pairs.Pair("ball in socket", (0.1, 0.1), (-0.105, -0.105), (hertz_pairs.STEEL, hertz_pairs.ALUMINIUM))
+SOCKET = Pair("ball in socket", (0.1, 0.1), (-0.105, -0.105), (STEEL, ALUMINIUM))
 
 ROLLER, HALF_ANGLE, WIDTH, LINE_LOAD = 0.01, math.pi / 3.0, 0.002, 3e5
 """Radius and length of the roller in metres, angle to both sides of its lowest place, load in N/m."""
@@ -138,8 +154,8 @@ def pin_in_hole(size: int, kind: Kind, named: bool) -> Found:
     """Tube and ring with a clearance that the pressure closes; their surfaces are named or not."""
     hole, centre, axis, cells = FIT + INTERFERENCE, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 2 * size // kind[1]
     bodies = {
-        "pin": ring_pair.quarter(BORE, FIT, (cells, 4 * cells), *kind),
-        "plate": ring_pair.quarter(hole, RIM, (cells, 3 * cells), *kind),
+        "pin": quarter(BORE, FIT, (cells, 4 * cells), *kind),
+        "plate": quarter(hole, RIM, (cells, 3 * cells), *kind),
     }
     problem = ContactProblem(
         join(**bodies),
@@ -157,9 +173,9 @@ def pin_in_hole(size: int, kind: Kind, named: bool) -> Found:
     solution = problem.solve()
     E, nu = ALUMINIUM.young, ALUMINIUM.poisson
     free = 2.0 * (1.0 - nu**2) / E * BORE_PRESSURE * BORE**2 * FIT / (FIT**2 - BORE**2)
-    soft = FIT * ring_pair.softness(ALUMINIUM, FIT, BORE) + hole * ring_pair.softness(STEEL, hole, RIM)
+    soft = FIT * softness(ALUMINIUM, FIT, BORE) + hole * softness(STEEL, hole, RIM)
     against = min(radial(solution, FIT), radial(solution, hole)) < 0.0
-    return Found("mean pressure, Pa", (free - INTERFERENCE) / soft, ring_pair.mean_pressure(solution), against)
+    return Found("mean pressure, Pa", (free - INTERFERENCE) / soft, mean_pressure(solution), against)
 
 
 def radial(solution: Solution, r: float, along: int = 2) -> float:
@@ -172,23 +188,23 @@ def radial(solution: Solution, r: float, along: int = 2) -> float:
 def ring_of_two(size: int, kind: Kind, named: bool) -> Found:
     """`ring_pair` with the interference as geometry."""
     cells = 2 * size // kind[1]
-    facets: ring_pair.Facets = "cylinders" if named else "as they are"
-    solution = ring_pair.rings(cells, (kind[0], kind[0]), (kind[1], kind[1]), True, facets).solve()
+    facets: Facets = "cylinders" if named else "as they are"
+    solution = rings(cells, (kind[0], kind[0]), (kind[1], kind[1]), True, facets).solve()
     inner, outer = radial(solution, FIT + INTERFERENCE), radial(solution, FIT)
-    return Found("mean pressure, Pa", ring_pair.lame(), ring_pair.mean_pressure(solution), inner > 0.0 or outer < 0.0)
+    return Found("mean pressure, Pa", lame(), mean_pressure(solution), inner > 0.0 or outer < 0.0)
 
 
 def on_rigid_pin(size: int, kind: Kind, _: bool) -> Found:
     """`press_fit`."""
-    solution = press_fit.ring(2 * size // kind[1], kind[0], degree=kind[1]).solve()
-    known, force = press_fit.expected_force(), press_fit.normal_force(solution)
-    return Found("normal force, N", known, force, radial(solution, press_fit.INNER) < 0.0)
+    solution = ring(2 * size // kind[1], kind[0], degree=kind[1]).solve()
+    known, force = expected_force(), normal_force(solution)
+    return Found("normal force, N", known, force, radial(solution, INNER) < 0.0)
 
 
-def hertz(pair: hertz_pairs.Pair, size: int, kind: Kind, named: bool) -> Found:
+def hertz(pair: Pair, size: int, kind: Kind, named: bool) -> Found:
     """Force at a given approach; against the load: a force of the touching bodies without approach."""
-    ellipse, cells = hertz_pairs.Ellipse(pair, hertz_pairs.A), CELLS_OF_HERTZ[size]
-    solution, still = (hertz_pairs.problem(ellipse, cells, kind, kind, way, named).solve() for way in (1.0, 0.0))
+    ellipse, cells = Ellipse(pair, A), CELLS_OF_HERTZ[size]
+    solution, still = (pressed_quarters(ellipse, cells, kind, kind, way, named).solve() for way in (1.0, 0.0))
     force, without = (4.0 * float(each.contact_force[0::3].sum()) for each in (solution, still))
     return Found("force, N", ellipse.P, force, without > 1e-6 * ellipse.P)
 
@@ -295,7 +311,7 @@ def _of_press_fit(size: int, kind: Kind) -> tuple[float, str]:
 
 
 def _of_hertz(size: int, kind: Kind) -> tuple[float, str]:
-    h, H = (hertz_pairs.UNIFORM / n for n in CELLS_OF_HERTZ[size])
+    h, H = (UNIFORM / n for n in CELLS_OF_HERTZ[size])
     if kind == ("tetrahedron", 1):
         return h**2 + H**2, "(h/a)^2 + (H/a)^2, h and H the cells of both: linear tetrahedra"
     return (h**2 + H**2) / 4.0, "((h/a)^2 + (H/a)^2)/4, as in hertz-pairs"
@@ -343,7 +359,7 @@ PAIRS: tuple[tuple[str, Callable[[int, Kind, bool], Found], Callable[[int, Kind]
     ("pin in hole", pin_in_hole, _of_rings, True),
     ("ring pair", ring_of_two, _of_rings, True),
     ("press fit", on_rigid_pin, _of_press_fit, False),
-    ("Hertz pair", partial(hertz, hertz_pairs.SPHERES), _of_hertz, False),
+    ("Hertz pair", partial(hertz, SPHERES), _of_hertz, False),
 )
 """Names, answers, tolerances, and whether surfaces of first-order facets are named."""
 
