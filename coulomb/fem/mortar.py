@@ -6,19 +6,19 @@ pi projects along the slave's normals.  With the functions N of the nodes, this 
 and one of M/a over the master's, each with sum 1; a force x_j at the contact point acts as D_j x_j/a_j on the slave and
 as -M_j x_j/a_j on the master.  The functions lambda_j add up to 1, so a uniform pressure is transmitted exactly.
 
-The gap before deformation is the same average of the distance g of the two faces, as against rigid foundations, and no
-less than the smallest distance, or than 0 if none is negative: lambda_j is negative in part.
+The gap before deformation is the same average of the distance g of the two faces.  But lambda_j is negative in part,
+and where a curved face touches another at the node, g = s^2/(2 R), the average is -h^2/(12 R) on 10-node tetrahedra of
+the size h, an interference that the faces have not.  So
 
     gap_j = max((1/a_j) int lambda_j g dS, min(g, 0))           min over the facets of lambda_j
 
 On first-order facets g is replaced by its interpolant between the vertices, where these are before the master: gap_j is
-then g(x_j), exact where the faces are plane.  Measured, errors of the force and of the pressure in the inner half of
-pairs of Hertz for three meshes of 4, 8 and 12 cells in 1.2 half axes, %; in brackets of 10-node tetrahedra with dual
-functions without the bound, of hexahedra with averages of g:
+then g(x_j), exact where the faces are plane.  Measured, errors of the force of pairs of Hertz for three meshes of 4, 8
+and 12 cells in 1.2 half axes (averages of g without bound / with bound / interpolant):
 
-    two spheres of hexahedra      0.94/0.77  0.12/0.83  0.03/0.09    (0.94/0.77   0.46/0.93  0.18/0.21)
-    of 10-node tetrahedra         3.94/1.75  0.53/1.14  0.25/0.40    (4.94/12.34  1.15/3.95  0.18/1.84)
-    crossed cylinders of these    4.06/1.22  0.43/0.47  0.21/0.28    (4.79/12.78  1.01/3.73  0.13/1.72)
+    two spheres of hexahedra       0.94, 0.46, 0.18 %  /  the same            /  0.94, 0.12, 0.03 %
+    of 10-node tetrahedra          4.94, 1.15, 0.18 %  /  3.59, 1.08, 0.17 %  /  7.83, 1.79, 1.09 %
+    crossed cylinders of these     4.79, 1.01, 0.13 %  /  3.48, 0.94, 0.12 %  /  7.45, 1.78, 1.14 %
 """
 
 from __future__ import annotations
