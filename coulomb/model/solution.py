@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
+from ..fem.face_samples import face_samples
 from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
 from .certificate import Certificate
@@ -155,8 +156,8 @@ class Solution:
     def small_strain(self) -> SmallStrain:
         """Measures of the small-strain theory; collective."""
         problem, body = self.problem, self.problem.elasticity
-        faces = () if problem.surface.points.nodal else problem.surface.faces
-        between = [body.nodes(face, "contact") for face in faces]
+        members = [body.face(face, "contact") for face in problem.surface.faces]
+        between = [face_samples(one.body, facets, self.displacement[one.nodes]) for one, facets in members]
         blocked = body.blocked_displacement(problem.loading)
         return small_strain(self.at_nodes, problem.surface.foundations, body, self.displacement, between, blocked)
 

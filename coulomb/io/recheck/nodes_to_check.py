@@ -15,7 +15,7 @@ import scipy.sparse
 
 from ...arrays import FloatArray
 from ...fem.contact_frames import HELD_BEYOND, held_length, supported_frames
-from ...fem.contact_points import contact_points
+from ...fem.contact_points import bounded_gap, contact_points
 from ...fem.surface import turned_away
 from ...model.accumulated import ACCUMULATED
 from ...nearest import tree_of
@@ -148,6 +148,8 @@ def _face(
         if not case.lacks_gap(number):
             on_nodes[on, 1] = case.given_gap(number, time, place)
         distance, given = (weights @ on_nodes).T
+        if not points.nodal:
+            distance = bounded_gap(distance, weights, on_nodes[weights.indices, 0])
         slope = -case.normals(number, time, run.on_face["x"][index])
         turned = turned_away(slope, unit)
         given = data["given_gap"] if case.lacks_gap(number) else given

@@ -16,6 +16,7 @@ from ...arrays import FloatArray
 from ...fem import compat
 from ...fem.body import ElasticBody
 from ...fem.cell_materials import EXPANSION, ORTHOTROPIC_EXPANSION
+from ...fem.face_samples import face_samples
 from ...fem.obstacles import RigidFoundation
 from ...fem.rigid_motion import Spin
 from ...fem.temperature import TEMPERATURE, range_of
@@ -30,6 +31,7 @@ from ...model.small_strain import SmallStrain, small_strain
 from ..field_names import ROUNDING
 from ..run_files import WrittenRun
 from ..summary import derived
+from ..written_faces import WrittenFace
 from .comparison import Rounding
 from .face_nodes import FaceNodes
 from .written_opposite import opposite_fields, written_actions
@@ -115,7 +117,7 @@ def recomputed(
     rounding: Rounding | None,
     supported: Supported | None,
     probes: Probing,
-    between: Sequence[npt.NDArray[np.integer[Any]]],
+    between: Sequence[tuple[WrittenFace, npt.NDArray[np.int32]]],
     accepted: bool,
 ) -> Variant:
     """Data recomputed from the written or perturbed numbers.
@@ -128,7 +130,7 @@ def recomputed(
         rounding: Perturbs the numbers; None for those as written.
         supported: Loads and supports; None if they are unknown.
         probes: The probes.
-        between: The nodes on each contact face, if contact points are means over several.
+        between: Each contact face with its facets.
         accepted: Whether violations of the theory of small strains are accepted.
     """
 
@@ -186,7 +188,8 @@ def recomputed(
     if foundations is None:
         outside = SmallStrain(**{**_recorded_strain(run), **strain}).violations
     else:
-        measured = small_strain(written, foundations, body, u, between, _blocked(run, heated))
+        samples = [face_samples(face.part.body, facets, u[face.part.nodes]) for face, facets in between]
+        measured = small_strain(written, foundations, body, u, samples, _blocked(run, heated))
         outside = measured.violations
         strain = {**asdict(measured), "warnings": list(measured.warnings), "violations": list(outside)}
     if acting is None:
