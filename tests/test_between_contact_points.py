@@ -63,4 +63,27 @@ def test_the_chord_of_a_curved_face_is_no_penetration():
         [Traction("top", (0.0, 0.0, -1e5))],
     )
     solution = problem.solve()
-    assert solution.valid and solution.small_strain.between == 0.0
+    assert solution.valid and solution.small_strain.between == 0.0 and not solution.coarse
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("load", [1e5, 1e11])
+def test_a_contact_smaller_than_a_facet_is_remarked(cell, degree, load):
+    """Of a curved face on a plane: the chord is compared with the deformation, which grows with the load."""
+    radius = 1.0
+    mesh = coulomb.box(
+        (1.0, 0.25, 0.5), (8 // degree, 2 // degree, 4 // degree), cell, degree=degree,
+        place=lambda k: np.stack([k[0] - 0.5, k[1], k[2] + (0.5 - k[2]) * (k[0] - 0.5) ** 2 / radius]),
+    )  # fmt: skip
+    plane = coulomb.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    holds = [Clamp("top", "xy"), Clamp("front", "y"), Clamp("back", "y")]
+    contact = Contact("bottom", 0.0, foundation=plane)
+    problem = ContactProblem(mesh, Material(2e11, 0.3), holds, contact, [Traction("top", (0.0, 0.0, -load))])
+    solution = problem.solve()
+    assert solution.certificate.passed
+    assert bool(solution.coarse) == (load == 1e5)
+    if solution.coarse:
+        chord = float(solution.coarse[0].partition("up to ")[2].split()[0])
+        h = 0.125 * degree
+        assert 0.7 * h**2 / (8 * radius) < chord < 1.5 * h**2 / (8 * radius)

@@ -32,6 +32,7 @@ class FaceSamples:
         u: The displacements of these, metres, shape (f, n, 3).
         chord: How far the facets are from the smooth face for which they may stand, metres, shape (f,): of first order
             h^2/(8 R), of second order with the square of that over the facet's diameter as a bound.
+        middle: The middles of the smooth faces, metres, shape (f, 3).
         nodal: Whether the corners are contact points, if the face can touch there.
     """
 
@@ -39,12 +40,25 @@ class FaceSamples:
     x: FloatArray
     u: FloatArray
     chord: FloatArray
+    middle: FloatArray
     nodal: bool
 
     @property
     def corners(self) -> FloatArray:
         """Corners of the facets, metres, shape (f, c, 3)."""
         return self.x[:, : self.kind.corners]
+
+    def bend(self, distance: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """How far a distance, a function of places (k, 3) in metres, in the middles of the smooth faces is from the
+        mean of those at the corners, before deformation: about h^2/(8 R), R of the gap; shape (f,)."""
+        means = distance(self.corners.reshape(-1, 3)).reshape(len(self.x), -1).mean(axis=1)
+        smooth = distance(self.middle) - means
+        bend: FloatArray = np.abs(smooth)
+        if self.kind.degree == 1:  # at the ends of a face its own bend is known to a third only
+            flat = distance(self.corners.mean(axis=1)) - means
+            shared = (flat * smooth > 0.0) & (bend < np.abs(flat))
+            bend = np.where(shared, np.maximum(bend - 2.0 * np.abs(flat - smooth), 0.0), bend)
+        return bend
 
     def least(self, which: npt.NDArray[np.bool_], value: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
         """The least value in some facets, shape (f,).
@@ -77,10 +91,12 @@ def face_samples(space: DisplacementSpace, facets: npt.NDArray[np.int32], u: Flo
     patch, comm = facet_patch(space, facets), space.comm
     kind, starts = patch.kind, starts_of(comm, space.numbering.local)
     moved = fetched(comm, starts, patch.nodes, u)
+    middle = np.stack(kind.values(*kind.points[: kind.corners].mean(axis=0)[:, None]))[:, 0] @ patch.x
     if kind.degree == 1:
-        chord = patch.sagittas_with(normals_at_nodes(patch, starts, comm))
+        bulges = patch.bulges_with(normals_at_nodes(patch, starts, comm))
+        chord, middle = np.linalg.norm(bulges, axis=1), middle + bulges
     else:
         straight = np.einsum("jn,fji->fni", kind.vertex_functions, patch.x[:, : kind.corners])
         off = np.linalg.norm(patch.x - straight, axis=2).max(axis=1, initial=0.0)
         chord = off**2 / patch.diameters
-    return FaceSamples(kind, patch.x, moved, chord, space.positive)
+    return FaceSamples(kind, patch.x, moved, chord, middle, space.positive)
