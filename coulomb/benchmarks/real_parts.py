@@ -28,7 +28,7 @@ from mpi4py import MPI
 
 from ..case.case import read_case
 from ..io.peak_memory import peak_memory
-from ..linalg.compliance import PREDICTED_UP_TO, IterativeSolver, seconds_direct, seconds_multigrid
+from ..linalg.compliance import EXPLICIT_UP_TO, PREDICTED_UP_TO, IterativeSolver, seconds_direct, seconds_multigrid
 from ..linalg.factors import predicted_work, symbolic
 from ..model.load_history import LoadHistory
 from ..model.problem import ContactProblem
@@ -288,12 +288,14 @@ def _predicted(problem: ContactProblem, steps: int) -> dict[str, float]:
     body, known = problem.body, problem.body.measures
     if known.displacement > PREDICTED_UP_TO:
         return {"slenderness": known.slenderness, "near": known.near}
-    work = predicted_work(symbolic(body.elasticity.K, body.elasticity.x, problem.surface.nodes_in_rows))
+    formed = body.interface <= EXPLICIT_UP_TO
+    last = problem.surface.nodes_in_rows[: None if formed else 0]
+    work = predicted_work(symbolic(body.elasticity.K, body.elasticity.x, last))
     return {
         "slenderness": known.slenderness,
         "near": known.near,
         "operations": work.operations,
-        "predicted_direct": seconds_direct(work, known.contact, steps, body.precision),
+        "predicted_direct": seconds_direct(work, known.contact, steps, body.precision, formed=formed),
         "predicted_multigrid": seconds_multigrid(known, steps),
     }
 

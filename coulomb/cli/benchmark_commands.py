@@ -231,9 +231,10 @@ def verification(
         with figures(), writing(directory):
             from ..benchmarks.verification.figures import draw
 
-            for name, verified in found.items():
-                draw(verified.panels, directory / f"{name}.png")
-            drawn = f" and {len(found)} pictures"
+            pictures = {name: verified.panels for name, verified in found.items() if verified.panels}
+            for name, panels in pictures.items():
+                draw(panels, directory / f"{name}.png")
+            drawn = f" and {len(pictures)} pictures"
         line(f"verification.csv{drawn} in {directory}{os.sep}")
     failed = sum(not row.passed for verified in found.values() for row in verified.rows)
     line(f"{len(lines) - failed} of {len(lines)} within their tolerance")

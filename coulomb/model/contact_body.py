@@ -161,14 +161,15 @@ class ContactBody:
         if not undecided(n, m, linear_solver, explicit) or self.elasticity.forms() is not None:
             return chosen(n, m, comm.size, linear_solver, explicit)
         with timed(self.seconds, "stiffness"):
-            found, work = self._fronts(True)
+            formed = m <= EXPLICIT_UP_TO
+            found, work = self._fronts(formed)
             soft, room = on_soft_springs(self.elasticity), least_room(comm)
-            direct = factorise(work, self.measures, self._load_steps, soft, self.precision, room, comm.size)
+            direct = factorise(work, self.measures, self._load_steps, soft, self.precision, room, comm.size, formed)
             if not comm.bcast(direct):  # sums over the ranks may differ by rounding errors
                 self._work = work
                 return IterativeSolver, False
             self._symbolic = found
-        return DirectSolver, True
+        return DirectSolver, formed
 
     def _fronts(self, contact_last: bool) -> tuple[list[Front] | SharedSymbolic, Work]:
         """The fronts of K, and what a factorisation takes; collective."""
@@ -188,10 +189,11 @@ class ContactBody:
         Args:
             solver: K^-1 of this body.
         """
-        if self._work is None or not isinstance(solver, IterativeSolver) or not self._fit(self._work):
+        formed = self.interface <= EXPLICIT_UP_TO
+        if self._work is None or not isinstance(solver, IterativeSolver) or not self._fit(self._work, formed):
             yield
             return
-        allowed = patience(self._work, self.measures, self._load_steps, self.precision, self.comm.size)
+        allowed = patience(self._work, self.measures, self._load_steps, self.precision, self.comm.size, formed)
         solver.allow(self.comm.bcast(allowed))
         try:
             yield
@@ -228,9 +230,9 @@ class ContactBody:
         have failed."""
         return self.explicit and self._dense
 
-    def _fit(self, work: Work) -> bool:
-        """Whether factors of K fit into the memory, the same on all ranks; collective."""
-        return bool(self.comm.bcast(fits(work, self.precision is Precision.SINGLE, least_room(self.comm))))
+    def _fit(self, work: Work, formed: bool) -> bool:
+        """Whether factors of K fit into the memory, where A is formed or not, the same on all ranks; collective."""
+        return bool(self.comm.bcast(fits(work, self.precision is Precision.SINGLE, least_room(self.comm), formed)))
 
     def change_method(self, why: str, condense: bool = False) -> bool:
         """From multigrid to factors of K, from products by A to condensed Newton systems, or from solves with factors
@@ -255,7 +257,7 @@ class ContactBody:
             return False
         with timed(self.seconds, "stiffness"):
             found, work = self._fronts(explicit)
-        fit = self._fit(work)
+        fit = self._fit(work, explicit)
         if self.comm.rank == 0:
             _log.warning("%s; %s", why, f"{then} instead" if fit else "factors of K do not fit into the memory")
         if fit:

@@ -192,9 +192,10 @@ def _face(
 
     gap = np.zeros(len(elasticity.x))
     gap[nodes] = on_all_ranks(remaining, what, comm)
-    gap[nodes] += contact.gap_factor(time, comm) * contact.gap_at(elasticity.x[nodes], comm)
+    given = np.zeros(len(elasticity.x))
+    given[nodes] = contact.gap_factor(time, comm) * contact.gap_at(elasticity.x[nodes], comm)
     at_vertices = slope(elasticity.x[points.nodes])
-    gaps = points.average(gap)
+    gaps = points.gap(gap) + points.average(given)
     H = elasticity.held.projector_at(points.nodes)
     facing = ~turned_away(at_vertices, outward[points.nodes])
     free = facing & (held_length(n, points.held(elasticity.held)) <= HELD_BEYOND)

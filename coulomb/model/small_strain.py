@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.contact import way_along
+from ..fem.contact import FaceSamples, way_along
 from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
 from ..nearest import tree_of
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from .nodal_answer import NodalAnswer
 
 _PRESSING = 1e-6  # a node presses if its force is above this fraction of the largest
+_SAME = 1e-9  # corners of facets at most this fraction of the coordinates off a contact point are it
+_CHORDS = 4.0  # chords of facets by which a face may be in its foundation: at its ends the estimate is a third of it
 _ROUNDING = 1e-12  # distances below this fraction of the coordinates are rounding
 
 
@@ -77,8 +79,8 @@ class SmallStrain:
         slip_over_cell: Largest tangential displacement of a pressing node on a curved foundation, or against another
             deformable face, over the size of the cells there (square root of the nodal area).
         gradient: Largest norm of the displacement gradient in a cell: strain and rotation.
-        between: Where contact points are means over several nodes, the largest depth of a node inside the foundation,
-            over the same mean displacement; else 0.
+        between: Largest depth of a face inside its foundation, between contact points, less what the chord of its
+            facets explains, over the same mean displacement.
     """
 
     gap_error: float
@@ -131,8 +133,10 @@ class SmallStrain:
             (
                 self.between,
                 BETWEEN,
-                f"between the contact points nodes are up to {self.between:.0%} of the deformation inside the "
-                "foundation: the facets are too large for it (finer mesh on the contact face, or hexahedra)",
+                f"between the contact points the face is up to {self.between:.0%} of the deformation inside the "
+                "foundation: the facets are too large for it (on the contact face at least "
+                f"{math.sqrt(max(self.between / BETWEEN.warn, 1.0)):.2g} times smaller ones, since the depth goes with "
+                "the square of their size)",
             ),
         )
 
@@ -153,7 +157,7 @@ def small_strain(
     foundations: Sequence[RigidFoundation | None],
     body: Strained,
     u: FloatArray,
-    between: Sequence[npt.NDArray[np.integer[Any]]] = (),
+    between: Sequence[FaceSamples] = (),
     blocked: float = 0.0,
 ) -> SmallStrain:
     """Measure an answer; collective.
@@ -163,7 +167,7 @@ def small_strain(
         foundations: Foundation of each contact face at this time; None against a deformable face.
         body: The body.
         u: Displacement in metres, this rank's nodes, shape (k, 3).
-        between: The nodes on each contact face, if contact points are means over several.
+        between: Places on each contact face.
         blocked: The deformation that the loads would cause where nothing can move, metres (`Evidence`).
     """
     over, normal = Reductions(at_nodes.comm), at_nodes.force[:, 0]
@@ -197,7 +201,7 @@ def small_strain(
         turn=largest(turn, over),
         slip_over_cell=largest(np.where((turn > 0.0) | pairs, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
         gradient=body.largest_gradient(u),
-        between=_relative(_deepest(at_nodes, foundations, body.x, u, between), deformation),
+        between=_relative(_deepest(at_nodes, foundations, between), deformation),
     )
 
 
@@ -221,30 +225,41 @@ def _relative(depth: float, deformation: float) -> float:
 
 
 def _deepest(
-    answer: NodalAnswer,
-    foundations: Sequence[RigidFoundation | None],
-    x: FloatArray,
-    u: FloatArray,
-    between: Sequence[npt.NDArray[np.integer[Any]]],
+    answer: NodalAnswer, foundations: Sequence[RigidFoundation | None], between: Sequence[FaceSamples]
 ) -> float:
-    """Largest depth in metres of nodes inside the foundations of their faces; collective."""
+    """Largest depth in metres of places on faces inside their foundations, beyond what the chord of the facets
+    explains; of faces whose contact points are nodes on facets between these; collective."""
     points, given = (np.concatenate(answer.comm.allgather(of)) for of in (answer.x, answer.given_gap))
 
     def depths() -> list[FloatArray]:
-        found = []
-        for nodes, foundation in zip(between, foundations, strict=False):
-            if foundation is not None and len(nodes) and len(points):
-                nearest = tree_of(points).query(x[nodes])[1]
-                remaining = foundation.signed_distance(x[nodes] + u[nodes]) + given[nearest]
-                rounding = _ROUNDING * np.max(np.abs(x[nodes]))
-                found.append(np.where(np.abs(remaining) < rounding, 0.0, -remaining))
-        return found
+        faces = zip(between, foundations, strict=False)
+        return [
+            _depths(face, of, points, given) for face, of in faces if of is not None and len(face.x) and len(points)
+        ]
 
     try:
         deepest = on_all_ranks(depths, "contact: foundation", answer.comm)
     except ValueError:
         return math.nan
     return max(0.0, largest(np.concatenate([np.zeros(1), *deepest]), Reductions(answer.comm)))
+
+
+def _depths(face: FaceSamples, foundation: RigidFoundation, points: FloatArray, given: FloatArray) -> FloatArray:
+    """Depths of facets, as `_deepest`, for the contact points (m, 3) of all ranks with their given gaps (m,)."""
+    tree, size = tree_of(points), float(np.max(np.abs(face.x)))
+    near = np.ones(len(face.x), dtype=bool)
+    if face.nodal:
+        near = np.all(tree.query(face.corners)[0] <= _SAME * size, axis=1)
+
+    def remaining(x: FloatArray, moved: FloatArray) -> FloatArray:
+        gap: FloatArray = foundation.signed_distance(moved) + given[tree.query(x)[1]]
+        return gap
+
+    if not np.any(near):
+        return np.zeros(0)
+    least = face.least(near, remaining)
+    depths: FloatArray = np.where(np.abs(least) < _ROUNDING * size, 0.0, -least) - _CHORDS * face.chord[near]
+    return depths
 
 
 def _beyond(

@@ -13,7 +13,10 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
+from ..fem.contact import FaceSamples, face_samples
+from ..fem.geometry import RigidFoundation, on_all_ranks
 from ..linalg.reductions import Reductions
+from ..nearest import tree_of
 from ..solvers.results import SolverResult
 from .certificate import Certificate
 from .nodal_answer import NodalAnswer
@@ -27,6 +30,9 @@ _log = logging.getLogger(__name__)
 
 _CHORD = 0.1
 """Part of the deformation above which the chord of facets in contact is remarked."""
+
+_NEAR = 0.25
+"""Radii of a facet within which a contact point is at its corner: of 10-node tetrahedra it is beside it."""
 
 
 @dataclass(frozen=True)
@@ -155,10 +161,14 @@ class Solution:
     def small_strain(self) -> SmallStrain:
         """Measures of the small-strain theory; collective."""
         problem, body = self.problem, self.problem.elasticity
-        faces = () if problem.surface.points.nodal else problem.surface.faces
-        between = [body.nodes(face, "contact") for face in faces]
         blocked = body.blocked_displacement(problem.loading)
-        return small_strain(self.at_nodes, problem.surface.foundations, body, self.displacement, between, blocked)
+        return small_strain(self.at_nodes, problem.surface.foundations, body, self.displacement, self._faces, blocked)
+
+    @cached_property
+    def _faces(self) -> list[FaceSamples]:
+        """Of every contact face; collective."""
+        members = [self.problem.elasticity.face(face, "contact") for face in self.problem.surface.faces]
+        return [face_samples(one.body, facets, self.displacement[one.nodes]) for one, facets in members]
 
     @cached_property
     def coarse(self) -> tuple[str, ...]:
@@ -167,8 +177,12 @@ class Solution:
         problem, over = self.problem, Reductions(self.problem.comm)
         deformation = deformation_of(problem.elasticity, self.displacement, over)
         found = []
-        for number, (face, chord) in enumerate(zip(problem.surface.faces, problem.surface.chords, strict=True)):
-            touches = over.max(np.where(problem.surface.part == number, self.contact_force[0::3], 0.0)) > 0.0
+        surface = problem.surface
+        for number, (face, chord) in enumerate(zip(surface.faces, surface.chords, strict=True)):
+            touching = (surface.part == number) & (self.contact_force[0::3] > 0.0)
+            foundation, touches = surface.foundations[number], over.any(bool(np.any(touching)))
+            if touches and foundation is not None:
+                chord = over.max(self._bends(self._faces[number], foundation, surface.x[touching]))
             if touches and chord > _CHORD * deformation > 0.0:
                 found.append(
                     f"contact face {face!r}: where it touches, gaps between contact points are up to {chord:.2g} m "
@@ -176,6 +190,16 @@ class Solution:
                     "the approach is uncertain by as much; use smaller facets there"
                 )
         return tuple(found)
+
+    def _bends(self, face: FaceSamples, foundation: RigidFoundation, touching: FloatArray) -> FloatArray:
+        """`FaceSamples.bend` of facets with a corner at touching contact points, (k, 3) of this rank; collective."""
+        comm, corners = self.problem.comm, face.corners
+        tree = tree_of(np.concatenate(comm.allgather(touching)))
+        near = tree.query(corners)[0].min(axis=1, initial=np.inf)
+        radius = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
+        bends = on_all_ranks(lambda: face.bend(foundation.signed_distance), "contact: foundation", comm)
+        near_bends: FloatArray = bends[near <= _NEAR * radius]
+        return near_bends
 
     @property
     def outside(self) -> tuple[str, ...]:

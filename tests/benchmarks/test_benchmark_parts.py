@@ -41,7 +41,7 @@ def test_load_steps(method):
 
 def test_the_method_knows_the_number_of_load_steps(monkeypatch):
     asked = []
-    monkeypatch.setattr(real_parts, "seconds_direct", lambda *given: asked.append(given[2:]) or 1.0)
+    monkeypatch.setattr(real_parts, "seconds_direct", lambda *given, **_: asked.append(given[2:]) or 1.0)
     for steps in (1, 8):
         run(PARTS / "block.toml", ["mesh.cells=[3,1,1]"], "direct", 1e-8, steps)
     assert asked == [(1, Precision.SINGLE), (8, Precision.DOUBLE)]

@@ -18,7 +18,7 @@ from coulomb.io.output import size_on_disk
 from coulomb.io.recheck.directory import check
 from coulomb.linalg.compliance.stiffness import IterativeSolver
 from coulomb.model.estimate import estimate, estimate_of
-from coulomb.model.nodal_answer import OPEN, STICK
+from coulomb.model.nodal_answer import OPEN
 from coulomb.pictures.report.facts import geometry
 from coulomb.pictures.report.files import read_run
 from coulomb.pictures.report.first_order import first_order
@@ -77,7 +77,7 @@ def test_cells_and_values(written):
                 assert np.array_equal(values[between], np.minimum(values[one], values[other]))
             elif name != "x":
                 assert np.array_equal(values[between], 0.5 * (values[one] + values[other])), name
-    assert {OPEN, STICK} <= set(at["status"])
+    assert OPEN in at["status"] and not np.all(at["status"] == OPEN)
 
 
 def test_programs_that_show_them(written):

@@ -52,6 +52,8 @@ MEASURED = {  # measures, and iterations to the certificate
     "beam, length 20 thicknesses": (Measures(1800, 600, 6.2, elongation=10.1), 790),
     "beam, length 40 thicknesses": (Measures(3600, 1200, 8.9, elongation=20.1), 1697),
     "sheet, width 16 thicknesses": (Measures(9504, 3168, 15.6, elongation=2.0), 727),
+    "sheet, width 22 thicknesses": (Measures(18_000, 6000, 22.2, aspect=1.04, elongation=3.4, **QUADRATIC), 1018),
+    "sheet, width 44, not ended": (Measures(18_000, 6000, 44.4, aspect=2.08, elongation=3.4, **QUADRATIC), 14_276),
 }
 
 
@@ -135,6 +137,35 @@ def changed(problem, caplog):
     assert problem.body.linear_solver is DirectSolver and problem.body.explicit
     assert said == [problem.body.changed]
     return problem.body.changed
+
+
+@pytest.fixture
+def wide(monkeypatch):
+    """Contact faces are too wide for A to be formed, and bodies too large to be factorised without a prediction."""
+    for module in (methods, contact_body):
+        monkeypatch.setattr(module, "EXPLICIT_UP_TO", 0)
+    monkeypatch.setattr(methods, "DIRECT_UP_TO", 0)
+    monkeypatch.setattr(methods, "_SMALL", (0, 0))
+
+
+def test_wide_sheets_want_factors(wide):
+    """Sheets of any number of contact unknowns were left to multigrid, which did not solve them; blocks still are."""
+    problem = sheet()
+    assert problem.body.linear_solver is DirectSolver and problem.body.condensed and not problem.body.changed
+    assert problem.solve().valid
+    assert block().body.linear_solver is IterativeSolver
+
+
+def test_wide_sheets_change_to_factors(monkeypatch, caplog, wide):
+    """Multigrid has its patience whatever the number of contact unknowns, and A is not formed then."""
+    monkeypatch.setattr(contact_body, "factorise", lambda *_: False)
+    monkeypatch.setattr(contact_body, "patience", lambda *_: 20.0)
+    problem = sheet()
+    assert problem.body.linear_solver is IterativeSolver
+    with caplog.at_level(logging.WARNING, "coulomb"):
+        solution = problem.solve()
+    assert solution.valid and [record.message for record in caplog.records] == [problem.body.changed]
+    assert "after 20 factors" in problem.body.changed and problem.body.condensed and not problem.body.explicit
 
 
 @pytest.mark.parametrize("slow", [False, True])

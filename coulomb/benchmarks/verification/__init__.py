@@ -10,6 +10,7 @@ from functools import partial
 
 from . import (
     cattaneo_mindlin,
+    curved_pairs,
     hertz,
     hertz_elements,
     hertz_pairs,
@@ -51,6 +52,7 @@ CASES: dict[str, Callable[[], Verified]] = {
     "nafems-cb1": nafems_cb1.verify,
     "nafems-cb2": nafems_cb2.verify,
     "ssnp121": ssnp121.verify,
+    "curved-pairs": curved_pairs.verify,
 }
 """The cases by name."""
 
@@ -60,6 +62,7 @@ COARSE: dict[str, Callable[[], Verified]] = {
     "ring-pair": partial(ring_pair.verify, (2, 4), (2,)),
     "stack": partial(stack.verify, (4,)),
     "nafems-cb1": partial(nafems_cb1.verify, (10, 8)),
+    "curved-pairs": partial(curved_pairs.verify, (1,), (12, 16)),
     "nafems-cb2": partial(nafems_cb2.verify, (4, 5)),
 }
 """Cases on coarser meshes than those of the table, for the tests."""

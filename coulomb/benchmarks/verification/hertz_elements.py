@@ -13,10 +13,6 @@ displacement of the sphere hold to 1e-3.
 Elements of both orders have the same nodes, so the same unknowns: n second-order cells on 1.2 a, or 2 n of first order;
 beyond, and with the depth, cells grow geometrically.  Errors are root mean squares over four loads, since the edge's
 position in a cell varies.
-
-Pressures of 10-node tetrahedra are linear between vertices, and overshoot beside the edge of the contact, where Hertz's
-pressure has a vertical tangent; the overshoot falls by a factor of about three per cell, so that the centre needs six
-cells in the radius.
 """
 
 from __future__ import annotations

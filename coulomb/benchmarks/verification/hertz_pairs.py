@@ -34,6 +34,7 @@ from scipy.special import ellipe, ellipk
 
 from ...arrays import FloatArray
 from ...fem.bodies import Clamp, Material, PrescribedDisplacement, Support, join
+from ...fem.geometry import Sphere
 from ...fem.meshes import NamedMesh, box
 from ...model.contact import Contact
 from ...model.problem import ContactProblem
@@ -185,15 +186,30 @@ def _boussinesq(material: Material, P: float, sign: float, shift: float) -> Call
     return value
 
 
-def problem(ellipse: Ellipse, cells: tuple[int, int], lower_kind: tuple[str, int]) -> ContactProblem:
-    """Quarters of both bodies; cells in 1.2 half axes, upper and lower, and kind and degree of the lower ones."""
-    (upper, lower), P = ellipse.pair.materials, ellipse.P
+def problem(
+    ellipse: Ellipse,
+    cells: tuple[int, int],
+    lower_kind: tuple[str, int],
+    upper_kind: tuple[str, int] = ("hexahedron", 1),
+    approached: float = 1.0,
+    named: bool = False,
+) -> ContactProblem:
+    """Quarters of both bodies.
+
+    Args:
+        ellipse: The formulas.
+        cells: In 1.2 half axes, of the upper and the lower body.
+        lower_kind, upper_kind: Kind of cells and degree of each.
+        approached: How far the bodies approach each other, over the approach of the ellipse.
+        named: Whether the spheres for which the facets stand are named.
+    """
+    (upper, lower), P = ellipse.pair.materials, approached * ellipse.P
     bodies = {
-        "upper": quarter(ellipse, cells[0], True),
+        "upper": quarter(ellipse, cells[0], True, *upper_kind),
         "lower": quarter(ellipse, cells[1], False, *lower_kind),
     }
     far = {
-        "upper": _boussinesq(upper, P, 1.0, -ellipse.approach),
+        "upper": _boussinesq(upper, P, 1.0, -approached * ellipse.approach),
         "lower": _boussinesq(lower, P, -1.0, 0.0),
     }
     supports: list[Support] = []
@@ -204,7 +220,13 @@ def problem(ellipse: Ellipse, cells: tuple[int, int], lower_kind: tuple[str, int
         join(**bodies),
         {"upper": upper, "lower": lower},
         supports,
-        Contact("upper:bottom", against="lower:top", friction=0.0),
+        Contact(
+            "upper:bottom",
+            against="lower:top",
+            friction=0.0,
+            surface=Sphere((0.0, 0.0, ellipse.pair.upper[0]), abs(ellipse.pair.upper[0])) if named else None,
+            against_surface=Sphere((0.0, 0.0, -ellipse.pair.lower[0]), abs(ellipse.pair.lower[0])) if named else None,
+        ),
     )
 
 
@@ -227,9 +249,14 @@ _ERRORS = (
 )
 
 
-def found(ellipse: Ellipse, cells: tuple[int, int], lower_kind: tuple[str, int] = ("hexahedron", 1)) -> Found:
+def found(
+    ellipse: Ellipse,
+    cells: tuple[int, int],
+    lower_kind: tuple[str, int] = ("hexahedron", 1),
+    upper_kind: tuple[str, int] = ("hexahedron", 1),
+) -> Found:
     """Solve for the approach of the ellipse."""
-    solution = problem(ellipse, cells, lower_kind).solve()
+    solution = problem(ellipse, cells, lower_kind, upper_kind).solve()
     surface, force = solution.problem.surface, solution.contact_force[0::3]
     x, y = surface.x[:, 0], surface.x[:, 1]
     pressure, known = force / surface.area, ellipse.pressure(x, y)

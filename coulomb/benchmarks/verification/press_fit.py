@@ -126,7 +126,7 @@ def verify() -> Verified:
     profiles: list[Curve] = []
     h = np.array([(OUTER - INNER) / INNER / n for n in CELLS])
     for cell in ("hexahedron", "tetrahedron"):
-        errors = np.array([_normal_force(ring(n, cell).solve()) / _expected_force() - 1.0 for n in CELLS])
+        errors = np.array([normal_force(ring(n, cell).solve()) / expected_force() - 1.0 for n in CELLS])
         rows += [
             relative(
                 f"{cell}: mean pressure of the press fit, Pa", lame(), lame() * (1 + errors[-1]), h[-1] ** 2, _CHORDS
@@ -145,7 +145,7 @@ def verify() -> Verified:
 
 def _second_order(cell: str) -> list[Row]:
     errors = [
-        abs(_normal_force(ring(n, cell, degree=2).solve()) / _expected_force() - 1.0) for n in CELLS_OF_SECOND_ORDER
+        abs(normal_force(ring(n, cell, degree=2).solve()) / expected_force() - 1.0) for n in CELLS_OF_SECOND_ORDER
     ]
     angles = [0.25 * math.pi / n for n in CELLS_OF_SECOND_ORDER]
     name = f"second order, {cell}"
@@ -161,11 +161,12 @@ def _second_order(cell: str) -> list[Row]:
     return [absolute(f"{name}: mean pressure of the press fit, error", 0.0, errors[-1], tolerance, why), rate]
 
 
-def _normal_force(solution: Solution) -> float:
+def normal_force(solution: Solution) -> float:
+    """On the bore of the quarter in newtons."""
     return float(solution.at_nodes.totals()["normal_force"])
 
 
-def _expected_force() -> float:
+def expected_force() -> float:
     """Normal force on the bore of the quarter in newtons."""
     return lame() * 0.5 * math.pi * INNER * LENGTH
 
@@ -175,7 +176,7 @@ def _pull_out(cell: str, h: float) -> Row:
     *_, last = LoadHistory(times=[1.0, 2.0]).steps(problem)
     pulled = last.solution.at_nodes.totals()["force"][2]
     why = "as the pressure; to first order in F friction leaves the normal force as it is"
-    return relative(f"{cell}: pull-out force F p A, N", FRICTION * _expected_force(), pulled, h**2, why)
+    return relative(f"{cell}: pull-out force F p A, N", FRICTION * expected_force(), pulled, h**2, why)
 
 
 def _wedge_rows(cell: str) -> list[Row]:
@@ -199,7 +200,7 @@ def _layer_rows(cell: str, solution: Solution) -> list[Row]:
     reached = float(x[pressure > 0.0].max())
     why = f"t/c = {thin:.2g}: the layer as an elastic foundation, to (t/c)^2"
     return [
-        relative(f"{cell}: force that closes the wedge, N", force, _normal_force(solution), thin**2, why),
+        relative(f"{cell}: force that closes the wedge, N", force, normal_force(solution), thin**2, why),
         relative(
             f"{cell}: length of the contact, m",
             length,

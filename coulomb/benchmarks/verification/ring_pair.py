@@ -45,10 +45,10 @@ CELLS, CELLS_OF_SECOND_ORDER = (2, 4, 8), (1, 2, 4)
 
 def lame() -> float:
     """Pressure of the fit in pascals."""
-    return INTERFERENCE / (FIT * (_softness(ALUMINIUM, FIT, BORE) + _softness(STEEL, FIT, RIM)))
+    return INTERFERENCE / (FIT * (softness(ALUMINIUM, FIT, BORE) + softness(STEEL, FIT, RIM)))
 
 
-def _softness(material: Material, r: float, free: float) -> float:
+def softness(material: Material, r: float, free: float) -> float:
     """u_r/r per pressure at r of a ring whose other side is free, at the radius `free`."""
     nu = material.poisson
     return (1.0 + nu) / material.young * ((1.0 - 2.0 * nu) * r**2 + free**2) / abs(free**2 - r**2)

@@ -3,7 +3,8 @@ deformable faces by dual mortar elements (`pair_of`), and the sparse matrix B fr
 """
 
 from .contact_matrix import KeptMatrix, at_nodes_of, contact_matrix, row_products, rows_of
-from .contact_points import ContactPoints, contact_points, joined_points
+from .contact_points import ContactPoints, bounded_gap, contact_points, joined_points
+from .face_samples import FaceSamples, face_samples
 from .mortar import MortarRows, mortar_rows
 from .pair import NO_SHAPE, Pair, Shape, curved_patch, pair_frames, pair_of, pair_surface
 from .shared_nodes import lost_nodes
@@ -24,16 +25,19 @@ __all__ = [
     "NO_SHAPE",
     "ContactPoints",
     "ContactSurface",
+    "FaceSamples",
     "KeptMatrix",
     "MortarRows",
     "Normals",
     "Pair",
     "Shape",
     "at_nodes_of",
+    "bounded_gap",
     "contact_matrix",
     "contact_points",
     "contact_surface",
     "curved_patch",
+    "face_samples",
     "held_on_both",
     "interpolated_forces",
     "joined",

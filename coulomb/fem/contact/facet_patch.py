@@ -116,12 +116,17 @@ class FacetPatch:
 
     def sagittas_with(self, n: FloatArray) -> FloatArray:
         """`sagittas` with the sums of `middle_vectors` of the facets around the nodes of each, shape (f, n, 3)."""
+        sagittas: FloatArray = np.linalg.norm(self.bulges_with(n), axis=1)
+        return sagittas
+
+    def bulges_with(self, n: FloatArray) -> FloatArray:
+        """The way from the middle of every facet to the smooth face, as `sagittas_with`, shape (f, 3)."""
         if self.kind.degree == 2 or self.curved is not None or not len(self):
-            return np.zeros(len(self))
+            return np.zeros((len(self), 3))
         n = n / np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-300)
         away = np.einsum("fki,fki->fk", self.x - self.x.mean(axis=1, keepdims=True), n)
-        sagittas: FloatArray = 0.5 * np.linalg.norm((away[:, :, None] * n).mean(axis=1), axis=1)
-        return np.where(self._creased(n), 0.0, sagittas)
+        bulges: FloatArray = 0.5 * (away[:, :, None] * n).mean(axis=1)
+        return np.where(self._creased(n)[:, None], 0.0, bulges)
 
     @property
     def multiplier_columns(self) -> npt.NDArray[np.int64]:

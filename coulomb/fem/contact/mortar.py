@@ -12,13 +12,21 @@ the size h, an interference that the faces have not.  So
 
     gap_j = max((1/a_j) int lambda_j g dS, min(g, 0))           min over the facets of lambda_j
 
-On first-order facets g is replaced by its interpolant between the vertices, where these are before the master: gap_j is
-then g(x_j), exact where the faces are plane.  Measured, errors of the force of pairs of Hertz for three meshes of 4, 8
-and 12 cells in 1.2 half axes (averages of g without bound / with bound / interpolant):
+On first-order facets g is replaced by its interpolant between the vertices, where these are before the master and that
+makes the gap larger: gap_j is then g(x_j), exact where the faces are plane.  Of fitting faces, a shaft in a bore, the
+average is larger and stays: it counts the chords of both, the interpolant those of the master alone.  Measured, errors
+of the force of pairs of Hertz for three meshes of 4, 8 and 12 cells in 1.2 half axes (averages of g without bound /
+with bound / interpolant):
 
     two spheres of hexahedra       0.94, 0.46, 0.18 %  /  the same            /  0.94, 0.12, 0.03 %
     of 10-node tetrahedra          4.94, 1.15, 0.18 %  /  3.59, 1.08, 0.17 %  /  7.83, 1.79, 1.09 %
     crossed cylinders of these     4.79, 1.01, 0.13 %  /  3.48, 0.94, 0.12 %  /  7.45, 1.78, 1.14 %
+
+and of the pressure of two rings of hexahedra, with 2, 4 and 8 cells along the radius of the outer one (averages /
+interpolant / the larger of both), as they are and on the cylinders that they stand for:
+
+    as they are                    1101, 305, 78 %     /  2047, 558, 145 %    /  as averages
+    on cylinders                   6.6, 0.47, 0.08 %   /  18.3, 1.17, 0.14 %  /  as averages
 """
 
 from __future__ import annotations
@@ -213,7 +221,8 @@ def _rows(
     separation = spread @ parts.separation.reshape(-1, 3) / area[node][:, None]
     if slave.kind.degree == 1:
         interpolated, known = _interpolated(slave, parts, products, facet, row, area[node])
-        separation = np.where(known[:, None], interpolated, separation)
+        larger = known & (np.einsum("ki,ki->k", interpolated - separation, normal) > 0.0)
+        separation = np.where(larger[:, None], interpolated, separation)
     overlap = np.zeros(len(node))
     np.minimum.at(overlap, row, parts.least[facet])
     chord = np.zeros(len(node))

@@ -17,16 +17,16 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ..bodies import Deformable, DisplacementSpace
+from ..bodies import Deformable, DisplacementSpace, HeldDirections
 from ..geometry import FrictionAxes, RigidFoundation, on_all_ranks, supported_frames
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .contact_points import ContactPoints, among_all
 from .facet_patch import FacetPatch, facet_patch
 from .mortar import LEAST_SHARE, MortarRows, mortar_rows
-from .near_facets import NearFace, NearPair, near_pair, normals_at_nodes
+from .near_facets import NearFace, NearPair, near_pair
 from .slave_side import clamped_nodes
 from .surface import ContactSurface, largest_near, matrices_of
-from .symmetric_pair import mirrored, planes_of_symmetry, within
+from .symmetric_pair import mirrored, planes_of_symmetry, smooth_normals, within
 
 _ROUNDING = 1e-14
 """Gaps below this part of the coordinates are rounding errors."""
@@ -56,12 +56,18 @@ NO_SHAPE = Shape()
 
 
 def curved_patch(
-    space: DisplacementSpace, facets: npt.NDArray[np.int32], surface: RigidFoundation | None, smooth: bool, what: str
+    space: DisplacementSpace,
+    held: HeldDirections,
+    facets: npt.NDArray[np.int32],
+    surface: RigidFoundation | None,
+    smooth: bool,
+    what: str,
 ) -> FacetPatch:
     """The facets of a face that this rank owns, with the surface for which they stand; collective.
 
     Args:
         space: The displacements.
+        held: The held directions of this rank's nodes: normals are within planes of symmetry.
         facets: This rank's boundary facets of the face.
         surface: The surface, if it is known.
         smooth: Whether it is to be made from the normals of the facets otherwise.
@@ -75,7 +81,7 @@ def curved_patch(
         return on_all_ranks(lambda: patch.on_surface(surface), what, comm)
     if not smooth or patch.kind.degree == 2:
         return patch
-    return patch.smoothed(normals_at_nodes(patch, starts_of(comm, space.numbering.local), comm))
+    return patch.smoothed(smooth_normals(patch, held, starts_of(comm, space.numbering.local), comm))
 
 
 @dataclass(frozen=True)
@@ -136,7 +142,7 @@ def pair_of(
     (slave, on_slave), (master, on_master) = elasticity.face(face, "contact"), elasticity.face(against, "contact")
     body, numbering = slave.body, slave.body.numbering
     patches = [
-        curved_patch(space, facets, surface, shape.smooth, f"contact face {name!r}")
+        curved_patch(space, space.held, facets, surface, shape.smooth, f"contact face {name!r}")
         for space, facets, surface, name in (
             (body, on_slave, shape.slave, face),
             (master.body, on_master, shape.master, against),

@@ -221,7 +221,7 @@ def contact_surface(
         what = f"contact face {face!r}: foundation"
         gap[on_face] = on_all_ranks(lambda: way_along(mean, place, gap[on_face], foundation), what, comm)
         n = outward[points.nodes] / np.linalg.norm(outward[points.nodes], axis=1)[:, None]
-    distance = points.average(gap)
+    distance = points.gap(gap)
 
     H, along = body.held.projector_at(points.nodes), held_length(n, points.held(body.held))
     turned = away[points.nodes]

@@ -4,7 +4,7 @@ The whole face is the given half and its mirror image.  So at a slave node in th
 
 - the mean normal is in the plane; that of the given facets alone, where the face is curved, is inclined to it, and a
   row of B along the held direction would have a part of the approach of the two bodies, against which friction would
-  act;
+  act; so are the normals of smooth faces, between which gaps are measured;
 - averages of displacements have no part across the plane; those over the given half have a small one where meshes do
   not match, or where the slave is partly covered.
 """
@@ -19,9 +19,11 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ..bodies import Deformable
+from ..bodies import Deformable, HeldDirections
+from ..meshes import Exchange, fetched, owner_of
 from .contact_points import ContactPoints
 from .facet_patch import FacetPatch
+from .near_facets import normals_at_nodes
 
 _OBLIQUE = 0.5
 """Part of a unit normal along held directions beyond which the face does not meet a plane of symmetry."""
@@ -68,6 +70,32 @@ def within(n: FloatArray, planes: FloatArray) -> FloatArray:
     length = np.linalg.norm(inside, axis=1)[:, None]
     normals: FloatArray = np.where(np.any(planes != 0.0, axis=(1, 2))[:, None], inside / length, n)
     return normals
+
+
+def smooth_normals(
+    patch: FacetPatch, held: HeldDirections, starts: npt.NDArray[np.int64], comm: MPI.Comm
+) -> FloatArray:
+    """`normals_at_nodes`, within the planes of symmetry on which the face ends, shape (f, n, 3); collective.
+
+    Args:
+        patch: This rank's facets, with global numbers of nodes.
+        held: The held directions of this rank's nodes.
+        starts: The first node of every rank, and the number of all.
+        comm: The ranks.
+    """
+    nodes, width = patch.nodes.ravel(), patch.kind.width
+    n = normals_at_nodes(patch, starts, comm).reshape(-1, 3)
+    to = Exchange(comm, owner_of(starts, nodes))
+    around = replace(
+        patch, nodes=to.send(np.repeat(patch.nodes, width, axis=0)), x=to.send(np.repeat(patch.x, width, axis=0))
+    )
+    node, which = np.unique(to.send(nodes), return_index=True)
+    own = to.send(n)[which]
+    own = own / np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-300)
+    local = node - starts[comm.rank]
+    planes = np.zeros((int(starts[comm.rank + 1] - starts[comm.rank]), 3, 3))
+    planes[local] = planes_of_symmetry(own, held.projector_at(local), node, around)
+    return within(n, fetched(comm, starts, nodes, planes)).reshape(-1, width, 3)
 
 
 def mirrored(

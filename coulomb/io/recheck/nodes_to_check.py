@@ -14,7 +14,7 @@ import numpy.typing as npt
 import scipy.sparse
 
 from ...arrays import FloatArray
-from ...fem.contact import contact_points, turned_away
+from ...fem.contact import bounded_gap, contact_points, turned_away
 from ...fem.geometry import HELD_BEYOND, held_length, supported_frames
 from ...model.accumulated import ACCUMULATED
 from ...nearest import tree_of
@@ -147,6 +147,8 @@ def _face(
         if not case.lacks_gap(number):
             on_nodes[on, 1] = case.given_gap(number, time, place)
         distance, given = (weights @ on_nodes).T
+        if not points.nodal:
+            distance = bounded_gap(distance, weights, on_nodes[weights.indices, 0])
         slope = -case.normals(number, time, run.on_face["x"][index])
         turned = turned_away(slope, unit)
         given = data["given_gap"] if case.lacks_gap(number) else given

@@ -15,6 +15,7 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...fem import compat
 from ...fem.bodies import EXPANSION, ORTHOTROPIC_EXPANSION, TEMPERATURE, ElasticBody, range_of
+from ...fem.contact import face_samples
 from ...fem.geometry import RigidFoundation, Spin
 from ...linalg.reductions import Reductions
 from ...model.accumulated import ACCUMULATED
@@ -27,6 +28,7 @@ from ...model.small_strain import SmallStrain, small_strain
 from ..field_names import ROUNDING
 from ..run_files import WrittenRun
 from ..summary import derived
+from ..written_faces import WrittenFace
 from .comparison import Rounding
 from .face_nodes import FaceNodes
 from .written_opposite import opposite_fields, written_actions
@@ -112,7 +114,7 @@ def recomputed(
     rounding: Rounding | None,
     supported: Supported | None,
     probes: Probing,
-    between: Sequence[npt.NDArray[np.integer[Any]]],
+    between: Sequence[tuple[WrittenFace, npt.NDArray[np.int32]]],
     accepted: bool,
 ) -> Variant:
     """Data recomputed from the written or perturbed numbers.
@@ -125,7 +127,7 @@ def recomputed(
         rounding: Perturbs the numbers; None for those as written.
         supported: Loads and supports; None if they are unknown.
         probes: The probes.
-        between: The nodes on each contact face, if contact points are means over several.
+        between: Each contact face with its facets.
         accepted: Whether violations of the theory of small strains are accepted.
     """
 
@@ -183,7 +185,8 @@ def recomputed(
     if foundations is None:
         outside = SmallStrain(**{**_recorded_strain(run), **strain}).violations
     else:
-        measured = small_strain(written, foundations, body, u, between, _blocked(run, heated))
+        samples = [face_samples(face.part.body, facets, u[face.part.nodes]) for face, facets in between]
+        measured = small_strain(written, foundations, body, u, samples, _blocked(run, heated))
         outside = measured.violations
         strain = {**asdict(measured), "warnings": list(measured.warnings), "violations": list(outside)}
     if acting is None:

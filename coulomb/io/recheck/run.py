@@ -196,9 +196,8 @@ def check_run(
     probes = WrittenProbes(run, case, grids)
     strain = run.summary.get("small_strain") or {}
     accepted = bool(strain.get("accepted")) if case is None else case.accepts(run.summary)
-    between = [face.part.nodes.start + face.part.body.nodes_of(facets) for face, facets in grids if nodes.averaged]
     variants = tuple(
-        recomputed(run, nodes, foundations, spins, rounding, supported, probes, between, accepted)
+        recomputed(run, nodes, foundations, spins, rounding, supported, probes, grids, accepted)
         for rounding in roundings
     )
     if case is not None:

@@ -165,10 +165,10 @@ def written_rows(
     n = outward[nodes] / np.maximum(np.linalg.norm(outward[nodes], axis=1), 1e-300)[:, None]
     clamped = nodes[held_length(n, held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
     slave, master = (
-        curved_patch(space, on, surface, shape.smooth, "contact.h5")
-        for space, on, surface in (
-            (body, facets, shape.slave),
-            (other.face.part.body, other.face.number, shape.master),
+        curved_patch(part.body, run.held_in(part), on, surface, shape.smooth, "contact.h5")
+        for part, on, surface in (
+            (face.part, facets, shape.slave),
+            (other.face.part, other.face.number, shape.master),
         )
     )
     twice = nodes[taken[face.part.nodes][nodes]]

@@ -4,8 +4,9 @@ The operations of a factorisation are known exactly from its fronts (`multifront
 be repeated in double precision by a rule (`model.slenderness.ill_conditioned`).  The iterations of multigrid are not
 known: they are estimated from what decides the condition of A and the number of its products (`Measures`), and vary by
 a factor of up to two around this rule, of thin bodies by more: a run that takes three times as many as expected is
-given up for factors (`patience`).  Of a body on soft springs they are three to ten times as many, and it is factorised
-if that fits into the memory.
+given up for factors (`patience`).  Of sheets more than 22 thicknesses wide they grow with the third power of the width:
+one of 0.16 by 0.05 m takes 1018 with a thickness of 4 mm, and more than 14 000 with 2 mm.  Of a body on soft springs
+they are three to ten times as many, and it is factorised if that fits into the memory.
 
 On tetrahedra of first order iterations are 1.3 times as many as on hexahedra with the same nodes: the least eigenvalue
 of A over its diagonal is half as large (0.018 and 0.037 on the block at p = 6, 0.024 and 0.052 at p = 10), which costs
@@ -44,8 +45,8 @@ DIRECT_UP_TO = 50_000
 """Displacement unknowns up to which K is factorised by default where no cost is predicted, as of the user's forms
 (measured: docs/measurements.md)."""
 
-PREDICTED_UP_TO = 200_000
-"""Displacement unknowns beyond which K is not factorised by default: the fronts alone would take a second to find."""
+PREDICTED_UP_TO = 1_000_000
+"""Displacement unknowns beyond which K is not factorised by default: of a block the factors take 20 GB and more."""
 
 _SMALL = (12_000, 3_000)
 """Displacement and contact unknowns up to which K is factorised in any case."""
@@ -59,8 +60,7 @@ LinearSolver = type[DirectSolver] | type[IterativeSolver]
 def undecided(displacement: int, contact: int, linear_solver: LinearSolver | None, explicit: bool | None) -> bool:
     """Whether the faster method is to be found by predicted seconds; arguments as of `chosen`."""
     small = displacement <= _SMALL[0] and contact <= _SMALL[1]
-    open_size = contact <= EXPLICIT_UP_TO and displacement <= PREDICTED_UP_TO and not small
-    return linear_solver is None and explicit is None and open_size
+    return linear_solver is None and explicit is None and displacement <= PREDICTED_UP_TO and not small
 
 
 def chosen(
@@ -100,6 +100,7 @@ def chosen(
 _OPERATION = 1.1e-11  # seconds per operation of the factorisation, in single precision
 _BYTE = 2.7e-9  # the rest of it, per byte of the factors
 _PATH = (0.034, 3.3e-8, 1.3e-9)  # path following: constant, per square of contact unknowns, per byte of the factors
+_CONDENSED = 40.0  # path following where A is not formed, over a factorisation in double precision
 
 _SET_UP = 2.2e-6  # multigrid, per displacement unknown
 _ITERATION = (2.5e-4, 9.2e-8, 1.5e-7)  # constant, per displacement unknown; in the first load step, per contact unknown
@@ -109,6 +110,7 @@ _NEAR = 0.3  # with this one of the part of the contact face that is near,
 _LEAST_NEAR = 0.03
 _SLENDER = 0.12  # and with this one of the slenderness
 _BLOCK = 1.7  # slenderness of the block
+_SHEET = 22.0  # slenderness from which they grow with the third power of it
 _TETRAHEDRA = 1.27
 _UNHELD = 1.5
 _SECOND_ORDER = 1.6
@@ -172,13 +174,21 @@ class Measures(NamedTuple):
         cells *= hard * (_UNHELD if self.unheld else 1.0)
         face: float = (self.contact / 1000.0) ** _CONTACT * max(self.near, _LEAST_NEAR) ** _NEAR
         slender: float = max(self.slenderness / _BLOCK, 1.0) ** _SLENDER * max(self.elongation / _LONG, 1.0)
+        slender *= max(self.slenderness / _SHEET, 1.0) ** 3
         return _ITERATIONS * cells * face * slender
 
 
 def seconds_direct(
-    work: Work, contact: int, steps: int = 1, precision: Precision = Precision.SINGLE, ranks: int = 1
+    work: Work,
+    contact: int,
+    steps: int = 1,
+    precision: Precision = Precision.SINGLE,
+    ranks: int = 1,
+    formed: bool = True,
 ) -> float:
     """With K factorised and the Schur complement on the contact nodes, to the certificate of the last load step.
+
+    Where A is not formed, K with springs is factorised in every step of path following (`CondensedSystem`).
 
     Args:
         work: What the factorisation takes.
@@ -186,12 +196,16 @@ def seconds_direct(
         steps: Number of load steps.
         precision: Expected of the factors.
         ranks: Number of ranks.
+        formed: Whether A is formed.
     """
     constant, square, byte = _PATH
     shared: float = ranks**_FACTOR_RANKS
     factors = _OPERATION * work.longest + _BYTE * work.bytes / shared
-    path = constant + (square * contact**2 + byte * work.bytes) / shared
     times, cube, later = precision.value
+    if formed:
+        path = constant + (square * contact**2 + byte * work.bytes) / shared
+    else:
+        path, cube = _CONDENSED * Precision.DOUBLE.value[0] * factors, 0.0
     return times * factors + cube * contact**3 / ranks + path * (1.0 + later * (steps - 1))
 
 
@@ -219,6 +233,7 @@ def factorise(
     precision: Precision = Precision.SINGLE,
     room: float = math.inf,
     ranks: int = 1,
+    formed: bool = True,
 ) -> bool:
     """Whether K should be factorised: it fits into the memory, and takes no longer than multigrid.
 
@@ -230,26 +245,34 @@ def factorise(
         precision: Expected of the factors.
         room: Free memory in bytes, of all ranks.
         ranks: Number of ranks.
+        formed: Whether A would be formed.
     """
-    if not fits(work, not soft and precision is Precision.SINGLE, room):
+    if not fits(work, not soft and precision is Precision.SINGLE, room, formed):
         return False
     multigrid = seconds_multigrid(measures, steps, ranks)
-    return soft or seconds_direct(work, measures.contact, steps, precision, ranks) <= multigrid
+    return soft or seconds_direct(work, measures.contact, steps, precision, ranks, formed) <= multigrid
 
 
-def fits(work: Work, single: bool, room: float) -> bool:
-    """Whether factors fit into the memory.
+def fits(work: Work, single: bool, room: float, formed: bool = True) -> bool:
+    """Whether factors fit into the memory: of K, and where A is not formed of K with springs, in double precision.
 
     Args:
         work: What the factorisation takes.
         single: Whether they are in single precision where that is faster.
         room: Free memory in bytes, of all ranks.
+        formed: Whether A is formed.
     """
-    return work.bytes * (1.0 if single and work.operations >= SINGLE_FROM else 2.0) <= room
+    copies = (1.0 if single and work.operations >= SINGLE_FROM else 2.0) + (0.0 if formed else 2.0)
+    return work.bytes * copies <= room
 
 
 def patience(
-    work: Work, measures: Measures, steps: int = 1, precision: Precision = Precision.SINGLE, ranks: int = 1
+    work: Work,
+    measures: Measures,
+    steps: int = 1,
+    precision: Precision = Precision.SINGLE,
+    ranks: int = 1,
+    formed: bool = True,
 ) -> float:
     """Iterations of multigrid in a load step after which factors are made instead, if they fit into the memory.
 
@@ -261,6 +284,7 @@ def patience(
         steps: Number of load steps.
         precision: Expected of the factors.
         ranks: Number of ranks.
+        formed: Whether A would be formed then.
     """
-    direct = seconds_direct(work, measures.contact, steps, precision, ranks)
+    direct = seconds_direct(work, measures.contact, steps, precision, ranks, formed)
     return max(direct / seconds_multigrid(measures, steps, ranks), _PATIENCE) * measures.iterations

@@ -35,6 +35,13 @@ def test_table_pictures_and_csv(ssnv128, monkeypatch, tmp_path):
     assert (tmp_path / "ssnv128.png").stat().st_size > 10_000
 
 
+def test_a_case_without_a_picture(ssnv128, monkeypatch, tmp_path):
+    monkeypatch.setitem(verification.CASES, "ssnv128", lambda: replace(ssnv128, panels=()))
+    done = run("--case", "ssnv128", "--output", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert [path.name for path in tmp_path.iterdir()] == ["verification.csv"]
+
+
 def test_a_row_beyond_its_tolerance_is_a_failure(ssnv128, monkeypatch):
     wrong = replace(ssnv128.rows[0], error=0.051)
     monkeypatch.setitem(verification.CASES, "ssnv128", lambda: replace(ssnv128, rows=(wrong, *ssnv128.rows[1:])))

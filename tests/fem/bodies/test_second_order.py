@@ -45,11 +45,11 @@ def pressed(cell, **given):
 
 
 def of_triangle(area):
-    """Integrals of the linear functions times the quadratic ones over a plane triangle with straight edges, from
+    """Integrals of 2 L_j - L_k/2 - L_l/2 times the quadratic functions over a plane triangle with straight edges, from
     int L1^a L2^b L3^c dS = 2 S a! b! c!/(a + b + c + 2)!; edges 12, 02, 01."""
     vertices = area * (np.eye(3) * (1 / 30 + 1 / 60) - 1 / 60)
     edges = area * (2 / 15 - np.eye(3) / 15)
-    return np.hstack([vertices, edges])
+    return (2.5 * np.eye(3) - 0.5) @ np.hstack([vertices, edges])
 
 
 def test_weights_of_vertices_are_integrals_over_the_triangles():
@@ -132,16 +132,32 @@ def test_gaps_are_averages(cell):
             assert surface.gap == pytest.approx(surface.points.weights @ on_face, abs=1e-14)
 
 
+@pytest.mark.parametrize("place", [(1.0, 0.5), (1.0, 0.0), (0.9, 0.45), (0.3, 0.1)])
+def test_a_ball_that_touches_makes_no_interference(place):
+    """At a vertex, at one on the edge of the face, in a facet, on an edge: all gaps are at least 0, that of a vertex
+    that touches is 0 to fourth order in h/R."""
+    ball = Sphere((*place, -30.0), 30.0)
+    mesh = coulomb.box((2.0, 1.0, 1.0), (8, 4, 1), "tetrahedron", degree=2)
+    problem = ContactProblem(mesh, STEEL, [Clamp("top", "xy")], Contact("bottom", 0.3, foundation=ball))
+    surface = problem.surface
+    x = problem.elasticity.x[surface.nodes]
+    away = np.hypot(x[:, 0] - place[0], x[:, 1] - place[1])
+    assert surface.gap.min() >= 0.0
+    if away.min() < 1e-12:
+        assert surface.gap[np.argmin(away)] <= 0.25**4 / 30.0**3
+    assert not np.any(problem.solve().contact_force)
+
+
 @pytest.mark.parametrize("cells", [2, 4, 8])
 def test_singular_values_of_B_next_to_clamps(cells):
     """The rows of tetrahedra stay independent on the free nodes when the mesh is refined: the smallest singular value
-    is 0.18 to 0.19 with one edge of the face clamped, 0.086 to 0.109 with all four; the largest at most 0.76."""
+    is 0.40 to 0.41 with one edge of the face clamped, 1/3 with all four; the largest at most 0.8."""
     all_four = [Clamp(face) for face in ("left", "right", "front", "back")]
-    for clamps, least in (([Clamp("left")], 0.18), (all_four, 0.085)):
+    for clamps, least in (([Clamp("left")], 0.4), (all_four, 0.333)):
         mesh = coulomb.box((1.0, 1.0, 1.0), (cells, cells, 1), "tetrahedron", degree=2)
         problem = ContactProblem(mesh, STEEL, clamps, Contact("bottom", 0.3))
         values = np.linalg.svd(rows(problem.surface.free_B), compute_uv=False)
-        assert values[-1] > least and values[0] < 0.77
+        assert values[-1] > least and values[0] < 0.8
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -217,18 +233,19 @@ def test_a_roller_between_contact_points_is_not_missed_silently(radius, touched)
     solution = ContactProblem(mesh, Material(2e11, 0.0), [Clamp("left")], contact, [Pressure("top", 1e5)]).solve()
     assert (solution.at_nodes.totals()["normal_force"] > 1900.0) == touched
     assert solution.certificate.passed and solution.valid == touched
-    assert solution.small_strain.warnings and "facets are too large" in solution.small_strain.warnings[-1]
+    assert touched or "facets are too large" in solution.small_strain.warnings[-1]
     x, u = solution.problem.elasticity.x, solution.displacement
     depth = -roller.signed_distance(x[x[:, 2] == 0.0] + u[x[:, 2] == 0.0]).min()
     forces = np.linalg.norm(solution.problem.elasticity.internal_force(u), axis=1).sum()
     deformation = 2.0 * np.vdot(u, solution.problem.elasticity.internal_force(u)) / forces
-    assert solution.small_strain.between == pytest.approx(depth / deformation, rel=1e-9)
+    deepest = solution.small_strain.between * deformation  # of all places, so that of the nodes at least
+    assert (1.0 - 1e-9) * max(depth, 0.0) <= deepest <= max(1.1 * depth, 0.25 * deformation)
 
 
 def test_a_ball_that_no_mean_touches_is_found():
-    """The body moves without deformation, past a ball that is between its contact points."""
+    """The body moves without deformation, past a small ball that is between its contact points."""
     mesh = coulomb.box((1.0, 1.0, 0.5), (4, 4, 2), "tetrahedron", degree=2)
-    ball = Contact("bottom", 0.3, foundation=Sphere((0.5, 0.5, -20.0), 20.0))
+    ball = Contact("bottom", 0.3, foundation=Sphere((0.375, 0.5, -0.1), 0.1))
     press = PrescribedDisplacement("top", (0.0, 0.0, -1e-4))
     solution = ContactProblem(mesh, STEEL, [press], ball).solve()
     assert solution.at_nodes.totals()["normal_force"] == 0.0 and not solution.valid

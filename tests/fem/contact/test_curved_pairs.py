@@ -20,6 +20,7 @@ from coulomb import (
     join,
     moved,
 )
+from coulomb.benchmarks.verification.ring_pair import FIT, INTERFERENCE, rings
 from coulomb.io.recheck.directory import check
 from coulomb.io.summary import remarks
 
@@ -112,6 +113,16 @@ def test_named_surfaces_of_first_order_facets_count():
     sagitta = RADIUS * (1.0 - np.cos(np.pi / 27))
     assert np.abs(gaps[0]).max() == pytest.approx(sagitta, rel=0.02)
     assert np.abs(gaps[1:]).max() < (np.pi / 13.5) ** 2 * sagitta  # the square of a facet's angle
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_gaps_of_a_shaft_in_a_bore_count_the_chords_of_both(cell):
+    """Their mean is the distance between the areas of both polygons, in place of that between vertices and chords."""
+    problem = rings(4, (cell, cell), (1, 1), by_geometry=True, facets="as they are")
+    surface, radii = problem.surface, np.array([FIT, FIT + INTERFERENCE])
+    angles = 0.5 * np.pi / np.array([12, 16])
+    outer, inner = 0.5 * radii**2 * np.sin(angles) / angles  # areas over angles of both polygons
+    assert surface.gap @ surface.area / surface.area.sum() == pytest.approx((outer - inner) / FIT, rel=0.02)
 
 
 def test_the_surface_follows_its_face_when_slave_and_master_are_exchanged():

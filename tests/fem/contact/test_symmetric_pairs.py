@@ -22,14 +22,15 @@ def body(cells, whole, upper):
     return box(size, size, place=place)
 
 
-def solved(whole):
-    """The bodies pressed together by 6 cm, and the upper one moved along the plane of symmetry."""
+def solved(whole, smooth):
+    """The bodies pressed together by 6 cm, and the upper one moved along the plane of symmetry; gaps between the facets
+    or between smooth faces."""
     planes = () if whole else (SymmetryPlane("upper:left"), SymmetryPlane("lower:left"))
     problem = ContactProblem(
         join(upper=body((3, 3, 1), whole, True), lower=body((2, 2, 1), whole, False)),
         {"upper": SOFT, "lower": STIFF},
         [Clamp("lower:bottom"), PrescribedDisplacement("upper:top", (0.0, 4e-3, -0.06)), *planes],
-        Contact("upper:bottom", against="lower:top", friction=0.3),
+        Contact("upper:bottom", against="lower:top", friction=0.3, smooth=smooth),
         small_strain="warn",
     )
     solution = problem.solve(1e-10)
@@ -41,8 +42,9 @@ def solved(whole):
     return x[order], force[order], solution.contact_force.reshape(-1, 3)[right][order]
 
 
-def test_half_is_half_of_the_whole():
-    (x, whole, rows), (there, half, _) = solved(True), solved(False)
+@pytest.mark.parametrize("smooth", [False, True])
+def test_half_is_half_of_the_whole(smooth):
+    (x, whole, rows), (there, half, _) = solved(True, smooth), solved(False, smooth)
     assert there == pytest.approx(x, abs=1e-12)
     on_plane = np.abs(x[:, 0]) < 1e-9
     assert np.count_nonzero(on_plane) == 4 and np.count_nonzero(rows[:, 0] > 0.0) > 5

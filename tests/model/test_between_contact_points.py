@@ -1,0 +1,89 @@
+"""Foundations that reach into a face between its contact points are not missed silently, on any element."""
+
+import numpy as np
+import pytest
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, Cylinder, Material, Pressure, Traction
+from coulomb.io.recheck.directory import check
+from coulomb.linalg.reductions import Reductions
+from coulomb.model.small_strain import deformation_of
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "place"),
+    [
+        ("hexahedron", 1, 0.92),
+        ("hexahedron", 2, 0.925),
+        ("tetrahedron", 1, 0.92),
+        ("tetrahedron", 2, 0.95),
+    ],
+)
+def test_a_roller_between_nodes(cell, degree, place, tmp_path):
+    """A cantilever bends over a narrow roller.  The depth is that of the face by its nodes' displacements."""
+    gap, radius = 1e-4, 0.02
+    roller = Cylinder((place, 0.0, -gap - radius), (0.0, 1.0, 0.0), radius)
+    mesh = coulomb.box((1.0, 0.1, 0.1), (10, 1, 1), cell, degree=degree)
+    contact = Contact("bottom", 0.0, foundation=roller)
+    problem = ContactProblem(mesh, Material(2e11, 0.0), [Clamp("left")], contact, [Pressure("top", 1e5)])
+    solution = problem.solve()
+    assert solution.at_nodes.totals()["normal_force"] == 0.0
+    assert solution.certificate.passed and not solution.valid
+    x, u = problem.elasticity.x, solution.displacement
+    line = (x[:, 2] == 0.0) & (x[:, 1] == 0.0)
+    order = np.argsort(x[line, 0])
+    along = 0.1 * np.arange(41) / 4
+    along = np.linspace(0.9, 1.0, 100001)
+    if degree == 1:
+        down = np.interp(along, x[line, 0][order], u[line, 2][order])
+        ahead = np.interp(along, x[line, 0][order], u[line, 0][order])
+        moved = np.column_stack([along + ahead, 0.0 * along, down])
+        depth = -roller.signed_distance(moved).min()
+        deformation = deformation_of(problem.elasticity, u, Reductions(problem.comm))
+        assert solution.small_strain.between == pytest.approx(depth / deformation, rel=1e-3)
+    solution.write(tmp_path / "out")
+    findings = check(tmp_path / "out")
+    assert not findings.passed and "between" in str(findings)
+
+
+def test_the_chord_of_a_curved_face_is_no_penetration():
+    """A half ring of first order around a pin of its own radius: the middles of its facets are inside the pin."""
+
+    def place(k):
+        angle, r = np.pi * k[0], 1.0 + k[2]
+        return np.stack([r * np.cos(angle), k[1], r * np.sin(angle)])
+
+    pin = Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0)
+    mesh = coulomb.box((1.0, 1.0, 1.0), (8, 1, 2), place=place)
+    problem = ContactProblem(
+        mesh,
+        Material(2e11, 0.3),
+        [Clamp("front", "y"), Clamp("left", "z"), Clamp("right", "z"), Clamp("left", "x")],
+        Contact("bottom", 0.0, foundation=pin),
+        [Traction("top", (0.0, 0.0, -1e5))],
+    )
+    solution = problem.solve()
+    assert solution.valid and solution.small_strain.between == 0.0 and not solution.coarse
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("load", [1e5, 1e11])
+def test_a_contact_smaller_than_a_facet_is_remarked(cell, degree, load):
+    """Of a curved face on a plane: the chord is compared with the deformation, which grows with the load."""
+    radius = 1.0
+    mesh = coulomb.box(
+        (1.0, 0.25, 0.5), (8 // degree, 2 // degree, 4 // degree), cell, degree=degree,
+        place=lambda k: np.stack([k[0] - 0.5, k[1], k[2] + (0.5 - k[2]) * (k[0] - 0.5) ** 2 / radius]),
+    )  # fmt: skip
+    plane = coulomb.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    holds = [Clamp("top", "xy"), Clamp("front", "y"), Clamp("back", "y")]
+    contact = Contact("bottom", 0.0, foundation=plane)
+    problem = ContactProblem(mesh, Material(2e11, 0.3), holds, contact, [Traction("top", (0.0, 0.0, -load))])
+    solution = problem.solve()
+    assert solution.certificate.passed
+    assert bool(solution.coarse) == (load == 1e5)
+    if solution.coarse:
+        chord = float(solution.coarse[0].partition("up to ")[2].split()[0])
+        h = 0.125 * degree
+        assert 0.7 * h**2 / (8 * radius) < chord < 1.5 * h**2 / (8 * radius)
