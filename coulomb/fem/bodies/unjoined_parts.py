@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from ...nearest import tree_of
-from ..meshes import SAME_PLACE, Exchange, IntArray, NamedMesh, Slabs, corners_of
+from ..meshes import SAME_PLACE, Exchange, NamedMesh, Slabs, corners_of
 from .deformable import Deformable
 
 
