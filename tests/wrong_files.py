@@ -210,7 +210,7 @@ RESOURCES = (
         run(),
         r"results: cannot be written: No space left on device",
         patch=lambda: mock.patch(
-            "coulomb.fem.meshes.hdf5_target.HDF5Target.close", lambda _: os.strerror(errno.ENOSPC)
+            "coulomb.fem.meshes.xdmf_writing.HDF5Target.close", lambda _: os.strerror(errno.ENOSPC)
         ),
         code=1,
     ),

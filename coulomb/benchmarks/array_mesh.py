@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray
 from ..fem.meshes import NamedMesh, distributed, local_facets
-
-IntArray = npt.NDArray[np.int64]
 
 SIDES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 """Nodes of a cell on its faces, in cyclic order; faces 1 to 6 of Abaqus and CalculiX."""

@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray
 from ..fem.bodies import Clamp, Material, Spring, Traction, join
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
-from .array_mesh import SIDES, IntArray, mesh_of_arrays
+from .array_mesh import SIDES, mesh_of_arrays
 
 HEIGHT = 0.5
 """z of the contact plane, in metres."""

@@ -11,8 +11,7 @@ from test_second_order_meshes import CELLS, integral
 import coulomb
 from coulomb.fem import compat
 from coulomb.fem.compat import io, mesh
-from coulomb.fem.meshes.lagrange import corner_geometry
-from coulomb.fem.meshes.second_order import in_dolfinx_order, in_vtk_order
+from coulomb.fem.meshes.lagrange import corner_geometry, in_dolfinx_order, in_vtk_order
 
 
 def bent(x):

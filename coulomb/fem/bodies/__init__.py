@@ -3,28 +3,33 @@ matrix K, the load f, and the nodal forces of a displacement.  Several bodies ar
 """
 
 from .body import LOCKING_ABOVE, STRESSES, ElasticBody, Material
-from .cell_materials import EXPANSION, FIELDS, ISOTROPIC, ORTHOTROPIC, ORTHOTROPIC_EXPANSION, VECTORS, CellMaterials
-from .constraints import HELD_OBLIQUE, HeldDirections
+from .constraints import HELD_OBLIQUE, HeldDirections, HeldNodes, Nodes, distributed_rows
 from .deformable import Deformable, Loading, Member, SingleBody
 from .displacement_space import DisplacementSpace
 from .distributed_bodies import distributed_bodies, made
 from .elasticity import Clamp, Elasticity, PrescribedDisplacement, Spring, Support, Traction
 from .form_body import Body
 from .free_motions import FreeMotion, motions_in_words
-from .held_nodes import HeldNodes, Nodes, distributed_rows
-from .join import join
-from .joined_bodies import JoinedBodies
+from .joined_bodies import JoinedBodies, join
 from .loaded_body import LoadedBody
-from .loads import AppliedLoad, Load, Pressure, TotalForce, named, vanishes
+from .loads import AppliedLoad, Load, NodalForces, Pressure, TotalForce, named, vanishes
 from .located_points import LocatedPoints, locate
 from .materials import AnyMaterial, Materials, by_group, midpoints
-from .nodal_forces import NodalForces
-from .orthotropic import COORDINATE_AXES, OrthotropicMaterial
-from .rigid_load import direction_in_words, in_units
-from .rigid_modes import component_modes, null_space, of_components, of_part, rigid_modes
+from .mesh_components import unjoined_parts
+from .orthotropic import (
+    COORDINATE_AXES,
+    EXPANSION,
+    FIELDS,
+    ISOTROPIC,
+    ORTHOTROPIC,
+    ORTHOTROPIC_EXPANSION,
+    VECTORS,
+    CellMaterials,
+    OrthotropicMaterial,
+)
+from .rigid_modes import component_modes, direction_in_words, in_units, null_space, of_components, of_part, rigid_modes
 from .supports import PrescribedRotation, SymmetryPlane
 from .temperature import TEMPERATURE, Temperature, ThermalLoad, range_of
-from .unjoined_parts import unjoined_parts
 
 __all__ = [
     "COORDINATE_AXES",

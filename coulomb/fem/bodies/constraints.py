@@ -11,12 +11,182 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
+from .. import compat_forms
+from ..geometry import first_place, on_all_ranks
+
+
+@dataclass(frozen=True)
+class Numbering:
+    """Global numbers of this rank's nodes: those of the ranks follow each other.
+
+    Attributes:
+        first: Number of this rank's first node.
+        local: How many this rank has.
+        total: How many all ranks have.
+    """
+
+    first: int
+    local: int
+    total: int
+
+
+class Nodes(Protocol):
+    """Nodes with displacements, of one body or of several.
+
+    Attributes:
+        x: Coordinates of this rank's nodes in metres, shape (k, 3).
+    """
+
+    x: FloatArray
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share them."""
+        ...
+
+    @property
+    def numbering(self) -> Numbering:
+        """Their global numbers."""
+        ...
+
+    @property
+    def lifetime(self) -> object:
+        """What matrices on these nodes must keep alive (`compat.assemble_matrix`)."""
+        ...
+
+    def linear_between_vertices(self, values: FloatArray) -> FloatArray:
+        """A nodal field that is linear on all edges and has these values (k,) or (k, d <= 3) at vertices."""
+        ...
+
+
+class HeldNodes(Nodes, Protocol):
+    """Nodes whose displacement is prescribed along some directions.
+
+    Attributes:
+        held: The directions along which this rank's nodes are held.
+    """
+
+    held: HeldDirections
+
+    @property
+    def fixed(self) -> npt.NDArray[np.bool_]:
+        """Which components are prescribed whatever the others are, shape (k, 3)."""
+        return self.held.components
+
+    def held_part(self, v: FloatArray) -> FloatArray:
+        """The part of nodal vectors along prescribed directions; shapes (k, 3), or (k, 3, j)."""
+        return self.held.held_part(v)
+
+    def free_part(self, v: FloatArray) -> FloatArray:
+        """The part of nodal vectors along free directions; shapes (k, 3), or (k, 3, j)."""
+        return self.held.free_part(v)
+
+    def projection(self) -> PETSc.Mat:
+        """P, the projection on the free directions of the nodes: block diagonal, shape (n, n), distributed."""
+        nodes, numbering = self.held.count, self.numbering
+        number, blocks = np.arange(nodes), np.broadcast_to(np.eye(3), (nodes, 3, 3)).copy()
+        blocks[self.held.nodes] -= self.held.projector
+        shape = (3 * nodes, 3 * numbering.total)
+        rows = scipy.sparse.bsr_matrix((blocks, numbering.first + number, np.arange(nodes + 1)), shape=shape).tocsr()
+        return distributed_rows(rows, shape, self)
+
+
+def distributed_rows(
+    rows: scipy.sparse.csr_matrix, columns: tuple[int, int], nodes: Nodes, block: int | None = 3
+) -> PETSc.Mat:
+    """The matrix of the rows of every rank, with so many columns on this rank and in all.
+
+    Args:
+        rows: This rank's rows, with global numbers of columns.
+        columns: Their numbers.
+        nodes: The nodes to which rows or columns belong.
+        block: Block size; None for none.
+    """
+    matrix = PETSc.Mat().createAIJ(
+        ((rows.shape[0], PETSc.DETERMINE), columns),
+        bsize=block,
+        csr=(rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
+        comm=nodes.comm,
+    )
+    matrix.setAttr("mesh", nodes.lifetime)  # keeps it alive: see compat.assemble_matrix
+    return matrix
+
+
+class DirichletConditions:
+    """Boundary conditions on a space of displacements or its components; where they meet, the later one applies.
+
+    Args:
+        bcs: The conditions.
+        x: Coordinates of this rank's nodes in metres, shape (k, 3).
+        dofs: Number of degrees of freedom of this rank, ghosts included.
+        comm: The ranks.
+
+    Attributes:
+        rows: The rows d . u = value; the number of a support is that of its condition.
+    """
+
+    def __init__(self, bcs: Sequence[Any], x: FloatArray, dofs: int, comm: MPI.Comm):
+        self._bcs, self._x, self._dofs, self._comm = tuple(bcs), x, dofs, comm
+        self.rows = prescribed_rows(len(x), [self._directions(bc) for bc in bcs])
+
+    @property
+    def count(self) -> int:
+        """Number of conditions."""
+        return len(self._bcs)
+
+    def prescribed(self) -> FloatArray:
+        """The displacements that they prescribe now, 0 elsewhere, metres, shape (k, 3); collective.
+
+        Raises:
+            ValueError: On every rank, if one is not finite.
+        """
+        values = np.zeros(self._dofs)
+        for bc in self._bcs:
+            compat_forms.set_values(bc, values)
+        nodal = values[: self._x.size].reshape(-1, 3)
+        held = np.zeros_like(self._x)
+        held[self.rows.held.components] = nodal[self.rows.held.components]
+
+        def finite() -> FloatArray:
+            if not np.all(np.isfinite(held)):
+                place = first_place(self._x, ~np.all(np.isfinite(held), axis=1))
+                raise ValueError(f"a prescribed displacement is not finite (first seen at x = {place})")
+            return held
+
+        return on_all_ranks(finite, "Body: bcs", self._comm)
+
+    def words(self) -> list[dict[str, Any]]:
+        """Kind, face and what it holds of every condition; collective."""
+        entries = []
+        for bc in self._bcs:
+            mine = self._held(bc)
+            nodes = self._comm.allreduce(int(np.sum(np.any(mine, axis=1))), op=MPI.SUM)
+            along = self._comm.allreduce(np.any(mine, axis=0).astype(int), op=MPI.SUM)
+            letters = ", ".join(letter for letter, held in zip("xyz", along, strict=True) if held)
+            entries.append({"kind": "dirichlet", "face": None, "holds": f"{letters or 'nothing'} of {nodes} nodes"})
+        return entries
+
+    def _held(self, bc: Any) -> npt.NDArray[np.bool_]:
+        """Which components of this rank's nodes a condition holds, shape (k, 3)."""
+        held = np.zeros(self._x.size, dtype=bool)
+        dofs = np.asarray(bc.dof_indices()[0])
+        held[dofs[dofs < self._x.size]] = True
+        return held.reshape(-1, 3)
+
+    def _directions(self, bc: Any) -> tuple[npt.NDArray[np.int64], FloatArray]:
+        held = self._held(bc)
+        nodes = np.flatnonzero(np.any(held, axis=1))
+        return nodes, held[nodes][:, :, None] * np.eye(3)
+
 
 DEPENDENT = 1e-4
 """Sine of the angle below which a direction depends on others: more than the rounding of coordinates in single
@@ -24,8 +194,6 @@ precision, less than any angle between the planes of two supports."""
 
 HELD_OBLIQUE = "held_oblique"
 """Field of the files, of bodies that are held along directions other than the axes: see `HeldDirections.fields`."""
-
-Nodes = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -39,7 +207,7 @@ class HeldDirections:
     """
 
     count: int
-    nodes: Nodes
+    nodes: IntArray
     projector: FloatArray
 
     def held_part(self, v: FloatArray) -> FloatArray:
@@ -129,8 +297,8 @@ class PrescribedRows:
     """
 
     held: HeldDirections
-    node: Nodes
-    support: Nodes
+    node: IntArray
+    support: IntArray
     direction: FloatArray
     dual: FloatArray
 
@@ -152,11 +320,11 @@ def prescribed_rows(count: int, supports: Sequence[tuple[npt.NDArray[np.integer[
 
     Args:
         count: Number of this rank's nodes k.
-        supports: Nodes (q,) of each support and their directions, orthonormal rows or zeros, shape (q, 3, 3).
+        supports: IntArray (q,) of each support and their directions, orthonormal rows or zeros, shape (q, 3, 3).
     """
-    nodes: Nodes = np.unique(np.concatenate([np.empty(0, np.int64), *(given for given, _ in supports)]))
+    nodes: IntArray = np.unique(np.concatenate([np.empty(0, np.int64), *(given for given, _ in supports)]))
     H = np.zeros((len(nodes), 3, 3))
-    found: list[tuple[Nodes, Nodes, FloatArray]] = []
+    found: list[tuple[IntArray, IntArray, FloatArray]] = []
     for number, (given, directions) in reversed(list(enumerate(supports))):
         place = np.searchsorted(nodes, given)
         rows, added = _independent(directions, H[place])
@@ -196,7 +364,7 @@ def _independent(directions: FloatArray, H: FloatArray) -> tuple[FloatArray, Flo
     return rows, added
 
 
-def _duals(place: Nodes, direction: FloatArray, count: int) -> FloatArray:
+def _duals(place: IntArray, direction: FloatArray, count: int) -> FloatArray:
     """`PrescribedRows.dual` of directions (r, 3) at places among `count` nodes, shape (r, 3)."""
     order = np.argsort(place, kind="stable")
     sorted_place = place[order]

@@ -18,12 +18,11 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..meshes import SEPARATOR
+from .constraints import HeldNodes
 from .free_motions import FreeMotions
-from .held_nodes import HeldNodes
 from .held_space import HeldSpace
-from .loads import AppliedLoad
+from .loads import AppliedLoad, NodalForces
 from .materials import Materials
-from .nodal_forces import NodalForces
 from .temperature import Temperature
 
 

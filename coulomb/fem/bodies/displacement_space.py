@@ -16,7 +16,7 @@ from ...arrays import FloatArray
 from .. import compat
 from ..compat import fem, ufl
 from ..meshes import facet_columns, lagrange_points, lagrange_values
-from .held_nodes import Numbering
+from .constraints import Numbering
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,8 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from .. import compat
 from ..meshes import NamedMesh, lagrange_points, lagrange_values
-from .constraints import HeldDirections
+from .constraints import HeldDirections, HeldNodes, distributed_rows
 from .displacement_space import DisplacementSpace
-from .held_nodes import HeldNodes, distributed_rows
 
 INTERPOLATION = "interpolation"
 """Attribute of a stiffness of second order: makes the matrix that interpolates linear displacements."""

@@ -15,16 +15,15 @@ from ..compat import fem, ufl
 from ..geometry import Amplitude, Field, evaluate_amplitude, on_all_ranks
 from ..meshes import NamedMesh
 from .body import STRESSES, ElasticBody
-from .cell_materials import VECTORS
 from .constraints import prescribed_rows
 from .contradictions import SupportedNodes, contradictions
 from .deformable import Loading
 from .free_motions import FreeMotions, free_motions
 from .held_space import HeldSpace
-from .loads import AppliedLoad, BodyForce, Load, Weight, vanishes
+from .loads import AppliedLoad, BodyForce, Load, NodalForces, Weight, vanishes
 from .materials import Materials, material_of_cells
 from .mesh_components import mesh_components
-from .nodal_forces import NodalForces
+from .orthotropic import VECTORS
 from .rigid_modes import component_modes, rigid_modes
 from .supported_face import SupportedFace
 from .supports import Clamp, PrescribedDisplacement, Spring, Support

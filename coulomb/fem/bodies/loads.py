@@ -27,6 +27,21 @@ from .displacement_space import DisplacementSpace
 from .materials import Materials, density_of_cells
 
 
+@dataclass(frozen=True)
+class NodalForces:
+    """Forces on the body at this rank's k nodes, of one load, support or spring.
+
+    Attributes:
+        kind: "traction", "body_force", "clamp", "spring", ...: a word, as in the files.
+        face: Where it acts; None for the whole body.
+        forces: In newtons, shape (k, 3).
+    """
+
+    kind: str
+    face: str | None
+    forces: FloatArray
+
+
 class Timed(Protocol):
     """What a load is called, and its factor in time."""
 

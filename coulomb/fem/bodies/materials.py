@@ -13,8 +13,7 @@ from .. import compat
 from ..geometry import evaluate_vectors, on_all_ranks
 from ..meshes import NamedMesh
 from .body import Material
-from .cell_materials import CellMaterials, Directional
-from .orthotropic import COORDINATE_AXES, OrthotropicMaterial, perpendicular
+from .orthotropic import COORDINATE_AXES, CellMaterials, Directional, OrthotropicMaterial, perpendicular
 
 AnyMaterial = Material | OrthotropicMaterial
 

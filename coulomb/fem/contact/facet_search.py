@@ -8,12 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from ...nearest import tree_of
-
-IntArray = npt.NDArray[np.int64]
 
 _CHILDREN = 8
 """Of every node of the tree."""

@@ -37,13 +37,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from ...nearest import tree_of
 from .facet_patch import FacetPatch
 from .mortar_basis import Basis, Pieces, multipliers, pieces
 from .mortar_segments import Segments, segments
-
-IntArray = npt.NDArray[np.int64]
 
 LEAST_SHARE = 0.2
 """Covered share of a node's area below which it is no contact point.  Measured at the edge of a master: with 0.05 the

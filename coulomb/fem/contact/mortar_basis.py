@@ -31,11 +31,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from .facet_patch import FacetPatch
 from .mortar_segments import Segments
-
-IntArray = npt.NDArray[np.int64]
 
 Basis = Literal["dual", "hats"]
 

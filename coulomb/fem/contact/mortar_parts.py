@@ -12,12 +12,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from .facet_patch import FacetPatch
 from .facet_search import SphereTree, sphere_tree
 from .polygon_clipping import areas, clipped
-
-IntArray = npt.NDArray[np.int64]
 
 FACING = -0.2
 """Largest product of the normals of two facets that are paired: they differ from opposite by less than 78 degrees."""

@@ -15,13 +15,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from .facet_functions import triangle_rule
 from .facet_maps import at_points
 from .facet_patch import STRAIGHT, FacetPatch
 from .mortar_parts import Cells, Parts, cells_of, common_parts, nearest_layer
-
-IntArray = npt.NDArray[np.int64]
 
 _POINTS = 100_000
 """Quadrature points evaluated at once, so that memory stays small."""

@@ -14,14 +14,13 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from ...nearest import tree_of
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_patch import FacetPatch
 from .mortar import RINGS, Search, search_of
 from .mortar_parts import FACING, Cells, cells_of
 
-IntArray = npt.NDArray[np.int64]
 Rows = npt.NDArray[Any]
 
 _CONES = 64

@@ -3,20 +3,24 @@ joined and raised to second order.  Nodal fields in files belong here as well.
 """
 
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
-from .hdf5_target import HDF5Target
 from .inspection import inspect
-from .joined_mesh import SEPARATOR, JoinedMesh
-from .lagrange import corner_geometry, facet_columns, lagrange_points, lagrange_slopes, lagrange_values
+from .joined_mesh import SEPARATOR, JoinedMesh, moved
+from .lagrange import (
+    corner_geometry,
+    facet_columns,
+    in_vtk_order,
+    lagrange_points,
+    lagrange_slopes,
+    lagrange_values,
+    nodes_between,
+)
 from .mesh_file import MeshFile
-from .mesh_groups import corners_of, local_facets
-from .mesh_parts import SAME_PLACE, IntArray
+from .mesh_parts import SAME_PLACE, corners_of, local_facets
 from .meshes import box, distributed, known_format, read_file, read_gmsh, read_mesh, read_xdmf
-from .moved_mesh import moved
 from .named_mesh import NamedMesh, aspects, volume
 from .nodal_field import NodalField
 from .raised import raised
-from .second_order import in_vtk_order, nodes_between
-from .xdmf_writing import FACETS, SOLIDS, write
+from .xdmf_writing import FACETS, SOLIDS, HDF5Target, write
 
 __all__ = [
     "FACETS",
@@ -25,7 +29,6 @@ __all__ = [
     "SOLIDS",
     "Exchange",
     "HDF5Target",
-    "IntArray",
     "JoinedMesh",
     "MeshFile",
     "NamedMesh",

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from ...regular_file import read_bytes
-from .mesh_file import FACETS, IntArray, MeshFile, solid_nodes
-from .second_order import CORNERS
+from .lagrange import CORNERS
+from .mesh_file import FACETS, MeshFile, solid_nodes
 
 _SIDES = {
     4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),

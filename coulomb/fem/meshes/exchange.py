@@ -8,9 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray
-
-IntArray = npt.NDArray[np.int64]
+from ...arrays import FloatArray, IntArray
 
 _MOST_SAMPLES = 4096
 """Coordinates in all by which space is divided among the ranks."""

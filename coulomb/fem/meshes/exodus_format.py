@@ -14,10 +14,10 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from ...regular_file import refuse_irregular
-from .mesh_file import IntArray, MeshFile, solid_nodes
-from .second_order import CORNERS, in_vtk_order
+from .lagrange import CORNERS, in_vtk_order
+from .mesh_file import MeshFile, solid_nodes
 
 _SIDES = {
     4: ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from ...regular_file import read_bytes
-from .mesh_file import IntArray, MeshFile, refuse_cells
-from .second_order import CORNERS, in_vtk_order
+from .lagrange import CORNERS, in_vtk_order
+from .mesh_file import MeshFile, refuse_cells
 
 NODES = {
     **{1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 8: 3, 9: 6, 10: 9, 11: 10, 12: 27, 13: 18, 14: 14, 15: 1, 16: 8},

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from .exchange import Exchange, even_starts, fetched, owner_of, starts_of
-from .mesh_file import FACETS, IntArray, MeshFile
-from .second_order import CORNERS, is_second_order, jacobians, nodes_of_facets, torn
+from .lagrange import CORNERS, is_second_order, jacobians, nodes_of_facets, torn
+from .mesh_file import FACETS, MeshFile
 
 _EDGES_AT = {
     4: ((0, 1, 2, 3),),

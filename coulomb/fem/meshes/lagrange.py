@@ -3,14 +3,127 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from .. import compat
 from ..compat import basix, cpp, mesh
+from .exchange import Exchange
+
+# Second-order cells in mesh files: the orders of their nodes, and the faults that only they can have.
+#
+# A `MeshFile` has the nodes of 10-node tetrahedra and 27-node hexahedra in VTK's order, which is also that of Abaqus,
+# Nastran, Exodus II and MED except for the faces (and some edges) of hexahedra; corners come first.  The permutations
+# between VTK, gmsh and DOLFINx are DOLFINx's own.
+
+
+CORNERS = {4: 4, 8: 8, 10: 4, 27: 8}
+"""Corners of a cell, by the number of its nodes."""
+
+_HEXAHEDRON_IN_VTK = {
+    "exodus": (*range(12), *range(16, 20), *range(12, 16), 23, 24, 25, 26, 21, 22, 20),
+    "med": (*range(20), 24, 22, 21, 23, 20, 25, 26),
+}
+"""Columns of a 27-node hexahedron that make VTK's order: Exodus II has the edges between bottom and top before those of
+the top, then the middles of the cell, bottom, top, -x, +x, -y, +y (Schoof and Yarberry 1994, and libMesh's map); MED
+bottom, -y, +x, +y, -x, top and the cell (gmsh's map).  VTK has -x, +x, -y, +y, bottom, top and the cell."""
+
+
+def is_second_order(width: int) -> bool:
+    """Whether cells with so many nodes have nodes beside their corners."""
+    return CORNERS[width] != width
+
+
+def in_vtk_order(cells: IntArray, of: Literal["dolfinx", "gmsh", "exodus", "med"]) -> IntArray:
+    """Cells (c, 4, 8, 10 or 27) with the order of nodes of a format, or DOLFINx's, in VTK's order."""
+    width = cells.shape[1]
+    if of == "dolfinx":
+        return cells[:, np.argsort(cpp.io.perm_vtk(_kind(width), width))]
+    if not is_second_order(width):
+        return cells
+    if of == "gmsh":
+        from_gmsh, from_vtk = (np.asarray(table(_kind(width), width)) for table in (cpp.io.perm_gmsh, cpp.io.perm_vtk))
+        return cells[:, from_gmsh[np.argsort(from_vtk)]]
+    return cells[:, list(_HEXAHEDRON_IN_VTK[of])] if width == 27 else cells
+
+
+def in_dolfinx_order(cells: IntArray) -> IntArray:
+    """Cells (c, 4, 8, 10 or 27) with VTK's order of nodes, in DOLFINx's."""
+    width = cells.shape[1]
+    return cells[:, np.asarray(cpp.io.perm_vtk(_kind(width), width))]
+
+
+def nodes_between(width: int) -> list[tuple[int, tuple[int, ...]]]:
+    """Column of every node that is no corner, and the columns of the corners in whose middle it is, VTK's order.
+
+    Two corners for the middle of an edge, four of a face, eight of the cell.
+    """
+    kind, order = _kind(width), np.asarray(cpp.io.perm_vtk(_kind(width), width))
+    weights = lagrange_values(kind, 1, lagrange_points(kind, 2))
+    corners = CORNERS[width]
+    return [
+        (int(order[node]), tuple(sorted(int(order[corner]) for corner in np.flatnonzero(weights[node] > 1e-9))))
+        for node in range(corners, width)
+    ]
+
+
+@functools.cache
+def nodes_of_facets(width: int, facets: tuple[tuple[int, ...], ...]) -> tuple[tuple[int, ...], ...]:
+    """Columns of all nodes on each facet that is given by the columns of its corners, these first."""
+    if not is_second_order(width):
+        return facets
+    between = nodes_between(width)
+    return tuple((*facet, *(node for node, of in between if set(of) <= set(facet))) for facet in facets)
+
+
+def jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
+    """Determinants at all nodes of second-order cells over the cube of the longest derivative there, (nodes, c)."""
+    cells, kind = in_dolfinx_order(cells), _kind(cells.shape[1])
+    x, slopes = points[cells], lagrange_slopes(kind, 2, lagrange_points(kind, 2))
+    values = []
+    for at in range(cells.shape[1]):
+        edges = np.einsum("dn,cni->cdi", slopes[:, at], x)
+        longest = np.max(np.linalg.norm(edges, axis=2), axis=1)
+        values.append(np.linalg.det(edges) / np.where(longest > 0.0, longest, 1.0) ** 3)
+    return np.array(values)
+
+
+def torn(cells: IntArray, comm: MPI.Comm) -> npt.NDArray[np.bool_]:
+    """This rank's cells with a node in the middle of an edge or face where a neighbour has another one, or that is
+    elsewhere in another cell; collective.  A wrong order of nodes shows here too."""
+    corners = CORNERS[cells.shape[1]]
+    at_corners = cells[:, :corners].ravel()
+    of_cell: list[IntArray] = [np.repeat(np.arange(len(cells)), corners)]
+    nodes: list[IntArray] = [at_corners]
+    keys: list[IntArray] = [np.column_stack([np.full((at_corners.size, 3), -1), at_corners])]  # a corner is its own key
+    for column, of in nodes_between(cells.shape[1]):
+        if len(of) < 8:
+            around = np.sort(cells[:, list(of)], axis=1)
+            keys.append(np.column_stack([*[np.full(len(cells), -1)] * (4 - len(of)), around]))
+            nodes.append(cells[:, column])
+            of_cell.append(np.arange(len(cells)))
+    key, node, cell = np.concatenate(keys), np.concatenate(nodes)[:, None], np.concatenate(of_cell)
+    bad = _ambiguous(key, node, comm) | _ambiguous(node, key, comm)
+    found = np.zeros(len(cells), dtype=bool)
+    found[cell[bad]] = True
+    return found
+
+
+def _ambiguous(one: IntArray, other: IntArray, comm: MPI.Comm) -> npt.NDArray[np.bool_]:
+    """Where a row of `one` occurs with different rows of `other`; collective."""
+    exchange = Exchange(comm, one.sum(axis=1) % comm.size)
+    first, second = (np.unique(exchange.send(rows), axis=0, return_inverse=True)[1].ravel() for rows in (one, other))
+    pairs = np.unique(np.column_stack([first, second]), axis=0)
+    several = np.bincount(pairs[:, 0])[first] > 1
+    return np.asarray(exchange.reply(several), dtype=bool)
+
+
+def _kind(width: int) -> mesh.CellType:
+    return mesh.CellType.tetrahedron if CORNERS[width] == 4 else mesh.CellType.hexahedron
 
 
 def corner_geometry(domain: Any) -> npt.NDArray[np.int32]:

@@ -13,9 +13,10 @@ from typing import Any
 import h5py
 import numpy as np
 
+from ...arrays import IntArray
 from ...regular_file import refuse_irregular
-from .mesh_file import IntArray, MeshFile, solid_nodes
-from .second_order import in_vtk_order
+from .lagrange import in_vtk_order
+from .mesh_file import MeshFile, solid_nodes
 
 _SOLIDS = {
     **{"TE4": 4, "HE8": 8, "PE6": 6, "PY5": 5, "T10": 10, "H20": 20, "H27": 27, "P13": 13, "P15": 15, "P18": 18},

@@ -10,19 +10,18 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ...arrays import FloatArray, is_number
+from ...arrays import FloatArray, IntArray, is_number
 from .. import compat, mesh_formats
 from ..compat import mesh
 from ..geometry import evaluate_vectors
 from ..mesh_formats import BOX_FACES
 from .exchange import starts_of
 from .inspection import FLAT, InspectedMesh, inspect
-from .lagrange import lagrange_points, lagrange_slopes
-from .mesh_file import IntArray, MeshFile
-from .mesh_groups import local_cells, local_facets
+from .lagrange import CORNERS, in_dolfinx_order, is_second_order, lagrange_points, lagrange_slopes
+from .mesh_file import MeshFile
+from .mesh_parts import local_cells, local_facets
 from .named_mesh import NamedMesh
 from .raised import raised
-from .second_order import CORNERS, in_dolfinx_order, is_second_order
 
 CELLS = {"hexahedron": mesh.CellType.hexahedron, "tetrahedron": mesh.CellType.tetrahedron}
 

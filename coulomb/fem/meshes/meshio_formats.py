@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import IntArray
 from ...regular_file import read_bytes
-from .mesh_file import IntArray, MeshFile, solid_nodes
-from .numbered_groups import members_by_name, only_set
-from .second_order import CORNERS
+from .lagrange import CORNERS
+from .mesh_file import MeshFile, members_by_name, only_set, solid_nodes
 
 _MODULES = {".vtu": "vtu", ".vtk": "vtk", ".bdf": "nastran", ".nas": "nastran", ".mesh": "medit"}
 """meshio's name of the format, by the end of the file's name."""

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from .. import compat
 from .exchange import starts_of
 from .lagrange import corner_geometry, lagrange_points, lagrange_values
-from .mesh_file import IntArray
-from .mesh_groups import corners_of, local_cells, local_facets
+from .mesh_parts import corners_of, local_cells, local_facets
 from .named_mesh import NamedMesh
 
 

@@ -7,9 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from ...io.field_files import Grid
 from ..plotting import ZONES, renderer, skin_of
 from .camera import looking_at
@@ -19,8 +18,6 @@ from .merged import nodes_in_body, outward, same_nodes
 from .sheet import AXES
 from .shown_fields import named, ramp
 from .units import in_seconds, scale_of
-
-IntArray = npt.NDArray[np.int64]
 
 SHOWN = ("pressure", "friction_traction", "friction_use", "status", "slip", "gap")
 ACCUMULATED = ("accumulated_slip", "friction_work", "largest_pressure")

@@ -6,9 +6,8 @@ import ufl
 
 from coulomb import Clamp, Elasticity, Material, OrthotropicMaterial, box
 from coulomb.fem import compat
-from coulomb.fem.bodies import cell_assembly
-from coulomb.fem.bodies.body import strain
-from coulomb.fem.bodies.hexahedral_forces import HexahedralForces
+from coulomb.fem.bodies import elasticity as cell_assembly
+from coulomb.fem.bodies.body import HexahedralForces, strain
 from coulomb.fem.compat import fem
 
 STEEL = Material(2.1e11, 0.3)

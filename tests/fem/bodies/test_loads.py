@@ -8,7 +8,7 @@ from scipy.integrate import dblquad
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Plane, Pressure, TotalForce, Traction
-from coulomb.fem.meshes.mesh_groups import corners_of
+from coulomb.fem.meshes.mesh_parts import corners_of
 
 comm = MPI.COMM_WORLD
 CELLS = ["hexahedron", "tetrahedron"]

@@ -20,7 +20,7 @@ from coulomb.fem.mesh_formats import BOX_FACES
 from coulomb.fem.meshes import xdmf_format
 from coulomb.fem.meshes.exchange import Slabs
 from coulomb.fem.meshes.inspection import inspect
-from coulomb.fem.meshes.mesh_groups import corners_of
+from coulomb.fem.meshes.mesh_parts import corners_of
 from coulomb.fem.meshes.meshes import read_file
 from coulomb.fem.meshes.named_mesh import volume
 from coulomb.fem.meshes.xdmf_writing import write
