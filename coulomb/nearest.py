@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+import numpy.typing as npt
+
 from .arrays import FloatArray
 
 if TYPE_CHECKING:
@@ -15,3 +18,13 @@ def tree_of(points: FloatArray, leaf: int = 16) -> cKDTree:
     from scipy.spatial import cKDTree
 
     return cKDTree(points, leafsize=leaf)
+
+
+def among(x: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which places (..., 3) are one of some points (k, 3), to the last bit."""
+
+    def rows(of: FloatArray) -> npt.NDArray[np.void]:
+        return np.ascontiguousarray(of.reshape(-1, 3)).view([("", of.dtype)] * 3).ravel()
+
+    found: npt.NDArray[np.bool_] = np.isin(rows(x), rows(points)).reshape(x.shape[:-1])
+    return found

@@ -17,7 +17,7 @@ from ..arrays import FloatArray
 from ..fem.contact import FaceSamples, way_along
 from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
-from ..nearest import tree_of
+from ..nearest import among, tree_of
 
 if TYPE_CHECKING:
     from ..fem.geometry import RigidFoundation
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from .nodal_answer import NodalAnswer
 
 _PRESSING = 1e-6  # a node presses if its force is above this fraction of the largest
-_SAME = 1e-9  # corners of facets at most this fraction of the coordinates off a contact point are it
 _CHORDS = 4.0  # chords of facets by which a face may be in its foundation: at its ends the estimate is a third of it
 _ROUNDING = 1e-12  # distances below this fraction of the coordinates are rounding
 
@@ -246,14 +245,14 @@ def _deepest(
 
 def _depths(face: FaceSamples, foundation: RigidFoundation, points: FloatArray, given: FloatArray) -> FloatArray:
     """Depths of facets, as `_deepest`, for the contact points (m, 3) of all ranks with their given gaps (m,)."""
-    tree, size = tree_of(points), float(np.max(np.abs(face.x)))
+    size = float(np.max(np.abs(face.x)))
     near = np.ones(len(face.x), dtype=bool)
     if face.nodal:
-        near = np.all(tree.query(face.corners)[0] <= _SAME * size, axis=1)
+        near = np.all(among(face.corners, points), axis=1)
 
     def remaining(x: FloatArray, moved: FloatArray) -> FloatArray:
-        gap: FloatArray = foundation.signed_distance(moved) + given[tree.query(x)[1]]
-        return gap
+        gap = foundation.signed_distance(moved)
+        return gap + given[tree_of(points).query(x)[1]] if np.any(given) else gap
 
     if not np.any(near):
         return np.zeros(0)

@@ -16,7 +16,7 @@ from ..arrays import FloatArray
 from ..fem.contact import FaceSamples, face_samples
 from ..fem.geometry import RigidFoundation, on_all_ranks
 from ..linalg.reductions import Reductions
-from ..nearest import tree_of
+from ..nearest import among, tree_of
 from ..solvers.results import SolverResult
 from .certificate import Certificate
 from .nodal_answer import NodalAnswer
@@ -194,12 +194,15 @@ class Solution:
     def _bends(self, face: FaceSamples, foundation: RigidFoundation, touching: FloatArray) -> FloatArray:
         """`FaceSamples.bend` of facets with a corner at touching contact points, (k, 3) of this rank; collective."""
         comm, corners = self.problem.comm, face.corners
-        tree = tree_of(np.concatenate(comm.allgather(touching)))
-        near = tree.query(corners)[0].min(axis=1, initial=np.inf)
-        radius = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
+        points = np.concatenate(comm.allgather(touching))
+        if face.nodal:
+            touch = np.any(among(corners, points), axis=1)
+        else:
+            radius = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
+            touch = tree_of(points).query(corners)[0].min(axis=1, initial=np.inf) <= _NEAR * radius
         bends = on_all_ranks(lambda: face.bend(foundation.signed_distance), "contact: foundation", comm)
-        near_bends: FloatArray = bends[near <= _NEAR * radius]
-        return near_bends
+        touching_bends: FloatArray = bends[touch]
+        return touching_bends
 
     @property
     def outside(self) -> tuple[str, ...]:
