@@ -48,8 +48,9 @@ def uses(path, *names):
 
 
 ROOMS = {
-    "cli": {"benchmarks", "case", "io", "pictures", "model", "solvers", "linalg", "fem"},
-    "benchmarks": {"case", "io", "model", "solvers", "linalg", "fem"},
+    "cli": {"benchmarks", "verification", "case", "io", "pictures", "model", "solvers", "linalg", "fem"},
+    "verification": {"io", "model", "solvers", "linalg", "fem"},
+    "benchmarks": {"verification", "case", "io", "model", "solvers", "linalg", "fem"},
     "io": {"case", "model", "solvers", "linalg", "fem"},
     "case": {"model", "solvers", "linalg", "fem"},
     "pictures": {"io", "model"},

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from .verification.hertz_elements import ELEMENTS, errors, problem
+from ..verification.hertz_elements import ELEMENTS, errors, problem
 
 SIZES = (2, 3, 4, 6, 8)
 """Second-order cells on 1.2 a; first order has twice as many, and the same unknowns."""

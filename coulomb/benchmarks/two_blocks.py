@@ -20,7 +20,7 @@ from ..arrays import FloatArray
 from ..fem.bodies import Clamp, Material, Spring, Traction, join
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
-from .array_mesh import SIDES, IntArray, mesh_of_arrays
+from ..verification.array_mesh import SIDES, IntArray, mesh_of_arrays
 
 HEIGHT = 0.5
 """z of the contact plane, in metres."""

@@ -164,7 +164,7 @@ def elements(
 ) -> None:
     """Linear and quadratic tetrahedra (P1, P2) and hexahedra (Q1, Q2) on Hertz's problem: errors, unknowns, seconds."""
     from ..benchmarks.elements import SIZES, Row, measure
-    from ..benchmarks.verification.hertz_elements import ELEMENTS
+    from ..verification.hertz_elements import ELEMENTS
 
     refuse_ranks("this benchmark")
     rows: list[Row] = []
@@ -209,7 +209,7 @@ def verification(
 ) -> None:
     """Verification: patch tests, SSNV128, Hertz, Cattaneo-Mindlin, a sliding block.  Exit code 1 if a tolerance is
     exceeded."""
-    from ..benchmarks.verification import CASES
+    from ..verification import CASES
 
     refuse_ranks("this benchmark")
     with bad_input():
@@ -229,7 +229,7 @@ def verification(
         write_csv(directory, "verification", fields, lines)
         drawn = ""
         with figures(), writing(directory):
-            from ..benchmarks.verification.figures import draw
+            from ..verification.figures import draw
 
             for name, verified in found.items():
                 draw(verified.panels, directory / f"{name}.png")

@@ -16,7 +16,7 @@ from ..regular_file import unwritable
 from .console import BAD_INPUT, FAILED, console, errors
 
 if TYPE_CHECKING:
-    from ..benchmarks.verification import Verified
+    from ..verification import Verified
 
 Sizes = Annotated[list[int] | None, typer.Option("--p", min=1, help="Cells per metre of the block; repeat.")]
 Peers = Annotated[list[str] | None, typer.Option("--peer", help="A peer, as GetFEM; repeat.")]

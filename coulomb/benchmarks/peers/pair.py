@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import FloatArray
-from ..array_mesh import IntArray
+from ...verification.array_mesh import IntArray
 from ..two_blocks import HEIGHT, LOWER, SPRING, TRACTIONS, UPPER, Block, Grid, grid
 from .answer import Answer, Figures
 

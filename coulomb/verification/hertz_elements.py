@@ -26,12 +26,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp, PrescribedDisplacement, Support
-from ...fem.geometry import Sphere
-from ...fem.meshes import box
-from ...model.contact import Contact
-from ...model.problem import ContactProblem
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp, PrescribedDisplacement, Support
+from ..fem.geometry import Sphere
+from ..fem.meshes import box
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
 from .hertz import RADIUS, STEEL, A, Hertz
 from .table import Curve, Panel, Row, Verified, absolute
 

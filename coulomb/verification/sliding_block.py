@@ -22,15 +22,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp, Elasticity, Material, PrescribedDisplacement
-from ...fem.meshes import box
-from ...io import summary
-from ...linalg.compliance import DirectSolver
-from ...model.contact import Contact
-from ...model.load_history import LoadHistory
-from ...model.load_step import LoadStep
-from ...model.problem import ContactProblem
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp, Elasticity, Material, PrescribedDisplacement
+from ..fem.meshes import box
+from ..io import summary
+from ..linalg.compliance import DirectSolver
+from ..model.contact import Contact
+from ..model.load_history import LoadHistory
+from ..model.load_step import LoadStep
+from ..model.problem import ContactProblem
 from .table import Curve, Panel, Row, Verified, order, relative
 
 STEEL = Material(young=2.1e11, poisson=0.3)

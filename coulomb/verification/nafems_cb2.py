@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp, Material, SymmetryPlane, TotalForce, join
-from ...fem.meshes import NamedMesh
-from ...model.contact import Contact
-from ...model.problem import ContactProblem
-from ...model.solution import Solution
-from ..array_mesh import quarter_cylinder, quarter_disc
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp, Material, SymmetryPlane, TotalForce, join
+from ..fem.meshes import NamedMesh
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
+from .array_mesh import quarter_cylinder, quarter_disc
 from .hertz_elements import growing
 from .table import Curve, Panel, Row, Verified, relative
 

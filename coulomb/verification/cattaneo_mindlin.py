@@ -30,16 +30,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp
-from ...fem.geometry import Sphere
-from ...fem.meshes import box
-from ...io import summary
-from ...model.contact import Contact
-from ...model.load_history import LoadHistory
-from ...model.nodal_answer import STICK
-from ...model.problem import ContactProblem
-from ...model.solution import Solution
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp
+from ..fem.geometry import Sphere
+from ..fem.meshes import box
+from ..io import summary
+from ..model.contact import Contact
+from ..model.load_history import LoadHistory
+from ..model.nodal_answer import STICK
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
 from .hertz import RADIUS, STEEL, UNIFORM, WIDTH, A, Hertz, grading
 from .table import Curve, Panel, Verified, absolute, relative
 

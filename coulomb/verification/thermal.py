@@ -16,13 +16,13 @@ from functools import partial
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp, Material, midpoints
-from ...fem.geometry import Plane
-from ...fem.meshes import NamedMesh, box
-from ...model.contact import Contact
-from ...model.problem import ContactProblem
-from ...model.solution import Solution
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp, Material, midpoints
+from ..fem.geometry import Plane
+from ..fem.meshes import NamedMesh, box
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
 from .table import Curve, Panel, Row, Verified, absolute, relative
 
 EXPANSION = {"steel": 1.2e-5, "brass": 1.9e-5}

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...fem.bodies import Clamp, Load, Material, PrescribedDisplacement, Support, Traction, join
-from ...fem.meshes import box, moved
-from ...model.contact import Contact
-from ...model.problem import ContactProblem
+from ..fem.bodies import Clamp, Load, Material, PrescribedDisplacement, Support, Traction, join
+from ..fem.meshes import box, moved
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
 from .table import Curve, Panel, Row, Verified, relative
 
 MATERIAL = Material(young=2e6, poisson=0.0)

@@ -22,11 +22,11 @@ import math
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp, Material, Support, SymmetryPlane, TotalForce, join
-from ...fem.meshes import NamedMesh, box
-from ...model.contact import Contact
-from ...model.problem import ContactProblem
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp, Material, Support, SymmetryPlane, TotalForce, join
+from ..fem.meshes import NamedMesh, box
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
 from .hertz_elements import growing
 from .table import Curve, Panel, Verified, relative
 

@@ -24,12 +24,12 @@ import math
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp, Material, PrescribedDisplacement, Pressure, Support, SymmetryPlane
-from ...fem.geometry import Plane
-from ...fem.meshes import box
-from ...model.contact import Contact
-from ...model.problem import ContactProblem
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp, Material, PrescribedDisplacement, Pressure, Support, SymmetryPlane
+from ..fem.geometry import Plane
+from ..fem.meshes import box
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
 from .table import Curve, Panel, Row, Verified, absolute, relative
 
 LENGTH, HEIGHT, YOUNG, PRESSURE = 1.0, 0.1, 2e11, 1e5

@@ -32,11 +32,11 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp, Material, PrescribedDisplacement, Support, join
-from ...fem.meshes import NamedMesh, box
-from ...model.contact import Contact
-from ...model.problem import ContactProblem
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp, Material, PrescribedDisplacement, Support, join
+from ..fem.meshes import NamedMesh, box
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
 from .hertz_elements import growing
 from .table import Curve, Panel, Row, Verified, absolute
 

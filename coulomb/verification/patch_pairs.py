@@ -24,14 +24,14 @@ from functools import partial
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp, Elasticity, Material, PrescribedDisplacement, Traction, join
-from ...fem.meshes import box, moved
-from ...io import summary
-from ...linalg.compliance import DirectSolver
-from ...model.contact import Contact
-from ...model.problem import ContactProblem
-from ...model.solution import Solution
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp, Elasticity, Material, PrescribedDisplacement, Traction, join
+from ..fem.meshes import box, moved
+from ..io import summary
+from ..linalg.compliance import DirectSolver
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
 from .patch import FRICTION, PRESSURE, RESIDUAL, SHEAR, SLIP, TURN, amplification
 from .table import Row, Verified, absolute, relative
 

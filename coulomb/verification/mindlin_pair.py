@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp, PrescribedDisplacement, join
-from ...fem.meshes import NamedMesh, box
-from ...model.contact import Contact
-from ...model.load_history import LoadHistory
-from ...model.problem import ContactProblem
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp, PrescribedDisplacement, join
+from ..fem.meshes import NamedMesh, box
+from ..model.contact import Contact
+from ..model.load_history import LoadHistory
+from ..model.problem import ContactProblem
 from .cattaneo_mindlin import FRICTION, LOADED, PRESSED, RELOADED, UNLOADED, Experiment, PartialSlip, compared, moment
 from .hertz import RADIUS, STEEL, UNIFORM, WIDTH, A, Hertz, grading
 from .table import Verified

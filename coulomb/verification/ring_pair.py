@@ -23,13 +23,13 @@ from typing import Literal
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Material, SymmetryPlane, join
-from ...fem.geometry import Cylinder
-from ...fem.meshes import NamedMesh, box
-from ...model.contact import Contact
-from ...model.problem import ContactProblem
-from ...model.solution import Solution
+from ..arrays import FloatArray
+from ..fem.bodies import Material, SymmetryPlane, join
+from ..fem.geometry import Cylinder
+from ..fem.meshes import NamedMesh, box
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
 from .table import Curve, Panel, Row, Verified, absolute, order, relative
 
 ALUMINIUM, STEEL = Material(young=7e10, poisson=0.33), Material(young=2.1e11, poisson=0.3)

@@ -22,13 +22,13 @@ import math
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp, Material, OrthotropicMaterial, PrescribedDisplacement, midpoints
-from ...fem.geometry import Cylinder
-from ...fem.meshes import NamedMesh, box
-from ...model.contact import Contact
-from ...model.problem import ContactProblem
-from ...model.solution import Solution
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp, Material, OrthotropicMaterial, PrescribedDisplacement, midpoints
+from ..fem.geometry import Cylinder
+from ..fem.meshes import NamedMesh, box
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
 from .table import Curve, Panel, Row, Verified, absolute, relative
 
 YOUNG, POISSON, SHEAR = (1.3e11, 1.1e10, 9e9), (0.28, 0.3, 0.4), (5e9, 4.5e9, 3.5e9)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from coulomb.benchmarks.verification.hertz import Hertz
-from coulomb.benchmarks.verification.hertz_pairs import CYLINDERS, SPHERES, A, Ellipse
+from coulomb.verification.hertz import Hertz
+from coulomb.verification.hertz_pairs import CYLINDERS, SPHERES, A, Ellipse
 
 
 def sunk(ellipse, x, y):

@@ -16,13 +16,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem import compat
-from ...fem.bodies import Clamp, Material, Traction
-from ...fem.meshes import NamedMesh, box
-from ...model.contact import Contact
-from ...model.problem import ContactProblem
-from ...model.solution import Solution
+from ..arrays import FloatArray
+from ..fem import compat
+from ..fem.bodies import Clamp, Material, Traction
+from ..fem.meshes import NamedMesh, box
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
 from .table import Curve, Panel, Row, Verified, relative
 
 EDGE, SLIVER = 0.04, 1e-5

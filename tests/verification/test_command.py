@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from coulomb.benchmarks import verification
-from coulomb.benchmarks.verification.cattaneo_mindlin import FRICTION, LOADED, Moment, PartialSlip, known
-from coulomb.benchmarks.verification.hertz import RADIUS, STEEL, Hertz, grading
-from coulomb.benchmarks.verification.table import order
+from coulomb import verification
 from coulomb.cli.benchmark_commands import benchmark
+from coulomb.verification.cattaneo_mindlin import FRICTION, LOADED, Moment, PartialSlip, known
+from coulomb.verification.hertz import RADIUS, STEEL, Hertz, grading
+from coulomb.verification.table import order
 
 
 def run(*arguments):

@@ -30,14 +30,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp, Material
-from ...fem.geometry import Sphere
-from ...fem.meshes import box
-from ...io import summary
-from ...model.contact import Contact
-from ...model.problem import ContactProblem
-from ...model.solution import Solution
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp, Material
+from ..fem.geometry import Sphere
+from ..fem.meshes import box
+from ..io import summary
+from ..model.contact import Contact
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
 from .table import Curve, Panel, Row, Verified, absolute, order
 
 STEEL = Material(young=2.1e11, poisson=0.3)

@@ -19,16 +19,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Material, PrescribedDisplacement, Traction
-from ...fem.geometry import Plane
-from ...fem.meshes import box
-from ...io import summary
-from ...linalg.compliance import SchurCompliance
-from ...model.contact import Contact
-from ...model.posed_problem import PosedProblem
-from ...model.problem import ContactProblem
-from ...model.solution import Solution
+from ..arrays import FloatArray
+from ..fem.bodies import Material, PrescribedDisplacement, Traction
+from ..fem.geometry import Plane
+from ..fem.meshes import box
+from ..io import summary
+from ..linalg.compliance import SchurCompliance
+from ..model.contact import Contact
+from ..model.posed_problem import PosedProblem
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
 from .table import Curve, Panel, Row, Verified, absolute, relative
 
 STEEL = Material(young=2.119e11, poisson=0.277)

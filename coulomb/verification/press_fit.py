@@ -32,14 +32,14 @@ import math
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...fem.bodies import Clamp, Material, PrescribedDisplacement, SymmetryPlane, Traction
-from ...fem.geometry import Cylinder, Plane
-from ...fem.meshes import box
-from ...model.contact import Contact
-from ...model.load_history import LoadHistory
-from ...model.problem import ContactProblem
-from ...model.solution import Solution
+from ..arrays import FloatArray
+from ..fem.bodies import Clamp, Material, PrescribedDisplacement, SymmetryPlane, Traction
+from ..fem.geometry import Cylinder, Plane
+from ..fem.meshes import box
+from ..model.contact import Contact
+from ..model.load_history import LoadHistory
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
 from .table import Curve, Panel, Row, Verified, absolute, order, relative
 
 STEEL = Material(young=2.1e11, poisson=0.3)

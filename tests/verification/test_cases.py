@@ -2,7 +2,7 @@
 
 import pytest
 
-from coulomb.benchmarks.verification import CASES, COARSE
+from coulomb.verification import CASES, COARSE
 
 
 @pytest.mark.parametrize("name", CASES)
