@@ -13,7 +13,7 @@ import typer.testing
 from conftest import ROOT, make_block, run_coulomb, run_python
 
 import coulomb
-from coulomb.benchmarks.estimates import measure
+from benchmarks.estimates import measure
 from coulomb.cli import app as cli
 from coulomb.fem.meshes.named_mesh import volume
 from coulomb.linalg.compliance.methods import DIRECT_UP_TO, chosen

@@ -10,8 +10,8 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from benchmarks.block import block
 from coulomb import Clamp, Material, box
-from coulomb.benchmarks.block import block
 from coulomb.fem.bodies.elasticity import Elasticity
 from coulomb.linalg import native
 from coulomb.linalg.compliance import stiffness

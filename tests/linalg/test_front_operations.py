@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from coulomb.benchmarks.block import block
+from benchmarks.block import block
 from coulomb.linalg import native
 from coulomb.linalg.factors import front_operations, nested_dissection
 from coulomb.linalg.factors.frontal_factors import FrontalFactors

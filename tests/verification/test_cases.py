@@ -1,4 +1,4 @@
-"""Known answers: every row of the table of `coulomb benchmark verification` within its tolerance."""
+"""Known answers: every row of the table of `coulomb verification` within its tolerance."""
 
 import pytest
 

@@ -1,7 +1,8 @@
-"""`coulomb benchmark verification`: table, files, exit codes; and the formulas themselves."""
+"""`coulomb verification`: table, files, exit codes; and the formulas themselves."""
 
 import csv
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -9,14 +10,14 @@ import pytest
 from typer.testing import CliRunner
 
 from coulomb import verification
-from coulomb.cli.benchmark_commands import benchmark
+from coulomb.cli.app import app
 from coulomb.verification.cattaneo_mindlin import FRICTION, LOADED, Moment, PartialSlip, known
 from coulomb.verification.hertz import RADIUS, STEEL, Hertz, grading
 from coulomb.verification.table import order
 
 
 def run(*arguments):
-    return CliRunner().invoke(benchmark, ["verification", *map(str, arguments)])
+    return CliRunner().invoke(app, ["verification", *map(str, arguments)])
 
 
 @pytest.fixture(scope="module")
@@ -43,22 +44,22 @@ def test_a_row_beyond_its_tolerance_is_a_failure(ssnv128, monkeypatch):
     assert "FAILED" in done.output and "17 of 18 within their tolerance" in done.output
 
 
-def test_elements(tmp_path):
-    """Quadratic tetrahedra have a smaller error of the force than linear ones with the same unknowns."""
-    chosen = ["elements", "--cells", "2", "--element", "P1", "--element", "P2", "--output", str(tmp_path)]
-    done = CliRunner().invoke(benchmark, chosen)
-    assert done.exit_code == 0, done.output
-    with (tmp_path / "elements.csv").open() as file:
-        linear, quadratic = csv.DictReader(file)
-    assert [linear["element"], quadratic["element"]] == ["P1", "P2"] and linear["unknowns"] == quadratic["unknowns"]
-    assert float(quadratic["force_error"]) < 0.5 * float(linear["force_error"]) < 0.1
-    assert (tmp_path / "elements.png").stat().st_size > 10_000
-    done = CliRunner().invoke(benchmark, ["elements", "--element", "P3"])
-    assert done.exit_code == 2 and "P1, P2, Q1 or Q2" in done.output
+def test_wrong_input_is_refused_before_anything_is_computed(tmp_path):
+    done = run("--case", "herz")
+    assert done.exit_code == 2 and "there is no case 'herz'; the cases are patch, " in done.output
+    (tmp_path / "file").touch()
+    done = run("--case", "hertz", "--output", tmp_path / "file" / "out")
+    assert done.exit_code == 2 and "cannot be written" in done.output and "pressure" not in done.output
 
 
-def test_unknown_case():
-    assert run("--case", "herz").exit_code == 2
+def test_a_table_without_pictures(ssnv128, monkeypatch, tmp_path):
+    """Where matplotlib is not installed."""
+    monkeypatch.setitem(verification.CASES, "ssnv128", lambda: ssnv128)
+    monkeypatch.delitem(sys.modules, "coulomb.verification.figures", raising=False)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    done = run("--case", "ssnv128", "--output", tmp_path)
+    assert done.exit_code == 0 and "warning: no figure: matplotlib is not installed" in done.output
+    assert [path.name for path in tmp_path.iterdir()] == ["verification.csv"]
 
 
 def test_order():
