@@ -101,22 +101,13 @@ def test_bad_settings(change, message):
         read_case(BLOCK, [change])
 
 
-def test_former_names_are_accepted_and_reported(caplog):
-    """solver.method "fixed-point" is successive Tresca; a clamp with a value is a prescribed displacement."""
-    case = read_case(BLOCK, ["solver.method=fixed-point"])
-    assert case.solver.method == "successive-tresca" and isinstance(case.contact_solver(), SuccessiveTresca)
-    (said,) = caplog.records
-    assert said.levelname == "WARNING" and said.name.startswith("coulomb.")
-    assert 'solver.method = "fixed-point" is now called "successive-tresca"' in said.message
-    assert read_case(BLOCK, ["solver.method=one-loop"]).solver.method == "interior-point"
-    assert 'solver.method = "one-loop" is now called "interior-point"' in caplog.records[-1].message
-    caplog.clear()
+def test_a_clamp_with_a_value_is_a_prescribed_displacement():
     value = (0.0, 0.0, -1e-4)
     (old,) = (t.support() for t in read_case(BLOCK, ["clamp.0.value=[0,0,-1e-4]"]).clamp)
     changes = ["clamp=[]", "prescribed_displacement=[{face='left', value=[0,0,-1e-4]}]"]
     (new,) = (t.support() for t in read_case(BLOCK, changes).prescribed_displacement)
     assert type(old) is type(new) is PrescribedDisplacement and old == new == PrescribedDisplacement("left", value)
-    assert type(read_case(BLOCK).clamp[0].support()) is Clamp and not caplog.records
+    assert type(read_case(BLOCK).clamp[0].support()) is Clamp
 
 
 def test_missing_tables(tmp_path):

@@ -13,7 +13,7 @@ from conftest import run_coulomb
 from mesh_files import BoxFile
 
 from coulomb.case.case import Case, read_case
-from coulomb.case.text import LARGEST
+from coulomb.case.files import LARGEST
 from coulomb.fem.meshes.meshes import read_gmsh, read_xdmf
 from coulomb.model.estimate import refuse_uncountable
 

@@ -1,4 +1,4 @@
-"""Parsing of the text of a case, from a file or --set, and messages about syntax errors."""
+"""The text of a case, from a file or --set, with messages about syntax errors; and the names of the files in it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,17 @@ import codecs
 import errno
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..regular_file import read_bytes
+
+FILES = {"mesh": ("file", "facets", "cell_groups"), "temperature": ("file",)}
+"""Keys whose values are names of files, by table."""
+
+KeyPath = tuple[str | int, ...]
+"""A key in its tables, as ("contact", 0, "gap", "file")."""
 
 LARGEST = 4_000_000
 """Maximum bytes of a case file: a hundred thousand rows of an amplitude.  TOML is read at about a megabyte per
@@ -107,3 +114,36 @@ def apply(tables: dict[str, Any], change: str) -> None:
             place[parts[-1]] = new
     except (ValueError, IndexError, TypeError, AttributeError):
         raise ValueError(f"{said}: there is no such place in the case; lists are numbered from 0") from None
+
+
+def named_files(tables: Mapping[str, Any]) -> dict[KeyPath, str]:
+    """The names of the files of a case, by their place.
+
+    Args:
+        tables: The tables of the case.
+    """
+    found: dict[KeyPath, str] = {}
+    for name, keys in FILES.items():
+        table = tables.get(name)
+        given = {key: table.get(key) for key in keys} if isinstance(table, Mapping) else {}
+        found |= {(name, key): value for key, value in given.items() if isinstance(value, str)}
+    bodies = tables.get("body")
+    for number, table in enumerate(bodies if isinstance(bodies, list | tuple) else ()):
+        of_body = {key: table.get(key) for key in FILES["mesh"]} if isinstance(table, Mapping) else {}
+        found |= {("body", number, key): value for key, value in of_body.items() if isinstance(value, str)}
+    contact = tables.get("contact")
+    several = isinstance(contact, list | tuple)
+    for number, table in enumerate(contact if isinstance(contact, list | tuple) else [contact]):
+        gap = table.get("gap") if isinstance(table, Mapping) else None
+        if isinstance(gap, Mapping) and isinstance(gap.get("file"), str):
+            found["contact", *((number,) if several else ()), "gap", "file"] = gap["file"]
+    return found
+
+
+def rename_files(tables: dict[str, Any], names: Mapping[KeyPath, str]) -> None:
+    """Put other names of files in their places."""
+    for (*tops, key), name in names.items():
+        table: Any = tables
+        for top in tops:
+            table = table[top]
+        table[key] = name

@@ -6,17 +6,15 @@ import difflib
 import reprlib
 import sys
 from collections.abc import Iterator
-from typing import Any
+from types import UnionType
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Tag, ValidationError
 
 from .contact import BY_SLIP_RATE, FACE, FACES
-from .curves import CURVE, ROWS_ALONE, CurveTable
-from .field_file import OF_FILE
+from .curves import CURVE, ROWS_ALONE, CurveTable, columns_of
 from .material import ONE, ONE_NUMBER, SEVERAL, THREE_NUMBERS
-from .place import EXPRESSION, NUMBER
-from .values import ISOTROPIC, ORTHOTROPIC
-from .wanted import wanted
+from .values import EXPRESSION, FIELD, ISOTROPIC, NUMBER, ORTHOTROPIC
 
 _MOST = 10
 """Maximum number of faults listed."""
@@ -28,7 +26,7 @@ _FIRST_KEY = {
 """The probable key if a value is given in place of a table."""
 
 _TAGS = (
-    *(ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, CURVE, ROWS_ALONE, NUMBER, EXPRESSION, OF_FILE),
+    *(ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, CURVE, ROWS_ALONE, NUMBER, EXPRESSION, FIELD),
     *(ONE_NUMBER, THREE_NUMBERS),
 )
 """Alternatives in the place of an error, which the user does not write."""
@@ -114,7 +112,7 @@ def _explain(entry: Any, case: _Model) -> str:
         return f"{key}: there may be several: write [[{names}]], with double brackets, in place of [{names}]"
     if entry["type"] == "float_type" and isinstance(given, int) and abs(given) > sys.float_info.max:
         return f"{key} = {_shown(given)}: is too large: numbers are at most {sys.float_info.max:.1e}"
-    if entry["type"] in _OTHER_TYPES and (right := wanted(case, place)):
+    if entry["type"] in _OTHER_TYPES and (right := expected_value(case, place)):
         return f"{key} = {_shown(given)}: should be {right}{', not text' if isinstance(given, str) else ''}"
     if entry["type"] == "tuple_type":
         return f"{key} = {_shown(given)}: is a list of tables: write [[{names}]], and below it its keys"
@@ -190,3 +188,110 @@ def _models(annotation: Any, in_list: bool = False) -> Iterator[tuple[_Model, bo
         return
     for argument in getattr(annotation, "__args__", ()):
         yield from _models(argument, in_list or getattr(annotation, "__origin__", None) is tuple)
+
+
+# --- what is expected, from the types of the tables -----------------------------------------------------------------
+
+
+class ExpectedValue(NamedTuple):
+    """Words for a value.
+
+    Attributes:
+        one: For one, with its article.
+        several: For several.
+        examples: As TOML; none where one is not needed.
+    """
+
+    one: str
+    several: str
+    examples: tuple[str, ...] = ()
+
+
+_SINGLE = {
+    float: ExpectedValue("a number", "numbers", ("1.0", "2.0", "3.0", "4.0")),
+    int: ExpectedValue("a whole number", "whole numbers", ("1", "2", "3", "4")),
+    str: ExpectedValue("text in quotation marks", "texts in quotation marks"),
+    bool: ExpectedValue("true or false", "true or false"),
+}
+
+
+def expected_value(case: type[BaseModel], location: tuple[int | str, ...]) -> str:
+    """What belongs at a place, with an example of a list; empty if it is a table of keys, or there is no such place.
+
+    Args:
+        case: The model of a whole case.
+        location: Keys, numbers in lists, and tags of alternatives, as pydantic gives them.
+    """
+    place: Any = case
+    for part in location:
+        place = _inside(place, part)
+    for rows, tail in (("a list of rows", location), ("a row", location[:-1])):
+        if (columns := _columns(tail)) and (rows != "a row" or isinstance(location[-1], int)):
+            return f"{rows} [{columns}]"
+    words = _words(place)
+    if words is None:
+        return ""
+    return f"{words.one}, as {words.examples[0]}" if words.examples and "[" in words.examples[0] else words.one
+
+
+def _columns(location: tuple[int | str, ...]) -> str:
+    """Of the table in time at a place, or whose rows are there; empty if there is none."""
+    key = next((part for part in reversed(location) if part not in ("table", ROWS_ALONE, CURVE)), "")
+    return columns_of(key) if isinstance(key, str) else ""
+
+
+def _inside(place: Any, part: int | str) -> Any:
+    """The type one step further in; None if there is none."""
+    bare, _ = _bare(place)
+    if get_origin(bare) in (Union, UnionType):
+        members = get_args(bare)
+        tagged = [_bare(member)[0] for member in members if part in _bare(member)[1]]
+        found = (inner for inner in (_inside(member, part) for member in members) if inner is not None)
+        return tagged[0] if tagged else next(found, None)
+    if isinstance(bare, type) and issubclass(bare, BaseModel):
+        field = bare.model_fields.get(str(part))
+        return None if field is None else field.annotation
+    if get_origin(bare) is tuple and isinstance(part, int):
+        items = get_args(bare)
+        return items[0] if items[-1] is Ellipsis else items[part] if part < len(items) else None
+    return None
+
+
+def _bare(kind: Any) -> tuple[Any, list[str]]:
+    """A type without its annotations, and its tags."""
+    tags: list[str] = []
+    while get_origin(kind) is Annotated:
+        kind, *notes = get_args(kind)
+        tags += [note.tag for note in notes if isinstance(note, Tag)]
+    return kind, tags
+
+
+def _words(kind: Any) -> ExpectedValue | None:
+    """None for a table of keys."""
+    bare, tags = _bare(kind)
+    if EXPRESSION in tags:
+        return ExpectedValue("an expression in quotation marks", "expressions in quotation marks")
+    if get_origin(bare) in (Union, UnionType):
+        found = list(dict.fromkeys(words for words in map(_words, get_args(bare)) if words is not None))
+        if not found:
+            return None
+        one, several = " or ".join(words.one for words in found), " or ".join(words.several for words in found)
+        return ExpectedValue(one, several, next((words.examples for words in found if words.examples), ()))
+    if get_origin(bare) is dict:
+        return ExpectedValue(
+            "a table of names and numbers", "tables of names and numbers", ("{ left = 1, right = 2 }",)
+        )
+    return _listed(get_args(bare)) if get_origin(bare) is tuple else _SINGLE.get(bare)
+
+
+def _listed(items: tuple[Any, ...]) -> ExpectedValue | None:
+    """For a list of `items`; the last one is an ellipsis if there may be any number."""
+    inner = _words(items[0])
+    if inner is None:
+        return None
+    any_number = items[-1] is Ellipsis
+    count = 2 if any_number else len(items)
+    number = "" if any_number else f"{count} "
+    shown = (inner.examples if len(inner.examples) >= count else inner.examples * count)[:count]
+    example = (f"[{', '.join(shown)}]",) if shown else ()
+    return ExpectedValue(f"a list of {number}{inner.several}", f"lists of {number}{inner.several}", example)

@@ -1,4 +1,4 @@
-"""The tables of a case file that describe supports: what is held, moved or rotated, planes of symmetry, springs."""
+"""The tables of a case file about supports (held, moved or rotated faces, planes of symmetry, springs) and loads."""
 
 from __future__ import annotations
 
@@ -8,11 +8,18 @@ from pydantic import BeforeValidator, model_validator
 
 from .contact import FoundationTable
 from .curves import AmplitudeTable, amplitude_of
-from .place import VectorAt, field
-from .values import Name, Number, Stiffness, Table, Vector
+from .values import Name, Number, SpatialNumber, SpatialVector, Stiffness, Table, Vector, coefficient, field
 
 if TYPE_CHECKING:
-    from ..fem.bodies import PrescribedDisplacement, PrescribedRotation, Spring, SymmetryPlane
+    from ..fem.bodies import (
+        PrescribedDisplacement,
+        PrescribedRotation,
+        Pressure,
+        Spring,
+        SymmetryPlane,
+        TotalForce,
+        Traction,
+    )
     from ..fem.geometry import RigidFoundation
 
 Components = Literal["x", "y", "z", "xy", "xz", "yz", "xyz", "normal", "tangential"]
@@ -22,7 +29,7 @@ class PrescribedDisplacementTable(Table):
     """Prescribed displacement in metres on a face."""
 
     face: Name
-    value: VectorAt
+    value: SpatialVector
     components: Components = "xyz"
     direction: Vector | None = None
     surface: FoundationTable | None = None
@@ -55,7 +62,7 @@ class PrescribedDisplacementTable(Table):
 class ClampTable(PrescribedDisplacementTable):
     """Zero displacement of a face.  With a value (as in older case files) it is a [[prescribed_displacement]]."""
 
-    value: VectorAt = (0.0, 0.0, 0.0)
+    value: SpatialVector = (0.0, 0.0, 0.0)
 
     def support(self) -> PrescribedDisplacement:
         """What the table describes."""
@@ -121,3 +128,45 @@ class SpringTable(Table):
         from ..fem.bodies import Spring
 
         return Spring(self.face, self.stiffness)
+
+
+class TractionTable(Table):
+    """Surface load in pascals on a face."""
+
+    face: Name
+    value: SpatialVector
+    amplitude: AmplitudeTable | None = None
+
+    def traction(self) -> Traction:
+        """What the table describes."""
+        from ..fem.bodies import Traction
+
+        return Traction(self.face, field(self.value), amplitude_of(self.amplitude))
+
+
+class PressureTable(Table):
+    """Pressure in pascals normal to a face, positive where it presses on the body."""
+
+    face: Name
+    value: SpatialNumber
+    amplitude: AmplitudeTable | None = None
+
+    def pressure(self) -> Pressure:
+        """What the table describes."""
+        from ..fem.bodies import Pressure
+
+        return Pressure(self.face, coefficient(self.value), amplitude_of(self.amplitude))
+
+
+class TotalForceTable(Table):
+    """Force in newtons, spread uniformly over the area of a face."""
+
+    face: Name
+    force: Vector
+    amplitude: AmplitudeTable | None = None
+
+    def total_force(self) -> TotalForce:
+        """What the table describes."""
+        from ..fem.bodies import TotalForce
+
+        return TotalForce(self.face, self.force, amplitude_of(self.amplitude))
