@@ -14,7 +14,6 @@ from . import (
     hertz_elements,
     hertz_pairs,
     locking,
-    mindlin_pair,
     nafems_cb1,
     nafems_cb2,
     orthotropic,
@@ -45,7 +44,7 @@ CASES: dict[str, Callable[[], Verified]] = {
     "orthotropic": orthotropic.verify,
     "thermal": thermal.verify,
     "hertz-pairs": hertz_pairs.verify,
-    "mindlin-pair": mindlin_pair.verify,
+    "mindlin-pair": cattaneo_mindlin.verify_pair,
     "ring-pair": ring_pair.verify,
     "stack": stack.verify,
     "nafems-cb1": nafems_cb1.verify,
@@ -56,7 +55,7 @@ CASES: dict[str, Callable[[], Verified]] = {
 
 COARSE: dict[str, Callable[[], Verified]] = {
     "hertz-pairs": partial(hertz_pairs.verify, (6, 4), (1.0,)),
-    "mindlin-pair": partial(mindlin_pair.verify, (4, 3), 2),
+    "mindlin-pair": partial(cattaneo_mindlin.verify_pair, (4, 3), 2),
     "ring-pair": partial(ring_pair.verify, (2, 4), (2,)),
     "stack": partial(stack.verify, (4,)),
     "nafems-cb1": partial(nafems_cb1.verify, (10, 8)),
