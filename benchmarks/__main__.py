@@ -15,7 +15,7 @@ import typer
 from coulomb.regular_file import unwritable
 
 if TYPE_CHECKING:
-    from .fclib_collection import Row as FCLIBRow
+    from .fclib import Row as FCLIBRow
     from .peers import Row as PeerRow
     from .peers import Skipped
 
@@ -354,14 +354,15 @@ def fclib(
     directory: Output = None,
 ) -> None:
     """Friction problems of rigid bodies by coulomb and by Siconos' solvers: seconds, residual, performance profile."""
-    from .fclib_collection import generated, in_folder, measure, solvers_here
+    from .fclib import in_folder, measure, solvers_here
+    from .rigid_bodies import collection
 
     found: list[FCLIBRow] = []
 
     def rows() -> Iterator[Fields | str]:
         if folder is None and seed is None:
             raise ValueError("give a folder of problems, or --generated SEED")
-        problems = ([] if folder is None else in_folder(folder)) + ([] if seed is None else generated(seed))
+        problems = ([] if folder is None else in_folder(folder)) + ([] if seed is None else list(collection(seed)))
         problems = [made for made in problems if only in made[0]]
         if not problems:
             raise ValueError(f"--only {only}: no problem has this in its name")
@@ -383,7 +384,7 @@ def fclib(
 
 def _profiles(directory: Path | None, rows: Sequence[FCLIBRow], within: float) -> None:
     """The performance profiles by all times, and with times below a millisecond as a millisecond."""
-    from .fclib_collection import above, profile
+    from .fclib import above, profile
 
     first, *others = dict.fromkeys(row.solver for row in rows)
     for floor, name in ((0.0, "fclib_profile"), (1e-3, "fclib_profile_1ms")):

@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from ..fem import mesh_formats
 from .material import MaterialTable, MaterialTables, materials_of, refuse_groups
-from .values import Cells, FileName, GroupNumber, Length, Name, Number, Table, Vector
+from .values import Cells, Direction, FileName, GroupNumber, Length, Name, Number, Table, Vector
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -113,15 +113,9 @@ BodyName = Annotated[Name, AfterValidator(_identifier)]
 class RotateTable(Table):
     """A rotation: a point of the axis in metres, by default the origin, its direction, and the angle in radians."""
 
-    axis: Vector
+    axis: Direction
     angle: Number
     point: Vector = (0.0, 0.0, 0.0)
-
-    @model_validator(mode="after")
-    def _direction(self) -> RotateTable:
-        if not any(self.axis):
-            raise ValueError("axis must not be zero")
-        return self
 
     def rotation(self) -> Rotation:
         """What it describes."""

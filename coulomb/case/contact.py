@@ -16,6 +16,7 @@ from .values import (
     ORTHOTROPIC,
     TABLES,
     Clearance,
+    Direction,
     Length,
     Name,
     SpatialFriction,
@@ -142,14 +143,8 @@ class RotationTable(Table):
     """Rotation of a foundation: a point of the axis in metres, its direction, and rows [time, angle] in radians."""
 
     point: Vector
-    axis: Vector
+    axis: Direction
     angle: AmplitudeTable
-
-    @model_validator(mode="after")
-    def _direction(self) -> RotationTable:
-        if not any(self.axis):
-            raise ValueError("axis must not be zero")
-        return self
 
     def rotation(self) -> Rotation:
         """What it describes."""

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, model_validator
 
 from .contact import FoundationTable
 from .curves import AmplitudeTable, amplitude_of
-from .values import Name, Number, SpatialNumber, SpatialVector, Stiffness, Table, Vector, coefficient, field
+from .values import Direction, Name, Number, SpatialNumber, SpatialVector, Stiffness, Table, Vector, coefficient, field
 
 if TYPE_CHECKING:
     from ..fem.bodies import (
@@ -31,7 +31,7 @@ class PrescribedDisplacementTable(Table):
     face: Name
     value: SpatialVector
     components: Components = "xyz"
-    direction: Vector | None = None
+    direction: Direction | None = None
     surface: FoundationTable | None = None
     amplitude: AmplitudeTable | None = None
 
@@ -39,8 +39,6 @@ class PrescribedDisplacementTable(Table):
     def _one_of_two(self) -> PrescribedDisplacementTable:
         if self.direction is not None and "components" in self.model_fields_set:
             raise ValueError("give components or direction, one of the two")
-        if self.direction is not None and not any(self.direction):
-            raise ValueError("direction must not be zero")
         if self.surface is not None and self.components not in ("normal", "tangential"):
             raise ValueError('surface goes with components = "normal" or "tangential"')
         return self
@@ -78,16 +76,10 @@ class PrescribedRotationTable(Table):
 
     face: Name
     point: Vector
-    axis: Vector
+    axis: Direction
     angle: Number
     axial: Literal["held", "free"] = "held"
     amplitude: AmplitudeTable | None = None
-
-    @model_validator(mode="after")
-    def _direction(self) -> PrescribedRotationTable:
-        if not any(self.axis):
-            raise ValueError("axis must not be zero")
-        return self
 
     def support(self) -> PrescribedRotation:
         """What the table describes."""

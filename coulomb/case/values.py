@@ -72,6 +72,15 @@ Speed = Annotated[float, _POSITIVE, _between(1e-30, 1e30)]
 
 Vector = tuple[Number, Number, Number]
 
+
+def _nonzero(vector: Vector) -> Vector:
+    if not any(vector):
+        raise ValueError("must not be zero")
+    return vector
+
+
+Direction = Annotated[Vector, AfterValidator(_nonzero)]
+
 Cells = Annotated[int, Field(ge=1, le=1_000_000, strict=True)]
 Steps = Annotated[int, Field(ge=1, le=100_000, strict=True)]
 """Load steps, each of which writes a directory."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks import fclib_collection, fclib_solvers
+from benchmarks import fclib
 from benchmarks.__main__ import app
-from benchmarks.fclib_collection import Row, above, measure, profile, solvers_here
+from benchmarks.fclib import Row, above, measure, profile, solvers_here
 from benchmarks.rigid_bodies import collection, stack
 from coulomb.io.fclib import read_fclib, write_fclib
 
@@ -92,7 +92,7 @@ def test_a_solver_is_ended_after_a_multiple_of_the_quickest(monkeypatch):
         limits.append(limit)
         return next(seconds), 1e-9 if len(limits) > 1 else 1.0, True, ""
 
-    monkeypatch.setattr(fclib_collection, "_in_process", run)
+    monkeypatch.setattr(fclib, "_in_process", run)
     problems = [("p", lambda: stack(2, 0.5, 1))]
     assert [row.solved for row in measure(problems, ["coulomb", "a", "b", "c"], 60.0, 10.0)] == [
         False,
@@ -109,7 +109,7 @@ def test_a_solver_that_takes_too_long_is_ended(tmp_path, monkeypatch):
     endless = "import resource; resource.setrlimit(resource.RLIMIT_CPU, (1, 1))\nwhile True: pass\n"
     (tmp_path / "sitecustomize.py").write_text(endless)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    found = fclib_collection._in_process("coulomb", tmp_path / "p.npz", 1.0)
+    found = fclib._in_process("coulomb", tmp_path / "p.npz", 1.0)
     assert found == (1.0, None, False, "limit of 1 s")
 
 
@@ -117,7 +117,7 @@ def test_siconos_agrees_where_it_is_installed():
     if len(solvers_here()) == 1:
         pytest.skip("not installed: siconos comes with Debian's python3-siconos")
     problem = stack(2, 0.5, 1)
-    found = fclib_solvers.solve(problem, "ADMM")
+    found = fclib.solve(problem, "ADMM")
     assert found["claimed"] and found["residual"] <= 1e-6
 
 

@@ -147,7 +147,7 @@ def test_changes_reach_a_body():
     [
         ("body.1.name='the upper'", "body.1.name = 'the upper': should be an identifier"),
         ("body.0.translate=[0,0]", "body.0.translate = [0, 0]: should be a list of 3 numbers"),
-        ("body.0.rotate={axis=[0,0,0],angle=1.0}", "axis must not be zero"),
+        ("body.0.rotate={axis=[0,0,0],angle=1.0}", "body.0.rotate.axis = [0, 0, 0]: must not be zero"),
         ("body.0.colour='red'", "body.0.colour = 'red': there is no such key (known here: box, cells, cell, degree"),
         (
             "body.0.material=[{cells='a',young=1.0,poisson=0.3}]",

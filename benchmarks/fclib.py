@@ -1,29 +1,106 @@
 """A folder of FCLIB problems, or generated ones, by coulomb and by Siconos: a table and a performance profile.
 
-Every solver has a process of its own for every problem, on one thread, and the same limit of processor time.  A
-problem counts as solved if the residual by the collection's measure is at most 1e-8; for Siconos also if it reports
-success at its own tolerance of 1e-8, which is relative to |q|.
+Every solver has a process of its own for every problem (`python -m benchmarks.fclib SOLVER FILE LIMIT`), on one thread,
+and the same limit of processor time.  A problem counts as solved if the residual by the collection's measure is at most
+1e-8; for Siconos also if it reports success at its own tolerance of 1e-8, which is relative to |q|.
+
+Siconos gets the problem scaled to a mean diagonal of W of 1 and a largest |q| of 1.  The time is that of the processor
+from the matrix in memory, in each package's own format, to the forces, by a call from Python; the least of a few runs
+where it is short.  Imports and the scaling for Siconos are not counted.
 """
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
 import math
+import resource
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse
 
+from coulomb.arrays import FloatArray
 from coulomb.io.fclib import FCLIBProblem, read_fclib
+from coulomb.solvers.results import NotConverged
+from coulomb.solvers.rigid import solve_coulomb
 
-from .fclib_solvers import OURS, SICONOS, TOLERANCE
 from .processes import alone
-from .rigid_bodies import collection
+
+TOLERANCE = 1e-8
+OURS = "coulomb"
+SICONOS = {
+    "NSGS": ("SICONOS_FRICTION_3D_NSGS", 10_000_000),
+    "NSN_AC": ("SICONOS_FRICTION_3D_NSN_AC", 2_000),
+    "ADMM": ("SICONOS_FRICTION_3D_ADMM", 1_000_000),
+    "DSFP": ("SICONOS_FRICTION_3D_DSFP", 10_000_000),
+}
+"""Siconos' solvers with their names there and their largest number of iterations: beyond the limit of time."""
+
+_SHORT = 0.05  # seconds: shorter runs are repeated
+_REPEATS = 50
+
+
+Answer = tuple[FloatArray, bool, str]
+"""Forces, whether success is reported, and the reason if not."""
+
+
+def by_coulomb(problem: FCLIBProblem) -> Callable[[], Answer]:
+    """What solves the problem, to be called for each timing."""
+    b = -problem.q
+
+    def run() -> Answer:
+        try:
+            return solve_coulomb(problem.W, b, problem.mu).x, True, ""
+        except NotConverged as failure:
+            return failure.result.x, False, str(failure)
+
+    return run
+
+
+def by_siconos(problem: FCLIBProblem, name: str) -> Callable[[], Answer]:
+    """As `by_coulomb`, by a solver in `SICONOS`."""
+    sn: Any = importlib.import_module("siconos.numerics")
+    attribute, iterations = SICONOS[name]
+    a, size = float(problem.W.diagonal().mean()), float(np.abs(problem.q).max()) or 1.0
+    W, q = scipy.sparse.csc_matrix(problem.W / a), problem.q / size
+    W.indices, W.indptr = W.indices.astype(np.int64), W.indptr.astype(np.int64)
+
+    def run() -> Answer:
+        contact = sn.FrictionContactProblem(3, len(problem.mu), W, q, problem.mu)
+        options = sn.SolverOptions(getattr(sn, attribute))
+        options.dparam[sn.SICONOS_DPARAM_TOL], options.iparam[sn.SICONOS_IPARAM_MAX_ITER] = TOLERANCE, iterations
+        r: FloatArray = np.zeros_like(q)
+        status = sn.fc3d_driver(contact, r, np.zeros_like(r), options)
+        return r * size / a, status == 0, "" if status == 0 else f"status {status}"
+
+    return run
+
+
+def solve(problem: FCLIBProblem, name: str) -> dict[str, object]:
+    """Seconds, residual by the collection's measure, whether success was reported, and what was said.
+
+    The time is that of the thread: the clock of a process with a limit has a resolution of milliseconds.
+    """
+    run, spent = by_coulomb(problem) if name == OURS else by_siconos(problem, name), []
+    while True:
+        began = time.thread_time()
+        r, claimed, said = run()
+        spent.append(time.thread_time() - began)
+        if sum(spent) > _SHORT or len(spent) == _REPEATS:
+            break
+    residual = problem.residual(r) if np.isfinite(r).all() else float("inf")
+    return {"seconds": min(spent), "residual": residual, "claimed": claimed, "said": said}
+
+
+# --- the table ------------------------------------------------------------------------------------------------------
 
 RATIOS = tuple(10.0 ** (k / 10.0) for k in range(41))
 """Times over the quickest solver's at which a performance profile is written, 1 to 10 000."""
@@ -120,7 +197,7 @@ def measure(problems: Iterable[Made], solvers: Sequence[str], limit: float, with
 
 def _in_process(solver: str, file: Path, limit: float) -> tuple[float, float | None, bool, str]:
     """Seconds, residual, whether success was reported, and what was said."""
-    command = [sys.executable, "-m", f"{__package__}.fclib_solvers", solver, str(file), str(limit)]
+    command = [sys.executable, "-m", "benchmarks.fclib", solver, str(file), str(limit)]
     done = subprocess.run(command, env=alone(), capture_output=True, text=True, errors="replace", check=False)
     if done.returncode < 0:
         return limit, None, False, f"limit of {limit:g} s"
@@ -163,6 +240,10 @@ def above(curve: Sequence[Sequence[float]]) -> list[float]:
     return [max((line[0] for line in curve if line[k] > line[1]), default=0.0) for k in range(2, len(curve[0]))]
 
 
-def generated(seed: int) -> list[Made]:
-    """Problems of `rigid_bodies`."""
-    return list(collection(seed))
+if __name__ == "__main__":
+    given = read_fclib(sys.argv[2])
+    _small = FCLIBProblem(scipy.sparse.identity(3, format="csr"), np.array([-1.0, 0.5, 0.0]), np.array([0.3]))
+    solve(_small, sys.argv[1])  # loads what is loaded late
+    _end = math.ceil(time.process_time() + float(sys.argv[3]))
+    resource.setrlimit(resource.RLIMIT_CPU, (_end, _end))
+    sys.stdout.write("\n" + json.dumps(solve(given, sys.argv[1])) + "\n")
