@@ -1,6 +1,6 @@
 """Algorithm PF, step by step: the paper's method on its own problem, a steel block with Tresca friction.
 
-    python demos/paper.py
+    python -m demos.paper       # from the checkout, which has the folder benchmarks
 
 R. Kucera, J. Machalova, H. Netuka, P. Zencak: Interior point method for 3D contact problems with friction.
 """
@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks.block import block
+from benchmarks.conditioning import measure
 from coulomb import KPRGP, AugmentedSystem, InteriorPoint, SchurComplementSystem
-from coulomb.benchmarks.block import block
-from coulomb.benchmarks.conditioning import measure
 
 # The problem: min 1/2 x^T A x - b^T x subject to x_n >= 0, |x_t| <= g, at 330 contact nodes (Table 1's first line).
 problem = block(p=10, friction=None)

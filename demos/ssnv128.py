@@ -2,7 +2,7 @@
 
     python demos/ssnv128.py
 
-Mesh, loads and reference values are in coulomb/benchmarks/verification/ssnv128.py.
+Mesh, loads and reference values are in coulomb/verification/ssnv128.py.
 """
 
 from pathlib import Path
@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from coulomb.benchmarks.verification.ssnv128 import DISPLACEMENTS, PLACES, problem
 from coulomb.io.summary import node_status
+from coulomb.verification.ssnv128 import DISPLACEMENTS, PLACES, problem
 
 solution = problem().solve()
 print(solution.certificate)

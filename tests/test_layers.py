@@ -48,8 +48,8 @@ def uses(path, *names):
 
 
 ROOMS = {
-    "cli": {"benchmarks", "case", "io", "pictures", "model", "solvers", "linalg", "fem"},
-    "benchmarks": {"case", "io", "model", "solvers", "linalg", "fem"},
+    "cli": {"verification", "case", "io", "pictures", "model", "solvers", "linalg", "fem"},
+    "verification": {"io", "model", "solvers", "linalg", "fem"},
     "io": {"case", "model", "solvers", "linalg", "fem"},
     "case": {"model", "solvers", "linalg", "fem"},
     "pictures": {"io", "model"},
@@ -81,6 +81,11 @@ def test_imports_between_rooms():
         allowed = ROOMS.get(here, set()) | {here, ""}
         wrong |= {(own(path), room(name)) for name in imports(path) if room(name) not in allowed}
     assert not wrong
+
+
+def test_the_package_does_not_import_the_benchmarks():
+    """They are not in the wheel."""
+    assert not [own(path) for path in FILES if uses(path, "benchmarks")]
 
 
 def test_no_import_cycle_of_rooms():

@@ -2,17 +2,25 @@
 
 import h5py
 import numpy as np
+import scipy.sparse
 from wrong_input import Wrong
 
-from coulomb.benchmarks.rigid_bodies import stack
-from coulomb.io.fclib import write_fclib
+from coulomb.io.fclib import FCLIBProblem, write_fclib
+
+_CONTACTS = 8
+
+
+def contacts():
+    """A problem of eight contacts that do not influence each other."""
+    size = 3 * _CONTACTS
+    return FCLIBProblem(scipy.sparse.identity(size, format="csr"), np.ones(size), np.full(_CONTACTS, 0.5), "stack")
 
 
 def saved(**changes):
-    """problem.npz, a stack of two cubes, with some arrays changed."""
+    """problem.npz with some arrays changed."""
 
     def prepare():
-        problem = stack(2, 0.5, 1)
+        problem = contacts()
         arrays = {"W_data": problem.W.data, "W_indices": problem.W.indices, "W_indptr": problem.W.indptr}
         np.savez("problem.npz", **(arrays | {"q": problem.q, "mu": problem.mu} | changes))
 
@@ -20,7 +28,7 @@ def saved(**changes):
 
 
 def without_law():
-    write_fclib("problem.hdf5", stack(2, 0.5, 1))
+    write_fclib("problem.hdf5", contacts())
     with h5py.File("problem.hdf5", "a") as file:
         del file["fclib_local/vectors/mu"]
 
@@ -31,7 +39,6 @@ def strange():
 
 
 NPZ, HDF5 = ("fclib", "problem.npz"), ("fclib", "problem.hdf5")
-_CONTACTS = 8
 
 RIGID = tuple(
     Wrong(what, arguments, message, prepare, alone=True, library=library)
@@ -71,34 +78,6 @@ RIGID = tuple(
             NPZ,
             r"the coefficient of friction of contact 1 is -0\.2; it must be >= 0",
             saved(mu=np.array([0.5, -0.2, *[0.5] * (_CONTACTS - 2)])),
-            "",
-        ),
-        (
-            "a benchmark of a directory that does not exist",
-            ("benchmark", "fclib", "collection"),
-            r"collection: there is no such directory",
-            saved(),
-            "",
-        ),
-        (
-            "a benchmark of a directory without problems",
-            ("benchmark", "fclib", "."),
-            r"there are no FCLIB problems there, \.hdf5 or \.npz",
-            lambda: None,
-            "",
-        ),
-        (
-            "a benchmark of a damaged problem",
-            ("benchmark", "fclib", ".", "--solver", "coulomb"),
-            r"problem\.npz: mu has entries that are not finite",
-            saved(mu=np.full(_CONTACTS, np.inf)),
-            "",
-        ),
-        (
-            "a benchmark of an unknown solver",
-            ("benchmark", "fclib", ".", "--solver", "PATH"),
-            r"there is no solver 'PATH'; they are coulomb, NSGS",
-            saved(),
             "",
         ),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -11,29 +10,27 @@ import numpy as np
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from ..ranks import is_rank_0, launched, on_rank_0
-from .bodies import BodyTable, fault_of_body, fault_of_face, joined_mesh, refuse_equal_names
-from .body import MeshTable, PressureTable, TotalForceTable, TractionTable
+from ..model.times import HALVINGS, refuse_times
+from ..ranks import launched, on_rank_0
+from .bodies import BodyTable, MeshTable, fault_of_body, fault_of_face, joined_mesh, refuse_equal_names
 from .contact import ContactTable, ContactTables
 from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
-from .faults import fault_of, tables_of_several
-from .field_file import named_files, rename_files
-from .history import HistoryTable
-from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups
-from .place import VectorAt, field
-from .probe import ProbeTable
-from .renamed import renamed
-from .solver import OutputTable, SolverTable
-from .supports import (
+from .error_messages import fault_of, tables_of_several
+from .files import apply, named_files, parsed, read_text, rename_files
+from .loads import (
     ClampTable,
     PrescribedDisplacementTable,
     PrescribedRotationTable,
+    PressureTable,
     SpringTable,
     SupportTable,
     SymmetryTable,
+    TotalForceTable,
+    TractionTable,
 )
-from .text import apply, parsed, read_text
-from .values import TABLES, Table, Vector
+from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups
+from .solver import OutputTable, SolverTable
+from .values import ROWS, TABLES, Duration, Name, Number, SpatialVector, Steps, Table, Vector, field
 
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
     from mpi4py import MPI
@@ -42,11 +39,47 @@ if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validat
     from ..fem.geometry import Coefficient
     from ..fem.meshes import JoinedMesh, NamedMesh
     from ..model.load_history import LoadHistory
+    from ..model.probes import Probe
     from ..model.problem import ContactProblem
     from ..solvers.friction_problem import Solver
 
 
-_log = logging.getLogger(__name__)
+class HistoryTable(Table):
+    """Load steps: their ends, or the end of the last and their number; from time 0, with the body free of stress."""
+
+    times: Annotated[tuple[Number, ...], Field(max_length=ROWS)] | None = None
+    end: Duration | None = None
+    steps: Steps | None = None
+    halvings: Annotated[int, Field(ge=0, le=30, strict=True)] = HALVINGS
+
+    @model_validator(mode="after")
+    def _times_or_steps(self) -> HistoryTable:
+        if (self.times is None) == (self.end is None or self.steps is None):
+            raise ValueError("give either times, a list that increases from 0, or end and steps")
+        refuse_times(0.0, self.ends)
+        return self
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Ends of the steps."""
+        if self.times is not None:
+            return self.times
+        assert self.end is not None and self.steps is not None
+        return tuple(float(t) for t in np.linspace(0.0, self.end, self.steps + 1)[1:])
+
+
+class ProbeTable(Table):
+    """A named point in metres at which displacement, slip and pressure are reported, and the body that has it."""
+
+    name: Name
+    point: Vector
+    body: Name | None = None
+
+    def probe(self) -> Probe:
+        """What the table describes."""
+        from ..model.probes import Probe
+
+        return Probe(self.name, self.point, self.body)
 
 
 class Case(Table):
@@ -63,7 +96,7 @@ class Case(Table):
     traction: Annotated[tuple[TractionTable, ...], Field(max_length=TABLES)] = ()
     pressure: Annotated[tuple[PressureTable, ...], Field(max_length=TABLES)] = ()
     total_force: Annotated[tuple[TotalForceTable, ...], Field(max_length=TABLES)] = ()
-    body_force: VectorAt = (0.0, 0.0, 0.0)
+    body_force: SpatialVector = (0.0, 0.0, 0.0)
     body_force_amplitude: AmplitudeTable | None = None
     gravity: Vector = (0.0, 0.0, 0.0)
     gravity_amplitude: AmplitudeTable | None = None
@@ -313,17 +346,10 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
     tables = parsed(text, path, tables_of_several(Case))
     for change in changes:
         apply(tables, change)
-    if is_rank_0():
-        for note in renamed(tables):
-            _log.warning("%s: %s", path, note)
-    _beside(Path(path), tables)
+    folder = Path(path).parent
+    rename_files(tables, {place: str(folder / name) for place, name in named_files(tables).items()})
     read_curves(Path(path), tables)
     try:
         return Case.model_validate(tables)
     except ValidationError as error:
         raise fault_of(error, str(path), Case) from None
-
-
-def _beside(case: Path, tables: dict[str, Any]) -> None:
-    """Make names of files relative to the case's directory."""
-    rename_files(tables, {place: str(case.parent / name) for place, name in named_files(tables).items()})

@@ -11,9 +11,24 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from ..arrays import FloatArray
 from ..fem.geometry import Cylinder, Plane, RigidFoundation, Sphere
 from .curves import AmplitudeTable, MotionTable, amplitude_of, motion_of, rows_of
-from .field_file import GapAt, gap_of
-from .place import FrictionAt, SpeedAt, StressAt, VectorAt, coefficient, field
-from .values import ISOTROPIC, ORTHOTROPIC, TABLES, Clearance, Length, Name, Table, Vector
+from .values import (
+    ISOTROPIC,
+    ORTHOTROPIC,
+    TABLES,
+    Clearance,
+    Direction,
+    Length,
+    Name,
+    SpatialFriction,
+    SpatialGap,
+    SpatialSpeed,
+    SpatialStress,
+    SpatialVector,
+    Table,
+    Vector,
+    coefficient,
+    field,
+)
 
 if TYPE_CHECKING:
     from ..fem.geometry import Coefficient, Rotation
@@ -80,9 +95,9 @@ def _two_numbers(given: Any) -> Any:
 class SlipRateTable(Table):
     """Friction by the slip rate v of the load step before, in m/s: kinetic + (static - kinetic) exp(-v/decay_speed)."""
 
-    static: Annotated[FrictionAt, BeforeValidator(_one_number)]
-    kinetic: Annotated[FrictionAt, BeforeValidator(_one_number)]
-    decay_speed: Annotated[SpeedAt, BeforeValidator(_one_number)]
+    static: Annotated[SpatialFriction, BeforeValidator(_one_number)]
+    kinetic: Annotated[SpatialFriction, BeforeValidator(_one_number)]
+    decay_speed: Annotated[SpatialSpeed, BeforeValidator(_one_number)]
 
 
 BY_SLIP_RATE = "by slip rate"
@@ -95,8 +110,8 @@ def _kind(given: Any) -> str:
 
 
 FrictionValue = Annotated[
-    Annotated[FrictionAt, Tag(ISOTROPIC)]
-    | Annotated[tuple[FrictionAt, FrictionAt], BeforeValidator(_two_numbers), Tag(ORTHOTROPIC)]
+    Annotated[SpatialFriction, Tag(ISOTROPIC)]
+    | Annotated[tuple[SpatialFriction, SpatialFriction], BeforeValidator(_two_numbers), Tag(ORTHOTROPIC)]
     | Annotated[SlipRateTable, Tag(BY_SLIP_RATE)],
     Discriminator(_kind),
 ]
@@ -108,8 +123,8 @@ class RegionTable(Table):
 
     box: tuple[Vector, Vector]
     friction: FrictionValue | None = None
-    slip_stress: StressAt | None = None
-    cohesion: StressAt | None = None
+    slip_stress: SpatialStress | None = None
+    cohesion: SpatialStress | None = None
 
     @model_validator(mode="after")
     def _corners(self) -> RegionTable:
@@ -128,14 +143,8 @@ class RotationTable(Table):
     """Rotation of a foundation: a point of the axis in metres, its direction, and rows [time, angle] in radians."""
 
     point: Vector
-    axis: Vector
+    axis: Direction
     angle: AmplitudeTable
-
-    @model_validator(mode="after")
-    def _direction(self) -> RotationTable:
-        if not any(self.axis):
-            raise ValueError("axis must not be zero")
-        return self
 
     def rotation(self) -> Rotation:
         """What it describes."""
@@ -149,16 +158,16 @@ class ContactTable(Table):
 
     face: Name
     friction: FrictionValue | None = None
-    slip_stress: StressAt | None = None
+    slip_stress: SpatialStress | None = None
     region: Annotated[tuple[RegionTable, ...], Field(max_length=TABLES)] = ()
     foundation: FoundationTable | None = None
     normals: Literal["foundation", "body"] = "foundation"
     motion: MotionTable | None = None
-    cohesion: StressAt | None = None
-    direction: VectorAt | None = None
+    cohesion: SpatialStress | None = None
+    direction: SpatialVector | None = None
     friction_amplitude: AmplitudeTable | None = None
     rotation: RotationTable | None = None
-    gap: GapAt = 0.0
+    gap: SpatialGap = 0.0
     gap_amplitude: AmplitudeTable | None = None
     against: Name | None = None
     adjust: Clearance = 0.0
@@ -248,7 +257,7 @@ class ContactTable(Table):
             None if self.direction is None else field(self.direction),
             amplitude_of(self.friction_amplitude),
             self.rotation.rotation() if self.rotation is not None else None,
-            gap_of(self.gap),
+            coefficient(self.gap),
             amplitude_of(self.gap_amplitude),
             self.against,
             self.adjust,

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from ..load_curve import After, LoadCurve
 from ..ranks import launched, on_rank_0
-from .text import read_text
+from .files import read_text
 from .values import ROWS, FileName, Number, Table
 
 if TYPE_CHECKING:

@@ -7,8 +7,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from .curves import AmplitudeTable, amplitude_of
-from .place import NumberAt, VectorAt, coefficient, field
-from .values import TABLES, Density, Expansion, FileName, Length, Name, Number, Table, Young
+from .values import (
+    TABLES,
+    Density,
+    Expansion,
+    FileName,
+    Length,
+    Name,
+    Number,
+    SpatialNumber,
+    SpatialVector,
+    Table,
+    Young,
+    coefficient,
+    field,
+)
 
 if TYPE_CHECKING:
     from ..fem.bodies import AnyMaterial, ThermalLoad
@@ -45,7 +58,7 @@ class MaterialTable(Table):
     young: YoungValue
     poisson: PoissonValue
     shear: tuple[Young, Young, Young] | None = None
-    directions: tuple[VectorAt, VectorAt] | None = None
+    directions: tuple[SpatialVector, SpatialVector] | None = None
     density: Density | None = None
     expansion: ExpansionValue | None = None
 
@@ -140,7 +153,7 @@ class TemperatureTable(Table):
     With `body` it is that of one of several bodies; the others have no thermal strain.
     """
 
-    value: NumberAt | None = None
+    value: SpatialNumber | None = None
     file: FileName | None = None
     field: Name | None = None
     scale: Length = 1.0

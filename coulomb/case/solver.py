@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from .renamed import current_method
 from .values import FileName, Rounds, Table
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ class SolverTable(Table):
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
     linear_solver: Literal["auto", "direct", "iterative"] = "auto"
     compliance: Literal["auto", "explicit", "matrix-free"] = "auto"
-    method: Annotated[Literal["auto", "interior-point", "successive-tresca"], BeforeValidator(current_method)] = "auto"
+    method: Literal["auto", "interior-point", "successive-tresca"] = "auto"
     newton: Literal["recycling", "augmented", "schur", "dense", "condensed"] = "recycling"
     max_outer: Rounds | None = None
 

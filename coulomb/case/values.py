@@ -1,10 +1,21 @@
-"""Types of single values of a case, with wide bounds that exclude errors and overflow."""
+"""Types of single values of a case, with wide bounds that exclude errors and overflow; and of values that depend on
+place: a number, an expression as text, or a field of a file."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
+
+from ..arrays import FloatArray
+from .expression import expression
+
+if TYPE_CHECKING:
+    from ..fem.geometry import Coefficient
+    from ..fem.geometry import Field as VectorField
+    from ..fem.meshes import NodalField
 
 
 class Table(BaseModel):
@@ -61,6 +72,15 @@ Speed = Annotated[float, _POSITIVE, _between(1e-30, 1e30)]
 
 Vector = tuple[Number, Number, Number]
 
+
+def _nonzero(vector: Vector) -> Vector:
+    if not any(vector):
+        raise ValueError("must not be zero")
+    return vector
+
+
+Direction = Annotated[Vector, AfterValidator(_nonzero)]
+
 Cells = Annotated[int, Field(ge=1, le=1_000_000, strict=True)]
 Steps = Annotated[int, Field(ge=1, le=100_000, strict=True)]
 """Load steps, each of which writes a directory."""
@@ -78,3 +98,79 @@ Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_print
 """Name of a face or a group of cells."""
 
 FileName = Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_printable)]
+
+# --- values that depend on place -------------------------------------------------------------------------------------
+
+NUMBER, EXPRESSION, FIELD = "a number", "an expression", "a field of a file"
+
+
+def _expression(text: str) -> str:
+    """The text as it stands, if it is an expression."""
+    expression(text)
+    return text
+
+
+class FieldTable(Table):
+    """A number at each node of the mesh of a file: the file, its field, and metres per unit of length of the mesh."""
+
+    file: FileName
+    field: Name
+    scale: Length = 1.0
+
+    def at(self) -> Coefficient:
+        """A function of place; the file is read when it is first called."""
+        return _LazyField(self)
+
+
+class _LazyField:
+    """A field that is read when it is first evaluated: a check reports a missing file, and goes on."""
+
+    def __init__(self, table: FieldTable):
+        self._table = table
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        return self._field(x)
+
+    @cached_property
+    def _field(self) -> NodalField:
+        from ..fem.meshes import NodalField
+
+        return NodalField.from_file(self._table.file, self._table.field, self._table.scale)
+
+
+def _kind(given: Any) -> str:
+    return EXPRESSION if isinstance(given, str) else FIELD if isinstance(given, dict | FieldTable) else NUMBER
+
+
+_OneKind = Discriminator(lambda given: EXPRESSION if isinstance(given, str) else NUMBER)
+Expression = Annotated[str, AfterValidator(_expression)]
+
+SpatialNumber = Annotated[Annotated[Number, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)], _OneKind]
+SpatialFriction = Annotated[Annotated[Friction, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)], _OneKind]
+SpatialStress = Annotated[Annotated[Stress, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)], _OneKind]
+SpatialSpeed = Annotated[Annotated[Speed, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)], _OneKind]
+SpatialVector = tuple[SpatialNumber, SpatialNumber, SpatialNumber]
+SpatialGap = Annotated[
+    Annotated[Number, Tag(NUMBER)] | Annotated[Expression, Tag(EXPRESSION)] | Annotated[FieldTable, Tag(FIELD)],
+    Discriminator(_kind),
+]
+
+
+def coefficient(value: float | str | FieldTable) -> Coefficient:
+    """A number, or a function of place."""
+    if isinstance(value, FieldTable):
+        return value.at()
+    return expression(value) if isinstance(value, str) else value
+
+
+def field(value: tuple[float | str, float | str, float | str]) -> VectorField:
+    """A vector, or the function of place if a component is an expression."""
+    numbers = [component for component in value if not isinstance(component, str)]
+    if len(numbers) == 3:
+        return tuple(numbers)
+    components = [coefficient(component) for component in value]
+
+    def at(x: FloatArray) -> FloatArray:
+        return np.array([c(x) if callable(c) else np.full(x.shape[1], float(c)) for c in components])
+
+    return at

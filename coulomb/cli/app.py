@@ -1,4 +1,4 @@
-"""The commands of `coulomb`, except those of benchmarks, cases and pictures.  Output is on rank 0; exit codes:
+"""The commands of `coulomb`, except those of verification, cases and pictures.  Output is on rank 0; exit codes:
 console.py.
 
 Modules that take time to load are imported by the command that needs them: numpy and the case files', so that help is
@@ -18,13 +18,13 @@ import typer
 from .. import process
 from ..ranks import launched
 from ..version import __version__
-from .benchmark_commands import benchmark
 from .case_commands import Changes, check_case, new
 from .commands_pictures import drawing_soon, register
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks, showing_messages
 from .console import console as _console
 from .console import errors as _errors
 from .convert import convert
+from .verification import verification
 
 if TYPE_CHECKING:
     from ..case.case import Case
@@ -35,7 +35,6 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-app.add_typer(benchmark, name="benchmark")
 register(app)
 
 
@@ -121,6 +120,18 @@ def resume(
 app.command("new")(new)
 app.command("check-case")(check_case)
 app.command("convert")(convert)
+app.command("verification")(verification)
+
+
+@app.command(hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def benchmark() -> None:
+    """Says where the benchmarks are; to be removed in the next version."""
+    _errors.print(
+        "error: the benchmarks have left the package: run `python -m benchmarks NAME` from a checkout of the "
+        "repository; the verification is `coulomb verification`",
+        markup=False,
+    )
+    raise typer.Exit(BAD_INPUT)
 
 
 @app.command()

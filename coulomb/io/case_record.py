@@ -13,7 +13,7 @@ from mpi4py import MPI
 from pydantic import ValidationError
 
 from ..case.case import Case
-from ..case.field_file import Place, named_files
+from ..case.files import KeyPath, named_files
 from ..ranks import on_rank_0
 from ..regular_file import refuse_irregular
 from .restart import read_step
@@ -117,7 +117,7 @@ def differences(before: Case, digests: Mapping[str, str], case: Case, now: Mappi
 def _files(tables: Mapping[str, Any]) -> dict[str, str]:
     """Names of the files of a case, by their keys in records: of the mesh without its table."""
 
-    def key(place: Place) -> str:
+    def key(place: KeyPath) -> str:
         return ".".join(map(str, place[1:] if place[0] == "mesh" else place))
 
     return {key(place): name for place, name in sorted(named_files(tables).items(), key=str)}

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from ..case.case import Case
-from ..case.faults import fault_of
-from ..case.field_file import named_files, rename_files
-from ..case.text import LARGEST, read_text
+from ..case.error_messages import fault_of
+from ..case.files import LARGEST, named_files, read_text, rename_files
 from ..ranks import launched, on_rank_0
 from .run_directory import CASE, RunDirectory
 

@@ -1,6 +1,6 @@
 """Estimates of memory and time before a run, by formulas fitted to measurements of the block.
 
-    coulomb benchmark estimates --p 8 --p 16 --p 24         # estimated and measured
+    python -m benchmarks estimates --p 8 --p 16 --p 24         # estimated and measured
 
 With n displacement and m contact unknowns.  Nested dissection of a body in 3D fills the factor with n^(4/3) numbers and
 takes n^2 operations.  The Schur complement on the contact nodes is a dense matrix m x m and takes m^3 more.  Multigrid

@@ -29,7 +29,7 @@ class Automatic:
     the interior-point method, or ends after a few (`docs/measurements.md`).
 
     On the block the first needs a quarter of the products of the second, for all sizes and friction coefficients
-    (`coulomb benchmark friction`).  Of random ill-conditioned problems, each solves some that the other does not.
+    (`python -m benchmarks friction`).  Of random ill-conditioned problems, each solves some that the other does not.
     `SolverResult.method` records the choice.
 
     Attributes:

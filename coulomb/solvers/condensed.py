@@ -24,7 +24,7 @@ Preconditioner: PETSc's GAMG on K + B^T C_d^-1 B, made anew every step, with the
 of Gauss-Seidel on the finest level, which PETSc does by 3 x 3 blocks where the rows of a node have the same nonzeros;
 Chebyshev with Jacobi on the others, where blocks of small aggregates are singular.
 
-Observed (docs/measurements-history.md): the steps of the default, 7 to 13 FGMRES iterations per step for Coulomb
+Observed: the steps of the default, 7 to 13 FGMRES iterations per step for Coulomb
 friction, 11 to 16 of CG for Tresca's.  There is no proven bound.  CONVERGED is decided by the residual of the problem
 with the most accurate A x, corrected from y, independent of R.
 

@@ -4,11 +4,12 @@ import csv
 
 import numpy as np
 import pytest
-from conftest import run_coulomb
+from typer.testing import CliRunner
 
-from coulomb.benchmarks import fclib_collection, fclib_solvers
-from coulomb.benchmarks.fclib_collection import Row, above, measure, profile, solvers_here
-from coulomb.benchmarks.rigid_bodies import collection, stack
+from benchmarks import fclib
+from benchmarks.__main__ import app
+from benchmarks.fclib import Row, above, measure, profile, solvers_here
+from benchmarks.rigid_bodies import collection, stack
 from coulomb.io.fclib import read_fclib, write_fclib
 
 
@@ -91,7 +92,7 @@ def test_a_solver_is_ended_after_a_multiple_of_the_quickest(monkeypatch):
         limits.append(limit)
         return next(seconds), 1e-9 if len(limits) > 1 else 1.0, True, ""
 
-    monkeypatch.setattr(fclib_collection, "_in_process", run)
+    monkeypatch.setattr(fclib, "_in_process", run)
     problems = [("p", lambda: stack(2, 0.5, 1))]
     assert [row.solved for row in measure(problems, ["coulomb", "a", "b", "c"], 60.0, 10.0)] == [
         False,
@@ -105,12 +106,10 @@ def test_a_solver_is_ended_after_a_multiple_of_the_quickest(monkeypatch):
 def test_a_solver_that_takes_too_long_is_ended(tmp_path, monkeypatch):
     """Its process has a limit of processor time of its own."""
     save_npz(tmp_path / "p.npz", stack(3, 0.5, 1))
-    monkeypatch.setitem(fclib_collection.__dict__, "__package__", "tests_slow")
-    (tmp_path / "tests_slow").mkdir()
     endless = "import resource; resource.setrlimit(resource.RLIMIT_CPU, (1, 1))\nwhile True: pass\n"
-    (tmp_path / "tests_slow" / "fclib_solvers.py").write_text(endless)
+    (tmp_path / "sitecustomize.py").write_text(endless)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    found = fclib_collection._in_process("coulomb", tmp_path / "p.npz", 1.0)
+    found = fclib._in_process("coulomb", tmp_path / "p.npz", 1.0)
     assert found == (1.0, None, False, "limit of 1 s")
 
 
@@ -118,25 +117,19 @@ def test_siconos_agrees_where_it_is_installed():
     if len(solvers_here()) == 1:
         pytest.skip("not installed: siconos comes with Debian's python3-siconos")
     problem = stack(2, 0.5, 1)
-    found = fclib_solvers.solve(problem, "ADMM")
+    found = fclib.solve(problem, "ADMM")
     assert found["claimed"] and found["residual"] <= 1e-6
 
 
 def test_command(tmp_path):
     write_fclib(tmp_path / "stack.hdf5", stack(3, 0.5, 1))
-    done = run_coulomb("benchmark", "fclib", tmp_path, "--solver", "coulomb", "--output", tmp_path / "out")
-    assert done.returncode == 0 and "coulomb solved 1 of 1" in done.stdout, done.stderr
+    arguments = ["fclib", str(tmp_path), "--solver", "coulomb", "--output", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0 and "coulomb solved 1 of 1" in done.output, done.output
     (line,) = csv.DictReader((tmp_path / "out" / "fclib.csv").open())
     assert (line["contacts"], line["rank"], line["solved"]) == ("12", "18", "True")
     assert float(line["residual"]) <= 1e-8
     assert (tmp_path / "out" / "fclib_profile.csv").read_text().startswith("ratio,coulomb")
-    assert "solved within a multiple" in done.stdout and (tmp_path / "out" / "fclib_profile_1ms.csv").is_file()
-    for arguments, message in (
-        ((), "give a folder of problems, or --generated SEED"),
-        ((tmp_path / "missing",), "there is no such directory"),
-        ((tmp_path / "out",), "there are no FCLIB problems there"),
-        ((tmp_path, "--solver", "magic"), "there is no solver 'magic'"),
-        ((tmp_path, "--only", "zzz"), "--only zzz: no problem has this in its name"),
-    ):
-        done = run_coulomb("benchmark", "fclib", *arguments)
-        assert done.returncode == 2 and message in done.stderr, done.stderr
+    assert "above coulomb: none" in done.output and (tmp_path / "out" / "fclib_profile_1ms.csv").is_file()
+    done = CliRunner().invoke(app, ["fclib", str(tmp_path / "out")])
+    assert done.exit_code == 2 and "there are no FCLIB problems there" in done.output

@@ -5,44 +5,42 @@ import subprocess
 import numpy as np
 import pytest
 
-from coulomb.benchmarks import peers
-from coulomb.benchmarks.peers import OURS, PEERS, SECOND_ORDER_PEERS, Row, Skipped, force_error, measure, missing
+from benchmarks import peers
+from benchmarks.peers import OURS, PROBLEMS, Peer, Row, Skipped, force_error, measure, missing
 
-AGREEMENT = dict.fromkeys(PEERS, 1e-6)
+BLOCK = PROBLEMS["block"]
 
 
-def only(name, p=3):
+def only(name, p):
     rows = {row.peer: row for row in measure([p], [name])}
     assert set(rows) == {OURS, name}
     return rows[name]
 
 
-def test_coulomb_is_the_first_row_and_the_reference():
-    rows = list(measure([2, 3], [OURS]))
-    assert [(row.peer, row.p) for row in rows] == [(OURS, 2), (OURS, 3)]
-    for row in rows:
-        assert row.force_error == 0.0 and row.iterations > 0 and row.seconds > 0.0
-        assert 1e7 < row.peak_memory_bytes < 1e9
-
-
 @pytest.fixture(scope="module")
 def measured():
     """The same problem by all that are installed."""
-    return {row.peer: row for row in measure([3], [name for name in PEERS if not missing(PEERS[name])])}
+    return {row.peer: row for row in measure([3], [name for name in BLOCK if not missing(BLOCK[name])])}
 
 
-@pytest.mark.parametrize("name", [name for name in PEERS if name != OURS])
+def test_coulomb_is_the_first_row_and_the_reference(measured):
+    first = next(iter(measured.values()))
+    assert (first.peer, first.p, first.force_error) == (OURS, 3, 0.0) and first.iterations > 0 and first.seconds > 0.0
+    assert 1e7 < first.peak_memory_bytes < 1e9
+
+
+@pytest.mark.parametrize("name", [name for name in BLOCK if name != OURS])
 def test_agrees(name, measured):
-    if reason := missing(PEERS[name]):
+    if reason := missing(BLOCK[name]):
         pytest.skip(reason)
     row = measured[name]
     assert isinstance(row, Row), row
-    assert row.force_error <= AGREEMENT[name]
+    assert row.force_error <= 1e-6
     assert row.seconds > 0.0 and row.iterations > 0 and row.peak_memory_bytes > 1e7
 
 
 def test_siconos_agrees_in_second_order():
-    if reason := missing(SECOND_ORDER_PEERS["Siconos ADMM"]):
+    if reason := missing(PROBLEMS["second-order"]["Siconos ADMM"]):
         pytest.skip(reason)
     ours, theirs = measure([2], ["Siconos ADMM"], problem="second-order")
     assert ours.force_error == 0.0 and 0.0 < theirs.force_error <= 1e-6
@@ -70,10 +68,10 @@ def test_the_shortest_time_counts(monkeypatch):
 
 
 def test_missing_peers_are_reported(monkeypatch):
-    monkeypatch.setitem(PEERS, "Absent", peers.Peer("absent", "no_such_module", "Debian's no-such-package"))
-    skipped = only("Absent")
+    monkeypatch.setitem(BLOCK, "Absent", Peer("absent", "solve", "no_such_module", "Debian's no-such-package"))
+    skipped = only("Absent", 1)
     assert isinstance(skipped, Skipped)
-    assert skipped.p == 3 and "not installed" in skipped.reason and "no-such-package" in skipped.reason
+    assert skipped.p == 1 and "not installed" in skipped.reason and "no-such-package" in skipped.reason
 
 
 def test_failing_peers_are_reported():
@@ -81,14 +79,16 @@ def test_failing_peers_are_reported():
     assert isinstance(said, str) and "Traceback" not in said and "\n" not in said
 
 
-def test_timeouts_are_reported(monkeypatch):
-    monkeypatch.setitem(PEERS, "Slow", peers.Peer("ours", "coulomb", "", up_to=2))
-    assert only("Slow") == Skipped("Slow", 3, "takes too long beyond p = 2")
+def test_limits_of_size_are_reported(monkeypatch):
+    monkeypatch.setitem(BLOCK, "Slow", Peer("ours", "solve", "coulomb", up_to=1))
+    assert only("Slow", 2) == Skipped("Slow", 2, "takes too long beyond p = 1")
 
 
 def test_unknown_names_are_refused():
     with pytest.raises(ValueError, match="Siconos"):
         measure([2], ["Simulink"])
+    with pytest.raises(ValueError, match="two-blocks"):
+        measure([2], problem="three-blocks")
 
 
 def test_forces_are_matched_by_place():

@@ -68,14 +68,9 @@ def test_solver_and_problem_are_what_the_case_says():
         ),
         ("mehs.cells=[1,1,1]", r"mehs = .*: there is no such key; did you mean mesh\?"),
         ("clamp.0.fase='left'", r"clamp.0.fase = 'left': there is no such key; did you mean face\?"),
-        ("contact.friction=-0.3", r"contact.friction = -0.3: should be greater than or equal to 0"),
-        ("contact.friction='rough'", r"contact.friction = 'rough': 'rough' is not known in an expression"),
         ("contact.friction=nan", r"contact.friction = nan"),
-        ("material.poisson=0.5", r"material.poisson = 0.5: should be less than 0.5"),
         ("material.poisson=-1.0", r"material.poisson = -1.0: should be greater than -1"),
-        ("material.young=0", r"material.young = 0: should be greater than 0"),
         ("material.young=nan", r"material.young = nan: should be a finite number"),
-        ("material.young=true", r"material.young = true: should be a number or a list of 3 numbers"),
         (
             "contact.face='botom'",
             r"contact.face = 'botom': should be 'left', 'right', 'front', 'back', 'bottom' or 'top'",
@@ -83,16 +78,9 @@ def test_solver_and_problem_are_what_the_case_says():
         ("clamp.0.components='xw'", r"clamp.0.components = 'xw': should be 'x', 'y'"),
         ("mesh.cells=[1,0,1]", r"mesh.cells.1 = 0: should be greater than or equal to 1"),
         ("mesh.cells=[1,1]", r"mesh.cells = \[1, 1\]: should be a list of 3 whole numbers, as \[1, 2, 3\]"),
-        ("mesh.cells=[1.5,1,1]", r"mesh.cells.0 = 1.5: should be a whole number"),
         ("mesh.box=[3,-1,1]", r"mesh.box.1 = -1: should be greater than 0"),
-        ("traction.0.value=[0,inf,0]", r"traction.0.value.1 = inf: should be a finite number"),
-        ("contact.slip_stress=1e7", r"contact = .*: give either friction \(Coulomb\) or slip_stress \(Tresca\)"),
         ("contact={face='bottom'}", r"contact = .*: give either friction \(Coulomb\) or slip_stress \(Tresca\)"),
         ("contact.foundation={point=[0,0,0]}", r"needs normal"),
-        ("solver.tolerance=1e-3", r"solver.tolerance = 0.001: should be less than or equal to 1e-06"),
-        ("solver.linear_solver='lu'", r"solver.linear_solver = 'lu': should be 'auto', 'direct' or 'iterative'"),
-        ("nonsense", r"--set nonsense: must be key.key=value"),
-        ("traction.9.face='top'", r"--set traction.9.face='top': there is no such place"),
         ("material.young.x=1", r"--set material.young.x=1: there is no such place"),
     ],
 )
@@ -101,46 +89,13 @@ def test_bad_settings(change, message):
         read_case(BLOCK, [change])
 
 
-def test_former_names_are_accepted_and_reported(caplog):
-    """solver.method "fixed-point" is successive Tresca; a clamp with a value is a prescribed displacement."""
-    case = read_case(BLOCK, ["solver.method=fixed-point"])
-    assert case.solver.method == "successive-tresca" and isinstance(case.contact_solver(), SuccessiveTresca)
-    (said,) = caplog.records
-    assert said.levelname == "WARNING" and said.name.startswith("coulomb.")
-    assert 'solver.method = "fixed-point" is now called "successive-tresca"' in said.message
-    assert read_case(BLOCK, ["solver.method=one-loop"]).solver.method == "interior-point"
-    assert 'solver.method = "one-loop" is now called "interior-point"' in caplog.records[-1].message
-    caplog.clear()
+def test_a_clamp_with_a_value_is_a_prescribed_displacement():
     value = (0.0, 0.0, -1e-4)
     (old,) = (t.support() for t in read_case(BLOCK, ["clamp.0.value=[0,0,-1e-4]"]).clamp)
     changes = ["clamp=[]", "prescribed_displacement=[{face='left', value=[0,0,-1e-4]}]"]
     (new,) = (t.support() for t in read_case(BLOCK, changes).prescribed_displacement)
     assert type(old) is type(new) is PrescribedDisplacement and old == new == PrescribedDisplacement("left", value)
-    assert type(read_case(BLOCK).clamp[0].support()) is Clamp and not caplog.records
-
-
-def test_missing_tables(tmp_path):
-    path = tmp_path / "case.toml"
-    path.write_text("[mesh]\nbox = [1.0, 1.0, 1.0]\ncells = [1, 1, 1]\n")
-    with pytest.raises(ValueError, match=r"case.toml: material: is missing\n.*case.toml: contact: is missing"):
-        read_case(path)
-
-
-def test_unreadable_files(tmp_path):
-    with pytest.raises(ValueError, match=r"none.toml: cannot be read: No such file"):
-        read_case(tmp_path / "none.toml")
-    path = tmp_path / "broken.toml"
-    path.write_text("[mesh\n")
-    with pytest.raises(ValueError, match=r"broken.toml: is not TOML: .*line 1"):
-        read_case(path)
-    path.write_bytes(b"\xff\xfe")
-    with pytest.raises(ValueError, match=r"broken.toml: cannot be read"):
-        read_case(path)
-
-
-def test_contact_face_fully_clamped():
-    with pytest.raises(ValueError, match="contact face 'left' is fully clamped"):
-        read_case(BLOCK, ["contact.face=left", "mesh.cells=[3,1,1]"]).problem()
+    assert type(read_case(BLOCK).clamp[0].support()) is Clamp
 
 
 JAWS = """

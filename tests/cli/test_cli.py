@@ -1,6 +1,5 @@
 """The command line in a process of its own."""
 
-import csv
 import json
 import re
 
@@ -137,62 +136,7 @@ def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path, error):
     assert done.returncode == 3 and f"{error}: unforeseen" in done.stderr
 
 
-def test_benchmark_of_the_compliance():
-    done = run_coulomb("benchmark", "compliance", "--p", 2, process=True)
-    assert done.returncode == 0, done.stderr
-    *_, row = done.stdout.splitlines()
-    assert row.split()[:2] == ["2", "54"] and float(row.split()[-1]) < 1e-10
-
-
-def test_benchmark_table1(tmp_path):
-    done = run_coulomb("benchmark", "table1", "--p", 4, "--p", 5, "--output", tmp_path)
-    assert done.returncode == 0, done.stderr
-    with (tmp_path / "table1.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert list(rows[0]) == ["solver", "p", "n", "m", "iterations", "products", "seconds", "residual"]
-    names = ["PF(0.3,0.99)", "PF(0.1,0.9)", "PF(0.01,0.99)", "PF(0.1,0.9) estimated diag(A)"]
-    names += [f"{name} P_AM alone" for name in names[:3]] + ["KPRGP"]
-    assert [row["solver"] for row in rows] == 2 * names
-    assert [(row["n"], row["m"]) for row in rows[::8]] == [("900", "180"), ("1620", "270")]  # 9 p (p+1)^2, 9 p (p+1)
-    assert all(float(row["residual"]) <= 1e-6 for row in rows)
-    for size in (rows[:8], rows[8:]):
-        products = [int(row["products"]) for row in size]
-        assert products[7] > 3.1 * max(products[:7])
-        assert all(ours < alone for ours, alone in zip(products[:3], products[4:7], strict=True))
-    assert (tmp_path / "table1.png").stat().st_size > 10_000
-
-    done = run_coulomb("benchmark", "table1", "--p", 4, "--solver", "PF")
-    assert done.returncode == 2 and "there is no solver 'PF' in the table; it has PF(0.3,0.99)" in done.stderr
-
-
-def test_benchmark_conditioning(tmp_path):
-    done = run_coulomb("benchmark", "conditioning", "--p", 2, "--output", tmp_path)
-    assert done.returncode == 0, done.stderr
-    with (tmp_path / "conditioning.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert float(rows[-1]["J_AM"]) > 1e8 > 1e4 > float(rows[-1]["P_AM^-1 J_AM"])
-    assert all(float(row["P_SC^-1 J_SC"]) <= float(row["bound"]) for row in rows)
-    assert (tmp_path / "conditioning.png").stat().st_size > 10_000
-
-
 def test_dense_systems_are_refused_on_two_ranks(tmp_path):
     done = run_coulomb("run", BLOCK, *SMALL, "--set", "solver.newton=dense", "--output", tmp_path, ranks=2, timeout=240)
     assert done.returncode == 2 and 'error: solver.newton = "dense" works on one rank' in done.stderr
     assert "Traceback" not in done.stderr
-
-
-def test_benchmark_friction(tmp_path):
-    done = run_coulomb("benchmark", "friction", "--p", 4, "--friction", 0.3, "--friction", 1.5, "--output", tmp_path)
-    assert done.returncode == 0, done.stderr
-    with (tmp_path / "friction.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert ",".join(rows[0]) == "method,p,friction,outer,path_following,products,krylov,seconds,residual,status"
-    methods = ["one Tresca problem", "plain", "inexact", "accelerated", "interior-point", "interior-point dense"]
-    assert [row["method"] for row in rows] == 2 * methods
-    assert all(float(row["residual"]) <= 1e-8 and row["status"] == "converged" for row in rows)
-    for half in (rows[:6], rows[6:]):
-        products = {row["method"]: int(row["products"]) for row in half}
-        assert products["interior-point"] < products["inexact"] < products["plain"]
-        assert products["interior-point"] < products["accelerated"] < 1.1 * products["inexact"]
-        assert products["interior-point"] < products["one Tresca problem"]
-    assert (tmp_path / "friction.png").stat().st_size > 10_000

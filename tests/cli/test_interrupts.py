@@ -133,7 +133,8 @@ def test_a_signal_stops_a_load_history_which_resumes(tmp_path):
 def test_a_signal_to_one_rank_stops_all(tmp_path):
     script = tmp_path / "stop.py"
     script.write_text(
-        "import os, signal, sys\nfrom mpi4py import MPI\nimport coulomb\nfrom coulomb.benchmarks.block import block\n"
+        f"import os, signal, sys\nsys.path.insert(0, {str(ROOT)!r})\n"
+        "from mpi4py import MPI\nimport coulomb\nfrom benchmarks.block import block\n"
         "from coulomb.cli.interruption import Interruption\ncomm = MPI.COMM_WORLD\n"
         "with Interruption(comm) as interruption:\n"
         "    def progress(at):\n"

@@ -3,7 +3,7 @@
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from coulomb.benchmarks.block import block
+from benchmarks.block import block
 from coulomb.linalg.compliance.stiffness import DirectSolver, IterativeSolver
 from coulomb.model import problem as of_problems
 

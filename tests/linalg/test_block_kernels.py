@@ -11,8 +11,8 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from benchmarks.block import block
 from coulomb import Clamp, Material, box, native
-from coulomb.benchmarks.block import block
 from coulomb.fem.bodies.elasticity import Elasticity
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.multigrid import block_matrix, recycled_cg

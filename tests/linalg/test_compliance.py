@@ -6,7 +6,6 @@ from scipy.sparse import csr_array
 
 import coulomb
 from coulomb import AugmentedSystem, DirectSolver, InteriorPoint, IterativeSolver, Plane
-from coulomb.benchmarks.by_columns import compliance_by_columns
 from coulomb.linalg.compliance.diagonal_estimate import estimated_diagonal
 from coulomb.linalg.factors.multifrontal import MultifrontalSolver
 from coulomb.linalg.unsolved import Unsolved
@@ -48,15 +47,6 @@ def test_schur_complement_is_that_of_dense_algebra():
     A, _ = dense(problem)
     assert np.allclose(problem.A.dense(), A, rtol=1e-9, atol=1e-11 * A.max())
     assert np.allclose(problem.A.diagonal(), np.diag(A), rtol=1e-9, atol=0.0)
-
-
-def test_blocks_of_columns_fit_together(monkeypatch):
-    """The benchmark's other method: A by right-hand sides."""
-    monkeypatch.setattr("coulomb.benchmarks.by_columns._COLUMNS_AT_ONCE", 7)
-    problem = make_block(2)
-    A, _ = dense(problem)
-    formed = compliance_by_columns(problem.surface.B, DirectSolver(problem.elasticity.K))
-    assert np.allclose(formed, A, rtol=1e-10, atol=1e-12 * A.max())
 
 
 def test_estimated_diagonal_needs_few_more_products():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from coulomb.benchmarks.block import block
+from benchmarks.block import block
 from coulomb.linalg.factors.frontal_factors import FrontalFactors
 from coulomb.linalg.factors.nested_dissection import dissect, dissect_part
 from coulomb.linalg.nodal_blocks import NodalRows, nodal_blocks

@@ -5,8 +5,8 @@ import pytest
 from conftest import dense_compliance, make_block, random_spd
 from mpi4py import MPI
 
+from benchmarks.table1 import PAPER, measure
 from coulomb import AugmentedSystem, InteriorPoint, IterativeSolver
-from coulomb.benchmarks.table1 import PAPER, measure
 from coulomb.linalg.compliance.low_rank import LowRankApproximation, LowRankUpdate
 from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.linearization import Linearization

@@ -9,8 +9,8 @@ import scipy.sparse
 from conftest import make_block
 from petsc4py import PETSc
 
+from benchmarks.block import block
 from coulomb import Clamp, Contact, ContactProblem, DirectSolver, Material, box, join, moved
-from coulomb.benchmarks.block import block
 from coulomb.linalg.compliance.schur_compliance import SchurCompliance
 from coulomb.linalg.factors import frontal_factors, multifrontal
 from coulomb.linalg.factors.multifrontal import MultifrontalSolver

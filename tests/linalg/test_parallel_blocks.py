@@ -9,7 +9,7 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from coulomb.benchmarks.block import block
+from benchmarks.block import block
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.multigrid import block_matrix as ghost_blocks
 from coulomb.linalg.multigrid import multigrid_grids

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from test_parallel import everywhere, same_error
 
+from benchmarks.block import block
 from coulomb import (
     Clamp,
     Contact,
@@ -24,7 +25,6 @@ from coulomb import (
     join,
     moved,
 )
-from coulomb.benchmarks.block import block
 from coulomb.linalg.compliance import predicted_cost as methods
 from coulomb.linalg.compliance.schur_compliance import SchurCompliance
 from coulomb.linalg.factors import blas, distributed_multifrontal, shared_dissection

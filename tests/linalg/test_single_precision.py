@@ -5,8 +5,8 @@ import pytest
 import scipy.sparse
 from conftest import make_block
 
+from benchmarks.block import block
 from coulomb import Clamp, Contact, ContactProblem, Material, Spring, Traction, box
-from coulomb.benchmarks.block import block
 from coulomb.linalg.compliance.schur_compliance import SchurCompliance
 from coulomb.linalg.factors import multifrontal
 from coulomb.linalg.factors.frontal_factors import FrontalFactors

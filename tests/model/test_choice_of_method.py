@@ -8,9 +8,9 @@ from conftest import ROOT, make_block, run_coulomb
 from mpi4py import MPI
 
 import coulomb
+from benchmarks.real_parts import PARTS
+from benchmarks.two_blocks import two_blocks
 from coulomb import Clamp, DirectSolver, Elasticity, IterativeSolver, Material, Spring
-from coulomb.benchmarks.real_parts import PARTS
-from coulomb.benchmarks.two_blocks import two_blocks
 from coulomb.case.case import read_case
 from coulomb.cli.posing import posed
 from coulomb.io.case_record import case_record

@@ -62,11 +62,3 @@ def test_drawing_commands_say_what_to_install(tmp_path, without, command, module
     assert done.stderr == (
         f"error: {PACKAGES[module]} is not installed, and pictures need it: ./install.sh, or pip install {EVERY}\n"
     )
-
-
-def test_a_benchmark_writes_its_table_without_figure(tmp_path, without):
-    without("matplotlib")
-    done = run_coulomb("benchmark", "conditioning", "--p", 1, "--output", tmp_path, process=True)
-    assert done.returncode == 0 and "warning: no figure: matplotlib is not installed" in done.stderr
-    assert (tmp_path / "conditioning.csv").exists() and not (tmp_path / "conditioning.png").exists()
-    assert f"conditioning.csv in {tmp_path}" in done.stdout

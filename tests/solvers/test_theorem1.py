@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from conftest import make_block, random_tresca
 
+from benchmarks.conditioning import measure
 from coulomb import InteriorPoint
-from coulomb.benchmarks.conditioning import measure
 
 
 def problems():

@@ -19,7 +19,8 @@ from pydantic import ValidationError
 
 from ...arrays import FloatArray
 from ...case.case import Case
-from ...case.field_file import FieldTable, named_files
+from ...case.files import named_files
+from ...case.values import FieldTable
 from ...fem import compat
 from ...fem.bodies import TEMPERATURE, LoadedBody, Loading, rigid_modes
 from ...fem.contact import plane_of_face, way_along

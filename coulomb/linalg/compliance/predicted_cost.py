@@ -23,9 +23,9 @@ unknowns is left to multigrid for a single problem, and factorised for two load 
 The constants are least squares over the block (p = 6 to 24) and parts with 2 000 to 80 000 unknowns, of processor time
 on one thread; their ratios matter (docs/measurements.md).  What they are fitted to:
 
-    coulomb benchmark parts --method direct --method iterative --clscale 1 --clscale 0.5 --clscale 0.3
-    coulomb benchmark scaling --method direct --p 10 --p 16 --p 24                 # and --method iterative
-    coulomb benchmark histories --p 10 --p 16 --peer coulomb
+    python -m benchmarks parts --method direct --method iterative --clscale 1 --clscale 0.5 --clscale 0.3
+    python -m benchmarks scaling --method direct --p 10 --p 16 --p 24                 # and --method iterative
+    python -m benchmarks histories --p 10 --p 16 --peer coulomb
 """
 
 from __future__ import annotations

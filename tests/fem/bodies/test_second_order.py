@@ -6,6 +6,7 @@ import scipy.sparse
 from conftest import STEEL, run_python
 
 import coulomb
+from benchmarks.block import block
 from coulomb import (
     Clamp,
     Contact,
@@ -19,7 +20,6 @@ from coulomb import (
     Sphere,
     Traction,
 )
-from coulomb.benchmarks.block import block
 from coulomb.fem.contact.contact_points import contact_points
 
 CELLS = ["tetrahedron", "hexahedron"]

@@ -20,9 +20,9 @@ from coulomb import (
     join,
     moved,
 )
-from coulomb.benchmarks.verification.ring_pair import FIT, INTERFERENCE, rings
 from coulomb.io.recheck.directory import check
 from coulomb.io.summary import remarks
+from coulomb.verification.ring_pair import FIT, INTERFERENCE, rings
 
 STEEL = Material(2.1e11, 0.3)
 RADIUS = 0.01

@@ -6,7 +6,7 @@ from mesh_files import BoxFile
 from mpi4py import MPI
 
 import coulomb
-from coulomb.case.body import MeshTable
+from coulomb.case.bodies import MeshTable
 from coulomb.fem import compat
 from coulomb.fem.compat import fem, ufl
 from coulomb.fem.meshes.lagrange import corner_geometry

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.sparse
 
+from benchmarks.rigid_bodies import capsules, scattered, stack
 from coulomb import FrictionProblem, NotConverged, Status, solve_coulomb
-from coulomb.benchmarks.rigid_bodies import capsules, scattered, stack
 from coulomb.solvers.rigid import cone_curve
 from coulomb.solvers.rigid.cone_curve import ConeCurve, CurvePoint
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint

@@ -5,8 +5,8 @@ import pytest
 import scipy.sparse
 
 import coulomb
+from benchmarks.rigid_bodies import TouchPoint, arch, assembled, random_rank, scattered, stack, tower, walled
 from coulomb import Automatic, NotConverged, Status, solve_coulomb
-from coulomb.benchmarks.rigid_bodies import TouchPoint, arch, assembled, random_rank, scattered, stack, tower, walled
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
 from coulomb.solvers.rigid.general import _compliance
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from benchmarks.rigid_bodies import arch, random_rank, scattered, spheres, stack, walled
 from coulomb import FrictionProblem
-from coulomb.benchmarks.rigid_bodies import arch, random_rank, scattered, spheres, stack, walled
 from coulomb.solvers.rigid.cone_path import ConePath, ConeStep
 from coulomb.solvers.rigid.cone_problem import ConeProblem, Scales
 from coulomb.solvers.rigid.cones import determinant, product, radius, scaling, step_to_boundary, times

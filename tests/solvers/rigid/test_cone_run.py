@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from benchmarks.rigid_bodies import random_rank, stack, walled
 from coulomb import NotConverged, Status, solve_coulomb
-from coulomb.benchmarks.rigid_bodies import random_rank, stack, walled
 from coulomb.solvers.rigid import cone_run
 from coulomb.solvers.rigid.cone_curve import ConeCurve
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint

@@ -5,8 +5,8 @@ import pytest
 import scipy.sparse
 from conftest import without_sweeps
 
+from benchmarks.rigid_bodies import arch, masonry, spheres, stack
 from coulomb import FrictionProblem, NotConverged, Status, solve_coulomb
-from coulomb.benchmarks.rigid_bodies import arch, masonry, spheres, stack
 from coulomb.io.fclib import FCLIBProblem
 from coulomb.solvers.rigid import gauss_seidel
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint

@@ -1,0 +1,1 @@
+"""The tables of docs/measurements.md, from a checkout: `python -m benchmarks --help`.  Not part of the wheel."""

@@ -1,1 +1,0 @@
-"""Benchmarks: each module returns the rows of its table, and the command line prints them."""

@@ -1,0 +1,164 @@
+"""The tables of a case file about supports (held, moved or rotated faces, planes of symmetry, springs) and loads."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BeforeValidator, model_validator
+
+from .contact import FoundationTable
+from .curves import AmplitudeTable, amplitude_of
+from .values import Direction, Name, Number, SpatialNumber, SpatialVector, Stiffness, Table, Vector, coefficient, field
+
+if TYPE_CHECKING:
+    from ..fem.bodies import (
+        PrescribedDisplacement,
+        PrescribedRotation,
+        Pressure,
+        Spring,
+        SymmetryPlane,
+        TotalForce,
+        Traction,
+    )
+    from ..fem.geometry import RigidFoundation
+
+Components = Literal["x", "y", "z", "xy", "xz", "yz", "xyz", "normal", "tangential"]
+
+
+class PrescribedDisplacementTable(Table):
+    """Prescribed displacement in metres on a face."""
+
+    face: Name
+    value: SpatialVector
+    components: Components = "xyz"
+    direction: Direction | None = None
+    surface: FoundationTable | None = None
+    amplitude: AmplitudeTable | None = None
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> PrescribedDisplacementTable:
+        if self.direction is not None and "components" in self.model_fields_set:
+            raise ValueError("give components or direction, one of the two")
+        if self.surface is not None and self.components not in ("normal", "tangential"):
+            raise ValueError('surface goes with components = "normal" or "tangential"')
+        return self
+
+    def support(self) -> PrescribedDisplacement:
+        """What the table describes."""
+        from ..fem.bodies import PrescribedDisplacement
+
+        return PrescribedDisplacement(
+            *(self.face, field(self.value), self.components, amplitude_of(self.amplitude)),
+            *(self.direction, self._surface),
+        )
+
+    @property
+    def _surface(self) -> RigidFoundation | None:
+        return None if self.surface is None else self.surface.foundation()
+
+
+class ClampTable(PrescribedDisplacementTable):
+    """Zero displacement of a face.  With a value (as in older case files) it is a [[prescribed_displacement]]."""
+
+    value: SpatialVector = (0.0, 0.0, 0.0)
+
+    def support(self) -> PrescribedDisplacement:
+        """What the table describes."""
+        from ..fem.bodies import Clamp
+
+        if any(self.value) or self.amplitude:
+            return super().support()
+        return Clamp(self.face, self.components, self.direction, self._surface)
+
+
+class PrescribedRotationTable(Table):
+    """Prescribed rotation of a face: a point of the axis in metres, its direction, and the angle in radians."""
+
+    face: Name
+    point: Vector
+    axis: Direction
+    angle: Number
+    axial: Literal["held", "free"] = "held"
+    amplitude: AmplitudeTable | None = None
+
+    def support(self) -> PrescribedRotation:
+        """What the table describes."""
+        from ..fem.bodies import PrescribedRotation
+
+        return PrescribedRotation(
+            self.face, self.point, self.axis, self.angle, amplitude_of(self.amplitude), self.axial
+        )
+
+
+class SymmetryTable(Table):
+    """A plane of symmetry in which a face lies."""
+
+    face: Name
+
+    def support(self) -> SymmetryPlane:
+        """What the table describes."""
+        from ..fem.bodies import SymmetryPlane
+
+        return SymmetryPlane(self.face)
+
+
+SupportTable = PrescribedDisplacementTable | PrescribedRotationTable | SymmetryTable
+
+
+def _along_axes(stiffness: Any) -> Any:
+    return [stiffness] * 3 if isinstance(stiffness, int | float) and not isinstance(stiffness, bool) else stiffness
+
+
+class SpringTable(Table):
+    """Elastic support of a face, stiffness in N/m^3: one number, or three along x, y, z."""
+
+    face: Name
+    stiffness: Annotated[tuple[Stiffness, Stiffness, Stiffness], BeforeValidator(_along_axes)]
+
+    def spring(self) -> Spring:
+        """What the table describes."""
+        from ..fem.bodies import Spring
+
+        return Spring(self.face, self.stiffness)
+
+
+class TractionTable(Table):
+    """Surface load in pascals on a face."""
+
+    face: Name
+    value: SpatialVector
+    amplitude: AmplitudeTable | None = None
+
+    def traction(self) -> Traction:
+        """What the table describes."""
+        from ..fem.bodies import Traction
+
+        return Traction(self.face, field(self.value), amplitude_of(self.amplitude))
+
+
+class PressureTable(Table):
+    """Pressure in pascals normal to a face, positive where it presses on the body."""
+
+    face: Name
+    value: SpatialNumber
+    amplitude: AmplitudeTable | None = None
+
+    def pressure(self) -> Pressure:
+        """What the table describes."""
+        from ..fem.bodies import Pressure
+
+        return Pressure(self.face, coefficient(self.value), amplitude_of(self.amplitude))
+
+
+class TotalForceTable(Table):
+    """Force in newtons, spread uniformly over the area of a face."""
+
+    face: Name
+    force: Vector
+    amplitude: AmplitudeTable | None = None
+
+    def total_force(self) -> TotalForce:
+        """What the table describes."""
+        from ..fem.bodies import TotalForce
+
+        return TotalForce(self.face, self.force, amplitude_of(self.amplitude))

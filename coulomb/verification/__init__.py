@@ -1,0 +1,67 @@
+"""Problems with known answers, one per module: physics, formula, computed values, and tolerances with their reasons.
+
+`coulomb verification` prints the table; tests/verification asserts its rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from . import (
+    cattaneo_mindlin,
+    curved_pairs,
+    hertz,
+    hertz_elements,
+    hertz_pairs,
+    locking,
+    nafems_cb1,
+    nafems_cb2,
+    orthotropic,
+    patch,
+    patch_pairs,
+    press_fit,
+    ring_pair,
+    sliding_block,
+    ssnp121,
+    ssnv128,
+    stack,
+    thermal,
+)
+from .table import Verified
+
+__all__ = ["CASES", "Verified"]
+
+CASES: dict[str, Callable[[], Verified]] = {
+    "patch": patch.verify,
+    "patch-pairs": patch_pairs.verify,
+    "ssnv128": ssnv128.verify,
+    "hertz": hertz.verify,
+    "hertz-elements": hertz_elements.verify,
+    "cattaneo-mindlin": cattaneo_mindlin.verify,
+    "sliding-block": sliding_block.verify,
+    "press-fit": press_fit.verify,
+    "locking": locking.verify,
+    "orthotropic": orthotropic.verify,
+    "thermal": thermal.verify,
+    "hertz-pairs": hertz_pairs.verify,
+    "mindlin-pair": cattaneo_mindlin.verify_pair,
+    "ring-pair": ring_pair.verify,
+    "stack": stack.verify,
+    "nafems-cb1": nafems_cb1.verify,
+    "nafems-cb2": nafems_cb2.verify,
+    "ssnp121": ssnp121.verify,
+    "curved-pairs": curved_pairs.verify,
+}
+"""The cases by name."""
+
+COARSE: dict[str, Callable[[], Verified]] = {
+    "hertz-pairs": partial(hertz_pairs.verify, (6, 4), (1.0,)),
+    "mindlin-pair": partial(cattaneo_mindlin.verify_pair, (4, 3), 2),
+    "ring-pair": partial(ring_pair.verify, (2, 4), (2,)),
+    "stack": partial(stack.verify, (4,)),
+    "nafems-cb1": partial(nafems_cb1.verify, (10, 8)),
+    "curved-pairs": partial(curved_pairs.verify, (1,), (12, 16)),
+    "nafems-cb2": partial(nafems_cb2.verify, (4, 5)),
+}
+"""Cases on coarser meshes than those of the table, for the tests."""
