@@ -286,7 +286,7 @@ def test_a_missing_mesh_file(tmp_path):
 @pytest.fixture
 def lost_nodes(monkeypatch):
     """A faulty contact surface that omits the middle third of the face."""
-    from coulomb.fem.contact.contact_matrix import contact_matrix
+    from coulomb.fem.contact.contact_points import contact_matrix
     from coulomb.model import contact_faces
 
     def without_the_middle(elasticity, face, *arguments):

@@ -24,7 +24,7 @@ from coulomb import (
     Traction,
     box,
 )
-from coulomb.fem.contact.contact_matrix import KeptMatrix, contact_matrix, rows_of
+from coulomb.fem.contact.contact_points import KeptMatrix, contact_matrix, rows_of
 from coulomb.linalg.compliance.low_rank import LowRankApproximation
 from coulomb.linalg.compliance.recycling import LinearResponseCache, RecycledColumns, turned_diagonal
 from coulomb.solvers.contact_equations import ContactEquations

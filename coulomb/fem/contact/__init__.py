@@ -2,13 +2,21 @@
 deformable faces by dual mortar elements (`pair_of`), and the sparse matrix B from displacements to contact points.
 """
 
-from .contact_matrix import KeptMatrix, at_nodes_of, contact_matrix, row_products, rows_of
-from .contact_points import ContactPoints, bounded_gap, contact_points, joined_points
-from .face_samples import FaceSamples, face_samples
+from .contact_points import (
+    ContactPoints,
+    KeptMatrix,
+    at_nodes_of,
+    bounded_gap,
+    contact_matrix,
+    contact_points,
+    joined_points,
+    row_products,
+    rows_of,
+)
 from .mortar import MortarRows, mortar_rows
+from .near_facets import FaceSamples, face_samples
 from .pair import NO_SHAPE, Pair, Shape, curved_patch, pair_frames, pair_of, pair_surface
-from .shared_nodes import lost_nodes
-from .slave_side import slave_side
+from .slave_side import lost_nodes, slave_side
 from .surface import (
     ContactSurface,
     Normals,

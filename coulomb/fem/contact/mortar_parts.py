@@ -13,9 +13,168 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray, IntArray
+from ...nearest import tree_of
 from .facet_patch import FacetPatch
-from .facet_search import SphereTree, sphere_tree
-from .polygon_clipping import areas, clipped
+
+# Which facets are before which, along normals: a tree of spheres searched by straight lines.
+#
+# Unlike a search by distance it finds what is far away as well, such as a body that will come down on another.
+
+_CHILDREN = 8
+"""Of every node of the tree."""
+
+_LINES = 2048
+"""Lines searched at once, so that memory stays small."""
+
+
+@dataclass(frozen=True)
+class SphereTree:
+    """Spheres around facets, around groups of them, and so on up to one.
+
+    Attributes:
+        order: The facets in the order of the lowest level.
+        levels: Centres and radii in metres of the spheres, shape (4, k), from the top to the facets; the children of
+            sphere i are those from 8 i on in the next level.
+    """
+
+    order: IntArray
+    levels: tuple[FloatArray, ...]
+
+    def before(
+        self, centre: FloatArray, radius: FloatArray, normal: FloatArray, depth: float, reach: float
+    ) -> tuple[IntArray, IntArray]:
+        """Pairs (line, facet) whose spheres meet: lines from points (k, 3) along unit normals (k, 3).
+
+        Args:
+            centre: Points in metres.
+            radius: Of the cylinders around the lines, shape (k,).
+            normal: Their directions.
+            depth: How far they begin behind their points.
+            reach: How far they go.
+
+        Returns:
+            Indices of lines, ascending, and of facets.
+        """
+        lines = np.column_stack([centre, normal, radius]).T.copy()  # component by component: faster
+        found = [
+            self._search(at, lines, depth, reach)
+            for at in np.array_split(np.arange(len(centre)), len(centre) // _LINES + 1)
+        ]
+        line, facet = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        order = np.lexsort((facet, line))
+        return line[order], facet[order]
+
+    def _search(self, line: IntArray, lines: FloatArray, depth: float, reach: float) -> tuple[IntArray, IntArray]:
+        first, lines = line[0] if len(line) else 0, lines[:, line]
+        line = line - first
+        sphere: IntArray = np.zeros(len(line), dtype=np.int64)
+        for level, spheres in enumerate(self.levels):
+            if level:
+                line = np.repeat(line, _CHILDREN)
+                sphere = (_CHILDREN * sphere[:, None] + np.arange(_CHILDREN)).ravel()
+                there = sphere < spheres.shape[1]
+                line, sphere = line[there], sphere[there]
+            x, y, z = (spheres[i][sphere] - lines[i][line] for i in range(3))
+            along = x * lines[3][line] + y * lines[4][line] + z * lines[5][line]
+            around = spheres[3][sphere]
+            meets = x * x + y * y + z * z - along * along < (1.0 + 1e-9) * (lines[6][line] + around) ** 2
+            meets &= (along > -depth - around) & (along < reach + around)
+            line, sphere = line[meets], sphere[meets]
+        return line + first, self.order[sphere]
+
+
+def sphere_tree(centre: FloatArray, radius: FloatArray) -> SphereTree:
+    """The tree of facets with these centres (f, 3) and radii (f,) around them in metres; at least one facet."""
+    order = tree_of(centre, _CHILDREN).indices.astype(np.int64)  # near ones are near in this order
+    levels = [(centre[order], radius[order])]
+    while len(levels[0][0]) > 1:
+        middle, size = levels[0]
+        first = np.arange(0, len(middle), _CHILDREN)
+        count = np.diff(np.append(first, len(middle)))
+        above = np.add.reduceat(middle, first) / count[:, None]
+        outer = np.linalg.norm(middle - np.repeat(above, count, axis=0), axis=1) + size
+        levels.insert(0, (above, np.maximum.reduceat(outer, first)))
+    return SphereTree(order, tuple(np.vstack([middle.T, size]) for middle, size in levels))
+
+
+# Intersections of convex polygons in a plane, many pairs at once (Sutherland and Hodgman 1974).
+#
+# Measured against shapely 2.2 (GEOS) on 400 000 pairs of random quadrilaterals: the same areas to 6e-16 in a sixth of
+# the time; of quadrilaterals that coincide up to rounding errors shapely finds no area in five.
+
+_ON_LINE = 1e-12
+"""Distance from a side, over the longest side, within which a corner is on it: else rounding errors of sides that
+coincide, as of matching meshes, give polygons with more crossings than convex ones have."""
+
+_PAIRS = 20_000
+"""Pairs clipped at once, so that the arrays stay in the cache."""
+
+
+def clipped(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """The common parts of pairs of convex polygons.
+
+    Args:
+        subject: Corners of the first polygons, in either orientation, shape (p, a, 2).
+        window: Corners of the second polygons, counterclockwise, shape (p, b, 2).
+
+    Returns:
+        Corners of the common parts, shape (k, a + b, 2), of those pairs that have one, and the numbers of these pairs,
+        ascending, shape (k,).  A part with fewer corners ends with copies of its first one.
+    """
+    parts, pairs = [], []
+    for at in np.array_split(np.arange(len(subject)), len(subject) // _PAIRS + 1):
+        part, left = _clipped(subject[at], window[at])
+        parts.append(part)
+        pairs.append(at[left])
+    return np.concatenate(parts), np.concatenate(pairs)
+
+
+def _clipped(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    x, y = subject[:, :, 0], subject[:, :, 1]
+    around = np.roll(window, -1, axis=1) - window
+    least = _ON_LINE * np.max(np.einsum("psi,psi->ps", around, around), axis=1, initial=0.0)
+    left: npt.NDArray[np.int64] = np.arange(len(subject))
+    sides = window.shape[1]
+    for side in range(sides):
+        from_x, from_y = window[left, side].T[:, :, None]
+        to_x, to_y = window[left, (side + 1) % sides].T[:, :, None]
+        inside = (to_x - from_x) * (y - from_y) - (to_y - from_y) * (x - from_x)
+        inside[np.abs(inside) <= least[left, None]] = 0.0
+        some = np.any(inside > 0.0, axis=1)
+        left, x, y, inside = left[some], x[some], y[some], inside[some]
+        x, y = _halved(x, y, inside)
+    return np.stack([x, y], axis=2), left
+
+
+def _halved(x: FloatArray, y: FloatArray, inside: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Polygons cut by lines; `inside` is positive at corners that are kept.  The result has one more column."""
+    kept = inside >= 0.0
+    crossing = kept != np.roll(kept, -1, axis=1)
+    there = np.roll(inside, -1, axis=1)
+    share = inside / np.where(crossing, inside - there, 1.0)
+    cut_x, cut_y = x + share * (np.roll(x, -1, axis=1) - x), y + share * (np.roll(y, -1, axis=1) - y)
+    emitted = kept.astype(np.int64) + crossing
+    last = np.cumsum(emitted, axis=1)
+    width = x.shape[1] + 1
+    new = np.full((2, len(x), width), np.nan)
+    for values, wanted, place in (
+        (np.stack([x, y]), kept, last - emitted),
+        (np.stack([cut_x, cut_y]), crossing, last - 1),
+    ):
+        row, column = np.nonzero(wanted & (place < width))
+        new[:, row, place[row, column]] = values[:, row, column]
+    copies = np.isnan(new[0])
+    first = np.broadcast_to(new[:, :, :1], new.shape)
+    new[:, copies] = first[:, copies]
+    return new[0], new[1]
+
+
+def areas(polygons: FloatArray) -> FloatArray:
+    """Areas of polygons (p, n, 2), positive if counterclockwise, shape (p,)."""
+    x, y = np.moveaxis(polygons - polygons[:, :1], 2, 0)
+    doubled: FloatArray = (x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)
+    return 0.5 * doubled
+
 
 FACING = -0.2
 """Largest product of the normals of two facets that are paired: they differ from opposite by less than 78 degrees."""

@@ -16,8 +16,7 @@ import numpy.typing as npt
 import scipy.sparse
 
 from ...arrays import FloatArray, IntArray
-from .facet_functions import triangle_rule
-from .facet_maps import at_points
+from .facet_functions import at_points, triangle_rule
 from .facet_patch import STRAIGHT, FacetPatch
 from .mortar_parts import Cells, Parts, cells_of, common_parts, nearest_layer
 

@@ -24,8 +24,15 @@ from ..geometry import (
     on_all_ranks,
     supported_frames,
 )
-from .contact_matrix import at_nodes_of, contact_matrix, free_contact_matrix, rows_of
-from .contact_points import ContactPoints, contact_points, joined_points
+from .contact_points import (
+    ContactPoints,
+    at_nodes_of,
+    contact_matrix,
+    contact_points,
+    free_contact_matrix,
+    joined_points,
+    rows_of,
+)
 
 Normals = Literal["foundation", "body"]
 """Source of the normals of the contact frames."""

@@ -9,7 +9,7 @@ import scipy.sparse
 from coulomb.fem.contact.facet_functions import FacetKind
 from coulomb.fem.contact.facet_patch import FacetPatch
 from coulomb.fem.contact.mortar import LEAST_SHARE, mortar_rows
-from coulomb.fem.contact.polygon_clipping import areas, clipped
+from coulomb.fem.contact.mortar_parts import areas, clipped
 
 Q1, Q2, P1, P2 = FacetKind(4, 1), FacetKind(4, 2), FacetKind(3, 1), FacetKind(3, 2)
 

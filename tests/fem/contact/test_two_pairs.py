@@ -15,7 +15,7 @@ from two_pairs_runs import LENS, write_lens
 
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, SymmetryPlane, Traction, box, join, moved
 from coulomb.contact_names import side_names
-from coulomb.fem.contact.shared_nodes import lost_nodes
+from coulomb.fem.contact.slave_side import lost_nodes
 from coulomb.fem.meshes.named_mesh import NamedMesh
 from coulomb.io import output
 from coulomb.io.field_files import OPPOSITE, read_grids
