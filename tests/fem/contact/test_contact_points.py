@@ -33,7 +33,7 @@ def several_nodes(elasticity, nodes):
 
 
 def averages(space, facets):
-    nodal = contact_points.contact_points(space, facets)
+    nodal = contact_points(space, facets)
     return replace(nodal, weights=several_nodes(space, nodal.nodes), nodal=False)
 
 

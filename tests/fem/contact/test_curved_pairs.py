@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import run_python
+from conftest import ROOT, run_python
 
 from coulomb import (
     Clamp,
@@ -165,7 +165,7 @@ def test_what_faces_away_from_a_foundation_is_left_out(cell, degree, caplog, tmp
 RANKS = """
 import sys
 import numpy as np
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = sys.argv[1:]
 import test_curved_pairs as t
 from coulomb import Cylinder
 for given in ({}, {"smooth": True}, {"surface": Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), t.RADIUS)}):
@@ -181,7 +181,7 @@ for given in ({}, {"smooth": True}, {"surface": Cylinder((0.0, 0.0, 0.0), (0.0, 
 
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_ranks_find_the_same_gaps(ranks):
-    one, several = (run_python("-c", RANKS, Path(__file__).parent, ranks=count) for count in (1, ranks))
+    one, several = (run_python("-c", RANKS, Path(__file__).parent, ROOT / "tests", ranks=count) for count in (1, ranks))
     assert one.returncode == 0 and several.returncode == 0, several.stderr
     found = [np.array([[float(n) for n in line.split()] for line in run.stdout.splitlines()]) for run in (one, several)]
     assert found[0].shape == (3, 4) and np.allclose(found[0], found[1], rtol=1e-6, atol=1e-15)
