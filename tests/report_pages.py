@@ -11,8 +11,8 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from coulomb.pictures.plotting import ZONES
 from coulomb.pictures.report import page
+from coulomb.pictures.report.fields import ZONES
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to open the page in")

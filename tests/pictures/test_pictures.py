@@ -11,13 +11,21 @@ from PIL import Image
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
 from coulomb.io import output
 from coulomb.pictures import overview_process
-from coulomb.pictures.plotting import ZONES, renderer
 from coulomb.pictures.report import overview, scene, sheet
-from coulomb.pictures.report.camera import MARGIN, SHAPES, framing, looking_at
+from coulomb.pictures.report.fields import ZONES, Bar, limits_of, named
 from coulomb.pictures.report.files import read_run
-from coulomb.pictures.report.limits import Bar, limits_of
-from coulomb.pictures.report.scene import VIEWS, Look, automatic_scale, camera_of, shoot
-from coulomb.pictures.report.shown_fields import named
+from coulomb.pictures.report.grids import renderer
+from coulomb.pictures.report.scene import (
+    MARGIN,
+    SHAPES,
+    VIEWS,
+    Look,
+    automatic_scale,
+    camera_of,
+    framing,
+    looking_at,
+    shoot,
+)
 
 PAIRS = list(itertools.combinations(dict(ZONES.values()), 2))
 

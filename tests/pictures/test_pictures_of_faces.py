@@ -12,13 +12,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from test_report_bodies import CUBE, HEXAHEDRON, UP, body, contact
 
 from coulomb.io.field_files import OPPOSITE, Grid
-from coulomb.pictures.report.acting import stresses
+from coulomb.pictures.report.fields import Bar, Limits, limits_of, named
 from coulomb.pictures.report.files import Run
-from coulomb.pictures.report.limits import Bar, Limits, limits_of
-from coulomb.pictures.report.merged import drawn_apart, merged
+from coulomb.pictures.report.grids import drawn_apart, merged
+from coulomb.pictures.report.results import stresses
 from coulomb.pictures.report.scene import Look, Shot, camera_of, shoot
 from coulomb.pictures.report.sheet import SIZE, sheet
-from coulomb.pictures.report.shown_fields import named
 from coulomb.pictures.report.surface_view import surface_view
 
 

@@ -21,9 +21,9 @@ from report_pages import data_of, numbers, page_of, words_of
 from coulomb.io import output
 from coulomb.io.history_summary import whole
 from coulomb.pictures import apart
-from coulomb.pictures.report import charts, facts, page
+from coulomb.pictures.report import charts, page, results
+from coulomb.pictures.report.fields import named
 from coulomb.pictures.report.files import read_run
-from coulomb.pictures.report.shown_fields import named
 from coulomb.pictures.report.units import number, quantity, scale_of, vector
 from coulomb.version import __version__
 
@@ -162,7 +162,7 @@ def test_figures_of_a_history_are_labelled(history):
 
 
 def test_times_of_a_history_add_up_to_its_run(history):
-    rows = dict(facts.seconds(read_run(history)))
+    rows = dict(results.seconds(read_run(history)))
     parts = [
         float(text.split("\u202f")[0]) * {"s": 1.0, "ms": 1e-3, "µs": 1e-6}[text.split("\u202f")[1]]
         for text in rows.values()
@@ -178,12 +178,12 @@ def test_a_page_shows_date_host_and_command(block, history):
     for directory in (block, history):
         words, (run,) = words_of(directory), read_run(directory).made
         started = datetime.fromisoformat(run["started"])
-        shown = facts.in_date(run["started"])
+        shown = results.in_date(run["started"])
         assert shown.startswith(f"{started:%Y-%m-%d %H:%M:%S} UTC")
         assert f"{shown} on {platform.node()}, coulomb {__version__}" in words
         assert f"host {platform.node()}" in words and f"command {run['command']}" in words
-    assert facts.in_date("2026-01-31T12:00:00.123+05:30") == "2026-01-31 12:00:00 UTC+05:30"
-    assert facts.in_date("2026-01-31T12:00:00.123+00:00") == "2026-01-31 12:00:00 UTC"
+    assert results.in_date("2026-01-31T12:00:00.123+05:30") == "2026-01-31 12:00:00 UTC+05:30"
+    assert results.in_date("2026-01-31T12:00:00.123+00:00") == "2026-01-31 12:00:00 UTC"
 
 
 def test_a_step_before_the_last_that_failed_is_named(history, tmp_path):
@@ -199,10 +199,10 @@ def test_a_step_before_the_last_that_failed_is_named(history, tmp_path):
     table[3] = table[3].replace("True", "False")
     (tmp_path / "h" / "history.csv").write_text("\n".join(table))
     run = read_run(tmp_path / "h")
-    assert facts.in_words(run).endswith(
+    assert results.in_words(run).endswith(
         "conditions fail, at 1 of 6 steps (3). The worst is the penetration, which is 30 times its limit at step 3."
     )
-    shown = {row["name"]: row for row in facts.checks(run)}
+    shown = {row["name"]: row for row in results.checks(run)}
     assert shown["penetration"]["step"] == "3" and not shown["penetration"]["passed"]
 
 

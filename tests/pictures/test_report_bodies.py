@@ -8,10 +8,21 @@ import pytest
 pytest.importorskip("pyvista")
 
 from coulomb.io.field_files import OPPOSITE, Grid
-from coulomb.pictures.plotting import corners_in, patches, polygons, renderer, skin_of, without
 from coulomb.pictures.report.files import Run
-from coulomb.pictures.report.first_order import contact_points, first_order
-from coulomb.pictures.report.merged import drawn_apart, merged, nodes_in_body, outward
+from coulomb.pictures.report.grids import (
+    contact_points,
+    corners_in,
+    drawn_apart,
+    first_order,
+    merged,
+    nodes_in_body,
+    outward,
+    patches,
+    polygons,
+    renderer,
+    skin_of,
+    without,
+)
 from coulomb.pictures.report.surface_view import surface_view
 
 CUBE = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])

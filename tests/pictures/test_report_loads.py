@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from coulomb.pictures.report.given import in_time, supports_and_loads, values_in_time
+from coulomb.pictures.report.problem import in_time, supports_and_loads, values_in_time
 
 CASE = {
     "gravity": [0.0, 0.0, -9.81],

@@ -9,14 +9,12 @@ from conftest import run_coulomb
 from PIL import Image
 
 from coulomb.io.field_files import read_grid
-from coulomb.pictures.plotting import ZONES
 from coulomb.pictures.report import picture
+from coulomb.pictures.report.fields import ZONES, Limits, named
 from coulomb.pictures.report.files import read_run
-from coulomb.pictures.report.limits import Limits
 from coulomb.pictures.report.picture import plot
 from coulomb.pictures.report.scene import Look, paint, plotter_for
 from coulomb.pictures.report.sheet import sheet
-from coulomb.pictures.report.shown_fields import named
 
 
 def pixels(path):

@@ -10,8 +10,8 @@ import pytest
 from report_pages import data_of, needs_chromium, numbers, open_page, page_of, refined
 
 from coulomb.io.field_files import Grid, read_grid
+from coulomb.pictures.report.fields import named
 from coulomb.pictures.report.files import read_run
-from coulomb.pictures.report.shown_fields import named
 from coulomb.pictures.report.surface_view import surface_view, thinned_surface
 
 

@@ -16,9 +16,7 @@ from ...contact_names import normal_forces
 from ...io.accuracy import TOLERANCE, accuracy
 from ...io.field_files import Grid, read_grids
 from ...io.run_directory import HISTORY, SUMMARY, RunDirectory, read_json, step_place
-from ..plotting import alarm
-from .first_order import first_order
-from .merged import merged
+from .grids import first_order, merged
 from .units import in_seconds
 
 Rows = list[dict[str, float]]
@@ -312,3 +310,10 @@ def _number(text: str | None) -> float:
         return {"True": 1.0, "False": 0.0}.get(text, math.nan) if text in ("True", "False") else float(text)
     except ValueError:
         return math.nan
+
+
+def alarm(contents: dict[str, Any]) -> str:
+    """The alarm in red for a run with this summary.json; empty if its answer counts."""
+    if not contents["certificate"]["passed"]:
+        return "NOT CERTIFIED"
+    return "" if contents.get("valid", True) else "OUTSIDE THE THEORY"

@@ -16,11 +16,10 @@ import numpy as np
 
 from ...io.field_files import Grid
 from ...io.run_directory import PICTURE, RunDirectory
+from .fields import Bar, Limits, limits_of, named, zone_counts
 from .files import Step, read_run
-from .limits import Bar, Limits, limits_of
-from .scene import Look, Shot, automatic_scale, camera_of, caption, shoot, zone_counts
-from .sheet import ALARM, BAR, INK, colour_bar, directions, legend
-from .shown_fields import named
+from .scene import Look, Shot, automatic_scale, camera_of, shoot
+from .sheet import ALARM, BAR, INK, caption, colour_bar, directions, legend
 
 DPI = 150
 

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from .fields import Field, limits_of, named, ramp, zone_counts
 from .files import Step, read_run
-from .limits import limits_of
-from .scene import VIEWS, Look, automatic_scale, camera_of, caption, cropped, paint, plotter_for, shoot, zone_counts
-from .sheet import AXES, Pixels, pixels_of, sheet
-from .shown_fields import Field, named, ramp
+from .scene import VIEWS, Look, automatic_scale, camera_of, cropped, paint, plotter_for, shoot
+from .sheet import AXES, Pixels, caption, pixels_of, sheet
 
 PICTURES, ANIMATIONS = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
 
