@@ -60,6 +60,12 @@ def first_order(grid: Grid) -> Grid:
     return Grid(kind, cells, grid.points, fields, grid.cell, len(pieces))
 
 
+def blocks_of(grid: Grid) -> tuple[Block, ...]:
+    """The bodies or faces in a grid; a grid of one only is a block without a name."""
+    whole = Block("", slice(0, len(grid.points)), slice(0, len(grid.cells)), grid.cut or grid.cell, grid.pieces)
+    return grid.blocks or (whole,)
+
+
 def contact_points(contact: Grid) -> npt.NDArray[np.bool_]:
     """Which nodes of the contact faces have contact conditions, shape (n,): on cut quadratic triangles the vertices,
     and none on faces opposite in pairs."""
@@ -67,8 +73,7 @@ def contact_points(contact: Grid) -> npt.NDArray[np.bool_]:
         mine = np.asarray(contact.fields[OPPOSITE] < 0.0)
     else:
         mine = np.ones(len(contact.points), dtype=bool)
-    everything = Block("", slice(0, len(contact.points)), slice(0, len(contact.cells)), contact.cut, contact.pieces)
-    for block in contact.blocks or (everything,):
+    for block in blocks_of(contact):
         if block.kind == "Triangle_6":
             corners = contact.cells[block.cells].reshape(-1, 4, contact.cells.shape[1])[:, [0, 1, 2], [0, 1, 2]]
             mine[block.points] &= np.isin(np.arange(len(contact.points))[block.points], corners)

@@ -100,11 +100,11 @@ def render(run: Run) -> str:
             "seconds": results.seconds(run),
             "versions": list(run.summary.get("versions", {"coulomb": run.summary.get("coulomb", "–")}).items()),
         },
-        acting={
-            "forces": (results.FORCES, results.forces(run)),
-            "faces": (results.FACES, results.faces(run)),
-            "probes": (results.PROBES, results.probes(run)),
-            "stresses": (results.STRESSES, results.stresses(run)),
+        tables={
+            "forces": results.forces(run),
+            "faces": results.faces(run),
+            "probes": results.probes(run),
+            "stresses": results.stresses(run),
         },
         checks=results.checks(run),
         pictures=_pictures(run, scale),

@@ -9,9 +9,9 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...contact_names import named_faces
-from ...io.field_files import Block
 from ...load_curve import LoadCurve
 from .files import Run
+from .grids import blocks_of
 from .sheet import friction_in_words
 from .units import in_nodes, in_seconds, number, quantity, vector
 
@@ -26,10 +26,9 @@ _CELLS = {
 def bodies_and_meshes(run: Run) -> list[tuple[str, str]]:
     """Size and mesh of every body."""
     grid, case = run.steps[-1].grid("solution"), run.case or {}
-    whole = Block("", slice(0, len(grid.points)), slice(0, len(grid.cells)), grid.cut or grid.cell, grid.pieces)
     tables = {body.get("name"): body for body in case.get("body") or ()}
     facts = []
-    for block in grid.blocks or (whole,):
+    for block in blocks_of(grid):
         of = f" {block.name}" if block.name else ""
         mesh = tables.get(block.name, {}) if of else case.get("mesh", {})
         source = f" ({' × '.join(map(str, mesh['cells']))})" if "cells" in mesh else ""

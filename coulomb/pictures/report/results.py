@@ -9,13 +9,14 @@ from functools import partial
 from typing import Any
 
 from ...contact_names import named_faces, sides_of
-from ...io.field_files import Block
 from .fields import FIELDS, zone_counts
 from .files import Run
+from .grids import blocks_of
 from .units import in_seconds, number, quantity, vector
 
 Facts = list[tuple[str, str]]
-Table = list[tuple[str, ...]]
+Table = tuple[tuple[str, ...], list[tuple[str, ...]]]
+"""Columns and rows."""
 
 
 def totals(run: Run) -> Facts:
@@ -233,27 +234,11 @@ def _rotating_foundations(run: Run) -> list[tuple[str, str]]:
     return rows
 
 
-FORCES = ("", "force", "moment about the origin")
-"""Columns of `forces`."""
-
-
-FACES = ("face", "normal force", "force on what it touches", "moment", "area", "centre of pressure", "largest pressure")
-"""Columns of `faces`."""
-
-
-PROBES = ("probe", "point", "contact face", "displacement", "slip", "pressure")
-"""Columns of `probes`."""
-
-
-STRESSES = ("body", "stress", "smallest", "largest")
-"""Columns of `stresses`."""
-
-
 def forces(run: Run) -> Table:
     """Loads, reactions and contact forces on the body with their moments, and the balance; empty for older runs."""
-    summary, accuracy = run.summary, run.accuracy
+    summary, accuracy, columns = run.summary, run.accuracy, ("", "force", "moment about the origin")
     if "reactions" not in summary:
-        return []
+        return columns, []
     rows = [_row(_named(part), part, accuracy) for part in (*summary["loads"], *summary["reactions"])]
     faces = summary.get("faces", ())
     for (name, against), face in zip(sides_of(faces), faces, strict=True):
@@ -262,13 +247,14 @@ def forces(run: Run) -> Table:
             opposite = {"force": face["opposite_force"], "moment": face["opposite_moment"]}
             rows.append(_row(f"contact at {against}, opposite", opposite, accuracy))
     rows += [(f"left over on {body['name']}", number(body["balance"], 2), "") for body in summary.get("bodies", ())]
-    return [*rows, ("left over, relative to the largest", number(summary["balance"], 2), "")]
+    return columns, [*rows, ("left over, relative to the largest", number(summary["balance"], 2), "")]
 
 
 def faces(run: Run) -> Table:
     """The figures of every contact face, and of every pair."""
     shown, vectorial = partial(quantity, accuracy=run.accuracy), partial(vector, accuracy=run.accuracy)
-    return [
+    columns = ("face", "normal force", "force on what it touches", "moment", "area", "centre of pressure")
+    return (*columns, "largest pressure"), [
         (
             f"{face['faces'][0]} against {face['against']}" if "against" in face else face["faces"][0],
             shown(face["normal_force"], "N"),
@@ -285,7 +271,7 @@ def faces(run: Run) -> Table:
 def probes(run: Run) -> Table:
     """What is at every probe."""
     shown, vectorial = partial(quantity, accuracy=run.accuracy), partial(vector, accuracy=run.accuracy)
-    return [
+    return ("probe", "point", "contact face", "displacement", "slip", "pressure"), [
         (
             probe["name"],
             vector(probe["point"], "m"),
@@ -301,14 +287,13 @@ def probes(run: Run) -> Table:
 def stresses(run: Run) -> Table:
     """Smallest and largest of every stress in every body; empty if it is not known."""
     grid, rows, unknown = run.steps[-1].grid("solution"), [], run.summary.get("forms") or {}
-    whole = Block("the body", slice(0, len(grid.points)), slice(0, len(grid.cells)), grid.cell, 1)
-    for body in grid.blocks or (whole,):
+    for body in blocks_of(grid):
         for field in FIELDS:
             if "stress" in field.name and field.name in grid.fields and body.name not in unknown:
                 values = grid.fields[field.name][body.cells]
                 ends = (quantity(float(end), "Pa", accuracy=run.accuracy) for end in (values.min(), values.max()))
-                rows.append((body.name, field.title, *ends))
-    return rows
+                rows.append((body.name or "the body", field.title, *ends))
+    return ("body", "stress", "smallest", "largest"), rows
 
 
 def _named(part: Mapping[str, Any]) -> str:

@@ -14,6 +14,7 @@ from ...io.field_files import Grid
 from .fields import ZONES, Field, Limits, named, zone_counts
 from .files import Run, Step
 from .grids import (
+    blocks_of,
     corners_in,
     drawn_apart,
     nodes_in_body,
@@ -337,7 +338,7 @@ def paint(plotter: Any, step: Step, look: Look) -> Any:
         plotter.add_mesh(rest, color=_FACE_EDGE, line_width=1)  # undeformed body
     else:
         bare, lined = (
-            without(skin, [in_contact[block.points] for block in contact.blocks] or [in_contact]),
+            without(skin, [in_contact[block.points] for block in blocks_of(contact)]),
             skin.n_cells <= _LINED,
         )
         if bare.n_cells:  # no body if its file is missing

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ...io.field_files import Block, Grid
+from ...io.field_files import Grid
 from .fields import ZONES, Limits, limits_of, named, ramp
 from .files import Run, Step
-from .grids import nodes_in_body, outward, same_nodes, skin_of
+from .grids import blocks_of, nodes_in_body, outward, same_nodes, skin_of
 from .scene import looking_at
 from .sheet import AXES
 from .units import in_seconds, scale_of
@@ -123,9 +123,8 @@ def _step(step: Step, fields: Sequence[dict[str, Any]], shown: _Shown) -> dict[s
 def _connected(contact: Grid) -> tuple[IntArray, IntArray, list[dict[str, Any]]]:
     """Triangles and edges of all faces, face by face, and of several faces the entries of the menu: the name, where
     nodes, triangles and edges of the face begin and end, and the direction in which it is seen."""
-    whole = Block("", slice(0, len(contact.points)), slice(0, len(contact.cells)), contact.cell, 1)
     triangles, edges, faces, begun = [], [], [], (0, 0)
-    for block in contact.blocks or (whole,):
+    for block in blocks_of(contact):
         cells = np.asarray(contact.cells[block.cells], dtype=np.int64)
         triangles.append(_triangles(cells).ravel())
         edges.append(_edges(cells).ravel())
