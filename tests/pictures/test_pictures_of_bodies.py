@@ -313,9 +313,12 @@ def test_faces_opposite_have_no_contact_nodes():
 
 
 def test_zones_of_triangles_beside_quadrilaterals_are_cut():
-    both, every = contact(), np.ones(7, dtype=bool)
-    pieces = patches(both.cells, both.points, every)
-    assert pieces.n_cells == 3 + 4 and pieces.area == pytest.approx(1.5)
+    """Into pieces of the same size for every corner: a third of a triangle, a quarter of a quadrilateral."""
+    both = contact()
+    pieces = patches(both.cells, both.points)
+    assert sorted(pieces.cell_data["node"]) == list(range(7)) and pieces.area == pytest.approx(1.5)
+    areas = pieces.compute_cell_sizes()["Area"]
+    assert areas == pytest.approx(np.where(pieces.cell_data["node"] < 3, 1.0 / 6.0, 1.0 / 4.0))
 
 
 def test_the_slave_is_drawn_apart_from_the_master():

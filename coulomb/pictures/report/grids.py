@@ -267,9 +267,9 @@ def _shifts(body: Grid, contact: Grid) -> dict[str, FloatArray]:
     if not rows:
         return {}
     steady = 1e-6 * np.eye(len(number))  # bodies in no pair stay
-    shifts = np.linalg.lstsq(np.vstack([*rows, steady]), np.vstack([*wanted, np.zeros((len(number), 3))]), rcond=None)[
-        0
-    ]
+    shifts, *_ = np.linalg.lstsq(
+        np.vstack([*rows, steady]), np.vstack([*wanted, np.zeros((len(number), 3))]), rcond=None
+    )
     return {name: shifts[k] for name, k in number.items()}
 
 
@@ -356,14 +356,18 @@ def without(skin: Any, faces: Sequence[npt.NDArray[np.int64]]) -> Any:
     return skin
 
 
-def patches(cells: npt.NDArray[np.int64], points: FloatArray, chosen: npt.NDArray[np.bool_]) -> Any:
-    """The part of the surface nearest to the chosen nodes: every facet is cut into a piece for each corner."""
-    count = corners_in(cells)
-    if np.any(count < cells.shape[1]):
-        parts = [patches(cells[count == n, :n], points, chosen) for n in np.unique(count)]
-        return renderer().MultiBlock(parts).combine().extract_surface(algorithm=None)
-    corners = points[cells]
-    middle = 0.5 * (corners + np.roll(corners, -1, axis=1))
-    centre = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
-    pieces = np.stack([corners, middle, centre, np.roll(middle, 1, axis=1)], axis=2)[chosen[cells]]
-    return renderer().PolyData(pieces.reshape(-1, 3), polygons(np.arange(4 * len(pieces)).reshape(-1, 4)))
+def patches(cells: npt.NDArray[np.int64], points: FloatArray) -> Any:
+    """The surface in pieces, one for each corner of every facet: what is nearest to that corner, the `node` of its
+    cell data."""
+    count, pieces, nodes = corners_in(cells), [], []
+    for n in np.unique(count):
+        of = cells[count == n, :n]
+        corners = points[of]
+        middle = 0.5 * (corners + np.roll(corners, -1, axis=1))
+        centre = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
+        pieces.append(np.stack([corners, middle, centre, np.roll(middle, 1, axis=1)], axis=2).reshape(-1, 3))
+        nodes.append(of.ravel())
+    corner = np.concatenate(nodes)
+    found = renderer().PolyData(np.concatenate(pieces), polygons(np.arange(4 * len(corner)).reshape(-1, 4)))
+    found.cell_data["node"] = corner
+    return found

@@ -337,10 +337,8 @@ def paint(plotter: Any, step: Step, look: Look) -> Any:
         rest = skin_of(body, body.points).extract_feature_edges(40.0, manifold_edges=False)
         plotter.add_mesh(rest, color=_FACE_EDGE, line_width=1)  # undeformed body
     else:
-        bare, lined = (
-            without(skin, [in_contact[block.points] for block in blocks_of(contact)]),
-            skin.n_cells <= _LINED,
-        )
+        lined = skin.n_cells <= _LINED
+        bare = without(skin, [in_contact[block.points] for block in blocks_of(contact)])
         if bare.n_cells:  # no body if its file is missing
             window = bool(look.caption) and np.any(opposite(contact))
             plain = {"ambient": 0.75, "diffuse": 0.3, "opacity": 1.0 - _THROUGH if window else 1.0}
@@ -373,20 +371,14 @@ def _bar(field: Field, unit: str) -> dict[str, Any]:
 
 def _zones(plotter: Any, contact: Grid, points: FloatArray, legend: bool) -> None:
     """The part of the face nearest to each node in the colour of its status, and the number of nodes per status."""
-    pyvista, status = renderer(), np.rint(named("status").values(contact)).astype(int)
-    parts = pyvista.MultiBlock()
-    names, count = {}, zone_counts(contact)
-    for code, (name, _) in ZONES.items():
-        chosen = status == code
-        names[float(code)] = f"{name} {count[name]}"
-        if chosen.any():
-            part = patches(contact.cells, points, chosen)
-            part.cell_data["zone"] = np.full(part.n_cells, float(code))
-            parts.append(part)
+    status, count = np.rint(named("status").values(contact)), zone_counts(contact)
+    pieces = patches(contact.cells, points)
+    pieces.cell_data["zone"] = status[pieces.cell_data["node"]]
+    names = {float(code): f"{name} {count[name]}" for code, (name, _) in ZONES.items()}
     bar = {**_bar(named("status"), "nodes"), "n_labels": 0, "position_y": 0.07, "title": "zones, number of nodes\n\n"}
     colours: dict[str, Any] = {"cmap": [colour for _, colour in ZONES.values()], "clim": (-0.5, 3.5)}
     colours |= {"annotations": names, "scalar_bar_args": bar, "show_scalar_bar": legend}
-    plotter.add_mesh(parts.combine().extract_surface(algorithm=None), scalars="zone", lighting=False, **colours)
+    plotter.add_mesh(pieces, scalars="zone", lighting=False, **colours)
 
 
 def _arrows(plotter: Any, contact: Grid, body: Grid, look: Look) -> None:
