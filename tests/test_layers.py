@@ -192,7 +192,6 @@ def test_file_names_of_a_run_are_in_one_module():
 def test_pictures_import_only_the_file_format():
     """They run without the package's `__init__` (coulomb.pictures.apart) and import only the format of the files."""
     allowed = (
-        "coulomb.pictures.plotting",
         "coulomb.pictures.report",
         "coulomb.load_curve",
         "coulomb.contact_names",

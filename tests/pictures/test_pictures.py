@@ -33,48 +33,21 @@ from coulomb.pictures.report.scene import (
 )
 from coulomb.pictures.report.sheet import colour_bar, legend, sheet
 
-PAIRS = list(itertools.combinations(dict(ZONES.values()), 2))
-
-
 # --- colours ---------------------------------------------------------------------------------------------------------
 
 
-def linear(colour):
-    """Red, green and blue of "#rrggbb", in proportion to light (IEC 61966-2-1)."""
+def luminance(colour):
+    """Relative luminance of "#rrggbb" (WCAG 2)."""
     encoded = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    light = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return float(light @ [0.2126, 0.7152, 0.0722])
 
 
-def lab(light):
-    """CIE L*a*b* (D65) of linear red, green and blue."""
-    to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
-    t = np.array(to_xyz) @ light / [0.9505, 1.0, 1.089]
-    f = np.where(t > (6 / 29) ** 3, np.cbrt(t), t / (3 * (6 / 29) ** 2) + 4 / 29)
-    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
-
-
-BLIND = {  # Machado, Oliveira, Fernandes 2009, Table 1: severity 1
-    "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
-    "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
-    "tritan": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
-}
-
-
-@pytest.mark.parametrize("pair", PAIRS, ids="-".join)
+@pytest.mark.parametrize("pair", itertools.combinations(dict(ZONES.values()), 2), ids="-".join)
 def test_zones_differ_in_greyscale(pair):
-    """By the contrast of luminance of WCAG 2, which is 1.06 for colours that look the same in grey."""
-    darker, lighter = sorted(float(linear(dict(ZONES.values())[name]) @ [0.2126, 0.7152, 0.0722]) for name in pair)
+    """And so for the colour-blind: the contrast of luminance is 1.06 for colours that look the same in grey."""
+    darker, lighter = sorted(luminance(dict(ZONES.values())[name]) for name in pair)
     assert (lighter + 0.05) / (darker + 0.05) > 2.0
-
-
-@pytest.mark.parametrize("pair", PAIRS, ids="-".join)
-@pytest.mark.parametrize("eyes", BLIND)
-def test_zones_differ_for_the_colour_blind(pair, eyes):
-    """A difference of 2 is just visible side by side, one of 20 is another colour."""
-    first, second = (
-        lab(np.clip(np.array(BLIND[eyes]) @ linear(dict(ZONES.values())[name]), 0.0, 1.0)) for name in pair
-    )
-    assert np.linalg.norm(first - second) > 30.0
 
 
 # --- camera ----------------------------------------------------------------------------------------------------------
