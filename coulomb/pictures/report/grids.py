@@ -282,15 +282,8 @@ def _on_face(contact: Grid, block: Block, number: float) -> npt.NDArray[np.bool_
 def _way_out(
     contact: Grid, nodes: npt.NDArray[np.int64], face: FloatArray, staying: FloatArray, body: FloatArray
 ) -> FloatArray:
-    """How a body is drawn apart from a face, metres, (3,).
-
-    Args:
-        contact: The faces.
-        nodes: Its points that are opposite to that body.
-        face: Points of the face of the body that moves, shape (p, 3).
-        staying: Nodes of the body that stays, shape (j, 3).
-        body: Nodes of the body that moves, shape (k, 3).
-    """
+    """How a body is drawn apart from a face, metres, (3,): `nodes` of the contact faces are opposite to it; `face` are
+    the points (p, 3) of its own face, `staying` (j, 3) and `body` (k, 3) the nodes of both bodies."""
     normals, area = contact.fields["normal"][nodes], contact.fields["area"][nodes]
     touching = have_partner(contact)[nodes]
     if np.any(touching):

@@ -24,7 +24,7 @@ _SECONDS = 0.15  # duration of a frame
 def plot(
     directory: Path, field: str, scale: float | None, view: str | None, save: Path | None, step: int | None
 ) -> str:
-    """Draw a run.
+    """Draw a run; returns a message for the user.
 
     Args:
         directory: Directory of the run.
@@ -33,9 +33,6 @@ def plot(
         view: One of `VIEWS`; None chooses by the field.
         save: File of a picture, or for a load history of an animation; None opens a window.
         step: Step of a load history, from 1; None for the last.
-
-    Returns:
-        A message for the user.
 
     Raises:
         ValueError: If the directory contains no run, or field, view, step or the ending of `save` is not known.

@@ -107,14 +107,9 @@ def _along(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def framing(points: FloatArray, direction: FloatArray, up: FloatArray, most: tuple[int, int], parallel: bool) -> Camera:
-    """The camera with the closest view of all points.
+    """The camera with the closest view of all points (k, 3), `direction` from them to the camera, not parallel to `up`.
 
-    Args:
-        points: (k, 3).
-        direction: From the points to the camera.
-        up: Upward direction, not parallel to `direction`.
-        most: Maximum pixels, width and height; the picture reaches one of them.
-        parallel: Whether there is no perspective.
+    The picture has at most `most` pixels, and reaches this width or height; `parallel` is without perspective.
     """
     back = direction / np.linalg.norm(direction)
     right = np.cross(up, back)
@@ -237,14 +232,8 @@ class Shot:
 
 
 def shoot(step: Step, look: Look, size: tuple[int, int] = (1500, 1100), camera: Camera | None = None) -> Shot:
-    """Render a state of the body, without text and with transparent background.
-
-    Args:
-        step: The state.
-        look: How to show it.
-        size: Maximum size of the picture in pixels.
-        camera: The camera; by default one that sees the whole state.
-    """
+    """Render a state of the body, without text and with transparent background, in at most `size` pixels; by default by
+    a camera that sees the whole state."""
     camera = camera or camera_of([step], look, size)
     plotter = plotter_for(camera.size)
     bodies = paint(plotter, step, look)

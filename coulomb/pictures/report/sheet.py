@@ -36,16 +36,8 @@ def sheet(
     alarm: str,
     zones: dict[str, int],
 ) -> Any:
-    """A matplotlib figure with the picture and text around it.
-
-    Args:
-        shot: The picture, cropped.
-        field: The field shown by colours.
-        bars: Their ranges.
-        caption: Text at the top.
-        alarm: Text below it, in red.
-        zones: Number of nodes per zone, for the field `status`.
-    """
+    """A matplotlib figure with the cropped picture: caption and alarm above, the colour bars of the field below, or the
+    zones with their numbers of nodes."""
     from matplotlib.figure import Figure
 
     width, high = SIZE
@@ -74,14 +66,8 @@ def colour_bar(
     bar: Bar,
     box: tuple[float, float, float, float],
 ) -> None:
-    """Colour bar with round numbers, the field and its unit below.
-
-    Args:
-        figure: The figure.
-        field: The field.
-        bar: Range of the colours; the largest value is written beside it, of signed values the smallest as well.
-        box: Left, bottom, width and height of the bar, over those of the figure.
-    """
+    """Colour bar with round numbers, the field and its unit below, beside it the largest value, of signed values the
+    smallest as well; `box`: left, bottom, width and height over those of the figure."""
     from matplotlib.ticker import MaxNLocator
 
     factor, unit = scale_of(bar.high, field.unit)
@@ -104,14 +90,8 @@ def colour_bar(
 
 
 def legend(figure: Any, zones: dict[str, int], middle: tuple[float, float], columns: int = 4) -> None:
-    """Legend of the zones with their numbers of nodes; held nodes only if there are any.
-
-    Args:
-        figure: The figure.
-        zones: Number of nodes per zone.
-        middle: Centre of the legend, over width and height of the figure.
-        columns: Zones per row.
-    """
+    """Legend of the zones with their numbers of nodes, held nodes only if there are any; `middle` is its centre over width
+    and height of the figure."""
     from matplotlib.patches import Patch
 
     patches = [

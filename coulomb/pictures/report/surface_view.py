@@ -31,12 +31,7 @@ _A_NODE = len(SHOWN) + len(ACCUMULATED) + 6  # numbers per node and step: fields
 
 
 def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
-    """The data, and a remark on what had to be left out (or nothing).
-
-    Args:
-        run: The run.
-        scale: Initial factor of the displacement.
-    """
+    """The data, at first with this factor of the displacement, and a remark on what is left out (or nothing)."""
     last, body = run.steps[-1].grid("contact"), run.steps[-1].grid("solution")
     most_steps = max(1, MOST_VALUES // (_A_NODE * len(last.points)))
     if most_steps == 1:
