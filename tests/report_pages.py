@@ -90,7 +90,8 @@ TOOLS = """
     pen.drawImage(canvas, 0, 0);
     const { data } = pen.getImageData(0, 0, copy.width, copy.height);
     for (let k = 0; k < data.length; k += 4)
-      if (data[k + 3] > 0) visit((k / 4) % copy.width, Math.floor(k / 4 / copy.width), data[k], data[k + 1], data[k + 2]);
+      if (data[k + 3] > 0)
+        visit((k / 4) % copy.width, Math.floor(k / 4 / copy.width), data[k], data[k + 1], data[k + 2]);
   };
   /** Number of pixels of a colour, or of all that are not empty. */
   const count = (hex) => {

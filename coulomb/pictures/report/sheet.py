@@ -90,8 +90,8 @@ def colour_bar(
 
 
 def legend(figure: Any, zones: dict[str, int], middle: tuple[float, float], columns: int = 4) -> None:
-    """Legend of the zones with their numbers of nodes, held nodes only if there are any; `middle` is its centre over width
-    and height of the figure."""
+    """Legend of the zones with their numbers of nodes, held nodes only if there are any; `middle` is its centre, over
+    width and height of the figure."""
     from matplotlib.patches import Patch
 
     patches = [
