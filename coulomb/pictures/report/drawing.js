@@ -1,10 +1,10 @@
-// Scrolling of wide charts and tables, and the 3D view of the contact surface: data, state, drawing by WebGL 2.  No library, no network.
-// Together with controls.js in one function of the page.
+// Scrolling of wide charts and tables, and the 3D view of the contact surface: its data, its state, and its drawing by
+// WebGL 2.  No library, no network.  Together with controls.js in one function of the page.
 //
-// pyvista's HTML export in its place needs trame-pyvista with trame, trame-vtk and aiohttp (49 MB), starts a web server
-// while it writes, and takes 1.1 MB a page, with vtk.js, for one field of one state, without colour bar, units, choice
-// of fields, steps and scale, and values at nodes.  Both scripts have 26 kB; the data 63 kB for the six fields of the
-// demo block, and 296 kB for nine fields at the 24 steps of the demo history.
+// pyvista's HTML export (0.49) in its place needs trame-pyvista and trame (49 MB at least) and starts a web server to
+// write a page.  It takes 1.1 MB a page, with vtk.js, for one field of one state, without colour bar, units, choice of fields,
+// steps and scale, and values at nodes.  Both scripts have 26 kB; the data 63 kB for the six fields of the demo block,
+// and 296 kB for nine fields at the 24 steps of the demo history.
 
 // --- scrolling ---------------------------------------------------------------------------------------------------
 
@@ -28,7 +28,7 @@ for (const frame of document.querySelectorAll(".chart, .wide")) {
   look();
 }
 
-// --- data ---------- ----------------------------------------------------------------------------------------------
+// --- data ----------------------------------------------------------------------------------------------------
 
 const root = document.getElementById("view3d");
 const canvas = root.querySelector("canvas");
