@@ -296,12 +296,17 @@ def test_grids_of_different_cells_are_one():
     assert corners_in(both.cells).tolist() == [8, 4] and polygons(both.cells)[[0, 9]].tolist() == [8, 4]
     skin = skin_of(both, both.points)
     assert skin.n_cells == 6 + 4
-    assert without(skin, [np.arange(4, 8), np.arange(8, 11)]).n_cells == 10 - 2  # of each body the face between them
+    facets = np.array([[4, 5, 7, 6], [8, 9, 10, 10]])  # of each body the face between them
+    assert without(skin, facets).n_cells == 10 - 2
 
 
-def test_a_body_one_cell_thick_between_two_contact_faces_keeps_its_sides():
+def test_ends_of_a_bar_with_contact_all_around_are_drawn():
+    """All their nodes are on the contact face, as those of a pin of few cells."""
     skin = skin_of(Grid("Hexahedron", HEXAHEDRON, CUBE, {}), CUBE)
-    assert without(skin, [np.arange(4), np.arange(4, 8)]).n_cells == 4
+    sides = np.array([[0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6]])
+    ends = without(skin, sides)
+    assert ends.n_cells == 2 and sorted(ends.cell_centers().points[:, 2]) == pytest.approx([0.0, 1.0])
+    assert without(skin, np.vstack([sides, [[0, 1, 3, 2], [4, 5, 7, 6]]])).n_cells == 0
 
 
 def test_nodes_on_a_face_are_those_of_its_own_body():

@@ -341,12 +341,12 @@ def nearest_nodes(points: FloatArray, nodes: FloatArray) -> npt.NDArray[np.int64
     return found
 
 
-def without(skin: Any, faces: Sequence[npt.NDArray[np.int64]]) -> Any:
-    """The skin without the facets whose nodes are all on one of these contact faces, each given by its nodes."""
-    for nodes in faces:
-        skin.point_data["elsewhere"] = np.isin(skin.point_data["node"], nodes, invert=True).astype(float)
-        skin = skin.threshold(0.5, scalars="elsewhere", all_scalars=False)
-    return skin
+def without(skin: Any, facets: npt.NDArray[np.int64]) -> Any:
+    """The skin without the facets that have the nodes of one of these, shape (f, corners)."""
+    taken, node = set(map(frozenset, facets.tolist())), np.asarray(skin.point_data["node"])
+    return skin.extract_cells(
+        [k for k, corners in enumerate(skin.irregular_faces) if frozenset(node[corners].tolist()) not in taken]
+    )
 
 
 def patches(cells: npt.NDArray[np.int64], points: FloatArray) -> Any:

@@ -14,7 +14,6 @@ from ...io.field_files import Grid
 from .fields import ZONES, Field, Limits, named, zone_counts
 from .files import Run, Step
 from .grids import (
-    blocks_of,
     corners_in,
     drawn_apart,
     nodes_in_body,
@@ -327,7 +326,7 @@ def paint(plotter: Any, step: Step, look: Look) -> Any:
         plotter.add_mesh(rest, color=_FACE_EDGE, line_width=1)  # undeformed body
     else:
         lined = skin.n_cells <= _LINED
-        bare = without(skin, [in_contact[block.points] for block in blocks_of(contact)])
+        bare = without(skin, in_contact[contact.cells])
         if bare.n_cells:  # no body if its file is missing
             window = bool(look.caption) and np.any(opposite(contact))
             plain = {"ambient": 0.75, "diffuse": 0.3, "opacity": 1.0 - _THROUGH if window else 1.0}
