@@ -11,8 +11,8 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from coulomb.pictures.plotting import ZONES
 from coulomb.pictures.report import page
+from coulomb.pictures.report.fields import ZONES
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to open the page in")
@@ -82,22 +82,25 @@ TOOLS = """
   const canvas = document.querySelector("#view3d canvas");
   const part = (name) => document.querySelector(`[data-part="${name}"]`);
   const report = (name, value) => document.body.setAttribute("data-" + name, value);
-  /** Pixels of the canvas, [x, y, red, green, blue], which are not empty. */
-  const pixels = () => {
+  /** Call `visit` with place and colour of every pixel of the canvas that is not empty. */
+  const scan = (visit) => {
     const copy = document.createElement("canvas");
     [copy.width, copy.height] = [canvas.width, canvas.height];
     const pen = copy.getContext("2d");
     pen.drawImage(canvas, 0, 0);
     const { data } = pen.getImageData(0, 0, copy.width, copy.height);
-    const found = [];
     for (let k = 0; k < data.length; k += 4)
       if (data[k + 3] > 0)
-        found.push([(k / 4) % copy.width, Math.floor(k / 4 / copy.width), ...data.slice(k, k + 3)]);
-    return found;
+        visit((k / 4) % copy.width, Math.floor(k / 4 / copy.width), data[k], data[k + 1], data[k + 2]);
   };
+  /** Number of pixels of a colour, or of all that are not empty. */
   const count = (hex) => {
-    const wanted = hex && [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16));
-    return pixels().filter((pixel) => !wanted || wanted.every((v, c) => Math.abs(v - pixel[2 + c]) < 4)).length;
+    const [red, green, blue] = hex ? [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16)) : [];
+    let found = 0;
+    scan((x, y, r, g, b) => {
+      if (!hex || (Math.abs(r - red) < 4 && Math.abs(g - green) < 4 && Math.abs(b - blue) < 4)) found++;
+    });
+    return found;
   };
   const box = canvas.getBoundingClientRect();
   canvas.setPointerCapture = () => {};
@@ -107,6 +110,7 @@ TOOLS = """
   };
   const at = (kind, x, y, more) =>
     canvas.dispatchEvent(new PointerEvent(kind, { pointerId: 1, ...place(x, y), ...more }));
+  const reset = () => part("reset").click();
   const drag = (x, y, more) => {
     at("pointerdown", 100, 100);
     at("pointermove", 100 + x, 100 + y, more);

@@ -153,9 +153,9 @@ def test_only_compat_asks_for_the_version():
 
 
 def test_package_imports_neither_plotting_nor_command_line():
-    assert not uses(PACKAGE / "__init__.py", "coulomb.pictures.plotting", "coulomb.cli", "pyvista", "typer")
+    assert not uses(PACKAGE / "__init__.py", "coulomb.cli", "pyvista", "typer")
     for path in FILES:
-        if path.name not in ("plotting.py", "figures.py") and path.parent.name != "report":
+        if path.name != "figures.py" and path.parent.name != "report":
             assert not uses(path, "pyvista", "vtk", "vtkmodules", "matplotlib"), path
 
 
@@ -198,7 +198,6 @@ def test_file_names_of_a_run_are_in_one_module():
 def test_pictures_import_only_the_file_format():
     """They run without the package's `__init__` (coulomb.pictures.apart) and import only the format of the files."""
     allowed = (
-        "coulomb.pictures.plotting",
         "coulomb.pictures.report",
         "coulomb.load_curve",
         "coulomb.contact_names",

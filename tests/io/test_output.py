@@ -17,11 +17,9 @@ from coulomb.model.accumulated import ACCUMULATED
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 from coulomb.pictures import apart
 from coulomb.pictures.picture_of_run import write_with_picture
-from coulomb.pictures.plotting import ZONES
+from coulomb.pictures.report.fields import ZONES, Limits, named
 from coulomb.pictures.report.files import read_run
-from coulomb.pictures.report.limits import Limits
 from coulomb.pictures.report.scene import Look, shoot
-from coulomb.pictures.report.shown_fields import named
 
 
 @pytest.fixture(scope="module")

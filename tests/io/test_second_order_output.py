@@ -19,10 +19,10 @@ from coulomb.io.recheck.directory import check
 from coulomb.linalg.compliance.stiffness import IterativeSolver
 from coulomb.model.estimate import estimate, estimate_of
 from coulomb.model.nodal_answer import OPEN
-from coulomb.pictures.report.facts import geometry
+from coulomb.pictures.report.fields import zone_counts
 from coulomb.pictures.report.files import read_run
-from coulomb.pictures.report.first_order import first_order
-from coulomb.pictures.report.scene import zone_counts
+from coulomb.pictures.report.grids import first_order
+from coulomb.pictures.report.problem import geometry
 
 STEEL = Material(2.1e11, 0.3)
 TOPOLOGY = {"hexahedron": ("Hexahedron_27", "Quadrilateral_9"), "tetrahedron": ("Tetrahedron_10", "Triangle_6")}

@@ -1,6 +1,5 @@
 """The view of the contact surface in the report: its data, and its behaviour in a browser."""
 
-import json
 import re
 import shutil
 
@@ -9,10 +8,10 @@ import numpy as np
 import pytest
 from report_pages import data_of, needs_chromium, numbers, open_page, page_of, refined
 
-from coulomb.io.field_files import Grid, read_grid
+from coulomb.io.field_files import read_grid
+from coulomb.pictures.report.fields import named
 from coulomb.pictures.report.files import read_run
-from coulomb.pictures.report.shown_fields import named
-from coulomb.pictures.report.surface_view import surface_view, thinned_surface
+from coulomb.pictures.report.surface_view import surface_view
 
 
 def test_data_of_the_view_are_those_of_the_files(block):
@@ -55,29 +54,39 @@ def test_nodes_may_be_in_another_order_in_every_step(history, tmp_path):
     assert after["steps"] == before["steps"]
 
 
-def test_a_large_surface_is_thinned():
-    n = 60
-    x, y = np.meshgrid(np.linspace(0, 2, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
-    points = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
-    first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
-    grid = Grid("Quadrilateral", np.column_stack([first, first + n + 1, first + n + 2, first + 1]), points, {})
-    nodes, cells = thinned_surface(grid, 500)
-    assert 200 < len(nodes) <= 500 and len(set(nodes)) == len(nodes)
-    assert cells.max() < len(nodes) and len(cells) > 150
-    kept = points[nodes]
-    assert np.ptp(kept, axis=0) == pytest.approx([2.0, 1.0, 0.0], abs=0.1)
-    same, all_cells = thinned_surface(grid, 10_000)
-    assert len(same) == len(points) and np.array_equal(all_cells, grid.cells)
+# --- in a browser: a page is opened once for several tests ----------------------------------------------------------
+
+BETWEEN = """
+  canvas.blur();
+  choose(0);
+  slide("scale", part("scale").defaultScale ??= part("scale").value);
+  slide("step", part("step").max);
+  reset();
+"""
+"""Before each script: the view as it was at first."""
 
 
-# --- in a browser
+def seen(text, folder, *scripts):
+    """What the scripts reported, one after the other on the same page, without a message on the console."""
+    view, console = open_page(text, folder, "".join(f"{{{BETWEEN}{script}}}" for script in scripts))
+    assert not console
+    return view
+
+
+@pytest.fixture(scope="module")
+def block_seen(block, tmp_path_factory):
+    return seen(page_of(block), tmp_path_factory.mktemp("block"), SHOWS, AXES, FRAME)
+
+
+@pytest.fixture(scope="module")
+def history_seen(history, tmp_path_factory):
+    return seen(page_of(history), tmp_path_factory.mktemp("history"), WHEEL, TIP, PHONE, FRAME)
 
 
 @needs_chromium
-def test_the_view_draws(block, tmp_path):
-    view, console = open_page(page_of(block), tmp_path, SHOWS)
-    assert not console
-    assert view["by"] == "webgl" and int(view["drawn"]) > 50_000
+def test_the_view_draws(block_seen):
+    view = block_seen
+    assert int(view["drawn"]) > 50_000
     assert int(view["arrowsinfront"]) > 500 > 50 > int(view["arrowsbehind"])  # the surface hides them from behind
     counts = [int(view[f"zone{code}"]) for code in range(4)]
     assert int(view["blue0"]) < 100 < min(counts)  # zones are shown on request only, each in its colour
@@ -88,12 +97,11 @@ def test_the_view_draws(block, tmp_path):
 
 
 SHOWS = """
-  report("by", canvas.dataset.by);
-  report("drawn", canvas.dataset.drawn);
+  report("drawn", count());
   report("arrowsInFront", count("#141414"));
   drag(314, 0);
   report("arrowsBehind", count("#141414"));
-  part("reset").click();
+  reset();
   part("arrows").click();
   report("blue0", count(ZONES[1]) + count(ZONES[2]));
   choose(3);
@@ -101,7 +109,7 @@ SHOWS = """
   report("legend", part("legend").textContent);
   drag(0, 157);
   report("turned", count(ZONES[2]));
-  part("reset").click();
+  reset();
   let tip = "";
   for (let x = 0; x < box.width && !tip; x += 8)
     for (let y = 0; y < box.height && !tip; y += 8) {
@@ -109,16 +117,13 @@ SHOWS = """
       tip = part("tip").hidden ? "" : part("tip").textContent;
     }
   report("tip", tip);
+  part("arrows").click();
 """
 
 
 @needs_chromium
-@pytest.mark.parametrize("flat", [False, True], ids=["webgl", "canvas"])
-def test_the_wheel_scrolls_the_page_unless_the_view_has_focus(history, tmp_path, flat):
-    text = page_of(history)
-    assert '"flat": false' in text
-    view, console = open_page(text.replace('"flat": false', f'"flat": {json.dumps(flat)}'), tmp_path, WHEEL)
-    assert not console and view["by"] == ("canvas" if flat else "webgl")
+def test_the_wheel_scrolls_the_page_unless_the_view_has_focus(history_seen):
+    view = history_seen
     assert view["scrolled"] == "true" and view["left"] == view["home"]  # the page scrolls, the view stays
     assert view["scrolledwithfocus"] == "false" and int(view["far"]) < 0.3 * int(view["home"])
     assert view["scrolledafterescape"] == "true" and view["after"] == view["far"]
@@ -126,7 +131,6 @@ def test_the_wheel_scrolls_the_page_unless_the_view_has_focus(history, tmp_path,
 
 
 WHEEL = """
-  report("by", canvas.dataset.by);
   report("home", count());
   report("scrolled", wheel(600));
   report("left", count());
@@ -143,11 +147,10 @@ WHEEL = """
 
 @needs_chromium
 @pytest.mark.parametrize("run", ["block", "history"])
-def test_the_body_stays_in_the_frame(run, tmp_path, request):
+def test_the_body_stays_in_the_frame(run, request):
     """At every rotation and step and the largest scale of the displacement, nothing reaches the border."""
-    view, console = open_page(page_of(request.getfixturevalue(run)), tmp_path, FRAME)
-    assert not console
-    assert int(view["states"]) >= 24 and view["atborder"] == "0"
+    view = request.getfixturevalue(f"{run}_seen")
+    assert int(view["states"]) == (8 if run == "block" else 16) and view["atborder"] == "0"
     assert float(view["smallest"]) > 0.6  # and it fills the frame, in one direction at least
     assert float(view["shifted"]) > 100.0 and view["movedout"] == "false"
 
@@ -155,21 +158,21 @@ def test_the_body_stays_in_the_frame(run, tmp_path, request):
 FRAME = """
   let [states, atBorder, smallest] = [0, 0, 1];
   const look = () => {
-    const seen = pixels();
-    const [x, y] = [0, 1].map((k) => seen.map((pixel) => pixel[k]));
-    const least = (values) => values.reduce((a, b) => Math.min(a, b), Infinity);
-    const most = (values) => values.reduce((a, b) => Math.max(a, b), -Infinity);
-    atBorder += seen.filter(([x, y]) => x < 2 || y < 2 || x > canvas.width - 3 || y > canvas.height - 3).length;
-    const fills = Math.max((most(x) - least(x)) / canvas.width, (most(y) - least(y)) / canvas.height);
-    smallest = Math.min(smallest, fills);
+    const [low, high] = [[Infinity, Infinity], [-Infinity, -Infinity]];
+    scan((x, y) => {
+      [low[0], low[1]] = [Math.min(low[0], x), Math.min(low[1], y)];
+      [high[0], high[1]] = [Math.max(high[0], x), Math.max(high[1], y)];
+    });
+    atBorder += low[0] < 2 || low[1] < 2 || high[0] > canvas.width - 3 || high[1] > canvas.height - 3;
+    smallest = Math.min(smallest, Math.max((high[0] - low[0]) / canvas.width, (high[1] - low[1]) / canvas.height));
     states++;
-    return least(x);
+    return low[0];
   };
   for (const scale of [part("scale").value, part("scale").max])
-    for (const step of [0, part("step").max]) {
+    for (const step of new Set(["0", part("step").max])) {
       slide("scale", scale);
       slide("step", step);
-      for (let turn = 0; turn < 6; turn++) {
+      for (let turn = 0; turn < 4; turn++) {
         look();
         drag(turn % 2 ? 40 : 70, turn % 3 ? 60 : 25);
       }
@@ -177,28 +180,27 @@ FRAME = """
   report("states", states);
   report("atBorder", atBorder);
   report("smallest", smallest);
-  part("reset").click();
+  reset();
   const before = look();
   drag(-3000, 0, { shiftKey: true });
   report("movedOut", look() !== before);  // as large as the frame, it cannot be moved out of it
   canvas.focus();
   wheel(-900);
-  const middle = pixels().length;
+  const middle = count();
   drag(-3000, 0, { shiftKey: true });
-  const there = pixels();
-  report("shifted", there.length ? Math.abs(there.length - middle) : -1);
+  report("shifted", Math.abs(count() - middle));
+  canvas.blur();
 """
 
 
 @needs_chromium
-def test_the_tip_follows_its_node(history, tmp_path):
+def test_the_tip_follows_its_node(history, history_seen):
     """It shows the value at the node when the step changes, moves with the node, and closes when the mouse leaves."""
-    data = data_of(history)
-    view, console = open_page(page_of(history), tmp_path, TIP)
-    assert not console
+    data, view = data_of(history), history_seen
     assert view["distance"] == view["distanceafter"] == "0,0,0"  # the ring is on the node, before and after
     assert view["first"] != view["last"] and view["place"] == view["placelast"]
-    node = int(view["node"])
+    place = data["length"]["factor"] * np.array([float(v) for v in view["place"].split(", ")])
+    node = int(np.argmin(np.linalg.norm(numbers(data["points"]).reshape(-1, 3) - place, axis=1)))
     for name, step in (("first", 0), ("last", -1)):
         value = numbers(data["steps"][step]["values"]["pressure"])[node]
         assert float(view[name].split()[0]) == pytest.approx(float(value), rel=1e-3)
@@ -213,14 +215,6 @@ TIP = """
     const [spot, frame] = [part("spot").getBoundingClientRect(), canvas.getBoundingClientRect()];
     return [spot.left + spot.width / 2 - frame.left, spot.top + spot.height / 2 - frame.top];
   };
-  const data = JSON.parse(document.getElementById("view3d-data").textContent);
-  const points = new Float32Array(Uint8Array.from(atob(data.points), (letter) => letter.charCodeAt(0)).buffer);
-  const numberOf = (place) => {
-    const wanted = place.split(", ").map(Number);
-    for (let k = 0; k < points.length / 3; k++)
-      if (wanted.every((v, c) => Math.abs(points[3 * k + c] / data.length.factor - v) < 1e-3)) return k;
-    return -1;
-  };
   slide("step", 0);
   for (let x = box.width / 2; x < box.width && part("tip").hidden; x += 6)
     for (let y = 0; y < box.height && part("tip").hidden; y += 6) at("pointermove", x, y);
@@ -230,7 +224,6 @@ TIP = """
   at("pointerup", x, y, { pointerType: "touch" });
   at("pointerleave", x, y, { pointerType: "touch" });
   report("tapped", part("tip").hidden);
-  report("node", numberOf(near()));
   report("first", part("tip").textContent);
   report("place", near());
   const offset = () => {  // the ring is where a pointer finds the same node again
@@ -257,7 +250,7 @@ TIP = """
   at("pointermove", 140, 100);
   report("whileDragging", part("tip").hidden);
   at("pointerup", 140, 100);
-  part("reset").click();
+  reset();
   for (let y = 0; y < box.height && part("tip").hidden; y += 6) at("pointermove", x, y);
   report("found", !part("tip").hidden);
   const mouse = ring();
@@ -270,15 +263,14 @@ TIP = """
 
 
 @needs_chromium
-def test_axes_turn_with_the_body(block, tmp_path):
+def test_axes_turn_with_the_body(block, block_seen):
     """The ends of the three axes in the corner are the directions in which points of the body lie."""
-    view, console = open_page(page_of(block), tmp_path, AXES)
-    assert not console and view["names"] == "xyz"
+    view, data = block_seen, data_of(block)
+    assert view["names"] == "xyz"
     for when in ("before", "after"):
         ends = np.array([[float(v) for v in view[f"{when}-{axis}"].split(",")] for axis in "xyz"])
         # rows x, y, z; columns right and down: completed by the direction to the eye they form a rotation
         assert np.allclose(ends.T @ ends, np.eye(2), atol=2e-3)
-    data = data_of(block)
     towards = np.array(data["direction"]) / np.linalg.norm(data["direction"])
     right = np.cross(data["up"], towards)
     right /= np.linalg.norm(right)
@@ -303,27 +295,21 @@ AXES = """
 
 
 @needs_chromium
-@pytest.mark.parametrize("flat", [False, True], ids=["webgl", "canvas"])
-def test_mesh_lines_do_not_hide_the_colours_of_a_fine_mesh(block, tmp_path, flat):
-    """The highest pressure everywhere is the last colour of viridis: of a surface of 200 x 200 cells as of 8 x 8."""
-    shares, whole = [], page_of(block).replace('"flat": false', f'"flat": {json.dumps(flat)}')
-    for cells in (8, 200):
-        view, console = open_page(refined(whole, cells), tmp_path, 'report("share", count("#fde725") / count());')
-        assert not console
-        shares.append(float(view["share"]))
-    assert shares[0] > 0.8 and shares[1] > shares[0] - 0.05
+def test_mesh_lines_do_not_hide_the_colours_of_a_fine_mesh(block, tmp_path):
+    """The highest pressure everywhere is the last colour of viridis, also of a surface of 200 x 200 cells."""
+    view = seen(refined(page_of(block), 200), tmp_path, 'report("share", count("#fde725") / count());')
+    assert float(view["share"]) > 0.75
 
 
 @needs_chromium
-def test_wide_charts_scroll_on_phones(history, tmp_path):
+def test_wide_charts_scroll_on_phones(history, history_seen, tmp_path):
     view, console = open_page(page_of(history), tmp_path, PHONE, phone=True)
     assert not console
     assert view["width"] == "390" and view["page"] == "390"  # the page itself does not scroll sideways
     assert int(view["charts"]) == int(view["hints"]) == 6
     assert view["hint"] == "scroll sideways →" and view["shadow"] != "none"
     assert view["hintatend"] == "← scroll sideways"
-    view, _ = open_page(page_of(history), tmp_path, PHONE)
-    assert view["hints"] == "0" and view["shadow"] == "none"  # on a wide screen there is nothing to scroll
+    assert history_seen["hints"] == "0" and history_seen["shadow"] == "none"  # nothing to scroll on a wide screen
 
 
 PHONE = """
@@ -342,7 +328,10 @@ PHONE = """
 
 
 @needs_chromium
-def test_errors_of_a_page_are_detected(block, tmp_path):
-    """Checks that the tests above can fail."""
-    _, console = open_page(page_of(block).replace("const data = JSON", "const data = JASON"), tmp_path, "")
-    assert any("JASON" in line for line in console)
+def test_without_webgl_the_page_says_so(block, tmp_path):
+    """The tools of the tests find no canvas then: errors of a page are detected."""
+    text = page_of(block).replace('getContext("webgl2"', 'getContext("none"')
+    told = '<script>document.body.setAttribute("data-told", document.getElementById("view3d").textContent)</script>'
+    view, console = open_page(text + told, tmp_path, "")
+    assert view["told"].startswith("The view needs WebGL 2")
+    assert console and all("null" in line for line in console)

@@ -8,13 +8,13 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+import numpy.typing as npt
 
 from ...contact_names import normal_forces
-from ..plotting import ZONES
+from .fields import ZONES, zone_counts
 from .files import Rows, Run
-from .given import values_in_time
-from .merged import same_nodes
-from .scene import thinned, zone_counts
+from .grids import same_nodes
+from .problem import values_in_time
 from .units import scale_of
 
 _INK = "#010203"  # becomes the page's own colour
@@ -353,3 +353,8 @@ def _svg(figure: Any, title: str) -> str:
     drawn = re.sub(r' (width|height)="[\d.]+pt"', "", drawn, count=2)
     drawn = drawn.replace("xlink:href", "href").replace(_INK, "currentColor")
     return drawn.replace("<svg", f'<svg role="img" aria-label="{title}"', 1)
+
+
+def thinned(count: int, most: int) -> npt.NDArray[np.int64]:
+    """At most `most` of `count` numbers, evenly spaced."""
+    return np.arange(0, count, max(1, -(-count // most)))

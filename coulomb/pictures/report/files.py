@@ -16,9 +16,7 @@ from ...contact_names import normal_forces
 from ...io.accuracy import TOLERANCE, accuracy
 from ...io.field_files import Grid, read_grids
 from ...io.run_directory import HISTORY, SUMMARY, RunDirectory, read_json, step_place
-from ..plotting import alarm
-from .first_order import first_order
-from .merged import merged
+from .grids import first_order, merged
 from .units import in_seconds
 
 Rows = list[dict[str, float]]
@@ -182,35 +180,39 @@ def read_run(directory: str | Path, needs: tuple[str, ...] | None = None) -> Run
     Raises:
         ValueError: If the directory holds no run, or a file cannot be read, with the reason.
     """
-    folder, files = Path(directory), RunDirectory(Path(directory))
-    if needs is not None and not _is_whole(folder):
-        return _fields_alone(folder, needs)
-    if not files.summary.exists():
+    folder, files, strict = Path(directory), RunDirectory(Path(directory)), needs is None
+    if strict and not files.summary.exists():
         raise ValueError(f"{folder}: holds no run: there is no {SUMMARY}")
-    summary = files.read_summary()
-    steps: tuple[Step, ...] = (Step(folder, None),)
-    rows: Rows = []
-    last = summary
-    if "steps" in summary:
-        rows, last = _rows_of_history(folder, strict=needs is None), summary["last"]
-        steps = tuple(Step(files.step(int(row["step"])).path, row["time"]) for row in rows)
-    if needs is not None:
-        steps = tuple(replace(step, needs=needs) for step in steps)
+    known, summary = True, {}
+    try:
+        summary = files.read_summary()
+    except ValueError:
+        if needs is None:
+            raise
+        known = False
+    is_history, last = "steps" in summary, summary.get("last", summary)
+    rows = _rows_of_history(folder, strict) if is_history or not known else []
+    steps = tuple(Step(files.step(int(row["step"])).path, row["time"]) for row in rows)
+    if not is_history and not steps:
+        steps = (Step(folder, None),)
+        if not known and needs and not any(files.fields(file).exists() for file in needs):
+            names = " or ".join(files.fields(file).name for file in needs)
+            raise ValueError(f"{folder}: holds no run: there is no {names}")
     missing = [key for key in ("status", "law", "certificate", "nodes", "maximum") if key not in last]
-    if "steps" in summary and "history" not in summary:
+    if is_history and "history" not in summary:
         missing.append("history")
-    if missing or not steps:
+    if known and (missing or not steps):
         raise ValueError(f"{files.summary}: has no {(missing or ['steps'])[0]!r}: not a summary of coulomb's")
     return Run(
         directory=folder,
         summary=last,
         history=summary.get("history", {}),
-        certified=bool(summary["certificate"]["passed"]),
-        alarm=alarm(summary),
+        certified=known and bool(summary["certificate"]["passed"]),
+        alarm=alarm(summary) if known else f"certificate unknown: {SUMMARY} cannot be read",
         outside=_violations(summary),
         warnings=_warnings(summary),
-        case=_read_case(files, strict=needs is None),
-        steps=steps,
+        case=_read_case(files, strict) if known else None,
+        steps=steps if needs is None else tuple(replace(step, needs=needs) for step in steps),
         rows=rows,
     )
 
@@ -223,41 +225,6 @@ def _read_case(files: RunDirectory, strict: bool) -> dict[str, Any] | None:
         if strict:
             raise
         return None
-
-
-def _is_whole(folder: Path) -> bool:
-    """Whether the summary of a run can be read."""
-    try:
-        RunDirectory(folder).read_summary()
-    except ValueError:
-        return False
-    return True
-
-
-def _fields_alone(folder: Path, needs: tuple[str, ...]) -> Run:
-    """A run without a summary, for a picture of its fields.
-
-    Raises:
-        ValueError: If there are no fields either.
-    """
-    files, rows = RunDirectory(folder), _rows_of_history(folder, strict=False)
-    steps = tuple(Step(files.step(int(row["step"])).path, row["time"], needs) for row in rows)
-    if not steps and not any(files.fields(file).exists() for file in needs):
-        raise ValueError(
-            f"{folder}: holds no run: there is no {' or '.join(files.fields(file).name for file in needs)}"
-        )
-    return Run(
-        directory=folder,
-        summary={},
-        history={},
-        certified=False,
-        alarm=f"certificate unknown: {SUMMARY} cannot be read",
-        outside=(),
-        warnings=(),
-        case=None,
-        steps=steps or (Step(folder, None, needs),),
-        rows=rows,
-    )
 
 
 def _rows_of_history(folder: Path, strict: bool) -> Rows:
@@ -312,3 +279,10 @@ def _number(text: str | None) -> float:
         return {"True": 1.0, "False": 0.0}.get(text, math.nan) if text in ("True", "False") else float(text)
     except ValueError:
         return math.nan
+
+
+def alarm(contents: dict[str, Any]) -> str:
+    """The alarm in red for a run with this summary.json; empty if its answer counts."""
+    if not contents["certificate"]["passed"]:
+        return "NOT CERTIFIED"
+    return "" if contents.get("valid", True) else "OUTSIDE THE THEORY"

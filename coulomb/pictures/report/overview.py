@@ -1,7 +1,7 @@
 """picture.png of a run, or of the end of a load history: contact pressure and zones, as `coulomb plot` draws them.
 
-The process starts while the run still computes: it loads its libraries, draws a small warm-up picture, which takes most
-of the time of a first picture, and waits for the directory on standard input.
+The process starts while the run still computes: it loads its libraries (0.5 s), draws a small warm-up picture, which
+makes the first picture of the block 0.3 s faster, and waits for the directory on standard input.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ import numpy as np
 
 from ...io.field_files import Grid
 from ...io.run_directory import PICTURE, RunDirectory
+from .fields import Bar, Limits, limits_of, named, zone_counts
 from .files import Step, read_run
-from .limits import Bar, Limits, limits_of
-from .scene import Look, Shot, automatic_scale, camera_of, caption, shoot, zone_counts
-from .sheet import ALARM, BAR, INK, colour_bar, directions, legend
-from .shown_fields import named
+from .scene import Look, Shot, automatic_scale, camera_of, shoot
+from .sheet import ALARM, BAR, INK, caption, colour_bar, directions, legend
 
 DPI = 150
 

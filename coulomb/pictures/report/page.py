@@ -16,13 +16,11 @@ import numpy as np
 from PIL import Image
 
 from ...contact_names import normal_forces
-from ..plotting import ZONES
-from . import acting, charts, facts
+from . import charts, problem, results
+from .fields import ZONES, Bar, Field, limits_of, named, ramp, zone_counts
 from .files import Run, read_run
-from .limits import Bar, limits_of
-from .scene import Look, Shot, automatic_scale, cropped, shoot, zone_counts
+from .scene import Look, Shot, automatic_scale, cropped, shoot
 from .sheet import AXES
-from .shown_fields import Field, named, ramp
 from .surface_view import surface_view
 from .units import in_seconds, number, quantity, scale_of, vector
 
@@ -41,8 +39,8 @@ PICTURES = (
 OF_HISTORIES = (("friction_work", "contact"),)
 """Further pictures of a load history."""
 
-SCRIPTS = (("view_state.js", "view_paint.js", "view_hand.js", "view.js"), ("scroll.js",))
-"""Scripts of the page: the files of each entry in one function, in this order."""
+SCRIPTS = ("drawing.js", "controls.js")
+"""Scripts of the page, in one function."""
 
 
 def write(directory: str | Path, save: str | Path) -> Path:
@@ -84,8 +82,8 @@ def render(run: Run) -> str:
         title=run.title,
         passed=not alarm,
         alarm=alarm,
-        verdict=facts.in_words(run),
-        made=facts.made_in_short(run),
+        verdict=results.in_words(run),
+        made=results.made_in_short(run),
         message=run.summary.get("message", "") or _unfinished(run),
         warnings=run.warnings,
         run=run,
@@ -94,21 +92,21 @@ def render(run: Run) -> str:
         tiles=_tiles(run),
         scale=number(scale),
         facts={
-            "geometry": facts.geometry(run),
-            "totals": facts.totals(run),
-            "history": facts.history_totals(run),
-            "made": facts.made(run),
-            "effort": facts.effort(run),
-            "seconds": facts.seconds(run),
+            "geometry": problem.geometry(run),
+            "totals": results.totals(run),
+            "history": results.history_totals(run),
+            "made": results.made(run),
+            "effort": results.effort(run),
+            "seconds": results.seconds(run),
             "versions": list(run.summary.get("versions", {"coulomb": run.summary.get("coulomb", "–")}).items()),
         },
-        acting={
-            "forces": (acting.FORCES, acting.forces(run)),
-            "faces": (acting.FACES, acting.faces(run)),
-            "probes": (acting.PROBES, acting.probes(run)),
-            "stresses": (acting.STRESSES, acting.stresses(run)),
+        tables={
+            "forces": results.forces(run),
+            "faces": results.faces(run),
+            "probes": results.probes(run),
+            "stresses": results.stresses(run),
         },
-        checks=facts.checks(run),
+        checks=results.checks(run),
         pictures=_pictures(run, scale),
         charts=_charts(run),
         steps=_table(run),
@@ -116,7 +114,7 @@ def render(run: Run) -> str:
         omitted=omitted,
         data=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
         style=(here / "page.css").read_text(encoding="utf-8"),
-        scripts=["\n".join((here / name).read_text(encoding="utf-8") for name in names) for names in SCRIPTS],
+        script="\n".join((here / name).read_text(encoding="utf-8") for name in SCRIPTS),
     )
 
 

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from .fields import Field, limits_of, named, ramp, zone_counts
 from .files import Step, read_run
-from .limits import limits_of
-from .scene import VIEWS, Look, automatic_scale, camera_of, caption, cropped, paint, plotter_for, shoot, zone_counts
-from .sheet import AXES, Pixels, pixels_of, sheet
-from .shown_fields import Field, named, ramp
+from .scene import VIEWS, Look, automatic_scale, camera_of, cropped, paint, plotter_for, shoot
+from .sheet import AXES, Pixels, caption, pixels_of, sheet
 
 PICTURES, ANIMATIONS = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
 
@@ -25,7 +24,7 @@ _SECONDS = 0.15  # duration of a frame
 def plot(
     directory: Path, field: str, scale: float | None, view: str | None, save: Path | None, step: int | None
 ) -> str:
-    """Draw a run.
+    """Draw a run; returns a message for the user.
 
     Args:
         directory: Directory of the run.
@@ -34,9 +33,6 @@ def plot(
         view: One of `VIEWS`; None chooses by the field.
         save: File of a picture, or for a load history of an animation; None opens a window.
         step: Step of a load history, from 1; None for the last.
-
-    Returns:
-        A message for the user.
 
     Raises:
         ValueError: If the directory contains no run, or field, view, step or the ending of `save` is not known.

@@ -11,14 +11,133 @@ import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...io.field_files import Grid
-from ..plotting import ZONES, corners_in, nice, patches, polygons, renderer, skin_of, without
-from .camera import Camera, beside, framing, looking_at
+from .fields import ZONES, Field, Limits, named, zone_counts
 from .files import Run, Step
-from .first_order import contact_points
-from .limits import Limits
-from .merged import drawn_apart, nodes_in_body, opposite, outward
-from .shown_fields import Field, named
-from .units import in_seconds, number, scale_of
+from .grids import (
+    corners_in,
+    drawn_apart,
+    nodes_in_body,
+    opposite,
+    outward,
+    patches,
+    polygons,
+    renderer,
+    skin_of,
+    without,
+)
+from .units import scale_of
+
+ANGLE = 30.0
+"""Opening angle in degrees of a camera that sees the bounding sphere: the strength of the perspective."""
+
+SHAPES = 0.2, 6.0
+"""Smallest and largest aspect ratio of a picture; thinner scenes get empty space."""
+
+MARGIN = 0.015
+"""Empty border on each side, over width and height: room for the width of lines."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera of VTK's.
+
+    Attributes:
+        position: Its position, (3,).
+        focal_point: The point in the centre of view, (3,).
+        up: Upward direction, (3,), perpendicular to the direction of view.
+        opening: Without perspective half the height of what is seen, metres; else the tangent of half the opening.
+        centre: Offset of the picture's centre from the axis, over half the width and height.
+        parallel: Whether there is no perspective.
+        size: Size of the picture in pixels, width and height.
+    """
+
+    position: FloatArray
+    focal_point: FloatArray
+    up: FloatArray
+    opening: float
+    centre: tuple[float, float]
+    parallel: bool
+    size: tuple[int, int]
+
+    @property
+    def axes(self) -> FloatArray:
+        """Directions of x, y and z in the picture, right and up, (3, 2)."""
+        forward = self.focal_point - self.position
+        right = np.cross(forward, self.up)
+        found: FloatArray = np.column_stack([right / np.linalg.norm(right), self.up])
+        return found
+
+    def aim(self, plotter: Any) -> None:
+        """Apply it to a plotter."""
+        camera = plotter.camera
+        camera.position, camera.focal_point, camera.up = map(tuple, (self.position, self.focal_point, self.up))
+        camera.SetParallelProjection(self.parallel)
+        if self.parallel:
+            camera.SetParallelScale(self.opening)
+        else:
+            camera.SetViewAngle(2.0 * float(np.degrees(np.arctan(self.opening))))
+        camera.SetWindowCenter(*self.centre)
+        camera.is_set = True
+        plotter.renderer.ResetCameraClippingRange()
+
+
+def beside(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Direction of view of a face with this outward normal and of the body drawn apart from it, from the side, and
+    upward direction."""
+    one, other = _along(normal)
+    return 0.8 * normal + 0.9 * one - 1.5 * other, normal
+
+
+def looking_at(normal: FloatArray, turned: bool = False) -> tuple[FloatArray, FloatArray]:
+    """Direction of view of a face with this outward normal, inclined to it in two directions, and upward direction;
+    `turned` by a quarter turn about the normal."""
+    along, across = _along(normal)
+    if turned:
+        along, across = across, -along
+    return normal + 0.25 * along + 0.6 * across, -across
+
+
+def _along(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two directions along a face, the first as near to an axis as can be; the second is the normal times the first."""
+    axis = np.eye(3)[np.argmin(np.abs(normal))]
+    one = axis - (axis @ normal) * normal
+    one /= np.linalg.norm(one)
+    return one, np.cross(normal, one)
+
+
+def framing(points: FloatArray, direction: FloatArray, up: FloatArray, most: tuple[int, int], parallel: bool) -> Camera:
+    """The camera with the closest view of all points (k, 3), `direction` from them to the camera, not parallel to `up`.
+
+    The picture has at most `most` pixels, and reaches this width or height; `parallel` is without perspective.
+    """
+    back = direction / np.linalg.norm(direction)
+    right = np.cross(up, back)
+    right /= np.linalg.norm(right)
+    above = np.cross(back, right)
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)) or 1.0
+    distance = radius / np.sin(np.radians(0.5 * ANGLE))
+    across, along = (points - middle) @ right, (points - middle) @ above
+    if not parallel:
+        depth = distance - (points - middle) @ back
+        across, along = across / depth, along / depth
+    least = 1e-6 * (radius if parallel else 1.0)
+    half = [max(0.5 * float(np.ptp(seen)), least) * (1.0 + 2.0 * MARGIN) for seen in (across, along)]
+    width = max(half[0], SHAPES[0] * half[1])
+    height = max(half[1], width / SHAPES[1])
+    at = [0.5 * float(seen.min() + seen.max()) for seen in (across, along)]
+    shape = width / height
+    pixels = (most[0], round(most[0] / shape)) if shape > most[0] / most[1] else (round(most[1] * shape), most[1])
+    return Camera(
+        position=middle + distance * back,
+        focal_point=middle,
+        up=above,
+        opening=height,
+        centre=(at[0] / width, at[1] / height),
+        parallel=parallel,
+        size=pixels,
+    )
+
 
 VIEWS = {
     "contact": None,
@@ -95,7 +214,7 @@ def automatic_scale(run: Run) -> float:
         stretch = max(stretch, float(np.quantile(edges, 0.99)))
     if not largest > 0.0:
         return 1.0
-    return nice(min(0.05 * size / largest, 0.5 / stretch if stretch > 0.0 else np.inf))
+    return round_down(min(0.05 * size / largest, 0.5 / stretch if stretch > 0.0 else np.inf))
 
 
 @dataclass(frozen=True)
@@ -112,14 +231,8 @@ class Shot:
 
 
 def shoot(step: Step, look: Look, size: tuple[int, int] = (1500, 1100), camera: Camera | None = None) -> Shot:
-    """Render a state of the body, without text and with transparent background.
-
-    Args:
-        step: The state.
-        look: How to show it.
-        size: Maximum size of the picture in pixels.
-        camera: The camera; by default one that sees the whole state.
-    """
+    """Render a state of the body, without text and with transparent background, in at most `size` pixels; by default by
+    a camera that sees the whole state."""
     camera = camera or camera_of([step], look, size)
     plotter = plotter_for(camera.size)
     bodies = paint(plotter, step, look)
@@ -192,7 +305,7 @@ def paint(plotter: Any, step: Step, look: Look) -> Any:
     in_contact = nodes_in_body(contact, body)
     points = contact.points + look.scale * displacement[in_contact]
     size = float(np.linalg.norm(np.ptp(body.points, axis=0)))
-    skin = skin_of(pyvista, body, body.points + look.scale * displacement)
+    skin = skin_of(body, body.points + look.scale * displacement)
     face = pyvista.PolyData(points, polygons(contact.cells))
     limits = look.limits
     factor, unit = scale_of(limits.high, field.unit)
@@ -209,10 +322,11 @@ def paint(plotter: Any, step: Step, look: Look) -> Any:
         else:
             skin.cell_data["shown"] = values[skin.cell_data["vtkOriginalCellIds"]]
         plotter.add_mesh(skin, edge_color=_FACE_EDGE, line_width=0.5, show_edges=skin.n_cells <= _LINED, **colours)
-        rest = skin_of(pyvista, body, body.points).extract_feature_edges(40.0, manifold_edges=False)
+        rest = skin_of(body, body.points).extract_feature_edges(40.0, manifold_edges=False)
         plotter.add_mesh(rest, color=_FACE_EDGE, line_width=1)  # undeformed body
     else:
-        bare, lined = without(skin, in_contact[contact.cells]), skin.n_cells <= _LINED
+        lined = skin.n_cells <= _LINED
+        bare = without(skin, in_contact[contact.cells])
         if bare.n_cells:  # no body if its file is missing
             window = bool(look.caption) and np.any(opposite(contact))
             plain = {"ambient": 0.75, "diffuse": 0.3, "opacity": 1.0 - _THROUGH if window else 1.0}
@@ -245,20 +359,14 @@ def _bar(field: Field, unit: str) -> dict[str, Any]:
 
 def _zones(plotter: Any, contact: Grid, points: FloatArray, legend: bool) -> None:
     """The part of the face nearest to each node in the colour of its status, and the number of nodes per status."""
-    pyvista, status = renderer(), np.rint(named("status").values(contact)).astype(int)
-    parts = pyvista.MultiBlock()
-    names, count = {}, zone_counts(contact)
-    for code, (name, _) in ZONES.items():
-        chosen = status == code
-        names[float(code)] = f"{name} {count[name]}"
-        if chosen.any():
-            part = patches(pyvista, contact.cells, points, chosen)
-            part.cell_data["zone"] = np.full(part.n_cells, float(code))
-            parts.append(part)
+    status, count = np.rint(named("status").values(contact)), zone_counts(contact)
+    pieces = patches(contact.cells, points)
+    pieces.cell_data["zone"] = status[pieces.cell_data["node"]]
+    names = {float(code): f"{name} {count[name]}" for code, (name, _) in ZONES.items()}
     bar = {**_bar(named("status"), "nodes"), "n_labels": 0, "position_y": 0.07, "title": "zones, number of nodes\n\n"}
     colours: dict[str, Any] = {"cmap": [colour for _, colour in ZONES.values()], "clim": (-0.5, 3.5)}
     colours |= {"annotations": names, "scalar_bar_args": bar, "show_scalar_bar": legend}
-    plotter.add_mesh(parts.combine().extract_surface(algorithm=None), scalars="zone", lighting=False, **colours)
+    plotter.add_mesh(pieces, scalars="zone", lighting=False, **colours)
 
 
 def _arrows(plotter: Any, contact: Grid, body: Grid, look: Look) -> None:
@@ -296,11 +404,6 @@ def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, Float
     return deformed + 4e-3 * reach * contact.fields["normal"][shown], 0.9 * edge / largest * vectors[shown]
 
 
-def thinned(count: int, most: int) -> npt.NDArray[np.int64]:
-    """At most `most` of `count` numbers, evenly spaced."""
-    return np.arange(0, count, max(1, -(-count // most)))
-
-
 def _directions(view: str, contact: Grid) -> list[tuple[FloatArray, FloatArray]]:
     """Directions of a view to choose from, each with the upward direction: of the contact face along either side."""
     given = VIEWS[view]
@@ -311,33 +414,7 @@ def _directions(view: str, contact: Grid) -> list[tuple[FloatArray, FloatArray]]
     return [looking_at(outward(contact), turned) for turned in (False, True)]
 
 
-def zone_counts(contact: Grid) -> dict[str, int]:
-    """Number of contact nodes per zone, by name."""
-    status = np.rint(contact.fields["status"]).astype(int)[contact_points(contact)]
-    return {name: int(np.count_nonzero(status == code)) for code, (name, _) in ZONES.items()}
-
-
-def caption(run: Run, step: Step, scale: float) -> str:
-    """Name of the case, friction, time and the scale of the displacement in one line."""
-    parts = [f"{run.title}: {friction_in_words(run.summary) if run.summary else 'friction unknown'}"]
-    if step.time is not None:
-        parts.append(f"time {in_seconds(step.time)}")
-    return ", ".join([*parts, f"displacement × {number(scale)}"])
-
-
-def friction_in_words(summary: dict[str, Any]) -> str:
-    """The law with its coefficients: Mohr-Coulomb friction 0.3, cohesion 2 MPa."""
-
-    def shown(given: Any, unit: str = "") -> str:
-        values = [given["min"], given["max"]] if isinstance(given, dict) else [given]
-        factor, unit = scale_of(max(values), unit) if unit else (1.0, "")
-        return f"{' to '.join(number(value / factor) for value in values)} {unit}".strip()
-
-    if summary["law"] == "tresca":
-        return f"Tresca friction {shown(summary['slip_stress'], 'Pa')}"
-    friction = shown(summary["friction"])
-    if summary.get("friction_along") is not None:
-        friction = f"{shown(summary['friction_along'])} along and {shown(summary['friction_across'])} across"
-    if summary["law"] == "coulomb":
-        return f"Coulomb friction {friction}"
-    return f"Mohr-Coulomb friction {friction}, cohesion {shown(summary['cohesion'], 'Pa')}"
+def round_down(value: float) -> float:
+    """The nearest of 1, 2, 5 times a power of ten below."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= value * (1.0 + 1e-12)))

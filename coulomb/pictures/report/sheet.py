@@ -9,11 +9,10 @@ import matplotlib
 import numpy as np
 import numpy.typing as npt
 
-from ..plotting import ZONES
-from .limits import Bar
+from .fields import ZONES, Bar, Field
+from .files import Run, Step
 from .scene import Shot
-from .shown_fields import Field
-from .units import in_nodes, number, scale_of
+from .units import in_nodes, in_seconds, number, scale_of
 
 BAR = 0.72
 """Height of a colour bar with its numbers and title, inches: of 150 pixels, a whole and, for films, even number."""
@@ -37,16 +36,8 @@ def sheet(
     alarm: str,
     zones: dict[str, int],
 ) -> Any:
-    """A matplotlib figure with the picture and text around it.
-
-    Args:
-        shot: The picture, cropped.
-        field: The field shown by colours.
-        bars: Their ranges.
-        caption: Text at the top.
-        alarm: Text below it, in red.
-        zones: Number of nodes per zone, for the field `status`.
-    """
+    """A matplotlib figure with the cropped picture: caption and alarm above, the colour bars of the field below, or the
+    zones with their numbers of nodes."""
     from matplotlib.figure import Figure
 
     width, high = SIZE
@@ -75,14 +66,8 @@ def colour_bar(
     bar: Bar,
     box: tuple[float, float, float, float],
 ) -> None:
-    """Colour bar with round numbers, the field and its unit below.
-
-    Args:
-        figure: The figure.
-        field: The field.
-        bar: Range of the colours; the largest value is written beside it, of signed values the smallest as well.
-        box: Left, bottom, width and height of the bar, over those of the figure.
-    """
+    """Colour bar with round numbers, the field and its unit below, beside it the largest value, of signed values the
+    smallest as well; `box`: left, bottom, width and height over those of the figure."""
     from matplotlib.ticker import MaxNLocator
 
     factor, unit = scale_of(bar.high, field.unit)
@@ -105,14 +90,8 @@ def colour_bar(
 
 
 def legend(figure: Any, zones: dict[str, int], middle: tuple[float, float], columns: int = 4) -> None:
-    """Legend of the zones with their numbers of nodes; held nodes only if there are any.
-
-    Args:
-        figure: The figure.
-        zones: Number of nodes per zone.
-        middle: Centre of the legend, over width and height of the figure.
-        columns: Zones per row.
-    """
+    """Legend of the zones with their numbers of nodes, held nodes only if there are any; `middle` is its centre, over
+    width and height of the figure."""
     from matplotlib.patches import Patch
 
     patches = [
@@ -146,3 +125,29 @@ def pixels_of(figure: Any) -> Pixels:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba(), dtype=np.uint8)[:, :, :3]
+
+
+def caption(run: Run, step: Step, scale: float) -> str:
+    """Name of the case, friction, time and the scale of the displacement in one line."""
+    parts = [f"{run.title}: {friction_in_words(run.summary) if run.summary else 'friction unknown'}"]
+    if step.time is not None:
+        parts.append(f"time {in_seconds(step.time)}")
+    return ", ".join([*parts, f"displacement × {number(scale)}"])
+
+
+def friction_in_words(summary: dict[str, Any]) -> str:
+    """The law with its coefficients: Mohr-Coulomb friction 0.3, cohesion 2 MPa."""
+
+    def shown(given: Any, unit: str = "") -> str:
+        values = [given["min"], given["max"]] if isinstance(given, dict) else [given]
+        factor, unit = scale_of(max(values), unit) if unit else (1.0, "")
+        return f"{' to '.join(number(value / factor) for value in values)} {unit}".strip()
+
+    if summary["law"] == "tresca":
+        return f"Tresca friction {shown(summary['slip_stress'], 'Pa')}"
+    friction = shown(summary["friction"])
+    if summary.get("friction_along") is not None:
+        friction = f"{shown(summary['friction_along'])} along and {shown(summary['friction_across'])} across"
+    if summary["law"] == "coulomb":
+        return f"Coulomb friction {friction}"
+    return f"Mohr-Coulomb friction {friction}, cohesion {shown(summary['cohesion'], 'Pa')}"

@@ -1,64 +1,57 @@
-"""Data in the page for the interactive view of the contact surface (drawn by view.js and its parts)."""
+"""Data in the page for the interactive view of the contact surface (drawn by drawing.js and controls.js)."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...arrays import FloatArray, IntArray
 from ...io.field_files import Grid
-from ..plotting import ZONES, renderer, skin_of
-from .camera import looking_at
+from .fields import ZONES, Limits, limits_of, named, ramp
 from .files import Run, Step
-from .limits import Limits, limits_of
-from .merged import nodes_in_body, outward, same_nodes
+from .grids import blocks_of, nodes_in_body, outward, same_nodes, skin_of
+from .scene import looking_at
 from .sheet import AXES
-from .shown_fields import named, ramp
 from .units import in_seconds, scale_of
 
 SHOWN = ("pressure", "friction_traction", "friction_use", "status", "slip", "gap")
 ACCUMULATED = ("accumulated_slip", "friction_work", "largest_pressure")
 """Fields in the menu, and those of load histories besides."""
 
-MOST_NODES, MOST_VALUES, MOST_ARROWS = 40_000, 1_500_000, 900
-"""Limits of a page: nodes of the surface, numbers over all nodes and steps, arrows."""
+MOST_VALUES, MOST_ARROWS = 1_500_000, 900
+"""Limits of a page: numbers over all nodes and steps, and arrows."""
 
 _A_NODE = len(SHOWN) + len(ACCUMULATED) + 6  # numbers per node and step: fields, displacement, traction
 
 
 def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
-    """The data, and a remark on what had to be left out (or nothing).
-
-    Args:
-        run: The run.
-        scale: Initial factor of the displacement.
-    """
-    first, body = run.steps[-1].grid("contact"), run.steps[-1].grid("solution")
-    nodes, cells, faces = _thinned(first, MOST_NODES)
-    most_steps = max(1, MOST_VALUES // (_A_NODE * len(nodes)))
-    numbers = np.unique(np.round(np.linspace(0, len(run.steps) - 1, min(most_steps, len(run.steps)))).astype(int))
+    """The data, at first with this factor of the displacement, and a remark on what is left out (or nothing)."""
+    last, body = run.steps[-1].grid("contact"), run.steps[-1].grid("solution")
+    most_steps = max(1, MOST_VALUES // (_A_NODE * len(last.points)))
     if most_steps == 1:
         numbers = np.array([len(run.steps) - 1])
-    points, size = first.points[nodes], float(np.linalg.norm(np.ptp(body.points, axis=0)))
+    else:
+        numbers = np.unique(np.round(np.linspace(0, len(run.steps) - 1, min(most_steps, len(run.steps)))).astype(int))
+    size = float(np.linalg.norm(np.ptp(body.points, axis=0)))
+    triangles, edges, faces = _connected(last)
     outline_nodes, lines = _outline(body)
-    shown = _Shown(first, body, nodes, outline_nodes)
-    direction, up = looking_at(outward(first))
+    direction, up = looking_at(outward(last))
     fields = [_field(run, name) for name in (*SHOWN, *(ACCUMULATED if run.is_history else ()))]
     largest = max(
         float(np.linalg.norm(step.grid("contact").fields["friction_traction"], axis=1).max()) for step in run.steps
     )
-    every = max(1, -(-len(nodes) // MOST_ARROWS))
-    cell = float(np.sqrt(np.sum(first.fields["area"]) / max(1, len(nodes) // every)))
+    every = max(1, -(-len(last.points) // MOST_ARROWS))
+    cell = float(np.sqrt(np.sum(last.fields["area"]) / max(1, len(last.points) // every)))
     length_factor, length_unit = scale_of(size, "m")
     data = {
-        "points": _packed(points),
+        "points": _packed(last.points),
         "faces": faces,
-        "normals": _packed(first.fields["normal"][nodes]),
-        "triangles": _packed(_by_face(_triangles, cells, faces), np.uint32),
-        "edges": _packed(_by_face(_edges, cells, faces), np.uint32),
+        "normals": _packed(last.fields["normal"]),
+        "triangles": _packed(triangles, np.uint32),
+        "edges": _packed(edges, np.uint32),
         "outline": {"points": _packed(body.points[outline_nodes]), "lines": _packed(lines, np.uint32)},
         "axes": [{"name": name, "colour": colour} for name, colour in zip("xyz", AXES, strict=True)],
         "size": size,
@@ -68,15 +61,9 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
         "up": up.tolist(),
         "arrow": {"every": every, "largest": largest or 1.0, "length": 1.5 * cell},
         "fields": [{key: value for key, value in entry.items() if key not in ("field", "limits")} for entry in fields],
-        "steps": [_step(run.steps[k], fields, shown) for k in numbers],
-        "flat": False,
+        "steps": [_step(run.steps[k], fields, _Shown(last, body, outline_nodes)) for k in numbers],
     }
-    notes = []
-    if len(nodes) < len(first.points):
-        notes.append(f"{len(nodes)} of {len(first.points)} nodes are shown")
-    if len(numbers) < len(run.steps):
-        notes.append(f"{len(numbers)} of {len(run.steps)} steps are shown")
-    return data, "; ".join(notes)
+    return data, f"{len(numbers)} of {len(run.steps)} steps are shown" if len(numbers) < len(run.steps) else ""
 
 
 def _field(run: Run, name: str) -> dict[str, Any]:
@@ -100,11 +87,10 @@ def _share_of_faces(contact: Grid, limits: Limits) -> dict[str, float]:
 
 
 class _Shown(NamedTuple):
-    """The surface and the body of the last state, and the numbers of their nodes that are shown."""
+    """The surface and the body of the last state, and the numbers of the nodes on the edges of the body."""
 
     contact: Grid
     body: Grid
-    nodes: IntArray
     outline: IntArray
 
 
@@ -112,7 +98,7 @@ def _step(step: Step, fields: Sequence[dict[str, Any]], shown: _Shown) -> dict[s
     """Data of a step at these nodes: a history resumed on other ranks has its nodes in another order."""
     contact, body = step.grid("contact"), step.grid("solution")
     displacement = body.fields["displacement"]
-    nodes = same_nodes(shown.contact.points, shown.contact.blocks, contact)[shown.nodes]
+    nodes = same_nodes(shown.contact.points, shown.contact.blocks, contact)
     outline = same_nodes(shown.body.points, shown.body.blocks, body)[shown.outline]
     return {
         "label": "" if step.time is None else f"time {in_seconds(step.time)}",
@@ -126,69 +112,22 @@ def _step(step: Step, fields: Sequence[dict[str, Any]], shown: _Shown) -> dict[s
     }
 
 
-def _thinned(contact: Grid, most: int) -> tuple[IntArray, IntArray, list[dict[str, Any]]]:
-    """`thinned_surface` of every face, with so many nodes in all, and the faces for the menu.
-
-    Returns:
-        Numbers of the nodes kept, the cells between them, and of every face its name, where its nodes, triangles and
-        edges begin and end in the data, and the direction in which it is seen.
-    """
-    if not contact.blocks:
-        return *thinned_surface(contact, most), []
-    nodes, cells, faces, ends = [], [], [], [0, 0, 0]
-    for block in contact.blocks:
-        mine = Grid(contact.cell, contact.cells[block.cells] - block.points.start, contact.points[block.points], {})
-        kept, corners = thinned_surface(mine, max(1, most * len(mine.points) // len(contact.points)))
-        sizes = (len(kept), 3 * len(_triangles(corners)), 2 * len(_edges(corners)))
-        here = {key: [end, end + n] for key, end, n in zip(("nodes", "triangles", "edges"), ends, sizes, strict=True)}
-        normals = contact.fields["normal"][block.points]
-        direction, up = looking_at(outward(mine._replace(fields={"normal": normals})))
-        faces.append({"name": block.name, **here, "direction": direction.tolist(), "up": up.tolist()})
-        nodes.append(kept + block.points.start)
-        cells.append(corners + ends[0])
-        ends = [end + n for end, n in zip(ends, sizes, strict=True)]
-    return np.concatenate(nodes), np.concatenate(cells), faces
-
-
-def thinned_surface(contact: Grid, most: int) -> tuple[IntArray, IntArray]:
-    """A surface with at most about `most` nodes: per cube of a grid the node nearest to the mean of its nodes.
-
-    Values are those of nodes; none is averaged.
-
-    Returns:
-        Numbers of the nodes kept (k,), and the cells between them, by their indices in that list; corners of cells of a
-        thinned surface may coincide.
-    """
-    points, cells = contact.points, np.asarray(contact.cells, dtype=np.int64)
-    everything: IntArray = np.arange(len(points))
-    if len(points) <= most:
-        return everything, cells
-    extent = np.ptp(points, axis=0)
-    edge = float(np.sqrt(max(np.sort(extent)[1:].prod(), 1e-300) / most))
-    while True:
-        cube = np.floor((points - points.min(axis=0)) / edge).astype(np.int64)
-        _, cluster = np.unique(cube, axis=0, return_inverse=True)
-        cluster = np.ravel(cluster)
-        if cluster.max() < most:
-            break
-        edge *= 1.1
-    count = np.bincount(cluster)
-    mean = np.column_stack([np.bincount(cluster, points[:, k]) / count for k in range(3)])
-    order = np.lexsort((np.linalg.norm(points - mean[cluster], axis=1), cluster))
-    kept = order[np.searchsorted(cluster[order], np.arange(len(count)))]
-    smaller = cluster[cells]
-    different = np.array([len(set(corners)) >= 3 for corners in smaller.tolist()])
-    return kept, np.unique(smaller[different], axis=0)
-
-
-def _by_face(parts: Callable[[IntArray], IntArray], cells: IntArray, faces: Sequence[dict[str, Any]]) -> IntArray:
-    """Triangles or edges of all cells, face by face."""
-    if not faces:
-        return parts(cells)
-    found: IntArray = np.concatenate(
-        [parts(cells[(face["nodes"][0] <= cells[:, 0]) & (cells[:, 0] < face["nodes"][1])]) for face in faces]
-    )
-    return found
+def _connected(contact: Grid) -> tuple[IntArray, IntArray, list[dict[str, Any]]]:
+    """Triangles and edges of all faces, face by face, and of several faces the entries of the menu: the name, where
+    nodes, triangles and edges of the face begin and end, and the direction in which it is seen."""
+    triangles, edges, faces, begun = [], [], [], (0, 0)
+    for block in blocks_of(contact):
+        cells = np.asarray(contact.cells[block.cells], dtype=np.int64)
+        triangles.append(_triangles(cells).ravel())
+        edges.append(_edges(cells).ravel())
+        ended = (begun[0] + len(triangles[-1]), begun[1] + len(edges[-1]))
+        normals = {"normal": contact.fields["normal"][block.points]}
+        direction, up = looking_at(outward(Grid(contact.cell, cells, contact.points[block.points], normals)))
+        ranges = {"nodes": (block.points.start, block.points.stop)}
+        ranges |= {"triangles": (begun[0], ended[0]), "edges": (begun[1], ended[1])}
+        faces.append({"name": block.name, **ranges, "direction": direction.tolist(), "up": up.tolist()})
+        begun = ended
+    return np.concatenate(triangles), np.concatenate(edges), faces if contact.blocks else []
 
 
 def _triangles(cells: IntArray) -> IntArray:
@@ -209,7 +148,7 @@ def _edges(cells: IntArray) -> IntArray:
 
 def _outline(body: Grid) -> tuple[IntArray, IntArray]:
     """Nodes and segments of the body's sharp edges."""
-    skin = skin_of(renderer(), body, body.points)
+    skin = skin_of(body, body.points)
     sharp = skin.extract_feature_edges(40.0, manifold_edges=False)
     if sharp.n_points == 0:  # a sphere has none
         return np.empty(0, dtype=np.int64), np.empty((0, 2), dtype=np.int64)

@@ -144,8 +144,8 @@ def test_the_page_has_both_pairs(run):
 
 def test_a_picture_shows_every_face_once_with_both_pairs(run):
     pytest.importorskip("pyvista")
-    from coulomb.pictures.report.merged import drawn_apart, merged
-    from coulomb.pictures.report.scene import zone_counts
+    from coulomb.pictures.report.fields import zone_counts
+    from coulomb.pictures.report.grids import drawn_apart, merged
 
     faces, bodies = (read_grids(run / LAST / f"{name}.xdmf") for name in ("contact", "solution"))
     whole = merged(faces)

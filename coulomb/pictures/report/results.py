@@ -1,4 +1,4 @@
-"""Problem and results as rows of text, from the summary, the case and the fields of a run."""
+"""Results as rows of text: totals, forces on the bodies, certificate, effort, and how the run was made."""
 
 from __future__ import annotations
 
@@ -8,141 +8,15 @@ from datetime import datetime
 from functools import partial
 from typing import Any
 
-import numpy as np
-
-from ...contact_names import named_faces
-from . import rotating_foundations
-from .bodies import bodies_and_meshes
+from ...contact_names import named_faces, sides_of
+from .fields import FIELDS, zone_counts
 from .files import Run
-from .given import in_time, number_at, rows_and_after, supports_and_loads
-from .scene import friction_in_words, zone_counts
-from .units import in_nodes, in_seconds, number, quantity, vector
+from .grids import blocks_of
+from .units import in_seconds, number, quantity, vector
 
 Facts = list[tuple[str, str]]
-
-
-def geometry(run: Run) -> Facts:
-    """Size, mesh, materials, supports, loads, contact: from the case if there is one, else from the files."""
-    unknowns, summary = run.summary["unknowns"], run.summary
-    facts = [
-        *bodies_and_meshes(run),
-        ("unknowns", f"{unknowns['displacement']} displacements, {unknowns['contact']} contact forces"),
-    ]
-    for material in summary["material"]:
-        name = f"material of {material['cells']}" if material["cells"] else "material"
-        facts.append((name, _material(material)))
-    forms = summary.get("forms") or {}
-    for body, given in {"": forms}.items() if "degree" in forms else forms.items():
-        text = f"displacements of degree {given['degree']}, {given['bcs']} Dirichlet conditions; not in the files"
-        facts.append((f"the user's own forms{f' of {body}' if body else ''}", text))
-    facts += _temperature(summary)
-    return facts + (supports_and_loads(run.case) if run.case is not None else _of_fields(run)) + _contact(run)
-
-
-def _material(material: dict[str, Any]) -> str:
-    """Its constants; those of an orthotropic one along its directions 1, 2, 3."""
-    if "shear" in material:
-        young, shear = (", ".join(quantity(value, "Pa") for value in material[name]) for name in ("young", "shear"))
-        ratios = ", ".join(map(number, material["poisson"]))
-        shown = [one if isinstance(one, str) else f"({', '.join(map(number, one))})" for one in material["directions"]]
-        text = f"orthotropic: E1, E2, E3 {young}; ν12, ν13, ν23 {ratios}; G12, G13, G23 {shear}; "
-        text += f"direction 1 {shown[0]}, direction 2 {shown[1]}"
-    else:
-        young = quantity(material["young"], "Pa")
-        text = f"Young's modulus {young}, Poisson's ratio {number(material['poisson'])}"
-    if "density" in material:
-        text += f", density {number(material['density'])} kg/m³"
-    if "expansion" in material:
-        given = material["expansion"]
-        values = given if isinstance(given, list) else [given]
-        text += f", thermal expansion {', '.join(map(number, values))} 1/K"
-    return text
-
-
-def _temperature(summary: dict[str, Any]) -> Facts:
-    change = summary.get("temperature_change")
-    if change is None:
-        return []
-    ends = list(dict.fromkeys(number(change[name]) for name in ("min", "max")))
-    reference = number(summary["reference_temperature"])
-    return [("temperature change", f"{' to '.join(ends)} K from the reference {reference}")]
-
-
-def _of_fields(run: Run) -> Facts:
-    """Facts of a run without case.json, from Python."""
-    body = run.steps[-1].grid("solution")
-    load, held = body.fields.get("load"), body.fields.get("held")
-    facts: Facts = []
-    if held is not None:
-        facts.append(("prescribed displacements", f"{in_nodes(np.count_nonzero(np.any(held > 0.0, axis=1)))} held"))
-    if load is not None:
-        facts.append(("loads", f"{vector(load.sum(axis=0).tolist(), 'N')} in all"))
-    return facts
-
-
-def _contact(run: Run) -> Facts:
-    given = (run.case or {}).get("contact", {})
-    contacts = given if isinstance(given, list) else [given]
-    faces = [name for name, _ in named_faces(run.summary.get("faces") or ())]
-    faces = faces or [contact.get("face", "") for contact in contacts]
-    named = f"contact {'faces' if len(faces) > 1 else 'face'}"
-    facts = [(named, f"{', '.join(faces)}; {in_nodes(run.summary['nodes']['contact'], 'contact')}")]
-    changing = [contact for contact in contacts if _changing_friction(contact, "")]
-    facts.append(("friction law in the last step" if changing else "friction", friction_in_words(run.summary)))
-    for contact in contacts if run.case is not None else ():
-        where = f" at {contact['face']}" if len(contacts) > 1 else ""
-        facts += _changing_friction(contact, where) + _foundation(contact, where)
-    if run.is_history:
-        facts.append(("history", f"{len(run.rows)} load steps to time {in_seconds(run.rows[-1]['time'])}"))
-    method = run.summary.get("method", {})
-    facts.append(
-        (
-            "method",
-            f"{method.get('solver', '–')}; K⁻¹ by {method.get('stiffness', '–')}; A {method.get('compliance', '–')}",
-        )
-    )
-    return facts
-
-
-def _changing_friction(contact: dict[str, Any], where: str) -> Facts:
-    """How friction at a contact face of the case depends on slip rate and time; empty where it does not."""
-    facts: Facts = []
-    law = contact.get("friction")
-    if isinstance(law, dict):
-        static, kinetic, speed = (number_at(law[key]) for key in ("static", "kinetic", "decay_speed"))
-        facts.append((f"friction by slip rate{where}", f"static {static}, kinetic {kinetic}, decay speed {speed} m/s"))
-    if contact.get("friction_amplitude"):
-        facts.append((f"friction in time{where}", in_time(contact["friction_amplitude"]).removeprefix(", ")))
-    return facts
-
-
-def _foundation(contact: dict[str, Any], where: str) -> Facts:
-    """Foundation of a contact face of the case, and its motion."""
-    facts: Facts = []
-    foundation = contact.get("foundation")
-    if contact.get("against"):
-        facts.append((f"pair{where}", f"{contact['face']} and {contact['against']}"))
-    elif foundation:
-        shape = foundation.get("shape", "plane")
-        more = [f"{key} {vector(value, 'm')}" for key in ("point", "centre") if (value := foundation.get(key))]
-        more += [
-            f"{key} ({', '.join(map(number, foundation[key]))})" for key in ("normal", "axis") if key in foundation
-        ]
-        more += [f"radius {quantity(foundation['radius'], 'm')}"] if "radius" in foundation else []
-        hollow = ", hollow" if foundation.get("hollow") else ""
-        facts.append((f"foundation{where}", f"{shape}{hollow}: {', '.join(more)}"))
-    else:
-        facts.append((f"foundation{where}", "the plane of the face"))
-    if contact.get("gap"):
-        given, in_steps = contact["gap"], in_time(contact["gap_amplitude"]) if contact.get("gap_amplitude") else ""
-        source = f"{given['field']} of {given['file']}" if isinstance(given, dict) else f"{number_at(given)} m"
-        facts.append((f"given gap{where}", f"{source}{in_steps}"))
-    if contact.get("motion"):
-        rows, after = rows_and_after(contact["motion"])
-        places = [f"{vector(row[1:], 'm')} at {in_seconds(row[0])}" for row in rows[:6]]
-        more_rows = ", …" if len(rows) > 6 else ""
-        facts.append((f"motion of the foundation{where}", ", ".join(places) + more_rows + after))
-    return facts + rotating_foundations.prescribed(contact, where)
+Table = tuple[tuple[str, ...], list[tuple[str, ...]]]
+"""Columns and rows."""
 
 
 def totals(run: Run) -> Facts:
@@ -173,7 +47,7 @@ def totals(run: Run) -> Facts:
             (f"largest slip{in_step}", shown(totals["greatest_slip"], "m")),
             (f"energy dissipated by friction{in_step}", shown(totals["dissipated_energy"], "J")),
         ]
-    rows += rotating_foundations.figures(run)
+    rows += _rotating_foundations(run)
     springs = summary.get("spring_force_on_body") or []
     if any(springs):
         rows.append(("force of springs on the body", vectorial(springs, "N", 5)))
@@ -342,3 +216,92 @@ def in_words(run: Run) -> str:
         f"All {len(rows)} conditions hold{each}. The nearest to its limit is the {nearest['name']}, "
         f"{margin} times below{where}."
     )
+
+
+def _rotating_foundations(run: Run) -> list[tuple[str, str]]:
+    """Torque and power of every rotating foundation at the end of the run, or of its last step."""
+    summary, accuracy = run.summary, run.accuracy
+    turning = [face for face in summary.get("faces") or [] if "torque" in face]
+    rows = []
+    for face in turning:
+        where = f" of {face['faces'][0]}" if len(summary["faces"]) > 1 else ""
+        at = f"{quantity(face['torque'], 'N m', 5, accuracy)} at {number(face['angle'], 5)} rad"
+        rows.append((f"torque of the contact on the foundation{where}", at))
+        if face["power"] is not None:
+            least = {"W": accuracy["N m"] * abs(face["angular_velocity"])}
+            speed = f"{quantity(face['power'], 'W', 5, least)} at {number(face['angular_velocity'], 5)} rad/s"
+            rows.append((f"power of the contact on the foundation{where}", speed))
+    return rows
+
+
+def forces(run: Run) -> Table:
+    """Loads, reactions and contact forces on the body with their moments, and the balance; empty for older runs."""
+    summary, accuracy, columns = run.summary, run.accuracy, ("", "force", "moment about the origin")
+    if "reactions" not in summary:
+        return columns, []
+    rows = [_row(_named(part), part, accuracy) for part in (*summary["loads"], *summary["reactions"])]
+    faces = summary.get("faces", ())
+    for (name, against), face in zip(sides_of(faces), faces, strict=True):
+        rows.append(_row(f"contact at {name}", face, accuracy))
+        if against is not None:
+            opposite = {"force": face["opposite_force"], "moment": face["opposite_moment"]}
+            rows.append(_row(f"contact at {against}, opposite", opposite, accuracy))
+    rows += [(f"left over on {body['name']}", number(body["balance"], 2), "") for body in summary.get("bodies", ())]
+    return columns, [*rows, ("left over, relative to the largest", number(summary["balance"], 2), "")]
+
+
+def faces(run: Run) -> Table:
+    """The figures of every contact face, and of every pair."""
+    shown, vectorial = partial(quantity, accuracy=run.accuracy), partial(vector, accuracy=run.accuracy)
+    columns = ("face", "normal force", "force on what it touches", "moment", "area", "centre of pressure")
+    return (*columns, "largest pressure"), [
+        (
+            f"{face['faces'][0]} against {face['against']}" if "against" in face else face["faces"][0],
+            shown(face["normal_force"], "N"),
+            vectorial([-value for value in face["force"]], "N"),
+            vectorial([-value for value in face["moment"]], "N m"),
+            quantity(face["contact_area"], "m²"),
+            vector(face["centre_of_pressure"], "m") if face["centre_of_pressure"] else "–",
+            shown(face["greatest_pressure"], "Pa"),
+        )
+        for face in run.summary.get("faces", ())
+    ]
+
+
+def probes(run: Run) -> Table:
+    """What is at every probe."""
+    shown, vectorial = partial(quantity, accuracy=run.accuracy), partial(vector, accuracy=run.accuracy)
+    return ("probe", "point", "contact face", "displacement", "slip", "pressure"), [
+        (
+            probe["name"],
+            vector(probe["point"], "m"),
+            probe["face"] or "–",
+            vectorial(probe["displacement"], "m"),
+            vectorial(probe["slip"], "m") if probe["slip"] else "–",
+            shown(probe["pressure"], "Pa"),
+        )
+        for probe in run.summary.get("probes", ())
+    ]
+
+
+def stresses(run: Run) -> Table:
+    """Smallest and largest of every stress in every body; empty if it is not known."""
+    grid, rows, unknown = run.steps[-1].grid("solution"), [], run.summary.get("forms") or {}
+    for body in blocks_of(grid):
+        for field in FIELDS:
+            if "stress" in field.name and field.name in grid.fields and body.name not in unknown:
+                values = grid.fields[field.name][body.cells]
+                ends = (quantity(float(end), "Pa", accuracy=run.accuracy) for end in (values.min(), values.max()))
+                rows.append((body.name or "the body", field.title, *ends))
+    return ("body", "stress", "smallest", "largest"), rows
+
+
+def _named(part: Mapping[str, Any]) -> str:
+    kind = part["kind"].replace("_", " ")
+    return kind if part["face"] is None else f"{kind} on {part['face']}"
+
+
+def _row(name: str, part: Mapping[str, Any], accuracy: Mapping[str, float]) -> tuple[str, ...]:
+    if part.get("kind") == "thermal":  # its forces add up to zero: what is left is rounding
+        return (name, "0, in balance by itself", "0")
+    return (name, vector(part["force"], "N", 5, accuracy), vector(part["moment"], "N m", 5, accuracy))

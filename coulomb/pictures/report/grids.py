@@ -1,9 +1,13 @@
-"""The grids of several bodies or faces as one, for pictures."""
+"""Grids of a run for pictures: second-order cells cut, bodies as one grid, those of pairs drawn apart, their skin."""
 
 from __future__ import annotations
 
+import ctypes.util
+import itertools
 import math
+import os
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +15,70 @@ import numpy.typing as npt
 from ...arrays import FloatArray
 from ...contact_names import AGAINST
 from ...io.field_files import OPPOSITE, WHOLE, Block, Grid
-from ..plotting import match
+
+_LATTICE = {
+    **{(0, 0, 0): 0, (2, 0, 0): 1, (2, 2, 0): 2, (0, 2, 0): 3, (0, 0, 2): 4, (2, 0, 2): 5, (2, 2, 2): 6, (0, 2, 2): 7},
+    **{(1, 0, 0): 8, (2, 1, 0): 9, (1, 2, 0): 10, (0, 1, 0): 11, (1, 0, 2): 12, (2, 1, 2): 13, (1, 2, 2): 14},
+    **{(0, 1, 2): 15, (0, 0, 1): 16, (2, 0, 1): 17, (2, 2, 1): 18, (0, 2, 1): 19, (0, 1, 1): 20, (2, 1, 1): 21},
+    **{(1, 0, 1): 22, (1, 2, 1): 23, (1, 1, 0): 24, (1, 1, 2): 25, (1, 1, 1): 26},
+}
+"""The nodes of a 27-node hexahedron in VTK's order, by their places."""
+
+_AROUND = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
+
+_PIECES = {
+    "Triangle_6": ("Triangle", ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))),
+    "Quadrilateral_9": ("Quadrilateral", ((0, 4, 8, 7), (4, 1, 5, 8), (8, 5, 2, 6), (7, 8, 6, 3))),
+    "Tetrahedron_10": (
+        "Tetrahedron",
+        (
+            *((0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3)),  # at the corners
+            *((6, 8, 4, 5), (6, 8, 5, 9), (6, 8, 9, 7), (6, 8, 7, 4)),  # the octahedron between them
+        ),
+    ),
+    "Hexahedron_27": (
+        "Hexahedron",
+        tuple(
+            tuple(_LATTICE[i + a, j + b, k + c] for a, b, c in _AROUND)
+            for i, j, k in itertools.product((0, 1), repeat=3)
+        ),
+    ),
+}
+"""By XDMF's name of a cell that of its pieces, and their nodes; all in VTK's order."""
+
+
+def first_order(grid: Grid) -> Grid:
+    """A grid with every second-order cell cut into first-order ones at its nodes; others as they are."""
+    if grid.cell not in _PIECES:
+        return grid
+    kind, pieces = _PIECES[grid.cell]
+    cells = grid.cells[:, np.array(pieces)].reshape(-1, len(pieces[0]))
+    fields = {
+        name: np.repeat(values, len(pieces), axis=0) if len(values) == len(grid.cells) != len(grid.points) else values
+        for name, values in grid.fields.items()
+    }
+    return Grid(kind, cells, grid.points, fields, grid.cell, len(pieces))
+
+
+def blocks_of(grid: Grid) -> tuple[Block, ...]:
+    """The bodies or faces in a grid; a grid of one only is a block without a name."""
+    whole = Block("", slice(0, len(grid.points)), slice(0, len(grid.cells)), grid.cut or grid.cell, grid.pieces)
+    return grid.blocks or (whole,)
+
+
+def contact_points(contact: Grid) -> npt.NDArray[np.bool_]:
+    """Which nodes of the contact faces have contact conditions, shape (n,): on cut quadratic triangles the vertices,
+    and none on faces opposite in pairs."""
+    if OPPOSITE in contact.fields:
+        mine = np.asarray(contact.fields[OPPOSITE] < 0.0)
+    else:
+        mine = np.ones(len(contact.points), dtype=bool)
+    for block in blocks_of(contact):
+        if block.kind == "Triangle_6":
+            corners = contact.cells[block.cells].reshape(-1, 4, contact.cells.shape[1])[:, [0, 1, 2], [0, 1, 2]]
+            mine[block.points] &= np.isin(np.arange(len(contact.points))[block.points], corners)
+    return mine
+
 
 _APART = 0.55
 """How far bodies are drawn apart, over the diagonal of the face between them: seen from the side (`camera.beside`) the
@@ -131,13 +198,13 @@ def outward(contact: Grid) -> FloatArray:
 def nodes_in_body(contact: Grid, body: Grid) -> npt.NDArray[np.int64]:
     """The node of its own body at every point of the contact faces, shape (n,): bodies touch at coincident nodes."""
     if not body.blocks or not contact.blocks:
-        return match(contact.points, body.points)
+        return nearest_nodes(contact.points, body.points)
     found = np.zeros(len(contact.points), dtype=np.int64)
     bodies = {block.name: block for block in body.blocks}
     for block in contact.blocks:
         of = bodies.get(body_of(block.name))
         nodes = slice(0, len(body.points)) if of is None else of.points
-        found[block.points] = nodes.start + match(contact.points[block.points], body.points[nodes])
+        found[block.points] = nodes.start + nearest_nodes(contact.points[block.points], body.points[nodes])
     return found
 
 
@@ -151,11 +218,11 @@ def same_nodes(points: FloatArray, blocks: Sequence[Block], grid: Grid) -> npt.N
     """
     mine = {block.name: block for block in grid.blocks}
     if not blocks or not mine:
-        return match(points, grid.points)
+        return nearest_nodes(points, grid.points)
     found = np.zeros(len(points), dtype=np.int64)
     for block in blocks:
         nodes = mine[block.name].points
-        found[block.points] = nodes.start + match(points[block.points], grid.points[nodes])
+        found[block.points] = nodes.start + nearest_nodes(points[block.points], grid.points[nodes])
     return found
 
 
@@ -200,9 +267,9 @@ def _shifts(body: Grid, contact: Grid) -> dict[str, FloatArray]:
     if not rows:
         return {}
     steady = 1e-6 * np.eye(len(number))  # bodies in no pair stay
-    shifts = np.linalg.lstsq(np.vstack([*rows, steady]), np.vstack([*wanted, np.zeros((len(number), 3))]), rcond=None)[
-        0
-    ]
+    shifts, *_ = np.linalg.lstsq(
+        np.vstack([*rows, steady]), np.vstack([*wanted, np.zeros((len(number), 3))]), rcond=None
+    )
     return {name: shifts[k] for name, k in number.items()}
 
 
@@ -215,15 +282,8 @@ def _on_face(contact: Grid, block: Block, number: float) -> npt.NDArray[np.bool_
 def _way_out(
     contact: Grid, nodes: npt.NDArray[np.int64], face: FloatArray, staying: FloatArray, body: FloatArray
 ) -> FloatArray:
-    """How a body is drawn apart from a face, metres, (3,).
-
-    Args:
-        contact: The faces.
-        nodes: Its points that are opposite to that body.
-        face: Points of the face of the body that moves, shape (p, 3).
-        staying: Nodes of the body that stays, shape (j, 3).
-        body: Nodes of the body that moves, shape (k, 3).
-    """
+    """How a body is drawn apart from a face, metres, (3,): `nodes` of the contact faces are opposite to it; `face` are
+    the points (p, 3) of its own face, `staying` (j, 3) and `body` (k, 3) the nodes of both bodies."""
     normals, area = contact.fields["normal"][nodes], contact.fields["area"][nodes]
     touching = have_partner(contact)[nodes]
     if np.any(touching):
@@ -237,3 +297,70 @@ def _way_out(
     outward = float((body.mean(axis=0) - contact.points[nodes].mean(axis=0)) @ along)
     pulled: FloatArray = math.copysign(1.1, outward) * float(np.ptp(body @ along)) * along
     return pulled
+
+
+_VTK_TYPES = {"Hexahedron": 12, "Tetrahedron": 10, "Quadrilateral": 9, "Triangle": 5}
+
+
+def renderer() -> Any:
+    """pyvista, configured to draw without a display if there is none."""
+    if not os.environ.get("DISPLAY") and "VTK_DEFAULT_OPENGL_WINDOW" not in os.environ:  # the search takes a while
+        window = "vtkOSOpenGLRenderWindow" if ctypes.util.find_library("OSMesa") else "vtkEGLRenderWindow"
+        os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
+    import pyvista
+
+    return pyvista
+
+
+def polygons(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Cells (k, corners) in VTK's format: the number of corners, then the corners; repeated last ones are left out."""
+    count = corners_in(cells)
+    return np.column_stack([count, cells])[np.arange(cells.shape[1] + 1) <= count[:, None]]
+
+
+def corners_in(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Number of corners of every cell (k, corners): cells with fewer than others repeat their last one."""
+    repeated = np.cumprod((cells[:, :0:-1] == cells[:, -2::-1]), axis=1).sum(axis=1)
+    return cells.shape[1] - np.asarray(repeated, dtype=np.int64)
+
+
+def skin_of(body: Grid, points: FloatArray) -> Any:
+    """Boundary of the body, or of several bodies, with its nodes at these points."""
+    types = np.full(len(body.cells), _VTK_TYPES[body.cell], dtype=np.uint8)
+    types[corners_in(body.cells) == 4] = _VTK_TYPES["Tetrahedron"]
+    solid = renderer().UnstructuredGrid(polygons(body.cells), types, points)
+    solid.point_data["node"] = np.arange(len(points))
+    return solid.extract_surface(algorithm=None)
+
+
+def nearest_nodes(points: FloatArray, nodes: FloatArray) -> npt.NDArray[np.int64]:
+    """The node of the body at every point of the contact face."""
+    from scipy.spatial import cKDTree
+
+    found: npt.NDArray[np.int64] = cKDTree(nodes).query(points)[1]
+    return found
+
+
+def without(skin: Any, facets: npt.NDArray[np.int64]) -> Any:
+    """The skin without the facets that have the nodes of one of these, shape (f, corners)."""
+    taken, node = set(map(frozenset, facets.tolist())), np.asarray(skin.point_data["node"])
+    return skin.extract_cells(
+        [k for k, corners in enumerate(skin.irregular_faces) if frozenset(node[corners].tolist()) not in taken]
+    )
+
+
+def patches(cells: npt.NDArray[np.int64], points: FloatArray) -> Any:
+    """The surface in pieces, one for each corner of every facet: what is nearest to that corner, the `node` of its
+    cell data."""
+    count, pieces, nodes = corners_in(cells), [], []
+    for n in np.unique(count):
+        of = cells[count == n, :n]
+        corners = points[of]
+        middle = 0.5 * (corners + np.roll(corners, -1, axis=1))
+        centre = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
+        pieces.append(np.stack([corners, middle, centre, np.roll(middle, 1, axis=1)], axis=2).reshape(-1, 3))
+        nodes.append(of.ravel())
+    corner = np.concatenate(nodes)
+    found = renderer().PolyData(np.concatenate(pieces), polygons(np.arange(4 * len(corner)).reshape(-1, 4)))
+    found.cell_data["node"] = corner
+    return found

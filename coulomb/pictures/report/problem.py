@@ -1,0 +1,266 @@
+"""The problem as rows of text: bodies, materials, supports, loads and contact, from the case and the files of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...arrays import FloatArray
+from ...contact_names import named_faces
+from ...load_curve import LoadCurve
+from .files import Run
+from .grids import blocks_of
+from .sheet import friction_in_words
+from .units import in_nodes, in_seconds, number, quantity, vector
+
+Facts = list[tuple[str, str]]
+
+_CELLS = {
+    **{"Hexahedron": "hexahedra", "Tetrahedron": "tetrahedra"},
+    **{"Hexahedron_27": "27-node hexahedra", "Tetrahedron_10": "10-node tetrahedra"},
+}
+
+
+def bodies_and_meshes(run: Run) -> list[tuple[str, str]]:
+    """Size and mesh of every body."""
+    grid, case = run.steps[-1].grid("solution"), run.case or {}
+    tables = {body.get("name"): body for body in case.get("body") or ()}
+    facts = []
+    for block in blocks_of(grid):
+        of = f" {block.name}" if block.name else ""
+        mesh = tables.get(block.name, {}) if of else case.get("mesh", {})
+        source = f" ({' × '.join(map(str, mesh['cells']))})" if "cells" in mesh else ""
+        source = f" from {str(mesh['file']).rsplit('/', 1)[-1]}" if "file" in mesh else source
+        points = grid.points[block.points]
+        count = (block.cells.stop - block.cells.start) // block.pieces
+        facts += [
+            (f"body{of}", " × ".join(quantity(length, "m") for length in np.ptp(points, axis=0))),
+            (
+                f"mesh{of and f' of{of}'}",
+                f"{count} {_CELLS.get(block.kind, block.kind)}{source}, {in_nodes(len(points))}",
+            ),
+        ]
+    return facts
+
+
+_ROWS = 8
+"""Maximum number of rows of a table in time that are shown."""
+
+_AFTER = {"error": ", not defined after the last", "repeat": ", repeated"}
+
+
+def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
+    """Clamps, prescribed displacements, springs and loads of a case.json, as pairs of name and description."""
+    facts = []
+    for support in (*case.get("clamp", ()), *case.get("prescribed_displacement", ())):
+        value = support.get("value", [0.0] * 3)
+        kind, moved = ("prescribed displacement", f": {vector_at(value, 'm')}") if any(value) else ("clamp", " held")
+        along = support.get("direction")
+        directions = f"components {support.get('components', 'xyz')}" if along is None else f"along {_bare(along)}"
+        facts.append((f"{kind} on {support['face']}", directions + moved + in_time(support.get("amplitude"))))
+    for rotation in case.get("prescribed_rotation", ()):
+        axis, point = _bare(rotation["axis"]), vector(rotation["point"], "m")
+        free = "; free along the axis" if rotation.get("axial") == "free" else ""
+        turned = f"{number(rotation['angle'])} rad about {axis} through {point}{free}"
+        facts.append((f"prescribed rotation of {rotation['face']}", turned + in_time(rotation.get("amplitude"))))
+    facts += [("plane of symmetry", str(symmetry["face"])) for symmetry in case.get("symmetry", ())]
+    for spring in case.get("spring", ()):
+        given = spring["stiffness"]
+        stiffness = [float(given)] * 3 if isinstance(given, int | float) else given
+        facts.append((f"spring on {spring['face']}", f"{_bare(stiffness)} N/m³ along x, y, z"))
+    for load in case.get("traction", ()):
+        facts.append((f"traction on {load['face']}", vector_at(load["value"], "Pa") + in_time(load.get("amplitude"))))
+    for load in case.get("pressure", ()):
+        given = load["value"]
+        value = f"{given} Pa" if isinstance(given, str) else quantity(given, "Pa")
+        facts.append((f"pressure on {load['face']}", value + in_time(load.get("amplitude"))))
+    for load in case.get("total_force", ()):
+        facts.append((f"total force on {load['face']}", vector(load["force"], "N") + in_time(load.get("amplitude"))))
+    for key, name, unit in (("body_force", "body force", "N/m³"), ("gravity", "gravity", "m/s²")):
+        value = case.get(key, ())
+        if any(value):
+            facts.append((name, f"{_bare(value)} {unit}{in_time(case.get(f'{key}_amplitude'))}"))
+    for body in case.get("body", ()):
+        if (own := body.get("gravity")) is not None:
+            facts.append((f"gravity on {body['name']}", f"{_bare(own)} m/s²{in_time(case.get('gravity_amplitude'))}"))
+    return facts
+
+
+def vector_at(value: Sequence[float | str], unit: str) -> str:
+    """A vector, whose components may be expressions of place."""
+    numbers = [component for component in value if not isinstance(component, str)]
+    return vector(numbers, unit) if len(numbers) == len(value) else f"{_bare(value)} {unit}"
+
+
+def number_at(value: float | str) -> str:
+    """A number, or an expression of place."""
+    return value if isinstance(value, str) else number(value)
+
+
+def _bare(value: Sequence[float | str]) -> str:
+    return f"({', '.join(map(number_at, value))})"
+
+
+def in_time(amplitude: Any) -> str:
+    """A factor in time: rows [time, factor], or a load curve; empty without one."""
+    rows, after = rows_and_after(amplitude)
+    if not rows:
+        return ""
+    shown = ", ".join(f"{number(factor)} at {in_seconds(time)}" for time, factor in rows[:_ROWS])
+    return f", factor {shown}{', …' if len(rows) > _ROWS else ''}{after}"
+
+
+def values_in_time(given: Any, times: Sequence[float]) -> FloatArray:
+    """Values of a table in time of a case.json at k times, shape (k, columns)."""
+    rows, _ = rows_and_after(given)
+    after: Any = given.get("after", "hold") if isinstance(given, dict) else "hold"
+    curve = LoadCurve([row[0] for row in rows], [row[1:] for row in rows], after)
+    return np.array([curve.at(time) for time in times])
+
+
+def rows_and_after(given: Any) -> tuple[list[list[float]], str]:
+    """Rows of a table in time of a case.json, and what follows the last in words, if it is not its value."""
+    if isinstance(given, dict):
+        return given["table"], _AFTER.get(given.get("after", "hold"), "")
+    return given or [], ""
+
+
+def geometry(run: Run) -> Facts:
+    """Size, mesh, materials, supports, loads, contact: from the case if there is one, else from the files."""
+    unknowns, summary = run.summary["unknowns"], run.summary
+    facts = [
+        *bodies_and_meshes(run),
+        ("unknowns", f"{unknowns['displacement']} displacements, {unknowns['contact']} contact forces"),
+    ]
+    for material in summary["material"]:
+        name = f"material of {material['cells']}" if material["cells"] else "material"
+        facts.append((name, _material(material)))
+    forms = summary.get("forms") or {}
+    for body, given in {"": forms}.items() if "degree" in forms else forms.items():
+        text = f"displacements of degree {given['degree']}, {given['bcs']} Dirichlet conditions; not in the files"
+        facts.append((f"the user's own forms{f' of {body}' if body else ''}", text))
+    facts += _temperature(summary)
+    return facts + (supports_and_loads(run.case) if run.case is not None else _of_fields(run)) + _contact(run)
+
+
+def _material(material: dict[str, Any]) -> str:
+    """Its constants; those of an orthotropic one along its directions 1, 2, 3."""
+    if "shear" in material:
+        young, shear = (", ".join(quantity(value, "Pa") for value in material[name]) for name in ("young", "shear"))
+        ratios = ", ".join(map(number, material["poisson"]))
+        shown = [one if isinstance(one, str) else f"({', '.join(map(number, one))})" for one in material["directions"]]
+        text = f"orthotropic: E1, E2, E3 {young}; ν12, ν13, ν23 {ratios}; G12, G13, G23 {shear}; "
+        text += f"direction 1 {shown[0]}, direction 2 {shown[1]}"
+    else:
+        young = quantity(material["young"], "Pa")
+        text = f"Young's modulus {young}, Poisson's ratio {number(material['poisson'])}"
+    if "density" in material:
+        text += f", density {number(material['density'])} kg/m³"
+    if "expansion" in material:
+        given = material["expansion"]
+        values = given if isinstance(given, list) else [given]
+        text += f", thermal expansion {', '.join(map(number, values))} 1/K"
+    return text
+
+
+def _temperature(summary: dict[str, Any]) -> Facts:
+    change = summary.get("temperature_change")
+    if change is None:
+        return []
+    ends = list(dict.fromkeys(number(change[name]) for name in ("min", "max")))
+    reference = number(summary["reference_temperature"])
+    return [("temperature change", f"{' to '.join(ends)} K from the reference {reference}")]
+
+
+def _of_fields(run: Run) -> Facts:
+    """Facts of a run without case.json, from Python."""
+    body = run.steps[-1].grid("solution")
+    load, held = body.fields.get("load"), body.fields.get("held")
+    facts: Facts = []
+    if held is not None:
+        facts.append(("prescribed displacements", f"{in_nodes(np.count_nonzero(np.any(held > 0.0, axis=1)))} held"))
+    if load is not None:
+        facts.append(("loads", f"{vector(load.sum(axis=0).tolist(), 'N')} in all"))
+    return facts
+
+
+def _contact(run: Run) -> Facts:
+    given = (run.case or {}).get("contact", {})
+    contacts = given if isinstance(given, list) else [given]
+    faces = [name for name, _ in named_faces(run.summary.get("faces") or ())]
+    faces = faces or [contact.get("face", "") for contact in contacts]
+    named = f"contact {'faces' if len(faces) > 1 else 'face'}"
+    facts = [(named, f"{', '.join(faces)}; {in_nodes(run.summary['nodes']['contact'], 'contact')}")]
+    changing = [contact for contact in contacts if _changing_friction(contact, "")]
+    facts.append(("friction law in the last step" if changing else "friction", friction_in_words(run.summary)))
+    for contact in contacts if run.case is not None else ():
+        where = f" at {contact['face']}" if len(contacts) > 1 else ""
+        facts += _changing_friction(contact, where) + _foundation(contact, where)
+    if run.is_history:
+        facts.append(("history", f"{len(run.rows)} load steps to time {in_seconds(run.rows[-1]['time'])}"))
+    method = run.summary.get("method", {})
+    facts.append(
+        (
+            "method",
+            f"{method.get('solver', '–')}; K⁻¹ by {method.get('stiffness', '–')}; A {method.get('compliance', '–')}",
+        )
+    )
+    return facts
+
+
+def _changing_friction(contact: dict[str, Any], where: str) -> Facts:
+    """How friction at a contact face of the case depends on slip rate and time; empty where it does not."""
+    facts: Facts = []
+    law = contact.get("friction")
+    if isinstance(law, dict):
+        static, kinetic, speed = (number_at(law[key]) for key in ("static", "kinetic", "decay_speed"))
+        facts.append((f"friction by slip rate{where}", f"static {static}, kinetic {kinetic}, decay speed {speed} m/s"))
+    if contact.get("friction_amplitude"):
+        facts.append((f"friction in time{where}", in_time(contact["friction_amplitude"]).removeprefix(", ")))
+    return facts
+
+
+def _foundation(contact: dict[str, Any], where: str) -> Facts:
+    """Foundation of a contact face of the case, and its motion."""
+    facts: Facts = []
+    foundation = contact.get("foundation")
+    if contact.get("against"):
+        facts.append((f"pair{where}", f"{contact['face']} and {contact['against']}"))
+    elif foundation:
+        shape = foundation.get("shape", "plane")
+        more = [f"{key} {vector(value, 'm')}" for key in ("point", "centre") if (value := foundation.get(key))]
+        more += [
+            f"{key} ({', '.join(map(number, foundation[key]))})" for key in ("normal", "axis") if key in foundation
+        ]
+        more += [f"radius {quantity(foundation['radius'], 'm')}"] if "radius" in foundation else []
+        hollow = ", hollow" if foundation.get("hollow") else ""
+        facts.append((f"foundation{where}", f"{shape}{hollow}: {', '.join(more)}"))
+    else:
+        facts.append((f"foundation{where}", "the plane of the face"))
+    if contact.get("gap"):
+        given, in_steps = contact["gap"], in_time(contact["gap_amplitude"]) if contact.get("gap_amplitude") else ""
+        source = f"{given['field']} of {given['file']}" if isinstance(given, dict) else f"{number_at(given)} m"
+        facts.append((f"given gap{where}", f"{source}{in_steps}"))
+    if contact.get("motion"):
+        rows, after = rows_and_after(contact["motion"])
+        places = [f"{vector(row[1:], 'm')} at {in_seconds(row[0])}" for row in rows[:6]]
+        more_rows = ", …" if len(rows) > 6 else ""
+        facts.append((f"motion of the foundation{where}", ", ".join(places) + more_rows + after))
+    return facts + _rotation(contact, where)
+
+
+_SHOWN = 6  # rows of a table
+
+
+def _rotation(contact: dict[str, Any], where: str) -> list[tuple[str, str]]:
+    """The rotation of a contact face of the case, a row; none without one; `where` is appended to its name."""
+    rotation = contact.get("rotation")
+    if not rotation:
+        return []
+    rows, after = rows_and_after(rotation["angle"])
+    shown = ", ".join(f"{number(turned)} rad at {in_seconds(time)}" for time, turned in rows[:_SHOWN])
+    shown += (", …" if len(rows) > _SHOWN else "") + after
+    axis = f"about ({', '.join(map(number, rotation['axis']))}) through {vector(rotation['point'], 'm')}"
+    return [(f"rotation of the foundation{where}", f"{axis}: {shown}" if shown else axis)]
