@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ..fem.bodies import FIELDS, HELD_OBLIQUE, STRESSES, TEMPERATURE
-from ..model.accumulated import ACCUMULATED
 from ..model.opposite import CARRIED
 
 ON_CELLS = STRESSES
@@ -22,15 +21,5 @@ GROUND = tuple(f"rigid_force_{number}" for number in range(1, 7))
 OURS = (*ON_CELLS, *ON_BODY, *FIELDS, *GROUND, HELD_OBLIQUE, INTERNAL, ROUNDING, TEMPERATURE)
 """All names of fields of solution.h5."""
 
-ON_FACE = (
-    *("pressure", "friction_traction", "slip", "gap", "status", "friction_use"),
-    *(*ACCUMULATED, "contact_force", "normal", "tangent_1", "tangent_2", "initial_gap", "given_gap", "area"),
-    *("coefficient", "friction", "cohesion", "slip_bound", "slip_origin", "face"),
-)
-"""Fields of contact.h5, one number or vector per node of the contact face."""
-
 ON_OPPOSITE = (*CARRIED, "status", "contact_force", "normal", "area")
 """Fields of contact.h5 on faces opposite in pairs, beside `OPPOSITE`."""
-
-VECTORS_ON_FACE = ("friction_traction", "slip", "contact_force", "normal", "tangent_1", "tangent_2", "slip_origin")
-"""Those of both that are vectors."""

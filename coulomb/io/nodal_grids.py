@@ -9,12 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..contact_fields import names
 from ..fem import compat
 from ..fem.bodies import DisplacementSpace
 from ..fem.meshes import FACETS, SOLIDS, fetched, in_vtk_order, nodes_between, starts_of
 from .grid_file import GridPart
 
-BETWEEN: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {"status": np.minimum, "face": np.maximum}
+BETWEEN: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
+    **dict.fromkeys(names(between="least"), np.minimum),
+    **dict.fromkeys(names(between="most"), np.maximum),
+}
 """Fields that are whole numbers: their values between two vertices of 10-node tetrahedra; of others the means."""
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
+from ...contact_fields import names
 from ...io.field_files import Grid
 from ..plotting import ZONES, renderer, skin_of
 from .camera import looking_at
@@ -22,8 +23,7 @@ from .units import in_seconds, scale_of
 
 IntArray = npt.NDArray[np.int64]
 
-SHOWN = ("pressure", "friction_traction", "friction_use", "status", "slip", "gap")
-ACCUMULATED = ("accumulated_slip", "friction_work", "largest_pressure")
+SHOWN, ACCUMULATED = names(shown="report"), names(shown="history")
 """Fields in the menu, and those of load histories besides."""
 
 MOST_NODES, MOST_VALUES, MOST_ARROWS = 40_000, 1_500_000, 900
