@@ -24,7 +24,7 @@ from check_runs import (
     shown,
 )
 
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.model.contact_faces import contact_surface as real_surface
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 

@@ -15,7 +15,7 @@ from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Tracti
 from coulomb.fem.contact.surface import contact_surface, interpolated_forces
 from coulomb.io.field_files import read_grid
 from coulomb.io.output import size_on_disk
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.linalg.compliance.stiffness import IterativeSolver
 from coulomb.model.estimate import estimate, estimate_of
 from coulomb.model.nodal_answer import OPEN, STICK

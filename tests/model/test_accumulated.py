@@ -12,7 +12,7 @@ from conftest import run_coulomb
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, HistoryFiles, LoadHistory, Material, Plane, PrescribedDisplacement
 from coulomb.io.field_files import data_of, read_fields
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.model.accumulated import ACCUMULATED, Accumulated
 
 YOUNG, HEIGHT, DOWN, FRICTION, AREA = 1e10, 0.05, 1e-6, 0.4, 0.01

@@ -11,7 +11,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, PrescribedDisplacement, Spring
 from coulomb.case.case import read_case
 from coulomb.io.output import write
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.io.summary import summary, totals
 from coulomb.linalg.reductions import Reductions
 

@@ -7,7 +7,7 @@ from conftest import STEEL
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, Sphere, Spring
 from coulomb.io.output import write
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.io.summary import totals
 
 CORK = Material(1e7, 0.0)

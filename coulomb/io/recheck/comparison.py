@@ -16,11 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
+from ..run_files import OF_LARGEST
 
 RELATIVE = 1e-9
 """Relative tolerance of a recomputed number: files hold 16 digits, of which sums lose a few."""
 
-_OF_ITSELF, OF_LARGEST = 1e-13, 1e-14
+_OF_ITSELF = 1e-13
 
 
 class Rounding:

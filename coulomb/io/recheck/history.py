@@ -27,8 +27,8 @@ from ..run_directory import FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
 from ..run_files import WrittenRun
 from .case_reference import CaseReference
 from .comparison import Comparison, unjudged
+from .load_step import Start
 from .run import Findings, as_recorded, check_run, step_of, unread, verdict
-from .start import Start
 
 _SERIAL = Reductions(MPI.COMM_SELF)
 _TIMES = ("pending", "halvings")  # of a step: `_check_times`
@@ -94,6 +94,31 @@ class StepFindings:
     def __str__(self) -> str:
         line = f"step {self.number:3d}  time {self.time:<8.4g}"
         return f"{line} certificate passed, files agree" if self.passed else f"{line} FAILED\n{self.details}"
+
+
+def check(directory: str | Path, say: Callable[[str], None] = lambda line: None) -> Findings | HistoryFindings:
+    """Check what a run, a load history or one of its steps has written, on one rank.
+
+    Mesh, displacement and contact forces are read, and the certificate is computed from them.  All written data that
+    follow from these are recomputed and compared: the fields of solution.xdmf and contact.xdmf and the numbers of
+    summary.json; for a load history each step relative to the step before, and the files of the whole history.  If
+    there is a case.json, the input data are compared with the case: law and coefficients, materials, supports, springs,
+    loads, the nodes of the contact face, their normals and gaps.  Data that could not be compared are listed.
+
+    Args:
+        directory: Its directory.
+        say: Called with the result of each step of a history.
+
+    Raises:
+        ValueError: If a file is missing, cannot be read, or does not match the others.
+    """
+    folder, files = Path(directory), RunDirectory(Path(directory))
+    try:
+        if files.is_history:
+            return check_history(folder, say)
+        return check_step(folder) if files.step_number is not None else check_run(folder, CaseReference.of(folder))
+    except (KeyError, TypeError, IndexError, AttributeError) as error:  # entries of wrong type or structure
+        raise ValueError(f"{folder}: is incomplete, or written by another version of coulomb: {error!r}") from None
 
 
 def check_step(folder: Path) -> Findings:

@@ -15,7 +15,7 @@ import coulomb
 from coulomb import Contact, ContactProblem, HistoryFiles, LoadHistory
 from coulomb.fem.compat import fem
 from coulomb.io.field_files import read_grid
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 
 
 def held_by_robin(cell, degree):

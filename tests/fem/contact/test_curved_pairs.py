@@ -20,7 +20,7 @@ from coulomb import (
     join,
     moved,
 )
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.io.summary import remarks
 
 STEEL = Material(2.1e11, 0.3)
