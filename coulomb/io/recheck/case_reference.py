@@ -7,7 +7,7 @@ the matrices that the solver uses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -21,7 +21,7 @@ from ...arrays import FloatArray
 from ...case.case import Case
 from ...case.field_file import FieldTable, named_files
 from ...fem import compat
-from ...fem.bodies import TEMPERATURE, LoadedBody, Loading, NodalForces, rigid_modes
+from ...fem.bodies import TEMPERATURE, LoadedBody, Loading, Member, NodalForces, rigid_modes
 from ...fem.contact import plane_of_face
 from ...fem.geometry import RigidFoundation, RigidMotion, moved
 from ...fem.meshes import SEPARATOR, corners_of
@@ -86,6 +86,13 @@ class CaseReference:
             ValueError: If the parts of the case are inconsistent.
         """
         return self.settings.loaded_bodies(MPI.COMM_SELF)
+
+    @cached_property
+    def members(self) -> list[Member]:
+        """The bodies one after the other, as those of a `Deformable`."""
+        bodies: dict[str, Any] = dict(self.bodies)
+        ends = np.cumsum([0, *(len(body.x) for body in bodies.values())])
+        return [Member(name, body, slice(*ends[k : k + 2])) for k, (name, body) in enumerate(bodies.items())]
 
     def accepts(self, summary: Mapping[str, Any]) -> bool:
         """Whether the case accepts answers outside the theory of small strains; of a load step also the case that it
@@ -250,23 +257,28 @@ class CaseReference:
         middle: FloatArray = body.domain.geometry.x[corners].mean(axis=1)
         return middle
 
+    def nodes_of(self, run: WrittenRun) -> npt.NDArray[np.int64]:
+        """The number of every node of a run among those of the case, shape (k,).
+
+        Raises:
+            ValueError: If it has another mesh.
+        """
+        unfit = f"{run.folder}: has another mesh than the case"
+        return run.body.numbers_in([member.body.x for member in self.members], unfit)
+
 
 class CaseForces:
-    """Loads and supports of the bodies of a case, each by itself, at the nodes in the files of a run.
+    """Loads and supports of a case, each by itself, at the nodes in the files of a run.
 
     Args:
-        bodies: The bodies by name; their nodes may be in another order than those of the run.
+        case: The case.
         time: Time of the loads.
-        run: The files, with the same nodes.
+        run: The files, with the same nodes, perhaps in another order.
     """
 
-    def __init__(self, bodies: Mapping[str, LoadedBody], time: float, run: WrittenRun):
-        self._run = run
-        self._bodies = [
-            (name, body, places(body.x, part.body.x), part.nodes)
-            for (name, body), part in zip(bodies.items(), run.body.parts, strict=True)
-        ]
-        self._loads = {name: list(body.loads_at(time)) for name, body in bodies.items()}
+    def __init__(self, case: CaseReference, time: float, run: WrittenRun):
+        self._members, self._node, self._run = case.members, case.nodes_of(run), run
+        self._loads = {name: list(body.loads_at(time)) for name, body in case.bodies.items()}
 
     def acting(self, u: FloatArray, held: FloatArray, on_body: FloatArray, taken: Perturbed) -> Acting:
         """Resultants and balance.
@@ -277,18 +289,17 @@ class CaseForces:
             on_body: Contact forces on the body in newtons, shape (k, 3).
             taken: Perturbs the forces.
         """
+        order = np.argsort(self._node)  # of the run's nodes in the order of the case
 
-        def parts(of: Callable[[str, LoadedBody, Callable[[FloatArray], FloatArray]], Any]) -> Iterator[NodalForces]:
-            for name, body, node, nodes in self._bodies:
-                order = np.argsort(node)
-                for part in of(name, body, lambda values, nodes=nodes, order=order: values[nodes][order]):  # type: ignore[misc]
+        def parts(of: Callable[[Member], Iterable[NodalForces]]) -> Iterator[NodalForces]:
+            for member in self._members:
+                for part in of(member):
                     forces = np.zeros_like(u)
-                    forces[nodes] = part.forces[node]
-                    face = part.face if not name else name if part.face is None else f"{name}{SEPARATOR}{part.face}"
-                    yield NodalForces(part.kind, face, taken(forces))
+                    forces[member.nodes] = part.forces
+                    yield NodalForces(part.kind, member.called(part.face), taken(forces[self._node]))
 
-        loads = parts(lambda name, body, own: self._loads[name])
-        shares = parts(lambda name, body, own: body.shares(own(held)))
-        springs = parts(lambda name, body, own: body.spring_forces(own(u)))
+        loads = parts(lambda member: self._loads[member.name])
+        shares = parts(lambda member: member.body.shares(held[order][member.nodes]))
+        springs = parts(lambda member: member.body.spring_forces(u[order][member.nodes]))
         x, over, slices = taken(self._run.body.x), Reductions(MPI.COMM_SELF), self._run.body.slices
         return acting(loads, chain(shares, springs), on_body, x, over, (), slices)

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ...arrays import FloatArray
 from ...linalg.reductions import Reductions
 from ...model.load_step import Energy, Forces, Moment, coefficients_work, row
 from ..history_summary import whole
@@ -28,9 +27,9 @@ from ..run_files import WrittenRun
 from .case_reference import CaseReference
 from .comparison import Comparison, unjudged
 from .load_step import Start
+from .recomputed import Variant
 from .run import Findings, as_recorded, check_run, step_of, unread, verdict
 
-_SERIAL = Reductions(MPI.COMM_SELF)
 _TIMES = ("pending", "halvings")  # of a step: `_check_times`
 
 
@@ -153,8 +152,8 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
     found, summaries, steps, named = Comparison(), [], [], list[str]()
     chain = _Chain(case)
     for number in range(1, complete + 1):
-        findings = check_run(files.step(number).path, case, chain.run, chain.start)
-        chain.follow(findings, number, findings.found)
+        findings = check_run(files.step(number).path, case, chain.start.run, chain.start)
+        chain.follow(findings, number)
         trusted += [line for line in findings.taken if line not in trusted]
         named += findings.unjudged
         failed = [] if findings.certificate.passed else str(findings.certificate).splitlines()
@@ -193,86 +192,71 @@ class _Chain:
     """Data passed from step to step, and the expected records.
 
     Attributes:
-        run: The last step; None before the first.
+        last: The findings of the last step; None before the first.
         start: Start of the next step.
     """
 
     def __init__(self, case: CaseReference | None) -> None:
         self.case = case
-        self.run: WrittenRun | None = None
+        self.last: Findings | None = None
         self.start = Start(0.0, None)
-        self._last: Findings | None = None
         self._energies: list[Energy] = []
 
-    def follow(self, findings: Findings, number: int, found: Comparison) -> None:
+    def follow(self, now: Findings, number: int) -> None:
         """Compare the records of the next step."""
-        run = findings.run
+        run, found = now.run, now.found
         time = step_of(run)[1]
-        if not time > self.start.time and self.run is not None:
+        if self.last is not None and not time > self.start.time:
             found.fault(f"summary.json.step.time: {time:g} is not after {self.start.time:g}, that of the step before")
-        self._add_energy(findings)
-        if self._last is not None and self.case is None:
-            _check_gaps(self._last, findings, found)
+        self._energies = self._energies_after(now)
+        if self.last is not None and self.case is None:
+            _check_gaps(self.last, now, found)
         expected, *others = (
-            self._record(findings, Moment(number, time, energy), k) for k, energy in enumerate(self._energies)
+            _record(now, variant, Moment(number, time, energy))
+            for variant, energy in zip(now.variants, self._energies, strict=True)
         )
         found.judged |= {f"summary.json.step.{name}" for name in _TIMES[: 1 + (self.case is not None or number > 1)]}
         found.tree("summary.json.step", run.summary["step"], expected, others, "the steps so far")
-        self.run, self._last, self.start = run, findings, Start(time, run, self.start.time)
+        self.last, self.start = now, Start(time, run, self.start.time)
 
-    def _record(self, findings: Findings, at: Moment, variant: int) -> dict[str, Any]:
-        """Data of the history in summary.json of the step."""
-        summary, derived = findings.run.summary, findings.variants[variant].numbers
-        try:
-            steps, residual = summary["iterations"]["path_following"], summary["residual"]
-        except (KeyError, TypeError):
-            raise ValueError(f"{findings.run.files.summary}: has no iterations of its solver") from None
-        figures = {"reactions": summary.get("reactions", []), **derived}
-        line = row(figures, at, steps, residual, derived["certificate"]["passed"], derived["valid"])
-        return {"number": at.number, "time": at.time, "energy": asdict(at.energy), "row": line}
-
-    def _add_energy(self, findings: Findings) -> None:
-        run, over = findings.run, _SERIAL
-        if self._last is None and self._load_at_start(run) is None:
-            self._energies = [_recorded_energy(run)] * len(findings.variants)
-            return
-        self._energies = self._energies or [Energy()] * len(findings.variants)
-        moved = np.zeros((len(run.node), 3))
-        moved[findings.nodes.index] = findings.nodes.moved
-        for k, variant in enumerate(findings.variants):
-            then = self._then(run, k)
+    def _energies_after(self, now: Findings) -> list[Energy]:
+        """The energies at the end of the next step, of every variant; those of a first step without a case, and so
+        without the load at the start, as recorded."""
+        run, last, over = now.run, self.last, Reductions(MPI.COMM_SELF)
+        zero, moved = np.zeros_like(run.body.x), np.zeros((len(run.node), 3))
+        first, on_face = Forces(zero, zero, zero, zero), np.zeros_like(moved)
+        moved[now.nodes.index] = now.nodes.moved
+        if last is None and (self.case is None or self.case.absent):
+            return [_recorded_energy(run)] * len(now.variants)
+        if last is None and self.case is not None:
+            load = np.concatenate([body.at(0.0).load for body in self.case.bodies.values()])
+            first = Forces(zero, load[self.case.nodes_of(run)], zero, zero)
+        found = []
+        for k, variant in enumerate(now.variants):
+            then = first if last is None else last.variants[k].at
+            if last is not None:
+                on_face = last.variants[k].forces[run.on_faces_of(last.run)]
+                if not run.body.has_meshes_of(last.run.body):
+                    order = run.in_bodies_of(last.run)
+                    then = Forces(*(values[order] for values in vars(then).values()))
+            foundation = 0.5 * over.dot(on_face + variant.forces, moved)
             dissipated = variant.numbers["totals"]["dissipated_energy"]
-            foundation = 0.5 * over.dot(self._forces_then(run, k) + variant.forces, moved)
             stiffened = 0.0 if run.body.elastic else coefficients_work(then, variant.at, over)
-            self._energies[k] = self._energies[k].after(
-                then, variant.at, run.held, foundation, dissipated, over, stiffened
-            )
+            before = self._energies[k] if self._energies else Energy()
+            found.append(before.after(then, variant.at, run.held, foundation, dissipated, over, stiffened))
+        return found
 
-    def _then(self, run: WrittenRun, k: int) -> Forces:
-        """Displacement and forces at the beginning of the step, at its own nodes."""
-        if self._last is None:
-            zero, load = np.zeros_like(run.body.x), self._load_at_start(run)
-            assert load is not None
-            return Forces(zero, load, zero, zero)
-        at, before = self._last.variants[k].at, self._last.run
-        if run.body.has_meshes_of(before.body):
-            return at
-        order = run.in_bodies_of(before)
-        return Forces(at.displacement[order], at.load[order], at.kept[order], at.on_body[order])
 
-    def _forces_then(self, run: WrittenRun, k: int) -> FloatArray:
-        """Contact forces on the body at the beginning of the step, at the nodes of its written face, shape (q, 3)."""
-        last = self._last
-        return np.zeros((len(run.node), 3)) if last is None else last.variants[k].forces[run.on_faces_of(last.run)]
-
-    def _load_at_start(self, run: WrittenRun) -> FloatArray | None:
-        """The load at time 0 at the nodes of a run, shape (k, 3); None without a case."""
-        if self.case is None or self.case.absent:
-            return None
-        bodies = list(self.case.bodies.values())
-        order = run.body.numbers_in([body.x for body in bodies], f"{run.folder}: has another mesh than the case")
-        load: FloatArray = np.concatenate([body.at(0.0).load for body in bodies])[order]
-        return load
+def _record(findings: Findings, variant: Variant, at: Moment) -> dict[str, Any]:
+    """Data of the history in summary.json of a step."""
+    summary, derived = findings.run.summary, variant.numbers
+    try:
+        steps, residual = summary["iterations"]["path_following"], summary["residual"]
+    except (KeyError, TypeError):
+        raise ValueError(f"{findings.run.files.summary}: has no iterations of its solver") from None
+    figures = {"reactions": summary.get("reactions", []), **derived}
+    line = row(figures, at, steps, residual, derived["certificate"]["passed"], derived["valid"])
+    return {"number": at.number, "time": at.time, "energy": asdict(at.energy), "row": line}
 
 
 def _recorded_energy(run: WrittenRun) -> Energy:

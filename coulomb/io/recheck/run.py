@@ -183,7 +183,7 @@ def check_run(
         nodes,
         None if case is None else case.foundations(time),
         spins,
-        None if case is None or part is None else CaseForces(case.bodies, time, run),
+        None if case is None or part is None else CaseForces(case, time, run),
         located_probes(run, case, faces),
         [face.part.nodes.start + face.part.body.nodes_of(facets) for face, facets in faces if nodes.averaged],
         bool(strain.get("accepted")) if case is None else case.accepts(run.summary),
