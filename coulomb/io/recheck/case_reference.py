@@ -50,9 +50,6 @@ Perturbed = Callable[..., FloatArray]
 class CaseReference:
     """The input data that a run of a case must have written.
 
-    Args:
-        settings: The case.
-
     Attributes:
         settings: The case.
         contacts: Its contact faces.
@@ -71,20 +68,12 @@ class CaseReference:
 
     @staticmethod
     def of(folder: Path) -> CaseReference | None:
-        """Reference of a directory with case.json; None without one, as after a run from Python.
-
-        Raises:
-            ValueError: If it cannot be read or is not a case.
-        """
+        """Reference of a directory with case.json; None without one, as after a run from Python."""
         return CaseReference(written_case(folder)) if RunDirectory(folder).case.exists() else None
 
     @cached_property
     def bodies(self) -> dict[str, LoadedBody]:
-        """The bodies of the case by name; "" for the only one.
-
-        Raises:
-            ValueError: If the parts of the case are inconsistent.
-        """
+        """The bodies of the case by name; "" for the only one."""
         return self.settings.loaded_bodies(MPI.COMM_SELF)
 
     @cached_property
@@ -115,18 +104,8 @@ class CaseReference:
     def foundation(
         self, part: int, time: float, x: FloatArray, area: FloatArray, outward: FloatArray
     ) -> RigidFoundation:
-        """Foundation of a face at a time; by default the plane of the face.
-
-        Args:
-            part: Number of the face.
-            time: The time.
-            x: All its nodes, shape (k, 3).
-            area: Their areas in m^2, shape (k,).
-            outward: Integrals of the normal over the face at the nodes, m^2, shape (k, 3).
-
-        Raises:
-            ValueError: If none is given and the face is not plane.
-        """
+        """Foundation of a face at a time; by default the plane of the face, by all its nodes x (k, 3), their areas (k,)
+        and the integrals of the normal over the face there, m^2, shape (k, 3)."""
         if part not in self._foundations:
             contact = self.contacts[part]
             given = contact.foundation or plane_of_face(contact.face, x, area, outward, MPI.COMM_SELF)
@@ -140,11 +119,7 @@ class CaseReference:
         return [moved(found[k], motions[k]) if k in found else None for k in sorted({*found, *paired})]
 
     def given_gap(self, part: int, time: float, x: FloatArray) -> FloatArray:
-        """The gap given with a contact at a time, metres, at nodes x (k, 3) of its face, shape (k,).
-
-        Raises:
-            ValueError: If its file cannot be read: see `lacks_gap`.
-        """
+        """The gap given with a contact at a time, metres, at nodes x (k, 3) of its face, shape (k,)."""
         contact = self.contacts[part]
         return contact.gap_factor(time, MPI.COMM_SELF) * contact.gap_at(x, MPI.COMM_SELF)
 
@@ -258,37 +233,21 @@ class CaseReference:
         return middle
 
     def nodes_of(self, run: WrittenRun) -> npt.NDArray[np.int64]:
-        """The number of every node of a run among those of the case, shape (k,).
-
-        Raises:
-            ValueError: If it has another mesh.
-        """
+        """The number of every node of a run among those of the case, shape (k,); ValueError if the mesh differs."""
         unfit = f"{run.folder}: has another mesh than the case"
         return run.body.numbers_in([member.body.x for member in self.members], unfit)
 
 
 class CaseForces:
-    """Loads and supports of a case, each by itself, at the nodes in the files of a run.
-
-    Args:
-        case: The case.
-        time: Time of the loads.
-        run: The files, with the same nodes, perhaps in another order.
-    """
+    """Loads at a time and supports of a case, each by itself, at the nodes in the files of a run."""
 
     def __init__(self, case: CaseReference, time: float, run: WrittenRun):
         self._members, self._node, self._run = case.members, case.nodes_of(run), run
         self._loads = {name: list(body.loads_at(time)) for name, body in case.bodies.items()}
 
     def acting(self, u: FloatArray, held: FloatArray, on_body: FloatArray, taken: Perturbed) -> Acting:
-        """Resultants and balance.
-
-        Args:
-            u: Displacement of the run's nodes in metres, shape (k, 3).
-            held: Forces of the supports on the body along held directions in newtons, shape (k, 3).
-            on_body: Contact forces on the body in newtons, shape (k, 3).
-            taken: Perturbs the forces.
-        """
+        """Resultants and balance with displacements u, forces of the supports along held directions, and contact forces
+        on the body at the run's nodes, shapes (k, 3)."""
         order = np.argsort(self._node)  # of the run's nodes in the order of the case
 
         def parts(of: Callable[[Member], Iterable[NodalForces]]) -> Iterator[NodalForces]:

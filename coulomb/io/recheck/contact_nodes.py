@@ -123,15 +123,8 @@ class ContactNodes:
     def answer(
         self, run: WrittenRun, u: FloatArray, on_body: FloatArray, x: FloatArray, spins: tuple[Spin | None, ...]
     ) -> NodalAnswer:
-        """The answer at the nodes.
-
-        Args:
-            run: The files.
-            u: Displacement of the nodes of the bodies in metres, shape (k, 3).
-            on_body: Contact forces on the body at the nodes of the written faces in newtons, shape (q, 3).
-            x: Coordinates of these, shape (q, 3).
-            spins: Rotations of the foundations of the faces.
-        """
+        """The answer at the nodes, with displacements u (k, 3) of the nodes of the bodies, and contact forces on the
+        body at the nodes x of the written faces, shapes (q, 3)."""
         against: list[str | None] = [None] * len(face_names(run))
         for one in run.opposite:
             against[one.contact] = one.against
@@ -158,11 +151,7 @@ class ContactNodes:
 
 
 def face_names(run: WrittenRun) -> list[str]:
-    """Names of the contact faces in summary.json.
-
-    Raises:
-        ValueError: If it has none.
-    """
+    """Names of the contact faces in summary.json; ValueError if it has none."""
     try:
         names = run.summary["totals"]["faces"]
         if isinstance(names, list) and names and all(isinstance(name, str) for name in names):

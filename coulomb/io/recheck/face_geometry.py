@@ -8,6 +8,7 @@ over the facets around them, whose weights are integrated anew on the written me
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,6 @@ from ...fem.contact import (
     within,
 )
 from ...fem.geometry import HELD_BEYOND, held_length, supported_frames
-from ...model.accumulated import ACCUMULATED
 from ...nearest import tree_of
 from ..run_directory import CONTACT
 from ..run_files import WrittenRun
@@ -99,27 +99,21 @@ def contact_nodes(
     return nodes
 
 
+@dataclass(frozen=True)
 class _Source:
-    """Where normals, gaps and law come from: the meshes and the case, or without one the files.
+    """Where normals, gaps and law come from: the meshes and the case, or without one the files (`contact_nodes`)."""
 
-    Args: as those of `contact_nodes`.
-    """
-
-    def __init__(
-        self,
-        run: WrittenRun,
-        case: CaseReference | None,
-        time: float,
-        slip_rate: FloatArray | None,
-        found: Comparison,
-    ):
-        self._run, self._case, self._time, self._slip_rate, self._found = run, case, time, slip_rate, found
+    run: WrittenRun
+    case: CaseReference | None
+    time: float
+    slip_rate: FloatArray | None
+    found: Comparison
 
     def against_foundation(
         self, number: int, face: WrittenFace, facets: npt.NDArray[np.int32], said: npt.NDArray[np.bool_]
     ) -> ContactNodes:
         """The nodes of a face against a foundation."""
-        run, case, time, body, held = self._run, self._case, self._time, face.part.body, self._run.held_in(face.part)
+        run, case, time, body, held = self.run, self.case, self.time, face.part.body, self.run.held_in(face.part)
         count, local = len(run.node), face.node - face.part.nodes.start
         around, outward = np.zeros(count), np.zeros((count, 3))
         around[face.points], outward[face.points] = (values[local] for values in body.positive_weights(facets))
@@ -162,7 +156,10 @@ class _Source:
             away = here & ~(np.einsum("ki,ki->k", data["normal"], unit) > 0.0)
             self.report(index[away], "have a normal that points into the body")
         self.report(index[free & ~written & ~turned], "are left out, but are not prescribed in solution.h5")
-        nodes = self._nodes(number, index, weights, None, None, written, frames, gap, given, points.area, x)
+        part, opposite = np.full(len(x), number), scipy.sparse.csr_matrix((len(x), len(run.body.x)))
+        law, still = self._law(number, x, points.area, index), np.zeros_like(x)
+        averages, origin = (index, weights, opposite, np.zeros_like(frames), part, written), data["slip_origin"]
+        nodes = ContactNodes(*averages, frames, gap, given, points.area, *law, origin, still, still)
         return nodes.only(free & (written | ~turned))
 
     def in_pair(
@@ -176,7 +173,7 @@ class _Source:
         n: FloatArray,
     ) -> ContactNodes:
         """The contact points of a pair, whose averages over both faces (`_pairs`) are integrated on the meshes."""
-        run, case, start = self._run, self._case, other.face.part.nodes.start
+        run, case, start = self.run, self.case, other.face.part.nodes.start
         index, weights = _on_face(rows.node, rows.weights, face, len(run.node))
         among_all = (rows.opposite.data, start + rows.opposite.indices, rows.opposite.indptr)
         opposite = scipy.sparse.csr_matrix(among_all, shape=(len(index), len(run.body.x)))
@@ -193,55 +190,28 @@ class _Source:
         else:
             contact = case.contacts[number]
             distance = np.where(np.abs(distance) <= contact.adjust, 0.0, distance) if contact.adjust else distance
-            given = given if case.lacks_gap(number) else case.given_gap(number, self._time, x)
+            given = given if case.lacks_gap(number) else case.given_gap(number, self.time, x)
             H = run.held.projector_at(face.part.nodes.start + rows.node)
             frames = contact.frames(n, H, x, MPI.COMM_SELF)
         self.report(index[~written], "are left out, but are opposite to the other face")
-        gap = distance + given
-        return self._nodes(number, index, weights, opposite, mirrored, written, frames, gap, given, rows.area, x)
+        law, still, part = self._law(number, x, rows.area, index), np.zeros_like(x), np.full(len(x), number)
+        averages, origin = (index, weights, opposite, mirrored, part, written), data["slip_origin"]
+        return ContactNodes(*averages, frames, distance + given, given, rows.area, *law, origin, still, still)
 
-    def _nodes(
-        self,
-        number: int,
-        index: npt.NDArray[np.int64],
-        weights: scipy.sparse.csr_matrix,
-        opposite: scipy.sparse.csr_matrix | None,
-        mirrored: FloatArray | None,
-        written: npt.NDArray[np.bool_],
-        frames: FloatArray,
-        gap: FloatArray,
-        given: FloatArray,
-        area: FloatArray,
-        x: FloatArray,
-    ) -> ContactNodes:
-        """The nodes with the law at their places x (m, 3); friction that depends on an unknown slip rate as written."""
-        run, case, rate, data = self._run, self._case, self._slip_rate, self._run.on_face
-        friction, cohesion, still = data["friction"][index], data["cohesion"][index], np.zeros_like(x)
-        if case is not None:
-            slip_rate = np.zeros(len(x)) if rate is None else rate[index]
-            law = case.contacts[number].law(x, area, self._time, slip_rate, MPI.COMM_SELF)
-            friction, cohesion = friction if rate is None else law.friction, law.cohesion / area
-        return ContactNodes(
-            index,
-            weights,
-            scipy.sparse.csr_matrix((len(x), len(run.body.x))) if opposite is None else opposite,
-            np.zeros((len(x), 3, 3)) if mirrored is None else mirrored,
-            np.full(len(x), number),
-            written,
-            frames,
-            gap,
-            given,
-            area,
-            friction,
-            cohesion,
-            origin=data["slip_origin"][index],
-            moved=still,
-            earlier=np.zeros((len(x), len(ACCUMULATED))),
-        )
+    def _law(
+        self, number: int, x: FloatArray, area: FloatArray, index: npt.NDArray[np.int64]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Friction and cohesion in pascals; friction that depends on an unknown slip rate as written."""
+        rate, written = self.slip_rate, self.run.on_face
+        if self.case is None:
+            return written["friction"][index], written["cohesion"][index]
+        slip_rate = np.zeros(len(x)) if rate is None else rate[index]
+        law = self.case.contacts[number].law(x, area, self.time, slip_rate, MPI.COMM_SELF)
+        return written["friction"][index] if rate is None else law.friction, law.cohesion / area
 
     def _compare_axes(self, frames: FloatArray, x: FloatArray) -> None:
         """Check the lengths of the rows n, t1, t2 of contact points x (m, 3), and their angles, without a case."""
-        compare, length, none = self._found.field, np.linalg.norm(frames, axis=2), np.zeros(len(x))
+        compare, length, none = self.found.field, np.linalg.norm(frames, axis=2), np.zeros(len(x))
         compare(f"{CONTACT}: length of normal", length[:, 0], none + 1.0, x, "its direction")
         longer = np.max(length[:, 1:], axis=1, initial=0.0)
         compare(f"{CONTACT}: length of the longer tangent", longer, none + 1.0, x, "its direction")
@@ -252,8 +222,8 @@ class _Source:
     def report(self, index: npt.NDArray[np.int64], fault: str) -> None:
         """A fault of nodes by their numbers among those of the written faces, if there are any."""
         if len(index):
-            place = ", ".join(f"{c:.6g}" for c in self._run.on_face["x"][np.min(index)])
-            self._found.fault(f"{CONTACT}: status: {len(np.unique(index))} nodes {fault} (first seen at x = {place})")
+            place = ", ".join(f"{c:.6g}" for c in self.run.on_face["x"][np.min(index)])
+            self.found.fault(f"{CONTACT}: status: {len(np.unique(index))} nodes {fault} (first seen at x = {place})")
 
 
 def _pairs(

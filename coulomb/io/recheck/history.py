@@ -121,11 +121,7 @@ def check(directory: str | Path, say: Callable[[str], None] = lambda line: None)
 
 
 def check_step(folder: Path) -> Findings:
-    """Check one load step in its history, relative to the step before.
-
-    Raises:
-        ValueError: As `check_run`; also if the step before is not there.
-    """
+    """Check one load step in its history, relative to the step before, which must be there."""
     files = RunDirectory(folder)
     history, number = files.of_history, files.step_number
     assert number is not None
@@ -138,15 +134,7 @@ def check_step(folder: Path) -> Findings:
 
 
 def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) -> HistoryFindings:
-    """Check a load history, step by step.
-
-    Args:
-        folder: Directory of the history.
-        say: Called with the result of each step.
-
-    Raises:
-        ValueError: If a step is missing, or its files cannot be read or do not match the others.
-    """
+    """Check a load history, step by step (`check`)."""
     case, files = CaseReference.of(folder), RunDirectory(folder)
     complete, trusted = _complete(files)
     found, summaries, steps, named = Comparison(), [], [], list[str]()
@@ -158,7 +146,7 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
         named += findings.unjudged
         failed = [] if findings.certificate.passed else str(findings.certificate).splitlines()
         failed += [f"outside small-strain theory: {text}" for text in findings.outside]
-        details = "\n".join(f"  {line}" for line in [*failed, *findings.verdict])
+        details = "\n".join(f"  {line}" for line in [*failed, *verdict(findings.faults)])
         time = chain.start.time
         steps.append(StepFindings(number, time, findings.passed, findings.recorded, findings.faults, details))
         say(str(steps[-1]))
@@ -172,11 +160,7 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
 
 
 def _complete(files: RunDirectory) -> tuple[int, list[str]]:
-    """Number of complete steps, and messages on an incomplete last one.
-
-    Raises:
-        ValueError: If there is none, or one is missing.
-    """
+    """Number of complete steps, and messages on an incomplete last one; ValueError if one before is missing."""
     begun = files.begun_steps
     complete = [number for number in begun if files.step(number).summary.is_file()]
     if not complete:

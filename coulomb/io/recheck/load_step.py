@@ -44,11 +44,8 @@ class Start:
     began: float = 0.0
 
     def on_face(self, run: WrittenRun, values: FloatArray) -> FloatArray:
-        """Values of the step before at the nodes of this step's contact faces, shape (q, ...).
-
-        Raises:
-            ValueError: If it has another mesh.
-        """
+        """Values of the step before at the nodes of this step's contact faces, shape (q, ...); ValueError if it has
+        another mesh."""
         assert self.run is not None
         here: FloatArray = values[run.on_faces_of(self.run)]
         return here
@@ -88,11 +85,7 @@ class Start:
 
 def spins_of(run: WrittenRun, case: CaseReference | None, time: float, started: float | None) -> Spins:
     """Rotations of the foundations in the step from `started`, None without one, to a time, by the case, which may be
-    another one with fewer faces; without a case those in summary.json.
-
-    Raises:
-        ValueError: If one there is incomplete.
-    """
+    another one with fewer faces; without a case those in summary.json."""
     count = len(face_names(run))
     if case is None:
         faces = run.summary.get("faces")
@@ -131,14 +124,7 @@ def from_start(
 ) -> tuple[ContactNodes, list[str]]:
     """The nodes with slip origin, displacement of the foundation and what has accumulated before, and what is unknown.
 
-    Args:
-        run: The files.
-        nodes: The nodes, with the slip origin as written.
-        spins: Rotations of the foundations.
-        case: The case, if there is one.
-        time: Of the run.
-        start: Start of the load step; without it the slip origin is that of a single run, or as written.
-        found: Collects the differences.
+    Without a start the slip origin is that of a single run, or as written.
     """
     here, x, origin = nodes.written, nodes.place(run.on_face["x"]), nodes.origin
     worn = np.column_stack([run.on_face[name] for name in ACCUMULATED])[nodes.index]

@@ -187,13 +187,7 @@ class Compared(NamedTuple):
 
 
 def written_fields(run: WrittenRun, nodes: ContactNodes, variant: Variant) -> dict[str, Compared]:
-    """The fields in the files that follow from the answer, the meshes and the case, named as in a variant.
-
-    Args:
-        run: The files.
-        nodes: The written contact nodes.
-        variant: The recomputed fields.
-    """
+    """The fields in the files that follow from the answer, the meshes and the case, named as in a variant."""
     at, x, size = nodes.index, run.on_face["x"][nodes.index], float(np.max(np.abs(run.body.x)))
     found = {}
     for field in CONTACT_FIELDS:
@@ -269,11 +263,7 @@ def _blocked(run: WrittenRun, heated: Mapping[str, FloatArray]) -> float:
 
 
 def _recorded_strain(run: WrittenRun) -> dict[str, float]:
-    """The measures of small_strain; null becomes nan.
-
-    Raises:
-        ValueError: If summary.json lacks them.
-    """
+    """The measures of small_strain in summary.json; null becomes nan."""
     given = run.summary.get("small_strain")
     try:
         values = {field.name: given[field.name] for field in fields(SmallStrain)}  # type: ignore[index]
@@ -286,11 +276,7 @@ def located_probes(
     run: WrittenRun, case: CaseReference | None, faces: Sequence[tuple[WrittenFace, npt.NDArray[np.int32]]]
 ) -> LocatedProbes:
     """The probes of the case, or without one of summary.json, found in the mesh of the files; `faces` are of every
-    contact face its grid and its facets.
-
-    Raises:
-        ValueError: If summary.json has no probes, or a point is outside the mesh.
-    """
+    contact face its grid and its facets."""
     try:
         given = [] if case is not None else run.summary.get("probes", [])
         probes = [Probe(one["name"], one["point"], one.get("body")) for one in given]

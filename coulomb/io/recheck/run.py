@@ -100,11 +100,6 @@ class Findings:
         return self.variants[0].outside
 
     @property
-    def verdict(self) -> list[str]:
-        """Lines about fields and numbers."""
-        return verdict(self.faults)
-
-    @property
     def ending(self) -> str:
         """All lines."""
         return str(self)
@@ -112,7 +107,7 @@ class Findings:
     def __str__(self) -> str:
         before = f"recorded by the run: certificate {'had passed' if self.recorded else 'had FAILED'}"
         outside = [f"outside small-strain theory: {text}" for text in self.outside]
-        return "\n".join([str(self.certificate), *outside, before, *self.verdict, *self.trusted])
+        return "\n".join([str(self.certificate), *outside, before, *verdict(self.faults), *self.trusted])
 
 
 def verdict(faults: tuple[str, ...]) -> list[str]:
@@ -232,11 +227,7 @@ def _facet_parts(run: WrittenRun, count: int) -> npt.NDArray[np.int64]:
 
 
 def step_of(run: WrittenRun) -> tuple[int, float]:
-    """Number and time of a load step.
-
-    Raises:
-        ValueError: If its summary has none.
-    """
+    """Number and time of a load step; ValueError if its summary has none."""
     try:
         record = run.summary["step"]
         number, time = record["number"], record["time"]
