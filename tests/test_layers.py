@@ -115,6 +115,7 @@ INNER_ROOMS = {
     "linalg.multigrid": set(),
     "linalg.compliance": {"linalg.factors", "linalg.multigrid"},
     "solvers.rigid": set(),
+    "io.recheck": set(),
 }
 """Rooms within rooms, and which beside them they may import; files beside them import none.  All import what their
 `__init__` gives."""

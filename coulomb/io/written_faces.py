@@ -18,10 +18,9 @@ from ..fem import compat
 from ..fem.compat import mesh
 from ..fem.meshes import SEPARATOR, corners_of, facet_columns
 from .field_files import OPPOSITE, data_of, grids_of, read_fields
-from .field_names import ON_OPPOSITE
-from .matched_points import numbers
+from .nodal_grids import ON_OPPOSITE
 from .run_directory import OLD, SOLUTION
-from .written_bodies import Fields, WrittenBodies, WrittenBody, fits
+from .written_bodies import Fields, WrittenBodies, WrittenBody, fits, numbers
 
 
 @dataclass(frozen=True)

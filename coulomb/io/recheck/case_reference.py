@@ -27,12 +27,11 @@ from ...fem.geometry import RigidFoundation, RigidMotion, moved
 from ...fem.meshes import SEPARATOR, corners_of
 from ...linalg.reductions import Reductions
 from ...model.resultants import Acting, acting
-from ..field_names import GROUND
-from ..matched_points import midpoints, places
+from ..nodal_grids import GROUND
 from ..run_directory import CONTACT, SOLUTION, SUMMARY, RunDirectory
 from ..run_files import WrittenRun
 from ..summary import material_entries
-from ..written_bodies import WrittenBody
+from ..written_bodies import WrittenBody, midpoints, places
 from ..written_case import written_case
 from ..written_faces import midpoints_of_facets
 from .comparison import Comparison

@@ -20,10 +20,10 @@ from mpi4py import MPI
 from ...linalg.reductions import Reductions
 from ...model.load_step import Energy, Forces, Moment, coefficients_work, row
 from ..history_summary import whole
-from ..matched_points import places
 from ..output import Series
 from ..run_directory import FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
 from ..run_files import WrittenRun
+from ..written_bodies import places
 from .case_reference import CaseReference
 from .comparison import Comparison, unjudged
 from .load_step import Start

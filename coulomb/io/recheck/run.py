@@ -14,8 +14,7 @@ from ...contact_fields import ANSWER, names
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
 from ..field_files import data_of
-from ..field_names import OURS
-from ..nodal_grids import BETWEEN, middle
+from ..nodal_grids import BETWEEN, OURS, middle
 from ..run_directory import CASE, CONTACT, FIELDS, SOLUTION, SUMMARY
 from ..run_files import WrittenRun, read_run
 from ..written_faces import WrittenFace
