@@ -49,7 +49,7 @@ class ContactField:
         return self.follows != ANSWER
 
 
-_FACES, _CASE = "the faces and the foundation", "the case"
+_FACES, _CASE = "the meshes and the case", "the case"
 
 CONTACT_FIELDS = (
     ContactField("pressure", "contact pressure", "Pa", lambda at: at.pressure, shown="report", opposite="mean"),

@@ -5,10 +5,10 @@ import sys
 
 import numpy as np
 import pytest
+from check_runs import read_grid
 from conftest import run_coulomb
 from PIL import Image
 
-from coulomb.io.field_files import read_grid
 from coulomb.pictures.plotting import ZONES
 from coulomb.pictures.report import picture
 from coulomb.pictures.report.files import read_run

@@ -7,9 +7,10 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+from check_runs import read_grid
 from report_pages import data_of, needs_chromium, numbers, open_page, page_of, refined
 
-from coulomb.io.field_files import Grid, read_grid
+from coulomb.io.field_files import Grid
 from coulomb.pictures.report.files import read_run
 from coulomb.pictures.report.shown_fields import named
 from coulomb.pictures.report.surface_view import surface_view, thinned_surface
