@@ -196,6 +196,7 @@ def test_pictures_import_only_the_file_format():
         "coulomb.pictures.plotting",
         "coulomb.pictures.report",
         "coulomb.load_curve",
+        "coulomb.contact_fields",
         "coulomb.contact_names",
         *READERS,
     )
