@@ -99,11 +99,11 @@ CONTACT_FIELDS = (
         opposite="mean",
     ),
     ContactField("contact_force", "contact force on the body", "N", lambda at: at.on_body, vector=True, follows=""),
-    ContactField("normal", "normal into the foundation", "", lambda at: at.frames[:, 0], vector=True, follows=_FACES),
+    ContactField("normal", "unit normal, out of the body", "", lambda at: at.frames[:, 0], vector=True, follows=_FACES),
     ContactField("tangent_1", "first tangent", "", lambda at: at.frames[:, 1], vector=True, follows="normal and case"),
     ContactField("tangent_2", "second tangent", "", lambda at: at.frames[:, 2], vector=True, follows="normal and case"),
     ContactField("initial_gap", "gap before deformation", "m", lambda at: at.gap, follows=_FACES),
-    ContactField("given_gap", "given part of it", "m", lambda at: at.given_gap, follows=_CASE),
+    ContactField("given_gap", "given part of that gap", "m", lambda at: at.given_gap, follows=_CASE),
     ContactField("area", "area", "m²", lambda at: at.area, follows="the facets"),
     ContactField(
         "coefficient", "coefficient of friction; of Tresca's law the slip stress in Pa", "", lambda at: at.coefficient
