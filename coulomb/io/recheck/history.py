@@ -208,8 +208,8 @@ class _Chain:
         without the load at the start, as recorded."""
         run, last, over = now.run, self.last, Reductions(MPI.COMM_SELF)
         zero, moved = np.zeros_like(run.body.x), np.zeros((len(run.node), 3))
-        first, on_face = Forces(zero, zero, zero, zero), np.zeros_like(moved)
         moved[now.nodes.index] = now.nodes.moved
+        first, on_face = Forces(zero, zero, zero, zero), np.zeros_like(run.on_face["x"])
         if last is None and (self.case is None or self.case.absent):
             return [_recorded_energy(run)] * len(now.variants)
         if last is None and self.case is not None:
