@@ -242,5 +242,5 @@ def test_from_python(tmp_path):
     history.run(problem, HistoryFiles(tmp_path / "out"), on_step=taken.append)
     last = taken[-1]
     with HistoryFiles(tmp_path / "out", resume=True).recording(problem, history.beginning(problem)) as state:
-        for name, values in last.state.accumulated.fields().items():
-            assert np.array_equal(state.accumulated.fields()[name], values), name
+        for name, values in vars(last.state.accumulated).items():
+            assert np.array_equal(vars(state.accumulated)[name], values), name
