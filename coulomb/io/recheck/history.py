@@ -35,13 +35,8 @@ _TIMES = ("pending", "halvings")  # of a step: `_check_times`
 
 @dataclass(frozen=True)
 class HistoryFindings:
-    """Result of the check of a load history.
-
-    Attributes:
-        steps: Results of its steps.
-        faults: Data that do not follow from the steps, a line each.
-        trusted: Data that could not be compared or are missing, a line each.
-    """
+    """Result of the check of a load history: of its steps, data that do not follow from these, and data that could not
+    be compared or are missing, a line each."""
 
     steps: tuple[StepFindings, ...]
     faults: tuple[str, ...]
@@ -72,16 +67,7 @@ class HistoryFindings:
 
 @dataclass(frozen=True)
 class StepFindings:
-    """Result of the check of a load step.
-
-    Attributes:
-        number: Number of the step.
-        time: End of the step.
-        passed: Whether its certificate passes and all data agree.
-        recorded: Whether the run itself recorded that its certificate had passed.
-        faults: Data that do not agree, a line each.
-        details: Lines to print if it has not passed.
-    """
+    """Result of the check of a load step that ended at a time, as in `Findings`; `details` are printed if it failed."""
 
     number: int
     time: float
