@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Sphere
-from coulomb.io.summary import totals
 
 E, nu, R, F = 2.1e11, 0.3, 0.1, 0.1
 a = 1e-3
@@ -61,7 +60,7 @@ pressed = replace(
 positions, forces = [], []
 for step in history.steps(problem, pressed):
     positions.append(step.solution.problem.motions[0, 0] / d)
-    forces.append(2 * totals(step.solution)["force"][0] / (F * P))
+    forces.append(2 * step.solution.at_nodes.totals()["force"][0] / (F * P))
     nodes = f"{step.row['stick']} nodes stick, {step.row['slip']} slip"
     print(f"displacement {positions[-1]:+.3f} d, Q = {forces[-1]:+.4f} F P, {nodes}")
 print(step.solution.certificate)

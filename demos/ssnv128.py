@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from coulomb.io.summary import node_status
 from coulomb.verification.ssnv128 import DISPLACEMENTS, PLACES, problem
 
 solution = problem().solve()
@@ -21,7 +20,7 @@ surface = solution.problem.surface
 line = np.flatnonzero(surface.x[:, 1] < 1e-9)
 line = line[np.argsort(surface.x[line, 0])]
 x, u = surface.x[line, 0], solution.displacement[surface.nodes[line], 0]
-status, pressure = node_status(solution)[line], (solution.contact_force[0::3] / surface.area)[line]
+status, pressure = solution.at_nodes.status[line], (solution.contact_force[0::3] / surface.area)[line]
 for place, known in zip(PLACES, DISPLACEMENTS, strict=True):
     print(f"x = {1e3 * place:5.2f} mm: u_x = {np.interp(place, x, u):.3e} m, code_aster's manual {known:.2e} m")
 

@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from coulomb.case.case import read_case
 from coulomb.io import output
+from coulomb.io.field_files import read_grids
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.written_case import write_case
 
@@ -110,6 +111,11 @@ TRESCA_STEPS = BALL.replace("cells = [4, 3, 2]", 'cells = [4, 2, 2]\ncell = "tet
 
 UNASKED = "[solver]\ntolerance = 2e-8\n"
 """Above 1e-8 the solver does not evaluate the certificate, so that only the check can detect a fault of the code."""
+
+
+def read_grid(path):
+    """The only grid of an XDMF file, or the first of several."""
+    return next(iter(read_grids(path).values()))
 
 
 @functools.cache

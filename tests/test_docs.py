@@ -11,6 +11,7 @@ from conftest import ROOT, run_coulomb
 
 import coulomb
 from coulomb.case.case import Case
+from coulomb.contact_fields import CONTACT_FIELDS
 
 
 @functools.cache
@@ -48,6 +49,18 @@ def test_every_page_is_in_the_index_and_in_the_navigation():
     pages = {page.name for page in PAGES}
     assert set(re.findall(r"\]\(([a-z-]+\.md)", index)) == pages - {"index.md"}
     assert set(re.findall(r": ([a-z-]+\.md)$", navigation, flags=re.M)) == pages
+
+
+def test_every_contact_field_has_a_row():
+    """Name, words, unit, kind, where it is shown, and how the face opposite has it, in the order of the files."""
+    where = {"": "", "plot": "`plot`", "report": "`plot`, 3D view", "history": "`plot`, 3D view of histories"}
+    expected = [
+        f"| `{field.name}` | {field.title} | {field.unit} | {'vector' if field.vector else 'number'} | "
+        f"{where[field.shown]} | {field.opposite} |"
+        for field in CONTACT_FIELDS
+    ]
+    section = (ROOT / "docs" / "theory.md").read_text().partition("## Fields of the contact face")[2].partition("##")[0]
+    assert [line for line in section.splitlines() if line.startswith("| `")] == expected
 
 
 def test_tutorial_shows_the_demo():

@@ -290,7 +290,7 @@ def check(directory: Annotated[Path, typer.Argument(help="Directory of the resul
     """
     refuse_ranks("coulomb check")
 
-    from ..io.recheck.directory import check as check_files
+    from ..io.recheck import check as check_files
 
     try:
         found = check_files(directory, lambda line: _console.print(line, markup=False, soft_wrap=True))

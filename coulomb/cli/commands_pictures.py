@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
+from ..contact_fields import names
 from ..io.run_directory import REPORT, RunDirectory
 from ..pictures import apart, overview_process
 from ..ranks import launched, on_rank_0
@@ -34,9 +35,9 @@ def plot(
     field: Annotated[
         str,
         typer.Option(
-            help="pressure, friction_traction, friction_use, status, slip, gap, accumulated_slip, friction_work, "
-            "largest_pressure, displacement, von_mises_stress, stress_xx (_yy, _zz, _yz, _xz, _xy), principal_stress_1 "
-            "(_2, _3), temperature_change; of vectors with _x, _y or _z a component."
+            help=f"{', '.join(name for name in names() if name not in names(shown=''))}, displacement, "
+            "von_mises_stress, stress_xx (_yy, _zz, _yz, _xz, _xy), principal_stress_1 (_2, _3), temperature_change; "
+            "of vectors with _x, _y or _z a component."
         ),
     ] = "pressure",
     scale: Annotated[float | None, typer.Option(help="Factor of the displacement; by default a visible one.")] = None,

@@ -113,16 +113,6 @@ def uniform(grid: ElementTree.Element | None) -> list[ElementTree.Element]:
     return grid.findall("Grid") if grid.get("GridType") == "Collection" else [grid]
 
 
-def read_grid(path: str | Path) -> Grid:
-    """Read the only grid of an XDMF file, or the first of several (`read_grids`).
-
-    Raises:
-        ValueError: If there is no grid in the file.
-        OSError, KeyError, SyntaxError: If a file cannot be read.
-    """
-    return next(iter(read_grids(path).values()))
-
-
 def read_grids(path: str | Path) -> dict[str, Grid]:
     """Read the grids of an XDMF file from the HDF5 data sets to which it refers, by their names.
 

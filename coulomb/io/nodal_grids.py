@@ -1,4 +1,5 @@
-"""The meshes of the result files: the body and the contact face with the nodes of the displacements as points."""
+"""The meshes of the result files, with the nodes of the displacements as points, and the names of their fields; those
+of the contact points are in `contact_fields`."""
 
 from __future__ import annotations
 
@@ -9,12 +10,37 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..contact_fields import names
 from ..fem import compat
-from ..fem.bodies import DisplacementSpace
+from ..fem.bodies import FIELDS, HELD_OBLIQUE, STRESSES, TEMPERATURE, DisplacementSpace
 from ..fem.meshes import FACETS, SOLIDS, fetched, in_vtk_order, nodes_between, starts_of
+from ..model.opposite import CARRIED
 from .grid_file import GridPart
 
-BETWEEN: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {"status": np.minimum, "face": np.maximum}
+ON_CELLS = STRESSES
+"""Fields of solution.h5, one number per cell; besides those of `cell_materials`."""
+
+ON_BODY = ("displacement", "load", "held", "prescribed", "spring_force")
+"""Fields of solution.h5, one vector per node."""
+
+INTERNAL, ROUNDING = "internal_force", "rounding_force"
+"""Fields of solution.h5 of a body of the user's forms, which are not in the files: its internal forces, and those of a
+rounding error of the displacement (`rounding_forces`)."""
+
+GROUND = tuple(f"rigid_force_{number}" for number in range(1, 7))
+"""The nodal forces of the rigid motions of a body with springs or Robin terms: `Deformable.ground`."""
+
+OURS = (*ON_CELLS, *ON_BODY, *FIELDS, *GROUND, HELD_OBLIQUE, INTERNAL, ROUNDING, TEMPERATURE)
+"""All names of fields of solution.h5."""
+
+ON_OPPOSITE = (*CARRIED, "status", "contact_force", "normal", "area")
+"""Fields of contact.h5 on faces opposite in pairs, beside `OPPOSITE`."""
+
+
+BETWEEN: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
+    **dict.fromkeys(names(between="least"), np.minimum),
+    **dict.fromkeys(names(between="most"), np.maximum),
+}
 """Fields that are whole numbers: their values between two vertices of 10-node tetrahedra; of others the means."""
 
 

@@ -16,7 +16,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from ..arrays import FloatArray
+from ..contact_fields import names
 from ..fem import compat
 from ..fem.bodies import SingleBody
 from ..fem.meshes import facet_columns
@@ -99,11 +99,6 @@ def _write_fields(solution: Solution, folder: Path, given: Mapping[str, Any]) ->
     write_grids(problem.comm, folder / CONTACT, contact_grids(solution), problem.time, faces)
 
 
-def contact_fields(solution: Solution) -> dict[str, FloatArray]:
-    """Fields on this rank's contact nodes: `NodalAnswer.fields`; collective."""
-    return solution.at_nodes.fields()
-
-
 def size_on_disk(problem: PosedProblem) -> float:
     """Approximate bytes of the fields of a solution; collective."""
     return 1.1e5 + sum(_size_of(problem, member.body) for member in problem.elasticity.members)
@@ -117,8 +112,9 @@ def _size_of(problem: PosedProblem, body: SingleBody) -> float:
     on_face: int = comm.allreduce(len(body.nodes_of(facets)))
     of_face: int = comm.allreduce(facet_columns(body.domain.topology.cell_type, body.degree).shape[1] * len(facets))
     vectors = 6 if body.ground is None else 12
-    # coordinates and 5 vectors per node, with springs 11; on the face coordinates, 7 vectors and 16 numbers per node
-    size: float = 24.0 * vectors * points + (24.0 * 8.0 + 8.0 * 16.0) * on_face + 8.0 * width * cells + 8.0 * of_face
+    per_node = 24.0 * (1 + len(names(vector=True))) + 8.0 * len(names(vector=False))  # with the coordinates
+    # coordinates and 5 vectors per node, with springs 11
+    size: float = 24.0 * vectors * points + per_node * on_face + 8.0 * width * cells + 8.0 * of_face
     return size
 
 

@@ -18,12 +18,14 @@ from ..model.nodal_answer import HELD
 from ..solvers.laws import LAWS
 from .body_grids import BODIES, FACES
 from .field_files import data_of
-from .field_names import GROUND
 from .grid_file import Described, described
-from .recheck.comparison import OF_LARGEST
+from .nodal_grids import GROUND
 from .run_directory import OLD, RunDirectory
 from .written_bodies import Fields, WrittenBodies, WrittenBody, read_bodies
 from .written_faces import WrittenFace, WrittenOpposite, read_faces, same_nodes
+
+OF_LARGEST = 1e-14
+"""Rounding of a field relative to its largest entry, at least."""
 
 _NEEDED = ("law", "mean_compliance", "totals", "certificate")
 

@@ -6,7 +6,6 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -36,11 +35,6 @@ from .peak_memory import peak_memory
 
 LOOK_AT_GAP = "check the foundation's position and normal, and the unit of the mesh (scale)"
 """Advice if no node is in contact."""
-
-
-def node_status(solution: Solution) -> npt.NDArray[np.int64]:
-    """OPEN, STICK or SLIP of this rank's contact nodes, shape (m,); collective."""
-    return solution.at_nodes.status
 
 
 def summary(solution: Solution) -> dict[str, Any]:
@@ -160,11 +154,6 @@ def remarks(solution: Solution) -> list[str]:
         ]
     least = max(least, 0.0)  # beyond rounding
     return [f"nothing touches: all contact nodes are open, the smallest gap is {least:.3g} m; {LOOK_AT_GAP}"]
-
-
-def totals(solution: Solution, part: int | None = None) -> dict[str, Any]:
-    """Totals of the contact, or of one of its faces: `NodalAnswer.totals`; collective."""
-    return solution.at_nodes.totals(part)
 
 
 def material_entries(materials: Materials) -> list[dict[str, Any]]:

@@ -12,15 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..contact_fields import names as field_names
 from ..contact_names import sides_of
 from ..fem import compat
 from ..fem.compat import mesh
 from ..fem.meshes import SEPARATOR, corners_of, facet_columns
 from .field_files import OPPOSITE, data_of, grids_of, read_fields
-from .field_names import ON_FACE, ON_OPPOSITE, VECTORS_ON_FACE
-from .matched_points import numbers
+from .nodal_grids import ON_OPPOSITE
 from .run_directory import OLD, SOLUTION
-from .written_bodies import Fields, WrittenBodies, WrittenBody, fits
+from .written_bodies import Fields, WrittenBodies, WrittenBody, fits, numbers
 
 
 @dataclass(frozen=True)
@@ -91,13 +91,13 @@ def read_faces(
     """
     data, faces, opposite, read = data_of(file), [], [], []
     masters = {master: number for number, (_, master) in enumerate(sides_of(pairs)) if master is not None}
-    first = 0
+    first, on_face, vectors = 0, field_names(), field_names(vector=True)
     for name, group in grids_of(file).items():
         against = _is_opposite(data, group)
-        names = (*ON_OPPOSITE, OPPOSITE) if against else ON_FACE
+        names = (*ON_OPPOSITE, OPPOSITE) if against else on_face
         points, cells, fields = read_fields(data, names, (), group)
         for one in names:
-            shape = (len(points), 3) if one in VECTORS_ON_FACE else (len(points),)
+            shape = (len(points), 3) if one in vectors else (len(points),)
             fits(data, one, fields[one], shape)
         start = 0 if against else first
         face = _face(name, _body_of(name, bodies, folder), points, cells, start, f"{folder}: {data.name}")
@@ -118,8 +118,8 @@ def read_faces(
             f"{folder}: {file.name} has the contact faces {', '.join(repr(face.name) for face in faces)}, but "
             f"summary.json {', '.join(map(repr, slaves))}: {OLD}"
         )
-    on_face = {name: np.concatenate([fields[name] for fields in read]) for name in (*ON_FACE, "x")}
-    return tuple(faces), on_face, tuple(opposite)
+    together = {name: np.concatenate([fields[name] for fields in read]) for name in (*on_face, "x")}
+    return tuple(faces), together, tuple(opposite)
 
 
 def _is_opposite(data: Path, group: str) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..contact_fields import names
 
 
 @dataclass(frozen=True)
@@ -53,10 +54,6 @@ class Accumulated:
         """At some of the nodes."""
         return Accumulated(self.slip[nodes], self.friction_work[nodes], self.pressure[nodes])
 
-    def fields(self) -> dict[str, FloatArray]:
-        """As the fields of contact.xdmf, shapes (m,)."""
-        return dict(zip(ACCUMULATED, (self.slip, self.friction_work, self.pressure), strict=True))
 
-
-ACCUMULATED = ("accumulated_slip", "friction_work", "largest_pressure")
+ACCUMULATED = names(shown="history")
 """Their names in contact.xdmf."""

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from ..contact_fields import CONTACT_FIELDS
 from ..fem.geometry import Spin, inverse_frames, tangent_lengths
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
@@ -119,6 +120,31 @@ class NodalAnswer:
         friction: FloatArray = np.hypot(self.force[:, 1], self.force[:, 2])
         return friction
 
+    @property
+    def pressure(self) -> FloatArray:
+        """Normal force over area, pascals, shape (m,)."""
+        pressure: FloatArray = self.force[:, 0] / self.area
+        return pressure
+
+    @property
+    def friction_traction(self) -> FloatArray:
+        """Of friction on the body, space vectors in pascals, shape (m, 3)."""
+        tangential = self.force.copy()
+        tangential[:, 0] = 0.0
+        traction: FloatArray = -self._vectors(tangential) / self.area[:, None]
+        return traction
+
+    @property
+    def friction_use(self) -> FloatArray:
+        """Friction over its bound; 0 where the node is open; shape (m,); collective."""
+        use = self._friction / np.where(self.bound > 0.0, self.bound, np.inf)
+        return np.where(self.status == OPEN, 0.0, use)
+
+    @property
+    def slip_origin_in_space(self) -> FloatArray:
+        """`slip_origin` as space vectors, shape (m, 3)."""
+        return self._displacements(self.slip_origin)
+
     @cached_property
     def _open(self) -> npt.NDArray[np.bool_]:
         normal = self.force[:, 0]
@@ -143,8 +169,7 @@ class NodalAnswer:
     @cached_property
     def accumulated(self) -> Accumulated:
         """Slip, friction work and largest pressure since the start of the history, with this answer; collective."""
-        pressure = self.force[:, 0] / self.area
-        return self.earlier.after(self.slip, self._friction_work / self.area, pressure, ~self._open)
+        return self.earlier.after(self.slip, self._friction_work / self.area, self.pressure, ~self._open)
 
     @property
     def dissipated_energy(self) -> float:
@@ -160,35 +185,8 @@ class NodalAnswer:
         return self.cohesion if self.law.name(Reductions(self.comm)) == "tresca" else self.law.friction
 
     def fields(self) -> dict[str, FloatArray]:
-        """The fields of contact.xdmf, scalars (m,) and space vectors (m, 3); Pa, m, N; collective.
-
-        Those after largest_pressure are the input from which `coulomb check` derives the others.
-        """
-        tangential = self.force.copy()
-        tangential[:, 0] = 0.0
-        use = self._friction / np.where(self.bound > 0.0, self.bound, np.inf)
-        return {
-            "pressure": self.force[:, 0] / self.area,
-            "friction_traction": -self._vectors(tangential) / self.area[:, None],
-            "slip": self.slip,
-            "gap": self.gap - self.closure[:, 0],
-            "status": self.status.astype(float),
-            "friction_use": np.where(self.status == OPEN, 0.0, use),
-            **self.accumulated.fields(),
-            "contact_force": self.on_body,
-            "normal": self.frames[:, 0],
-            "tangent_1": self.frames[:, 1],
-            "tangent_2": self.frames[:, 2],
-            "initial_gap": self.gap,
-            "given_gap": self.given_gap,
-            "area": self.area,
-            "coefficient": self.coefficient,
-            "friction": self.law.friction,
-            "cohesion": self.cohesion,
-            "slip_bound": self.slip_bound,
-            "slip_origin": self._displacements(self.slip_origin),
-            "face": self.part.astype(float),
-        }
+        """The `CONTACT_FIELDS` of contact.xdmf, scalars (m,) and space vectors (m, 3); collective."""
+        return {field.name: field.values(self) for field in CONTACT_FIELDS}
 
     def totals(self, part: int | None = None) -> dict[str, Any]:
         """Totals of the contact, or of one of its faces; newtons and metres; collective, the same on all ranks.

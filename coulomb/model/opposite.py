@@ -15,18 +15,16 @@ import numpy as np
 import scipy.sparse
 
 from ..arrays import FloatArray
+from ..contact_fields import names
 from ..fem.bodies import distributed_rows
 from ..fem.contact import ContactPoints
 from .nodal_answer import HELD, OPEN, SLIP, STICK
 
-CARRIED = (
-    *("pressure", "friction_traction", "slip", "gap", "friction_use"),
-    *("accumulated_slip", "friction_work", "largest_pressure"),
-)
-"""Fields of the contact points that are carried over; besides the status."""
-
-_TURNED = ("friction_traction", "slip")
+_TURNED = names(opposite="reversed")
 """Fields that are opposite on the master: what acts on it, and its motion against the slave."""
+
+CARRIED = (*names(opposite="mean"), *_TURNED)
+"""Fields of the contact points that are carried over; besides the status."""
 
 Spread = Callable[[FloatArray], FloatArray]
 """Multiplies rows of contact points (m, d) by a transposed matrix: rows of nodes (k, d); collective."""

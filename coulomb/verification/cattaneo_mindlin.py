@@ -44,7 +44,6 @@ from ..arrays import FloatArray
 from ..fem.bodies import Clamp, PrescribedDisplacement, join
 from ..fem.geometry import Sphere
 from ..fem.meshes import NamedMesh, box
-from ..io import summary
 from ..model.contact import Contact
 from ..model.load_history import LoadHistory
 from ..model.nodal_answer import STICK
@@ -189,7 +188,7 @@ def moment(time: float, solution: Solution, theory: PartialSlip, dissipated: flo
     surface, hertz = solution.problem.surface, theory.hertz
     x_n, friction = solution.contact_force[0::3], -solution.contact_force.reshape(-1, 3)[:, 1:]
     strength = np.hypot(friction[:, 0], friction[:, 1])
-    sticking = summary.node_status(solution) == STICK
+    sticking = solution.at_nodes.status == STICK
     unused = FRICTION * x_n - strength
     spread = unused @ np.sum(surface.x[:, :2] ** 2, axis=1) / unused.sum()
     along = np.einsum("mi,mij->mj", friction, surface.frames[:, 1:])[:, :2]

@@ -34,7 +34,6 @@ from ..arrays import FloatArray
 from ..fem.bodies import Clamp, Material
 from ..fem.geometry import Sphere
 from ..fem.meshes import box
-from ..io import summary
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
@@ -157,7 +156,7 @@ def pressed(solution: Solution) -> Pressed:
     surface, force = solution.problem.surface, solution.contact_force[0::3]
     theory = Hertz(4.0 * float(force.sum()), RADIUS, STEEL)
     r, pressure = np.hypot(surface.x[:, 0], surface.x[:, 1]), force / surface.area
-    known, total = theory.pressure(r), summary.totals(solution)
+    known, total = theory.pressure(r), solution.at_nodes.totals()
     centre = solution.problem.motions[0] - [0.0, 0.0, RADIUS]
     moment = np.array(total["moment"]) - np.cross(centre, total["force"])
     return Pressed(

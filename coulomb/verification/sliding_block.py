@@ -25,7 +25,6 @@ import numpy as np
 from ..arrays import FloatArray
 from ..fem.bodies import Clamp, Elasticity, Material, PrescribedDisplacement
 from ..fem.meshes import box
-from ..io import summary
 from ..linalg.compliance import DirectSolver
 from ..model.contact import Contact
 from ..model.load_history import LoadHistory
@@ -75,7 +74,7 @@ def other_laws() -> list[Row]:
         *_, before, last = LoadHistory([1.0, *np.arange(SHEARED, RIGHT + 1.0)], tolerance=RESIDUAL).steps(
             problem(contact)
         )
-        now, then = (np.array(summary.totals(step.solution)["force"]) for step in (last, before))
+        now, then = (np.array(step.solution.at_nodes.totals()["force"]) for step in (last, before))
         change = float(np.max(np.abs(now - then)) / np.linalg.norm(now[:2]))
         return now, change, f"exact on any mesh once sliding is steady; the change of the last step is {change:.1g}"
 
@@ -185,7 +184,7 @@ def travel(time: float) -> float:
 
 def force(step: LoadStep) -> tuple[float, float]:
     """Forces T and N of the plane on the block along x and z, newtons."""
-    total = summary.totals(step.solution)["force"]
+    total = step.solution.at_nodes.totals()["force"]
     return total[0], total[2]
 
 

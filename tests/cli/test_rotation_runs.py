@@ -11,7 +11,7 @@ import pytest
 from check_runs import change, copied, edit, made
 from conftest import run_coulomb
 
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 
 SHOE = """\
 [mesh]

@@ -8,7 +8,7 @@ import pytest
 from conftest import run_coulomb
 from mesh_files import BoxFile
 
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 
 CASE = """
 [mesh]

@@ -6,12 +6,12 @@ import re
 
 import numpy as np
 import pytest
+from check_runs import read_grid
 from conftest import ROOT, run_coulomb
 from report_pages import words_of
 
 from coulomb.cli.terminal import forces_in_a_step
 from coulomb.io.accuracy import accuracy, rounded
-from coulomb.io.field_files import read_grid
 from coulomb.pictures.report import picture
 from coulomb.pictures.report.picture import plot
 from coulomb.pictures.report.units import quantity, vector

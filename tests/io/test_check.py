@@ -10,7 +10,7 @@ from conftest import ROOT, make_block, run_coulomb
 
 import coulomb
 from coulomb.io import output
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 
 BLOCK = ROOT / "demos" / "block.toml"
 

@@ -27,44 +27,18 @@ from check_runs import (
     shown,
 )
 
-from coulomb.io.recheck.directory import check
+from coulomb.contact_fields import CONTACT_FIELDS, names
+from coulomb.io.recheck import check
 from coulomb.model.contact_faces import contact_surface as real_surface
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 
 ON_CELLS = ("von_mises_stress", "stress_xz", "principal_stress_2", "young", "poisson")
 RUNS = {"hexahedra": BLOCK, "tetrahedra": WEDGE}
 ON_BODY = ("displacement", "load", "held", "prescribed", "spring_force", "rigid_force_5", *ON_CELLS)
-ON_FACE = (
-    *("pressure", "friction_traction", "slip", "gap", "friction_use", "contact_force", "normal", "initial_gap"),
-    *(
-        "given_gap",
-        "tangent_1",
-        "tangent_2",
-        "area",
-        "coefficient",
-        "friction",
-        "cohesion",
-        "slip_bound",
-        "slip_origin",
-        "face",
-    ),
-)
+ON_FACE = [name for name in names() if name != "status"]
 GIVEN = {
-    "load",
-    "held",
-    "prescribed",
-    "spring_force",
-    "rigid_force_5",
-    "young",
-    "poisson",
-    "normal",
-    "tangent_1",
-    "tangent_2",
-    "initial_gap",
-    "given_gap",
-    "friction",
-    "cohesion",
-    "slip_origin",
+    *("load", "held", "prescribed", "spring_force", "rigid_force_5", "young", "poisson"),
+    *({field.name for field in CONTACT_FIELDS if field.given} - {"contact_force", "area", "face"}),
 }
 
 

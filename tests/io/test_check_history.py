@@ -11,7 +11,7 @@ from check_runs import BALL, TRESCA_STEPS, UNASKED, change, copied, edit, field,
 from conftest import indentation, run_coulomb
 
 from coulomb.io.history_files import HistoryFiles
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.model.load_history import LoadHistory
 
 RUNS = {"hexahedra, Coulomb": BALL, "tetrahedra, Tresca": TRESCA_STEPS}

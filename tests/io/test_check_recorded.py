@@ -17,7 +17,7 @@ import coulomb
 from coulomb.case.case import read_case
 from coulomb.io import output
 from coulomb.io.history_files import HistoryFiles
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.io.written_case import write_case
 
 SECOND_ORDER = {

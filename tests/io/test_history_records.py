@@ -15,7 +15,6 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, InteriorPoint, LoadHistory, Plane, Sphere, Spring, Traction
 from coulomb.io import output
 from coulomb.io.restart import nodal_vectors
-from coulomb.io.summary import totals
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,7 @@ def test_the_largest_slip_is_that_of_a_closed_node():
     way = np.linalg.norm(solution.displacement[solution.problem.surface.nodes][:, :2], axis=1)
     closed = x[:, 0] > 1e-6 * x[:, 0].max()
     assert 0 < closed.sum() < len(closed) and way[~closed].max() > 1.5 * way[closed].max()
-    assert totals(solution)["greatest_slip"] == pytest.approx(way[closed].max(), rel=1e-9)
+    assert solution.at_nodes.totals()["greatest_slip"] == pytest.approx(way[closed].max(), rel=1e-9)
 
 
 def test_small_strain_measures_of_a_foundation_that_moves_past():
@@ -108,7 +107,7 @@ def test_small_strain_measures_of_a_foundation_that_moves_past():
 def test_the_written_slip_bound_is_that_of_the_solver(tmp_path):
     solution = rubbed(cells=2).at(1.0).solve()
     contents = dataclasses.replace(solution, slip_bound=1.25 * solution.slip_bound)
-    assert np.array_equal(output.contact_fields(contents)["slip_bound"], 1.25 * solution.slip_bound)
+    assert np.array_equal(contents.at_nodes.fields()["slip_bound"], 1.25 * solution.slip_bound)
 
 
 def test_columns_without_a_value_are_empty(tmp_path):

@@ -7,11 +7,11 @@ import h5py
 import numpy as np
 import pytest
 import pyvista
+from check_runs import read_grid
 from conftest import make_block, solved_block
 
 from coulomb import Clamp, Contact, ContactProblem, Material, SuccessiveTresca, box
 from coulomb.io import output
-from coulomb.io.field_files import read_grid
 from coulomb.io.summary import summary
 from coulomb.model.accumulated import ACCUMULATED
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK

@@ -19,7 +19,7 @@ from mpi4py import MPI
 from coulomb.cli.setting_aside import in_place_of
 from coulomb.io import output, replacing
 from coulomb.io.lock import locked
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.io.replacing import aside_in, commit, finish
 
 OTHER = ("--set", "contact.friction=0.4")

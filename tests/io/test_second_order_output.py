@@ -6,6 +6,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+from check_runs import read_grid
 from conftest import without_pictures
 from test_exact_fields import fields, order
 from test_second_order_meshes import CELLS
@@ -13,9 +14,8 @@ from test_second_order_meshes import CELLS
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Traction
 from coulomb.fem.contact.surface import contact_surface, interpolated_forces
-from coulomb.io.field_files import read_grid
 from coulomb.io.output import size_on_disk
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.linalg.compliance.stiffness import IterativeSolver
 from coulomb.model.estimate import estimate, estimate_of
 from coulomb.model.nodal_answer import OPEN

@@ -12,7 +12,7 @@ from conftest import run_coulomb
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, HistoryFiles, LoadHistory, Material, Plane, PrescribedDisplacement
 from coulomb.io.field_files import data_of, read_fields
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.model.accumulated import ACCUMULATED, Accumulated
 
 YOUNG, HEIGHT, DOWN, FRICTION, AREA = 1e10, 0.05, 1e-6, 0.4, 0.01
@@ -242,5 +242,5 @@ def test_from_python(tmp_path):
     history.run(problem, HistoryFiles(tmp_path / "out"), on_step=taken.append)
     last = taken[-1]
     with HistoryFiles(tmp_path / "out", resume=True).recording(problem, history.beginning(problem)) as state:
-        for name, values in last.state.accumulated.fields().items():
-            assert np.array_equal(state.accumulated.fields()[name], values), name
+        for name, values in vars(last.state.accumulated).items():
+            assert np.array_equal(vars(state.accumulated)[name], values), name

@@ -25,7 +25,7 @@ from coulomb import (
 )
 from coulomb.case.case import read_case
 from coulomb.io.case_record import case_record
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.io.written_case import write_case
 
 RUBBER = Material(1e7, 0.3)

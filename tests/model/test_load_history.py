@@ -27,7 +27,7 @@ from coulomb import (
     Sphere,
     Traction,
 )
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.model.load_history import StepFailed
 
 RUBBER = Material(1e7, 0.3)

@@ -11,8 +11,8 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, PrescribedDisplacement, Spring
 from coulomb.case.case import read_case
 from coulomb.io.output import write
-from coulomb.io.recheck.directory import check
-from coulomb.io.summary import summary, totals
+from coulomb.io.recheck import check
+from coulomb.io.summary import summary
 from coulomb.linalg.reductions import Reductions
 
 FRICTION, COHESION = 0.3, 4e6
@@ -43,7 +43,7 @@ def sliding(problem, times=TIMES):
 def test_force_and_energy_of_steady_sliding(cell, law):
     """T = c A + F N, A = 1 m^2; sliding by s dissipates T s, and the clamp does that work."""
     *_, before, last = sliding(drawn(Contact("bottom", **law), cell))
-    total = totals(last.solution)
+    total = last.solution.at_nodes.totals()
     cohesion = law.get("cohesion", law.get("slip_stress", 0.0))
     T = cohesion * 1.0 + law.get("friction", 0.0) * total["normal_force"]
     assert total["force"][0] == pytest.approx(-T, rel=1e-9)
@@ -84,7 +84,7 @@ def test_two_faces_with_different_laws(laws, cell, tmp_path):
     )
     *_, last = sliding(problem, [1.0, 1.5, 2.0, 2.5, 3.0])
     for part, law in enumerate(laws):
-        total = totals(last.solution, part)
+        total = last.solution.at_nodes.totals(part)
         expected = law.get("cohesion", law.get("slip_stress", 0.0)) * 0.01
         expected += law.get("friction", 0.0) * total["normal_force"]
         assert total["force"][0] == pytest.approx(expected, rel=1e-9)
@@ -145,7 +145,7 @@ def test_cohesion_acts_on_open_nodes():
     mesh = coulomb.box((1.0, 1.0, 1.0), (2, 2, 2))
     solution = ContactProblem(mesh, CUBE, [lifted], Contact("bottom", 0.3, cohesion=1e3)).solve(1e-10)
     assert solution.certificate.passed
-    total, counts = totals(solution), summary(solution)["nodes"]
+    total, counts = solution.at_nodes.totals(), summary(solution)["nodes"]
     assert total["normal_force"] == 0.0 and total["force"][0] == pytest.approx(-1e3, rel=1e-9)
     assert counts["open"] == counts["slip"] == counts["contact"] == 9
     assert total["dissipated_energy"] == pytest.approx(1e3 * 5e-3, rel=1e-3)  # less what the cube shears by

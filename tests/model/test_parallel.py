@@ -209,7 +209,7 @@ def test_output_is_written_by_all_ranks(shared_directory):
     contents = output.write(solution, shared_directory / "run")
     assert len(set(comm.allgather(json.dumps(contents)))) == 1
     if comm.rank == 0:
-        from coulomb.io.field_files import read_grid
+        from check_runs import read_grid
 
         body, contact = (read_grid(shared_directory / "run" / f"{name}.xdmf") for name in ("solution", "contact"))
         assert len(body.points) == 13 * 5 * 5 and len(contact.points) == 13 * 5

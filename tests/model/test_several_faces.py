@@ -7,8 +7,7 @@ from conftest import STEEL
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, Sphere, Spring
 from coulomb.io.output import write
-from coulomb.io.recheck.directory import check
-from coulomb.io.summary import totals
+from coulomb.io.recheck import check
 
 CORK = Material(1e7, 0.0)
 CLOSING = [(0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, -1e-3), (2.0, 2e-3, 0.0, -1e-3)]
@@ -33,18 +32,19 @@ def test_squeezed_and_sheared():
     """E d/h on each face; the plate drags the block with it by friction, all nodes slip on the weaker face."""
     first, second = (step.solution for step in LoadHistory([1.0, 2.0], tolerance=1e-10).steps(jaws((0.4, 0.2))))
     assert first.certificate.passed and second.certificate.passed
-    bottom, top = totals(first, 0), totals(first, 1)
+    bottom, top = first.at_nodes.totals(0), first.at_nodes.totals(1)
     pressed = 1e7 * 1e-3 / 0.05 * 0.01  # N
     assert bottom["force"] == pytest.approx([0.0, 0.0, pressed], rel=1e-4, abs=1e-6 * pressed)  # springs take 1e-5
     assert top["force"] == pytest.approx([0.0, 0.0, -pressed], rel=1e-4, abs=1e-6 * pressed)
-    assert totals(first)["force"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-4 * pressed)
+    assert first.at_nodes.totals()["force"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-4 * pressed)
     assert bottom["centre_of_pressure"] == pytest.approx([0.05, 0.05, 0.0], abs=1e-6)
     assert bottom["moment"] == pytest.approx([0.05 * pressed, -0.05 * pressed, 0.0], rel=1e-4, abs=1e-6 * pressed)
-    assert totals(first)["contact_area"] == pytest.approx(0.02) and bottom["contact_area"] == pytest.approx(0.01)
-    bottom, top = totals(second, 0), totals(second, 1)
+    assert first.at_nodes.totals()["contact_area"] == pytest.approx(0.02)
+    assert bottom["contact_area"] == pytest.approx(0.01)
+    bottom, top = second.at_nodes.totals(0), second.at_nodes.totals(1)
     assert top["force"][0] == pytest.approx(0.2 * top["normal_force"], rel=1e-8)  # with the plate
     assert bottom["force"][0] == pytest.approx(-top["force"][0], rel=1e-3)
-    assert bottom["faces"] == ["bottom"] and totals(second)["faces"] == ["bottom", "top"]
+    assert bottom["faces"] == ["bottom"] and second.at_nodes.totals()["faces"] == ["bottom", "top"]
 
 
 def test_the_order_of_the_faces_does_not_matter():
@@ -54,7 +54,7 @@ def test_the_order_of_the_faces_does_not_matter():
     # 2000 N pass by springs of 10 N/m in all: 1e-10 of the forces moves the block by 2e-8 m
     assert np.allclose(a.displacement, b.displacement, rtol=0.0, atol=2e-8)
     # and the springs make the mean of diag(A), the scale of the residual, 1e4 times that of the cork
-    assert totals(a, 0)["normal_force"] == pytest.approx(totals(b, 1)["normal_force"], rel=1e-5)
+    assert a.at_nodes.totals(0)["normal_force"] == pytest.approx(b.at_nodes.totals(1)["normal_force"], rel=1e-5)
 
 
 def test_matrix_free_and_written(tmp_path):
@@ -63,7 +63,7 @@ def test_matrix_free_and_written(tmp_path):
     files = coulomb.HistoryFiles(tmp_path)
     LoadHistory([1.0, 1.5], tolerance=1e-11).run(direct, files)
     _, last = LoadHistory([1.0, 1.5], tolerance=1e-11).steps(free)  # no step is halved
-    assert files.rows[-1]["top_force_x"] == pytest.approx(totals(last.solution, 1)["force"][0], rel=1e-7)
+    assert files.rows[-1]["top_force_x"] == pytest.approx(last.solution.at_nodes.totals(1)["force"][0], rel=1e-7)
     assert files.rows[-1]["bottom_force_x"] + files.rows[-1]["top_force_x"] == pytest.approx(
         files.rows[-1]["force_x"], abs=1e-6
     )

@@ -6,9 +6,9 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+from check_runs import read_grid
 from report_pages import data_of, needs_chromium, numbers, open_page, page_of, refined
 
-from coulomb.io.field_files import read_grid
 from coulomb.pictures.report.fields import named
 from coulomb.pictures.report.files import read_run
 from coulomb.pictures.report.surface_view import surface_view

@@ -7,8 +7,9 @@ the matrices that the solver uses.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -22,34 +23,34 @@ from ...case.case import Case
 from ...case.files import named_files
 from ...case.values import FieldTable
 from ...fem import compat
-from ...fem.bodies import TEMPERATURE, LoadedBody, Loading, rigid_modes
-from ...fem.contact import plane_of_face, way_along
+from ...fem.bodies import TEMPERATURE, LoadedBody, Loading, Member, NodalForces, rigid_modes
+from ...fem.contact import plane_of_face
 from ...fem.geometry import RigidFoundation, RigidMotion, moved
 from ...fem.meshes import SEPARATOR, corners_of
-from ...solvers.laws import FrictionLaw
+from ...linalg.reductions import Reductions
+from ...model.resultants import Acting, acting
 from ..case_record import lasting_part
-from ..field_names import GROUND
-from ..matched_points import midpoints, places
-from ..run_directory import CASE, SOLUTION, SUMMARY, RunDirectory
+from ..nodal_grids import GROUND
+from ..run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
 from ..run_files import WrittenRun
 from ..summary import material_entries
-from ..written_bodies import WrittenBody
+from ..written_bodies import WrittenBody, midpoints, places
 from ..written_case import written_case
 from ..written_faces import midpoints_of_facets
 from .comparison import Comparison
-from .face_nodes import face_names
+from .contact_nodes import face_names
 
 _SOURCE = "the case"
 
 _PROJECTOR = 1e-12
 """Accepted difference of the entries of projectors: normals of faces are sums that are rounded."""
 
+Perturbed = Callable[..., FloatArray]
+"""Replaces numbers by perturbed ones; besides perhaps the largest number of their kind."""
+
 
 class CaseReference:
     """The input data that a run of a case must have written.
-
-    Args:
-        settings: The case.
 
     Attributes:
         settings: The case.
@@ -69,28 +70,20 @@ class CaseReference:
 
     @staticmethod
     def of(folder: Path) -> CaseReference | None:
-        """Reference of a directory with case.json; None without one, as after a run from Python.
-
-        Raises:
-            ValueError: If it cannot be read or is not a case.
-        """
+        """Reference of a directory with case.json; None without one, as after a run from Python."""
         return CaseReference(written_case(folder)) if RunDirectory(folder).case.exists() else None
 
     @cached_property
     def bodies(self) -> dict[str, LoadedBody]:
-        """The bodies of the case by name; "" for the only one.
-
-        Raises:
-            ValueError: If the parts of the case are inconsistent.
-        """
+        """The bodies of the case by name; "" for the only one."""
         return self.settings.loaded_bodies(MPI.COMM_SELF)
 
-    def face(self, name: str) -> tuple[LoadedBody, str]:
-        """The body of a face, and the name that the face has there."""
-        if "" in self.bodies:
-            return self.bodies[""], name
-        body, _, own = name.partition(SEPARATOR)
-        return self.bodies[body], own
+    @cached_property
+    def members(self) -> list[Member]:
+        """The bodies one after the other, as those of a `Deformable`."""
+        bodies: dict[str, Any] = dict(self.bodies)
+        ends = np.cumsum([0, *(len(body.x) for body in bodies.values())])
+        return [Member(name, body, slice(*ends[k : k + 2])) for k, (name, body) in enumerate(bodies.items())]
 
     def accepts(self, summary: Mapping[str, Any]) -> bool:
         """Whether the case accepts answers outside the theory of small strains; of a load step also the case that it
@@ -100,51 +93,26 @@ class CaseReference:
 
     def orient(self, run: WrittenRun) -> None:
         """Take the slave of every pair to be the face that has the contact points in the files."""
-        master, slave = {one.contact: one.against for one in run.opposite}, face_names(run)
+        slave, master = dict(enumerate(face_names(run))), {one.contact: one.against for one in run.opposite}
         for number, contact in enumerate(self.contacts):
-            against = contact.against
-            if (
-                against is not None
-                and number < len(slave)
-                and (slave[number], master.get(number))
-                == (
-                    against,
-                    contact.face,
-                )
-            ):
+            exchanged = (slave.get(number), master.get(number)) == (contact.against, contact.face)
+            if contact.against is not None and exchanged:
                 self.contacts[number] = contact.exchanged()
 
     def rigid_motions(self, time: float) -> list[RigidMotion]:
         """Of the foundations of the faces at a time."""
         return [contact.rigid_motion(time, "contact") for contact in self.contacts]
 
-    def law(self, part: int, x: FloatArray, area: FloatArray, time: float, slip_rate: FloatArray) -> FrictionLaw:
-        """The law of friction of a face at a time, at points x (k, 3) in metres with areas (k,) in m^2, and slip rates
-        (k,) of the load step before in m/s."""
-        return self.contacts[part].law(x, area, time, slip_rate, MPI.COMM_SELF)
-
-    def frames(self, part: int, n: FloatArray, H: FloatArray, x: FloatArray) -> FloatArray:
-        """Rows n, t1, t2 of nodes x (k, 3) in metres of a face with normals n (k, 3) and projectors onto their held
-        directions H (k, 3, 3), shape (k, 3, 3)."""
-        return self.contacts[part].frames(n, H, x, MPI.COMM_SELF)
-
-    def foundation(self, part: int, x: FloatArray, area: FloatArray, outward: FloatArray) -> RigidFoundation:
-        """Foundation of a face before any motion; by default the plane of the face.
-
-        Args:
-            part: Number of the face.
-            x: All its nodes, shape (k, 3).
-            area: Their areas in m^2, shape (k,).
-            outward: Integrals of the normal over the face at the nodes, m^2, shape (k, 3).
-
-        Raises:
-            ValueError: If none is given and the face is not plane.
-        """
+    def foundation(
+        self, part: int, time: float, x: FloatArray, area: FloatArray, outward: FloatArray
+    ) -> RigidFoundation:
+        """Foundation of a face at a time; by default the plane of the face, by all its nodes x (k, 3), their areas (k,)
+        and the integrals of the normal over the face there, m^2, shape (k, 3)."""
         if part not in self._foundations:
             contact = self.contacts[part]
             given = contact.foundation or plane_of_face(contact.face, x, area, outward, MPI.COMM_SELF)
             self._foundations[part] = given
-        return self._foundations[part]
+        return moved(self._foundations[part], self.rigid_motions(time)[part])
 
     def foundations(self, time: float) -> list[RigidFoundation | None]:
         """Foundations of all faces for which `foundation` was called, moved to a time; None for pairs."""
@@ -153,11 +121,7 @@ class CaseReference:
         return [moved(found[k], motions[k]) if k in found else None for k in sorted({*found, *paired})]
 
     def given_gap(self, part: int, time: float, x: FloatArray) -> FloatArray:
-        """The gap given with a contact at a time, metres, at nodes x (k, 3) of its face, shape (k,).
-
-        Raises:
-            ValueError: If its file cannot be read: see `lacks_gap`.
-        """
+        """The gap given with a contact at a time, metres, at nodes x (k, 3) of its face, shape (k,)."""
         contact = self.contacts[part]
         return contact.gap_factor(time, MPI.COMM_SELF) * contact.gap_at(x, MPI.COMM_SELF)
 
@@ -165,89 +129,6 @@ class CaseReference:
         """Whether the gap of a contact is in a file that is no longer there."""
         gap = list(self.settings.contacts.values())[part].gap
         return isinstance(gap, FieldTable) and gap.file in self.absent_gaps
-
-    def distances(self, part: int, time: float, x: FloatArray, area: FloatArray, outward: FloatArray) -> FloatArray:
-        """Distances in metres of all nodes of a face from its `foundation`, along its normals there, shape (k,).
-
-        Raises:
-            ValueError: If the foundation has no distance or normal at a node.
-        """
-        self.foundation(part, x, area, outward)
-        there = self._there(part, time)
-        distance: FloatArray = there.signed_distance(x)
-        if self.contacts[part].normals == "foundation":
-            return distance
-        return way_along(outward / np.linalg.norm(outward, axis=1)[:, None], x, distance, there)
-
-    def normals(self, part: int, time: float, x: FloatArray) -> FloatArray:
-        """Normals into the foundation of a face at points x (k, 3) in metres, after `distances`, shape (k, 3)."""
-        normals: FloatArray = -self._there(part, time).normal(x)
-        return normals
-
-    def _there(self, part: int, time: float) -> RigidFoundation:
-        return moved(self._foundations[part], self.rigid_motions(time)[part])
-
-    def compare_body(self, run: WrittenRun, time: float, found: Comparison) -> npt.NDArray[np.int64] | None:
-        """Compare meshes, materials, clamps, springs, loads and contact faces.
-
-        Returns:
-            Number of the contact face of each of the run's facets; None if a mesh differs.
-        """
-        try:
-            bodies = self.bodies
-            loadings = {name: body.at(time) for name, body in bodies.items()}
-        except ValueError as error:
-            found.fault(f"case.json: {error}")
-            return None
-        if list(bodies) != [part.name for part in run.body.parts]:
-            names = ", ".join(repr(part.name) for part in run.body.parts)
-            found.fault(f"solution.xdmf: has the bodies {names}, but the case has {', '.join(map(repr, bodies))}")
-            return None
-        if not all([self._compare_one(run, part, loadings[part.name], found) for part in run.body.parts]):
-            return None
-        return self._faces_of_facets(run, found)
-
-    def _compare_one(self, run: WrittenRun, part: WrittenBody, loading: Loading, found: Comparison) -> bool:
-        """Compare one of the bodies; whether the mesh is that of the case."""
-        body, x, file = self.bodies[part.name], part.body.x, SOLUTION
-        of = f" of {part.name}" if part.name else ""
-        node = places(body.x, x)
-        cell = places(midpoints(body.domain), midpoints(part.body.domain))
-        if len(body.x) != len(node) or np.any(node < 0) or len(np.unique(cell)) != len(cell) or np.any(cell < 0):
-            found.fault(f"solution.xdmf: its mesh{of} is not the one that the case describes")
-            return False
-        on_body = {name: values[part.nodes] for name, values in run.on_body.items()}
-        u, modes = np.empty_like(x), np.empty((*x.shape, 6))
-        u[node], modes[node] = on_body["displacement"], rigid_modes(run.body.x, MPI.COMM_SELF)[part.nodes]
-        acting = {"prescribed": loading.prescribed, "load": loading.load, "spring_force": body.spring_force(u)}
-        acting |= {name: -body.spring_force(modes[:, :, k]) for k, name in enumerate(GROUND)}
-        for name, expected in (body.held.fields | acting).items():
-            written = on_body.get(name, np.zeros_like(x))
-            floor = _PROJECTOR if name in body.held.fields else 0.0
-            found.field(f"{file}: {name}{of}", written, expected[node], x, _SOURCE, floor=floor)
-        if loading.temperature is not None:
-            written, expected = on_body.get(TEMPERATURE, np.zeros(len(x))), loading.temperature.change[node]
-            found.field(f"{file}: {TEMPERATURE}{of}", written, expected, x, _SOURCE)
-        elif np.any(on_body.get(TEMPERATURE, np.zeros(1))) or (TEMPERATURE in on_body and not part.name):
-            found.fault(f"{file}: has a {TEMPERATURE}{of}, but the case has no temperature")
-        self._compare_constants(part, body, cell, found)
-        return True
-
-    def _compare_constants(
-        self, part: WrittenBody, body: LoadedBody, cell: npt.NDArray[np.int64], found: Comparison
-    ) -> None:
-        """Compare the elastic constants of the cells."""
-        if part.elastic is None:
-            found.fault("case.json: has materials, but these are results of a body of the user's own forms")
-            return
-        middle, constants = midpoints(part.body.domain), part.elastic.constants
-        for name in sorted(constants.keys() ^ body.constants.keys()):
-            found.fault(f"{SOLUTION}: {'lacks' if name in body.constants else 'has'} {name}, unlike the case")
-        for name in constants.keys() & body.constants.keys():
-            function = body.constants[name]
-            width = part.on_cells[name].shape[1:]
-            expected = function.x.array.reshape(-1, *width)[compat.cell_dofs(function.function_space)[:, 0]][cell]
-            found.field(f"{SOLUTION}: {name}", part.on_cells[name], expected, middle, _SOURCE)
 
     def compare_record(self, run: WrittenRun, found: Comparison) -> None:
         """Compare the case from which a load step was computed, if it is recorded, but for what may change between
@@ -279,51 +160,127 @@ class CaseReference:
             expected["reference_temperature"] = self.settings.temperature.reference
         found.tree(SUMMARY, run.summary, expected, source=_SOURCE)
 
-    def _faces_of_facets(self, run: WrittenRun, found: Comparison) -> npt.NDArray[np.int64] | None:
-        """Number of the contact face of each of the run's facets; None if they are others than those of the case."""
-        if run.faces[0].name:
-            return self._faces_of_grids(run, found)
-        (face,), given = run.faces, []
-        for contact in self.contacts:
-            body, own = self.face(contact.face)
-            corners = corners_of(body.domain, body.mesh.facets(own, "contact"))
-            x = body.domain.geometry.x[corners].reshape(-1, 3)
-            given.append(places(run.on_face["x"], x).reshape(corners.shape))
-        missing = sum(int(np.sum(np.any(rows < 0, axis=1))) for rows in given)
-        part = np.full(len(face.facets), -1)
-        rows = np.sort(face.facets, axis=1)
-        for number, of_case in enumerate(given):
-            _, same = np.unique(np.vstack([np.sort(of_case, axis=1), rows]), axis=0, return_inverse=True)
-            part[np.isin(same.ravel()[len(of_case) :], same.ravel()[: len(of_case)])] = number
-        if missing or np.any(part < 0) or len(part) != sum(map(len, given)):
-            names = ", ".join(repr(contact.face) for contact in self.contacts)
-            found.fault(
-                f"contact.xdmf: has {len(part)} facets, of which {np.count_nonzero(part >= 0)} are on {names}; "
-                f"the case has {sum(map(len, given))} facets there"
-            )
-            return None
-        return part
+    def compare_bodies(self, run: WrittenRun, time: float, found: Comparison) -> npt.NDArray[np.int64] | None:
+        """Compare meshes, materials, clamps, springs, loads and contact faces.
 
-    def _faces_of_grids(self, run: WrittenRun, found: Comparison) -> npt.NDArray[np.int64] | None:
-        """The same where every face has its own grid."""
+        Returns:
+            Number of the contact face of each of the run's facets; None if a mesh differs.
+        """
+        try:
+            bodies = self.bodies
+            loadings = {name: body.at(time) for name, body in bodies.items()}
+        except ValueError as error:
+            found.fault(f"case.json: {error}")
+            return None
+        if list(bodies) != [part.name for part in run.body.parts]:
+            names = ", ".join(repr(part.name) for part in run.body.parts)
+            found.fault(f"{SOLUTION}: has the bodies {names}, but the case has {', '.join(map(repr, bodies))}")
+            return None
+        if not all([self._same_body(run, part, loadings[part.name], found) for part in run.body.parts]):
+            return None
+        return self._faces_of_facets(run, found)
+
+    def _same_body(self, run: WrittenRun, part: WrittenBody, loading: Loading, found: Comparison) -> bool:
+        """Compare one of the bodies; whether the mesh is that of the case."""
+        body, x = self.bodies[part.name], part.body.x
+        of = f" of {part.name}" if part.name else ""
+        node, middle = places(body.x, x), midpoints(part.body.domain)
+        cell = places(midpoints(body.domain), middle)
+        if len(body.x) != len(node) or np.any(node < 0) or len(np.unique(cell)) != len(cell) or np.any(cell < 0):
+            found.fault(f"{SOLUTION}: its mesh{of} is not the one that the case describes")
+            return False
+        on_body = {name: values[part.nodes] for name, values in run.on_body.items()}
+        u, modes = np.empty_like(x), np.empty((*x.shape, 6))
+        u[node], modes[node] = on_body["displacement"], rigid_modes(run.body.x, MPI.COMM_SELF)[part.nodes]
+        expected = {"prescribed": loading.prescribed, "load": loading.load, "spring_force": body.spring_force(u)}
+        expected |= {name: -body.spring_force(modes[:, :, k]) for k, name in enumerate(GROUND)}
+        if loading.temperature is not None:
+            expected[TEMPERATURE] = loading.temperature.change
+        elif np.any(on_body.get(TEMPERATURE, np.zeros(1))) or (TEMPERATURE in on_body and not part.name):
+            found.fault(f"{SOLUTION}: has a {TEMPERATURE}{of}, but the case has no temperature")
+        for name, values in (body.held.fields | expected).items():
+            floor = _PROJECTOR if name in body.held.fields else 0.0
+            written = on_body.get(name, np.zeros_like(values))
+            found.field(f"{SOLUTION}: {name}{of}", written, values[node], x, _SOURCE, floor=floor)
+        if part.elastic is None:
+            found.fault("case.json: has materials, but these are results of a body of the user's own forms")
+            return True
+        constants = part.elastic.constants
+        for name in sorted(constants.keys() ^ body.constants.keys()):
+            found.fault(f"{SOLUTION}: {'lacks' if name in body.constants else 'has'} {name}, unlike the case")
+        for name in constants.keys() & body.constants.keys():
+            function, written = body.constants[name], part.on_cells[name]
+            rows = function.x.array.reshape(-1, *written.shape[1:])[compat.cell_dofs(function.function_space)[:, 0]]
+            found.field(f"{SOLUTION}: {name}", written, rows[cell], middle, _SOURCE)
+        return True
+
+    def _faces_of_facets(self, run: WrittenRun, found: Comparison) -> npt.NDArray[np.int64] | None:
+        """Number of the contact face of each of the run's facets; None if they are others than those of the case.
+        Compared by their midpoints; several faces of one body have one grid unless each has its own."""
         opposite = {one.contact: one.face for one in run.opposite}
-        grids = [
-            (contact.face, run.faces[k] if k < len(run.faces) else None) for k, contact in enumerate(self.contacts)
-        ]
-        grids += [(c.against, opposite.get(k)) for k, c in enumerate(self.contacts) if c.against is not None]
-        for name, grid in grids:
-            body, own = self.face(name)
-            corners = corners_of(body.domain, body.mesh.facets(own, "contact"))
-            of_case = body.domain.geometry.x[corners].mean(axis=1)
+        slaves = [(k, contact.face) for k, contact in enumerate(self.contacts)]
+        masters = [(k, contact.against) for k, contact in enumerate(self.contacts) if contact.against is not None]
+        sides: list[tuple[list[tuple[int, str]], Any]]
+        if run.faces[0].name:
+            sides = [([side], run.faces[side[0]] if side[0] < len(run.faces) else None) for side in slaves]
+            sides += [([side], opposite.get(side[0])) for side in masters]
+        else:
+            sides = [([*slaves, *masters], run.faces[0])]
+        parts = []
+        for of_case, grid in sides:
+            middles = [self._midpoints(name) for _, name in of_case]
             written = np.empty((0, 3)) if grid is None else midpoints_of_facets(grid)
-            there = places(written, of_case)
-            if grid is None or len(there) != len(written) or np.any(there < 0):
+            there = places(np.concatenate(middles), written)
+            expected = sum(map(len, middles))
+            if np.any(there < 0) or len(written) != expected or len(np.unique(there)) != expected:
+                names = ", ".join(repr(name) for _, name in of_case)
                 found.fault(
-                    f"contact.xdmf: has {len(written)} facets for {name!r}, and the case {len(there)}, of which "
-                    f"{np.count_nonzero(there >= 0)} are the same"
+                    f"{CONTACT}: has {len(written)} facets, of which {np.count_nonzero(there >= 0)} are on {names}; "
+                    f"the case has {expected} facets there"
                 )
                 return None
-        if len(run.faces) != len(self.contacts) or len(opposite) != len(grids) - len(self.contacts):
-            found.fault(f"contact.xdmf: has {len(run.faces)} contact faces, but the case has {len(self.contacts)}")
+            numbers = [number for number, _ in of_case]
+            parts.append(np.repeat(numbers, list(map(len, middles)))[there].astype(np.int64))
+        if run.faces[0].name and (len(run.faces) != len(slaves) or len(opposite) != len(masters)):
+            found.fault(f"{CONTACT}: has {len(run.faces)} contact faces, but the case has {len(slaves)}")
             return None
-        return np.repeat(np.arange(len(run.faces)), [len(face.facets) for face in run.faces])
+        return np.concatenate(parts[: len(run.faces)])
+
+    def _midpoints(self, name: str) -> FloatArray:
+        """Midpoints of the facets of a face, metres, shape (f, 3)."""
+        body_name, _, own = ("", "", name) if "" in self.bodies else name.partition(SEPARATOR)
+        body = self.bodies[body_name]
+        corners = corners_of(body.domain, body.mesh.facets(own, "contact"))
+        middle: FloatArray = body.domain.geometry.x[corners].mean(axis=1)
+        return middle
+
+    def nodes_of(self, run: WrittenRun) -> npt.NDArray[np.int64]:
+        """The number of every node of a run among those of the case, shape (k,); ValueError if the mesh differs."""
+        unfit = f"{run.folder}: has another mesh than the case"
+        return run.body.numbers_in([member.body.x for member in self.members], unfit)
+
+
+class CaseForces:
+    """Loads at a time and supports of a case, each by itself, at the nodes in the files of a run."""
+
+    def __init__(self, case: CaseReference, time: float, run: WrittenRun):
+        self._members, self._node, self._run = case.members, case.nodes_of(run), run
+        self._loads = {name: list(body.loads_at(time)) for name, body in case.bodies.items()}
+
+    def acting(self, u: FloatArray, held: FloatArray, on_body: FloatArray, taken: Perturbed) -> Acting:
+        """Resultants and balance with displacements u, forces of the supports along held directions, and contact forces
+        on the body at the run's nodes, shapes (k, 3)."""
+        order = np.argsort(self._node)  # of the run's nodes in the order of the case
+
+        def parts(of: Callable[[Member], Iterable[NodalForces]]) -> Iterator[NodalForces]:
+            for member in self._members:
+                for part in of(member):
+                    forces = np.zeros_like(u)
+                    forces[member.nodes] = part.forces
+                    yield NodalForces(part.kind, member.called(part.face), taken(forces[self._node]))
+
+        loads = parts(lambda member: self._loads[member.name])
+        shares = parts(lambda member: member.body.shares(held[order][member.nodes]))
+        springs = parts(lambda member: member.body.spring_forces(u[order][member.nodes]))
+        x, over, slices = taken(self._run.body.x), Reductions(MPI.COMM_SELF), self._run.body.slices
+        return acting(loads, chain(shares, springs), on_body, x, over, (), slices)

@@ -16,21 +16,19 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
+from ..run_files import OF_LARGEST
 
 RELATIVE = 1e-9
 """Relative tolerance of a recomputed number: files hold 16 digits, of which sums lose a few."""
 
-_OF_ITSELF, OF_LARGEST = 1e-13, 1e-14
+_OF_ITSELF = 1e-13
 
 
 class Rounding:
     """Perturbation of data: each entry is changed by up to 1e-13 of itself and a part of the largest, 1e-14 or more.
 
     This is at least a hundred times the rounding error, so that the effect of rounding is not underestimated by chance.
-
-    Args:
-        seed: Seed of the changes: equal ones would cancel in a difference.
-        of_largest: The part of the largest entry.
+    Data with equal seeds would cancel in a difference.
     """
 
     def __init__(self, seed: Sequence[int], of_largest: float = OF_LARGEST):
@@ -45,14 +43,9 @@ class Rounding:
 
 
 class Comparison:
-    """Collects differences.
+    """Collects differences: `faults`, a line each, and the entries of JSON that were `judged`, by file and key.
 
-    Args:
-        of_largest: Accepted difference in any field, relative to its largest entry.
-
-    Attributes:
-        faults: One line each.
-        judged: The entries of JSON that have been compared, by file and key.
+    `of_largest` is the accepted difference in any field, relative to its largest entry.
     """
 
     def __init__(self, of_largest: float = OF_LARGEST) -> None:
@@ -61,7 +54,6 @@ class Comparison:
         self._of_largest = of_largest
 
     def fault(self, text: str) -> None:
-        """Add a fault."""
         self.faults.append(text)
 
     def field(
@@ -74,19 +66,9 @@ class Comparison:
         others: Sequence[FloatArray] = (),
         floor: float = 0.0,
     ) -> bool:
-        """Compare the values of a field, point by point.
+        """Compare the values of a field, shape (k,) or (k, 3), at points x (k, 3); whether they agree.
 
-        Args:
-            what: Its file and name.
-            written: Its values, shape (k,) or (k, 3).
-            expected: The recomputed values.
-            x: The points, shape (k, 3).
-            source: What they follow from, as in "follows from ...".
-            others: The values recomputed from perturbed data.
-            floor: Additional accepted difference.
-
-        Returns:
-            Whether they agree.
+        `expected` follows from `source`, `others` from perturbed data; `floor` is an additional accepted difference.
         """
         written, expected = np.asarray(written, dtype=float), np.asarray(expected, dtype=float)
         size, scale = np.abs(expected), float(np.max(np.abs(expected), initial=0.0))
@@ -108,14 +90,7 @@ class Comparison:
         self, what: str, written: Any, expected: Any, others: Sequence[Any] = (), source: str = "the fields"
     ) -> None:
         """Compare JSON entries: all expected ones must exist and agree; numbers up to rounding, others exactly, in
-        which a figure may be rounded as in `others`.
-
-        Args:
-            what: File and key.
-            written: The entries in the file.
-            expected: The recomputed entries.
-            others: The entries recomputed from perturbed data.
-            source: What it follows from.
+        which a figure may be rounded as in `others`, those recomputed from perturbed data.
         """
         if not isinstance(expected, Mapping | list) or not expected:
             self.judged.add(what)
@@ -147,13 +122,7 @@ class Comparison:
 
 
 def unjudged(what: str, written: Any, judged: Collection[str]) -> list[str]:
-    """The entries of JSON that have not been compared: by their key at the top, or as "key of key at the top".
-
-    Args:
-        what: The file.
-        written: Its contents.
-        judged: `Comparison.judged`.
-    """
+    """The entries of a file of JSON that are not `judged`: by their key at the top, or as "key of key at the top"."""
 
     def looked(entry: Any, place: str) -> Iterator[str]:
         if place in judged:

@@ -17,32 +17,26 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ...arrays import FloatArray
 from ...linalg.reductions import Reductions
 from ...model.load_step import Energy, Forces, Moment, coefficients_work, row
 from ..history_summary import whole
-from ..matched_points import places
 from ..output import Series
 from ..run_directory import FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
 from ..run_files import WrittenRun
+from ..written_bodies import places
 from .case_reference import CaseReference
 from .comparison import Comparison, unjudged
+from .load_step import Start
+from .recomputed import Variant
 from .run import Findings, as_recorded, check_run, step_of, unread, verdict
-from .start import Start
 
-_SERIAL = Reductions(MPI.COMM_SELF)
 _TIMES = ("pending", "halvings")  # of a step: `_check_times`
 
 
 @dataclass(frozen=True)
 class HistoryFindings:
-    """Result of the check of a load history.
-
-    Attributes:
-        steps: Results of its steps.
-        faults: Data that do not follow from the steps, a line each.
-        trusted: Data that could not be compared or are missing, a line each.
-    """
+    """Result of the check of a load history: of its steps, data that do not follow from these, and data that could not
+    be compared or are missing, a line each."""
 
     steps: tuple[StepFindings, ...]
     faults: tuple[str, ...]
@@ -73,16 +67,7 @@ class HistoryFindings:
 
 @dataclass(frozen=True)
 class StepFindings:
-    """Result of the check of a load step.
-
-    Attributes:
-        number: Number of the step.
-        time: End of the step.
-        passed: Whether its certificate passes and all data agree.
-        recorded: Whether the run itself recorded that its certificate had passed.
-        faults: Data that do not agree, a line each.
-        details: Lines to print if it has not passed.
-    """
+    """Result of the check of a load step that ended at a time, as in `Findings`; `details` are printed if it failed."""
 
     number: int
     time: float
@@ -96,12 +81,33 @@ class StepFindings:
         return f"{line} certificate passed, files agree" if self.passed else f"{line} FAILED\n{self.details}"
 
 
-def check_step(folder: Path) -> Findings:
-    """Check one load step in its history, relative to the step before.
+def check(directory: str | Path, say: Callable[[str], None] = lambda line: None) -> Findings | HistoryFindings:
+    """Check what a run, a load history or one of its steps has written, on one rank.
+
+    Mesh, displacement and contact forces are read, and the certificate is computed from them.  All written data that
+    follow from these are recomputed and compared: the fields of solution.xdmf and contact.xdmf and the numbers of
+    summary.json; for a load history each step relative to the step before, and the files of the whole history.  If
+    there is a case.json, the input data are compared with the case: law and coefficients, materials, supports, springs,
+    loads, the nodes of the contact face, their normals and gaps.  Data that could not be compared are listed.
+
+    Args:
+        directory: Its directory.
+        say: Called with the result of each step of a history.
 
     Raises:
-        ValueError: As `check_run`; also if the step before is not there.
+        ValueError: If a file is missing, cannot be read, or does not match the others.
     """
+    folder, files = Path(directory), RunDirectory(Path(directory))
+    try:
+        if files.is_history:
+            return check_history(folder, say)
+        return check_step(folder) if files.step_number is not None else check_run(folder, CaseReference.of(folder))
+    except (KeyError, TypeError, IndexError, AttributeError) as error:  # entries of wrong type or structure
+        raise ValueError(f"{folder}: is incomplete, or written by another version of coulomb: {error!r}") from None
+
+
+def check_step(folder: Path) -> Findings:
+    """Check one load step in its history, relative to the step before, which must be there."""
     files = RunDirectory(folder)
     history, number = files.of_history, files.step_number
     assert number is not None
@@ -114,27 +120,19 @@ def check_step(folder: Path) -> Findings:
 
 
 def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) -> HistoryFindings:
-    """Check a load history, step by step.
-
-    Args:
-        folder: Directory of the history.
-        say: Called with the result of each step.
-
-    Raises:
-        ValueError: If a step is missing, or its files cannot be read or do not match the others.
-    """
+    """Check a load history, step by step (`check`)."""
     case, files = CaseReference.of(folder), RunDirectory(folder)
     complete, trusted = _complete(files)
     found, summaries, steps, named = Comparison(), [], [], list[str]()
     chain = _Chain(case)
     for number in range(1, complete + 1):
-        findings = check_run(files.step(number).path, case, chain.run, chain.start)
-        chain.follow(findings, number, findings.found)
+        findings = check_run(files.step(number).path, case, chain.start.run, chain.start)
+        chain.follow(findings, number)
         trusted += [line for line in findings.taken if line not in trusted]
         named += findings.unjudged
         failed = [] if findings.certificate.passed else str(findings.certificate).splitlines()
         failed += [f"outside small-strain theory: {text}" for text in findings.outside]
-        details = "\n".join(f"  {line}" for line in [*failed, *findings.verdict])
+        details = "\n".join(f"  {line}" for line in [*failed, *verdict(findings.faults)])
         time = chain.start.time
         steps.append(StepFindings(number, time, findings.passed, findings.recorded, findings.faults, details))
         say(str(steps[-1]))
@@ -148,11 +146,7 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
 
 
 def _complete(files: RunDirectory) -> tuple[int, list[str]]:
-    """Number of complete steps, and messages on an incomplete last one.
-
-    Raises:
-        ValueError: If there is none, or one is missing.
-    """
+    """Number of complete steps, and messages on an incomplete last one; ValueError if one before is missing."""
     begun = files.begun_steps
     complete = [number for number in begun if files.step(number).summary.is_file()]
     if not complete:
@@ -168,86 +162,71 @@ class _Chain:
     """Data passed from step to step, and the expected records.
 
     Attributes:
-        run: The last step; None before the first.
+        last: The findings of the last step; None before the first.
         start: Start of the next step.
     """
 
     def __init__(self, case: CaseReference | None) -> None:
         self.case = case
-        self.run: WrittenRun | None = None
+        self.last: Findings | None = None
         self.start = Start(0.0, None)
-        self._last: Findings | None = None
         self._energies: list[Energy] = []
 
-    def follow(self, findings: Findings, number: int, found: Comparison) -> None:
+    def follow(self, now: Findings, number: int) -> None:
         """Compare the records of the next step."""
-        run = findings.run
+        run, found = now.run, now.found
         time = step_of(run)[1]
-        if not time > self.start.time and self.run is not None:
+        if self.last is not None and not time > self.start.time:
             found.fault(f"summary.json.step.time: {time:g} is not after {self.start.time:g}, that of the step before")
-        self._add_energy(findings)
-        if self._last is not None and self.case is None:
-            _check_gaps(self._last, findings, found)
+        self._energies = self._energies_after(now)
+        if self.last is not None and self.case is None:
+            _check_gaps(self.last, now, found)
         expected, *others = (
-            self._record(findings, Moment(number, time, energy), k) for k, energy in enumerate(self._energies)
+            _record(now, variant, Moment(number, time, energy))
+            for variant, energy in zip(now.variants, self._energies, strict=True)
         )
         found.judged |= {f"summary.json.step.{name}" for name in _TIMES[: 1 + (self.case is not None or number > 1)]}
         found.tree("summary.json.step", run.summary["step"], expected, others, "the steps so far")
-        self.run, self._last, self.start = run, findings, Start(time, run, self.start.time)
+        self.last, self.start = now, Start(time, run, self.start.time)
 
-    def _record(self, findings: Findings, at: Moment, variant: int) -> dict[str, Any]:
-        """Data of the history in summary.json of the step."""
-        summary, derived = findings.run.summary, findings.variants[variant].numbers
-        try:
-            steps, residual = summary["iterations"]["path_following"], summary["residual"]
-        except (KeyError, TypeError):
-            raise ValueError(f"{findings.run.files.summary}: has no iterations of its solver") from None
-        figures = {"reactions": summary.get("reactions", []), **derived}
-        line = row(figures, at, steps, residual, derived["certificate"]["passed"], derived["valid"])
-        return {"number": at.number, "time": at.time, "energy": asdict(at.energy), "row": line}
-
-    def _add_energy(self, findings: Findings) -> None:
-        run, over = findings.run, _SERIAL
-        if self._last is None and self._load_at_start(run) is None:
-            self._energies = [_recorded_energy(run)] * len(findings.variants)
-            return
-        self._energies = self._energies or [Energy()] * len(findings.variants)
-        moved = np.zeros((len(run.node), 3))
-        moved[findings.nodes.index] = findings.nodes.moved
-        for k, variant in enumerate(findings.variants):
-            then = self._then(run, k)
+    def _energies_after(self, now: Findings) -> list[Energy]:
+        """The energies at the end of the next step, of every variant; those of a first step without a case, and so
+        without the load at the start, as recorded."""
+        run, last, over = now.run, self.last, Reductions(MPI.COMM_SELF)
+        zero, moved = np.zeros_like(run.body.x), np.zeros((len(run.node), 3))
+        moved[now.nodes.index] = now.nodes.moved
+        first, on_face = Forces(zero, zero, zero, zero), np.zeros_like(run.on_face["x"])
+        if last is None and (self.case is None or self.case.absent):
+            return [_recorded_energy(run)] * len(now.variants)
+        if last is None and self.case is not None:
+            load = np.concatenate([body.at(0.0).load for body in self.case.bodies.values()])
+            first = Forces(zero, load[self.case.nodes_of(run)], zero, zero)
+        found = []
+        for k, variant in enumerate(now.variants):
+            then = first if last is None else last.variants[k].at
+            if last is not None:
+                on_face = last.variants[k].forces[run.on_faces_of(last.run)]
+                if not run.body.has_meshes_of(last.run.body):
+                    order = run.in_bodies_of(last.run)
+                    then = Forces(*(values[order] for values in vars(then).values()))
+            foundation = 0.5 * over.dot(on_face + variant.forces, moved)
             dissipated = variant.numbers["totals"]["dissipated_energy"]
-            foundation = 0.5 * over.dot(self._forces_then(run, k) + variant.forces, moved)
             stiffened = 0.0 if run.body.elastic else coefficients_work(then, variant.at, over)
-            self._energies[k] = self._energies[k].after(
-                then, variant.at, run.held, foundation, dissipated, over, stiffened
-            )
+            before = self._energies[k] if self._energies else Energy()
+            found.append(before.after(then, variant.at, run.held, foundation, dissipated, over, stiffened))
+        return found
 
-    def _then(self, run: WrittenRun, k: int) -> Forces:
-        """Displacement and forces at the beginning of the step, at its own nodes."""
-        if self._last is None:
-            zero, load = np.zeros_like(run.body.x), self._load_at_start(run)
-            assert load is not None
-            return Forces(zero, load, zero, zero)
-        at, before = self._last.variants[k].at, self._last.run
-        if run.body.has_meshes_of(before.body):
-            return at
-        order = run.in_bodies_of(before)
-        return Forces(at.displacement[order], at.load[order], at.kept[order], at.on_body[order])
 
-    def _forces_then(self, run: WrittenRun, k: int) -> FloatArray:
-        """Contact forces on the body at the beginning of the step, at the nodes of its written face, shape (q, 3)."""
-        last = self._last
-        return np.zeros((len(run.node), 3)) if last is None else last.variants[k].forces[run.on_faces_of(last.run)]
-
-    def _load_at_start(self, run: WrittenRun) -> FloatArray | None:
-        """The load at time 0 at the nodes of a run, shape (k, 3); None without a case."""
-        if self.case is None or self.case.absent:
-            return None
-        bodies = list(self.case.bodies.values())
-        order = run.body.numbers_in([body.x for body in bodies], f"{run.folder}: has another mesh than the case")
-        load: FloatArray = np.concatenate([body.at(0.0).load for body in bodies])[order]
-        return load
+def _record(findings: Findings, variant: Variant, at: Moment) -> dict[str, Any]:
+    """Data of the history in summary.json of a step."""
+    summary, derived = findings.run.summary, variant.numbers
+    try:
+        steps, residual = summary["iterations"]["path_following"], summary["residual"]
+    except (KeyError, TypeError):
+        raise ValueError(f"{findings.run.files.summary}: has no iterations of its solver") from None
+    figures = {"reactions": summary.get("reactions", []), **derived}
+    line = row(figures, at, steps, residual, derived["certificate"]["passed"], derived["valid"])
+    return {"number": at.number, "time": at.time, "energy": asdict(at.energy), "row": line}
 
 
 def _recorded_energy(run: WrittenRun) -> Energy:

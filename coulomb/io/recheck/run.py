@@ -4,32 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
-from ...fem.geometry import Spin, since_at
-from ...model.accumulated import ACCUMULATED
+from ...contact_fields import ANSWER, names
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
 from ..field_files import data_of
-from ..field_names import OURS
-from ..matched_points import midpoints
-from ..nodal_grids import BETWEEN
-from ..run_directory import CASE, FIELDS, SOLUTION, SUMMARY
+from ..nodal_grids import BETWEEN, OURS, middle
+from ..run_directory import CASE, CONTACT, FIELDS, SOLUTION, SUMMARY
 from ..run_files import WrittenRun, read_run
-from .case_reference import CaseReference
-from .comparison import OF_LARGEST, Comparison, Rounding, unjudged
-from .face_nodes import FaceNodes, face_names
-from .nodes_to_check import face_nodes, facet_parts, facets_of
-from .recomputed import Variant, recomputed
-from .rotation import AS_WRITTEN, case_spins, foundation_displacement, written_spins
-from .start import Start, written_accumulated
-from .supported_body import SupportedBody
-from .written_materials import compare_materials, in_body
-from .written_opposite import compare_opposite
-from .written_probes import WrittenProbes
+from ..written_faces import WrittenFace
+from .case_reference import CaseForces, CaseReference
+from .comparison import Comparison, Rounding, unjudged
+from .contact_nodes import ContactNodes, face_names
+from .face_geometry import contact_nodes
+from .load_step import Start, from_start, spins_of
+from .recomputed import Recomputation, Variant, compare_materials, located_probes, written_fields
 
 SLIP_BOUND_LIMIT = 1e-6
 """Accepted relative difference between g of the last Tresca problem and the law at its forces, plus ten times the
@@ -41,15 +35,11 @@ _SEEDS = (1, 2, 3)
 _MOST = 12
 """Maximum number of faults listed; one wrong number causes many."""
 
-_NO_CASE = "taken as written, without a case.json: slip_origin, friction"
-_NO_STEP_BEFORE = "taken as written, without the load step before: slip_origin, friction, " + ", ".join(ACCUMULATED)
-
 _FORMS = (
     "taken as recorded, since the user's forms are not in the files: displacements off the contact faces and internal "
     "forces, and with them the equilibrium of the forms and the forces of their supports"
 )
 
-_SOURCE = "displacement and contact forces"
 _SOURCE_OF_TIME = "the load step, or 0 for a single run"
 
 _READ = (SUMMARY, *(name for of in FIELDS for name in (of, data_of(of).name)))
@@ -75,7 +65,7 @@ class Findings:
     taken: tuple[str, ...]
     recorded: bool
     run: WrittenRun
-    nodes: FaceNodes
+    nodes: ContactNodes
     variants: tuple[Variant, ...]
 
     @property
@@ -109,11 +99,6 @@ class Findings:
         return self.variants[0].outside
 
     @property
-    def verdict(self) -> list[str]:
-        """Lines about fields and numbers."""
-        return verdict(self.faults)
-
-    @property
     def ending(self) -> str:
         """All lines."""
         return str(self)
@@ -121,7 +106,7 @@ class Findings:
     def __str__(self) -> str:
         before = f"recorded by the run: certificate {'had passed' if self.recorded else 'had FAILED'}"
         outside = [f"outside small-strain theory: {text}" for text in self.outside]
-        return "\n".join([str(self.certificate), *outside, before, *self.verdict, *self.trusted])
+        return "\n".join([str(self.certificate), *outside, before, *verdict(self.faults), *self.trusted])
 
 
 def verdict(faults: tuple[str, ...]) -> list[str]:
@@ -160,7 +145,7 @@ def check_run(
     """
     run = read_run(folder, like)
     found = Comparison(run.evaluation)
-    step, time = step_of(run) if "step" in run.summary else (0, 0.0)
+    number, time = step_of(run) if "step" in run.summary else (0, 0.0)
     trusted, part = [], None
     if case is not None or "step" in run.summary:
         for name, described in zip(FIELDS, run.described, strict=True):
@@ -179,46 +164,70 @@ def check_run(
             absent = ", ".join(case.absent)
             trusted.append(f"taken as written, since {absent} is not there: mesh, material, loads, supports, springs")
         else:
-            part = case.compare_body(run, time, found)
+            part = case.compare_bodies(run, time, found)
+    count = len(face_names(run)) if case is None else len(case.contacts)
+    faces = _facets_of_faces(run, _facet_parts(run, count) if part is None else part, count)
     alone = start is None and "step" in run.summary
     slip_rate = None if alone else np.zeros(len(run.node)) if start is None else start.slip_rate(run)
-    count = len(face_names(run)) if case is None else len(case.contacts)
-    part_of = facet_parts(run, count) if part is None else part
-    nodes = face_nodes(run, case, time, slip_rate, part_of, found)
-    spins = written_spins(run) if case is None else case_spins(run, case, time, start.time if start else None)
-    nodes, say = _from_origin(run, nodes, spins, case, time, start, found)
-    nodes = _from_accumulated(run, nodes, spins, case, start)
-    trusted += say
-    foundations = None if case is None else case.foundations(time)
-    roundings = (None, *(Rounding((seed, abs(step)), run.evaluation) for seed in _SEEDS))
-    supported = None if case is None or part is None else SupportedBody(case.bodies, time, run)
-    grids = [facets_of(run, part_of, number) for number in range(count)]
-    probes = WrittenProbes(run, case, grids)
+    nodes = contact_nodes(run, case, time, slip_rate, faces, found)
+    spins = spins_of(run, case, time, start.time if start else None)
+    nodes, unknown = from_start(run, nodes, spins, case, time, start, found)
     strain = run.summary.get("small_strain") or {}
-    accepted = bool(strain.get("accepted")) if case is None else case.accepts(run.summary)
-    variants = tuple(
-        recomputed(run, nodes, foundations, spins, rounding, supported, probes, grids, accepted)
-        for rounding in roundings
+    data = Recomputation(
+        run,
+        nodes,
+        None if case is None else case.foundations(time),
+        spins,
+        None if case is None or part is None else CaseForces(case, time, run),
+        located_probes(run, case, faces),
+        faces,
+        bool(strain.get("accepted")) if case is None else case.accepts(run.summary),
     )
+    roundings = (None, *(Rounding((seed, abs(number)), run.evaluation) for seed in _SEEDS))
+    variants = tuple(data.variant(rounding) for rounding in roundings)
     if case is not None:
-        found.tree(f"{SUMMARY}.small_strain", strain, {"accepted": accepted}, source=CASE)
-    _compare(run, nodes.only(nodes.written), variants, found)
-    if supported is None:
-        _compare_sums(run, variants, found)
-    certificate = variants[0].certificate
-    if not run.body.elastic:
-        trusted.append(_FORMS)
-    recorded = bool(run.summary["certificate"]["passed"])
+        found.tree(f"{SUMMARY}.small_strain", strain, {"accepted": data.accepted}, source=CASE)
     written = nodes.only(nodes.written)
-    return Findings(certificate, found, tuple(trusted), recorded, run, written, variants)
+    _compare(run, written, variants, found)
+    if data.supported is None:
+        _compare_sums(run, variants, found)
+    trusted += [*unknown, *([] if run.body.elastic else [_FORMS])]
+    recorded = bool(run.summary["certificate"]["passed"])
+    return Findings(variants[0].certificate, found, tuple(trusted), recorded, run, written, variants)
+
+
+def _facets_of_faces(
+    run: WrittenRun, facet_part: npt.NDArray[np.int64], count: int
+) -> list[tuple[WrittenFace, npt.NDArray[np.int32]]]:
+    """Of every contact face its grid, and its facets there."""
+    if len(run.faces) > 1:
+        return [(run.faces[number], run.faces[number].number) for number in range(count)]
+    return [(run.faces[0], run.faces[0].number[facet_part == number]) for number in range(count)]
+
+
+def _facet_parts(run: WrittenRun, count: int) -> npt.NDArray[np.int64]:
+    """The face of every written facet: that of its contact nodes; if they are on two, the one to which the facet is
+    more parallel.  Where every face has a grid of its own, that of its grid."""
+    if len(run.faces) > 1 or run.faces[0].name:
+        return np.repeat(np.arange(len(run.faces)), [len(face.facets) for face in run.faces])
+    (face,) = run.faces
+    said = np.round(run.on_face["face"]).astype(np.int64)
+    best = np.full(len(face.facets), -np.inf)
+    part: npt.NDArray[np.int64] = np.zeros(len(face.facets), dtype=np.int64)
+    x = run.on_face["x"][face.facets]
+    across = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    for number in range(count if count > 1 else 0):
+        here = (run.touching & (said == number))[face.facets]
+        mean = np.sum(np.where(here[..., None], run.on_face["normal"][face.facets], 0.0), axis=1)
+        parallel = np.abs(np.einsum("ki,ki->k", mean, across)) / np.maximum(np.sum(here, axis=1), 1)
+        parallel[~np.any(here, axis=1)] = -1.0
+        part, best = np.where(parallel > best, number, part), np.maximum(best, parallel)
+    return part
 
 
 def step_of(run: WrittenRun) -> tuple[int, float]:
-    """Number and time of a load step.
-
-    Raises:
-        ValueError: If its summary has none.
-    """
+    """Number and time of a load step; ValueError if its summary has none."""
     try:
         record = run.summary["step"]
         number, time = record["number"], record["time"]
@@ -229,105 +238,40 @@ def step_of(run: WrittenRun) -> tuple[int, float]:
     raise ValueError(f"{run.files.summary}: step has no number and time")
 
 
-def _from_origin(
-    run: WrittenRun,
-    nodes: FaceNodes,
-    spins: tuple[Spin | None, ...],
-    case: CaseReference | None,
-    time: float,
-    start: Start | None,
-    found: Comparison,
-) -> tuple[FaceNodes, list[str]]:
-    """The nodes with their slip origin and the displacement of the foundation, and what is unknown."""
-    here, x = nodes.written, nodes.place(run.on_face["x"])
-    if start is None:
-        if "step" in run.summary or case is None:
-            return nodes, [_NO_STEP_BEFORE if "step" in run.summary else _NO_CASE]
-        origin, source = np.zeros_like(nodes.origin), "a run without steps before it"
-        found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[here], source)
-        return replace(nodes, origin=origin), []
-    displacement = start.at(run)
-    before = nodes.displacement(run, displacement)
-    say = []
-    if case is not None:
-        moved = since_at(case.rigid_motions(time), case.rigid_motions(start.time), nodes.part, x)
-    else:
-        moved, say = foundation_displacement(nodes, spins, x, before, time - start.time), [AS_WRITTEN]
-    origin, source = before + moved, "the step before, and the foundation's displacement"
-    floor = run.evaluation * float(np.max(np.abs(before), initial=0.0))
-    floor = max(floor, OF_LARGEST * float(np.max(np.abs(displacement), initial=0.0)))  # a difference of both faces
-    found.field("contact.xdmf: slip_origin", nodes.origin[here], origin[here], x[here], source, floor=floor)
-    if start.run is not None or case is not None:  # the foundation's surface moves with a changing gap
-        closed = nodes.given_gap - start.given_gap(run, nodes, case)
-        moved = moved + closed[:, None] * nodes.frames[:, 0]
-    return replace(nodes, origin=origin, moved=moved), say
-
-
-def _from_accumulated(
-    run: WrittenRun,
-    nodes: FaceNodes,
-    spins: tuple[Spin | None, ...],
-    case: CaseReference | None,
-    start: Start | None,
-) -> FaceNodes:
-    """The nodes with what has accumulated in the load steps before; without these as follows from what is written."""
-    if start is not None:
-        return replace(nodes, earlier=start.accumulated(run)[nodes.index])
-    if "step" not in run.summary and not (case is None and np.any(nodes.origin)):
-        return nodes  # a single run; from Python it may be a step of a history
-    displacement, on_body = run.on_body["displacement"], run.on_face["contact_force"]
-    own = nodes.answer(run, displacement, on_body, run.on_face["x"], spins).accumulated
-    earlier = written_accumulated(run)[nodes.index]
-    earlier[:, 0] -= own.slip
-    earlier[:, 1] -= own.friction_work
-    return replace(nodes, earlier=earlier)
-
-
-def _compare(run: WrittenRun, nodes: FaceNodes, variants: tuple[Variant, ...], found: Comparison) -> None:
-    """Compare all data that follow from displacement and contact forces with the files."""
+def _compare(run: WrittenRun, nodes: ContactNodes, variants: tuple[Variant, ...], found: Comparison) -> None:
+    """Compare all data that follow from displacement and contact forces, meshes and case with the files."""
     first, *others = variants
-    at, x = nodes.index, run.on_face["x"]
-    found.field("contact.xdmf: status", run.on_face["status"], np.round(run.on_face["status"]), x, "whole numbers")
+    x = run.on_face["x"]
+    for name in (*names(between="least"), *names(between="most")):
+        found.field(f"{CONTACT}: {name}", run.on_face[name], np.round(run.on_face[name]), x, "whole numbers")
     for name, expected in run.held.fields.items():
         written = run.on_body.get(name, np.zeros_like(expected))
-        found.field(f"solution.xdmf: {name}", written, expected, run.body.x, "the nearest projectors", floor=1e-9)
-    for name, expected in first.fields.items():
-        if name == "slip_bound" and SuccessiveTresca.name in str(run.summary.get("method")):
+        found.field(f"{SOLUTION}: {name}", written, expected, run.body.x, "the nearest projectors", floor=1e-9)
+    for label, one in written_fields(run, nodes, first).items():
+        expected = first.fields[label]
+        if label == f"{CONTACT}: slip_bound" and SuccessiveTresca.name in str(run.summary.get("method")):
             limit = SLIP_BOUND_LIMIT + 10.0 * first.certificate["natural residual"].value
-            off = float(np.linalg.norm(run.on_face["slip_bound"][at] - expected))
+            off = float(np.linalg.norm(one.values - expected))
             if not off <= limit * float(np.linalg.norm(expected)):
-                found.fault(f"contact.xdmf: slip_bound: differs from the law at the contact forces by {off:.3g} N")
+                found.fault(f"{label}: differs from the law at the contact forces by {off:.3g} N")
             continue
-        rounded = [other.fields[name] for other in others]
-        if name == "status":  # exact: rounding errors are not accepted
-            rounded = []
-        found.field(f"contact.xdmf: {name}", run.on_face[name][at], expected, x[at], _SOURCE, rounded)
-    middle, *ends = run.between
-    for name, values in run.on_face.items():
-        if name != "x" and len(middle):
-            one, other = values[ends[0]], values[ends[1]]
-            expected = BETWEEN[name](one, other) if name in BETWEEN else 0.5 * (one + other)
-            source = "its two vertices"
-            found.field(f"contact.xdmf: {name} between vertices", values[middle], expected, x[middle], source)
+        rounded = [] if one.exact else [other.fields[label] for other in others]
+        found.field(label, one.values, expected, one.x, one.source, rounded, one.floor)
+    between, *ends = run.between
     none = ~run.touching
-    none[middle] = False
-    for name, values in run.on_face.items():
-        if name not in ("x", "status", "face"):
+    none[between] = False
+    for name in names():
+        values = run.on_face[name]
+        if len(between):
+            expected = BETWEEN.get(name, middle)(values[ends[0]], values[ends[1]])
+            label = f"{CONTACT}: {name} between vertices"
+            found.field(label, values[between], expected, x[between], "its two vertices")
+        if name not in BETWEEN:
             floor = run.evaluation * float(np.max(np.abs(values)))
             zero = np.zeros_like(values[none])
-            found.field(f"contact.xdmf: {name} of held nodes", values[none], zero, x[none], "their status", floor=floor)
-    for number, body in enumerate(run.body.parts):
-        largest = max((float(np.max(np.abs(s), initial=0.0)) for s in first.stress[number].values()), default=0.0)
-        for name, expected in first.stress[number].items():
-            rounded, places = [other.stress[number][name] for other in others], midpoints(body.body.domain)
-            written, floor = body.on_cells[name], run.evaluation * largest
-            found.field(in_body(name, body), written, expected, places, "displacement", rounded, floor)
+            found.field(f"{CONTACT}: {name} of held nodes", values[none], zero, x[none], "their status", floor=floor)
     compare_materials(run, found)
-    for number, opposite in enumerate(run.opposite):
-        compare_opposite(opposite, [variant.opposite[number] for variant in variants], found)
-
-    numbers = [other.numbers for other in others]
-    found.tree(SUMMARY, run.summary, first.numbers, numbers, _SOURCE)
+    found.tree(SUMMARY, run.summary, first.numbers, [other.numbers for other in others], ANSWER)
 
 
 def _compare_sums(run: WrittenRun, variants: tuple[Variant, ...], found: Comparison) -> None:
@@ -339,4 +283,4 @@ def _compare_sums(run: WrittenRun, variants: tuple[Variant, ...], found: Compari
         for name, sums in variants[0].sums.items()
     }
     first, *others = (variant.sums for variant in variants)
-    found.tree(f"{SUMMARY}: sum", written, first, others, _SOURCE)
+    found.tree(f"{SUMMARY}: sum", written, first, others, ANSWER)

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
+from ...contact_fields import CONTACT_FIELDS
 from ...contact_names import AGAINST
 from ...io.field_files import OPPOSITE, Grid
 from .files import Run
@@ -86,15 +87,11 @@ class Field:
 
 
 FIELDS = (
-    Field("pressure", "contact", "contact pressure", "Pa"),
-    Field("friction_traction", "contact", "friction traction", "Pa", vector=True),
-    Field("friction_use", "contact", "friction use (friction over its bound)", "", SHARE),
-    Field("status", "contact", "zones"),
-    Field("slip", "contact", "slip", "m", vector=True),
-    Field("gap", "contact", "remaining gap", "m"),
-    Field("accumulated_slip", "contact", "slip accumulated since the start", "m"),
-    Field("friction_work", "contact", "friction work since the start", "J/m²"),
-    Field("largest_pressure", "contact", "largest pressure since the start", "Pa"),
+    *(
+        Field(of.name, "contact", of.title, of.unit, SHARE if of.fraction else SEQUENTIAL, of.vector)
+        for of in CONTACT_FIELDS
+        if of.shown
+    ),
     Field("displacement", "solution", "displacement", "m", vector=True),
     Field("von_mises_stress", "solution", "von Mises stress", "Pa"),
     *(

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...arrays import FloatArray, IntArray
+from ...contact_fields import names
 from ...io.field_files import Grid
 from .fields import ZONES, Limits, limits_of, named, ramp
 from .files import Run, Step
@@ -17,8 +18,7 @@ from .scene import looking_at
 from .sheet import AXES
 from .units import in_seconds, scale_of
 
-SHOWN = ("pressure", "friction_traction", "friction_use", "status", "slip", "gap")
-ACCUMULATED = ("accumulated_slip", "friction_work", "largest_pressure")
+SHOWN, ACCUMULATED = names(shown="report"), names(shown="history")
 """Fields in the menu, and those of load histories besides."""
 
 MOST_VALUES, MOST_ARROWS = 1_500_000, 900

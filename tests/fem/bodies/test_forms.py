@@ -9,7 +9,7 @@ from user_forms import Script
 
 import coulomb
 from coulomb import Contact, ContactProblem, LoadHistory, Material, PrescribedDisplacement, Traction
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 
 YOUNG, POISSON = 2.1e11, 0.3
 FORCE = np.array([2e6, 1e6, -8e6])

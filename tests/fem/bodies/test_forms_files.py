@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 import ufl
+from check_runs import read_grid
 from conftest import ROOT, run_coulomb, run_python, without_pictures
 from test_forms import both
 from user_forms import Script
@@ -14,8 +15,7 @@ from user_forms import Script
 import coulomb
 from coulomb import Contact, ContactProblem, HistoryFiles, LoadHistory
 from coulomb.fem.compat import fem
-from coulomb.io.field_files import read_grid
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 
 
 def held_by_robin(cell, degree):

@@ -7,7 +7,6 @@ import pytest
 
 import coulomb
 from coulomb import Contact, ContactProblem, LoadHistory, Material, PrescribedDisplacement, Spring
-from coulomb.io.summary import totals
 
 F1, F2 = 0.3, 0.1
 STEEL = Material(2.1e11, 0.3)
@@ -52,7 +51,7 @@ def sliding(problem, tolerance=1e-11):
 def test_block_drawn_along_an_angle(cell, direction, angle):
     """T is the point of the ellipse whose normal is opposite to the given slip; |T| s is dissipated."""
     *_, before, last = sliding(drawn(angle, cell, (*unit(direction), 0.0)))
-    total = totals(last.solution)
+    total = last.solution.at_nodes.totals()
     expected = force_for_slip(unit(angle), total["normal_force"], direction)
     assert total["force"][:2] == pytest.approx(expected, abs=1e-7 * np.linalg.norm(expected))
     work = -expected @ unit(angle) * 5e-3
@@ -75,7 +74,7 @@ def test_amplitude_scales_the_ellipse(cell, angle):
         fields = step.solution.at_nodes.fields()
         T, N = fields["contact_force"] @ axes, fields["contact_force"][:, 2]
         assert np.hypot(T[:, 0] / F1, T[:, 1] / F2) == pytest.approx(factor * N, abs=1e-8 * N.max())
-    total = totals(steps[-1].solution)
+    total = steps[-1].solution.at_nodes.totals()
     expected = 0.25 * force_for_slip(unit(angle), total["normal_force"], 30.0)
     assert total["force"][:2] == pytest.approx(expected, abs=1e-7 * np.linalg.norm(expected))
 
@@ -96,8 +95,8 @@ def test_direction_of_sliding_of_a_pulled_block(angle):
     )
     *_, last = sliding(problem)
     axes = np.column_stack([unit(-angle), unit(90.0 - angle)])
-    T = axes.T @ totals(last.solution)["force"][:2]
-    N = totals(last.solution)["normal_force"]
+    T = axes.T @ last.solution.at_nodes.totals()["force"][:2]
+    N = last.solution.at_nodes.totals()["normal_force"]
     assert T == pytest.approx(-np.linalg.norm(T) * unit(angle), abs=1e-3 * np.linalg.norm(T))  # against the pull
     assert math.hypot(T[0] / F1, T[1] / F2) == pytest.approx(N, rel=1e-8)  # on the ellipse
     slip = last.solution.at_nodes.fields()["slip"][:, :2] @ axes

@@ -16,7 +16,7 @@ from coulomb import Clamp, Contact, ContactProblem, LoadHistory, PrescribedDispl
 from coulomb.case.case import read_case
 from coulomb.fem.geometry.contact_frames import FrictionAxes, tangent_frames
 from coulomb.io.output import write
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.io.summary import summary
 
 AXES = {"friction": (F1, F2), "direction": (1.0, 0.5, 0.0)}

@@ -20,7 +20,7 @@ from coulomb import (
     join,
     moved,
 )
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.io.summary import remarks
 from coulomb.verification.ring_pair import FIT, INTERFERENCE, rings
 

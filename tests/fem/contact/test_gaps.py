@@ -14,7 +14,7 @@ from coulomb.case.case import read_case
 from coulomb.cli.understood import _contact
 from coulomb.io.case_record import case_record
 from coulomb.io.history_files import HistoryFiles
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.model import contact_faces as contacts
 from coulomb.model.understood import contacts_of
 

@@ -20,7 +20,7 @@ from coulomb.fem.meshes.named_mesh import NamedMesh
 from coulomb.io import output
 from coulomb.io.field_files import OPPOSITE, read_grids
 from coulomb.io.history_files import HistoryFiles
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.io.written_case import written_case
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 from coulomb.model.opposite import CARRIED, carried

@@ -13,7 +13,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Traction
 from coulomb.fem import compat
 from coulomb.fem.compat import fem, io, mesh
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 
 
 def by_place(x, values):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,13 +13,17 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...fem.geometry import Spin, inverse_frames
 from ...model.accumulated import Accumulated
+from ...model.evidence import pair_actions
 from ...model.nodal_answer import NodalAnswer
+from ...model.opposite import carried, carrying
 from ...solvers.laws import FrictionLaw
+from ..field_files import OPPOSITE
 from ..run_files import WrittenRun
+from ..written_faces import WrittenOpposite
 
 
 @dataclass(frozen=True)
-class FaceNodes:
+class ContactNodes:
     """Nodes of contact faces, m of them; a node on two faces may be here twice.
 
     Attributes:
@@ -56,9 +61,16 @@ class FaceNodes:
     moved: FloatArray
     earlier: FloatArray
 
-    def only(self, which: npt.NDArray[np.bool_]) -> FaceNodes:
+    @staticmethod
+    def joined(faces: Sequence[ContactNodes]) -> ContactNodes:
+        """Those of several faces."""
+        parts = {name: [vars(face)[name] for face in faces] for name in vars(faces[0])}
+        rows = {name: scipy.sparse.vstack(parts.pop(name), format="csr") for name in ("weights", "opposite")}
+        return ContactNodes(**rows, **{name: np.concatenate(values) for name, values in parts.items()})
+
+    def only(self, which: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> ContactNodes:
         """A subset of the nodes."""
-        return FaceNodes(**{name: values[which] for name, values in vars(self).items()})
+        return ContactNodes(**{name: values[which] for name, values in vars(self).items()})
 
     @property
     def averaged(self) -> bool:
@@ -78,14 +90,9 @@ class FaceNodes:
 
     def place(self, x: FloatArray) -> FloatArray:
         """Where their forces act, of coordinates x (q, 3) of the nodes of the written faces, shape (m, 3)."""
-        mean = self.average(x)
+        mean = self.weights @ x
         place: FloatArray = mean + np.einsum("mij,mj->mi", self.mirrored, x[self.index] - mean)
         return place
-
-    def average(self, values: FloatArray) -> FloatArray:
-        """Averages of values at the nodes of the written face (q,) or (q, 3), shape (m,) or (m, 3)."""
-        averages: FloatArray = self.weights @ values
-        return averages
 
     def nodal_forces(self, run: WrittenRun, forces: FloatArray) -> FloatArray:
         """Forces at the nodes of all bodies in newtons, shape (k, 3), of forces at those of the written faces, shape
@@ -100,52 +107,51 @@ class FaceNodes:
         on_bodies: FloatArray = at_nodes - mine.opposite.T @ forces[mine.index]
         return on_bodies
 
-    def answer(
-        self,
-        run: WrittenRun,
-        displacement: FloatArray,
-        on_body: FloatArray,
-        x: FloatArray,
-        spins: tuple[Spin | None, ...],
-    ) -> NodalAnswer:
-        """The answer at the nodes.
+    def actions(self, run: WrittenRun, forces: FloatArray) -> FloatArray | None:
+        """What acts on both sides of every pair, with the forces opposite as written (`Evidence.actions`), of forces at
+        the nodes of the written faces in newtons, shape (q, 3)."""
+        x, found = run.body.x - run.body.x.mean(axis=0), []
+        for other in run.opposite:
+            mine = self.only(self.written & (self.part == other.contact))
+            on_points, (slave, master) = forces[mine.index], np.zeros((2, *x.shape))
+            np.add.at(slave, run.node, mine.weights.T @ on_points)
+            np.add.at(master, other.face.node, other.fields["contact_force"])
+            at, there = mine.weights @ run.on_face["x"], mine.opposite @ run.body.x
+            found.append(pair_actions(x, slave, master, at, there, on_points))
+        return np.array(found) if found else None
 
-        Args:
-            run: The files.
-            displacement: Displacement of the nodes of the body in metres, shape (k, 3).
-            on_body: Contact forces on the body at the nodes of the written face in newtons, shape (q, 3).
-            x: Coordinates of these, shape (q, 3).
-            spins: Rotations of the foundations of the faces.
-        """
-        frames = self.frames
+    def answer(
+        self, run: WrittenRun, u: FloatArray, on_body: FloatArray, x: FloatArray, spins: tuple[Spin | None, ...]
+    ) -> NodalAnswer:
+        """The answer at the nodes, with displacements u (k, 3) of the nodes of the bodies, and contact forces on the
+        body at the nodes x of the written faces, shapes (q, 3)."""
+        against: list[str | None] = [None] * len(face_names(run))
+        for one in run.opposite:
+            against[one.contact] = one.against
         return NodalAnswer(
             comm=MPI.COMM_SELF,
             law=FrictionLaw(self.cohesion * self.area, self.friction),
             faces=tuple(face_names(run)),
             part=self.part,
             x=self.place(x),
-            frames=frames,
+            frames=self.frames,
             gap=self.gap,
             given_gap=self.given_gap,
             area=self.area,
-            slip_origin=np.einsum("kij,kj->ki", frames, self.origin),
-            displacement=np.einsum("kij,kj->ki", frames, self.displacement(run, displacement)),
-            force=-np.einsum("kij,kj->ki", inverse_frames(frames), on_body[self.index]),
+            slip_origin=np.einsum("kij,kj->ki", self.frames, self.origin),
+            displacement=np.einsum("kij,kj->ki", self.frames, self.displacement(run, u)),
+            force=-np.einsum("kij,kj->ki", inverse_frames(self.frames), on_body[self.index]),
             slip_bound=run.on_face["slip_bound"][self.index],
             spins=spins,
             earlier=Accumulated(*self.earlier.T),
-            against=against_of(run),
+            against=tuple(against),
             opposite_x=self.opposite @ run.body.x if run.opposite else None,
             several=len(run.body.parts) > 1,
         )
 
 
 def face_names(run: WrittenRun) -> list[str]:
-    """Names of the contact faces in summary.json.
-
-    Raises:
-        ValueError: If it has none.
-    """
+    """Names of the contact faces in summary.json; ValueError if it has none."""
     try:
         names = run.summary["totals"]["faces"]
         if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
@@ -155,9 +161,19 @@ def face_names(run: WrittenRun) -> list[str]:
     raise ValueError(f"{run.files.summary}: totals.faces does not name the contact faces")
 
 
-def against_of(run: WrittenRun) -> tuple[str | None, ...]:
-    """Of every contact face the face opposite, if it is one of a pair."""
-    found: list[str | None] = [None] * len(face_names(run))
-    for opposite in run.opposite:
-        found[opposite.contact] = opposite.against
-    return tuple(found)
+def opposite_fields(
+    run: WrittenRun, nodes: ContactNodes, answer: NodalAnswer, other: WrittenOpposite
+) -> dict[str, FloatArray]:
+    """The fields of a face opposite, carried over from the written contact nodes with the answer there."""
+    here = nodes.part == other.contact
+    rows = nodes.opposite[here]
+    weights = carrying(rows, nodes.area[here])
+    fields = {name: values[here] for name, values in answer.fields().items()}
+    at_nodes = carried(fields, lambda values: np.asarray(weights.T @ values))
+    at_nodes[OPPOSITE] = np.full(len(at_nodes["status"]), float(other.contact))
+    at_nodes["contact_force"] = -(rows.T @ fields["contact_force"])
+    body, local = other.face.part.body, other.face.node - other.face.part.nodes.start
+    area, outward = (values[local] for values in body.positive_weights(other.face.number))
+    length = np.linalg.norm(outward, axis=1)[:, None]
+    found = {name: values[other.face.node] for name, values in at_nodes.items()}
+    return found | {"normal": outward / np.where(length > 0.0, length, 1.0), "area": area}

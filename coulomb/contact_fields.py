@@ -1,0 +1,131 @@
+"""The fields of the contact points: names, words, units and formulas, for output, check, pictures and docs.
+
+A new field is an entry here and a row of the table in docs/theory.md.  Standard library only: pictures import it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+ANSWER = "displacement and contact forces"
+"""What the computed fields follow from, in words."""
+
+
+@dataclass(frozen=True)
+class ContactField:
+    """A field of contact.xdmf.
+
+    Attributes:
+        name: Its name there.
+        title: In words, as in pictures.
+        unit: Without prefix; empty for numbers and directions.
+        values: Its values at the contact points, shape (m,) or (m, 3), from a `NodalAnswer`; collective.
+        vector: Whether it has three components.
+        shown: Where it can be seen beside ParaView: by `coulomb plot`; in the 3D view of the report as well; there only
+            for load histories.
+        opposite: How the face opposite in a pair gets it: as a mean of the contact points opposite, or the same with
+            the opposite sign; empty if it does not, or otherwise (`coulomb.model.opposite`).
+        fraction: Whether its values are between 0 and 1.
+        between: In the middle of edges of 10-node tetrahedra, the value by those of the two vertices.
+        follows: What `coulomb check` computes it from; empty for the contact forces, from which it computes the others.
+    """
+
+    name: str
+    title: str
+    unit: str
+    values: Callable[[Any], Any]
+    vector: bool = False
+    shown: Literal["", "plot", "report", "history"] = ""
+    opposite: Literal["", "mean", "reversed"] = ""
+    fraction: bool = False
+    between: Literal["mean", "least", "most"] = "mean"
+    follows: str = ANSWER
+
+    @property
+    def given(self) -> bool:
+        """Whether it is input of the computation: by the case and the mesh."""
+        return self.follows != ANSWER
+
+
+_FACES, _CASE = "the meshes and the case", "the case"
+
+CONTACT_FIELDS = (
+    ContactField("pressure", "contact pressure", "Pa", lambda at: at.pressure, shown="report", opposite="mean"),
+    ContactField(
+        "friction_traction",
+        "friction traction",
+        "Pa",
+        lambda at: at.friction_traction,
+        vector=True,
+        shown="report",
+        opposite="reversed",
+    ),
+    ContactField(
+        "friction_use",
+        "friction use (friction over its bound)",
+        "",
+        lambda at: at.friction_use,
+        shown="report",
+        opposite="mean",
+        fraction=True,
+    ),
+    ContactField("status", "zones", "", lambda at: at.status.astype(float), shown="report", between="least"),
+    ContactField("slip", "slip", "m", lambda at: at.slip, vector=True, shown="report", opposite="reversed"),
+    ContactField("gap", "remaining gap", "m", lambda at: at.gap - at.closure[:, 0], shown="report", opposite="mean"),
+    ContactField(
+        "accumulated_slip",
+        "slip accumulated since the start",
+        "m",
+        lambda at: at.accumulated.slip,
+        shown="history",
+        opposite="mean",
+    ),
+    ContactField(
+        "friction_work",
+        "friction work since the start",
+        "J/m²",
+        lambda at: at.accumulated.friction_work,
+        shown="history",
+        opposite="mean",
+    ),
+    ContactField(
+        "largest_pressure",
+        "largest pressure since the start",
+        "Pa",
+        lambda at: at.accumulated.pressure,
+        shown="history",
+        opposite="mean",
+    ),
+    ContactField("contact_force", "contact force on the body", "N", lambda at: at.on_body, vector=True, follows=""),
+    ContactField("normal", "unit normal, out of the body", "", lambda at: at.frames[:, 0], vector=True, follows=_FACES),
+    ContactField("tangent_1", "first tangent", "", lambda at: at.frames[:, 1], vector=True, follows="normal and case"),
+    ContactField("tangent_2", "second tangent", "", lambda at: at.frames[:, 2], vector=True, follows="normal and case"),
+    ContactField("initial_gap", "gap before deformation", "m", lambda at: at.gap, follows=_FACES),
+    ContactField("given_gap", "given part of that gap", "m", lambda at: at.given_gap, follows=_CASE),
+    ContactField("area", "area", "m²", lambda at: at.area, follows="the facets"),
+    ContactField(
+        "coefficient", "coefficient of friction; of Tresca's law the slip stress in Pa", "", lambda at: at.coefficient
+    ),
+    ContactField("friction", "coefficient of friction", "", lambda at: at.law.friction, follows=_CASE),
+    ContactField("cohesion", "cohesion or slip stress", "Pa", lambda at: at.cohesion, follows=_CASE),
+    ContactField("slip_bound", "bound of friction in the solver", "N", lambda at: at.slip_bound),
+    ContactField(
+        "slip_origin",
+        "displacement from which slip is measured",
+        "m",
+        lambda at: at.slip_origin_in_space,
+        vector=True,
+        follows="the step before, and the foundation's displacement",
+    ),
+    ContactField("face", "number of the contact", "", lambda at: at.part.astype(float), between="most", follows=_FACES),
+)
+"""All of them, in the order of the files."""
+
+
+def names(**having: object) -> tuple[str, ...]:
+    """Names of the fields whose attributes have these values."""
+    return tuple(
+        field.name for field in CONTACT_FIELDS if all(getattr(field, key) == value for key, value in having.items())
+    )

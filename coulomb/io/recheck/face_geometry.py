@@ -1,0 +1,312 @@
+"""Normals, gaps, areas and law of the nodes of the contact faces, computed anew from the written meshes and the case.
+
+All nodes of the written facets are checked, except those whose displacement along the normal is prescribed according to
+solution.h5; the status in contact.h5 is not used.  On faces of 10-node tetrahedra these are the vertices, with averages
+over the facets around them, whose weights are integrated anew on the written mesh; in pairs averages over both faces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from mpi4py import MPI
+
+from ...arrays import FloatArray
+from ...fem.contact import (
+    NO_SHAPE,
+    MortarRows,
+    Shape,
+    bounded_gap,
+    contact_points,
+    curved_patch,
+    held_on_both,
+    lost_nodes,
+    mortar_rows,
+    planes_of_symmetry,
+    shares,
+    turned_away,
+    way_along,
+    within,
+)
+from ...fem.geometry import HELD_BEYOND, LEAST_RATIO, held_length, supported_frames
+from ...nearest import tree_of
+from ..run_directory import CONTACT
+from ..run_files import WrittenRun
+from ..written_faces import WrittenFace, WrittenOpposite
+from .case_reference import CaseReference
+from .comparison import Comparison
+from .contact_nodes import ContactNodes
+
+_NEARLY_HELD = 0.9
+"""Without a case, the normal of a held node is that of its facets, which is only near the foundation's."""
+
+_TURNED = 0.1
+"""Without a case, cosine of the angle between a facet's normal and that of the nearest contact point up to which its
+node may face away from the foundation."""
+
+_Grid = tuple[WrittenFace, npt.NDArray[np.int32]]
+"""The grid of a contact face, and the facets there that are on it."""
+
+
+def contact_nodes(
+    run: WrittenRun,
+    case: CaseReference | None,
+    time: float,
+    slip_rate: FloatArray | None,
+    grids: Sequence[_Grid],
+    found: Comparison,
+) -> ContactNodes:
+    """The nodes to check.
+
+    Args:
+        run: The files.
+        case: The case; without one, normals, gaps and law are those in the files, whose axes are checked.
+        time: The time of the run.
+        slip_rate: In the load step before at the nodes of the face, m/s, shape (q,); None if it is unknown.
+        grids: Of every contact face its grid and its facets.
+        found: Collects the differences.
+
+    Raises:
+        ValueError: If no node is left.
+    """
+    said = np.round(run.on_face["face"]).astype(np.int64)
+    opposite = {one.contact: one for one in run.opposite}
+    taken = np.zeros(len(run.body.x), dtype=bool)  # nodes that are contact points of no pair
+    for number, (face, facets) in enumerate(grids):
+        if number not in opposite:
+            taken[face.part.nodes.start + face.part.body.nodes_of(facets)] = True
+    pairs = _pairs(run, case, grids, opposite, taken)
+    source = _Source(run, case, time, slip_rate, found)
+    nodes = ContactNodes.joined(
+        [
+            source.in_pair(number, face, said == number, opposite[number], *pairs[number])
+            if number in opposite
+            else source.against_foundation(number, face, facets, said == number)
+            for number, (face, facets) in enumerate(grids)
+        ]
+    )
+    stray = run.touching.copy()
+    stray[nodes.index[nodes.written]] = False
+    if np.any(stray):
+        fault = "are written as contact nodes, but are prescribed along their normal, or on no face"
+        source.report(np.flatnonzero(stray), fault)
+    if not np.any(nodes.written):
+        raise ValueError(f"{run.folder}: contact.h5 has no contact node to check")
+    return nodes
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Where normals, gaps and law come from: the meshes and the case, or without one the files (`contact_nodes`)."""
+
+    run: WrittenRun
+    case: CaseReference | None
+    time: float
+    slip_rate: FloatArray | None
+    found: Comparison
+
+    def against_foundation(
+        self, number: int, face: WrittenFace, facets: npt.NDArray[np.int32], said: npt.NDArray[np.bool_]
+    ) -> ContactNodes:
+        """The nodes of a face against a foundation."""
+        run, case, time, body, held = self.run, self.case, self.time, face.part.body, self.run.held_in(face.part)
+        count, local = len(run.node), face.node - face.part.nodes.start
+        around, outward = np.zeros(count), np.zeros((count, 3))
+        around[face.points], outward[face.points] = (values[local] for values in body.positive_weights(facets))
+        points = contact_points(body, facets)
+        index, weights = _on_face(points.nodes, points.weights, face, count)
+        x, H = weights @ run.on_face["x"], held.projector_at(points.nodes)
+        written, data = (run.touching & said)[index], {name: v[index] for name, v in run.on_face.items()}
+        axes = np.stack([data["normal"], data["tangent_1"], data["tangent_2"]], axis=1)
+        told = written & _have_axes(axes)
+        unit = outward[index] / np.linalg.norm(outward[index], axis=1)[:, None]
+        beyond = np.full(len(x), HELD_BEYOND)
+        if case is None:
+            n, gap, given = np.where(told[:, None], data["normal"], unit), data["initial_gap"], data["given_gap"]
+            beyond[~told] = _NEARLY_HELD
+            near = data["normal"][told][tree_of(x[told]).query(x)[1]] if np.any(told) else n
+            turned = np.einsum("ki,ki->k", near, unit) <= _TURNED
+        else:
+            on = around > 0.0
+            place, contact = run.on_face["x"][on], case.contacts[number]
+            there = case.foundation(number, time, place, around[on], outward[on])
+            distance: FloatArray = there.signed_distance(place)
+            if contact.normals == "body":
+                n = unit
+                normals = outward[on] / np.linalg.norm(outward[on], axis=1)[:, None]
+                distance = way_along(normals, place, distance, there)
+            else:
+                n = -there.normal(x)
+            on_nodes = np.zeros((count, 2))
+            on_nodes[on, 0] = distance
+            on_nodes[on, 1] = 0.0 if case.lacks_gap(number) else case.given_gap(number, time, place)
+            distance, given = (weights @ on_nodes).T
+            if not points.nodal:
+                distance = bounded_gap(distance, weights, on_nodes[weights.indices, 0])
+            turned = turned_away(there.normal(run.on_face["x"][index]), unit)
+            given = data["given_gap"] if case.lacks_gap(number) else given
+            gap = distance + given
+        free: npt.NDArray[np.bool_] = held_length(n, points.held(held)) <= beyond
+        frames = supported_frames(n, H)
+        if case is not None:
+            frames[free] = case.contacts[number].frames(n[free], H[free], x[free], MPI.COMM_SELF)
+        elif np.any(here := written & free):
+            frames[told] = axes[told]
+            self._compare_axes(axes[here], x[here])
+            away = here & ~(np.einsum("ki,ki->k", data["normal"], unit) > 0.0)
+            self.report(index[away], "have a normal that points into the body")
+        self.report(index[free & ~written & ~turned], "are left out, but are not prescribed in solution.h5")
+        part, opposite = np.full(len(x), number), scipy.sparse.csr_matrix((len(x), len(run.body.x)))
+        law, still = self._law(number, x, points.area, index), np.zeros_like(x)
+        averages, origin = (index, weights, opposite, np.zeros_like(frames), part, written), data["slip_origin"]
+        nodes = ContactNodes(*averages, frames, gap, given, points.area, *law, origin, still, still)
+        return nodes.only(free & (written | ~turned))
+
+    def in_pair(
+        self,
+        number: int,
+        face: WrittenFace,
+        said: npt.NDArray[np.bool_],
+        other: WrittenOpposite,
+        rows: MortarRows,
+        mirrored: FloatArray,
+        n: FloatArray,
+    ) -> ContactNodes:
+        """The contact points of a pair, whose averages over both faces (`_pairs`) are integrated on the meshes."""
+        run, case, start = self.run, self.case, other.face.part.nodes.start
+        index, weights = _on_face(rows.node, rows.weights, face, len(run.node))
+        among_all = (rows.opposite.data, start + rows.opposite.indices, rows.opposite.indptr)
+        opposite = scipy.sparse.csr_matrix(among_all, shape=(len(index), len(run.body.x)))
+        written, data = (run.touching & said)[index], {name: v[index] for name, v in run.on_face.items()}
+        x = rows.x + np.einsum("mij,mj->mi", mirrored, data["x"] - rows.x)
+        given, distance = data["given_gap"], rows.gap(n)
+        if case is None:  # gaps of meshes may have been closed
+            floor = 1e-13 * float(np.max(np.abs(run.body.x)))
+            closed = np.abs(data["initial_gap"] - given) <= floor + 1e-13 * np.abs(given)
+            distance = np.where(closed, 0.0, distance)
+            frames = np.stack([n, data["tangent_1"], data["tangent_2"]], axis=1)
+            self._compare_axes(frames[written], x[written])
+            untold = ~(written & _have_axes(frames))
+            frames[untold] = supported_frames(n[untold], np.zeros((int(np.sum(untold)), 3, 3)))
+        else:
+            contact = case.contacts[number]
+            distance = np.where(np.abs(distance) <= contact.adjust, 0.0, distance) if contact.adjust else distance
+            given = given if case.lacks_gap(number) else case.given_gap(number, self.time, x)
+            H = run.held.projector_at(face.part.nodes.start + rows.node)
+            frames = contact.frames(n, H, x, MPI.COMM_SELF)
+        self.report(index[~written], "are left out, but are opposite to the other face")
+        law, still, part = self._law(number, x, rows.area, index), np.zeros_like(x), np.full(len(x), number)
+        averages, origin = (index, weights, opposite, mirrored, part, written), data["slip_origin"]
+        return ContactNodes(*averages, frames, distance + given, given, rows.area, *law, origin, still, still)
+
+    def _law(
+        self, number: int, x: FloatArray, area: FloatArray, index: npt.NDArray[np.int64]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Friction and cohesion in pascals; friction that depends on an unknown slip rate as written."""
+        rate, written = self.slip_rate, self.run.on_face
+        if self.case is None:
+            return written["friction"][index], written["cohesion"][index]
+        slip_rate = np.zeros(len(x)) if rate is None else rate[index]
+        law = self.case.contacts[number].law(x, area, self.time, slip_rate, MPI.COMM_SELF)
+        return written["friction"][index] if rate is None else law.friction, law.cohesion / area
+
+    def _compare_axes(self, frames: FloatArray, x: FloatArray) -> None:
+        """Check the lengths of the rows n, t1, t2 of contact points x (m, 3), and their angles, without a case."""
+        compare, length, none = self.found.field, np.linalg.norm(frames, axis=2), np.zeros(len(x))
+        compare(f"{CONTACT}: length of normal", length[:, 0], none + 1.0, x, "its direction")
+        longer, shorter = np.max(length[:, 1:], axis=1), np.minimum(np.min(length[:, 1:], axis=1), LEAST_RATIO)
+        compare(f"{CONTACT}: length of the longer tangent", longer, none + 1.0, x, "its direction")
+        compare(f"{CONTACT}: length of the shorter tangent", shorter, none + LEAST_RATIO, x, "the least ratio")
+        for name, i, j in (("tangent_1", 0, 1), ("tangent_2", 0, 2), ("tangent_2", 1, 2)):
+            along = np.einsum("kj,kj->k", frames[:, i], frames[:, j])
+            compare(f"{CONTACT}: {name} along the other axes", along, none, x, "right angles", floor=1e-14)
+
+    def report(self, index: npt.NDArray[np.int64], fault: str) -> None:
+        """A fault of nodes by their numbers among those of the written faces, if there are any."""
+        if len(index):
+            place = ", ".join(f"{c:.6g}" for c in self.run.on_face["x"][np.min(index)])
+            self.found.fault(f"{CONTACT}: status: {len(np.unique(index))} nodes {fault} (first seen at x = {place})")
+
+
+def _pairs(
+    run: WrittenRun,
+    case: CaseReference | None,
+    grids: Sequence[_Grid],
+    opposite: dict[int, WrittenOpposite],
+    taken: npt.NDArray[np.bool_],
+) -> dict[int, tuple[MortarRows, FloatArray, FloatArray]]:
+    """The contact points of all pairs (`_in_pair`) by the number of the contact, with every node at the nearest master.
+
+    `taken` are nodes that are contact points against a foundation, shape (k,).
+    """
+    rows, left_out, changed = {}, dict.fromkeys(opposite, taken), list(opposite)
+    while changed:
+        for number in changed:
+            shape = NO_SHAPE if case is None else case.contacts[number].shape
+            rows[number] = _in_pair(run, *grids[number], opposite[number], left_out[number], shape)
+        points = {}
+        for number, (found, _, n) in rows.items():
+            adjust = 0.0 if case is None else case.contacts[number].adjust
+            gap = found.gap(n)
+            nodes = grids[number][0].part.nodes.start + found.node
+            points[number] = nodes, np.where(np.abs(gap) <= adjust, 0.0, gap)
+        lost = lost_nodes(points, len(taken), float(np.max(np.abs(run.body.x))))
+        changed = [number for number in lost if np.any(lost[number])]
+        left_out |= {number: left_out[number] | lost[number] for number in changed}
+    return rows
+
+
+def _in_pair(
+    run: WrittenRun,
+    face: WrittenFace,
+    facets: npt.NDArray[np.int32],
+    other: WrittenOpposite,
+    taken: npt.NDArray[np.bool_],
+    shape: Shape,
+) -> tuple[MortarRows, FloatArray, FloatArray]:
+    """The contact points of a pair, with the averages over both faces; nodes are numbers in the body of each.  Besides
+    the projectors across planes of symmetry, shape (m, 3, 3), and the normals in these, shape (m, 3).
+
+    Nodes whose displacement along their normal is prescribed have no contact point, nor have those that are contact
+    points of another face, `taken` (k,).  `shape` is what the facets stand for.
+
+    Raises:
+        ValueError: If the outward normals around a contact point cancel.
+    """
+    body, there, held = face.part.body, other.face.part, run.held_in(face.part)
+    nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
+    n = outward[nodes] / np.maximum(np.linalg.norm(outward[nodes], axis=1), 1e-300)[:, None]
+    clamped = nodes[held_length(n, held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
+    slave, master = (
+        curved_patch(part.body, run.held_in(part), on, surface, shape.smooth, "contact.h5")
+        for part, on, surface in ((face.part, facets, shape.slave), (there, other.face.number, shape.master))
+    )
+    twice = nodes[taken[face.part.nodes][nodes]]
+    rows = mortar_rows(slave, master, (0, len(body.x)), left_out=np.union1d(clamped, twice).astype(np.int64))
+    planes = planes_of_symmetry(rows.normal, held.projector_at(rows.node), rows.node, slave)
+    on_master = run.held.projector_at(there.nodes.start + np.arange(master.size)).reshape(-1, 9)
+    mirrored = held_on_both(planes, (shares(rows.opposite) @ on_master).reshape(-1, 3, 3))
+    return rows, mirrored, within(rows.normal, planes)
+
+
+def _have_axes(frames: FloatArray) -> npt.NDArray[np.bool_]:
+    """Whether none of the rows n, t1, t2 is zero, as all are written where there is no contact, shape (m,)."""
+    have: npt.NDArray[np.bool_] = np.all(np.any(frames != 0.0, axis=2), axis=1)
+    return have
+
+
+def _on_face(
+    nodes: npt.NDArray[np.integer[Any]], weights: scipy.sparse.csr_matrix, face: WrittenFace, count: int
+) -> tuple[npt.NDArray[np.int64], scipy.sparse.csr_matrix]:
+    """Nodes of a body (m,) and weights of its nodes (m, p) as those among the `count` nodes of the written faces."""
+    in_file = np.full(len(face.part.body.x), -1)
+    in_file[face.node - face.part.nodes.start] = np.arange(face.points.start, face.points.stop)
+    weights = weights.tocsr()
+    columns = in_file[weights.indices]
+    widened = scipy.sparse.csr_matrix((weights.data, columns, weights.indptr), shape=(weights.shape[0], count))
+    return in_file[nodes], widened
