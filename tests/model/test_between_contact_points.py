@@ -5,7 +5,7 @@ import pytest
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Cylinder, Material, Pressure, Traction
-from coulomb.io.recheck.directory import check
+from coulomb.io.recheck import check
 from coulomb.linalg.reductions import Reductions
 from coulomb.model.small_strain import deformation_of
 

@@ -5,13 +5,13 @@ import sys
 
 import numpy as np
 import pytest
+from check_runs import read_grid
 from conftest import run_coulomb
 from matplotlib.figure import Figure
 from PIL import Image
 
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
 from coulomb.io import output
-from coulomb.io.field_files import read_grid
 from coulomb.pictures import overview_process
 from coulomb.pictures.report import overview, picture, scene
 from coulomb.pictures.report.fields import ZONES, Bar, Limits, limits_of, named
