@@ -146,7 +146,7 @@ def without_field():
 
 
 def memory(free):
-    return lambda: mock.patch("coulomb.model.free_memory.free_memory", lambda: free)
+    return lambda: mock.patch("coulomb.model.memory.free_memory", lambda: free)
 
 
 def disk(free):

@@ -27,12 +27,12 @@ from typing import NamedTuple
 from mpi4py import MPI
 
 from ..case.case import read_case
-from ..io.peak_memory import peak_memory
 from ..linalg.compliance import PREDICTED_UP_TO, IterativeSolver, seconds_direct, seconds_multigrid
 from ..linalg.factors import predicted_work, symbolic
 from ..model.load_history import LoadHistory
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
+from ..process import peak_memory
 from ..ranks import ALONE
 from ..solvers.results import NotConverged
 

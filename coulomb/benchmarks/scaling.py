@@ -23,10 +23,10 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from ..fem.bodies import Clamp, Elasticity, Member
 from ..fem.contact import interpolated_forces
-from ..io.peak_memory import peak_memory
 from ..linalg.compliance import DirectSolver, IterativeSolver
 from ..linalg.petsc_options import configured_ksp
 from ..model.problem import ContactProblem
+from ..process import peak_memory
 from ..ranks import ALONE
 from ..solvers.condensed import CondensedSystem
 from ..solvers.interior_point import InteriorPoint

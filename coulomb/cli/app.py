@@ -19,12 +19,11 @@ from .. import process
 from ..ranks import launched
 from ..version import __version__
 from .benchmark_commands import benchmark
-from .case_commands import Changes, check_case, new
-from .commands_pictures import drawing_soon, register
+from .case_commands import Changes, check_case, convert, new
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks, showing_messages
 from .console import console as _console
 from .console import errors as _errors
-from .convert import convert
+from .picture_commands import drawing_soon, plot, report
 
 if TYPE_CHECKING:
     from ..case.case import Case
@@ -36,7 +35,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(benchmark, name="benchmark")
-register(app)
+app.command()(plot)
+app.command()(report)
 
 
 def _show_version(asked: bool) -> None:
@@ -306,4 +306,4 @@ def main() -> None:
         if comm is not None and comm.size > 1:
             comm.Abort(CRASHED)
         code = CRASHED
-    process.leave(process.ended(code, FAILED))
+    process.leave(code, FAILED)

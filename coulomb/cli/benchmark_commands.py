@@ -140,17 +140,16 @@ def scaling(
 
 @benchmark.command()
 def estimates(sizes: Sizes = None) -> None:
-    """Estimates of `coulomb check-case` for the block, compared with measurements."""
+    """Memory estimated by `coulomb check-case` for the block, compared with measurements."""
     from ..benchmarks.estimates import SIZES, measure
 
     refuse_ranks("this benchmark")
-    line("  p  method                 unknowns  contact   GB expected  measured   s expected  measured")
+    line("  p  method                 unknowns  contact   GB expected  measured")
     with measuring():
         for row in measure(sizes or SIZES):
             line(
                 f"{row.p:3d}  {row.method:21s}  {row.unknowns:8d}  {row.contact:7d}   "
-                f"{row.memory_expected / 1e9:11.2f}  {row.memory_measured / 1e9:8.2f}   "
-                f"{row.seconds_expected:10.1f}  {row.seconds_measured:8.1f}"
+                f"{row.memory_expected / 1e9:11.2f}  {row.memory_measured / 1e9:8.2f}"
             )
 
 

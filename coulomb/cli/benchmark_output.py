@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..pictures.apart import missing
+from ..pictures.drawing_process import missing
 from ..regular_file import unwritable
 from .console import BAD_INPUT, FAILED, console, errors
 

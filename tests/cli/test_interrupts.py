@@ -12,13 +12,13 @@ import time
 
 import pytest
 from conftest import RANKS_ON_FEW_CORES, ROOT, make_block, run_coulomb, run_python
+from coulomb.cli.time_left import TimeLeft, about
 from mpi4py import MPI
 from rich.console import Console
 from test_load_history import rubbed
 
 from coulomb import KPRGP, Automatic, HistoryFiles, InteriorPoint, LoadHistory, NotConverged, Status, SuccessiveTresca
 from coulomb.cli.terminal import Display
-from coulomb.cli.time_left import TimeLeft, about
 from coulomb.model.load_history import StepFailed
 from coulomb.solvers.results import Progress
 

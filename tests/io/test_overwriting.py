@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 import typer
 from conftest import SMALL_CASE, run_coulomb, solved_block
+from coulomb.cli.setting_aside import in_place_of
+from coulomb.io.lock import locked
+from coulomb.io.replacing import aside_in, commit, finish
 from mesh_files import BoxFile
 from mpi4py import MPI
 
-from coulomb.cli.setting_aside import in_place_of
 from coulomb.io import output, replacing
-from coulomb.io.lock import locked
 from coulomb.io.recheck.directory import check
-from coulomb.io.replacing import aside_in, commit, finish
 
 OTHER = ("--set", "contact.friction=0.4")
 HISTORY = (

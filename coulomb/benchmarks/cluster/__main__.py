@@ -8,8 +8,8 @@ import sys
 import numpy as np
 from mpi4py import MPI
 
-from ...io.peak_memory import peak_memory
 from ...linalg.compliance import IterativeSolver
+from ...process import peak_memory
 from ..block import block
 
 

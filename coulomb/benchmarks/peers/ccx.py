@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ...io.peak_memory import peak_memory
+from ...process import peak_memory
 from .answer import Unsolved
 
 CONTROLS = "1e-7,1e-7,,,1e-7,,,-1."

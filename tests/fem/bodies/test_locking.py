@@ -13,11 +13,11 @@ from unittest import mock
 
 import pytest
 from conftest import ROOT, run_coulomb, run_python
+from coulomb.io.lock import InUseError, locked, refuse_in_use
 from mpi4py import MPI
 from test_load_history import rubbed
 
 from coulomb import HistoryFiles, LoadHistory
-from coulomb.io.lock import InUseError, locked, refuse_in_use
 from coulomb.io.run_directory import LOCK
 
 HISTORY = ROOT / "demos" / "history.toml"
