@@ -1,26 +1,29 @@
-"""`coulomb run` into a directory with results: nothing is destroyed unless the user asks for it, nor by a kill."""
+"""Runs into a directory with results: one at a time, and nothing is destroyed unless the user asks for it, nor by a
+kill."""
 
+import contextlib
+import fcntl
 import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 import typer
-from conftest import SMALL_CASE, run_coulomb, solved_block
-from coulomb.cli.setting_aside import in_place_of
-from coulomb.io.lock import locked
-from coulomb.io.replacing import aside_in, commit, finish
+from conftest import SMALL_CASE, run_coulomb, run_python, solved_block
 from mesh_files import BoxFile
 from mpi4py import MPI
 
-from coulomb.io import output, replacing
+from coulomb.cli.running import _in_place_of
+from coulomb.io import output
 from coulomb.io.recheck.directory import check
+from coulomb.io.replacing_results import InUseError, commit, finish, locked, set_aside, set_aside_in
+from coulomb.io.run_directory import LOCK
 
 OTHER = ("--set", "contact.friction=0.4")
 HISTORY = (
@@ -30,6 +33,7 @@ HISTORY = (
     "history={times=[0.5,1]}",
 )
 FILES = {"case.json", "contact.h5", "contact.xdmf", "history.csv", "solution.h5", "solution.xdmf", "summary.json"}
+OUT, comm = Path("out"), MPI.COMM_SELF
 
 
 @pytest.fixture(autouse=True)
@@ -38,8 +42,8 @@ def _here(tmp_path, monkeypatch):
     Path("case.toml").write_text(SMALL_CASE)
 
 
-def run(*options, ranks=None, code=0, to="out", process=False):
-    done = run_coulomb("run", "case.toml", "--output", to, "--quiet", *options, ranks=ranks, process=process)
+def run(*options, ranks=None, code=0):
+    done = run_coulomb("run", "case.toml", "--output", "out", "--quiet", *options, ranks=ranks)
     assert done.returncode == code, done.stderr
     return done.stderr
 
@@ -72,8 +76,10 @@ def friction():
     return json.loads(Path("out/summary.json").read_text())["friction"]
 
 
-def test_the_same_case_is_run_again_and_again(made):
-    """Also with another method of solution, which gives the same answer."""
+# --- what may be replaced -----------------------------------------------------------------------------------------
+
+
+def test_the_same_case_is_run_again_also_with_another_method(made):
     there(made, "single")
     Path("out/notes.txt").write_text("mine")
     assert run("--set", "solver.method=successive-tresca") == ""
@@ -81,14 +87,13 @@ def test_the_same_case_is_run_again_and_again(made):
     assert set(map(str, everything())) == FILES | {"notes.txt"} and check("out").passed
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
-def test_another_case_is_refused_and_overwritten_on_request(made, ranks):
+def test_another_case_is_refused_and_overwritten_on_request(made):
     before = there(made, "single")
-    said = run(*OTHER, ranks=ranks, code=2)
+    said = run(*OTHER, ranks=2, code=2)
     assert said.count("out holds the results of another case (contact.friction is 0.4, was 0.3)") == 1
     assert "--overwrite" in said and "--output" in said and everything() == before
     Path("out/notes.txt").write_text("mine")
-    assert run(*OTHER, "--overwrite", ranks=ranks) == ""
+    assert run(*OTHER, "--overwrite") == ""
     assert friction() == 0.4 and check("out").passed
     assert set(map(str, everything())) == FILES | {"notes.txt"}
 
@@ -100,26 +105,21 @@ def test_histories_and_single_runs(made, there_is, options):
     assert "--overwrite" in said and everything() == before
     assert ("coulomb resume out" in said) == (there_is == "history" and bool(options))
     run(*options, "--overwrite")
-    assert check("out").passed and not aside_in(Path("out"))
-    names = set(map(str, everything()))
-    assert (
-        names == FILES
-        if not options
-        else {name for name in names if "/" not in name}
-        == FILES
-        - {
-            "contact.h5",
-            "solution.h5",
-        }
-    )
+    assert check("out").passed and not set_aside_in(OUT)
+    at_top = {str(name) for name in everything() if len(name.parts) == 1}
+    assert at_top == FILES - ({"contact.h5", "solution.h5"} if options else set())
+    assert Path("out/steps").exists() == bool(options)
 
 
 def test_results_from_python(made):
     there(made, "single")
     Path("out/case.json").unlink()
     assert "run from Python" in run(code=2)
-    run("--overwrite")
-    assert check("out").passed
+    shutil.rmtree("out")
+    before = there(made, "history")
+    with pytest.raises(ValueError, match="holds a load history of 2 steps"):
+        solved_block(2).write("out")
+    assert everything() == before
 
 
 def test_a_changed_mesh_file_is_another_case():
@@ -133,7 +133,7 @@ def test_a_changed_mesh_file_is_another_case():
     assert "the contents of mesh.file" in run(code=2)
 
 
-@pytest.mark.parametrize("name", ["history.csv", "picture.png", "solution.h5", "steps/data.txt"])
+@pytest.mark.parametrize("name", ["history.csv", "steps/data.txt"])
 def test_files_of_the_user_are_never_replaced(name):
     """Even with names of our format, in a directory without results: not even if that is asked for."""
     path = Path("out", name)
@@ -144,24 +144,21 @@ def test_files_of_the_user_are_never_replaced(name):
     assert everything() == {Path(name): b"a;b\n1;2\n"}
 
 
-def test_files_of_the_user_among_load_steps(made):
+def test_foreign_and_protected_files_among_results(made):
     there(made, "history")
     Path("out/steps/0001/notes.txt").write_text("mine")
     before = everything()
     assert "notes.txt is not a result of coulomb" in run("--overwrite", code=2)
-    assert everything() == before
-
-
-def test_write_protected_results(made):
-    before = there(made, "single")
-    Path("out/solution.h5").chmod(0o444)
-    for options in ((), ("--overwrite",), (*OTHER, "--overwrite")):
-        assert "out/solution.h5 is write-protected" in run(*options, code=2)
-    assert everything() == before
+    Path("out/steps/0001/notes.txt").unlink()
+    Path("out/solution.xdmf").chmod(0o444)
+    assert "out/solution.xdmf is write-protected" in run("--overwrite", code=2)
+    assert everything() == {path: text for path, text in before.items() if path.name != "notes.txt"}
 
 
 def test_links_are_replaced_not_what_they_point_to(made):
     there(made, "history")
+    shutil.move("out", "place")
+    OUT.symlink_to("place")
     shutil.move("out/steps", "elsewhere")
     Path("out/steps").symlink_to("../elsewhere")
     Path("kept.csv").write_bytes(Path("out/history.csv").read_bytes())
@@ -169,38 +166,23 @@ def test_links_are_replaced_not_what_they_point_to(made):
     Path("out/history.csv").symlink_to("../kept.csv")
     kept, elsewhere = Path("kept.csv").read_bytes(), everything("elsewhere")
     run(*OTHER, "--overwrite")
-    assert check("out").passed and not any(path.is_symlink() for path in Path("out").iterdir())
+    assert OUT.is_symlink() and check("out").passed and not any(path.is_symlink() for path in OUT.iterdir())
     assert Path("kept.csv").read_bytes() == kept and everything("elsewhere") == elsewhere
 
 
-def test_a_linked_directory(made):
-    there(made, "single")
-    shutil.move("out", "place")
-    Path("out").symlink_to("place")
-    run(*OTHER, "--overwrite")
-    assert Path("out").is_symlink() and friction() == 0.4
-
-
-def test_a_directory_in_use_is_refused(made):
-    before = there(made, "single")
-    with locked("out", MPI.COMM_SELF):
-        assert "in use by" in run(*OTHER, "--overwrite", code=2, process=True)
-    assert everything() == before
+# --- kills and full disks -----------------------------------------------------------------------------------------
 
 
 class KilledError(BaseException):
     """A kill."""
 
 
-CHANGES = ("rename", "replace", "unlink", "rmdir")
-
-
 @pytest.mark.parametrize("there_is", ["single", "history"])
 def test_a_kill_at_any_moment_of_the_move(made, there_is, monkeypatch):
-    """Before each change on disk in turn: with a summary the results are whole; the next run finishes the move."""
-    there(made, there_is)
-    old = everything()
-    new = {Path(name): name.encode() for name in FILES} | {Path("summary.json"): b'{"new": 1}'}
+    """Before each change on disk in turn: what has a summary is whole, and old or new results are complete somewhere;
+    the next run finishes the move."""
+    old = there(made, there_is)
+    new = {Path(name): name.encode() for name in FILES}
     finished, kills = False, 0
     while not finished:
         shutil.rmtree("out")
@@ -223,37 +205,29 @@ def test_a_kill_at_any_moment_of_the_move(made, there_is, monkeypatch):
 
                 patch.setattr(owner, name, change)
             try:
-                commit(partial, Path("out"))
+                commit(partial, OUT)
                 finished = True
             except KilledError:
                 kills += 1
         found = everything()
         visible = {path: text for path, text in found.items() if not path.parts[0].startswith(".")}
-        if Path("summary.json") in visible and visible[Path("summary.json")] == new[Path("summary.json")]:
-            assert visible == new
-        elif Path("summary.json") in visible:
-            assert all(visible[path] == old.get(path) for path in visible)  # none of the new ones
-        assert (
-            any(
-                all(found.get(place / path) == text for path, text in new.items())
-                for place in (Path(), *(p.relative_to("out") for p in Path("out").glob(".*-1")))
-            )
-            or {**visible, **{p.relative_to(p.parts[0]): t for p, t in found.items() if p.parts[0][0] == "."}} == new
-        )
-        if list(Path("out").glob(".complete-*")):
-            finish(Path("out"))
+        if Path("summary.json") in visible:
+            assert visible in (old, new)
+        hidden = {path.relative_to(path.parts[0]): text for path, text in found.items() if path.parts[0][0] == "."}
+        assert visible == old or {**visible, **hidden}.items() >= new.items()
+        if list(OUT.glob(".complete*")):
+            finish(OUT)
             assert everything() == new
-        elif not finished:
-            assert {path: text for path, text in everything().items() if path.parts[0] != ".partial-1"} == old
     assert everything() == new and kills >= 10
 
 
 def test_the_next_run_finishes_a_move(made):
     there(made, "single")
-    Path("out/.complete-x").mkdir()
+    Path("out/.complete-moving").mkdir()
     for name in ("summary.json", "solution.h5"):
-        shutil.move(f"out/{name}", f"out/.complete-x/{name}")
-    with locked("out", MPI.COMM_SELF):
+        shutil.move(f"out/{name}", f"out/.complete-moving/{name}")
+    assert ".complete-moving, where they are complete" in run_coulomb("check", "out").stderr
+    with locked("out", comm):
         assert set(map(str, everything())) == FILES | {"run.lock"}
     assert check("out").passed
 
@@ -264,7 +238,7 @@ def test_a_full_disk_keeps_the_old_results(made, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    for function in ("_write_fields", "write_grids", "write_json"):
+    for function in ("_write_fields", "write_json"):
         with monkeypatch.context() as patch:
             patch.setattr(output, function, full)
             with pytest.raises(OSError, match="No space"):
@@ -272,18 +246,12 @@ def test_a_full_disk_keeps_the_old_results(made, monkeypatch):
         assert everything() == before
 
 
-def test_python_refuses_to_write_into_a_history(made):
-    before = there(made, "history")
-    with pytest.raises(ValueError, match="holds a load history of 2 steps"):
-        solved_block(2).write("out")
-    assert everything() == before
-
-
-SLOW = ("--set", "mesh.cells=[12,6,6]", "--set", "history={end=1, steps=20}", *HISTORY[:2])
+SLOW = ("--set", "mesh.cells=[6,3,3]", "--set", "history={end=1, steps=12}", *HISTORY[:2])
 
 
 def test_a_killed_history_keeps_the_old_results(made):
-    """The old ones wait beside the new steps; they are removed when `coulomb resume` completes the history."""
+    """The old ones wait beside the new steps; they are removed when `coulomb resume` completes the history.  The lock
+    of the killed process does not hold the directory."""
     before = there(made, "single")
     command = [sys.executable, "-m", "coulomb", "run", "case.toml", "--output", "out", "--overwrite", *SLOW]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
@@ -291,17 +259,19 @@ def test_a_killed_history_keeps_the_old_results(made):
             assert process.poll() is None
             time.sleep(0.01)
         process.send_signal(signal.SIGKILL)
+    assert f"process {process.pid} on " in Path("out/run.lock").read_text()
     kept = {path: text for path, text in everything("out/replaced-1").items() if path.name != "REPLACED.txt"}
     assert kept == before and check("out/replaced-1").passed
+    Path("out/.partial-abc").mkdir()
     done = run_coulomb("resume", "out")
     assert done.returncode == 0, done.stderr
     assert check("out").passed and not Path("out/replaced-1").exists()
+    assert not [path for path in OUT.iterdir() if path.name[0] == "." or path.name == LOCK]
 
 
-@pytest.mark.parametrize("there_is", ["single", "history"])
-def test_a_history_that_ends_before_its_first_step(made, there_is):
-    before = there(made, there_is)
-    with pytest.raises(typer.Exit), in_place_of(Path("out"), True, False, MPI.COMM_SELF):
+def test_a_history_that_ends_before_its_first_step(made):
+    before = there(made, "history")
+    with pytest.raises(typer.Exit), _in_place_of(OUT, True, False, comm):
         assert not (FILES - {"REPLACED.txt"}).intersection(map(str, everything()))
         Path("out/case.json").write_text("{}")
         raise typer.Exit(130)
@@ -312,12 +282,12 @@ def test_files_that_cannot_be_set_aside_stay(made, monkeypatch):
     before, real = there(made, "single"), os.rename
 
     def refuse(one, other):
-        if Path(one).name == "solution.h5":
+        if Path(other).name == "solution.h5" and "replaced-1" in str(other):
             raise OSError(5, "Input/output error")
         real(one, other)
 
-    monkeypatch.setattr(replacing.os, "rename", refuse)
-    with pytest.raises(typer.Exit), in_place_of(Path("out"), True, False, MPI.COMM_SELF):
+    monkeypatch.setattr(os, "rename", refuse)
+    with pytest.raises(typer.Exit), _in_place_of(OUT, True, False, comm):
         pass
     assert everything() == before
 
@@ -325,10 +295,103 @@ def test_files_that_cannot_be_set_aside_stay(made, monkeypatch):
 def test_results_set_aside_are_removed_only_on_request(made):
     """A later run without --overwrite leaves them; foreign files in them are left in any case."""
     there(made, "history")
-    replacing.set_aside(Path("out"))
+    set_aside(OUT)
     run(*HISTORY)
     assert Path("out/replaced-1/summary.json").exists()
     Path("out/replaced-1/steps/0001/notes.txt").write_text("mine")
     run(*HISTORY, "--overwrite")
     assert everything("out/replaced-1") == {Path("steps/0001/notes.txt"): b"mine"}
-    assert np.all([step.passed for step in check("out").steps])
+    assert all(step.passed for step in check("out").steps)
+
+
+# --- one run at a time --------------------------------------------------------------------------------------------
+
+HOLD = """\
+import sys, time
+from mpi4py import MPI
+from coulomb.io.replacing_results import locked
+with locked(sys.argv[1], MPI.COMM_WORLD):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+@contextlib.contextmanager
+def another_run(directory):
+    """Another process that holds the directory; yields the process."""
+    Path("hold.py").write_text(HOLD)
+    process = subprocess.Popen([sys.executable, "hold.py", directory], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "held\n"
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize("command", [("run", "case.toml", "--output", "out", *OTHER, "--overwrite"), ("resume", "out")])
+def test_a_second_run_is_refused_and_changes_nothing(command, made):
+    there(made, "history")
+    with another_run("out") as other:
+        before = everything()
+        for ranks in (None, 2) if command[0] == "run" else (None,):
+            done = run_coulomb(*command, ranks=ranks)
+            assert done.returncode == 2 and done.stderr.count("error:") == 1, done.stderr
+            holder = f"error: out is in use by process {other.pid} on {socket.gethostname()}, since 2"
+            assert holder in done.stderr and "(hold.py " in done.stderr
+            assert everything() == before
+        with pytest.raises(InUseError, match=f"in use by process {other.pid} "):
+            locked("out", comm).__enter__()
+
+
+def test_a_wrong_case_leaves_no_directory():
+    assert "fully clamped" in run("--set", "contact.face='left'", code=2) and not OUT.exists()
+
+
+@pytest.mark.parametrize("elsewhere", [True, False])
+def test_the_lock_of_a_killed_run(elsewhere, monkeypatch):
+    """Here the next run takes it; of another machine, or on a file system without locks, the user has to remove it."""
+    script = "from mpi4py import MPI; import os; from coulomb.io.replacing_results import locked\n"
+    run_python("-c", f"{script}hold = locked('out', MPI.COMM_WORLD); hold.__enter__(); os.kill(os.getpid(), 9)")
+    names, colon, holder = Path("out/run.lock").read_text().partition(": ")
+    with locked("out", comm):
+        pass
+    assert not OUT.exists() or not any(OUT.iterdir())
+    OUT.mkdir(exist_ok=True)
+    for name in names.split():  # its host, after a restart, or its boot, in another container
+        Path("out/run.lock").write_text(f"{name}{colon}{holder}")
+        with locked("out", comm):
+            pass
+    Path("out/run.lock").write_text(f"{'elsewhere another-boot' if elsewhere else names}{colon}{holder}")
+    if not elsewhere:
+
+        def none(*_):
+            raise OSError(38, "Function not implemented")
+
+        monkeypatch.setattr(fcntl, "flock", none)
+    for _ in range(2):
+        with pytest.raises(InUseError, match=rf"cannot be seen from .*remove .*{LOCK}"):
+            locked("out", comm).__enter__()
+    Path("out/run.lock").unlink()
+    with locked("out", comm):
+        pass
+
+
+def test_one_process_may_lock_twice(tmp_path):
+    folder = tmp_path / "deep" / "out"
+    with locked(folder, comm), locked(folder, comm):
+        assert (folder / LOCK).exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["case.toml"]
+    with locked(folder, comm):
+        (folder / "file").touch()
+    assert [path.name for path in folder.iterdir()] == ["file"]
+
+
+def test_a_history_from_python_holds_its_directory(made):
+    there(made, "history")
+    script = "import coulomb, sys; from coulomb.case.case import read_case\n"
+    script += "case = read_case('case.toml', sys.argv[1:])\n"
+    script += "case.load_history().run(case.problem(), coulomb.HistoryFiles('out', resume=True))"
+    with another_run("out"):
+        done = run_python("-c", script, HISTORY[1], HISTORY[3])
+    assert "InUseError: out is in use by process" in done.stderr.splitlines()[-1]
