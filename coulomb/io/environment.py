@@ -14,18 +14,7 @@ from threadpoolctl import threadpool_info
 from ..fem import compat
 from ..version import __version__
 
-_PACKAGES = (
-    "mumps",
-    "scalapack",
-    "hypre",
-    "superlu_dist",
-    "suitesparse",
-    "metis",
-    "parmetis",
-    "scotch",
-    "ptscotch",
-    "ml",
-)
+_PACKAGES = "mumps scalapack hypre superlu_dist suitesparse metis parmetis scotch ptscotch ml".split()
 
 _PYTHON_PACKAGES = ("numpy", "scipy", "mpi4py", "petsc4py", "h5py", "meshio", "pyvista", "vtk")
 
@@ -37,7 +26,7 @@ def versions() -> dict[str, str]:
         "Python": platform.python_version(),
         "DOLFINx": compat.VERSION,
         "PETSc": ".".join(map(str, PETSc.Sys.getVersion())),
-        **{name: version(name) for name in ("numpy", "scipy", "mpi4py", "petsc4py", "h5py")},
+        **{name: version(name) for name in _PYTHON_PACKAGES[:5]},
     }
 
 
@@ -53,9 +42,7 @@ def details() -> dict[str, str]:
         "PETSc's packages": ", ".join(name for name in _PACKAGES if PETSc.Sys.hasExternalPackage(name)),
         "MPI": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0"),
         "BLAS": ", ".join(sorted({str(e.get("filepath")) for e in threadpool_info() if e["user_api"] == "blas"})),
-        **{
-            name: version(name) for name in ("numpy", "scipy", "mpi4py", "petsc4py", "h5py", "meshio", "pyvista", "vtk")
-        },
+        **{name: version(name) for name in _PYTHON_PACKAGES},
     }
 
 

@@ -109,9 +109,8 @@ def test_unwritable_home(tmp_path):
     told = "compiling the finite-element forms, once per machine (about 10 s)"
     with read_only(tmp_path / "home") as home:
         clean = {"HOME": str(home), "TMPDIR": str(tmp_path), "XDG_CACHE_HOME": ""}
-        done, again = (
-            shell(f"coulomb run case.toml --set output.picture={drawn}", **clean) for drawn in ("true", "false")
-        )
+        done = shell("coulomb run case.toml --set output.picture=true", **clean)
+        again = shell("coulomb run case.toml", **clean)
     assert done.returncode == again.returncode == 0 and done.stderr == "", done.stderr
     lines = done.stdout.splitlines()
     assert lines[0] == told and lines.count(told) == 1  # one line, however many are compiled
