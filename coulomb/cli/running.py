@@ -162,7 +162,7 @@ def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[S
 
 
 @contextmanager
-def _in_place_of(target: Path, overwrite: bool, resume: bool, comm: MPI.Comm) -> Iterator[None]:
+def in_place_of(target: Path, overwrite: bool, resume: bool, comm: MPI.Comm) -> Iterator[None]:
     """Around a load history: set the results in its directory aside if they are to be overwritten; collective.
 
     They are removed once the history is complete, also by a later `coulomb resume`; moved back if it ends before its
@@ -200,7 +200,7 @@ def _take_steps(
         changed = refuse_another_case(settings, target, done, problem.comm) if resume and done else []
     for change in changed:
         errors.print(f"warning: from step {done + 1} on {change}", markup=False)
-    with _in_place_of(target, overwrite, resume, problem.comm):
+    with in_place_of(target, overwrite, resume, problem.comm):
         _take_recorded_steps(session, settings, problem, target, resume, record)
 
 

@@ -85,6 +85,7 @@ class Watched:
             stderr=subprocess.PIPE,
             text=True,
             preexec_fn=signals_not_ignored,
+            start_new_session=True,
         )
         self.until = time.monotonic() + 300.0
 
@@ -102,9 +103,9 @@ class Watched:
     def logged(self, log, text):
         return self.when(lambda: log.exists() and text in log.read_text())
 
-    def signalled(self, number):
-        """Exit code as in a shell, and the messages."""
-        self.process.send_signal(number)
+    def signalled(self, number, group=False):
+        """Exit code as in a shell, and the messages; to the whole group as by Ctrl-C."""
+        (os.killpg if group else os.kill)(self.process.pid, number)
         out, errors = self.process.communicate(timeout=300)
         code = self.process.returncode
         return 128 - code if code < 0 else code, out, errors
@@ -165,7 +166,7 @@ def test_a_signal_while_it_draws(drawn, small_case):
     summary = Path("out/summary.json")
     pictures = ["--set", f"output.picture={'true' if drawn == 'picture' else 'false'}"]
     watched = Watched(*RUN, *pictures, *(["--report"] if drawn == "report" else []))
-    code, out, errors = watched.when(summary.exists).signalled(signal.SIGINT)
+    code, out, errors = watched.when(summary.exists).signalled(signal.SIGINT, group=True)
     assert code == 130 and certified(), errors
     assert "certificate passed" in out and "Traceback" not in errors
     first, second = errors.strip().splitlines()

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, SMALL_CASE, run_coulomb
 
 from coulomb.pictures import drawing_process
 from coulomb.ranks import RANK_VARIABLES
@@ -126,3 +126,16 @@ def test_a_signal_while_it_loads_leaves_no_process(tmp_path, number):
     run.communicate()
     assert run.returncode != 0
     assert waits_for(lambda: not marked(tmp_path))
+
+
+@needs_proc
+def test_a_report_is_not_written_after_its_caller_is_killed(tmp_path):
+    (tmp_path / "case.toml").write_text(SMALL_CASE)
+    assert run_coulomb("run", "case.toml", "--output", "out", "--quiet", cwd=tmp_path).returncode == 0
+    run = started(str(tmp_path), "report", str(tmp_path / "out"))
+    assert waits_for(lambda: len(marked(tmp_path)) > 1)
+    (child,) = (pid for pid in marked(tmp_path) if pid != run.pid)
+    assert waits_for(lambda: "numpy" in Path(f"/proc/{child}/maps").read_text())
+    run.kill()
+    run.communicate()
+    assert waits_for(lambda: not marked(tmp_path)) and not (tmp_path / "out" / "report.html").exists()
