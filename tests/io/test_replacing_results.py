@@ -23,7 +23,7 @@ from coulomb.cli.running import in_place_of
 from coulomb.io import output
 from coulomb.io.recheck.directory import check
 from coulomb.io.replacing_results import InUseError, commit, finish, locked, set_aside, set_aside_in
-from coulomb.io.run_directory import LOCK
+from coulomb.io.run_directory import LOCK, RunDirectory
 
 OTHER = ("--set", "contact.friction=0.4")
 HISTORY = (
@@ -216,6 +216,9 @@ def test_a_kill_at_any_moment_of_the_move(made, there_is, monkeypatch):
         hidden = {Path(*path.parts[1:]): text for path, text in found.items() if path.parts[0].startswith(".complete")}
         assert visible == old or {**visible, **hidden}.items() >= new.items()
         if list(OUT.glob(".complete*")):
+            if not Path("out/summary.json").exists():
+                with pytest.raises(ValueError, match="complete: the next coulomb run here finishes that"):
+                    RunDirectory(OUT).read_summary()
             finish(OUT)
             assert everything() == new
     assert everything() == new and kills >= 10
