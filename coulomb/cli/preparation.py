@@ -27,18 +27,14 @@ from .console import errors
 def prepared(
     settings: Case, target: Path, force: bool, overwrite: bool | None = None, resume: bool = False
 ) -> ContactProblem:
-    """The problem of a case, after a check of directory, memory and disk; collective.
+    """The problem of a case, after a check of directory, memory and disk; collective, with a ValueError on every rank.
 
     Args:
         settings: The case.
         target: Directory of the results.
         force: Skip the checks of memory and disk.
-        overwrite: Whether the run may replace any results in the directory, or only those of the same case; None if it
-            replaces none.
-        resume: Whether the load steps in the directory are continued: of a few that are left multigrid may be faster.
-
-    Raises:
-        ValueError: On every rank.
+        overwrite: Whether any results may be replaced, or only those of the same case; None if none are.
+        resume: Whether load steps are continued: of a few that are left multigrid may be faster.
     """
     comm = MPI.COMM_WORLD
     if overwrite is not None:
@@ -63,11 +59,7 @@ def prepared(
 
 
 def refuse_unwritable(target: Path) -> None:
-    """Check beforehand that results can be written; collective.
-
-    Raises:
-        ValueError: On every rank, if the directory or its parent is not a directory or not writable.
-    """
+    """A ValueError on every rank if a directory cannot be made or written to; collective."""
     if found := on_rank_0(MPI.COMM_WORLD, lambda: unwritable(target)):
         raise ValueError(f"output {target}: cannot be written: {found}; choose another (--output)")
 
@@ -77,10 +69,7 @@ def refuse_to_replace(case: Case, target: Path, overwrite: bool, comm: MPI.Comm)
 
     The results of a single run may be replaced by those of the same case; the method of solution, the output and the
     treatment of large strains may differ.  All other results need `overwrite`.  Files that are not results of this
-    package, and write-protected ones, are never replaced.
-
-    Raises:
-        ValueError: On every rank, with a remedy.
+    package, and write-protected ones, are never replaced: a ValueError on every rank, with a remedy.
     """
     digests = case_record(case, comm)["files"]
 
@@ -133,11 +122,7 @@ def memory_of(problem: ContactProblem, method: tuple[LinearSolver, bool] | None 
 
 
 def refuse_too_large(problem: ContactProblem) -> None:
-    """Compare what the problem needs with the memory that is free, on every node; collective.
-
-    Raises:
-        ValueError: On every rank, if a node has too little, with the required and free memory and what would fit.
-    """
+    """A ValueError on every rank if a node has too little free memory, with what would fit; collective."""
     needed, fits = memory_of(problem), least_room(problem.comm)
     if needed <= fits:
         return

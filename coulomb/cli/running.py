@@ -63,9 +63,9 @@ def compute(
         settings: The case.
         source: Its file or directory as given by the user.
         target: Directory of the results.
-        force: Skip the checks of memory and disk, and accept strains outside the theory, which case.json then says.
+        force: As --force; case.json then says that strains outside the theory are accepted.
         resume: Continue from the load steps in `target`.
-        overwrite: Replace any results in `target`, not only those of the same case.
+        overwrite: As --overwrite.
         renderer: The drawing process, if it has been started already.
     """
     gc.freeze()  # the modules loaded so far, which are no garbage and take long to search

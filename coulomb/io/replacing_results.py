@@ -228,26 +228,15 @@ def _is_ours(path: Path) -> bool:
 
 
 def commit(folder: Path, target: Path) -> None:
-    """Replace the results in a directory by complete ones.
-
-    Args:
-        folder: Directory `.partial-*` in `target` with all new files, among them a summary.
-        target: The directory.
-
-    Raises:
-        OSError: If a file cannot be moved; the new ones are kept.
-    """
+    """Replace the results in a directory by those in a directory `.partial-*` in it, which has all files; an OSError if
+    one cannot be moved, where the new ones are kept."""
     finish(target)
     os.rename(folder, target / _COMPLETE)
     finish(target)
 
 
 def finish(target: Path) -> None:
-    """Move complete results into place, also those of a run that was killed at it.
-
-    Raises:
-        OSError: If a file cannot be moved.
-    """
+    """Move complete results into place, also those of a run that was killed at it."""
     complete, moving = target / _COMPLETE, target / _MOVING
     if complete.is_dir():
         _remove_results(target)
@@ -281,8 +270,7 @@ def _remove(path: Path) -> None:
 def set_aside(target: Path) -> Path | None:
     """Move the results of a directory into a new directory `replaced-*` in it; None if there are none.
 
-    Raises:
-        OSError: If they cannot be moved; they are then where they were.
+    After an OSError they are where they were.
     """
     names = present(target).names
     if not names:

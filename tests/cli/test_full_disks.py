@@ -90,11 +90,3 @@ def test_a_file_onto_a_full_disk(command, code):
         assert re.match(r"error: small/file.*: cannot be written: No space left on device$", done.stderr)
         left = [path for path in Path("small").rglob("*") if path.is_file() and path.name != "filler"]
         assert not left
-
-
-def test_a_full_disk_ends_the_log_but_not_the_run():
-    with disk("4k"):
-        Path("small/filler").write_bytes(bytes(4096))
-        done = shell("coulomb run case.toml --log small/log")
-        assert done.returncode == 0 and certified()
-        assert done.stderr == "warning: the log small/log ends here: No space left on device\n"
